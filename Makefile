@@ -1,0 +1,60 @@
+# `make verify` and `make test` are all a newcomer needs; both set up .venv first, and only when something changed.
+PYTHON ?= python3
+VENV   := .venv
+PY     := $(VENV)/bin/python
+STAMP  := $(VENV)/.setup
+DEPS   := $(VENV)/.dependencies
+KERNEL := $(wildcard lieeuler/_core/*)
+
+.PHONY: help setup verify smoke test slow lint benchmark clean
+
+help:
+	@echo "make verify     run every method and engine over the scenes, write reports/latest/index.html"
+	@echo "make test       run the tests"
+	@echo "make smoke      the main job in half a minute"
+	@echo "make slow       the longer studies among the tests"
+	@echo "make lint       ruff, mypy, codespell"
+	@echo "make benchmark  microseconds per step beside MuJoCo"
+
+setup: $(STAMP)
+
+$(DEPS): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
+	  || { echo "lieeuler needs Python 3.11 or newer as '$(PYTHON)'; name another with: make PYTHON=python3.12 ..."; exit 1; }
+	@command -v $${CXX:-c++} >/dev/null 2>&1 \
+	  || { echo "lieeuler needs a C++20 compiler: install one (Debian, Ubuntu: apt-get install g++) and run make again"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null \
+	  || { echo "lieeuler needs Python's venv module: install it (Debian, Ubuntu: apt-get install python3-venv) and run make again"; exit 1; }
+	@test -x $(PY) || $(PYTHON) -m venv $(VENV)
+	@echo "setting up .venv (a minute or two, once)"
+	@$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt $$($(PYTHON) tools/requirements.py)
+	@touch $@
+
+# Build tools live in .venv, so that an edit of the kernel is rebuilt in seconds and not in a fresh isolated environment.
+$(STAMP): $(DEPS) CMakeLists.txt $(KERNEL)
+	@echo "building the kernel"
+	@$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .
+	@touch $@
+
+verify: setup
+	@$(VENV)/bin/crosscheck verify
+
+smoke: setup
+	@$(VENV)/bin/crosscheck verify --profile smoke
+
+test: setup
+	@$(PY) -m pytest -m "not slow"
+
+slow: setup
+	@$(PY) -m pytest -m slow
+
+lint: setup
+	@$(VENV)/bin/ruff check .
+	@$(VENV)/bin/mypy
+	@$(VENV)/bin/codespell
+
+benchmark: setup
+	@$(PY) -m benchmarks.step_cost
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .mypy_cache

@@ -1,0 +1,211 @@
+// Python bindings; no mathematics.
+#include <nanobind/eigen/dense.h>
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <chrono>
+
+#include "loop.hpp"
+
+namespace nb = nanobind;
+using namespace lieeuler;
+
+using Array = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
+
+namespace {
+
+nb::object make_array(const std::vector<double>& data, std::initializer_list<size_t> shape) {
+  auto* copy = new std::vector<double>(data);
+  nb::capsule owner(copy, [](void* p) noexcept { delete static_cast<std::vector<double>*>(p); });
+  return nb::cast(nb::ndarray<nb::numpy, double>(copy->data(), shape.size(), shape.begin(), owner));
+}
+
+Vec3 vec3(const double* p) { return {p[0], p[1], p[2]}; }
+Mat3 mat3(const double* p) { return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(p); }
+void put(std::vector<double>& out, size_t at, const Vec3& v) { std::copy_n(v.data(), 3, out.data() + at); }
+
+State make_state(const System& system, const Array& x, const Array& R, const Array& v, const Array& w) {
+  State state(system);
+  for (int b = 0; b < system.n(); ++b) {
+    state.frames[b] = {vec3(x.data() + 3 * b), mat3(R.data() + 9 * b)};
+    state.u[b] = {vec3(v.data() + 3 * b), vec3(w.data() + 3 * b)};
+  }
+  return state;
+}
+
+void add_joint(System& system, int parent, int child, const Vec3& parent_anchor, const Vec3& child_anchor,
+               bool spherical, const std::vector<std::string>& carriers, const std::vector<Vec3>& axes,
+               const std::vector<double>& constants, const std::vector<double>& scales) {
+  auto carrier = [](const std::string& name) {
+    return name == "difference" ? Carrier::difference
+                                : (name == "parent" ? Carrier::parent_axis : Carrier::child_axis);
+  };
+  Joint joint{parent < 0 ? system.n() : parent, child, parent_anchor, child_anchor, spherical, {}};
+  for (size_t k = 0; k < constants.size(); ++k)
+    joint.dots.push_back({carrier(carriers[2 * k]), carrier(carriers[2 * k + 1]), axes[2 * k], axes[2 * k + 1],
+                          constants[k], scales[k]});
+  for (const Vec3& s : {parent_anchor, child_anchor}) system.length = std::max(system.length, s.norm());
+  system.joints.push_back(joint);
+}
+
+const char* name_of(Status status) {
+  switch (status) {
+    case Status::success: return "success";
+    case Status::newton_failed: return "newton_failed";
+    case Status::singular_matrix: return "singular_matrix";
+    case Status::map_domain: return "map_domain";
+    case Status::non_finite: return "non_finite";
+    case Status::interrupted: return "interrupted";
+  }
+  return "unknown";
+}
+
+struct Samples {
+  std::vector<double> x, R, v, w, a, alpha, lam;
+  Samples(size_t count, const System& s)
+      : x(3 * count * s.n()), R(9 * count * s.n()), v(x), w(x), a(x), alpha(x), lam(count * s.rows()) {}
+  void put_state(const System& system, int sample, const State& state) {
+    const size_t n = system.n();
+    for (size_t b = 0; b < n; ++b) {
+      const size_t at = 3 * (sample * n + b);
+      put(x, at, state.frames[b].x);
+      Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(R.data() + 3 * at) = state.frames[b].R;
+      put(v, at, state.u[b].v), put(w, at, state.u[b].w), put(a, at, state.a[b].v), put(alpha, at, state.a[b].w);
+    }
+    std::copy(state.lam.begin(), state.lam.end(), lam.begin() + sample * state.lam.size());
+  }
+};
+
+nb::dict integrate(const System& system, const std::string& map, bool hamiltonian, const std::string& level,
+                   bool index1_output, double alpha, double beta, const Array& x, const Array& R, const Array& v,
+                   const Array& w, const std::vector<double>& steps, const std::vector<int>& counts, bool monitored) {
+  const Level levels = level == "position"     ? Level::position
+                       : level == "velocity"   ? Level::velocity
+                       : level == "stabilised" ? Level::stabilised
+                                               : Level::acceleration;
+  const Method method{hamiltonian, levels, index1_output, {alpha, beta}};
+  const State initial = make_state(system, x, R, v, w);
+  Samples samples(steps.size() + 1, system);
+  const Record record = [&](int k, const State& state) { samples.put_state(system, k, state); };
+  const Interrupted interrupted = [] {
+    nb::gil_scoped_acquire gil;
+    if (PyErr_CheckSignals() == 0) return false;
+    PyErr_Clear();
+    return true;
+  };
+  Outcome outcome;
+  double seconds;
+  {
+    nb::gil_scoped_release release;
+    const auto start = std::chrono::steady_clock::now();
+    const auto run = map == "cayley" ? run_method<CayleyMap> : (map == "ccsk" ? run_method<CcskMap> : run_method<ExpMap>);
+    outcome = run(system, method, initial, steps, counts, monitored, record, interrupted);
+    seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+  const size_t T = steps.size() + 1, n = system.n(), m = system.rows();
+  nb::dict result;
+  result["status"] = name_of(outcome.status);
+  result["samples"] = outcome.samples;
+  result["time"] = outcome.time_of_failure;
+  result["wall_time"] = seconds;
+  result["x"] = make_array(samples.x, {T, n, 3});
+  result["R"] = make_array(samples.R, {T, n, 3, 3});
+  result["v"] = make_array(samples.v, {T, n, 3});
+  result["w"] = make_array(samples.w, {T, n, 3});
+  result["a"] = make_array(samples.a, {T, n, 3});
+  result["alpha"] = make_array(samples.alpha, {T, n, 3});
+  result["lam"] = make_array(samples.lam, {T, m});
+  nb::dict counters, maxima;
+  counters["steps"] = outcome.counters.steps;
+  counters["newton_iterations"] = outcome.counters.newton_iterations;
+  counters["factorizations"] = outcome.counters.factorizations;
+  counters["most_iterations"] = outcome.counters.most_iterations;
+  maxima["energy_error"] = outcome.maxima.energy_error;
+  maxima["kinetic"] = outcome.maxima.kinetic;
+  maxima["constraint_position"] = outcome.maxima.position;
+  maxima["constraint_velocity"] = outcome.maxima.velocity;
+  maxima["constraint_acceleration"] = outcome.maxima.acceleration;
+  maxima["orthogonality"] = outcome.maxima.orthogonality;
+  result["counters"] = counters;
+  result["maxima"] = maxima;
+  return result;
+}
+
+// Phi, G, gamma, d(G u)/dq and d(gamma)/du of a state, dense; and d(G^T lam)/dq. For tests.
+nb::dict constraints(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
+                     const Array& lam) {
+  const State state = make_state(system, x, R, v, w);
+  const size_t m = system.rows(), columns = 6 * system.n();
+  std::vector<double> phi(m), gamma(m), G(m * columns), slope(m * columns), gamma_slope(m * columns),
+      K(columns * columns);
+  size_t row = 0;
+  for (const Joint& joint : system.joints) {
+    const JointState here(joint, state.frames[joint.parent], state.frames[joint.child]);
+    here.position(phi.data() + row);
+    here.gamma(state.u[joint.parent], state.u[joint.child], gamma.data() + row);
+    for (Side side : {kParent, kChild}) {
+      const int body = side == kChild ? joint.child : joint.parent;
+      if (body == system.n()) continue;
+      Rows g, s, gs;
+      here.jacobian(side, g);
+      here.velocity_slope(side, state.u[joint.parent], state.u[joint.child], s);
+      here.gamma_velocity_slope(side, state.u[joint.parent], state.u[joint.child], gs);
+      for (int r = 0; r < joint.rows(); ++r)
+        for (int c = 0; c < 6; ++c) {
+          const size_t at = (row + r) * columns + 6 * body + c;
+          G[at] = g(r, c), slope[at] = s(r, c), gamma_slope[at] = gs(r, c);
+        }
+      for (Side other : {kParent, kChild}) {
+        const int column_body = other == kChild ? joint.child : joint.parent;
+        if (column_body == system.n()) continue;
+        Mat6 block = Mat6::Zero();
+        here.geometric_stiffness(side, other, lam.data() + row, block);
+        for (int r = 0; r < 6; ++r)
+          for (int c = 0; c < 6; ++c) K[(6 * body + r) * columns + 6 * column_body + c] += block(r, c);
+      }
+    }
+    row += joint.rows();
+  }
+  nb::dict result;
+  result["phi"] = make_array(phi, {m});
+  result["gamma"] = make_array(gamma, {m});
+  result["G"] = make_array(G, {m, columns});
+  result["velocity_slope"] = make_array(slope, {m, columns});
+  result["gamma_velocity_slope"] = make_array(gamma_slope, {m, columns});
+  result["geometric_stiffness"] = make_array(K, {columns, columns});
+  return result;
+}
+
+template <class Map>
+nb::dict map_values(const Vec3& xi, const Mat3& J, double h) {
+  Map map;
+  nb::dict result;
+  result["inside"] = map.set(h * xi);
+  result["rotation"] = Mat3(map.rotation());
+  result["left_tangent"] = Mat3(map.left_tangent());
+  result["momentum"] = Vec3(map.momentum(J * xi));
+  result["momentum_slope"] = Mat3(map.momentum_slope(xi, J * xi, J, h));
+  return result;
+}
+
+}  // namespace
+
+NB_MODULE(_kernel, m) {
+  nb::class_<System>(m, "System")
+      .def("__init__",
+           [](System* self, const std::vector<double>& masses, const std::vector<Mat3>& inertias, const Vec3& gravity) {
+             new (self) System{{}, {}, gravity};
+             for (size_t b = 0; b < masses.size(); ++b)
+               self->bodies.push_back({masses[b], inertias[b], inertias[b].inverse()});
+           })
+      .def("add_joint", &add_joint)
+      .def_prop_ro("rows", &System::rows);
+  m.def("integrate", &integrate);
+  m.def("constraints", &constraints);
+  m.def("map_values", [](const std::string& map, const Vec3& xi, const Mat3& J, double h) {
+    return map == "cayley" ? map_values<CayleyMap>(xi, J, h)
+                           : (map == "ccsk" ? map_values<CcskMap>(xi, J, h) : map_values<ExpMap>(xi, J, h));
+  });
+}

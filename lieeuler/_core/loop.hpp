@@ -1,0 +1,144 @@
+// Stepping, sampling, watching every step, and ending with a status.
+#pragma once
+
+#include <functional>
+
+#include "euler_hamilton.hpp"
+#include "euler_lagrange.hpp"
+
+namespace lieeuler {
+
+// Largest values over all steps. energy_error is |E - E(0)|, to be divided by kinetic.
+struct Maxima {
+  double energy_error = 0, kinetic = 0, position = 0, velocity = 0, acceleration = 0, orthogonality = 0;
+};
+
+class Monitor {
+ public:
+  Monitor(const System& system, bool enabled) : system_(system), enabled_(enabled) {}
+
+  void start(const State& state, const ConstraintRows& G) {
+    double kinetic;
+    start_energy_ = energy(state, kinetic);
+    if (enabled_) watch(state, G);
+  }
+
+  void watch(const State& state, const ConstraintRows& G) {
+    if (!enabled_) return;
+    double kinetic;
+    maxima.energy_error = std::max(maxima.energy_error, std::abs(energy(state, kinetic) - start_energy_));
+    maxima.kinetic = std::max(maxima.kinetic, kinetic);
+    double phi[kMaxRows], rate[kMaxRows], gamma[kMaxRows], ga[kMaxRows];
+    for (size_t j = 0; j < system_.joints.size(); ++j) {
+      const Joint& joint = system_.joints[j];
+      const int index = static_cast<int>(j);
+      const JointState here = G.at(index, state.frames);
+      here.position(phi);
+      here.gamma(state.u[joint.parent], state.u[joint.child], gamma);
+      G.velocity(index, state.u, rate);
+      G.velocity(index, state.a, ga);
+      for (int r = 0; r < joint.rows(); ++r) {
+        maxima.position = std::max(maxima.position, std::abs(phi[r]));
+        maxima.velocity = std::max(maxima.velocity, std::abs(rate[r]));
+        maxima.acceleration = std::max(maxima.acceleration, std::abs(ga[r] + gamma[r]));
+      }
+    }
+    for (int b = 0; b < system_.n(); ++b) {
+      const Mat3& R = state.frames[b].R;
+      maxima.orthogonality =
+          std::max(maxima.orthogonality, (R.transpose() * R - Mat3::Identity()).template lpNorm<Eigen::Infinity>());
+    }
+  }
+
+  Maxima maxima;
+
+ private:
+  double energy(const State& state, double& kinetic) const {
+    double potential = 0;
+    kinetic = 0;
+    for (int b = 0; b < system_.n(); ++b) {
+      const Body& body = system_.bodies[b];
+      const Twist& u = state.u[b];
+      kinetic += 0.5 * (body.mass * u.v.squaredNorm() + u.w.dot(body.inertia * u.w));
+      potential -= body.mass * system_.gravity.dot(state.frames[b].x);
+    }
+    return kinetic + potential;
+  }
+
+  const System& system_;
+  bool enabled_;
+  double start_energy_ = 0;
+};
+
+struct Method {
+  bool hamiltonian;
+  Level level;
+  bool index1_output;  // (a, lam) from the index-1 system at the new state
+  Gains gains;
+};
+
+struct Outcome {
+  Status status = Status::success;
+  int samples = 0;  // filled, including the start
+  double time_of_failure = 0;
+  Counters counters;
+  Maxima maxima;
+};
+
+// Where the samples go; each call appends one.
+using Record = std::function<void(int sample, const State&)>;
+// Asked now and then; true ends the run.
+using Interrupted = std::function<bool()>;
+
+// Integrates over intervals of counts[k] steps of size steps[k], one sample at the end of each.
+template <class Stepper>
+Outcome run(Stepper& stepper, const System& system, const State& initial, const std::vector<double>& steps,
+            const std::vector<int>& counts, bool monitored, const Record& record, const Interrupted& interrupted) {
+  constexpr long kBodyStepsBetweenChecks = 20000;
+  Outcome outcome;
+  Monitor monitor(system, monitored);
+  double t = 0, h = 0;
+  long since_check = 0;
+  auto end = [&](Status status) {
+    outcome.status = status;
+    outcome.maxima = monitor.maxima;
+    outcome.time_of_failure = t;
+    return outcome;
+  };
+  for (size_t k = 0; k < steps.size(); ++k) {
+    if (steps[k] != h) {
+      h = steps[k];
+      if (const Status status = stepper.start(k == 0 ? initial : State(stepper.state()), h); status != Status::success)
+        return end(status);
+      if (k == 0) {
+        monitor.start(stepper.state(), stepper.rows());
+        record(outcome.samples++, stepper.state());
+      }
+    }
+    for (int i = 0; i < counts[k]; ++i) {
+      if ((since_check += system.n()) > kBodyStepsBetweenChecks) {
+        since_check = 0;
+        if (interrupted()) return end(Status::interrupted);
+      }
+      if (const Status status = stepper.step(outcome.counters); status != Status::success) return end(status);
+      monitor.watch(stepper.state(), stepper.rows());
+      t += h;
+    }
+    record(outcome.samples++, stepper.state());
+  }
+  return end(Status::success);
+}
+
+template <class Map>
+Outcome run_method(const System& system, const Method& method, const State& initial, const std::vector<double>& steps,
+                   const std::vector<int>& counts, bool monitored, const Record& record,
+                   const Interrupted& interrupted) {
+  if (method.hamiltonian) {
+    HamiltonStepper<Map> stepper(system, method.level, method.index1_output);
+    return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+  }
+  LagrangeStepper<Map> stepper(system, method.level, method.index1_output, method.gains);
+  return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+}
+
+}  // namespace lieeuler

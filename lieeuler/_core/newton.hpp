@@ -1,0 +1,103 @@
+// Newton's iteration for the equations of one step, to rounding level.
+#pragma once
+
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "block_lu.hpp"
+
+namespace lieeuler {
+
+enum class Status { success, newton_failed, singular_matrix, map_domain, non_finite, interrupted };
+
+struct Counters {
+  long steps = 0, newton_iterations = 0, factorizations = 0, most_iterations = 0;
+};
+
+// Guesses for the unknowns of the next step: polynomial extrapolation of the last steps' solutions, up to cubic.
+class Predictor {
+ public:
+  void reset(const std::vector<double>& z) {
+    for (auto& past : history_) past.resize(z.size());
+    count_ = 0;
+    push(z);
+  }
+  void push(const std::vector<double>& z) {
+    newest_ = (newest_ + 3) % 4;
+    std::copy(z.begin(), z.end(), history_[newest_].begin());
+    if (count_ < 4) ++count_;
+  }
+  void guess(std::vector<double>& z) const {
+    static constexpr double weights[4][4] = {{1, 0, 0, 0}, {2, -1, 0, 0}, {3, -3, 1, 0}, {4, -6, 4, -1}};
+    const double* w = weights[count_ - 1];
+    const auto &a = past(0), &b = past(1), &c = past(2), &d = past(3);
+    for (size_t i = 0; i < z.size(); ++i) z[i] = w[0] * a[i] + w[1] * b[i] + w[2] * c[i] + w[3] * d[i];
+  }
+  void forget() { count_ = 1; }
+  bool extrapolates() const { return count_ > 1; }
+
+ private:
+  const std::vector<double>& past(int k) const { return history_[(newest_ + (k < count_ ? k : 0)) % 4]; }
+  std::vector<double> history_[4];
+  int newest_ = 0, count_ = 0;
+};
+
+// Solves equations.residual(z) = 0 from the guess in z, with the matrix of the guess (chord iteration); the matrix is
+// renewed when the corrections shrink slowly. Corrections are measured by equations.correct as h |du|, the change of
+// the configuration: u itself carries noise of eps / h. `target` is the error wanted in that measure.
+class Newton {
+ public:
+  template <class Equations>
+  Status solve(Equations& equations, std::vector<double>& z, BlockLU& lu, double target, Counters& counters) {
+    double first = 0, last = std::numeric_limits<double>::infinity();
+    bool renew = true;
+    for (int k = 1; k <= kMostIterations; ++k) {
+      if (const Status status = equations.residual(z, residual_); status != Status::success) return status;
+      if (renew) {
+        equations.matrix(lu);
+        ++counters.factorizations;
+        if (!lu.factor()) return Status::singular_matrix;
+      }
+      lu.solve(residual_.data());
+      const double size = equations.correct(z, residual_);
+      ++counters.newton_iterations;
+      counters.most_iterations = std::max<long>(counters.most_iterations, k);
+      if (!std::isfinite(size)) return Status::non_finite;
+      if (size <= kFloor) return Status::success;
+      if (k == 1 ? equations.exact_matrix() && kCaution * curvature_ * size * size <= target
+                 : shrunk(size, last, target))
+        return Status::success;
+      if (k == 1) first = size;
+      if (k == 2) curvature_ = std::max(curvature_, size / (first * first));
+      renew = k > 1 && size > kSlow * last;
+      last = size;
+    }
+    return Status::newton_failed;
+  }
+
+  void reset(size_t unknowns) {
+    residual_.assign(unknowns, 0.0);
+    curvature_ = 1;
+  }
+
+ private:
+  static constexpr double kEps = std::numeric_limits<double>::epsilon();
+  static constexpr double kFloor = 4 * kEps;      // a correction of this size is rounding
+  static constexpr double kNoise = 1e3 * kEps;    // below this, corrections that no longer shrink are rounding
+  static constexpr double kSlow = 0.1;            // ratio of corrections above which the matrix is renewed
+  static constexpr double kCaution = 1e3;         // on the curvature seen in earlier steps
+  static constexpr int kMostIterations = 25;
+
+  // With the derivative at the guess the first correction leaves an error of curvature times its square; a later
+  // correction leaves itself times the ratio of the last two.
+  static bool shrunk(double size, double last, double target) {
+    const double ratio = size / last;
+    return size * ratio <= target || (size <= kNoise && ratio > 0.3);
+  }
+
+  double curvature_ = 1;  // largest ratio of a second correction to the square of the first; of order 1 by geometry
+  std::vector<double> residual_;
+};
+
+}  // namespace lieeuler

@@ -1,0 +1,183 @@
+// Coordinate maps from R^3 onto SO(3): the exponential, the Cayley map and canonical coordinates of the second kind.
+//
+// Each map m gives, at theta:
+//   rotation()       E = m(theta)
+//   left_tangent()   T with  m(theta + d) = E exp(hat(T d)) + O(d^2)
+//   momentum(L)      y = D* L, D* = inverse transpose of the right-trivialised tangent (Hamilton-Pontryagin equations)
+//   momentum_slope   dy/dxi for theta = h xi, L = J xi
+// set() returns false outside the map's domain.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <cmath>
+#include <numbers>
+
+namespace lieeuler {
+
+using Vec3 = Eigen::Vector3d;
+using Mat3 = Eigen::Matrix3d;
+
+inline Mat3 hat(const Vec3& a) {
+  return Mat3{{0, -a.z(), a.y()}, {a.z(), 0, -a.x()}, {-a.y(), a.x(), 0}};
+}
+
+// sum_k coefficients[k] s^k, highest power first in the loop (Horner).
+template <int N>
+double polynomial(const double (&coefficients)[N], double s) {
+  double value = coefficients[N - 1];
+  for (int k = N - 2; k >= 0; --k) value = value * s + coefficients[k];
+  return value;
+}
+
+// Below this angle squared the series reach rounding level with the terms given and need no trigonometric function;
+// above it the closed forms have lost at most one digit to cancellation.
+inline constexpr double kSeriesLimit = 0.25;
+
+// The even functions of |theta| the exponential map is made of, as functions of s = |theta|^2.
+struct ExpCoefficients {
+  double sinc;   // sin(t) / t
+  double cosc;   // (1 - cos t) / t^2
+  double cubic;  // (t - sin t) / t^3
+};
+
+inline ExpCoefficients exp_coefficients(double s) {
+  if (s < kSeriesLimit) {
+    static constexpr double sinc[] = {1.,           -1. / 6,         1. / 120,          -1. / 5040,
+                                      1. / 362880,  -1. / 39916800,  1. / 6227020800.,  -1. / 1307674368000.};
+    static constexpr double cosc[] = {1. / 2,         -1. / 24,         1. / 720,           -1. / 40320,
+                                      1. / 3628800,   -1. / 479001600., 1. / 87178291200.,  -1. / 20922789888000.};
+    static constexpr double cubic[] = {1. / 6,          -1. / 120,         1. / 5040,            -1. / 362880,
+                                       1. / 39916800,   -1. / 6227020800., 1. / 1307674368000.,  -1. / 355687428096000.};
+    return {polynomial(sinc, s), polynomial(cosc, s), polynomial(cubic, s)};
+  }
+  const double t = std::sqrt(s), sine = std::sin(t), half = std::sin(0.5 * t);
+  return {sine / t, 2 * half * half / s, (t - sine) / (t * s)};
+}
+
+// c(s) = 1/t^2 - cot(t/2)/(2t) and dc/ds: the quadratic coefficient of the inverse tangent of the exponential.
+inline void inverse_tangent_coefficient(double s, double& c, double& slope) {
+  if (s < kSeriesLimit) {
+    // |B_2k| / (2k)!, k = 1, 2, ...
+    static constexpr double c_series[] = {1. / 12,
+                                          1. / 720,
+                                          1. / 30240,
+                                          1. / 1209600,
+                                          1. / 47900160,
+                                          691. / 1307674368000.,
+                                          1. / 74724249600.,
+                                          3617. / 10670622842880000.};
+    static constexpr double slope_series[] = {c_series[1],     2 * c_series[2], 3 * c_series[3], 4 * c_series[4],
+                                              5 * c_series[5], 6 * c_series[6], 7 * c_series[7]};
+    c = polynomial(c_series, s);
+    slope = polynomial(slope_series, s);
+    return;
+  }
+  const double t = std::sqrt(s), sine = std::sin(0.5 * t), cotangent = std::cos(0.5 * t) / sine;
+  c = 1 / s - cotangent / (2 * t);
+  slope = (-1 / s + cotangent / (4 * t) + 1 / (8 * sine * sine)) / s;
+}
+
+// d(xi x J xi)/dxi
+inline Mat3 gyroscopic_slope(const Vec3& xi, const Vec3& L, const Mat3& J) { return hat(xi) * J - hat(L); }
+
+class ExpMap {
+ public:
+  bool set(const Vec3& theta) {
+    theta_ = theta;
+    s_ = theta.squaredNorm();
+    k_ = exp_coefficients(s_);
+    return s_ < 4 * std::numbers::pi * std::numbers::pi;
+  }
+  Mat3 rotation() const { return quadratic(1 - k_.cosc * s_, k_.sinc, k_.cosc); }
+  Mat3 left_tangent() const { return quadratic(1 - k_.cubic * s_, -k_.cosc, k_.cubic); }
+  Vec3 momentum(const Vec3& L) const {
+    double c, slope;
+    inverse_tangent_coefficient(s_, c, slope);
+    const Vec3 turned = theta_.cross(L);
+    return L + 0.5 * turned + c * theta_.cross(turned);
+  }
+  Mat3 momentum_slope(const Vec3& xi, const Vec3& L, const Mat3& J, double h) const {
+    double c, slope;
+    inverse_tangent_coefficient(s_, c, slope);
+    const Mat3 turn = gyroscopic_slope(xi, L, J), X = hat(xi);
+    const Vec3 turned = xi.cross(L);
+    return J + 0.5 * h * turn + c * h * h * (X * turn - hat(turned)) +
+           (2 * slope * h * h * h * h) * xi.cross(turned) * xi.transpose();
+  }
+
+ private:
+  // a I + b hat(theta) + c theta theta^T
+  Mat3 quadratic(double a, double b, double c) const {
+    Mat3 m = (c * theta_) * theta_.transpose();
+    m.diagonal().array() += a;
+    const Vec3 v = b * theta_;
+    m(0, 1) -= v.z(), m(0, 2) += v.y(), m(1, 0) += v.z(), m(1, 2) -= v.x(), m(2, 0) -= v.y(), m(2, 1) += v.x();
+    return m;
+  }
+  Vec3 theta_;
+  double s_;
+  ExpCoefficients k_;
+};
+
+class CayleyMap {
+ public:
+  bool set(const Vec3& theta) {
+    theta_ = theta;
+    scale_ = 1 / (1 + 0.25 * theta.squaredNorm());
+    return std::isfinite(scale_);
+  }
+  Mat3 rotation() const {
+    const Mat3 X = hat(theta_);
+    return Mat3::Identity() + scale_ * (X + 0.5 * X * X);
+  }
+  Mat3 left_tangent() const { return scale_ * (Mat3::Identity() - 0.5 * hat(theta_)); }
+  Vec3 momentum(const Vec3& L) const { return L + 0.5 * theta_.cross(L) + (0.25 * theta_.dot(L)) * theta_; }
+  Mat3 momentum_slope(const Vec3& xi, const Vec3& L, const Mat3& J, double h) const {
+    const Mat3 quadratic = xi.dot(L) * Mat3::Identity() + 2 * xi * L.transpose();
+    return J + 0.5 * h * gyroscopic_slope(xi, L, J) + 0.25 * h * h * quadratic;
+  }
+
+ private:
+  Vec3 theta_;
+  double scale_;
+};
+
+// exp(theta_1 E_1) exp(theta_2 E_2) exp(theta_3 E_3); singular where |theta_2| = pi/2.
+class CcskMap {
+ public:
+  bool set(const Vec3& theta) {
+    first_ = Eigen::AngleAxisd(theta.x(), Vec3::UnitX()).toRotationMatrix();
+    second_ = Eigen::AngleAxisd(theta.y(), Vec3::UnitY()).toRotationMatrix();
+    third_ = Eigen::AngleAxisd(theta.z(), Vec3::UnitZ()).toRotationMatrix();
+    right_.col(0) = Vec3::UnitX();
+    right_.col(1) = first_.col(1);
+    right_.col(2) = first_ * second_.col(2);
+    return std::abs(theta.y()) < 0.5 * std::numbers::pi;
+  }
+  Mat3 rotation() const { return first_ * second_ * third_; }
+  Mat3 left_tangent() const { return rotation().transpose() * right_; }
+  Vec3 momentum(const Vec3& L) const { return right_.transpose().inverse() * L; }
+  Mat3 momentum_slope(const Vec3&, const Vec3& L, const Mat3& J, double h) const {
+    const Mat3 dual = right_.transpose().inverse();
+    const Vec3 y = dual * L;
+    const Vec3 e1 = Vec3::UnitX(), second_axis = right_.col(1), third_axis = right_.col(2);
+    Mat3 moved = Mat3::Zero();  // (d right / d theta)^T y, from differentiating right^T y = L
+    moved(1, 0) = y.dot(e1.cross(second_axis));
+    moved(2, 0) = y.dot(e1.cross(third_axis));
+    moved(2, 1) = y.dot(first_ * Vec3::UnitY().cross(second_.col(2)));
+    return dual * (J - h * moved);
+  }
+
+ private:
+  Mat3 first_, second_, third_, right_;
+};
+
+// One Newton step towards the nearest rotation: exact to rounding for a matrix already orthogonal to rounding.
+inline Mat3 polished(const Mat3& R) {
+  const Mat3 defect = R.transpose() * R - Mat3::Identity();
+  return R - 0.5 * R * defect;
+}
+
+}  // namespace lieeuler

@@ -1,0 +1,82 @@
+// The mechanical system, constant during a run, and its configuration.
+#pragma once
+
+#include <vector>
+
+#include "so3.hpp"
+
+namespace lieeuler {
+
+using Vec6 = Eigen::Matrix<double, 6, 1>;
+using Mat6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
+
+struct Body {
+  double mass;
+  Mat3 inertia, inertia_inverse;  // about the centre of mass, body axes
+};
+
+// Position of the centre of mass (world) and attitude (body to world).
+struct Frame {
+  Vec3 x = Vec3::Zero();
+  Mat3 R = Mat3::Identity();
+};
+
+// Quasi-velocities of one body: v of the centre of mass (world), w (body axes). Also used for accelerations,
+// forces and momenta.
+struct Twist {
+  Vec3 v = Vec3::Zero(), w = Vec3::Zero();
+};
+
+// A vector in the world that moves with the two bodies of a joint: an axis fixed in one of them, or the difference d
+// of the two anchors. Every constraint is the product of two of these (or, for the spherical joint, d itself).
+enum class Carrier { difference, parent_axis, child_axis };
+
+// One scalar constraint  scale * A . B - constant = 0  (dot-1, dot-2 and distance after Haug).
+struct DotRow {
+  Carrier a, b;
+  Vec3 a_local = Vec3::Zero(), b_local = Vec3::Zero();  // axes, in the frame of their body
+  double constant = 0, scale = 1;
+};
+
+inline constexpr int kMaxRows = 6;
+
+// A joint is at most one spherical constraint (three rows, first) followed by dot rows.
+struct Joint {
+  int parent, child;  // parent == number of bodies: the ground
+  Vec3 parent_anchor, child_anchor;
+  bool spherical;
+  std::vector<DotRow> dots;
+  int rows() const { return (spherical ? 3 : 0) + static_cast<int>(dots.size()); }
+};
+
+struct System {
+  std::vector<Body> bodies;
+  std::vector<Joint> joints;
+  Vec3 gravity;
+  double length = 1;  // scale of the translations in Newton's stopping test, m
+
+  int n() const { return static_cast<int>(bodies.size()); }
+  int rows() const {
+    int total = 0;
+    for (const Joint& joint : joints) total += joint.rows();
+    return total;
+  }
+};
+
+// (m, J) times a twist, and its inverse.
+inline Twist momentum(const Body& body, const Twist& u) { return {body.mass * u.v, body.inertia * u.w}; }
+inline Twist velocity(const Body& body, const Twist& p) { return {p.v / body.mass, body.inertia_inverse * p.w}; }
+
+// Applied force and torque without -w x J w: what the Hamiltonian methods use.
+inline Twist applied_force(const System& system, int body) {
+  return {system.bodies[body].mass * system.gravity, Vec3::Zero()};
+}
+
+// The right-hand side f(q, u) of the Lagrangian equations.
+inline Twist generalized_force(const System& system, int body, const Twist& u) {
+  Twist f = applied_force(system, body);
+  f.w -= u.w.cross(system.bodies[body].inertia * u.w);
+  return f;
+}
+
+}  // namespace lieeuler

@@ -1,0 +1,28 @@
+"""Errors of lieeuler."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lieeuler.solution import Solution, Status
+
+
+class ArgumentError(ValueError):
+    """A wrong argument; the message names it and says what is allowed."""
+
+
+class IntegrationError(RuntimeError):
+    """An integration ended early. Carries `status`, `advice` and the trajectory so far in `solution`."""
+
+    def __init__(self, status: Status, advice: str, solution: Solution) -> None:
+        super().__init__(f"{status.value} at t = {solution.t_end:.6g} s: {advice}")
+        self.status, self.advice, self.solution = status, advice, solution
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C during an integration; `solution` holds the trajectory so far."""
+
+    def __init__(self, solution: Solution) -> None:
+        super().__init__(f"interrupted at t = {solution.t_end:.6g} s")
+        self.solution = solution

@@ -1,0 +1,113 @@
+"""`integrate`: the one entry point to the methods."""
+
+from __future__ import annotations
+
+import difflib
+
+import numpy as np
+
+from lieeuler import _kernel
+from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
+from lieeuler.methods import COORDINATE_MAPS, METHODS, Method
+from lieeuler.problem import Problem
+from lieeuler.solution import Solution, Status
+from lieeuler.types import ArrayLike
+
+
+def integrate(
+    problem: Problem,
+    method: str,
+    step: float,
+    t_eval: ArrayLike,
+    *,
+    coordinate_map: str = "exp",
+    alpha: float | None = None,
+    beta: float | None = None,
+    monitor: bool = True,
+) -> Solution:
+    """Integrate a problem with a fixed step.
+
+    Parameters
+    ----------
+    problem : Problem
+    method : str
+        A name in `lieeuler.METHODS`.
+    step : float
+        s. Where it does not divide an output interval it is shortened to the nearest one that does.
+    t_eval : (T,)
+        Output times, s, increasing; the first is the time of the initial state.
+    coordinate_map : "exp" | "cayley" | "ccsk"
+    alpha, beta : float, optional
+        Baumgarte gains, 1/s; only for BAUMGARTE_LE.
+    monitor : bool
+        Evaluate energy, constraint levels and orthogonality after every step (`solution.stats.maxima`).
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    ArgumentError
+        A wrong argument.
+    IntegrationError
+        The run ended early; carries status, advice and the trajectory so far.
+    Interrupted
+        Ctrl-C; carries the trajectory so far.
+    """
+    record = _method(method)
+    if coordinate_map not in COORDINATE_MAPS:
+        raise ArgumentError(f"coordinate_map must be one of {', '.join(COORDINATE_MAPS)}, not {coordinate_map!r}")
+    gains = _gains(record, alpha, beta)
+    t = _output_times(t_eval)
+    steps, counts = _steps(t, step)
+    result = _kernel.integrate(problem.kernel, coordinate_map, record.formulation == "hamilton", record.level,
+                               record.index1_output, *gains, problem.x, problem.R, problem.v, problem.w, steps, counts,
+                               monitor)
+    solution = Solution.from_kernel(result, t, method, max(steps))
+    if not monitor:
+        solution.stats.maxima = {}
+    if solution.status is Status.INTERRUPTED:
+        raise Interrupted(solution)
+    if not solution.success:
+        raise IntegrationError(solution.status, solution.status.advice, solution)
+    return solution
+
+
+def _method(name: str) -> Method:
+    if name not in METHODS:
+        near = difflib.get_close_matches(str(name), METHODS, n=1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise ArgumentError(f"method must be one of {', '.join(METHODS)}, not {name!r}{hint}")
+    return METHODS[name]
+
+
+def _gains(method: Method, alpha: float | None, beta: float | None) -> tuple[float, float]:
+    if method.gains is None:
+        if alpha is not None or beta is not None:
+            raise ArgumentError(f"alpha and beta belong to BAUMGARTE_LE; {method.name} has no gains")
+        return 0.0, 0.0
+    gains = tuple(default if given is None else float(given)
+                  for given, default in zip((alpha, beta), method.gains, strict=True))
+    if not all(np.isfinite(gain) and gain >= 0 for gain in gains):
+        raise ArgumentError(f"alpha and beta must be finite and not negative, not {alpha!r}, {beta!r}")
+    return gains[0], gains[1]
+
+
+def _output_times(t_eval: ArrayLike) -> np.ndarray:
+    t = np.array(t_eval, dtype=float)
+    if t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
+        raise ArgumentError("t_eval must hold at least two finite, increasing times")
+    return t
+
+
+def _steps(t: np.ndarray, step: float) -> tuple[list[float], list[int]]:
+    """Step size and number of steps of every output interval; intervals equal to rounding share one step size."""
+    if not (np.isfinite(step) and step > 0):
+        raise ArgumentError(f"step must be positive, not {step!r}")
+    intervals = np.diff(t)
+    mean = (t[-1] - t[0]) / len(intervals)
+    if np.allclose(intervals, mean, rtol=1e-9, atol=0):
+        intervals = np.full(len(intervals), mean)
+    counts = np.maximum(1, np.ceil(intervals / step * (1 - 1e-12))).astype(int)
+    return (intervals / counts).tolist(), counts.tolist()

@@ -1,0 +1,217 @@
+"""The mechanical problem: bodies, joints, gravity. Frozen and validated."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+
+from lieeuler import _kernel
+from lieeuler.errors import ArgumentError
+from lieeuler.types import GROUND, ArrayLike
+
+
+def _vector(name: str, value: ArrayLike) -> np.ndarray:
+    array = np.array(value, dtype=float)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise ArgumentError(f"{name} must be three finite numbers, not {value!r}")
+    array.setflags(write=False)
+    return array
+
+
+def _unit(name: str, value: ArrayLike) -> np.ndarray:
+    axis = _vector(name, value)
+    length = np.linalg.norm(axis)
+    if length == 0:
+        raise ArgumentError(f"{name} must not vanish")
+    return axis / length
+
+
+@dataclasses.dataclass(frozen=True)
+class Body:
+    """A rigid body.
+
+    Parameters
+    ----------
+    mass : float
+        kg, > 0.
+    inertia : (3, 3)
+        About the centre of mass in body axes, kg m^2; symmetric, positive definite.
+    """
+
+    mass: float
+    inertia: np.ndarray
+
+    def __post_init__(self) -> None:
+        inertia = np.array(self.inertia, dtype=float)
+        if not (np.isfinite(self.mass) and self.mass > 0):
+            raise ArgumentError(f"mass must be positive, not {self.mass!r}")
+        if inertia.shape != (3, 3) or not np.isfinite(inertia).all() or not np.allclose(inertia, inertia.T, rtol=1e-12):
+            raise ArgumentError("inertia must be a finite symmetric 3 x 3 matrix")
+        if np.linalg.eigvalsh(inertia)[0] <= 0:
+            raise ArgumentError("inertia must be positive definite")
+        inertia.setflags(write=False)
+        object.__setattr__(self, "inertia", inertia)
+
+
+@dataclasses.dataclass(frozen=True)
+class Dot:
+    """One scalar constraint row  scale * A . B - constant = 0.
+
+    A and B are "difference" (child anchor minus parent anchor, world), or an axis fixed in "parent" or "child"
+    (`a_axis`, `b_axis`, in that body's frame). These are Haug's dot-1, dot-2 and distance constraints.
+    """
+
+    a: str
+    b: str
+    a_axis: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    b_axis: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    constant: float = 0.0
+    scale: float = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Joint:
+    """Basic constraints between two bodies, or a body and the ground (index -1).
+
+    Parameters
+    ----------
+    parent, child : int
+        Body indices; the parent may be the ground.
+    parent_anchor, child_anchor : (3,)
+        From the centre of mass, in the body's frame; in world coordinates for the ground.
+    spherical : bool
+        Whether the anchors coincide (three rows, first).
+    dots : tuple of Dot
+        Further rows.
+    """
+
+    parent: int
+    child: int
+    parent_anchor: np.ndarray
+    child_anchor: np.ndarray
+    spherical: bool = True
+    dots: tuple[Dot, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parent_anchor", _vector("parent_anchor", self.parent_anchor))
+        object.__setattr__(self, "child_anchor", _vector("child_anchor", self.child_anchor))
+
+    @property
+    def rows(self) -> int:
+        """Number of constraint rows."""
+        return 3 * self.spherical + len(self.dots)
+
+
+def spherical_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike) -> Joint:
+    """A ball joint: both anchors coincide. Arguments as in `Joint`."""
+    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor))
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """A rigid multibody system with its initial state.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+    joints : sequence of Joint
+    gravity : (3,)
+        m/s^2, world axes.
+    x, R, v, w : (n, 3), (n, 3, 3), (n, 3), (n, 3)
+        Initial state, conventions of `lieeuler.types`. It must satisfy the joints and their velocity constraints
+        to rounding level; the integrators take it as it is.
+
+    Raises
+    ------
+    ArgumentError
+        A value is of the wrong shape or not physical, a joint names a body that is not there, joints form a closed
+        loop whose constraints depend on each other, or the state violates a joint by more than 1e-8.
+    """
+
+    bodies: tuple[Body, ...]
+    joints: tuple[Joint, ...]
+    gravity: np.ndarray
+    x: np.ndarray
+    R: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "bodies", tuple(self.bodies))
+        object.__setattr__(self, "joints", tuple(self.joints))
+        object.__setattr__(self, "gravity", _vector("gravity", self.gravity))
+        n = len(self.bodies)
+        if n == 0:
+            raise ArgumentError("a problem needs at least one body")
+        for name, shape in (("x", (n, 3)), ("R", (n, 3, 3)), ("v", (n, 3)), ("w", (n, 3))):
+            array = np.array(getattr(self, name), dtype=float, order="C")
+            if array.shape != shape or not np.isfinite(array).all():
+                raise ArgumentError(f"{name} must be finite and of shape {shape}, not {array.shape}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        if np.abs(np.swapaxes(self.R, 1, 2) @ self.R - np.eye(3)).max() > 1e-10 or (np.linalg.det(self.R) < 0).any():
+            raise ArgumentError("R must hold rotation matrices")
+        for k, joint in enumerate(self.joints):
+            if not (0 <= joint.child < n and GROUND <= joint.parent < n and joint.parent != joint.child):
+                raise ArgumentError(f"joints[{k}]: parent {joint.parent} and child {joint.child} must be two of the "
+                                    f"bodies 0 .. {n - 1}, the parent may be the ground ({GROUND})")
+        self._check_constraints()
+
+    def _check_constraints(self) -> None:
+        if not self.joints:
+            return
+        values = _kernel.constraints(self.kernel, self.x, self.R, self.v, self.w, np.zeros(self.rows))
+        length = max(1.0, *(float(np.linalg.norm(s)) for j in self.joints for s in (j.parent_anchor, j.child_anchor)))
+        speed = max(1.0, float(np.abs(self.w).max()))
+        for name, gap, bound in (("joints", values["phi"], 1e-8 * length),
+                                 ("velocity constraints", values["G"] @ np.hstack([self.v, self.w]).ravel(),
+                                  1e-8 * length * speed)):
+            if np.abs(gap).max() > bound:
+                raise ArgumentError(f"the initial state violates the {name} by {np.abs(gap).max():.3g}; "
+                                    f"project it first (bound {bound:.3g})")
+        if self._is_tree():
+            return  # its joints cannot depend on each other
+        rank = np.linalg.matrix_rank(values["G"], tol=1e-10 * length)
+        if rank < self.rows:
+            raise ArgumentError(f"{self.rows - rank} of the {self.rows} constraint rows depend on the others; "
+                                "redundant constraints are not supported yet, leave the dependent joints out")
+
+    def _is_tree(self) -> bool:
+        """Whether no joint closes a loop of bodies (the ground counts as one)."""
+        root = list(range(self.n + 1))  # union-find; the ground is the last
+
+        def find(body: int) -> int:
+            while root[body] != body:
+                body = root[body]
+            return body
+
+        for joint in self.joints:
+            parent, child = find(joint.parent), find(joint.child)
+            if parent == child:
+                return False
+            root[child] = parent
+        return True
+
+    @property
+    def n(self) -> int:
+        """Number of bodies."""
+        return len(self.bodies)
+
+    @property
+    def rows(self) -> int:
+        """Number of constraint rows m."""
+        return sum(joint.rows for joint in self.joints)
+
+    @functools.cached_property
+    def kernel(self) -> _kernel.System:
+        """The system as the compiled core holds it."""
+        system = _kernel.System([body.mass for body in self.bodies], [body.inertia for body in self.bodies],
+                                self.gravity)
+        for joint in self.joints:
+            system.add_joint(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, bool(joint.spherical),
+                             [carrier for dot in joint.dots for carrier in (dot.a, dot.b)],
+                             [axis for dot in joint.dots for axis in (dot.a_axis, dot.b_axis)],
+                             [dot.constant for dot in joint.dots], [dot.scale for dot in joint.dots])
+        return system

@@ -1,0 +1,93 @@
+"""What an integration returns."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from typing import Any
+
+import numpy as np
+
+
+class Status(enum.Enum):
+    """How an integration ended."""
+
+    SUCCESS = "success"
+    NEWTON_FAILED = "newton_failed"
+    SINGULAR_MATRIX = "singular_matrix"
+    MAP_DOMAIN = "map_domain"
+    NON_FINITE = "non_finite"
+    INTERRUPTED = "interrupted"
+
+    @property
+    def advice(self) -> str:
+        """What to change."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    Status.SUCCESS: "",
+    Status.NEWTON_FAILED: "Newton's iteration did not converge within a step; take a smaller step",
+    Status.SINGULAR_MATRIX: "the constraints became dependent; the mechanism is at or near a singular position",
+    Status.MAP_DOMAIN: "a body turned beyond the coordinate map's domain within one step; take a smaller step, "
+                       "or coordinate_map='exp'",
+    Status.NON_FINITE: "the state became infinite or not a number; take a smaller step",
+    Status.INTERRUPTED: "interrupted by the user",
+}  # fmt: skip
+
+
+@dataclasses.dataclass
+class Stats:
+    """Counters of a run, the step used, and the largest values over every step.
+
+    `maxima` has the keys energy_error (|E - E(0)| over the largest kinetic energy), kinetic (J),
+    constraint_position, constraint_velocity, constraint_acceleration (max norms, SI) and orthogonality
+    (max norm of R^T R - I); it is empty where monitoring was switched off.
+    """
+
+    steps: int
+    newton_iterations: int
+    factorizations: int
+    most_iterations: int
+    step: float
+    wall_time: float
+    maxima: dict[str, float]
+
+
+@dataclasses.dataclass
+class Solution:
+    """A trajectory at the output times, in the conventions of `lieeuler.types`.
+
+    a and alpha are M^-1 (f - G^T lam) with the method's own multipliers, index-1 values at the start.
+    """
+
+    t: np.ndarray
+    x: np.ndarray
+    R: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+    a: np.ndarray
+    alpha: np.ndarray
+    lam: np.ndarray
+    status: Status
+    stats: Stats
+    method: str
+    t_end: float
+
+    @property
+    def success(self) -> bool:
+        """Whether the run reached its last output time."""
+        return self.status is Status.SUCCESS
+
+    @classmethod
+    def from_kernel(cls, result: dict[str, Any], t: np.ndarray, method: str, step: float) -> Solution:
+        """Wrap the kernel's answer; arrays are cut to the samples reached."""
+        count = result["samples"]
+        maxima = dict(result["maxima"])
+        kinetic = maxima["kinetic"]
+        if kinetic > 0:
+            maxima["energy_error"] /= kinetic
+        stats = Stats(step=step, wall_time=result["wall_time"], maxima=maxima, **result["counters"])
+        arrays = {key: result[key][:count] for key in ("x", "R", "v", "w", "a", "alpha", "lam")}
+        return cls(t=t[:count], status=Status(result["status"]), stats=stats, method=method,
+                   t_end=float(t[0] + result["time"]), **arrays)

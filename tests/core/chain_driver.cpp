@@ -1,0 +1,73 @@
+// A chain of n pendulum bodies stepped by one method, without Python: counts heap allocations inside the step loop,
+// and is the program that callgrind and the sanitizers look at.
+//
+//   chain_driver METHOD BODIES STEPS H   prints   "allocations N  x X Y Z  iterations K"
+#define EIGEN_RUNTIME_NO_MALLOC
+#include <cstdio>
+#include <cstdlib>
+#include <new>
+#include <string>
+
+static long allocations = 0;
+void* operator new(std::size_t size) {
+  ++allocations;
+  if (void* p = std::malloc(size)) return p;
+  throw std::bad_alloc();
+}
+void operator delete(void* p) noexcept { std::free(p); }
+void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+
+#include "../../lieeuler/_core/loop.hpp"
+
+using namespace lieeuler;
+
+static System chain(int n) {
+  System system{{}, {}, {0, 0, -9.81}};
+  const Mat3 J = Vec3(0.1, 0.2, 0.15).asDiagonal();
+  for (int b = 0; b < n; ++b) {
+    system.bodies.push_back({1.0, J, J.inverse()});
+    system.joints.push_back({b == 0 ? n : b - 1, b, b == 0 ? Vec3::Zero() : Vec3(0, 0, -1), {0, 0, 1}, true, {}});
+  }
+  return system;
+}
+
+static State hanging_sideways(const System& system) {
+  State state(system);
+  Vec3 tip = Vec3::Zero();
+  for (int b = 0; b < system.n(); ++b) {
+    state.frames[b].R = Eigen::AngleAxisd(1.0 + 0.1 * b, Vec3::UnitY()).toRotationMatrix();
+    const Vec3 half = state.frames[b].R * Vec3(0, 0, -1);
+    state.frames[b].x = tip + half;
+    tip += 2 * half;
+  }
+  return state;
+}
+
+template <class Stepper>
+static int drive(Stepper stepper, const System& system, int steps, double h) {
+  Counters counters;
+  if (stepper.start(hanging_sideways(system), h) != Status::success) return 2;
+  if (stepper.step(counters) != Status::success) return 2;
+  const long before = allocations;
+  Eigen::internal::set_is_malloc_allowed(false);
+  for (int k = 1; k < steps; ++k)
+    if (stepper.step(counters) != Status::success) return 2;
+  Eigen::internal::set_is_malloc_allowed(true);
+  const long inside = allocations - before;
+  const Vec3& x = stepper.state().frames[system.n() - 1].x;
+  std::printf("allocations %ld  x %.17g %.17g %.17g  iterations %ld\n", inside, x.x(), x.y(), x.z(),
+              counters.newton_iterations);
+  return inside == 0 ? 0 : 1;
+}
+
+int main(int argc, char** argv) {
+  if (argc != 5) return 64;
+  const std::string method = argv[1];
+  const System system = chain(std::atoi(argv[2]));
+  const int steps = std::atoi(argv[3]);
+  const double h = std::atof(argv[4]);
+  const Level level = method[3] == '3' ? Level::position : (method.ends_with("LSE") ? Level::stabilised : Level::velocity);
+  const bool index1 = method[3] == '1';
+  if (method[4] == 'H') return drive(HamiltonStepper<ExpMap>(system, level, index1), system, steps, h);
+  return drive(LagrangeStepper<ExpMap>(system, level, index1, {}), system, steps, h);
+}

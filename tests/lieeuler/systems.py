@@ -1,0 +1,43 @@
+"""The pendulums of ENGINES (scenes A and B) and the heavy top (C), built directly as problems."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import lieeuler
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+INERTIA = np.diag([0.1, 0.2, 0.15])
+UP, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
+TILT_Y, TILT_X = Rotation.from_euler("y", 60, degrees=True).as_matrix(), Rotation.from_euler("x", 40, degrees=True).as_matrix()
+
+
+def chain(masses, inertias, anchors, attitudes, rates):
+    """Bodies hung one below the other; anchors: (on the parent or ground, on the child) from the centres of mass."""
+    x, v = [], []
+    for k, ((above, below), R, w) in enumerate(zip(anchors, attitudes, rates, strict=True)):
+        joint, speed = (np.array(above, float), np.zeros(3)) if k == 0 else (
+            x[-1] + attitudes[k - 1] @ above, v[-1] + attitudes[k - 1] @ np.cross(rates[k - 1], above))
+        x.append(joint - R @ below)
+        v.append(speed - R @ np.cross(w, below))
+    bodies = [lieeuler.Body(m, J) for m, J in zip(masses, inertias, strict=True)]
+    joints = [lieeuler.spherical_joint(k - 1, k, above, below) for k, (above, below) in enumerate(anchors)]
+    return lieeuler.Problem(bodies, joints, GRAVITY, np.array(x), np.array(attitudes), np.array(v), np.array(rates))
+
+
+def single_pendulum():
+    return chain([1.0], [INERTIA], [(np.zeros(3), UP)], [TILT_Y], [np.array([0.5, 0.3, 1.0])])
+
+
+def double_pendulum():
+    return chain([1.0, 1.0], [INERTIA, INERTIA], [(np.zeros(3), UP), (DOWN, UP)], [TILT_Y, TILT_X],
+                 [np.array([0.5, 0.3, 1.0]), np.array([-0.3, 0.4, 0.2])])
+
+
+def heavy_top():
+    return chain([15.0], [np.diag([0.234375, 0.46875, 0.234375])], [(np.zeros(3), np.array([0.0, -1.0, 0.0]))],
+                 [np.eye(3)], [np.array([0.0, 150.0, -4.61538])])
+
+
+SYSTEMS = {"single_pendulum": single_pendulum, "double_pendulum": double_pendulum, "heavy_top": heavy_top}

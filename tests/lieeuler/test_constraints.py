@@ -1,0 +1,82 @@
+"""Constraint rows of the kernel and their derivatives against central differences in the group."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import lieeuler
+from lieeuler import Dot, Joint, _kernel
+
+UNIT = st.floats(-1, 1)
+STEP = 1e-5
+
+
+def kernel_system(joint):
+    system = _kernel.System([1.0, 1.0], [np.eye(3), np.eye(3)], np.zeros(3))
+    system.add_joint(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, joint.spherical,
+                     [c for dot in joint.dots for c in (dot.a, dot.b)],
+                     [np.asarray(a) for dot in joint.dots for a in (dot.a_axis, dot.b_axis)],
+                     [dot.constant for dot in joint.dots], [dot.scale for dot in joint.dots])
+    return system
+
+
+def joint_of(kind, rng, parent):
+    anchors = rng.standard_normal((2, 3))
+    a, b = rng.standard_normal((2, 3))
+    dots = {
+        "spherical": (),
+        "dot-1": (Dot("parent", "child", a, b, constant=0.3),),
+        "dot-2": (Dot("parent", "difference", a, np.zeros(3), constant=0.1),),
+        "distance": (Dot("difference", "difference", constant=0.4, scale=0.7),),
+        "revolute": (Dot("parent", "child", a, b), Dot("parent", "child", b, a)),
+        "cylindrical": (Dot("parent", "child", a, b), Dot("parent", "child", b, b),
+                        Dot("parent", "difference", a), Dot("parent", "difference", b)),
+    }[kind]
+    return Joint(parent, 1, *anchors, spherical=kind in ("spherical", "revolute"), dots=dots)
+
+
+def moved(x, R, du, step):
+    du = step * du.reshape(-1, 6)
+    return x + du[:, :3], R @ Rotation.from_rotvec(du[:, 3:]).as_matrix()
+
+
+@pytest.mark.parametrize("kind", ["spherical", "dot-1", "dot-2", "distance", "revolute", "cylindrical"])
+@pytest.mark.parametrize("parent", [-1, 0])
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**31))
+def test_all_derivatives(kind, parent, seed):
+    rng = np.random.default_rng(seed)
+    joint = joint_of(kind, rng, parent)
+    system = kernel_system(joint)
+    x, R = rng.standard_normal((2, 3)), Rotation.random(2, random_state=rng).as_matrix()
+    u, d = rng.standard_normal((2, 12))
+    lam = rng.standard_normal(joint.rows)
+
+    def values(x, R, u):
+        u = u.reshape(-1, 6)
+        return _kernel.constraints(system, x, R, np.ascontiguousarray(u[:, :3]), np.ascontiguousarray(u[:, 3:]), lam)
+
+    def slope(function, direction):
+        return (function(*moved(x, R, direction, STEP)) - function(*moved(x, R, direction, -STEP))) / (2 * STEP)
+
+    here = values(x, R, u)
+    scale = 1 + np.abs(here["gamma"]).max() + np.abs(here["G"]).max() + np.abs(here["geometric_stiffness"]).max()
+    bound = 1e-7 * scale  # differences: STEP^2 = 1e-10 and eps / STEP = 2e-11, times third derivatives
+    assert np.abs(slope(lambda x, R: values(x, R, u)["phi"], d) - here["G"] @ d).max() < bound
+    assert np.abs(slope(lambda x, R: values(x, R, u)["G"] @ u, d) - here["velocity_slope"] @ d).max() < bound
+    assert np.abs(slope(lambda x, R: values(x, R, u)["G"] @ u, u) - here["gamma"]).max() < bound
+    assert np.abs(slope(lambda x, R: values(x, R, u)["G"].T @ lam, d) - here["geometric_stiffness"] @ d).max() < bound
+    by_velocity = (values(x, R, u + STEP * d)["gamma"] - values(x, R, u - STEP * d)["gamma"]) / (2 * STEP)
+    assert np.abs(by_velocity - here["gamma_velocity_slope"] @ d).max() < bound
+
+
+def test_dependent_joints_are_refused_with_their_number():
+    body = lieeuler.Body(1.0, np.eye(3))
+    joint = lieeuler.spherical_joint(-1, 0, np.zeros(3), [0, 0, 1.0])
+    with pytest.raises(lieeuler.ArgumentError, match="3 of the 6 constraint rows depend"):
+        lieeuler.Problem([body], [joint, joint], [0, 0, -9.81], [[0, 0, -1.0]], [np.eye(3)], np.zeros((1, 3)),
+                         np.zeros((1, 3)))

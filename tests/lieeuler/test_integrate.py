@@ -1,0 +1,142 @@
+"""The public entry point: arguments, sampling, statuses, threads, interruption, and a step without allocation."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import os
+import shutil
+import signal
+import subprocess
+import sysconfig
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lieeuler
+from tests.lieeuler.systems import SYSTEMS
+
+T = np.linspace(0, 1, 11)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"method": "DAE1L_LES"}, "did you mean DAE1L_LSE"),
+        ({"method": "RK4"}, "DAE3L_LE"),
+        ({"step": 0.0}, "step must be positive"),
+        ({"step": -1e-3}, "step must be positive"),
+        ({"step": np.nan}, "step must be positive"),
+        ({"t_eval": [0.0]}, "at least two"),
+        ({"t_eval": [0.0, 1.0, 0.5]}, "increasing"),
+        ({"t_eval": [0.0, np.inf]}, "finite"),
+        ({"coordinate_map": "euler"}, "exp, cayley, ccsk"),
+        ({"alpha": 1.0}, "BAUMGARTE_LE"),
+        ({"method": "BAUMGARTE_LE", "beta": -1.0}, "not negative"),
+    ],
+)
+def test_wrong_arguments_are_named(changes, words):
+    arguments = {"method": "DAE1L_LSE", "step": 1e-2, "t_eval": T, **changes}
+    with pytest.raises(lieeuler.ArgumentError, match=words):
+        lieeuler.integrate(SYSTEMS["single_pendulum"](), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"x": [[0, 0, 0.5]]}, "violates the joints"),
+        ({"v": [[1.0, 0, 0]]}, "violates the velocity constraints"),
+        ({"x": [[0, 0]]}, "shape"),
+        ({"w": [[np.nan, 0, 0]]}, "finite"),
+        ({"R": [np.diag([1.0, 1.0, -1.0])]}, "rotation"),
+        ({"joints": [lieeuler.spherical_joint(-1, 3, [0, 0, 0], [0, 0, 1.0])]}, r"joints\[0\].*child 3"),
+        ({"bodies": []}, "at least one body"),
+    ],
+)
+def test_wrong_problems_are_named(change, words):
+    p = SYSTEMS["single_pendulum"]()
+    fields = {name: getattr(p, name) for name in ("bodies", "joints", "gravity", "x", "R", "v", "w")}
+    with pytest.raises(lieeuler.ArgumentError, match=words):
+        lieeuler.Problem(**{**fields, **change})
+
+
+@pytest.mark.parametrize(("mass", "inertia"), [(0.0, np.eye(3)), (1.0, -np.eye(3)), (1.0, np.eye(2)),
+                                               (1.0, np.triu(np.ones((3, 3)))), (np.inf, np.eye(3))])
+def test_wrong_bodies_are_refused(mass, inertia):
+    with pytest.raises(lieeuler.ArgumentError):
+        lieeuler.Body(mass, inertia)
+
+
+def test_step_is_shortened_to_divide_the_interval():
+    s = lieeuler.integrate(SYSTEMS["single_pendulum"](), "DAE1L_LSE", 3e-2, T)
+    assert (s.stats.steps, s.stats.step) == (40, pytest.approx(0.025, rel=1e-15))
+    uneven = lieeuler.integrate(SYSTEMS["single_pendulum"](), "DAE1L_LSE", 1e-2, [0, 0.005, 0.1, 0.101])
+    assert uneven.stats.steps == 1 + 10 + 1
+
+
+def test_samples_do_not_change_the_motion():
+    few, many = (lieeuler.integrate(SYSTEMS["double_pendulum"](), "DAE1H_LSE", 1e-2, np.linspace(0, 1, n)) for n in (2, 11))
+    assert np.abs(few.x[-1] - many.x[-1]).max() < 1e-12
+    assert np.array_equal(many.x[0], SYSTEMS["double_pendulum"]().x)
+
+
+@pytest.mark.parametrize(("method", "coordinate_map", "step", "status"), [
+    ("DAE1L_LSE", "exp", 0.1, lieeuler.Status.MAP_DOMAIN),  # 15 rad a step
+    ("DAE3H_LE", "exp", 0.05, lieeuler.Status.MAP_DOMAIN),
+    ("DAE2L_LE", "ccsk", 0.02, lieeuler.Status.MAP_DOMAIN),  # 3 rad a step, the map ends at pi/2
+])
+def test_failure_carries_status_advice_and_trajectory(method, coordinate_map, step, status):
+    with pytest.raises(lieeuler.IntegrationError) as caught:
+        lieeuler.integrate(SYSTEMS["heavy_top"](), method, step, np.linspace(0, 1, 11), coordinate_map=coordinate_map)
+    assert caught.value.status is status
+    assert "smaller step" in caught.value.advice
+    assert len(caught.value.solution.t) == len(caught.value.solution.x) >= 1
+
+
+def test_same_inputs_same_bits_and_threads_are_independent():
+    def run(method):
+        return lieeuler.integrate(SYSTEMS["double_pendulum"](), method, 1e-3, np.linspace(0, 2, 21))
+
+    names = list(lieeuler.METHODS) * 2
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        threaded = list(pool.map(run, names))
+    for method, solution in zip(names, threaded, strict=True):
+        alone = run(method)
+        for field in ("x", "R", "v", "w", "a", "alpha", "lam"):
+            assert np.array_equal(getattr(alone, field), getattr(solution, field)), method
+
+
+def test_interrupt_carries_the_trajectory_so_far():
+    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(lieeuler.Interrupted) as caught:
+        lieeuler.integrate(SYSTEMS["double_pendulum"](), "DAE1L_LSE", 1e-6, np.linspace(0, 1000, 100001))
+    assert isinstance(caught.value, KeyboardInterrupt)
+    assert 1 < len(caught.value.solution.t) < 100001
+
+
+def test_monitor_can_be_switched_off():
+    s = lieeuler.integrate(SYSTEMS["single_pendulum"](), "DAE1L_LSE", 1e-2, T, monitor=False)
+    assert s.stats.maxima == {}
+
+
+@pytest.fixture(scope="session")
+def chain_driver(tmp_path_factory):
+    """The kernel's headers compiled into a program that counts allocations."""
+    import cmeel  # noqa: F401  (its prefix holds the Eigen headers the kernel is built with)
+
+    compiler = os.environ.get("CXX") or shutil.which("c++")
+    eigen = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "include", "eigen3")
+    program = tmp_path_factory.mktemp("core") / "chain_driver"
+    source = Path(__file__).parents[1] / "core" / "chain_driver.cpp"
+    subprocess.run([compiler, "-std=c++20", "-O1", "-I", eigen, source, "-o", program], check=True)
+    return program
+
+
+@pytest.mark.parametrize("method", lieeuler.EULER_METHODS)
+@pytest.mark.parametrize("bodies", [1, 2, 20])
+def test_no_allocation_inside_a_step(chain_driver, method, bodies):
+    run = subprocess.run([chain_driver, method, str(bodies), "200", "1e-3"], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.startswith("allocations 0 ")

@@ -1,0 +1,84 @@
+"""The kernel against the dense oracle, and against the prototype figures of METHODS section 4."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import lieeuler
+from tests import oracle
+from tests.lieeuler.systems import SYSTEMS
+
+AGREEMENT = 1e-12  # of METHODS: both solve the same equations to rounding, 100 steps accumulate little of it
+
+
+def oracle_system(problem):
+    return oracle.Chain([body.mass for body in problem.bodies], [body.inertia for body in problem.bodies],
+                        [(j.parent, j.child, j.parent_anchor, j.child_anchor) for j in problem.joints],
+                        problem.gravity)
+
+
+CASES = [(system, method, "exp", 1e-2) for system in ("single_pendulum", "double_pendulum") for method in lieeuler.METHODS]
+CASES += [("single_pendulum", method, name, 1e-2) for method in lieeuler.METHODS for name in ("cayley", "ccsk")]
+CASES += [("heavy_top", method, "exp", 1e-3) for method in lieeuler.EULER_METHODS]
+
+
+@pytest.mark.parametrize(("system", "method", "coordinate_map", "h"), CASES)
+def test_kernel_agrees_with_dense_oracle(system, method, coordinate_map, h):
+    problem, record, steps = SYSTEMS[system](), lieeuler.METHODS[method], 100
+    solution = lieeuler.integrate(problem, method, h, [0, steps * h], coordinate_map=coordinate_map)
+    u0 = np.hstack([problem.v, problem.w]).ravel()
+    (x, R), u, a, lam = oracle.integrate(oracle_system(problem), record, (problem.x, problem.R), u0, h, steps,
+                                         coordinate_map, record.gains or (0.0, 0.0))
+    u = u.reshape(-1, 6)
+    assert np.abs(solution.x[-1] - x).max() < AGREEMENT
+    assert np.abs(solution.R[-1] - R).max() < AGREEMENT
+    speed = max(1.0, np.abs(u).max())
+    assert np.abs(np.hstack([solution.v[-1], solution.w[-1]]) - u).max() < AGREEMENT * speed
+    # Multipliers and accelerations carry the noise of u over h, and lam of index 3 that of Phi over h^2.
+    noise = 1e3 * np.finfo(float).eps * speed / h**2
+    assert np.abs(solution.lam[-1] - lam).max() < noise * max(1.0, np.abs(lam).max())
+    accelerations = np.hstack([solution.a[-1], solution.alpha[-1]])
+    assert np.abs(accelerations - a.reshape(-1, 6)).max() < noise * max(1.0, np.abs(a).max())
+
+
+FIGURES = {
+    "DAE3L_LE": ("5.642e-02", "1.33e-01"),
+    "DAE2L_LE": ("3.252e-02", "6.35e-02"),
+    "DAE2L_LSE": ("4.420e-02", "1.06e-01"),
+    "DAE1L_LSE": ("4.420e-02", "1.06e-01"),
+    "DAE3H_LE": ("6.557e-03", "1.66e-02"),
+    "DAE2H_LE": ("3.998e-02", "8.93e-02"),
+    "DAE2H_LSE": ("6.557e-03", "1.66e-02"),
+    "DAE1H_LSE": ("6.557e-03", "1.66e-02"),
+}
+
+
+@pytest.mark.parametrize("method", lieeuler.EULER_METHODS)
+def test_prototype_figures_to_all_printed_digits(method):
+    problem = SYSTEMS["single_pendulum"]()
+    truth = reduced_pendulum(problem, 1.0)
+    solution = lieeuler.integrate(problem, method, 1e-2, [0, 1.0])
+    maxima = solution.stats.maxima
+    kinetic = 0.5 * problem.v[0] @ problem.v[0] + 0.5 * problem.w[0] @ problem.bodies[0].inertia @ problem.w[0]
+    start_energy = kinetic - problem.gravity @ problem.x[0]
+    end_error = np.linalg.norm(solution.x[-1, 0] - truth)
+    energy_error = maxima["energy_error"] * maxima["kinetic"] / abs(start_energy)
+    assert (f"{end_error:.3e}", f"{energy_error:.2e}") == FIGURES[method]
+
+
+def reduced_pendulum(problem, t):
+    """Centre of mass at t by DOP853 on Euler's equations about the pivot."""
+    from scipy.integrate import solve_ivp
+
+    s = problem.joints[0].child_anchor
+    mass, J = problem.bodies[0].mass, problem.bodies[0].inertia
+    about_pivot = J + mass * (s @ s * np.eye(3) - np.outer(s, s))
+
+    def rate(_, y):
+        R, w = y[:9].reshape(3, 3), y[9:]
+        torque = np.cross(-s, R.T @ (mass * problem.gravity)) - np.cross(w, about_pivot @ w)
+        return np.r_[(R @ oracle.hat(w)).ravel(), np.linalg.solve(about_pivot, torque)]
+
+    y = solve_ivp(rate, (0, t), np.r_[problem.R[0].ravel(), problem.w[0]], "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    return -y[:9].reshape(3, 3) @ s

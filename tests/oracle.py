@@ -1,0 +1,192 @@
+"""A short dense NumPy version of each Euler step: the check on the compiled core.
+
+Written from the equations of METHODS section 4 with nothing in common with the kernel: dense matrices, the coordinate
+maps by their defining series, their tangents by the complex step, Newton's matrix by central differences.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+
+def hat(a):
+    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+
+
+def exp_series(theta):
+    """exp(hat(theta)) by its power series, for |theta| < 0.3; complex arguments are fine."""
+    X, term, total = hat(theta), np.eye(3), np.eye(3)
+    for k in range(1, 17):
+        term = term @ X / k
+        total = total + term
+    return total
+
+
+def cayley(theta):
+    X = hat(theta) / 2
+    return np.linalg.solve(np.eye(3) - X, np.eye(3) + X)
+
+
+def ccsk(theta):
+    return exp_series(theta * [1, 0, 0]) @ exp_series(theta * [0, 1, 0]) @ exp_series(theta * [0, 0, 1])
+
+
+MAPS = {"exp": exp_series, "cayley": cayley, "ccsk": ccsk}
+
+
+def right_tangent(coordinate_map, theta):
+    """D with d map(theta) map(theta)^T = hat(D dtheta), by the complex step."""
+    E, D = coordinate_map(theta), np.empty((3, 3))
+    for j in range(3):
+        W = coordinate_map(theta + 1e-30j * np.eye(3)[j]).imag / 1e-30 @ E.T
+        D[:, j] = W[2, 1], W[0, 2], W[1, 0]
+    return D
+
+
+@dataclasses.dataclass
+class Chain:
+    """Bodies and spherical joints (parent, child, parent anchor, child anchor); parent -1 is the ground."""
+
+    masses: list
+    inertias: list
+    joints: list
+    gravity: np.ndarray
+
+    def __post_init__(self):
+        self.n, self.m = len(self.masses), 3 * len(self.joints)
+        self.M = np.zeros((6 * self.n, 6 * self.n))
+        for b, (mass, J) in enumerate(zip(self.masses, self.inertias, strict=True)):
+            self.M[6 * b:6 * b + 3, 6 * b:6 * b + 3] = mass * np.eye(3)
+            self.M[6 * b + 3:6 * b + 6, 6 * b + 3:6 * b + 6] = J
+
+    def applied(self):
+        return np.concatenate([np.r_[mass * self.gravity, 0, 0, 0] for mass in self.masses])
+
+    def force(self, u):
+        f = self.applied()
+        for b, J in enumerate(self.inertias):
+            w = u[6 * b + 3:6 * b + 6]
+            f[6 * b + 3:6 * b + 6] -= np.cross(w, J @ w)
+        return f
+
+    def _ends(self, joint):
+        return [(body, sign, s) for body, sign, s in ((joint[0], -1, joint[2]), (joint[1], 1, joint[3])) if body >= 0]
+
+    def phi(self, q):
+        x, R = q
+        rows = [sum(sign * (x[b] + R[b] @ s) for b, sign, s in self._ends(joint))
+                - (joint[2] if joint[0] < 0 else 0) for joint in self.joints]
+        return np.concatenate(rows) if rows else np.zeros(0)
+
+    def G(self, q):
+        G = np.zeros((self.m, 6 * self.n))
+        for k, joint in enumerate(self.joints):
+            for b, sign, s in self._ends(joint):
+                G[3 * k:3 * k + 3, 6 * b:6 * b + 3] = sign * np.eye(3)
+                G[3 * k:3 * k + 3, 6 * b + 3:6 * b + 6] = -sign * q[1][b] @ hat(s)
+        return G
+
+    def gamma(self, q, u):
+        gamma = np.zeros(self.m)
+        for k, joint in enumerate(self.joints):
+            for b, sign, s in self._ends(joint):
+                w = u[6 * b + 3:6 * b + 6]
+                gamma[3 * k:3 * k + 3] += sign * q[1][b] @ np.cross(w, np.cross(w, s))
+        return gamma
+
+    def index1(self, q, u):
+        G = self.G(q)
+        A = np.block([[self.M, G.T], [G, np.zeros((self.m, self.m))]])
+        z = np.linalg.solve(A, np.r_[self.force(u), -self.gamma(q, u)])
+        return z[:6 * self.n], z[6 * self.n:]
+
+    def move(self, q, h, xi, coordinate_map):
+        x = np.array([q[0][b] + h * xi[6 * b:6 * b + 3] for b in range(self.n)])
+        R = np.array([q[1][b] @ coordinate_map(h * xi[6 * b + 3:6 * b + 6]) for b in range(self.n)])
+        return x, R
+
+
+def newton(residual, z):
+    """Chord iteration with a central-difference matrix at the guess, refreshed once."""
+    for _ in range(2):
+        scale = 1e-6 * np.maximum(1, np.abs(z))
+        A = np.column_stack([(residual(z + d) - residual(z - d)) / (2 * e)
+                             for d, e in zip(np.diag(scale), scale, strict=True)])
+        for _ in range(8):
+            dz = np.linalg.solve(A, residual(z))
+            z = z - dz
+            if np.abs(dz).max() < 1e-13 * max(1, np.abs(z).max()):
+                return z
+    return z
+
+
+def lagrange_step(system, level, q0, u0, h, coordinate_map, guess, gains=(0.0, 0.0)):
+    """One implicit Euler step; returns q, u, lam and the solution as the next guess."""
+    nu, m, G0 = 6 * system.n, system.m, system.G(q0)
+
+    def unpack(z):
+        u, lam, mu = z[:nu], z[nu:nu + m], z[nu + m:]
+        xi = u - np.linalg.solve(system.M, G0.T @ mu) if level == "stabilised" else u
+        return system.move(q0, h, xi, coordinate_map), u, lam
+
+    def residual(z):
+        q, u, lam = unpack(z)
+        G, phi = system.G(q), system.phi(q)
+        a = (u - u0) / h
+        rows = {"position": [phi / h], "velocity": [G @ u], "stabilised": [G @ u, phi / h],
+                "acceleration": [h * (G @ a + system.gamma(q, u) + 2 * gains[0] * G @ u + gains[1]**2 * phi)]}[level]
+        return np.concatenate([system.M @ (u - u0) - h * system.force(u) + h * G.T @ lam, *rows])
+
+    z = newton(residual, guess)
+    return (*unpack(z), z)
+
+
+def hamilton_step(system, level, q0, u0, h, coordinate_map, guess):
+    """One symplectic Euler step; returns q, u, lam and the solution as the next guess."""
+    nu, G0 = 6 * system.n, system.G(q0)
+
+    def rotational(function, vector):
+        out = vector.copy()
+        for b in range(system.n):
+            out[6 * b + 3:6 * b + 6] = function(b, vector[6 * b + 3:6 * b + 6])
+        return out
+
+    def unpack(z):
+        xi, lam = z[:nu], z[nu:]
+        theta = [h * xi[6 * b + 3:6 * b + 6] for b in range(system.n)]
+        y = rotational(lambda b, L: np.linalg.solve(right_tangent(coordinate_map, theta[b]).T, L), system.M @ xi)
+        p = rotational(lambda b, L: coordinate_map(theta[b]).T @ L, y)
+        return system.move(q0, h, xi, coordinate_map), np.linalg.solve(system.M, p), lam, y
+
+    def residual(z):
+        q, u, lam, y = unpack(z)
+        rows = system.G(q) @ u if level == "velocity" else system.phi(q) / h
+        return np.r_[y - system.M @ u0 - h * (system.applied() - G0.T @ lam), rows]
+
+    z = newton(residual, guess)
+    q, u, lam, _ = unpack(z)
+    if level == "stabilised":
+        G = system.G(q)
+        mu = np.linalg.solve(G @ np.linalg.solve(system.M, G.T), G @ u)
+        u, lam = u - np.linalg.solve(system.M, G.T @ mu), lam + mu / h
+    return q, u, lam, z
+
+
+def integrate(system, method, q, u, h, steps, coordinate_map="exp", gains=(0.0, 0.0)):
+    """States (q, u, a, lam) after `steps` steps of a `lieeuler.Method`."""
+    a, lam = system.index1(q, u)
+    extra = system.m if method.formulation == "lagrange" and method.level == "stabilised" else 0
+    guess = np.r_[u, lam, np.zeros(extra)]
+    for _ in range(steps):
+        arguments = (system, method.level, q, u, h, MAPS[coordinate_map], guess)
+        if method.formulation == "lagrange":
+            q, u, lam, guess = lagrange_step(*arguments, gains)
+        else:
+            q, u, lam, guess = hamilton_step(*arguments)
+    if method.index1_output:
+        a, lam = system.index1(q, u)
+    else:
+        a = np.linalg.solve(system.M, system.force(u) - system.G(q).T @ lam)
+    return q, u, a, lam

@@ -1,0 +1,37 @@
+"""What a reference is: states to about 1e-12, where they come from, and how far they can be trusted."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from crosscheck.states import States
+
+
+@dataclasses.dataclass(frozen=True)
+class Reference:
+    """Independent truth for one scene, at its output times.
+
+    The two formulations agree to `disagreement` (max over samples and bodies of |dx| / length and |dR|_F); they have
+    to agree to `allowed = max(1e-12, 1e-14 * amplification)`, otherwise `TruthError` was raised instead.
+    """
+
+    states: States  # with a and alpha
+    source: str  # "closed form (Jacobi elliptic functions)" or "Taylor series (heyoka)"
+    second_source: str  # what it was compared with
+    disagreement: float
+    allowed: float
+    amplification: float  # growth of a 1e-14 perturbation of the initial state over the run
+    horizon: float  # s; the time up to which a 1e-15 perturbation stays below 1e-10; the duration where it always does
+    position_derivatives: np.ndarray  # (11,) k-th entry: max over time and bodies of |d^k x / dt^k|, world, SI
+    attitude_derivatives: np.ndarray  # (11,) k-th entry: max over time and bodies of |d^k R / dt^k|_F
+
+    @property
+    def t(self) -> np.ndarray:
+        """Output times, (T,)."""
+        return self.states.t
+
+
+class TruthError(Exception):
+    """The two formulations of a scene's truth disagree beyond what its conditioning explains."""

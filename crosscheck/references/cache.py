@@ -1,0 +1,95 @@
+"""References kept on disk, one .npz a scene, named by the scene's hash and the version of the formulas."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import importlib.metadata
+import os
+import pathlib
+import sys
+import tempfile
+import warnings
+import zipfile
+import zlib
+
+import numpy as np
+
+from crosscheck.references.base import Reference
+from crosscheck.scene import Scene
+from crosscheck.states import States
+
+_STATES = ("t", "x", "R", "v", "w", "a", "alpha")
+_OTHERS = tuple(field.name for field in dataclasses.fields(Reference) if field.name != "states")
+_TEXT = ("source", "second_source")
+_ARRAYS = ("position_derivatives", "attitude_derivatives")
+
+
+def folder() -> pathlib.Path:
+    """Where references are kept: CROSSCHECK_CACHE, else `crosscheck` in the user's cache folder."""
+    if chosen := os.environ.get("CROSSCHECK_CACHE"):
+        return pathlib.Path(chosen)
+    if sys.platform == "darwin":
+        base = pathlib.Path.home() / "Library" / "Caches"
+    elif sys.platform == "win32":
+        base = pathlib.Path(os.environ.get("LOCALAPPDATA") or pathlib.Path.home() / "AppData" / "Local")
+    else:
+        base = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache")
+    return base / "crosscheck"
+
+
+@functools.cache
+def formula_version() -> str:
+    """Digest of the code that makes references and of the libraries it integrates with.
+
+    An edited formula must not be answered from results of the old one, whoever forgets to count a version up.
+    """
+    digest = hashlib.sha256()
+    here = pathlib.Path(__file__).parent
+    for source in [*sorted(here.glob("*.py")), here.parent / "scene.py"]:
+        digest.update(source.read_bytes())
+    for library in ("heyoka", "scipy", "mpmath"):
+        digest.update(importlib.metadata.version(library).encode())
+    return digest.hexdigest()
+
+
+def path(scene: Scene) -> pathlib.Path:
+    """File of a scene's reference."""
+    return folder() / f"{scene.hash[:40]}-{formula_version()[:12]}.npz"
+
+
+def load(scene: Scene) -> Reference | None:
+    """The stored reference, or None where there is none that can be read."""
+    try:
+        with np.load(path(scene), allow_pickle=False) as stored:
+            states = States(*(stored[name] for name in _STATES))
+            others = {name: stored[name] if name in _ARRAYS else stored[name].item() for name in _OTHERS}
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        warnings.warn(f"the stored reference of {scene.name!r} cannot be read ({error}); it is computed anew",
+                      stacklevel=2)
+        return None
+    if states.x.shape != (scene.samples, scene.n, 3):
+        return None
+    return Reference(states, **others)
+
+
+def store(scene: Scene, reference: Reference) -> None:
+    """Write aside and rename: readers see the old file, none, or the whole new one. A full disk is only a warning."""
+    target = path(scene)
+    content = {name: getattr(reference.states, name) for name in _STATES}
+    content |= {name: getattr(reference, name) for name in _OTHERS}
+    temporary = None
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=target.parent, suffix=".tmp", delete=False) as file:
+            temporary = pathlib.Path(file.name)
+            np.savez(file, **content)
+        os.replace(temporary, target)
+    except OSError as error:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+        warnings.warn(f"the reference of {scene.name!r} cannot be stored in {target.parent} ({error}); "
+                      "set CROSSCHECK_CACHE to a folder that can be written", stacklevel=2)

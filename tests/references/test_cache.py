@@ -1,0 +1,126 @@
+"""The cache of references: hits, corruption, concurrency, folders that cannot be written."""
+
+import os
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import crosscheck.references as references
+from crosscheck.references import cache
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("CROSSCHECK_CACHE", str(tmp_path / "kept"))
+    return tmp_path / "kept"
+
+
+@pytest.fixture(scope="module")
+def single(build):
+    body = (1.0, np.diag([0.1, 0.2, 0.15]), [0.9, 0.1, 0.3, 0.0], [0.5, 0.3, 1.0])
+    return build([body], [(-1, 0, [0, 0, 0], [0, 0, 1])], duration=0.2, samples=3, name="single")
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Calls of `compute`."""
+    calls, original = [], references.compute
+    monkeypatch.setattr(references, "compute", lambda scene: calls.append(scene.name) or original(scene))
+    return calls
+
+
+def same(one, other):
+    for name in ("t", "x", "R", "v", "w", "a", "alpha"):
+        np.testing.assert_array_equal(getattr(one.states, name), getattr(other.states, name))
+    for name in cache._OTHERS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_hit_does_not_compute(folder, single, counted):
+    first, second = references.truth(single), references.truth(single)
+    assert counted == ["single"]
+    same(first, second)
+    assert type(second.source) is str
+    assert type(second.allowed) is float
+
+
+def test_prose_hits_and_physics_misses(folder, single, counted):
+    references.truth(single)
+    references.truth(single.replace(name="other", description="other words"))
+    assert len(counted) == 1
+    references.truth(single.replace(gravity=[0, 0, -9.80665]))
+    references.truth(single.replace(samples=5))
+    assert len(counted) == 3
+
+
+def test_new_formulas_miss(folder, single, counted, monkeypatch):
+    references.truth(single)
+    monkeypatch.setattr(cache, "formula_version", lambda: "0123456789abcdef")
+    references.truth(single)
+    assert len(counted) == 2
+
+
+@pytest.mark.parametrize("damage", ["truncated", "empty", "text", "flipped", "entry missing"])
+def test_damaged_file_is_computed_anew(folder, single, counted, damage):
+    first = references.truth(single)
+    file = cache.path(single)
+    content = bytearray(file.read_bytes())
+    if damage == "entry missing":
+        with np.load(file) as stored:
+            kept = {name: stored[name] for name in stored.files if name != "alpha"}
+        np.savez(file, **kept)
+    elif damage == "flipped":
+        content[content.index(b"\x93NUMPY") + 130] ^= 0xFF  # the first array starts at 128; the archive has a checksum
+        file.write_bytes(content)
+    else:
+        file.write_bytes({"truncated": content[:len(content) // 2], "empty": b"", "text": b"not an archive"}[damage])
+    with pytest.warns(UserWarning, match="computed anew"):
+        same(first, references.truth(single))
+    assert len(counted) == 2
+    same(first, references.truth(single))  # and the file is whole again
+    assert len(counted) == 2
+
+
+def test_folder_that_cannot_be_made_is_a_warning(tmp_path, monkeypatch, single):
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    monkeypatch.setenv("CROSSCHECK_CACHE", str(blocked / "below"))
+    with pytest.warns(UserWarning, match="set CROSSCHECK_CACHE"):
+        assert references.truth(single).states.x.shape == (3, 1, 3)
+
+
+def test_nothing_is_left_of_a_failed_write(folder, single, monkeypatch):
+    def full(file, **content):
+        file.write(b"half")
+        raise OSError("no space left")
+
+    monkeypatch.setattr(cache.np, "savez", full)
+    with pytest.warns(UserWarning, match="no space left"):
+        references.truth(single)
+    assert list(folder.iterdir()) == []
+
+
+def test_two_processes_at_once(folder):
+    """Both compute, both succeed, one whole file remains."""
+    code = ("from crosscheck.references import truth; from crosscheck.scene_file import load_scene;"
+            "print(repr(truth(load_scene('heavy_top').replace(samples=3)).states.x.tolist()))")
+    environment = {**os.environ, "CROSSCHECK_CACHE": str(folder)}
+    racing = [subprocess.Popen([sys.executable, "-W", "error", "-c", code], env=environment, text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE) for _ in range(2)]
+    results = [process.communicate(timeout=120) for process in racing]
+    assert [process.returncode for process in racing] == [0, 0], results
+    assert results[0][0] == results[1][0]
+    assert [file.suffix for file in folder.iterdir()] == [".npz"]
+
+
+def test_default_folder_is_the_users(monkeypatch, tmp_path):
+    monkeypatch.delenv("CROSSCHECK_CACHE", raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache.folder() == tmp_path / "crosscheck"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr(pathlib.Path, "home", lambda: tmp_path)
+    assert cache.folder() == tmp_path / ".cache" / "crosscheck"

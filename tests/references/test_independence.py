@@ -1,0 +1,64 @@
+"""References share no code with what they judge, and the two formulations none with each other."""
+
+import ast
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+import crosscheck.references as references
+
+FOLDER = pathlib.Path(references.__file__).parent
+OWN = {"crosscheck.scene", "crosscheck.states", "crosscheck.errors"}  # data and exceptions, no mechanics
+
+
+def imported(file):
+    """Full names of everything a module imports, anywhere in it."""
+    names = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file.name}: relative import hides what it names"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def belongs(name, modules):
+    return any(name == module or name.startswith(module + ".") for module in modules)
+
+
+@pytest.mark.parametrize("file", sorted(FOLDER.glob("*.py")), ids=lambda file: file.stem)
+def test_imports_nothing_under_test(file):
+    ours = {name for name in imported(file) if name.split(".")[0] in {"crosscheck", "lieeuler"}}
+    assert not {name for name in ours if not belongs(name, OWN | {"crosscheck.references"})}
+    assert not imported(file) & {"mujoco", "pinocchio", "exudyn", "importlib.import_module"}
+
+
+def test_the_formulations_share_no_equations():
+    """Each of the three may use data and errors; only the closed form may use the vector algebra of the series."""
+    for name in ("maximal", "closed_form", "taylor"):
+        others = {f"crosscheck.references.{other}" for other in ("maximal", "closed_form", "taylor") if other != name}
+        assert not {module for module in imported(FOLDER / f"{name}.py") if belongs(module, others)}
+    assert not {module for module in imported(FOLDER / "maximal.py")
+                if belongs(module, {"crosscheck.references.generic", "crosscheck.references.tree"})}
+
+
+def test_running_loads_no_engine():
+    """Dynamic imports would escape the syntax tree; a run in a fresh interpreter shows what is really loaded."""
+    code = ("import sys; from crosscheck.references import compute, maximal; "
+            "from crosscheck.scene_file import load_scene; "
+            "scene = load_scene('heavy_top').replace(duration=0.05, samples=2); compute(scene); "
+            "maximal.Maximal(scene).run(); "
+            "print(*[m for m in sys.modules if m.split('.')[0] in ('lieeuler', 'mujoco', 'pinocchio', 'exudyn') "
+            "or m.startswith('crosscheck.engines.')])")
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert result.stdout.split() == []
+
+
+def test_importing_the_package_is_light():
+    code = ("import sys, crosscheck.references; "
+            "print(*[m for m in ('heyoka', 'scipy', 'mpmath') if m in sys.modules])")
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert result.stdout.split() == []

@@ -1,0 +1,119 @@
+"""`truth`: the built-in scenes, seeded defects, conditioning, and errors that say what went wrong."""
+
+import numpy as np
+import pytest
+
+from crosscheck.references import TruthError, compute, conditioning, maximal, taylor
+from crosscheck.references.taylor import Taylor
+from crosscheck.scene import GROUND
+from crosscheck.scene_file import load_scene
+
+
+@pytest.mark.parametrize(("name", "source"), [
+    ("single_pendulum", "Taylor"), ("double_pendulum", "Taylor"), ("heavy_top", "closed form"),
+    ("triple_pendulum", "Taylor"),
+])
+def test_built_in_scenes(name, source):
+    scene = load_scene(name)
+    reference = compute(scene)
+    assert reference.source.startswith(source)
+    assert reference.disagreement <= reference.allowed == max(1e-12, 1e-14 * reference.amplification)
+    assert reference.horizon == scene.duration
+    assert reference.states.a.shape == reference.states.alpha.shape == (scene.samples, scene.n, 3)
+    if name == "triple_pendulum":
+        assert reference.amplification < 100  # SCENES asks for it
+
+
+@pytest.mark.parametrize("defect", ["gyroscopic", "weight", "centripetal"])
+@pytest.mark.parametrize("module", [taylor, maximal], ids=["taylor", "maximal"])
+def test_seeded_sign_error_is_caught(double, monkeypatch, module, defect):
+    original = getattr(module, defect)
+
+    def wrong(*arguments):
+        value = original(*arguments)
+        return [-entry for entry in value] if isinstance(value, list) else -value
+
+    monkeypatch.setattr(module, defect, wrong)
+    with pytest.raises(TruthError, match=r"Taylor series.*DOP853.*disagree"):
+        compute(double)
+
+
+@pytest.mark.parametrize("defect", ["gyroscopic", "weight", "centripetal"])
+def test_seeded_sign_error_is_caught_in_the_top(top, monkeypatch, defect):
+    original = getattr(taylor, defect)
+    monkeypatch.setattr(taylor, defect, lambda *arguments: [-entry for entry in original(*arguments)])
+    with pytest.raises(TruthError, match=r"closed form.*Taylor series.*disagree"):
+        compute(top.replace(samples=6))
+
+
+def test_small_defect_is_caught_and_located(double, monkeypatch):
+    """A relative error of 1e-9 in one term is far below any engine's error, and far above the truth's."""
+    original = maximal.weight
+    monkeypatch.setattr(maximal, "weight", lambda *arguments: original(*arguments) * (1 + 1e-9))
+    with pytest.raises(TruthError, match=r"disagree by .*e-\d+ at t = [01]\S* s in body 'body1'"):
+        compute(double)
+
+
+def test_a_chain_in_free_flight(build):
+    """No ground, no joint to it: the reference equations carry the free root."""
+    body = (1.0, np.diag([0.1, 0.2, 0.15]), [0.9, 0.1, 0.4, 0.0], [1.0, -0.6, 0.4])
+    reference = compute(build([body, body], [(0, 1, [0, 0, -1], [0, 0.2, 0.6])]))
+    assert reference.disagreement <= reference.allowed
+    assert reference.disagreement > 0  # two formulations that agree to the last bit are one
+
+
+def test_growth_of_a_resting_body(build):
+    """An isotropic body at rest without gravity: the angle grows as d_angle + T d_rate, the rest is geometry."""
+    duration = 3.0
+    scene = build([(1.0, np.eye(3), [1, 0, 0, 0], [0, 0, 0])], [(GROUND, 0, [0, 0, 0], [0, 0, 0])],
+                  gravity=(0, 0, 0), duration=duration)
+    measured = conditioning.measure(Taylor(scene))
+    # |dR|_F = sqrt(2) |angle|; central differences of 1e-8 keep 1e-8 of rounding
+    assert measured.amplification == pytest.approx(np.sqrt(2) * np.hypot(1, duration), rel=1e-6)
+    assert measured.horizon == duration
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_growth_counts_every_direction(build, axis):
+    """At the start, lengths alone: arms 2 along one axis and 1 along the next move the end by sqrt(5) across both."""
+    first, second = np.eye(3)[axis], np.eye(3)[(axis + 1) % 3]
+    body = (1.0, np.eye(3), [1, 0, 0, 0], [0, 0, 0])
+    chain = build([body, body], [(GROUND, 0, [0, 0, 0], -first), (0, 1, first, -second)], duration=1e-6)
+    assert conditioning.measure(Taylor(chain)).amplification == pytest.approx(np.sqrt(5), rel=1e-5)
+
+
+def test_growth_matches_a_direct_perturbation(double):
+    """No single random perturbation outgrows the worst one, and the worst one is not far above them."""
+    integrator = Taylor(double.replace(duration=3.0))
+    measured = conditioning.measure(integrator)
+    rng, size, seen = np.random.default_rng(5), 1e-8, []
+    base = integrator.pose(integrator.run())[1]
+    rate = np.sqrt(9.81)
+    for _ in range(40):
+        direction = rng.normal(size=6)
+        direction /= np.linalg.norm(direction)
+        moved = integrator.initial.copy()
+        moved[8:] += size * rate * direction
+        seen.append(np.max(np.linalg.norm(integrator.pose(integrator.run(moved))[1] - base, axis=(-2, -1))) / size)
+    assert max(seen) <= measured.amplification * (1 + 1e-3)  # one-sided differences are off by size times curvature
+    assert max(seen) >= measured.amplification / 10
+
+
+def thrown(build, **options):
+    """A double pendulum thrown hard enough to be chaotic."""
+    J = np.diag([0.1, 0.2, 0.15])
+    bodies = [(1.0, J, [0.5, 0.1, 0.8, 0.0], [0.5, 0.3, 1.0]), (1.0, J, [0.3, 0.9, 0.0, 0.2], [-0.3, 4.0, 0.2])]
+    return build(bodies, [(GROUND, 0, [0, 0, 0], [0, 0, 1]), (0, 1, [0, 0, -1], [0, 0, 1])], **options)
+
+
+def test_chaotic_scene_is_compared_up_to_its_horizon(build):
+    reference = compute(thrown(build, duration=10.0, samples=61))
+    assert 0 < reference.horizon < 10.0
+    assert reference.amplification > 1e5
+    assert reference.allowed <= 1e-9  # 1e-14 of the growth to 1e5 at the horizon, not of what follows
+    assert reference.states.x.shape == (61, 2, 3)
+
+
+def test_horizon_before_the_first_output_is_refused(build):
+    with pytest.raises(TruthError, match="ask for a shorter duration or more samples"):
+        compute(thrown(build, duration=10.0, samples=2))

@@ -35,17 +35,26 @@ State make_state(const System& system, const Array& x, const Array& R, const Arr
   return state;
 }
 
+Carrier carrier(const std::string& name) {
+  return name == "difference" ? Carrier::difference : (name == "parent" ? Carrier::parent_axis : Carrier::child_axis);
+}
+
+// Dot rows are given flat: two carriers and two axes each.
 void add_joint(System& system, int parent, int child, const Vec3& parent_anchor, const Vec3& child_anchor,
                bool spherical, const std::vector<std::string>& carriers, const std::vector<Vec3>& axes,
                const std::vector<double>& constants, const std::vector<double>& scales) {
-  auto carrier = [](const std::string& name) {
-    return name == "difference" ? Carrier::difference
-                                : (name == "parent" ? Carrier::parent_axis : Carrier::child_axis);
+  Joint joint{parent < 0 ? system.n() : parent, child, parent_anchor, child_anchor, {}};
+  int row = system.rows();
+  auto add_part = [&](bool point) {
+    joint.parts.push_back({point, {}, row});
+    if (point) row += 3;
   };
-  Joint joint{parent < 0 ? system.n() : parent, child, parent_anchor, child_anchor, spherical, {}};
-  for (size_t k = 0; k < constants.size(); ++k)
-    joint.dots.push_back({carrier(carriers[2 * k]), carrier(carriers[2 * k + 1]), axes[2 * k], axes[2 * k + 1],
-                          constants[k], scales[k]});
+  if (spherical) add_part(true);
+  for (size_t k = 0; k < constants.size(); ++k, ++row) {
+    if (k % 3 == 0) add_part(false);
+    joint.parts.back().dots.push_back({carrier(carriers[2 * k]), carrier(carriers[2 * k + 1]), axes[2 * k],
+                                       axes[2 * k + 1], constants[k], scales[k]});
+  }
   for (const Vec3& s : {parent_anchor, child_anchor}) system.length = std::max(system.length, s.norm());
   system.joints.push_back(joint);
 }
@@ -140,33 +149,42 @@ nb::dict constraints(const System& system, const Array& x, const Array& R, const
   const size_t m = system.rows(), columns = 6 * system.n();
   std::vector<double> phi(m), gamma(m), G(m * columns), slope(m * columns), gamma_slope(m * columns),
       K(columns * columns);
-  size_t row = 0;
+  auto put_rows = [&](std::vector<double>& out, const Part& part, int body, const Rows& rows) {
+    for (int r = 0; r < part.rows(); ++r)
+      for (int c = 0; c < 3; ++c) {
+        const size_t at = (part.row + r) * columns + 6 * body + c;
+        out[at] = rows.v(r, c), out[at + 3] = rows.w(r, c);
+      }
+  };
+  auto add_block = [&](int row, int column, const Mat3& block) {
+    for (int r = 0; r < 3; ++r)
+      for (int c = 0; c < 3; ++c) K[(row + r) * columns + column + c] += block(r, c);
+  };
   for (const Joint& joint : system.joints) {
-    const JointState here(joint, state.frames[joint.parent], state.frames[joint.child]);
-    here.position(phi.data() + row);
-    here.gamma(state.u[joint.parent], state.u[joint.child], gamma.data() + row);
-    for (Side side : {kParent, kChild}) {
-      const int body = side == kChild ? joint.child : joint.parent;
-      if (body == system.n()) continue;
-      Rows g, s, gs;
-      here.jacobian(side, g);
-      here.velocity_slope(side, state.u[joint.parent], state.u[joint.child], s);
-      here.gamma_velocity_slope(side, state.u[joint.parent], state.u[joint.child], gs);
-      for (int r = 0; r < joint.rows(); ++r)
-        for (int c = 0; c < 6; ++c) {
-          const size_t at = (row + r) * columns + 6 * body + c;
-          G[at] = g(r, c), slope[at] = s(r, c), gamma_slope[at] = gs(r, c);
+    JointState here;
+    here.update(joint, state.frames);
+    const Twist &parent = state.u[joint.parent], &child = state.u[joint.child];
+    for (const Part& part : joint.parts) {
+      const Vec3 position = here.position(part), bias = here.gamma(part, parent, child);
+      std::copy_n(position.data(), part.rows(), phi.data() + part.row);
+      std::copy_n(bias.data(), part.rows(), gamma.data() + part.row);
+      Vec3 multipliers = Vec3::Zero();
+      std::copy_n(lam.data() + part.row, part.rows(), multipliers.data());
+      for (Side side : kSides) {
+        const int body = side == kChild ? joint.child : joint.parent;
+        if (body == system.n()) continue;
+        put_rows(G, part, body, here.jacobian(part, side));
+        put_rows(slope, part, body, here.velocity_slope(part, side, parent, child, false));
+        put_rows(gamma_slope, part, body, here.velocity_slope(part, side, parent, child, true));
+        for (Side other : kSides) {
+          const int column = other == kChild ? joint.child : joint.parent;
+          if (column == system.n()) continue;
+          const Stiffness block = here.geometric_stiffness(part, side, other, multipliers);
+          add_block(6 * body, 6 * column, block.vv), add_block(6 * body, 6 * column + 3, block.vw);
+          add_block(6 * body + 3, 6 * column, block.wv), add_block(6 * body + 3, 6 * column + 3, block.ww);
         }
-      for (Side other : {kParent, kChild}) {
-        const int column_body = other == kChild ? joint.child : joint.parent;
-        if (column_body == system.n()) continue;
-        Mat6 block = Mat6::Zero();
-        here.geometric_stiffness(side, other, lam.data() + row, block);
-        for (int r = 0; r < 6; ++r)
-          for (int c = 0; c < 6; ++c) K[(6 * body + r) * columns + 6 * column_body + c] += block(r, c);
       }
     }
-    row += joint.rows();
   }
   nb::dict result;
   result["phi"] = make_array(phi, {m});

@@ -9,13 +9,7 @@ namespace lieeuler {
 // The constraint equations of a step; stabilised: position and velocity.
 enum class Level { position, velocity, stabilised, acceleration };
 
-inline Twist load(const double* at) { return {Eigen::Map<const Vec3>(at), Eigen::Map<const Vec3>(at + 3)}; }
-inline void store(const Twist& twist, double* at) {
-  Eigen::Map<Vec3>{at} = twist.v;
-  Eigen::Map<Vec3>{at + 3} = twist.w;
-}
-
-// Equations supplies guess(z), residual(z, r), matrix(lu), exact_matrix(), has_velocity_rows(level) and finish().
+// Equations supplies guess(z), residual(z, r), matrix(), exact_matrix(), has_velocity_rows(level) and finish().
 template <class Equations, class Map>
 class EulerStepper {
  public:
@@ -23,9 +17,8 @@ class EulerStepper {
   Status start(const State& state, double h) {
     state_ = state;
     h_ = h;
-    rows_.evaluate(state_.frames);
-    if (!index1_.saddle.factor(rows_)) return Status::singular_matrix;
-    index1_.accelerations(rows_, state_);
+    joints_.update(state_.frames);
+    if (const Status status = solve_index1(); status != Status::success) return status;
     z_.assign(lu_.unknowns(), 0.0);
     equations().guess(z_);
     predictor_.reset(z_);
@@ -35,7 +28,7 @@ class EulerStepper {
 
   Status step(Counters& counters) {
     std::swap(start_, state_);
-    std::swap(start_rows_, rows_);
+    std::swap(start_joints_, joints_);
     measure_scales();
     predictor_.guess(z_);
     Status status = newton_.solve(equations(), z_, lu_, target(), counters);
@@ -55,88 +48,99 @@ class EulerStepper {
     for (size_t i = 0; i < z.size(); ++i) z[i] -= correction[i];
     double translation = 0, rotation = 0, sum = 0;
     for (int b = 0; b < system_.n(); ++b) {
-      const Twist d = load(correction.data() + xi_offset(b));
-      translation = std::max(translation, d.v.cwiseAbs().maxCoeff());
-      rotation = std::max(rotation, d.w.cwiseAbs().maxCoeff());
-      sum += d.v.sum() + d.w.sum();
+      const double* d = correction.data() + 3 * nodes_.xi_v(b);
+      for (int i = 0; i < 3; ++i) {
+        translation = std::max(translation, std::abs(d[i]));
+        rotation = std::max(rotation, std::abs(d[3 + i]));
+        sum += d[i] + d[3 + i];
+      }
     }
     if (!std::isfinite(sum)) return sum;  // max() above would hide a NaN
     return h_ * std::max(translation / length_, rotation);
   }
 
   const State& state() const { return state_; }
-  const ConstraintRows& rows() const { return rows_; }
+  const Constraints& joints() const { return joints_; }
 
  protected:
-  EulerStepper(const System& system, Level level, bool index1_output, int body_size, int joint_factor)
-      : system_(system), level_(level), index1_output_(index1_output), body_size_(body_size), rows_(system),
-        start_rows_(system), index1_(system), start_(system), state_(system), maps_(system.n() + 1),
+  EulerStepper(const System& system, Level level, bool index1_output, bool doubled, bool second_order)
+      : system_(system), level_(level), index1_output_(index1_output), nodes_(system, doubled), joints_(system),
+        start_joints_(system), saddle_(system), start_(system), state_(system), maps_(system.n() + 1),
         xi_(system.n() + 1) {
-    const int n = system.n();
-    lu_.plan(system, body_size, joint_factor);
-    for (int b = 0; b < n; ++b) diagonals_.push_back(lu_.block(b, b));
-    int row = 0;
-    for (size_t j = 0; j < system.joints.size(); ++j) {
-      const int node = n + static_cast<int>(j);
-      row_offset_.push_back(row);
-      joint_offset_.push_back(lu_.offset(node));
-      row += system.joints[j].rows();
-      for (Side side : {kParent, kChild}) {
-        const int body = body_of(static_cast<int>(j), side), other = body_of(static_cast<int>(j), opposite(side));
-        const bool coupled = !system.joints[j].dots.empty() && body != n && other != n;
-        lower_.push_back(body == n ? nullptr : lu_.block(node, body));
-        upper_.push_back(body == n ? nullptr : lu_.block(body, node));
-        coupling_.push_back(coupled ? lu_.block(body, other) : nullptr);
+    lu_.plan(nodes_.order(system), nodes_.entries(system, second_order));
+    for (int k = 0; k < nodes_.parts(); ++k)
+      for (Side side : kSides) {
+        const int body = body_of(k, side);
+        blocks_.push_back(body == system.n() ? SideBlocks{}
+                                             : SideBlocks::of(lu_, nodes_.lam(k), nodes_.v(body), nodes_.w(body)));
       }
-    }
   }
 
-  static Side opposite(Side side) { return side == kChild ? kParent : kChild; }
-  int joints() const { return static_cast<int>(system_.joints.size()); }
-  int body_of(int joint, Side side) const {
-    return side == kChild ? system_.joints[joint].child : system_.joints[joint].parent;
+  const Joint& joint_of(int k) const { return system_.joints[nodes_.part(k).joint]; }
+  const Part& part_of(int k) const { return joint_of(k).parts[nodes_.part(k).part]; }
+  int body_of(int k, Side side) const { return side == kChild ? joint_of(k).child : joint_of(k).parent; }
+  const JointState& here(int k) const { return joints_[nodes_.part(k).joint]; }
+  const JointState& before(int k) const { return start_joints_[nodes_.part(k).joint]; }
+  Vec3 velocity_rows(int k, const State& state, const JointState& joint) const {
+    return joint.velocity(part_of(k), state.u[body_of(k, kParent)], state.u[body_of(k, kChild)]);
   }
-  const Twist& velocity_of(int joint, Side side) const { return state_.u[body_of(joint, side)]; }
+  void subtract_reaction(int k, const JointState& joint, const Vec3& lam, std::vector<Twist>& impulse) const {
+    joint.subtract_reaction(part_of(k), lam, impulse[body_of(k, kParent)], impulse[body_of(k, kChild)]);
+  }
+  // The identity where a part has fewer than three rows.
+  void pad(int node, int rows) {
+    double* block = lu_.block(node, node);
+    for (int r = rows; r < 3; ++r) block[(kRow + 1) * r] = 1;
+  }
 
   // q = q_n * (h xi); false outside the map's domain.
   bool move(int body) {
     if (!maps_[body].set(h_ * xi_[body].w)) return false;
     state_.frames[body].x = start_.frames[body].x + h_ * xi_[body].v;
-    state_.frames[body].R = start_.frames[body].R * maps_[body].rotation();
+    state_.frames[body].R.noalias() = start_.frames[body].R * maps_[body].rotation();
     return true;
   }
-  void polish() {
+  // The new configuration is final: attitudes back to rounding level, joints evaluated there.
+  void settle() {
     for (int b = 0; b < system_.n(); ++b) state_.frames[b].R = polished(state_.frames[b].R);
+    joints_.update(state_.frames);
   }
-  // (a, lam) of the index-1 system at the new state.
+  // (a, lam) of the index-1 system at the current state.
   Status solve_index1() {
-    if (!index1_.saddle.factor(rows_)) return Status::singular_matrix;
-    index1_.accelerations(rows_, state_);
+    if (!saddle_.factor(joints_)) return Status::singular_matrix;
+    saddle_.accelerate(joints_, state_);
     return Status::success;
+  }
+  // lam = Lam / h
+  void store_multipliers() {
+    for (int k = 0; k < nodes_.parts(); ++k)
+      for (int r = 0; r < part_of(k).rows(); ++r) state_.lam[part_of(k).row + r] = z_[3 * nodes_.lam(k) + r] / h_;
+  }
+  void guess_multipliers(std::vector<double>& z) const {
+    for (int k = 0; k < nodes_.parts(); ++k)
+      for (int r = 0; r < part_of(k).rows(); ++r) z[3 * nodes_.lam(k) + r] = h_ * state_.lam[part_of(k).row + r];
   }
 
   const System& system_;
   const Level level_;
   const bool index1_output_;
-  const int body_size_;  // unknowns per body: u, or u and xi
+  const Nodes nodes_;
   double h_ = 0;
-  ConstraintRows rows_, start_rows_;  // G at q and q_n
-  Index1 index1_;
+  Constraints joints_, start_joints_;  // at q and q_n
+  SaddlePoint saddle_;
   State start_, state_;
   std::vector<Map> maps_;
   std::vector<Twist> xi_;
   std::vector<double> z_;
   BlockLU lu_;
-  std::vector<int> row_offset_, joint_offset_;                 // of each joint, in lam and in z
-  std::vector<double*> diagonals_, lower_, upper_, coupling_;  // blocks; the last three per joint and side
+  std::vector<SideBlocks> blocks_;  // of lam and (v, w), per part and side
 
  private:
   Equations& equations() { return static_cast<Equations&>(*this); }
-  int xi_offset(int body) const { return lu_.offset(body) + body_size_ - 6; }
 
   void measure_scales() {
     length_ = system_.length;
-    speed_ = 0;
+    speed_ = 1;
     for (int b = 0; b < system_.n(); ++b) {
       length_ = std::max(length_, start_.frames[b].x.cwiseAbs().maxCoeff());
       speed_ = std::max({speed_, start_.u[b].v.cwiseAbs().maxCoeff() / length_, start_.u[b].w.cwiseAbs().maxCoeff()});
@@ -145,10 +149,10 @@ class EulerStepper {
   // Rounding level of h u: that of the configuration, or that of the velocity where Newton solves velocity rows.
   double target() const {
     const double eps = std::numeric_limits<double>::epsilon();
-    return Equations::has_velocity_rows(level_) ? 0.1 * eps * std::min(1.0, h_ * std::max(1.0, speed_)) : 0.1 * eps;
+    return Equations::has_velocity_rows(level_) ? 0.1 * eps * std::min(1.0, h_ * speed_) : 0.1 * eps;
   }
 
-  double length_ = 1, speed_ = 0;
+  double length_ = 1, speed_ = 1;
   Newton newton_;
   Predictor predictor_;
 };

@@ -21,121 +21,112 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
 
  public:
   HamiltonStepper(const System& system, Level level, bool index1_output)
-      : Base(system, level, index1_output, 6, 1), rotations_(system.n() + 1), slopes_(system.n() + 1),
-        impulse_(system.n() + 1), mu_(system.rows(), 0.0) {}
-
-  Status residual(const std::vector<double>& z, std::vector<double>& r) {
-    if (!configure(z)) return Status::map_domain;
-    for (int b = 0; b < this->system_.n(); ++b) {
-      const Body& body = this->system_.bodies[b];
-      const Twist& xi = this->xi_[b];
-      const Vec3 y = this->maps_[b].momentum(body.inertia * xi.w);
-      store({body.mass * xi.v - impulse_[b].v, y - impulse_[b].w}, r.data() + 6 * b);
-      if (by_velocity()) this->state_.u[b] = {xi.v, body.inertia_inverse * (rotations_[b].transpose() * y)};
-    }
-    if (by_velocity()) this->rows_.evaluate(this->state_.frames);
-    for (int j = 0; j < this->joints(); ++j) {
-      double* out = r.data() + this->joint_offset_[j];
-      if (by_velocity()) {
-        this->rows_.velocity(j, this->state_.u, out);
-      } else {
-        this->rows_.at(j, this->state_.frames).position(out);
-        for (int k = 0; k < this->system_.joints[j].rows(); ++k) out[k] /= h_;
-      }
-    }
-    return Status::success;
+      : Base(system, level, index1_output, false, level == Level::velocity), rotations_(system.n() + 1),
+        impulse_(system.n() + 1), mu_(system.rows(), 0.0) {
+    for (int b = 0; b < system.n(); ++b)
+      bodies_.push_back({lu_.block(nodes_.v(b), nodes_.v(b)), lu_.block(nodes_.w(b), nodes_.w(b))});
   }
 
   static constexpr bool has_velocity_rows(Level level) { return level == Level::velocity; }
   static constexpr bool exact_matrix() { return true; }
-  void matrix(BlockLU& lu) {
-    lu.set_zero();
-    if (!by_velocity()) this->rows_.evaluate(this->state_.frames);
-    for (int b = 0; b < this->system_.n(); ++b) {
-      const Body& body = this->system_.bodies[b];
-      const Vec3& w = this->xi_[b].w;
-      slopes_[b] = this->maps_[b].momentum_slope(w, body.inertia * w, body.inertia, h_);
-      Eigen::Map<Mat6> block(this->diagonals_[b]);
-      block.diagonal().template head<3>().setConstant(body.mass);
-      block.template bottomRightCorner<3, 3>() = slopes_[b];
+
+  Status residual(const std::vector<double>& z, std::vector<double>& r) {
+    if (!configure(z)) return Status::map_domain;
+    joints_.update(state_.frames);
+    for (int b = 0; b < system_.n(); ++b) {
+      const Body& body = system_.bodies[b];
+      const Vec3 y = maps_[b].momentum(body.inertia * xi_[b].w);
+      store(Twist{body.mass * xi_[b].v - impulse_[b].v, y - impulse_[b].w}, &r[3 * nodes_.v(b)]);
+      if (by_velocity()) state_.u[b] = {xi_[b].v, body.inertia_inverse * (rotations_[b].transpose() * y)};
     }
-    for (int j = 0; j < this->joints(); ++j)
-      for (Side side : {kParent, kChild})
-        if (this->lower_[2 * j + side]) constraint_blocks(j, side);
+    for (int k = 0; k < nodes_.parts(); ++k)
+      store(by_velocity() ? this->velocity_rows(k, state_, this->here(k))
+                          : Vec3(this->here(k).position(this->part_of(k)) / h_),
+            &r[3 * nodes_.lam(k)]);
+    return Status::success;
+  }
+
+  void matrix() {
+    lu_.set_zero();
+    for (int b = 0; b < system_.n(); ++b) {
+      const Body& body = system_.bodies[b];
+      const Mat3 slope = maps_[b].momentum_slope(xi_[b].w, body.inertia * xi_[b].w, body.inertia, h_);
+      put_diagonal(bodies_[b].first, body.mass);
+      put(bodies_[b].second, slope);
+    }
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      this->pad(nodes_.lam(k), this->part_of(k).rows());
+      for (Side side : kSides)
+        if (this->body_of(k, side) != system_.n()) constraint_blocks(k, side);
+    }
   }
 
  private:
-  using Base::h_;
-  bool by_velocity() const { return this->level_ == Level::velocity; }
+  using Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_, Base::state_;
+  using Base::system_, Base::xi_, Base::z_;
+
+  bool by_velocity() const { return level_ == Level::velocity; }
 
   void guess(std::vector<double>& z) const {
-    for (int b = 0; b < this->system_.n(); ++b) store(this->state_.u[b], z.data() + 6 * b);
-    for (int r = 0; r < this->system_.rows(); ++r) z[6 * this->system_.n() + r] = h_ * this->state_.lam[r];
+    for (int b = 0; b < system_.n(); ++b) store(state_.u[b], &z[3 * nodes_.v(b)]);
+    this->guess_multipliers(z);
   }
 
   // q = q_n * (h xi) and the impulse p_n + h f_app(q_n, xi) - G_n^T Lam.
   bool configure(const std::vector<double>& z) {
-    for (int b = 0; b < this->system_.n(); ++b) {
-      this->xi_[b] = load(z.data() + 6 * b);
+    for (int b = 0; b < system_.n(); ++b) {
+      xi_[b] = load(&z[3 * nodes_.v(b)]);
       if (!this->move(b)) return false;
-      rotations_[b] = this->maps_[b].rotation();
-      const Twist p = momentum(this->system_.bodies[b], this->start_.u[b]), f = applied_force(this->system_, b);
+      rotations_[b] = maps_[b].rotation();
+      const Twist p = momentum(system_.bodies[b], start_.u[b]), f = applied_force(system_, b);
       impulse_[b] = {p.v + h_ * f.v, p.w + h_ * f.w};
     }
-    this->start_rows_.subtract_reactions(z.data() + 6 * this->system_.n(), 1.0, impulse_);
+    for (int k = 0; k < nodes_.parts(); ++k)
+      this->subtract_reaction(k, this->before(k), load3(&z[3 * nodes_.lam(k)]), impulse_);
     return true;
   }
 
-  void constraint_blocks(int j, Side side) {
-    const int rows = this->system_.joints[j].rows(), b = this->body_of(j, side);
-    const Mat3 T = this->maps_[b].left_tangent();
-    const Rows &G = this->rows_(j, side), &before = this->start_rows_(j, side);
-    Rows slope = G;
-    if (by_velocity()) {
-      // d(G M^-1 p): p_w = E^T y turns with E, and G with the configuration.
-      const Body& body = this->system_.bodies[b];
-      const Mat3 turned = rotations_[b].transpose() * slopes_[b] + h_ * hat(body.inertia * this->state_.u[b].w) * T;
-      const Mat3 velocity_slope = body.inertia_inverse * turned;
-      Rows N;
-      this->rows_.at(j, this->state_.frames)
-          .velocity_slope(side, this->velocity_of(j, kParent), this->velocity_of(j, kChild), N);
-      for (int r = 0; r < rows; ++r)
-        slope.row(r) << G.row(r).template head<3>() + h_ * N.row(r).template head<3>(),
-            G.row(r).template tail<3>() * velocity_slope + h_ * N.row(r).template tail<3>() * T;
-    } else {
-      for (int r = 0; r < rows; ++r) slope.row(r).template tail<3>() = G.row(r).template tail<3>() * T;
-    }
-    for (int r = 0; r < rows; ++r)
-      for (int c = 0; c < 6; ++c) {
-        this->lower_[2 * j + side][r * 6 + c] = slope(r, c);
-        this->upper_[2 * j + side][c * rows + r] = before(r, c);
-      }
+  void constraint_blocks(int k, Side side) {
+    const Part& part = this->part_of(k);
+    const int b = this->body_of(k, side);
+    const SideBlocks& blocks = this->blocks_[2 * k + side];
+    const Mat3 T = maps_[b].left_tangent();
+    const Rows G = this->here(k).jacobian(part, side);
+    blocks.put_columns(this->before(k).jacobian(part, side));
+    if (!by_velocity()) return blocks.put_rows(G.v, G.w * T);
+    // d(G M^-1 p): p_w = E^T y turns with E, and G with the configuration.
+    const Body& body = system_.bodies[b];
+    const Mat3 slope = maps_[b].momentum_slope(xi_[b].w, body.inertia * xi_[b].w, body.inertia, h_);
+    const Mat3 p_slope = rotations_[b].transpose() * slope + h_ * hat(body.inertia * state_.u[b].w) * T;
+    const Rows N = this->here(k).velocity_slope(part, side, state_.u[this->body_of(k, kParent)],
+                                                state_.u[this->body_of(k, kChild)], false);
+    blocks.put_rows(G.v + h_ * N.v, G.w * body.inertia_inverse * p_slope + h_ * N.w * T);
   }
 
   Status finish() {
-    if (!configure(this->z_)) return Status::map_domain;
-    for (int b = 0; b < this->system_.n(); ++b) {
+    if (!configure(z_)) return Status::map_domain;
+    for (int b = 0; b < system_.n(); ++b) {
       impulse_[b].w = rotations_[b].transpose() * impulse_[b].w;  // p, from here on
-      this->state_.u[b] = velocity(this->system_.bodies[b], impulse_[b]);
+      state_.u[b] = velocity(system_.bodies[b], impulse_[b]);
     }
-    this->polish();
-    this->rows_.evaluate(this->state_.frames);
-    for (int r = 0; r < this->system_.rows(); ++r) this->state_.lam[r] = this->z_[6 * this->system_.n() + r] / h_;
-    if (this->level_ == Level::stabilised) {
-      if (!this->index1_.saddle.factor(this->rows_)) return Status::singular_matrix;
-      this->index1_.saddle.solve(impulse_, nullptr, this->state_.u, mu_.data());
-      for (int r = 0; r < this->system_.rows(); ++r) this->state_.lam[r] += mu_[r] / h_;
+    this->settle();
+    this->store_multipliers();
+    if (level_ == Level::stabilised) {
+      if (!this->saddle_.factor(joints_)) return Status::singular_matrix;
+      this->saddle_.project(state_.u, mu_.data());
+      for (int r = 0; r < system_.rows(); ++r) state_.lam[r] += mu_[r] / h_;
     }
     if (this->index1_output_)
-      this->index1_.accelerations(this->rows_, this->state_);  // factored above: index-1 output comes with stabilised
+      this->saddle_.accelerate(joints_, state_);  // factored above: index-1 output comes with stabilised
     else
-      accelerations_from_multipliers(this->system_, this->rows_, this->state_);
+      accelerations_from_multipliers(system_, joints_, state_);
     return Status::success;
   }
 
-  std::vector<Mat3> rotations_, slopes_;  // E, and d(D* J xi)/d xi
+  std::vector<Mat3> rotations_;
   std::vector<Twist> impulse_;
   std::vector<double> mu_;
+  std::vector<std::pair<double*, double*>> bodies_;  // diagonal blocks of v and w
 };
 
 }  // namespace lieeuler

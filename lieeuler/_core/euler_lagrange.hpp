@@ -7,7 +7,7 @@
 //   stabilised    Phi(q) = 0, G u = 0                           M xi = M u - G_n^T mu     DAE2L_LSE, DAE1L_LSE
 //   acceleration  G a + gamma + 2 alpha G u + beta^2 Phi = 0    xi = u, a = (u - u_n)/h   INDEX1_LE, BAUMGARTE_LE
 //
-// Unknowns: u of each body (u and xi when stabilised), Lam of each joint (Lam and mu).
+// Unknowns: u of each body, Lam of each joint; when stabilised also xi and mu.
 #pragma once
 
 #include "euler.hpp"
@@ -25,205 +25,191 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
  public:
   LagrangeStepper(const System& system, Level level, bool index1_output, Gains gains)
-      : Base(system, level, index1_output, level == Level::stabilised ? 12 : 6, level == Level::stabilised ? 2 : 1),
-        gains_(gains), tangents_(system.n() + 1), balance_(system.n() + 1), drift_(system.n() + 1),
-        impulses_(system.rows()), corrections_(system.rows()) {}
+      : Base(system, level, index1_output, level == Level::stabilised, true), gains_(gains), tangents_(system.n() + 1),
+        balance_(system.n() + 1), drift_(system.n() + 1) {
+    find_blocks();
+  }
+
+  static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
+  bool exact_matrix() const { return level_ != Level::acceleration; }
 
   Status residual(const std::vector<double>& z, std::vector<double>& r) {
     if (!configure(z)) return Status::map_domain;
-    this->rows_.evaluate(this->state_.frames);
-    for (int b = 0; b < this->system_.n(); ++b) {
-      const Body& body = this->system_.bodies[b];
-      const Twist &u = this->state_.u[b], &before = this->start_.u[b], f = generalized_force(this->system_, b, u);
-      balance_[b] = {body.mass * (u.v - before.v) - h_ * f.v, body.inertia * (u.w - before.w) - h_ * f.w};
-      if (stabilised()) drift_[b] = momentum(body, {this->xi_[b].v - u.v, this->xi_[b].w - u.w});
+    joints_.update(state_.frames);
+    for (int b = 0; b < system_.n(); ++b) {
+      const Body& body = system_.bodies[b];
+      const Twist &u = state_.u[b], &u_n = start_.u[b], f = generalized_force(system_, b, u);
+      balance_[b] = {body.mass * (u.v - u_n.v) - h_ * f.v, body.inertia * (u.w - u_n.w) - h_ * f.w};
+      if (stabilised()) drift_[b] = momentum(body, {xi_[b].v - u.v, xi_[b].w - u.w});
     }
-    for (int j = 0; j < this->joints(); ++j) {
-      const int rows = this->system_.joints[j].rows(), at = this->joint_offset_[j];
-      std::copy_n(z.data() + at, rows, impulses_.data() + this->row_offset_[j]);
-      if (stabilised()) std::copy_n(z.data() + at + rows, rows, corrections_.data() + this->row_offset_[j]);
-      constraint_residual(j, r.data() + at);
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      this->subtract_reaction(k, this->here(k), -load3(&z[3 * nodes_.lam(k)]), balance_);
+      if (stabilised()) this->subtract_reaction(k, this->before(k), -load3(&z[3 * nodes_.mu(k)]), drift_);
+      store(constraint_residual(k), &r[3 * nodes_.lam(k)]);
+      if (stabilised()) store(Vec3(this->here(k).position(this->part_of(k)) / h_), &r[3 * nodes_.mu(k)]);
     }
-    this->rows_.subtract_reactions(impulses_.data(), -1.0, balance_);
-    if (stabilised()) this->start_rows_.subtract_reactions(corrections_.data(), -1.0, drift_);
-    for (int b = 0; b < this->system_.n(); ++b) {
-      store(balance_[b], r.data() + this->lu_.offset(b));
-      if (stabilised()) store(drift_[b], r.data() + this->lu_.offset(b) + 6);
+    for (int b = 0; b < system_.n(); ++b) {
+      store(balance_[b], &r[3 * nodes_.v(b)]);
+      if (stabilised()) store(drift_[b], &r[3 * nodes_.xi_v(b)]);
     }
     return Status::success;
   }
 
-  static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
-  bool exact_matrix() const { return this->level_ != Level::acceleration; }
-  void matrix(BlockLU& lu) {
-    lu.set_zero();
-    for (int b = 0; b < this->system_.n(); ++b) {
-      tangents_[b] = this->maps_[b].left_tangent();
-      body_block(b);
+  void matrix() {
+    lu_.set_zero();
+    for (int b = 0; b < system_.n(); ++b) {
+      tangents_[b] = maps_[b].left_tangent();
+      body_blocks(b);
     }
-    for (int j = 0; j < this->joints(); ++j) {
-      for (Side row : {kParent, kChild})
-        for (Side column : {kParent, kChild}) stiffness_block(j, row, column);
-      for (Side side : {kParent, kChild})
-        if (this->lower_[2 * j + side]) constraint_blocks(j, side);
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      this->pad(nodes_.lam(k), this->part_of(k).rows());
+      if (stabilised()) this->pad(nodes_.mu(k), this->part_of(k).rows());
+      for (Side row : kSides)
+        for (Side column : kSides) stiffness_blocks(k, row, column);
+      for (Side side : kSides)
+        if (this->body_of(k, side) != system_.n()) constraint_blocks(k, side);
     }
   }
 
  private:
-  using Base::h_;
-  bool stabilised() const { return this->level_ == Level::stabilised; }
+  using Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_, Base::state_;
+  using Base::system_, Base::xi_, Base::z_;
+
+  struct BodyBlocks {
+    double *v, *w, *xi_v = nullptr, *xi_w = nullptr, *xi_v_v = nullptr, *xi_w_w = nullptr;
+  };
+  struct StiffnessBlocks {
+    double *vv, *vw, *wv, *ww;
+  };
+
+  bool stabilised() const { return level_ == Level::stabilised; }
+
+  void find_blocks() {
+    for (int b = 0; b < system_.n(); ++b) {
+      const int v = nodes_.v(b), w = nodes_.w(b), xi_v = nodes_.xi_v(b), xi_w = nodes_.xi_w(b);
+      bodies_.push_back({lu_.block(v, v), lu_.block(w, w)});
+      if (stabilised())
+        bodies_.back() = {lu_.block(v, v),       lu_.block(w, w),    lu_.block(xi_v, xi_v),
+                          lu_.block(xi_w, xi_w), lu_.block(xi_v, v), lu_.block(xi_w, w)};
+    }
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      for (Side row : kSides)
+        for (Side column : kSides) {
+          const int i = this->body_of(k, row), j = this->body_of(k, column);
+          const bool ground = i == system_.n() || j == system_.n();
+          stiffness_.push_back(ground ? StiffnessBlocks{}
+                                      : StiffnessBlocks{lu_.block(nodes_.v(i), nodes_.xi_v(j)), lu_.block(nodes_.v(i), nodes_.xi_w(j)),
+                                                        lu_.block(nodes_.w(i), nodes_.xi_v(j)), lu_.block(nodes_.w(i), nodes_.xi_w(j))});
+        }
+      for (Side side : kSides) {
+        const int b = this->body_of(k, side);
+        const bool none = !stabilised() || b == system_.n();
+        rate_blocks_.push_back(none ? SideBlocks{} : SideBlocks::of(lu_, nodes_.lam(k), nodes_.xi_v(b), nodes_.xi_w(b)));
+        drift_blocks_.push_back(none ? SideBlocks{} : SideBlocks::of(lu_, nodes_.mu(k), nodes_.xi_v(b), nodes_.xi_w(b)));
+      }
+    }
+  }
 
   void guess(std::vector<double>& z) const {
-    for (int b = 0; b < this->system_.n(); ++b)
-      for (int at = this->lu_.offset(b); at < this->lu_.offset(b + 1); at += 6) store(this->state_.u[b], z.data() + at);
-    for (int j = 0; j < this->joints(); ++j)
-      for (int r = 0; r < this->system_.joints[j].rows(); ++r)
-        z[this->joint_offset_[j] + r] = h_ * this->state_.lam[this->row_offset_[j] + r];
+    for (int b = 0; b < system_.n(); ++b) {
+      store(state_.u[b], &z[3 * nodes_.v(b)]);
+      store(state_.u[b], &z[3 * nodes_.xi_v(b)]);
+    }
+    this->guess_multipliers(z);
   }
 
   bool configure(const std::vector<double>& z) {
-    for (int b = 0; b < this->system_.n(); ++b) {
-      this->state_.u[b] = load(z.data() + this->lu_.offset(b));
-      this->xi_[b] = stabilised() ? load(z.data() + this->lu_.offset(b) + 6) : this->state_.u[b];
+    for (int b = 0; b < system_.n(); ++b) {
+      state_.u[b] = load(&z[3 * nodes_.v(b)]);
+      xi_[b] = load(&z[3 * nodes_.xi_v(b)]);
       if (!this->move(b)) return false;
     }
     return true;
   }
 
-  // Velocity row first, position row second where there are both; positions are divided by h.
-  void constraint_residual(int j, double* out) {
-    const int rows = this->system_.joints[j].rows();
-    const JointState here = this->rows_.at(j, this->state_.frames);
-    double phi[kMaxRows], rate[kMaxRows];
-    here.position(phi);
-    this->rows_.velocity(j, this->state_.u, rate);
-    switch (this->level_) {
-      case Level::position:
-        for (int r = 0; r < rows; ++r) out[r] = phi[r] / h_;
-        break;
-      case Level::velocity:
-        std::copy_n(rate, rows, out);
-        break;
-      case Level::stabilised:
-        std::copy_n(rate, rows, out);
-        for (int r = 0; r < rows; ++r) out[rows + r] = phi[r] / h_;
-        break;
-      case Level::acceleration: {
-        double gamma[kMaxRows], before[kMaxRows];
-        here.gamma(this->velocity_of(j, kParent), this->velocity_of(j, kChild), gamma);
-        this->rows_.velocity(j, this->start_.u, before);
-        const double damping = 2 * gains_.alpha, stiffness = gains_.beta * gains_.beta;
-        for (int r = 0; r < rows; ++r)
-          out[r] = (rate[r] - before[r]) + h_ * (gamma[r] + damping * rate[r] + stiffness * phi[r]);
-      }
-    }
+  // The rows that belong to Lam; positions are divided by h.
+  Vec3 constraint_residual(int k) const {
+    const Part& part = this->part_of(k);
+    if (level_ == Level::position) return this->here(k).position(part) / h_;
+    const Vec3 rate = this->velocity_rows(k, state_, this->here(k));
+    if (level_ != Level::acceleration) return rate;
+    const Twist &parent = state_.u[this->body_of(k, kParent)], &child = state_.u[this->body_of(k, kChild)];
+    const Vec3 before = this->velocity_rows(k, start_, this->here(k));
+    return (rate - before) + h_ * (this->here(k).gamma(part, parent, child) + 2 * gains_.alpha * rate +
+                                   gains_.beta * gains_.beta * this->here(k).position(part));
   }
 
   // M - h df/du, and M (xi - u) below it.
-  void body_block(int b) {
-    const Body& body = this->system_.bodies[b];
-    const Vec3& w = this->state_.u[b].w;
-    const Mat3 dynamic = body.inertia + h_ * gyroscopic_slope(w, body.inertia * w, body.inertia);
-    const int width = this->body_size_;
-    double* block = this->diagonals_[b];
-    for (int i = 0; i < 3; ++i) {
-      block[i * width + i] = body.mass;
-      for (int k = 0; k < 3; ++k) block[(3 + i) * width + 3 + k] = dynamic(i, k);
-    }
+  void body_blocks(int b) {
+    const Body& body = system_.bodies[b];
+    const BodyBlocks& blocks = bodies_[b];
+    const Vec3& w = state_.u[b].w;
+    put_diagonal(blocks.v, body.mass);
+    put(blocks.w, body.inertia + h_ * gyroscopic_slope(w, body.inertia * w, body.inertia));
     if (!stabilised()) return;
-    for (int i = 0; i < 3; ++i) {
-      block[(6 + i) * width + 6 + i] = body.mass, block[(6 + i) * width + i] = -body.mass;
-      for (int k = 0; k < 3; ++k) {
-        block[(9 + i) * width + 9 + k] = body.inertia(i, k);
-        block[(9 + i) * width + 3 + k] = -body.inertia(i, k);
-      }
-    }
+    put_diagonal(blocks.xi_v, body.mass), put_diagonal(blocks.xi_v_v, -body.mass);
+    put(blocks.xi_w, body.inertia), put(blocks.xi_w_w, -body.inertia);
   }
 
   // h d(G^T Lam)/dq T, onto the columns of xi.
-  void stiffness_block(int j, Side row, Side column) {
-    const Joint& joint = this->system_.joints[j];
-    const int row_body = this->body_of(j, row), column_body = this->body_of(j, column), ground = this->system_.n();
-    if (row_body == ground || column_body == ground || (row != column && joint.dots.empty())) return;
-    double* target = row == column ? this->diagonals_[row_body] : this->coupling_[2 * j + row];
-    Mat6 K = Mat6::Zero();
-    const double* impulse = impulses_.data() + this->row_offset_[j];
-    this->rows_.at(j, this->state_.frames).geometric_stiffness(row, column, impulse, K);
-    const Mat3 &T = tangents_[column_body];
-    K.topRightCorner<3, 3>() = (K.topRightCorner<3, 3>() * T).eval();
-    K.bottomRightCorner<3, 3>() = (K.bottomRightCorner<3, 3>() * T).eval();
-    const int width = this->body_size_, shift = width - 6;
-    for (int i = 0; i < 6; ++i)
-      for (int k = 0; k < 6; ++k) target[i * width + shift + k] += h_ * K(i, k);
+  void stiffness_blocks(int k, Side row, Side column) {
+    const StiffnessBlocks& blocks = stiffness_[4 * k + 2 * row + column];
+    if (!blocks.ww) return;
+    const Vec3 impulse = h_ * load3(&z_[3 * nodes_.lam(k)]);
+    const Stiffness K = this->here(k).geometric_stiffness(this->part_of(k), row, column, impulse);
+    const Mat3& T = tangents_[this->body_of(k, column)];
+    add(blocks.ww, K.ww * T);
+    if (!blocks.vv || this->part_of(k).spherical) return;
+    add(blocks.vv, K.vv), add(blocks.vw, K.vw * T), add(blocks.wv, K.wv);
   }
 
-  void constraint_blocks(int j, Side side) {
-    const int rows = this->system_.joints[j].rows();
-    const Mat3& T = tangents_[this->body_of(j, side)];
-    const Rows& G = this->rows_(j, side);
-    Rows moved = G, rate = Rows::Zero();  // G T, and h d(rate)/dq T
-    for (int r = 0; r < rows; ++r) moved.row(r).tail<3>() = G.row(r).tail<3>() * T;
-    if (this->level_ != Level::position) rate_slope(j, side, rate);
-    double *lower = this->lower_[2 * j + side], *upper = this->upper_[2 * j + side];
-    if (!stabilised()) {
-      for (int r = 0; r < rows; ++r)
-        for (int c = 0; c < 6; ++c) {
-          lower[r * 6 + c] = this->level_ == Level::position ? moved(r, c) : G(r, c) + rate(r, c);
-          upper[c * rows + r] = G(r, c);
-        }
-      return;
-    }
-    const Rows& before = this->start_rows_(j, side);
-    for (int r = 0; r < rows; ++r)
-      for (int c = 0; c < 6; ++c) {
-        lower[r * 12 + c] = G(r, c), lower[r * 12 + 6 + c] = rate(r, c);
-        lower[(rows + r) * 12 + 6 + c] = moved(r, c);
-        upper[c * 2 * rows + r] = G(r, c), upper[(6 + c) * 2 * rows + rows + r] = before(r, c);
-      }
+  void constraint_blocks(int k, Side side) {
+    const Mat3& T = tangents_[this->body_of(k, side)];
+    const SideBlocks& blocks = this->blocks_[2 * k + side];
+    const Rows G = this->here(k).jacobian(this->part_of(k), side);
+    blocks.put_columns(G);
+    if (level_ == Level::position) return blocks.put_rows(G.v, G.w * T);
+    const Rows slope = rate_slope(k, side, G, T);
+    if (!stabilised()) return blocks.put_rows(G.v + slope.v, G.w + slope.w);
+    blocks.put_rows(G.v, G.w);
+    rate_blocks_[2 * k + side].put_rows(slope.v, slope.w);
+    drift_blocks_[2 * k + side].put_rows(G.v, G.w * T);
+    drift_blocks_[2 * k + side].put_columns(this->before(k).jacobian(this->part_of(k), side));
   }
 
   // Derivative of the velocity or acceleration row with respect to xi beyond G itself. For the acceleration level the
   // third derivatives of Phi are left out: they enter at h^2, and the iteration still ends at the exact equations.
-  void rate_slope(int j, Side side, Rows& slope) {
-    const int rows = this->system_.joints[j].rows();
-    const Mat3& T = tangents_[this->body_of(j, side)];
-    const JointState here = this->rows_.at(j, this->state_.frames);
-    const Twist &parent = this->velocity_of(j, kParent), &child = this->velocity_of(j, kChild);
-    Rows first;
-    if (this->level_ != Level::acceleration) {
-      here.velocity_slope(side, parent, child, first);
-      for (int r = 0; r < rows; ++r) slope.row(r) << h_ * first.row(r).head<3>(), h_ * first.row(r).tail<3>() * T;
-      return;
+  Rows rate_slope(int k, Side side, const Rows& G, const Mat3& T) const {
+    const int i = this->body_of(k, kParent), j = this->body_of(k, kChild);
+    const JointState& joint = this->here(k);
+    const Part& part = this->part_of(k);
+    if (level_ != Level::acceleration) {
+      const Rows N = joint.velocity_slope(part, side, state_.u[i], state_.u[j], false);
+      return {h_ * N.v, h_ * N.w * T};
     }
-    auto change = [&](int b) {
-      return Twist{this->state_.u[b].v - this->start_.u[b].v, this->state_.u[b].w - this->start_.u[b].w};
-    };
-    Rows second;
-    here.velocity_slope(side, change(this->body_of(j, kParent)), change(this->body_of(j, kChild)), first);  // d(G h a)/dq
-    here.gamma_velocity_slope(side, parent, child, second);
+    auto change = [&](int b) { return Twist{state_.u[b].v - start_.u[b].v, state_.u[b].w - start_.u[b].w}; };
+    const Rows first = joint.velocity_slope(part, side, change(i), change(j), false);  // d(G h a)/dq
+    const Rows second = joint.velocity_slope(part, side, state_.u[i], state_.u[j], true);
     const double feedback = 2 * gains_.alpha + h_ * gains_.beta * gains_.beta;
-    for (int r = 0; r < rows; ++r)
-      slope.row(r) = h_ * (first.row(r) + second.row(r) + feedback * this->rows_(j, side).row(r));
+    return {h_ * (first.v + second.v + feedback * G.v), h_ * (first.w + second.w + feedback * G.w)};
   }
 
   Status finish() {
-    if (!configure(this->z_)) return Status::map_domain;
-    this->polish();
-    this->rows_.evaluate(this->state_.frames);
+    if (!configure(z_)) return Status::map_domain;
+    this->settle();
     if (this->index1_output_) return this->solve_index1();
-    for (int j = 0; j < this->joints(); ++j)
-      for (int r = 0; r < this->system_.joints[j].rows(); ++r)
-        this->state_.lam[this->row_offset_[j] + r] = this->z_[this->joint_offset_[j] + r] / h_;
-    for (int b = 0; b < this->system_.n(); ++b)
-      this->state_.a[b] = {(this->state_.u[b].v - this->start_.u[b].v) / h_,
-                           (this->state_.u[b].w - this->start_.u[b].w) / h_};
+    this->store_multipliers();
+    for (int b = 0; b < system_.n(); ++b)
+      state_.a[b] = {(state_.u[b].v - start_.u[b].v) / h_, (state_.u[b].w - start_.u[b].w) / h_};
     return Status::success;
   }
 
   Gains gains_;
   std::vector<Mat3> tangents_;
-  std::vector<Twist> balance_, drift_;          // residuals of the dynamics and of M xi = M u - G_n^T mu
-  std::vector<double> impulses_, corrections_;  // Lam and mu, in the order of lam
+  std::vector<Twist> balance_, drift_;  // residuals of the dynamics and of M xi = M u - G_n^T mu
+  std::vector<BodyBlocks> bodies_;
+  std::vector<StiffnessBlocks> stiffness_;               // per part, row side, column side
+  std::vector<SideBlocks> rate_blocks_, drift_blocks_;   // velocity rows against xi; position rows and mu against xi
 };
 
 }  // namespace lieeuler

@@ -17,42 +17,42 @@ class Monitor {
  public:
   Monitor(const System& system, bool enabled) : system_(system), enabled_(enabled) {}
 
-  void start(const State& state, const ConstraintRows& G) {
+  void start(const State& state, const Constraints& joints) {
     double kinetic;
     start_energy_ = energy(state, kinetic);
-    if (enabled_) watch(state, G);
+    if (enabled_) watch(state, joints);
   }
 
-  void watch(const State& state, const ConstraintRows& G) {
+  void watch(const State& state, const Constraints& joints) {
     if (!enabled_) return;
     double kinetic;
     maxima.energy_error = std::max(maxima.energy_error, std::abs(energy(state, kinetic) - start_energy_));
     maxima.kinetic = std::max(maxima.kinetic, kinetic);
-    double phi[kMaxRows], rate[kMaxRows], gamma[kMaxRows], ga[kMaxRows];
     for (size_t j = 0; j < system_.joints.size(); ++j) {
       const Joint& joint = system_.joints[j];
-      const int index = static_cast<int>(j);
-      const JointState here = G.at(index, state.frames);
-      here.position(phi);
-      here.gamma(state.u[joint.parent], state.u[joint.child], gamma);
-      G.velocity(index, state.u, rate);
-      G.velocity(index, state.a, ga);
-      for (int r = 0; r < joint.rows(); ++r) {
-        maxima.position = std::max(maxima.position, std::abs(phi[r]));
-        maxima.velocity = std::max(maxima.velocity, std::abs(rate[r]));
-        maxima.acceleration = std::max(maxima.acceleration, std::abs(ga[r] + gamma[r]));
+      const JointState& here = joints[static_cast<int>(j)];
+      const Twist &parent = state.u[joint.parent], &child = state.u[joint.child];
+      for (const Part& part : joint.parts) {
+        raise(maxima.position, here.position(part));
+        raise(maxima.velocity, here.velocity(part, parent, child));
+        raise(maxima.acceleration, here.velocity(part, state.a[joint.parent], state.a[joint.child]) +
+                                       here.gamma(part, parent, child));
       }
     }
     for (int b = 0; b < system_.n(); ++b) {
       const Mat3& R = state.frames[b].R;
-      maxima.orthogonality =
-          std::max(maxima.orthogonality, (R.transpose() * R - Mat3::Identity()).template lpNorm<Eigen::Infinity>());
+      raise(maxima.orthogonality, Mat3(R.transpose() * R - Mat3::Identity()));
     }
   }
 
   Maxima maxima;
 
  private:
+  template <class Values>
+  static void raise(double& maximum, const Values& values) {
+    maximum = std::max(maximum, values.cwiseAbs().maxCoeff());
+  }
+
   double energy(const State& state, double& kinetic) const {
     double potential = 0;
     kinetic = 0;
@@ -111,7 +111,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
       if (const Status status = stepper.start(k == 0 ? initial : State(stepper.state()), h); status != Status::success)
         return end(status);
       if (k == 0) {
-        monitor.start(stepper.state(), stepper.rows());
+        monitor.start(stepper.state(), stepper.joints());
         record(outcome.samples++, stepper.state());
       }
     }
@@ -121,7 +121,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
         if (interrupted()) return end(Status::interrupted);
       }
       if (const Status status = stepper.step(outcome.counters); status != Status::success) return end(status);
-      monitor.watch(stepper.state(), stepper.rows());
+      monitor.watch(stepper.state(), stepper.joints());
       t += h;
     }
     record(outcome.samples++, stepper.state());

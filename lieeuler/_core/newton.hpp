@@ -55,7 +55,7 @@ class Newton {
     for (int k = 1; k <= kMostIterations; ++k) {
       if (const Status status = equations.residual(z, residual_); status != Status::success) return status;
       if (renew) {
-        equations.matrix(lu);
+        equations.matrix();
         ++counters.factorizations;
         if (!lu.factor()) return Status::singular_matrix;
       }

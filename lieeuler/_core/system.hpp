@@ -1,14 +1,12 @@
 // The mechanical system, constant during a run, and its configuration.
 #pragma once
 
+#include <algorithm>
 #include <vector>
 
 #include "so3.hpp"
 
 namespace lieeuler {
-
-using Vec6 = Eigen::Matrix<double, 6, 1>;
-using Mat6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
 
 struct Body {
   double mass;
@@ -38,15 +36,24 @@ struct DotRow {
   double constant = 0, scale = 1;
 };
 
-inline constexpr int kMaxRows = 6;
+// Up to three rows of a joint that are evaluated and solved for together: a spherical constraint, or dot rows.
+struct Part {
+  bool spherical;
+  std::vector<DotRow> dots;
+  int row;  // of the first, in lam
+  int rows() const { return spherical ? 3 : static_cast<int>(dots.size()); }
+  // Whether the rows depend on the positions of the bodies, and not on their attitudes alone.
+  bool translational() const {
+    return spherical || std::any_of(dots.begin(), dots.end(), [](const DotRow& dot) {
+             return dot.a == Carrier::difference || dot.b == Carrier::difference;
+           });
+  }
+};
 
-// A joint is at most one spherical constraint (three rows, first) followed by dot rows.
 struct Joint {
   int parent, child;  // parent == number of bodies: the ground
   Vec3 parent_anchor, child_anchor;
-  bool spherical;
-  std::vector<DotRow> dots;
-  int rows() const { return (spherical ? 3 : 0) + static_cast<int>(dots.size()); }
+  std::vector<Part> parts;
 };
 
 struct System {
@@ -58,7 +65,13 @@ struct System {
   int n() const { return static_cast<int>(bodies.size()); }
   int rows() const {
     int total = 0;
-    for (const Joint& joint : joints) total += joint.rows();
+    for (const Joint& joint : joints)
+      for (const Part& part : joint.parts) total += part.rows();
+    return total;
+  }
+  int parts() const {
+    int total = 0;
+    for (const Joint& joint : joints) total += static_cast<int>(joint.parts.size());
     return total;
   }
 };

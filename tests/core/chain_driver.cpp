@@ -26,7 +26,7 @@ static System chain(int n) {
   const Mat3 J = Vec3(0.1, 0.2, 0.15).asDiagonal();
   for (int b = 0; b < n; ++b) {
     system.bodies.push_back({1.0, J, J.inverse()});
-    system.joints.push_back({b == 0 ? n : b - 1, b, b == 0 ? Vec3::Zero() : Vec3(0, 0, -1), {0, 0, 1}, true, {}});
+    system.joints.push_back({b == 0 ? n : b - 1, b, b == 0 ? Vec3::Zero() : Vec3(0, 0, -1), {0, 0, 1}, {Part{true, {}, 3 * b}}});
   }
   return system;
 }

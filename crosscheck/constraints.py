@@ -1,0 +1,269 @@
+"""The joints of a scene as constraints, evaluated over whole trajectories at once.
+
+One common measure of Phi, G u and G du/dt + gamma for every engine. Conventions, for body i the parent, body j the
+child, points s and axes a in body axes, d = x_j + R_j s_j - x_i - R_i s_i:
+
+- a joint on an axis uses two reference vectors n1, n2 of the parent, unit and normal to its axis a: n1 is the
+  coordinate direction in which a has its smallest component (the first of equals), made normal to a; n2 = a x n1;
+- parallel axes are the two dot-1 rows (n1 . child_axis, n2 . child_axis), perpendicular where the axes coincide, so
+  that no attitude is singular; offsets across an axis are the dot-2 rows of n1, then n2; a plane's is that of a;
+- prismatic adds the dot-1 row n1 . b, with b fixed in the child: n2 as it lies at the start, normal to child_axis;
+- fixed keeps the parent's coordinate triad e as it lies in the child at the start, as f: rows e1.f2, e2.f3, e3.f1;
+- distance is (d . d - c^2) / (2 c).
+
+Rows: joints in file order, and within a joint positions before dot-1 for spherical, universal, revolute and fixed
+(3 + 0, 1, 2, 3 rows); dot-1 before dot-2 for cylindrical (2 + 2) and planar (2 + 1); prismatic is cylindrical + dot-1.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from crosscheck.scene import Joint, Scene
+
+_ZERO = np.zeros(3)
+
+
+@dataclasses.dataclass(frozen=True)
+class Basic:
+    """A basic constraint of METHODS section 2; `kind` is spherical, dot1, dot2 or distance."""
+
+    kind: str
+    i: int
+    j: int
+    s_i: np.ndarray = dataclasses.field(default_factory=lambda: _ZERO)
+    s_j: np.ndarray = dataclasses.field(default_factory=lambda: _ZERO)
+    a_i: np.ndarray = dataclasses.field(default_factory=lambda: _ZERO)
+    a_j: np.ndarray = dataclasses.field(default_factory=lambda: _ZERO)
+    length: float = 1.0
+
+    @property
+    def rows(self) -> int:
+        """Number of scalar equations."""
+        return 3 if self.kind == "spherical" else 1
+
+
+def cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """p x q over the last axis, broadcasting; `numpy.cross` costs several times more on small batches."""
+    p, q = np.broadcast_arrays(p, q)
+    product = np.empty(p.shape)
+    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        product[..., k] = p[..., i] * q[..., j] - p[..., j] * q[..., i]
+    return product
+
+
+def normal_references(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors n1, n2 with n1 x n2 = `axis` (3,), a unit vector; see the module for their choice."""
+    n1 = np.zeros(3)
+    n1[np.argmin(np.abs(axis))] = 1.0
+    n1 -= (n1 @ axis) * axis
+    n1 /= np.linalg.norm(n1)
+    return n1, cross(axis, n1)
+
+
+def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray) -> list[Basic]:
+    """The basic constraints of a joint, in row order.
+
+    `parent_attitude` and `child_attitude` (3, 3), body to world, are the initial ones: prismatic and fixed joints
+    keep the relative attitude they find there.
+    """
+    i, j, s_i, s_j = joint.parent, joint.child, joint.parent_anchor, joint.child_anchor
+    relative = child_attitude.T @ parent_attitude
+
+    def dot1(a_i: np.ndarray, a_j: np.ndarray) -> Basic:
+        return Basic("dot1", i, j, a_i=a_i, a_j=a_j)
+
+    def dot2(a_i: np.ndarray) -> Basic:
+        return Basic("dot2", i, j, s_i, s_j, a_i)
+
+    point = [Basic("spherical", i, j, s_i, s_j)]
+    if joint.type == "spherical":
+        return point
+    if joint.type == "distance":
+        return [Basic("distance", i, j, s_i, s_j, length=joint.length)]
+    if joint.type == "fixed":
+        return point + [dot1(np.eye(3)[k], relative[:, (k + 1) % 3]) for k in range(3)]
+    a = joint.parent_axis
+    if joint.type == "universal":
+        return [*point, dot1(a, joint.child_axis)]
+    if joint.type == "point_on_plane":
+        return [dot2(a)]
+    n1, n2 = normal_references(a)
+    across = [dot2(n1), dot2(n2)]
+    if joint.type == "point_on_line":
+        return across
+    parallel = [dot1(n1, joint.child_axis), dot1(n2, joint.child_axis)]
+    if joint.type == "revolute":
+        return point + parallel
+    if joint.type == "planar":
+        return [*parallel, dot2(a)]
+    if joint.type == "cylindrical":
+        return parallel + across
+    b = relative @ n2
+    b -= (b @ joint.child_axis) * joint.child_axis
+    return [*parallel, *across, dot1(n1, b / np.linalg.norm(b))]
+
+
+class Constraints:
+    """The constraint equations of a scene.
+
+    All methods take arrays with a leading time axis: x, v, a (T, n, 3) world, R (T, n, 3, 3) body to world, w and
+    alpha (T, n, 3) body axes, lam (T, m). Rows have the unit metre, or none for dot-1 rows.
+
+    Attributes
+    ----------
+    m : number of rows.
+    rows : the rows of each joint, by its name.
+    dimensionless : (m,) true for the dot-1 rows.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        attitudes = np.concatenate([scene.R0, np.eye(3)[None]])  # the ground is index -1, the last
+        self.rows: dict[str, slice] = {}
+        self._basics: list[tuple[slice, Basic]] = []
+        self.m = 0
+        for joint in scene.joints:
+            first = self.m
+            for basic in basics(joint, attitudes[joint.parent], attitudes[joint.child]):
+                self._basics.append((slice(self.m, self.m + basic.rows), basic))
+                self.m += basic.rows
+            self.rows[joint.name] = slice(first, self.m)
+        kinds = [basic.kind for _, basic in self._basics for _ in range(basic.rows)]
+        self.dimensionless = np.array([kind == "dot1" for kind in kinds], dtype=bool)
+
+    def position(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """Phi, (T, m)."""
+        x, R = _with_ground(x), _with_ground(R, np.eye(3))
+        phi = np.empty((len(x), self.m))
+        for rows, b in self._basics:
+            if b.kind == "dot1":
+                phi[:, rows] = _dot(R[:, b.i] @ b.a_i, R[:, b.j] @ b.a_j)
+                continue
+            d = _separation(b, x, R)
+            if b.kind == "spherical":
+                phi[:, rows] = d
+            elif b.kind == "dot2":
+                phi[:, rows] = _dot(R[:, b.i] @ b.a_i, d)
+            else:
+                phi[:, rows] = (_dot(d, d) - b.length**2) / (2 * b.length)
+        return phi
+
+    def velocity(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """G u, (T, m)."""
+        x, R, v, w = _with_ground(x), _with_ground(R, np.eye(3)), _with_ground(v), _with_ground(w)
+        rate = np.empty((len(x), self.m))
+        for rows, b in self._basics:
+            if b.kind == "dot1":
+                rate[:, rows] = (_dot(_turning(R, w, b.i, b.a_i), R[:, b.j] @ b.a_j)
+                                 + _dot(R[:, b.i] @ b.a_i, _turning(R, w, b.j, b.a_j)))
+                continue
+            ddot = _separation_rate(b, R, v, w)
+            if b.kind == "spherical":
+                rate[:, rows] = ddot
+            elif b.kind == "dot2":
+                rate[:, rows] = (_dot(_turning(R, w, b.i, b.a_i), _separation(b, x, R))
+                                 + _dot(R[:, b.i] @ b.a_i, ddot))
+            else:
+                rate[:, rows] = _dot(_separation(b, x, R), ddot) / b.length
+        return rate
+
+    def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """gamma = d2Phi/dt2 - G du/dt, (T, m)."""
+        x, R, v, w = _with_ground(x), _with_ground(R, np.eye(3)), _with_ground(v), _with_ground(w)
+        gamma = np.empty((len(x), self.m))
+        for rows, b in self._basics:
+            if b.kind == "dot1":
+                gamma[:, rows] = (_dot(_centripetal(R, w, b.i, b.a_i), R[:, b.j] @ b.a_j)
+                                  + _dot(R[:, b.i] @ b.a_i, _centripetal(R, w, b.j, b.a_j))
+                                  + 2 * _dot(_turning(R, w, b.i, b.a_i), _turning(R, w, b.j, b.a_j)))
+                continue
+            curvature = _centripetal(R, w, b.j, b.s_j) - _centripetal(R, w, b.i, b.s_i)
+            if b.kind == "spherical":
+                gamma[:, rows] = curvature
+                continue
+            d, ddot = _separation(b, x, R), _separation_rate(b, R, v, w)
+            if b.kind == "dot2":
+                gamma[:, rows] = (_dot(_centripetal(R, w, b.i, b.a_i), d) + _dot(R[:, b.i] @ b.a_i, curvature)
+                                  + 2 * _dot(_turning(R, w, b.i, b.a_i), ddot))
+            else:
+                gamma[:, rows] = (_dot(ddot, ddot) + _dot(d, curvature)) / b.length
+        return gamma
+
+    def acceleration(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray,
+                     alpha: np.ndarray) -> np.ndarray:
+        """G du/dt + gamma, (T, m), with du/dt = (a world, alpha body axes)."""
+        return self.velocity(x, R, a, alpha) + self.gamma(x, R, v, w)
+
+    def jacobian(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """G, (T, m, 6n): per body in order three columns for v (world) and three for w (body axes)."""
+        n = self.scene.n
+        x, R = _with_ground(x), _with_ground(R, np.eye(3))
+        G = np.zeros((len(x), self.m, n + 1, 6))
+        for rows, b in self._basics:
+            Ri, Rj = R[:, b.i], R[:, b.j]
+            if b.kind == "dot1":
+                G[:, rows, b.i, 3:] = cross(b.a_i, _to_body(Ri, Rj @ b.a_j))[:, None]
+                G[:, rows, b.j, 3:] = cross(b.a_j, _to_body(Rj, Ri @ b.a_i))[:, None]
+                continue
+            if b.kind == "spherical":
+                direction = np.broadcast_to(np.eye(3), (len(x), 3, 3))
+            elif b.kind == "dot2":
+                direction = (Ri @ b.a_i)[:, None]
+            else:
+                direction = _separation(b, x, R)[:, None] / b.length
+            G[:, rows, b.j, :3] = direction
+            G[:, rows, b.i, :3] = -direction
+            # e . d(R s) = (s x R^T e) . w; d itself turns with the axis of a dot-2 row
+            G[:, rows, b.j, 3:] = cross(b.s_j, direction @ Rj)
+            G[:, rows, b.i, 3:] = -cross(b.s_i, direction @ Ri)
+            if b.kind == "dot2":
+                G[:, rows, b.i, 3:] += cross(b.a_i, _to_body(Ri, _separation(b, x, R)))[:, None]
+        return G[:, :, :n].reshape(len(x), self.m, 6 * n)
+
+    def reactions(self, x: np.ndarray, R: np.ndarray, lam: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Force (T, 3) in N and torque (T, 3) in N m of each joint on its child, world axes, at the child's anchor."""
+        G = self.jacobian(x, R).reshape(len(x), self.m, self.scene.n, 6)
+        result = {}
+        for joint in self.scene.joints:
+            rows = self.rows[joint.name]
+            wrench = -np.einsum("trk,tr->tk", G[:, rows, joint.child], lam[:, rows])
+            force = wrench[:, :3]
+            attitude = R[:, joint.child]
+            about_com = np.einsum("tij,tj->ti", attitude, wrench[:, 3:])
+            result[joint.name] = force, about_com - cross(attitude @ joint.child_anchor, force)
+        return result
+
+
+def _with_ground(values: np.ndarray, ground: np.ndarray = _ZERO) -> np.ndarray:
+    """The ground as one more body, the last: its index -1 finds it."""
+    return np.concatenate([values, np.broadcast_to(ground, (len(values), 1, *ground.shape))], axis=1)
+
+
+def _dot(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    return np.einsum("tk,tk->t", p, q)[:, None]
+
+
+def _to_body(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    return np.einsum("tji,tj->ti", R, vectors)
+
+
+def _turning(R: np.ndarray, w: np.ndarray, body: int, s: np.ndarray) -> np.ndarray:
+    """Rate of R s, world, (T, 3)."""
+    return np.einsum("tij,tj->ti", R[:, body], cross(w[:, body], s))
+
+
+def _centripetal(R: np.ndarray, w: np.ndarray, body: int, s: np.ndarray) -> np.ndarray:
+    """The part of the second derivative of R s that is quadratic in w, world, (T, 3)."""
+    spin = w[:, body]
+    return np.einsum("tij,tj->ti", R[:, body], cross(spin, cross(spin, s)))
+
+
+def _separation(b: Basic, x: np.ndarray, R: np.ndarray) -> np.ndarray:
+    return x[:, b.j] + R[:, b.j] @ b.s_j - x[:, b.i] - R[:, b.i] @ b.s_i
+
+
+def _separation_rate(b: Basic, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+    return v[:, b.j] + _turning(R, w, b.j, b.s_j) - v[:, b.i] - _turning(R, w, b.i, b.s_i)

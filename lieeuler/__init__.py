@@ -1,10 +1,53 @@
 """Lie group Euler integrators for rigid multibody systems with joints; conventions in `lieeuler.types`."""
 
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
+from lieeuler.forces import ConstantLoad, LinearSpring, TorsionalSpring
 from lieeuler.integrate import integrate
+from lieeuler.joints import (
+    Dot,
+    Joint,
+    cylindrical_joint,
+    distance_joint,
+    fixed_joint,
+    planar_joint,
+    point_on_line_joint,
+    point_on_plane_joint,
+    prismatic_joint,
+    revolute_joint,
+    spherical_joint,
+    universal_joint,
+)
 from lieeuler.methods import COORDINATE_MAPS, EULER_METHODS, METHODS, Method
-from lieeuler.problem import Body, Dot, Joint, Problem, spherical_joint
+from lieeuler.problem import Body, Problem
 from lieeuler.solution import Solution, Stats, Status
 
-__all__ = ["COORDINATE_MAPS", "EULER_METHODS", "METHODS", "ArgumentError", "Body", "Dot", "IntegrationError",
-           "Interrupted", "Joint", "Method", "Problem", "Solution", "Stats", "Status", "integrate", "spherical_joint"]
+__all__ = [
+    "COORDINATE_MAPS",
+    "EULER_METHODS",
+    "METHODS",
+    "ArgumentError",
+    "Body",
+    "ConstantLoad",
+    "Dot",
+    "IntegrationError",
+    "Interrupted",
+    "Joint",
+    "LinearSpring",
+    "Method",
+    "Problem",
+    "Solution",
+    "Stats",
+    "Status",
+    "TorsionalSpring",
+    "cylindrical_joint",
+    "distance_joint",
+    "fixed_joint",
+    "integrate",
+    "planar_joint",
+    "point_on_line_joint",
+    "point_on_plane_joint",
+    "prismatic_joint",
+    "revolute_joint",
+    "spherical_joint",
+    "universal_joint",
+]

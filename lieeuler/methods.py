@@ -71,5 +71,5 @@ METHODS: dict[str, Method] = {
 }  # fmt: skip
 """All methods by name, in the order in which tables list them."""
 
-EULER_METHODS = tuple(name for name in METHODS if name.startswith("DAE"))
+EULER_METHODS = ("DAE3L_LE", "DAE2L_LE", "DAE2L_LSE", "DAE1L_LSE", "DAE3H_LE", "DAE2H_LE", "DAE2H_LSE", "DAE1H_LSE")
 """The eight methods of [P1]."""

@@ -1,4 +1,4 @@
-"""The mechanical problem: bodies, joints, gravity. Frozen and validated."""
+"""The mechanical problem: bodies, joints, forces, gravity. Frozen and validated."""
 
 from __future__ import annotations
 
@@ -8,24 +8,11 @@ import functools
 import numpy as np
 
 from lieeuler import _kernel
+from lieeuler.checks import vector
 from lieeuler.errors import ArgumentError
-from lieeuler.types import GROUND, ArrayLike
-
-
-def _vector(name: str, value: ArrayLike) -> np.ndarray:
-    array = np.array(value, dtype=float)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise ArgumentError(f"{name} must be three finite numbers, not {value!r}")
-    array.setflags(write=False)
-    return array
-
-
-def _unit(name: str, value: ArrayLike) -> np.ndarray:
-    axis = _vector(name, value)
-    length = np.linalg.norm(axis)
-    if length == 0:
-        raise ArgumentError(f"{name} must not vanish")
-    return axis / length
+from lieeuler.forces import Force
+from lieeuler.joints import Joint
+from lieeuler.types import GROUND
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,60 +43,6 @@ class Body:
 
 
 @dataclasses.dataclass(frozen=True)
-class Dot:
-    """One scalar constraint row  scale * A . B - constant = 0.
-
-    A and B are "difference" (child anchor minus parent anchor, world), or an axis fixed in "parent" or "child"
-    (`a_axis`, `b_axis`, in that body's frame). These are Haug's dot-1, dot-2 and distance constraints.
-    """
-
-    a: str
-    b: str
-    a_axis: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
-    b_axis: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
-    constant: float = 0.0
-    scale: float = 1.0
-
-
-@dataclasses.dataclass(frozen=True)
-class Joint:
-    """Basic constraints between two bodies, or a body and the ground (index -1).
-
-    Parameters
-    ----------
-    parent, child : int
-        Body indices; the parent may be the ground.
-    parent_anchor, child_anchor : (3,)
-        From the centre of mass, in the body's frame; in world coordinates for the ground.
-    spherical : bool
-        Whether the anchors coincide (three rows, first).
-    dots : tuple of Dot
-        Further rows.
-    """
-
-    parent: int
-    child: int
-    parent_anchor: np.ndarray
-    child_anchor: np.ndarray
-    spherical: bool = True
-    dots: tuple[Dot, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "parent_anchor", _vector("parent_anchor", self.parent_anchor))
-        object.__setattr__(self, "child_anchor", _vector("child_anchor", self.child_anchor))
-
-    @property
-    def rows(self) -> int:
-        """Number of constraint rows."""
-        return 3 * self.spherical + len(self.dots)
-
-
-def spherical_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike) -> Joint:
-    """A ball joint: both anchors coincide. Arguments as in `Joint`."""
-    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor))
-
-
-@dataclasses.dataclass(frozen=True)
 class Problem:
     """A rigid multibody system with its initial state.
 
@@ -122,6 +55,7 @@ class Problem:
     x, R, v, w : (n, 3), (n, 3, 3), (n, 3), (n, 3)
         Initial state, conventions of `lieeuler.types`. It must satisfy the joints and their velocity constraints
         to rounding level; the integrators take it as it is.
+    forces : sequence of forces from `lieeuler.forces`, optional
 
     Raises
     ------
@@ -137,11 +71,13 @@ class Problem:
     R: np.ndarray
     v: np.ndarray
     w: np.ndarray
+    forces: tuple[Force, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "bodies", tuple(self.bodies))
         object.__setattr__(self, "joints", tuple(self.joints))
-        object.__setattr__(self, "gravity", _vector("gravity", self.gravity))
+        object.__setattr__(self, "forces", tuple(self.forces))
+        object.__setattr__(self, "gravity", vector("gravity", self.gravity))
         n = len(self.bodies)
         if n == 0:
             raise ArgumentError("a problem needs at least one body")
@@ -153,10 +89,11 @@ class Problem:
             object.__setattr__(self, name, array)
         if np.abs(np.swapaxes(self.R, 1, 2) @ self.R - np.eye(3)).max() > 1e-10 or (np.linalg.det(self.R) < 0).any():
             raise ArgumentError("R must hold rotation matrices")
-        for k, joint in enumerate(self.joints):
-            if not (0 <= joint.child < n and GROUND <= joint.parent < n and joint.parent != joint.child):
-                raise ArgumentError(f"joints[{k}]: parent {joint.parent} and child {joint.child} must be two of the "
-                                    f"bodies 0 .. {n - 1}, the parent may be the ground ({GROUND})")
+        for kind in ("joints", "forces"):
+            for k, item in enumerate(getattr(self, kind)):
+                if not (0 <= item.child < n and GROUND <= item.parent < n and item.parent != item.child):
+                    raise ArgumentError(f"{kind}[{k}]: parent {item.parent} and child {item.child} must be two of the "
+                                        f"bodies 0 .. {n - 1}, the parent may be the ground ({GROUND})")
         self._check_constraints()
 
     def _check_constraints(self) -> None:
@@ -209,9 +146,6 @@ class Problem:
         """The system as the compiled core holds it."""
         system = _kernel.System([body.mass for body in self.bodies], [body.inertia for body in self.bodies],
                                 self.gravity)
-        for joint in self.joints:
-            system.add_joint(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, bool(joint.spherical),
-                             [carrier for dot in joint.dots for carrier in (dot.a, dot.b)],
-                             [axis for dot in joint.dots for axis in (dot.a_axis, dot.b_axis)],
-                             [dot.constant for dot in joint.dots], [dot.scale for dot in joint.dots])
+        for item in (*self.joints, *self.forces):
+            item.add_to(system)
         return system

@@ -8,18 +8,57 @@ import numpy as np
 
 import lieeuler
 from crosscheck.engines.base import RawRun, RunSpec
-from crosscheck.scene import Scene
+from crosscheck.scene import GROUND, Force, Joint, Scene
 from crosscheck.states import States
-
-JOINTS = ("spherical",)
 
 
 def build_problem(scene: Scene) -> lieeuler.Problem:
     """The scene as a `lieeuler.Problem`; joints in file order, so that rows of lam are those of the scene."""
     bodies = tuple(lieeuler.Body(body.mass, body.inertia) for body in scene.bodies)
-    joints = tuple(lieeuler.spherical_joint(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor)
-                   for joint in scene.joints)
-    return lieeuler.Problem(bodies, joints, scene.gravity, scene.x0, scene.R0, scene.v0, scene.w0)
+    joints = tuple(_joint(scene, joint) for joint in scene.joints)
+    forces = tuple(_force(scene, force) for force in scene.forces)
+    return lieeuler.Problem(bodies, joints, scene.gravity, scene.x0, scene.R0, scene.v0, scene.w0, forces)
+
+
+def _joint(scene: Scene, joint: Joint) -> lieeuler.Joint:
+    ends = joint.parent, joint.child, joint.parent_anchor, joint.child_anchor
+    axes = joint.parent_axis, joint.child_axis
+    match joint.type:
+        case "spherical":
+            return lieeuler.spherical_joint(*ends)
+        case "distance":
+            return lieeuler.distance_joint(*ends, joint.length)
+        case "point_on_line":
+            return lieeuler.point_on_line_joint(*ends, joint.parent_axis)
+        case "point_on_plane":
+            return lieeuler.point_on_plane_joint(*ends, joint.parent_axis)
+        case "universal":
+            return lieeuler.universal_joint(*ends, *axes)
+        case "revolute":
+            return lieeuler.revolute_joint(*ends, *axes)
+        case "cylindrical":
+            return lieeuler.cylindrical_joint(*ends, *axes)
+        case "planar":
+            return lieeuler.planar_joint(*ends, *axes)
+    parent_attitude = np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]
+    relative = scene.R0[joint.child].T @ parent_attitude
+    if joint.type == "prismatic":
+        return lieeuler.prismatic_joint(*ends, *axes, relative)
+    return lieeuler.fixed_joint(*ends, relative)
+
+
+def _force(scene: Scene, force: Force) -> lieeuler.forces.Force:
+    p = force.parameters
+    if force.type == "linear_spring":
+        return lieeuler.LinearSpring(force.parent, force.child, p["parent_point"], p["child_point"], p["stiffness"],
+                                     p["free_length"], p["damping"])
+    if force.type == "torsional_spring":
+        joint = next(joint for joint in scene.joints if joint.name == force.joint)
+        return lieeuler.TorsionalSpring(joint.parent, joint.child, joint.parent_axis, joint.child_axis, p["stiffness"],
+                                        p["rest_angle"], p["damping"])
+    if force.type == "constant_force":
+        return lieeuler.ConstantLoad(force.child, force=p["force"], point=p["child_point"], frame=p["frame"])
+    return lieeuler.ConstantLoad(force.child, torque=p["torque"], frame=p["frame"])
 
 
 class LieEuler:
@@ -46,12 +85,7 @@ class LieEuler:
         return frozenset(lieeuler.METHODS[spec.method].held)
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
-        """Joints other than spherical ones, springs and loads are not built yet; all methods take a fixed step."""
-        for joint in scene.joints:
-            if joint.type not in JOINTS:
-                return f"lieeuler has no {joint.type} joint yet (joint {joint.name!r})"
-        if scene.forces:
-            return f"lieeuler has no {scene.forces[0].type} yet"
+        """All joints and forces are modelled; constraints that depend on each other are not yet."""
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"
         if spec.rtol is not None:

@@ -59,6 +59,30 @@ void add_joint(System& system, int parent, int child, const Vec3& parent_anchor,
   system.joints.push_back(joint);
 }
 
+void add_linear_spring(System& system, int parent, int child, const Vec3& parent_point, const Vec3& child_point,
+                       double stiffness, double free_length, double damping) {
+  Force force{Force::Kind::linear_spring, parent < 0 ? system.n() : parent, child};
+  force.parent_point = parent_point, force.child_point = child_point;
+  force.stiffness = stiffness, force.rest = free_length, force.damping = damping;
+  system.forces.push_back(force);
+}
+
+// axis, normal, second_normal: right-handed, in the parent; pointer: the normal in the child at angle zero.
+void add_torsional_spring(System& system, int parent, int child, const Vec3& axis, const Vec3& normal,
+                          const Vec3& second_normal, const Vec3& pointer, double stiffness, double rest_angle,
+                          double damping) {
+  Force force{Force::Kind::torsional_spring, parent < 0 ? system.n() : parent, child};
+  force.axis = axis, force.normal = normal, force.second_normal = second_normal, force.pointer = pointer;
+  force.stiffness = stiffness, force.rest = rest_angle, force.damping = damping;
+  system.forces.push_back(force);
+}
+
+void add_load(System& system, int child, const Vec3& point, const Vec3& value, const Vec3& torque, bool in_world) {
+  Force force{Force::Kind::load, system.n(), child};
+  force.child_point = point, force.force = value, force.torque = torque, force.in_world = in_world;
+  system.forces.push_back(force);
+}
+
 const char* name_of(Status status) {
   switch (status) {
     case Status::success: return "success";
@@ -196,6 +220,42 @@ nb::dict constraints(const System& system, const Array& x, const Array& R, const
   return result;
 }
 
+// f without -w x J w, its derivatives with respect to q and u, and the energy of springs. For tests.
+nb::dict forces(const System& system, const Array& x, const Array& R, const Array& v, const Array& w) {
+  const State state = make_state(system, x, R, v, w);
+  const size_t columns = 6 * system.n();
+  std::vector<double> f(columns), by_q(columns * columns), by_u(columns * columns);
+  double potential = 0;
+  std::vector<Twist> twists(system.n() + 1);
+  applied_forces(system, state.frames, state.u, state.angles, twists);
+  for (int b = 0; b < system.n(); ++b) put(f, 6 * b, twists[b].v), put(f, 6 * b + 3, twists[b].w);
+  auto add_blocks = [&](std::vector<double>& out, int row, int column, const Stiffness& K) {
+    if (row == system.n() || column == system.n()) return;
+    for (int r = 0; r < 3; ++r)
+      for (int c = 0; c < 3; ++c) {
+        double* at = out.data() + (6 * row + r) * columns + 6 * column + c;
+        at[0] += K.vv(r, c), at[3] += K.vw(r, c), at[3 * columns] += K.wv(r, c), at[3 * columns + 3] += K.ww(r, c);
+      }
+  };
+  for (const Force& force : system.forces) {
+    const ForceState here(force, state.frames, state.u, 0.0);
+    const Linearised slopes = here.linearised();
+    potential += here.potential();
+    const int bodies[2] = {force.parent, force.child};
+    for (Side row : kSides)
+      for (Side column : kSides) {
+        add_blocks(by_q, bodies[row], bodies[column], slopes.q[row][column]);
+        add_blocks(by_u, bodies[row], bodies[column], slopes.u[row][column]);
+      }
+  }
+  nb::dict result;
+  result["f"] = make_array(f, {columns});
+  result["by_q"] = make_array(by_q, {columns, columns});
+  result["by_u"] = make_array(by_u, {columns, columns});
+  result["potential"] = potential;
+  return result;
+}
+
 template <class Map>
 nb::dict map_values(const Vec3& xi, const Mat3& J, double h) {
   Map map;
@@ -214,14 +274,18 @@ NB_MODULE(_kernel, m) {
   nb::class_<System>(m, "System")
       .def("__init__",
            [](System* self, const std::vector<double>& masses, const std::vector<Mat3>& inertias, const Vec3& gravity) {
-             new (self) System{{}, {}, gravity};
+             new (self) System{{}, {}, {}, gravity};
              for (size_t b = 0; b < masses.size(); ++b)
                self->bodies.push_back({masses[b], inertias[b], inertias[b].inverse()});
            })
       .def("add_joint", &add_joint)
+      .def("add_linear_spring", &add_linear_spring)
+      .def("add_torsional_spring", &add_torsional_spring)
+      .def("add_load", &add_load)
       .def_prop_ro("rows", &System::rows);
   m.def("integrate", &integrate);
   m.def("constraints", &constraints);
+  m.def("forces", &forces);
   m.def("map_values", [](const std::string& map, const Vec3& xi, const Mat3& J, double h) {
     return map == "cayley" ? map_values<CayleyMap>(xi, J, h)
                            : (map == "ccsk" ? map_values<CcskMap>(xi, J, h) : map_values<ExpMap>(xi, J, h));

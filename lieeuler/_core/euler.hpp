@@ -17,6 +17,7 @@ class EulerStepper {
   Status start(const State& state, double h) {
     state_ = state;
     h_ = h;
+    update_angles(system_, state_.frames, state_.u, state_.angles);
     joints_.update(state_.frames);
     if (const Status status = solve_index1(); status != Status::success) return status;
     z_.assign(lu_.unknowns(), 0.0);
@@ -66,7 +67,7 @@ class EulerStepper {
   EulerStepper(const System& system, Level level, bool index1_output, bool doubled, bool second_order)
       : system_(system), level_(level), index1_output_(index1_output), nodes_(system, doubled), joints_(system),
         start_joints_(system), saddle_(system), start_(system), state_(system), maps_(system.n() + 1),
-        xi_(system.n() + 1) {
+        xi_(system.n() + 1), force_(system.n() + 1) {
     lu_.plan(nodes_.order(system), nodes_.entries(system, second_order));
     for (int k = 0; k < nodes_.parts(); ++k)
       for (Side side : kSides) {
@@ -74,6 +75,13 @@ class EulerStepper {
         blocks_.push_back(body == system.n() ? SideBlocks{}
                                              : SideBlocks::of(lu_, nodes_.lam(k), nodes_.v(body), nodes_.w(body)));
       }
+    for (const Force& force : system.forces)
+      for (int row : {force.parent, force.child})
+        for (int column : {force.parent, force.child})
+          force_blocks_.push_back(row == system.n() || column == system.n()
+                                      ? PairBlocks{}
+                                      : PairBlocks::of(lu_, nodes_.v(row), nodes_.w(row), nodes_.v(column),
+                                                       nodes_.w(column)));
   }
 
   const Joint& joint_of(int k) const { return system_.joints[nodes_.part(k).joint]; }
@@ -104,6 +112,8 @@ class EulerStepper {
   void settle() {
     for (int b = 0; b < system_.n(); ++b) state_.frames[b].R = polished(state_.frames[b].R);
     joints_.update(state_.frames);
+    state_.angles = start_.angles;
+    update_angles(system_, state_.frames, state_.u, state_.angles);
   }
   // (a, lam) of the index-1 system at the current state.
   Status solve_index1() {
@@ -130,10 +140,11 @@ class EulerStepper {
   SaddlePoint saddle_;
   State start_, state_;
   std::vector<Map> maps_;
-  std::vector<Twist> xi_;
+  std::vector<Twist> xi_, force_;
   std::vector<double> z_;
   BlockLU lu_;
-  std::vector<SideBlocks> blocks_;  // of lam and (v, w), per part and side
+  std::vector<SideBlocks> blocks_;        // of lam and (v, w), per part and side
+  std::vector<PairBlocks> force_blocks_;  // against (v, w), per force, row side, column side
 
  private:
   Equations& equations() { return static_cast<Equations&>(*this); }
@@ -149,7 +160,7 @@ class EulerStepper {
   // Rounding level of h u: that of the configuration, or that of the velocity where Newton solves velocity rows.
   double target() const {
     const double eps = std::numeric_limits<double>::epsilon();
-    return Equations::has_velocity_rows(level_) ? 0.1 * eps * std::min(1.0, h_ * speed_) : 0.1 * eps;
+    return Equations::has_velocity_rows(level_) ? eps * std::min(1.0, h_ * speed_) : eps;
   }
 
   double length_ = 1, speed_ = 1;

@@ -54,6 +54,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       put_diagonal(bodies_[b].first, body.mass);
       put(bodies_[b].second, slope);
     }
+    for (size_t k = 0; k < system_.forces.size(); ++k) add_damper_blocks(k);
     for (int k = 0; k < nodes_.parts(); ++k) {
       this->pad(nodes_.lam(k), this->part_of(k).rows());
       for (Side side : kSides)
@@ -63,7 +64,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
 
  private:
   using Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_, Base::state_;
-  using Base::system_, Base::xi_, Base::z_;
+  using Base::system_, Base::xi_, Base::z_, Base::force_;
 
   bool by_velocity() const { return level_ == Level::velocity; }
 
@@ -78,12 +79,25 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       xi_[b] = load(&z[3 * nodes_.v(b)]);
       if (!this->move(b)) return false;
       rotations_[b] = maps_[b].rotation();
-      const Twist p = momentum(system_.bodies[b], start_.u[b]), f = applied_force(system_, b);
-      impulse_[b] = {p.v + h_ * f.v, p.w + h_ * f.w};
+    }
+    applied_forces(system_, start_.frames, xi_, start_.angles, force_);
+    for (int b = 0; b < system_.n(); ++b) {
+      const Twist p = momentum(system_.bodies[b], start_.u[b]);
+      impulse_[b] = {p.v + h_ * force_[b].v, p.w + h_ * force_[b].w};
     }
     for (int k = 0; k < nodes_.parts(); ++k)
       this->subtract_reaction(k, this->before(k), load3(&z[3 * nodes_.lam(k)]), impulse_);
     return true;
+  }
+
+  // - h df_app/dxi: dampers act with the discrete velocity.
+  void add_damper_blocks(size_t k) {
+    const Force& force = system_.forces[k];
+    if (force.damping == 0) return;
+    const Linearised slopes = ForceState(force, start_.frames, xi_, start_.angles[k]).linearised();
+    for (Side row : kSides)
+      for (Side column : kSides)
+        this->force_blocks_[4 * k + 2 * row + column].add(-h_, slopes.u[row][column], Mat3::Identity());
   }
 
   void constraint_blocks(int k, Side side) {

@@ -36,9 +36,10 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   Status residual(const std::vector<double>& z, std::vector<double>& r) {
     if (!configure(z)) return Status::map_domain;
     joints_.update(state_.frames);
+    generalized_forces(system_, state_.frames, state_.u, start_.angles, force_);
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
-      const Twist &u = state_.u[b], &u_n = start_.u[b], f = generalized_force(system_, b, u);
+      const Twist &u = state_.u[b], &u_n = start_.u[b], &f = force_[b];
       balance_[b] = {body.mass * (u.v - u_n.v) - h_ * f.v, body.inertia * (u.w - u_n.w) - h_ * f.w};
       if (stabilised()) drift_[b] = momentum(body, {xi_[b].v - u.v, xi_[b].w - u.w});
     }
@@ -61,6 +62,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
       tangents_[b] = maps_[b].left_tangent();
       body_blocks(b);
     }
+    for (size_t k = 0; k < system_.forces.size(); ++k) add_force_blocks(k);
     for (int k = 0; k < nodes_.parts(); ++k) {
       this->pad(nodes_.lam(k), this->part_of(k).rows());
       if (stabilised()) this->pad(nodes_.mu(k), this->part_of(k).rows());
@@ -73,15 +75,11 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
  private:
   using Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_, Base::state_;
-  using Base::system_, Base::xi_, Base::z_;
+  using Base::system_, Base::xi_, Base::z_, Base::force_;
 
   struct BodyBlocks {
     double *v, *w, *xi_v = nullptr, *xi_w = nullptr, *xi_v_v = nullptr, *xi_w_w = nullptr;
   };
-  struct StiffnessBlocks {
-    double *vv, *vw, *wv, *ww;
-  };
-
   bool stabilised() const { return level_ == Level::stabilised; }
 
   void find_blocks() {
@@ -94,13 +92,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     }
     for (int k = 0; k < nodes_.parts(); ++k) {
       for (Side row : kSides)
-        for (Side column : kSides) {
-          const int i = this->body_of(k, row), j = this->body_of(k, column);
-          const bool ground = i == system_.n() || j == system_.n();
-          stiffness_.push_back(ground ? StiffnessBlocks{}
-                                      : StiffnessBlocks{lu_.block(nodes_.v(i), nodes_.xi_v(j)), lu_.block(nodes_.v(i), nodes_.xi_w(j)),
-                                                        lu_.block(nodes_.w(i), nodes_.xi_v(j)), lu_.block(nodes_.w(i), nodes_.xi_w(j))});
-        }
+        for (Side column : kSides) stiffness_.push_back(against_xi(this->body_of(k, row), this->body_of(k, column)));
       for (Side side : kSides) {
         const int b = this->body_of(k, side);
         const bool none = !stabilised() || b == system_.n();
@@ -108,6 +100,14 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
         drift_blocks_.push_back(none ? SideBlocks{} : SideBlocks::of(lu_, nodes_.mu(k), nodes_.xi_v(b), nodes_.xi_w(b)));
       }
     }
+    for (const Force& force : system_.forces)
+      for (int row : {force.parent, force.child})
+        for (int column : {force.parent, force.child}) spring_blocks_.push_back(against_xi(row, column));
+  }
+
+  PairBlocks against_xi(int row, int column) {
+    if (row == system_.n() || column == system_.n()) return {};
+    return PairBlocks::of(lu_, nodes_.v(row), nodes_.w(row), nodes_.xi_v(column), nodes_.xi_w(column));
   }
 
   void guess(std::vector<double>& z) const {
@@ -153,14 +153,26 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   // h d(G^T Lam)/dq T, onto the columns of xi.
   void stiffness_blocks(int k, Side row, Side column) {
-    const StiffnessBlocks& blocks = stiffness_[4 * k + 2 * row + column];
-    if (!blocks.ww) return;
-    const Vec3 impulse = h_ * load3(&z_[3 * nodes_.lam(k)]);
-    const Stiffness K = this->here(k).geometric_stiffness(this->part_of(k), row, column, impulse);
+    const PairBlocks& blocks = stiffness_[4 * k + 2 * row + column];
+    const Part& part = this->part_of(k);
+    if (!blocks.ww || (part.spherical && row != column)) return;
+    const Vec3 impulse = load3(&z_[3 * nodes_.lam(k)]);
+    const Stiffness K = this->here(k).geometric_stiffness(part, row, column, impulse);
     const Mat3& T = tangents_[this->body_of(k, column)];
-    add(blocks.ww, K.ww * T);
-    if (!blocks.vv || this->part_of(k).spherical) return;
-    add(blocks.vv, K.vv), add(blocks.vw, K.vw * T), add(blocks.wv, K.wv);
+    if (part.spherical) return add(blocks.ww, h_ * K.ww * T);  // the other blocks are zero
+    blocks.add(h_, K, T);
+  }
+
+  // - h df/du onto the columns of u, - h^2 df/dq T onto those of xi.
+  void add_force_blocks(size_t k) {
+    const Force& force = system_.forces[k];
+    const Linearised slopes = ForceState(force, state_.frames, state_.u, start_.angles[k]).linearised();
+    for (Side row : kSides)
+      for (Side column : kSides) {
+        const Mat3& T = tangents_[column == kChild ? force.child : force.parent];
+        this->force_blocks_[4 * k + 2 * row + column].add(-h_, slopes.u[row][column], Mat3::Identity());
+        spring_blocks_[4 * k + 2 * row + column].add(-h_ * h_, slopes.q[row][column], T);
+      }
   }
 
   void constraint_blocks(int k, Side side) {
@@ -208,8 +220,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   std::vector<Mat3> tangents_;
   std::vector<Twist> balance_, drift_;  // residuals of the dynamics and of M xi = M u - G_n^T mu
   std::vector<BodyBlocks> bodies_;
-  std::vector<StiffnessBlocks> stiffness_;               // per part, row side, column side
-  std::vector<SideBlocks> rate_blocks_, drift_blocks_;   // velocity rows against xi; position rows and mu against xi
+  std::vector<PairBlocks> stiffness_, spring_blocks_;   // against xi, per part or force, row side, column side
+  std::vector<SideBlocks> rate_blocks_, drift_blocks_;  // velocity rows against xi; position rows and mu against xi
 };
 
 }  // namespace lieeuler

@@ -1,6 +1,7 @@
 // Configurations, constraints and the index-1 system: what all methods share.
 #pragma once
 
+#include "forces.hpp"
 #include "nodes.hpp"
 
 namespace lieeuler {
@@ -10,9 +11,11 @@ struct State {
   std::vector<Frame> frames;
   std::vector<Twist> u, a;
   std::vector<double> lam;
+  std::vector<double> angles;  // of the torsional springs, one place per force
 
   explicit State(const System& system)
-      : frames(system.n() + 1), u(system.n() + 1), a(system.n() + 1), lam(system.rows(), 0.0) {}
+      : frames(system.n() + 1), u(system.n() + 1), a(system.n() + 1), lam(system.rows(), 0.0),
+        angles(system.forces.size(), 0.0) {}
 };
 
 inline Vec3 load3(const double* at) { return {at[0], at[1], at[2]}; }
@@ -41,6 +44,7 @@ class SaddlePoint {
   explicit SaddlePoint(const System& system) : system_(system), nodes_(system, false) {
     lu_.plan(nodes_.order(system), nodes_.entries(system, false));
     rhs_.assign(lu_.unknowns(), 0.0);
+    force_.resize(system.n() + 1);
     for (int b = 0; b < system.n(); ++b)
       diagonals_.push_back({lu_.block(nodes_.v(b), nodes_.v(b)), lu_.block(nodes_.w(b), nodes_.w(b))});
     for (int k = 0; k < nodes_.parts(); ++k) {
@@ -84,8 +88,8 @@ class SaddlePoint {
 
   // (a, lam) of the index-1 system: M a + G^T lam = f, G a + gamma = 0.
   void accelerate(const Constraints& joints, State& state) {
-    for (int b = 0; b < system_.n(); ++b)
-      store(generalized_force(system_, b, state.u[b]), rhs_.data() + 3 * nodes_.v(b));
+    generalized_forces(system_, state.frames, state.u, state.angles, force_);
+    for (int b = 0; b < system_.n(); ++b) store(force_[b], rhs_.data() + 3 * nodes_.v(b));
     for (int k = 0; k < nodes_.parts(); ++k) {
       const auto [j, p] = nodes_.part(k);
       const Joint& joint = system_.joints[j];
@@ -112,6 +116,7 @@ class SaddlePoint {
   Nodes nodes_;
   BlockLU lu_;
   std::vector<double> rhs_;
+  std::vector<Twist> force_;
   std::vector<std::pair<double*, double*>> diagonals_;
   std::vector<double*> padding_;
   std::vector<SideBlocks> blocks_;
@@ -119,7 +124,7 @@ class SaddlePoint {
 
 // a = M^-1 (f - G^T lam) with the multipliers a method found itself.
 inline void accelerations_from_multipliers(const System& system, const Constraints& joints, State& state) {
-  for (int b = 0; b < system.n(); ++b) state.a[b] = generalized_force(system, b, state.u[b]);
+  generalized_forces(system, state.frames, state.u, state.angles, state.a);
   for (size_t j = 0; j < system.joints.size(); ++j) {
     const Joint& joint = system.joints[j];
     for (const Part& part : joint.parts) {

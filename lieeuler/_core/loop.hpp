@@ -62,6 +62,8 @@ class Monitor {
       kinetic += 0.5 * (body.mass * u.v.squaredNorm() + u.w.dot(body.inertia * u.w));
       potential -= body.mass * system_.gravity.dot(state.frames[b].x);
     }
+    for (size_t k = 0; k < system_.forces.size(); ++k)
+      potential += ForceState(system_.forces[k], state.frames, state.u, state.angles[k]).potential();
     return kinetic + potential;
   }
 

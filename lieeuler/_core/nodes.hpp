@@ -50,6 +50,7 @@ class Nodes {
       }
       if (second_order) stiffness_entries(joint, part, found);
     }
+    for (const Force& force : system.forces) force_entries(force, found);
     std::erase_if(found, [](const BlockLU::Entry& entry) { return entry.first == entry.second; });
     return found;
   }
@@ -84,9 +85,35 @@ class Nodes {
       }
   }
 
+  // Every node of one side against every node of the other: springs by q, dampers by u.
+  void force_entries(const Force& force, std::set<BlockLU::Entry>& found) const {
+    for (int row : {force.parent, force.child})
+      for (int column : {force.parent, force.child}) {
+        if (row == bodies_ || column == bodies_) continue;
+        for (int i : {v(row), w(row)})
+          for (int j : {v(column), w(column), xi_v(column), xi_w(column)}) found.insert({i, j});
+      }
+  }
+
   int bodies_;
   bool doubled_;
   std::vector<PartIndex> parts_;
+};
+
+// Blocks of the force on one body against the position or velocity of another.
+struct PairBlocks {
+  double *vv = nullptr, *vw = nullptr, *wv = nullptr, *ww = nullptr;
+
+  static PairBlocks of(BlockLU& lu, int v, int w, int column_v, int column_w) {
+    return {lu.block(v, column_v), lu.block(v, column_w), lu.block(w, column_v), lu.block(w, column_w)};
+  }
+  // Adds factor times K, its rotational columns times T.
+  void add(double factor, const Stiffness& K, const Mat3& T) const {
+    if (ww) lieeuler::add(ww, factor * K.ww * T);
+    if (vv) lieeuler::add(vv, factor * K.vv);
+    if (vw) lieeuler::add(vw, factor * K.vw * T);
+    if (wv) lieeuler::add(wv, factor * K.wv);
+  }
 };
 
 // Blocks of one side of a part: its rows against the body, and the body's rows against its multipliers. nullptr where

@@ -56,9 +56,24 @@ struct Joint {
   std::vector<Part> parts;
 };
 
+// A spring-damper or a constant load. parent == number of bodies: the ground.
+struct Force {
+  enum class Kind { linear_spring, torsional_spring, load };
+  Kind kind;
+  int parent, child;
+  Vec3 parent_point = Vec3::Zero(), child_point = Vec3::Zero();  // linear spring, load: from the centres of mass
+  double stiffness = 0, rest = 0, damping = 0;                   // rest: free length (m) or rest angle (rad)
+  // Torsional spring: axis and two normals in the parent, the first normal as the child sees it at angle zero.
+  Vec3 axis = Vec3::Zero(), normal = Vec3::Zero(), second_normal = Vec3::Zero(), pointer = Vec3::Zero();
+  // Load on the child: constant in the world or in the body.
+  Vec3 force = Vec3::Zero(), torque = Vec3::Zero();
+  bool in_world = true;
+};
+
 struct System {
   std::vector<Body> bodies;
   std::vector<Joint> joints;
+  std::vector<Force> forces;
   Vec3 gravity;
   double length = 1;  // scale of the translations in Newton's stopping test, m
 
@@ -79,17 +94,5 @@ struct System {
 // (m, J) times a twist, and its inverse.
 inline Twist momentum(const Body& body, const Twist& u) { return {body.mass * u.v, body.inertia * u.w}; }
 inline Twist velocity(const Body& body, const Twist& p) { return {p.v / body.mass, body.inertia_inverse * p.w}; }
-
-// Applied force and torque without -w x J w: what the Hamiltonian methods use.
-inline Twist applied_force(const System& system, int body) {
-  return {system.bodies[body].mass * system.gravity, Vec3::Zero()};
-}
-
-// The right-hand side f(q, u) of the Lagrangian equations.
-inline Twist generalized_force(const System& system, int body, const Twist& u) {
-  Twist f = applied_force(system, body);
-  f.w -= u.w.cross(system.bodies[body].inertia * u.w);
-  return f;
-}
 
 }  // namespace lieeuler

@@ -10,7 +10,8 @@ import lieeuler
 GRAVITY = np.array([0.0, 0.0, -9.81])
 INERTIA = np.diag([0.1, 0.2, 0.15])
 UP, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
-TILT_Y, TILT_X = Rotation.from_euler("y", 60, degrees=True).as_matrix(), Rotation.from_euler("x", 40, degrees=True).as_matrix()
+TILT_Y = Rotation.from_euler("y", 60, degrees=True).as_matrix()
+TILT_X = Rotation.from_euler("x", 40, degrees=True).as_matrix()
 
 
 def chain(masses, inertias, anchors, attitudes, rates):

@@ -18,7 +18,8 @@ def oracle_system(problem):
                         problem.gravity)
 
 
-CASES = [(system, method, "exp", 1e-2) for system in ("single_pendulum", "double_pendulum") for method in lieeuler.METHODS]
+PENDULUMS = ("single_pendulum", "double_pendulum")
+CASES = [(system, method, "exp", 1e-2) for system in PENDULUMS for method in lieeuler.METHODS]
 CASES += [("single_pendulum", method, name, 1e-2) for method in lieeuler.METHODS for name in ("cayley", "ccsk")]
 CASES += [("heavy_top", method, "exp", 1e-3) for method in lieeuler.EULER_METHODS]
 

@@ -31,8 +31,8 @@ def mp_map(name, theta):
         return mp.expm(mp_hat(t))
     if name == "cayley":
         return (mp.eye(3) - mp_hat(t) / 2) ** -1 * (mp.eye(3) + mp_hat(t) / 2)
-    zero = mp.mpf(0)
-    return mp.expm(mp_hat([t[0], zero, zero])) * mp.expm(mp_hat([zero, t[1], zero])) * mp.expm(mp_hat([zero, zero, t[2]]))
+    first, second, third = (mp.expm(mp_hat([t[i] if i == j else mp.mpf(0) for i in range(3)])) for j in range(3))
+    return first * second * third
 
 
 def mp_right_tangent(name, theta):

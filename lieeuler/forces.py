@@ -1,0 +1,149 @@
+"""Applied forces besides gravity: springs with dampers, constant loads.
+
+With a damper the Hamiltonian methods lose their symplecticity, not their order. Constant loads count as no energy.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from lieeuler import _kernel
+from lieeuler.checks import normals, number, unit, vector
+from lieeuler.errors import ArgumentError
+from lieeuler.types import GROUND
+
+
+@dataclasses.dataclass(frozen=True)
+class LinearSpring:
+    """Pulls two points at distance L together with stiffness (L - free_length) + damping dL/dt.
+
+    Parameters
+    ----------
+    parent, child : int
+        Body indices; the parent may be the ground (-1).
+    parent_point, child_point : (3,)
+        From the centre of mass in the body's frame; in world coordinates for the ground.
+    stiffness : float
+        N/m.
+    free_length : float
+        m. At zero length the spring exerts no force.
+    damping : float
+        N s/m.
+    """
+
+    parent: int
+    child: int
+    parent_point: np.ndarray
+    child_point: np.ndarray
+    stiffness: float
+    free_length: float
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("parent_point", "child_point"):
+            object.__setattr__(self, name, vector(name, getattr(self, name)))
+        for name in ("stiffness", "free_length", "damping"):
+            number(name, getattr(self, name), lowest=0.0)
+
+    def add_to(self, system: _kernel.System) -> None:
+        """Add this force to the compiled system."""
+        system.add_linear_spring(self.parent, self.child, self.parent_point, self.child_point, self.stiffness,
+                                 self.free_length, self.damping)
+
+
+@dataclasses.dataclass(frozen=True)
+class TorsionalSpring:
+    """Torque -(stiffness (theta - rest_angle) + damping dtheta/dt) on the child about a revolute or cylindrical axis.
+
+    theta: R_parent^T R_child = exp(theta hat(parent_axis)) Q0, with Q0 the shortest rotation that takes child_axis to
+    parent_axis (for opposite axes the half turn about the first normal of `lieeuler.checks.normals`). It lies in
+    (-pi, pi] at the start and is continuous over full turns.
+
+    Parameters
+    ----------
+    parent, child : int
+        Body indices; the parent may be the ground (-1).
+    parent_axis, child_axis : (3,)
+        The joint's axes, each in its body's frame.
+    stiffness : float
+        N m/rad.
+    rest_angle : float
+        rad.
+    damping : float
+        N m s/rad.
+    """
+
+    parent: int
+    child: int
+    parent_axis: np.ndarray
+    child_axis: np.ndarray
+    stiffness: float
+    rest_angle: float
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("parent_axis", "child_axis"):
+            object.__setattr__(self, name, unit(name, getattr(self, name)))
+        number("stiffness", self.stiffness, lowest=0.0)
+        number("rest_angle", self.rest_angle)
+        number("damping", self.damping, lowest=0.0)
+
+    def add_to(self, system: _kernel.System) -> None:
+        """Add this force to the compiled system."""
+        n1, n2 = normals(self.parent_axis)
+        pointer = _shortest_rotation(self.child_axis, self.parent_axis).T @ n1
+        system.add_torsional_spring(self.parent, self.child, self.parent_axis, n1, n2, pointer, self.stiffness,
+                                    self.rest_angle, self.damping)
+
+
+@dataclasses.dataclass(frozen=True)
+class ConstantLoad:
+    """A force at a point of a body and a torque on it, both constant in the world or in the body.
+
+    Parameters
+    ----------
+    child : int
+        Body index.
+    force, torque : (3,)
+        N, N m.
+    point : (3,)
+        Where the force acts, from the centre of mass in the body's frame.
+    frame : "world" | "body"
+    """
+
+    child: int
+    force: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    torque: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    point: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    frame: str = "world"
+
+    def __post_init__(self) -> None:
+        for name in ("force", "torque", "point"):
+            object.__setattr__(self, name, vector(name, getattr(self, name)))
+        if self.frame not in ("world", "body"):
+            raise ArgumentError(f"frame must be 'world' or 'body', not {self.frame!r}")
+
+    @property
+    def parent(self) -> int:
+        """A load acts against the ground."""
+        return GROUND
+
+    def add_to(self, system: _kernel.System) -> None:
+        """Add this force to the compiled system."""
+        system.add_load(self.child, self.point, self.force, self.torque, self.frame == "world")
+
+
+Force = LinearSpring | TorsionalSpring | ConstantLoad
+
+
+def _shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The rotation by the smallest angle that takes the unit vector `start` to `end`."""
+    cosine = start @ end
+    if cosine < -1 + 1e-12:  # the axis below is lost to cancellation: half a turn about any normal will do
+        n1, _ = normals(end)
+        return 2 * np.outer(n1, n1) - np.eye(3)
+    x, y, z = np.cross(start, end)
+    hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + hat + hat @ hat / (1 + cosine)

@@ -1,0 +1,186 @@
+"""Joints, composed of the basic constraints spherical, dot-1, dot-2 and distance (after Haug).
+
+d = child anchor - parent anchor (world); n1 and n2 are unit vectors of the parent normal to its axis and to each other.
+
+==================  ====  ==========================================================================================
+joint               rows  constraints, in the order of the multipliers
+==================  ====  ==========================================================================================
+spherical              3  d = 0
+universal              4  d = 0; parent_axis . child_axis = 0
+revolute               5  d = 0; n1 . child_axis = 0, n2 . child_axis = 0
+cylindrical            4  n1 . child_axis = 0, n2 . child_axis = 0; n1 . d = 0, n2 . d = 0
+prismatic              5  those of cylindrical; n1 . b = 0, b of the child normal to its axis
+planar                 3  n1 . child_axis = 0, n2 . child_axis = 0; parent_axis . d = 0
+fixed                  6  d = 0; e1 . f2 = 0, e2 . f3 = 0, e3 . f1 = 0
+distance               1  (d . d - c^2) / (2 c) = 0
+point_on_line          2  n1 . d = 0, n2 . d = 0
+point_on_plane         1  parent_axis . d = 0
+==================  ====  ==========================================================================================
+
+Anchors are measured from the centre of mass in the body's frame, in world coordinates for the ground (index -1); axes
+are in the body's frame and normalised.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from lieeuler import _kernel
+from lieeuler.checks import normals, number, rotation, unit, vector
+from lieeuler.errors import ArgumentError
+from lieeuler.types import ArrayLike
+
+
+@dataclasses.dataclass(frozen=True)
+class Dot:
+    """One scalar constraint row  scale * A . B - constant = 0.
+
+    A and B are "difference" (child anchor minus parent anchor, world), or an axis fixed in "parent" or "child"
+    (`a_axis`, `b_axis`, in that body's frame).
+    """
+
+    a: str
+    b: str
+    a_axis: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    b_axis: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    constant: float = 0.0
+    scale: float = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Joint:
+    """Basic constraints between two bodies, or a body and the ground (index -1).
+
+    Parameters
+    ----------
+    parent, child : int
+        Body indices; the parent may be the ground.
+    parent_anchor, child_anchor : (3,)
+        From the centre of mass, in the body's frame; in world coordinates for the ground.
+    spherical : bool
+        Whether the anchors coincide (three rows, first).
+    dots : tuple of Dot
+        Further rows.
+    """
+
+    parent: int
+    child: int
+    parent_anchor: np.ndarray
+    child_anchor: np.ndarray
+    spherical: bool = True
+    dots: tuple[Dot, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parent_anchor", vector("parent_anchor", self.parent_anchor))
+        object.__setattr__(self, "child_anchor", vector("child_anchor", self.child_anchor))
+        for dot in self.dots:
+            for carrier in (dot.a, dot.b):
+                if carrier not in ("difference", "parent", "child"):
+                    raise ArgumentError(f"a dot row multiplies 'difference', 'parent' or 'child', not {carrier!r}")
+        if not self.rows:
+            raise ArgumentError("a joint needs at least one constraint row")
+
+    @property
+    def rows(self) -> int:
+        """Number of constraint rows."""
+        return 3 * self.spherical + len(self.dots)
+
+    def add_to(self, system: _kernel.System) -> None:
+        """Add this joint to the compiled system."""
+        system.add_joint(self.parent, self.child, self.parent_anchor, self.child_anchor, bool(self.spherical),
+                         [carrier for dot in self.dots for carrier in (dot.a, dot.b)],
+                         [axis for dot in self.dots for axis in (dot.a_axis, dot.b_axis)],
+                         [dot.constant for dot in self.dots], [dot.scale for dot in self.dots])
+
+
+def _across(*directions: np.ndarray) -> tuple[Dot, ...]:
+    """The anchors do not move apart along these directions of the parent (dot-2)."""
+    return tuple(Dot("parent", "difference", direction) for direction in directions)
+
+
+def _normal(parent_direction: np.ndarray, child_direction: np.ndarray) -> Dot:
+    """Two directions stay perpendicular (dot-1)."""
+    return Dot("parent", "child", parent_direction, child_direction)
+
+
+def _parallel(parent_axis: np.ndarray, child_axis: np.ndarray) -> tuple[Dot, ...]:
+    return tuple(_normal(n, child_axis) for n in normals(parent_axis))
+
+
+def spherical_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike) -> Joint:
+    """A ball joint."""
+    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor))
+
+
+def universal_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
+                    parent_axis: ArrayLike, child_axis: ArrayLike) -> Joint:
+    """A cross of two perpendicular axes, one in each body."""
+    dots = (_normal(unit("parent_axis", parent_axis), unit("child_axis", child_axis)),)
+    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), True, dots)
+
+
+def revolute_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
+                   parent_axis: ArrayLike, child_axis: ArrayLike) -> Joint:
+    """A hinge; both axes coincide in the world."""
+    dots = _parallel(unit("parent_axis", parent_axis), unit("child_axis", child_axis))
+    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), True, dots)
+
+
+def cylindrical_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
+                      parent_axis: ArrayLike, child_axis: ArrayLike) -> Joint:
+    """Turns about and slides along one axis."""
+    axis = unit("parent_axis", parent_axis)
+    dots = _parallel(axis, unit("child_axis", child_axis)) + _across(*normals(axis))
+    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), False, dots)
+
+
+def prismatic_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
+                    parent_axis: ArrayLike, child_axis: ArrayLike, relative: ArrayLike) -> Joint:
+    """Slides along one axis; `relative` (3, 3) is the constant attitude R_child^T R_parent."""
+    a, c = unit("parent_axis", parent_axis), unit("child_axis", child_axis)
+    n1, n2 = normals(a)
+    b = rotation("relative", relative) @ n2
+    b = unit("relative", b - (b @ c) * c)
+    dots = (*_parallel(a, c), *_across(n1, n2), _normal(n1, b))
+    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), False, dots)
+
+
+def planar_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
+                 parent_axis: ArrayLike, child_axis: ArrayLike) -> Joint:
+    """Slides in the plane normal to the axis and turns about the axis."""
+    axis = unit("parent_axis", parent_axis)
+    dots = _parallel(axis, unit("child_axis", child_axis)) + _across(axis)
+    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), False, dots)
+
+
+def fixed_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
+                relative: ArrayLike) -> Joint:
+    """No relative motion; `relative` (3, 3) is the constant attitude R_child^T R_parent."""
+    Q = rotation("relative", relative)
+    dots = tuple(_normal(np.eye(3)[k], Q[:, (k + 1) % 3]) for k in range(3))
+    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), True, dots)
+
+
+def distance_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
+                   length: float) -> Joint:
+    """A massless rod of the given length (m) between the anchors."""
+    if number("length", length) <= 0:
+        raise ArgumentError(f"length must be positive, not {length!r}")
+    rod = Dot("difference", "difference", constant=0.5 * length, scale=0.5 / length)
+    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), False, (rod,))
+
+
+def point_on_line_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
+                        parent_axis: ArrayLike) -> Joint:
+    """The child's anchor stays on the line along the axis through the parent's anchor."""
+    dots = _across(*normals(unit("parent_axis", parent_axis)))
+    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), False, dots)
+
+
+def point_on_plane_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
+                         parent_axis: ArrayLike) -> Joint:
+    """The child's anchor stays in the plane normal to the axis through the parent's anchor."""
+    dots = _across(unit("parent_axis", parent_axis))
+    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), False, dots)

@@ -22,7 +22,7 @@ void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 using namespace lieeuler;
 
 static System chain(int n) {
-  System system{{}, {}, {0, 0, -9.81}};
+  System system{{}, {}, {}, {0, 0, -9.81}};
   const Mat3 J = Vec3(0.1, 0.2, 0.15).asDiagonal();
   for (int b = 0; b < n; ++b) {
     system.bodies.push_back({1.0, J, J.inverse()});

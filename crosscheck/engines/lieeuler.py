@@ -85,7 +85,7 @@ class LieEuler:
         return frozenset(lieeuler.METHODS[spec.method].held)
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
-        """All joints and forces are modelled; constraints that depend on each other are not yet."""
+        """All joints and forces are modelled, redundant constraints included."""
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"
         if spec.rtol is not None:
@@ -106,7 +106,8 @@ class LieEuler:
             alpha=spec.alpha, beta=spec.beta, monitor=spec.monitor)
         fields = [field.name for field in dataclasses.fields(States)]
         stats = solution.stats
-        counters = {name: getattr(stats, name) for name in ("newton_iterations", "factorizations", "most_iterations")}
+        counters = {name: getattr(stats, name) for name in ("newton_iterations", "factorizations", "most_iterations",
+                                                           "redundant_rows")}
         maxima = {key: value for key, value in stats.maxima.items() if key != "kinetic"}
         return RawRun(
             states=States(**{field: np.asarray(getattr(solution, field)) for field in fields}),

@@ -1,0 +1,259 @@
+"""The command `crosscheck`: verify, run, list, truth."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported
+
+app = typer.Typer(name="crosscheck", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
+                  help="One multibody scene, many engines, every result measured against independent truth.")
+
+SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]
+EngineNames = Annotated[list[str] | None, typer.Option("--engine", help="may be repeated; default: all")]
+
+
+@app.command()
+def verify(
+    scene: SceneNames = None,
+    engine: EngineNames = None,
+    profile: Annotated[str, typer.Option(help="default, or smoke: no order and timing studies")] = "default",
+    jobs: Annotated[int, typer.Option(help="worker processes")] = 2,
+    out: Annotated[Path, typer.Option(help="folder of the report")] = Path("reports/latest"),
+    as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
+) -> None:
+    """Run every method and engine over the scenes, judge them, write the report.
+
+    Exit code 0: all within tolerance; 1: a verdict failed; 2: the run itself failed.
+    """
+    from crosscheck import verify as job
+
+    with _progress() as progress:
+        results = job.verify(profile, scene, engine, jobs, progress)
+        page = job.write(results, out)
+    if as_json:
+        typer.echo(json.dumps(_brief(results.plain(), page), indent=1))
+    else:
+        _print_verdicts(results, page)
+    raise typer.Exit(results.exit_code)
+
+
+@app.command()
+def run(
+    scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
+    engine: Annotated[str, typer.Option(help="see `crosscheck list`")],
+    method: Annotated[str, typer.Option(help="see `crosscheck list`")],
+    step: Annotated[float | None, typer.Option(help="fixed step, s")] = None,
+    rtol: Annotated[float | None, typer.Option(help="relative tolerance of an adaptive method")] = None,
+    csv_file: Annotated[str | None, typer.Option("--csv", help="write the trajectory here; - for the terminal")] = None,
+    form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the best that fits")] = None,
+    coordinate_map: Annotated[str | None, typer.Option("--map", help="exp, cayley or ccsk (lieeuler)")] = None,
+    samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
+    duration: Annotated[float | None, typer.Option(help="s; default: the scene's")] = None,
+) -> None:
+    """Run one scene with one method of one engine; print its figures, or write its trajectory as CSV."""
+    from crosscheck.running import run as run_scene
+    from crosscheck.scene_file import load_scene
+
+    given = {"form": form, "coordinate_map": coordinate_map, "samples": samples, "duration": duration}
+    options = {key: value for key, value in given.items() if value is not None}
+    loaded = load_scene(scene)
+    traj = run_scene(loaded, engine, method, step=step, rtol=rtol, **options)
+    if csv_file is not None:
+        _write_csv(loaded, traj, csv_file)
+    if csv_file != "-":
+        _print_run(traj, csv_file)
+
+
+@app.command("list")
+def list_() -> None:
+    """The scenes, the engines with their versions, and their methods."""
+    from rich.table import Table
+
+    from crosscheck import engines
+    from crosscheck.scene_file import load_scene, scene_names
+
+    scenes = Table("scene", "bodies", "duration", "what it is", box=None, title="scenes", title_justify="left")
+    for name in scene_names():
+        loaded = load_scene(name)
+        scenes.add_row(name, str(loaded.n), f"{loaded.duration:g} s", loaded.description)
+    table = Table("engine", "version", "methods", box=None, title="engines", title_justify="left")
+    for name in engines.names():
+        table.add_row(name, engines.get(name).version(), " ".join(engines.methods(name)))
+    console = _console()
+    console.print(scenes)
+    console.print()
+    console.print(table)
+
+
+@app.command()
+def truth(
+    scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
+    csv_file: Annotated[str | None, typer.Option("--csv", help="write the states here; - for the terminal")] = None,
+) -> None:
+    """The independent truth of a scene: where it comes from, how far to trust it, the end state."""
+    from crosscheck.references import truth as truth_of
+    from crosscheck.scene_file import load_scene
+
+    loaded = load_scene(scene)
+    reference = truth_of(loaded)
+    if csv_file is not None:
+        _write_csv(loaded, reference.states, csv_file)
+    if csv_file == "-":
+        return
+    typer.echo(f"{loaded.name}: {reference.source}")
+    typer.echo(f"checked against: {reference.second_source}")
+    typer.echo(f"they differ by {reference.disagreement:.1e}, allowed {reference.allowed:.1e}")
+    typer.echo(f"a perturbation grows {reference.amplification:.3g}-fold over {loaded.duration:g} s; "
+               f"comparable up to {reference.horizon:g} s")
+    for body, position in zip(loaded.bodies, reference.states.x[-1], strict=True):
+        typer.echo(f"{body.name}: x({loaded.duration:g} s) = ({', '.join(f'{value:.15g}' for value in position)}) m")
+
+
+def main() -> None:
+    """Entry point: a user's mistake and a failing engine end in one clear line, exit code 2."""
+    try:
+        app()
+    except BaseException as error:
+        if not _is_ours(error):
+            raise
+        print(f"crosscheck: {' '.join(str(error).split())}", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+def _is_ours(error: BaseException) -> bool:
+    """Whether the message of this error is written for the user. `lieeuler` is not imported only to ask."""
+    ours = (SceneError, Unsupported, EngineError, ArgumentError)
+    return isinstance(error, ours) or (isinstance(error, Exception) and type(error).__module__.startswith("lieeuler"))
+
+
+def _console() -> Any:
+    from rich.console import Console
+
+    # Without a terminal Rich would fold tables at 80 columns, which no log needs.
+    return Console(width=None if sys.stdout.isatty() else 160, highlight=False)
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Any]:
+    """A progress bar on the error stream; its callback takes (done, total, label)."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (BarColumn(bar_width=30), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("starting", total=None)
+        yield lambda done, total, label: bar.update(task, completed=done, total=total, description=label)
+
+
+MARKS = {"pass": "✓ pass", "known": "≈ known", "fail": "✗ FAIL", "error": "‼ ERROR", "unsupported": "– n/a"}
+STYLES = {"fail": "bold red", "error": "bold red", "known": "yellow", "unsupported": "dim"}
+
+
+def _print_verdicts(results: Any, page: Path) -> None:
+    """The table of verdicts, then what failed, then where the report is."""
+    from rich.table import Table
+
+    console = _console()
+    table = Table("scene", "run", "verdict", "step", "order", "position error", "bound", "up to", "energy error",
+                  "us/step", box=None, pad_edge=False)
+    for record in results.records:
+        position = record.errors.get("position", {})
+        order = record.orders.get("position", {}).get("observed")
+        table.add_row(
+            record.scene, record.label, MARKS[record.outcome], _size(record), "" if order is None else f"{order:.2f}",
+            _number(position.get("judged")), _number(position.get("bound")),
+            "" if record.judged_until is None else f"{record.judged_until:g} s", _number(record.energy_error),
+            "" if record.us_per_step is None else f"{record.us_per_step:.3g}", style=STYLES.get(record.outcome, ""))
+    console.print(table)
+    for record in results.records:
+        if record.outcome != "pass":
+            typer.echo(f"{MARKS[record.outcome]}  {record.scene}, {record.label}: {describe_worst(record)}")
+    counts = {outcome: sum(record.outcome == outcome for record in results.records) for outcome in MARKS}
+    typer.echo(", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count)
+               + f" of {len(results.records)} runs in {results.meta['seconds']:.0f} s")
+    for scene in results.scenes:
+        if "failure" in scene:
+            typer.echo(f"no truth for {scene['name']}: {scene['failure']}")
+    # Not through Rich: a path that is folded cannot be clicked or copied.
+    typer.echo(f"report: {page}")
+
+
+def describe_worst(record: Any) -> str:
+    """The worst finding of a record in one line."""
+    worst = record.worst
+    if record.outcome in ("error", "unsupported") or worst is None:
+        return record.message
+    if worst.kind in ("run", "vanished", "step"):
+        return f"{worst.kind}: {worst.detail}"
+    relation = "below" if worst.kind.startswith("order") else "beyond"
+    return (f"{worst.kind} {_number(worst.value) or 'not finite'} {relation} {_number(worst.bound)}; "
+            f"{worst.detail or worst.why}")
+
+
+def _size(record: Any) -> str:
+    return f"{record.step:g} s" if record.step else f"rtol {record.rtol:g}" if record.rtol else ""
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.1e}" if value < 0.1 or value >= 1000 else f"{value:.2f}"
+
+
+def _brief(document: dict[str, Any], page: Path) -> dict[str, Any]:
+    """The document without its curves, which only the report needs."""
+    scenes = [{key: value for key, value in scene.items() if key != "curves"} for scene in document["scenes"]]
+    records = [{key: value for key, value in record.items() if key != "curves"} for record in document["records"]]
+    return {**document, "scenes": scenes, "records": records, "report": str(page)}
+
+
+def _print_run(traj: Any, csv_file: str | None) -> None:
+    used = traj.stats.get("step")
+    typer.echo(f"{traj.engine} {traj.method}{f' ({traj.form})' if traj.form else ''}: {traj.status}, {traj.steps} steps"
+               + (f" of {used:.6g} s" if used else "") + f", {1e3 * traj.wall_time:.3g} ms of stepping, "
+               f"{1e6 * traj.wall_time / max(1, traj.steps):.3g} us per step")
+    for index, position in enumerate(traj.x[-1]):
+        typer.echo(f"body {index}: x({traj.t[-1]:g} s) = ({', '.join(f'{value:.12g}' for value in position)}) m")
+    levels = [(name, getattr(traj, f"constraint_{name}")) for name in ("position", "velocity", "acceleration")]
+    shown = ", ".join(f"{name} {abs(series).max():.1e}" for name, series in levels if series is not None)
+    typer.echo(f"constraints, at the samples: {shown}; orthogonality {traj.orthogonality.max():.1e}")
+    if csv_file is not None:
+        typer.echo(f"written: {csv_file}")
+
+
+def _write_csv(scene: Any, states: Any, target: str) -> None:
+    """States as CSV, one line per output time, full precision."""
+    header = ["t [s]"]
+    for body in scene.bodies:
+        header += [f"{body.name} x_{axis} [m]" for axis in "xyz"]
+        header += [f"{body.name} R_{row}{column}" for row in "123" for column in "123"]
+        header += [f"{body.name} v_{axis} [m/s]" for axis in "xyz"]
+        header += [f"{body.name} w_{axis} [rad/s]" for axis in "xyz"]
+    extra = {"energy": "energy [J]", "constraint_position": "constraint position",
+             "constraint_velocity": "constraint velocity", "constraint_acceleration": "constraint acceleration",
+             "orthogonality": "orthogonality"}
+    series = {title: getattr(states, name) for name, title in extra.items() if getattr(states, name, None) is not None}
+    with contextlib.ExitStack() as stack:
+        try:
+            stream = sys.stdout if target == "-" else stack.enter_context(open(target, "w", newline="",
+                                                                               encoding="utf-8"))
+        except OSError as error:
+            raise ArgumentError(f"--csv {target}: cannot be written ({error.strerror})") from None
+        writer = csv.writer(stream)
+        writer.writerow(header + list(series))
+        for k, time in enumerate(states.t):
+            row = [time]
+            for i in range(scene.n):
+                row += [*states.x[k, i], *states.R[k, i].ravel(), *states.v[k, i], *states.w[k, i]]
+            writer.writerow([repr(float(value)) for value in [*row, *(values[k] for values in series.values())]])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,60 @@
+"""Where results come from: versions, machine, commit."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import os
+import platform
+import subprocess
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+PACKAGES = ("lieeuler-crosscheck", "numpy", "scipy", "heyoka")
+
+
+def describe(engine_names: Iterable[str]) -> dict[str, Any]:
+    """Versions of everything that takes part, the machine, the time (UTC) and, in a git checkout, the commit."""
+    from crosscheck import engines
+
+    return {
+        "time": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "engines": {name: engines.get(name).version() for name in engine_names},
+        "packages": {name: _version(name) for name in PACKAGES},
+        "python": platform.python_version(),
+        "machine": {"system": f"{platform.system()} {platform.machine()}", "processor": _processor(),
+                    "cores": os.cpu_count()},
+        "commit": _commit(Path(__file__).resolve().parent.parent),
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or "unknown"
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown")
+
+
+def _commit(folder: Path) -> str | None:
+    """The commit, with "+ changes" when files differ from it; None outside a checkout or without git."""
+    if not (folder / ".git").exists():
+        return None
+    def git(*words: str) -> str | None:
+        try:
+            done = subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=10)
+        except (OSError, subprocess.TimeoutExpired):
+            return None
+        return done.stdout.strip() if done.returncode == 0 else None
+    commit = git("rev-parse", "--short=12", "HEAD")
+    if commit is None:
+        return None
+    return commit + (" + changes" if git("status", "--porcelain", "--untracked-files=no") else "")

@@ -1,0 +1,92 @@
+"""The results for other programs: CSV, JUnit XML, JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import xml.etree.ElementTree as ElementTree
+from typing import Any
+
+from crosscheck.report.words import number, sentence
+
+QUANTITIES = ("position", "attitude", "velocity", "angular velocity")
+LEVELS = ("position", "velocity", "acceleration")
+
+
+def without_curves(document: dict[str, Any]) -> dict[str, Any]:
+    """The document without what only plots need."""
+    def bare(record: dict[str, Any]) -> dict[str, Any]:
+        return {key: value for key, value in record.items() if key != "curves"}
+    return {**document, "scenes": [bare(scene) for scene in document["scenes"]],
+            "records": [bare(record) for record in document["records"]]}
+
+
+def table(document: dict[str, Any]) -> str:
+    """One line per run, units in the header, full precision; an empty field where there is no figure."""
+    hashes = {scene["name"]: scene.get("hash", "") for scene in document["scenes"]}
+    columns: list[tuple[str, Any]] = [
+        (name, lambda r, name=name: r[name])
+        for name in ("scene", "engine", "version", "method", "form", "outcome", "status")]
+    columns += [("step [s]", lambda r: r["step"]), ("rtol", lambda r: r["rtol"]),
+                ("documented order", lambda r: r["documented_order"]),
+                ("judged until [s]", lambda r: r["judged_until"])]
+    for name in QUANTITIES:
+        unit = {"position": "m", "attitude": "rad", "velocity": "m/s", "angular velocity": "rad/s"}[name]
+        columns += [(f"{name} {field} [{unit}]", lambda r, name=name, key=key: r["errors"].get(name, {}).get(key))
+                    for key, field in (("end", "end error"), ("max", "max error"), ("judged", "judged error"),
+                                         ("bound", "bound"))]
+        columns.append((f"{name} order", lambda r, name=name: r["orders"].get(name, {}).get("observed")))
+    columns += [("energy error over largest kinetic energy", lambda r: r["energy_error"]),
+                ("vertical momentum error [kg m^2/s]", lambda r: r["momentum_error"])]
+    for name in LEVELS:
+        columns.append((f"constraint {name}, max over steps",
+                        lambda r, name=name: r["levels"].get(name, {}).get("max")))
+    columns += [("orthogonality", lambda r: r["orthogonality"]), ("steps", lambda r: r["steps"]),
+                ("wall time [s]", lambda r: r["wall_time"]), ("us per step", lambda r: r["us_per_step"]),
+                ("worst finding", sentence), ("message", lambda r: r["message"]),
+                ("scene hash", lambda r: hashes.get(r["scene"], "")), ("command", lambda r: r["command"])]
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow([title for title, _ in columns])
+    for record in document["records"]:
+        values = [value(record) for _, value in columns]
+        writer.writerow(["" if value is None else repr(value) if isinstance(value, float) else value
+                         for value in values])
+    return stream.getvalue()
+
+
+def junit(document: dict[str, Any]) -> str:
+    """JUnit XML: a suite per scene, a case per run. A known defect passes, its reason stands in the case's output."""
+    root = ElementTree.Element("testsuites", name="crosscheck verify")
+    for scene in document["scenes"]:
+        records = [record for record in document["records"] if record["scene"] == scene["name"]]
+        suite = ElementTree.SubElement(root, "testsuite", name=scene["name"])
+        for record in records:
+            case = ElementTree.SubElement(suite, "testcase", classname=f"crosscheck.{scene['name']}",
+                                          name=record["label"], time=f"{record['wall_time'] or 0.0:.6f}")
+            _judge(case, record)
+        for attribute, outcome in (("failures", "fail"), ("errors", "error"), ("skipped", "unsupported")):
+            suite.set(attribute, str(sum(record["outcome"] == outcome for record in records)))
+        suite.set("tests", str(len(records)))
+    ElementTree.indent(root)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + _legal(ElementTree.tostring(root, encoding="unicode")) + "\n"
+
+
+def _judge(case: ElementTree.Element, record: dict[str, Any]) -> None:
+    lines = [f"{finding['status']}: {finding['kind']} {number(finding['value'])} {finding['unit']}, bound "
+             f"{number(finding['bound'])}; {finding['why']}; {finding['detail']}" for finding in record["findings"]]
+    outcome = record["outcome"]
+    if outcome == "fail":
+        failure = ElementTree.SubElement(case, "failure", message=sentence(record))
+        failure.text = "\n".join(line for line in lines if line.startswith("fail"))
+    elif outcome == "error":
+        ElementTree.SubElement(case, "error", message=record["message"])
+    elif outcome == "unsupported":
+        ElementTree.SubElement(case, "skipped", message=record["message"])
+    output = ElementTree.SubElement(case, "system-out")
+    output.text = "\n".join([*lines, f"repeat: {record['command']}"])
+
+
+def _legal(text: str) -> str:
+    """Without the control characters that XML 1.0 forbids; an engine's message may hold any."""
+    return "".join(letter for letter in text if letter in "\t\n\r" or ord(letter) >= 0x20)

@@ -1,0 +1,304 @@
+"""One cell of the grid, run in a worker: the main run, the order study, the verdict; and the timing of many cells."""
+
+from __future__ import annotations
+
+import dataclasses
+import statistics
+import traceback
+from typing import Any
+
+import numpy as np
+
+from crosscheck import tolerances
+from crosscheck.errors import EngineError, Unsupported
+from crosscheck.metrics import QUANTITIES, errors
+from crosscheck.references.base import Reference
+from crosscheck.scene import Scene
+from crosscheck.studies.plan import PLANS, RTOLS, STUDY_SAMPLES, ScenePlan, plan_from_truth
+from crosscheck.verdict import (
+    Finding,
+    Record,
+    judge_invariants,
+    judge_levels,
+    judge_orders,
+    judge_practical,
+    judge_states,
+    settle,
+)
+
+CURVE_DIGITS = 5
+"""Significant digits of the curves kept for the report; every judged figure is kept in full."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """One scene with one engine, method and form."""
+
+    scene: str  # a name or a path
+    engine: str
+    method: str
+    form: str | None
+    plan: ScenePlan
+    study: bool = True  # also the order study
+    whole: bool = True  # the main run covers the whole scene, not only its first window
+    default_form: bool = True
+    practical: bool = False  # runs at the plan's practical step, far too coarse for bounds of states
+
+    @property
+    def label(self) -> str:
+        """Engine, method and, where it is not the engine's default, form."""
+        return f"{self.engine} {self.method}" + ("" if self.default_form or not self.form else f" ({self.form})")
+
+
+def load(name: str, plan: ScenePlan, whole: bool = True) -> Scene:
+    """A scene, or its first window, at the output times of its plan."""
+    from crosscheck.scene_file import load_scene
+
+    scene = load_scene(name)
+    duration = scene.duration if whole else min(plan.window, scene.duration)
+    return scene.replace(duration=duration, samples=plan.samples)
+
+
+def windowed(scene: Scene, window: float) -> Scene:
+    """The first `window` seconds of a scene, at the output times of the order study."""
+    return scene.replace(duration=min(window, scene.duration), samples=STUDY_SAMPLES)
+
+
+def prepare_truth(task: tuple[str, bool]) -> dict[str, Any]:
+    """Compute (or find in the cache) the truths a scene's cells need, and choose its plan.
+
+    `task`: name or path, and whether main runs cover the whole scene. Returns what the report says about the scene, and
+    the plan under the key "plan".
+    """
+    from crosscheck import mechanics
+    from crosscheck.references import truth
+    from crosscheck.scene_file import load_scene
+
+    name, whole = task
+    short = windowed(load_scene(name), PLANS[name].window if name in PLANS else 1.0)
+    window = truth(short)
+    plan = PLANS.get(name) or plan_from_truth(short, window)
+    scene = load(name, plan, whole)
+    reference = truth(scene)
+    kinetic = mechanics.kinetic_energy(scene, reference.states)
+    total = mechanics.energy(scene, reference.states)
+    return {
+        "name": name, "title": scene.name, "description": scene.description, "source": scene.source,
+        "hash": scene.hash, "bodies": [body.name for body in scene.bodies], "duration": scene.duration, "plan": plan,
+        "truth": {"source": reference.source, "second_source": reference.second_source,
+                  "disagreement": reference.disagreement, "allowed": reference.allowed,
+                  "amplification": reference.amplification, "horizon": reference.horizon},
+        "scales": dataclasses.asdict(tolerances.scales(scene, reference)),
+        "curves": {"t": _short(reference.t), "x": _short(np.moveaxis(reference.states.x, 0, -1)),
+                   "R": _short(_attitude_elements(reference.states.R)),
+                   "kinetic": _short(kinetic), "potential": _short(total - kinetic), "total": _short(total)},
+    }
+
+
+def run_cell(cell: Cell) -> Record:
+    """Run and judge one cell. Whatever happens, a record comes back."""
+    from crosscheck import engines
+    from crosscheck.engines.base import RunSpec
+    from crosscheck.references import truth
+
+    scene = load(cell.scene, cell.plan, cell.whole)
+    engine = engines.get(cell.engine)
+    order = engine.documented_order(scene, RunSpec(cell.method, step=cell.plan.step(1), form=cell.form))
+    step = None if order is None else cell.plan.practical if cell.practical else cell.plan.step(order)
+    rtol = cell.plan.rtol if order is None else None
+    spec = RunSpec(cell.method, step=step, rtol=rtol, form=cell.form)
+    record = Record(cell.scene, cell.engine, engine.version(), cell.method, cell.form, step, rtol, order,
+                    command(cell, step, rtol), practical=cell.practical)
+    reason = engine.unsupported(scene, spec)
+    if reason is not None:
+        record.outcome, record.message = "unsupported", reason
+        return record
+    reference, window = truth(scene), truth(windowed(scene, cell.plan.window))
+    _main_run(record, scene, reference, window, engine.held_levels(scene, spec))
+    if cell.study and record.outcome != "unsupported":
+        _order_study(record, cell, windowed(scene, cell.plan.window), window)
+    return settle(record) if record.outcome != "unsupported" else record
+
+
+def command(cell: Cell, step: float | None, rtol: float | None) -> str:
+    """The shell command that repeats the main run of a cell."""
+    size = f"--step {step:g}" if step is not None else f"--rtol {rtol:g}"
+    rest = (f" --form {cell.form}" if cell.form else "") + ("" if cell.whole else f" --duration {cell.plan.window:g}")
+    return (f"crosscheck run {cell.scene} --engine {cell.engine} --method {cell.method} {size}{rest} "
+            f"--samples {cell.plan.samples} --csv run.csv")
+
+
+def _attempt(scene: Scene, record: Record, form: str | None, step: float | None, rtol: float | None,
+             **options: Any) -> Any:
+    """A trajectory, or the one-line reason why there is none."""
+    from crosscheck.running import run
+
+    try:
+        return run(scene, record.engine, record.method, step=step, rtol=rtol, form=form, **options)
+    except Unsupported as error:
+        record.outcome, record.message = "unsupported", str(error)
+    except EngineError as error:
+        return str(error)
+    except Exception as error:
+        # An adapter may meet anything inside a foreign engine; the record keeps it and the verdict fails.
+        record.message = f"{type(error).__name__}: {error}"
+        return record.message + "\n" + traceback.format_exc()
+    return record.message
+
+
+def _main_run(record: Record, scene: Scene, reference: Reference, window: Reference,
+              held: frozenset[str]) -> None:
+    from crosscheck.trajectory import MAXIMA
+
+    traj = _attempt(scene, record, record.form, record.step, record.rtol)
+    if record.outcome == "unsupported":
+        return
+    if isinstance(traj, str):
+        record.status, record.message = "failed", traj.splitlines()[0]
+        record.findings.append(Finding("run", "fail", None, None, "", "a run has to reach its end", record.message))
+        return
+    record.findings.append(Finding("run", "ok", None, None, "", "a run has to reach its end"))
+    maxima = {key: traj.stats[key] for key in MAXIMA if key in traj.stats}
+    if record.practical:
+        bounds, found = None, errors(scene, traj, reference.states)
+        findings = [judge_practical(scene, traj, reference)]
+        findings += [Finding(name, "unjudged", error.max, None, error.unit, "the step is too coarse for a bound",
+                             f"body {error.body}, t = {error.time:.4g} s") for name, error in found.items()]
+    else:
+        findings, found, bounds = judge_states(scene, traj, reference, window, record.documented_order,
+                                               traj.stats.get("step") or record.step, record.rtol)
+        findings += judge_invariants(scene, traj, reference, bounds)
+        record.judged_until = bounds.until
+    levels = judge_levels(scene, traj, reference, bounds, held, maxima)
+    record.findings += findings + levels
+    tol = tolerances.orthogonality(record.engine, traj.steps)
+    drift = max(float(traj.orthogonality.max()), maxima.get("orthogonality", 0.0))
+    record.findings.append(Finding("orthogonality", "ok" if drift <= tol.value else "fail", drift, tol.value, "1",
+                                   tol.why, "every step"))
+    record.orthogonality = drift
+    record.errors = {name: {"unit": error.unit, "end": error.end, "max": error.max, "time": error.time,
+                            "body": error.body}
+                     for name, error in found.items()}
+    for finding in findings:
+        if finding.kind in record.errors:
+            record.errors[finding.kind] |= {"judged": finding.value, "bound": finding.bound, "why": finding.why}
+    for finding in levels:
+        level = finding.kind.removeprefix("level ")
+        series = getattr(traj, f"constraint_{level}")
+        most = None if series is None else max(float(np.max(series)), maxima.get(f"constraint_{level}", 0.0))
+        record.levels[level] = {"max": most, "held": level in held, "unit": finding.unit}
+    _totals(record, scene, traj, reference, maxima)
+    record.curves = _curves(scene, traj, found)
+
+
+def _totals(record: Record, scene: Scene, traj: Any, reference: Reference, maxima: dict[str, float]) -> None:
+    from crosscheck import mechanics
+
+    record.status, record.steps, record.wall_time = traj.status, int(traj.steps), float(traj.wall_time)
+    record.form = traj.form or record.form
+    record.us_per_step = 1e6 * traj.wall_time / max(1, traj.steps)
+    size = tolerances.scales(scene, reference).kinetic
+    record.energy_error = max(float(np.abs(traj.energy - traj.energy[0]).max() / size), maxima.get("energy_error", 0.0))
+    exact = mechanics.momentum_vertical(scene, reference.states)
+    record.momentum_error = float(np.abs(traj.momentum_vertical - exact).max())
+
+
+def _order_study(record: Record, cell: Cell, scene: Scene, reference: Reference) -> None:
+    """Errors at halved steps (or tightened tolerances) over the window, and the orders they show."""
+    order = record.documented_order
+    sizes = cell.plan.ladder(order) if order is not None else RTOLS
+    for size in sizes:
+        step, rtol = (size, None) if order is not None else (None, size)
+        traj = _attempt(scene, record, cell.form, step, rtol, monitor=False)
+        rung: dict[str, Any] = {"step": step, "rtol": rtol, "errors": {}, "end": {}, "wall_time": None, "steps": None}
+        if isinstance(traj, str):
+            rung["message"] = traj.splitlines()[0] if traj else record.message
+        else:
+            found = errors(scene, traj, reference.states)
+            rung |= {"step": traj.stats.get("step") or step, "wall_time": float(traj.wall_time),
+                     "steps": int(traj.steps), "errors": {name: error.max for name, error in found.items()},
+                     "end": {name: error.end for name, error in found.items()}}
+        record.ladder.append(rung)
+    if order is None:
+        return
+    scale = tolerances.scales(scene, reference)
+    floors = {quantity: tolerances.noise(reference, scale.of(quantity)) for quantity in QUANTITIES}
+    findings, orders = judge_orders(order, record.ladder, floors)
+    # A guide of the documented slope through the coarsest point, for the eye.
+    first = record.ladder[0]
+    for rung in record.ladder:
+        start = first["errors"].get("position")
+        rung["guide"] = None if start is None else start * (rung["step"] / first["step"]) ** order
+    record.findings += findings
+    record.orders = {name: {"observed": result.observed, "documented": order, "used": result.used,
+                            "pairs": list(result.pairs), "note": result.note} for name, result in orders.items()}
+
+
+@dataclasses.dataclass(frozen=True)
+class Timing:
+    """The cells of one scene that a timing study compares, and how often."""
+
+    cells: tuple[Cell, ...]
+    orders: tuple[int | None, ...]
+    repeats: int
+
+
+def time_cells(timing: Timing) -> list[list[dict[str, Any]]]:
+    """Stepping time against end error of every cell, all in this one process, serially and interleaved.
+
+    Two samples only, so that no engine pays for output; medians over the repeats. A run that fails gives no point.
+    """
+    from crosscheck.references import truth
+
+    first = timing.cells[0]
+    scene = load(first.scene, first.plan)
+    brief = windowed(scene, first.plan.window).replace(samples=2)
+    exact = truth(windowed(scene, first.plan.window)).states
+    end = dataclasses.replace(exact, **{name: getattr(exact, name)[[0, -1]] for name in ("t", "x", "R", "v", "w")},
+                              a=None, alpha=None, lam=None)
+    points: list[dict[tuple[int, float], list[Any]]] = [{} for _ in timing.cells]
+    for _ in range(timing.repeats):
+        for index, (cell, order) in enumerate(zip(timing.cells, timing.orders, strict=True)):
+            record = Record(cell.scene, cell.engine, "", cell.method, cell.form, None, None, order, "")
+            sizes = cell.plan.ladder(order) if order is not None else RTOLS
+            for rung, size in enumerate(sizes):
+                step, rtol = (size, None) if order is not None else (None, size)
+                traj = _attempt(brief, record, cell.form, step, rtol, monitor=False)
+                if not isinstance(traj, str):
+                    points[index].setdefault((rung, size), []).append(traj)
+    return [[_timed(brief, size, order, trajs, end) for (_, size), trajs in sorted(each.items())]
+            for each, order in zip(points, timing.orders, strict=True)]
+
+
+def _timed(scene: Scene, size: float, order: int | None, trajs: list[Any], end: Any) -> dict[str, Any]:
+    wall = statistics.median(traj.wall_time for traj in trajs)
+    found = errors(scene, trajs[0], end)
+    return {"step": size if order is not None else None, "rtol": size if order is None else None,
+            "wall_time": wall, "steps": int(trajs[0].steps), "us_per_step": 1e6 * wall / max(1, trajs[0].steps),
+            "error": found["position"].end}
+
+
+def _curves(scene: Scene, traj: Any, found: dict[str, Any]) -> dict[str, Any]:
+    from crosscheck import mechanics
+
+    kinetic = mechanics.kinetic_energy(scene, traj)
+    curves = {"t": _short(traj.t), "x": _short(np.moveaxis(traj.x, 0, -1)), "R": _short(_attitude_elements(traj.R)),
+              "kinetic": _short(kinetic), "potential": _short(traj.energy - kinetic), "total": _short(traj.energy),
+              "orthogonality": _short(traj.orthogonality),
+              "errors": {name: _short(error.series) for name, error in found.items()}}
+    for level in ("position", "velocity", "acceleration"):
+        series = getattr(traj, f"constraint_{level}")
+        curves[f"constraint {level}"] = None if series is None else _short(series)
+    return curves
+
+
+def _attitude_elements(R: np.ndarray) -> np.ndarray:
+    """(9, T): the nine elements, row by row, of the attitude of the last body, the end of a chain."""
+    return R[:, -1].reshape(len(R), 9).T
+
+
+def _short(values: np.ndarray) -> Any:
+    """Nested lists of numbers with the digits a plot can show; None where a value is not finite."""
+    if np.ndim(values) > 1:
+        return [_short(row) for row in values]
+    return [float(f"{value:.{CURVE_DIGITS}g}") if np.isfinite(value) else None for value in values]

@@ -1,0 +1,123 @@
+"""What `crosscheck verify` runs: profiles, and per scene the steps at which each order of method is judged."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from crosscheck import tolerances
+from crosscheck.errors import ArgumentError
+from crosscheck.references.base import Reference
+from crosscheck.scene import Scene
+
+EULER = ("DAE3L_LE", "DAE2L_LE", "DAE2L_LSE", "DAE1L_LSE", "DAE3H_LE", "DAE2H_LE", "DAE2H_LSE", "DAE1H_LSE")
+"""The eight Lie group Euler methods of [P1], in the order of its tables (doi:10.1177/1687814019842406)."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ScenePlan:
+    """Steps for one scene.
+
+    `steps` maps a documented order to the step (s) of the main run over the whole scene, `ladders` to the steps of the
+    order study over the first `window` seconds, coarse to fine. Orders that are not listed use the next lower one.
+    """
+
+    window: float
+    steps: dict[int, float]
+    ladders: dict[int, tuple[float, ...]]
+    rtol: float = 1e-9
+    practical: float | None = None  # s; first-order methods also run at this step, for what a user meets who starts so
+    samples: int = 251  # output times of the main run: smooth curves on a screen, and no more
+
+    def step(self, order: int) -> float:
+        """Step (s) of the main run of a method of this order."""
+        return self.steps[max(key for key in self.steps if key <= order)]
+
+    def ladder(self, order: int) -> tuple[float, ...]:
+        """Steps (s) of the order study."""
+        return self.ladders[max(key for key in self.ladders if key <= order)]
+
+
+def halved(coarsest: float, rungs: int = 4) -> tuple[float, ...]:
+    """A ladder of steps (s), each half the one before."""
+    return tuple(coarsest / 2**rung for rung in range(rungs))
+
+
+def parts(interval: float, *counts: int) -> tuple[float, ...]:
+    """A ladder of steps (s) that divide the interval between two output times of the order study."""
+    return tuple(interval / count for count in counts)
+
+
+EULER_LADDER = halved(4e-3)
+"""The steps the project's order tests prescribe for first and second order on the pendulums."""
+
+STUDY_SAMPLES = 6
+"""Output times of the order study: every step of a ladder has to fit between two of them."""
+
+# Steps at which the bounds of `crosscheck.tolerances` judge, from the derivatives and the amplification of
+# each scene's truth. A ladder starts where the method is in its asymptotic range and ends above the rounding plateau;
+# high orders pass through that gap so fast that they need steps closer than halves. The top turns at 150 rad/s, so that
+# its steps are shorter and its order study covers two turns of it.
+PLANS = {
+    "single_pendulum": ScenePlan(1.0, {1: 1e-3}, {
+        1: EULER_LADDER, 4: halved(2e-2), 5: halved(4e-2), 6: parts(0.2, 4, 6, 8, 10), 8: parts(0.2, 1, 2, 3, 4)}),
+    "double_pendulum": ScenePlan(1.0, {1: 4e-5, 2: 1e-3}, {
+        1: EULER_LADDER, 4: halved(5e-3), 5: parts(0.2, 10, 15, 20, 30), 8: parts(0.2, 10, 12, 14, 16)}),
+    "triple_pendulum": ScenePlan(2.0, {1: 4e-5, 2: 1e-3}, {
+        1: EULER_LADDER, 4: halved(2e-2), 5: halved(1e-2), 6: halved(2e-2), 8: parts(0.4, 16, 20, 24, 28)}),
+    "heavy_top": ScenePlan(0.1, {1: 5e-6, 2: 2e-5, 4: 1e-4, 8: 5e-4}, {
+        1: halved(4e-5), 2: halved(2e-4), 4: halved(4e-3), 6: halved(2.5e-3), 8: parts(0.02, 4, 6, 8, 10)},
+        practical=1e-3),
+}
+
+SHARE = 0.01
+"""A step chosen by rule makes the bound of the error this share of the scene's size."""
+
+
+def plan_from_truth(scene: Scene, truth: Reference) -> ScenePlan:
+    """Steps for a scene that has no plan of its own, such that the bounds judge; `truth` of its first seconds."""
+    window = float(truth.t[-1])
+    scale = tolerances.scales(scene, truth)
+    steps = {}
+    for order in (1, 2, 4, 6, 8):
+        size = truth.amplification * window * tolerances.derivative(truth, order + 1, scale)
+        step = (SHARE / max(size, tolerances.EPS)) ** (1 / order)
+        steps[order] = _readable(min(step, window / 20))
+    return ScenePlan(window, steps, {order: halved(4 * step) for order, step in steps.items()})
+
+
+def _readable(step: float) -> float:
+    """The next smaller of 1, 2, 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(step))
+    return max(digit for digit in (1, 2, 5) if digit * power <= step * (1 + 1e-12)) * power
+
+
+PENDING = ScenePlan(0.0, {}, {})
+"""Stands in a cell until the truth of its scene has chosen the plan."""
+
+RTOLS = (1e-4, 1e-6, 1e-8, 1e-10)
+"""Relative tolerances of the accuracy study of adaptive methods."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Profile:
+    """How much of the plan a profile runs."""
+
+    name: str
+    study: bool  # also the order study
+    whole: bool  # main runs over the whole scene, not only its first window
+    forms: bool  # also the model forms that are not an engine's default
+    timing: int  # repeats of the timing study; 0: none
+
+
+PROFILES = {
+    "default": Profile("default", True, True, True, 3),
+    "smoke": Profile("smoke", False, False, False, 0),
+}
+
+
+def profile(name: str) -> Profile:
+    """A profile by name; `ArgumentError` for an unknown one."""
+    if name not in PROFILES:
+        raise ArgumentError(f"profile {name!r} is unknown: choose {' or '.join(PROFILES)}")
+    return PROFILES[name]

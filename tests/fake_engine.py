@@ -1,0 +1,69 @@
+"""An engine for tests: truth plus an error of chosen order, so that every verdict can be provoked at will."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from crosscheck.engines.base import RawRun, steps_per_sample
+from crosscheck.errors import EngineError
+from crosscheck.states import States
+
+
+@dataclasses.dataclass
+class FakeEngine:
+    """Errors of `size` h^`real_order` t in every quantity; claims `claimed_order`."""
+
+    claimed_order: int | None = 2
+    real_order: int = 2
+    size: float = 0.1
+    held: frozenset = frozenset()
+    refuses: str | None = None
+    breaks: str | None = None
+
+    name = "fake"
+    methods = ("Plain", "Broken", "Unable")
+
+    def version(self):
+        """Version."""
+        return "1.2.3"
+
+    def documented_order(self, scene, spec):
+        """The claimed order."""
+        return self.claimed_order
+
+    def held_levels(self, scene, spec):
+        """The claimed levels."""
+        return self.held
+
+    def unsupported(self, scene, spec):
+        """The reason given at construction."""
+        return self.refuses
+
+    def run(self, scene, spec):
+        """Truth with the chosen error, or the chosen failure."""
+        from crosscheck.references import truth
+
+        if self.breaks:
+            raise EngineError(self.breaks)
+        per, h = steps_per_sample(scene, spec.step)
+        # Two output times make a timing run; truth wants more of them, so it is taken from a finer grid.
+        exact = truth(scene.replace(samples=6) if scene.samples == 2 else scene).states
+        pick = [0, -1] if scene.samples == 2 else slice(None)
+        error = self.size * h**self.real_order * exact.t[pick]
+        turn = np.broadcast_to(np.eye(3), (len(error), 3, 3)).copy()
+        turn[:, 0, 0] = turn[:, 1, 1] = np.cos(error)
+        turn[:, 1, 0], turn[:, 0, 1] = np.sin(error), -np.sin(error)
+        push = error[:, None, None] * np.array([1.0, 0.0, 0.0])
+        states = States(exact.t[pick], exact.x[pick] + push, exact.R[pick] @ turn[:, None], exact.v[pick] + push,
+                        exact.w[pick] + push)
+        return RawRun(states, 1e-6 * per * (scene.samples - 1), per * (scene.samples - 1), h, form="tree")
+
+
+def install(monkeypatch, engine):
+    """Put the engine in the place of all others."""
+    from crosscheck import engines
+
+    monkeypatch.setattr(engines, "get", lambda name: engine)
+    return engine

@@ -1,0 +1,21 @@
+"""Tasks for worker processes; spawned workers import them by name."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+
+def square_or_die(number: int) -> int:
+    """The square; -1 kills the process as a crashing engine would, -2 raises."""
+    if number == -1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if number == -2:
+        raise ValueError("minus two is not liked")
+    return number * number
+
+
+def chatter(number: int) -> int:
+    """Writes to the standard output below Python, as engines do."""
+    os.write(1, b"engine chatter\n")
+    return number

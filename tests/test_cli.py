@@ -1,0 +1,118 @@
+"""The command line: what it prints, and what it answers to mistakes."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "mujoco")
+
+
+def crosscheck(*words, **options):
+    return subprocess.run([sys.executable, "-m", "crosscheck.cli", *words], capture_output=True, text=True, timeout=120,
+                          env={**os.environ, "COLUMNS": "200"}, **options)
+
+
+@pytest.fixture(scope="module")
+def verified(tmp_path_factory):
+    out = tmp_path_factory.mktemp("verify") / "latest"
+    return crosscheck("verify", *QUICK, "--out", str(out)), out
+
+
+def test_verify_prints_one_table_and_where_the_report_is(verified):
+    done, out = verified
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("energy error") == 1
+    assert "mujoco RK4" in done.stdout
+    assert done.stdout.splitlines()[-1] == f"report: {out / 'index.html'}"
+    assert (out / "index.html").is_file()
+
+
+def test_verify_as_json(tmp_path):
+    done = crosscheck("verify", *QUICK, "--json", "--out", str(tmp_path / "latest"))
+    document = json.loads(done.stdout)
+    assert document["exit_code"] == done.returncode == 0
+    assert {record["outcome"] for record in document["records"]} == {"pass"}
+    assert document["report"].endswith("index.html")
+
+
+def test_list_names_scenes_engines_and_methods():
+    done = crosscheck("list")
+    assert done.returncode == 0
+    for word in ("heavy_top", "triple_pendulum", "lieeuler", "DAE1H_LSE", "mujoco", "pinocchio", "exudyn", "RK67"):
+        assert word in done.stdout
+
+
+def test_run_writes_its_trajectory(tmp_path):
+    target = tmp_path / "run.csv"
+    done = crosscheck("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2", "--csv",
+                      str(target), "--samples", "11")
+    assert done.returncode == 0, done.stderr
+    with open(target, newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 11
+    assert float(rows[-1]["t [s]"]) == 10.0
+    radius = [sum(float(row[f"pendulum x_{axis} [m]"]) ** 2 for axis in "xyz") for row in rows]
+    # The centre of mass hangs one metre from the origin; MuJoCo's ball joint holds that to rounding.
+    assert radius == pytest.approx([1.0] * 11, abs=1e-14)
+
+
+def test_run_prints_csv_alone_on_request():
+    done = crosscheck("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2", "--csv", "-",
+                      "--samples", "3")
+    assert done.stdout.splitlines()[0].startswith("t [s],pendulum x_x [m]")
+    assert len(done.stdout.splitlines()) == 4
+
+
+def test_truth_tells_its_source_and_doubt():
+    done = crosscheck("truth", "heavy_top")
+    assert done.returncode == 0, done.stderr
+    assert "elliptic" in done.stdout
+    assert "x(1 s) = (0.17334396409" in done.stdout  # ENGINES.md, scene C
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (("run", "no_such_scene", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2"), "no_such_scene"),
+    (("run", "single_pendulum", "--engine", "mojoco", "--method", "RK4", "--step", "1e-2"), "did you mean 'mujoco'"),
+    (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK5", "--step", "1e-2"), "RK4"),
+    (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4"), "step"),
+    (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "-1"), "step: a finite number"),
+    (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2", "--map", "exp"),
+     "coordinate_map"),
+    (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2", "--csv",
+      "no/such/folder/run.csv"), "cannot be written"),
+    (("verify", "--profile", "quick"), "default or smoke"),
+    (("verify", "--engine", "bullet"), "bullet"),
+    (("verify", "--scene", "no_such_scene"), "no_such_scene"),
+    (("verify", "--jobs", "0"), "at least 1"),
+])
+def test_a_mistake_gets_one_clear_line(words, message, tmp_path):
+    done = crosscheck(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_importing_the_package_is_light():
+    heavy = ("numpy", "scipy", "mujoco", "pinocchio", "exudyn", "heyoka", "plotly", "pandas", "lieeuler")
+    code = f"import sys, crosscheck, crosscheck.cli; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_public_names():
+    import crosscheck as package
+
+    assert set(package.__all__) >= {"load_scene", "run", "methods", "engines", "scenes", "truth", "assert_agree",
+                                    "SceneError", "Unsupported", "EngineError", "ArgumentError", "Trajectory"}
+    for name in package.__all__:
+        assert callable(getattr(package, name))
+    assert package.engines() == ("lieeuler", "mujoco", "pinocchio", "exudyn")
+    assert "DAE1L_LSE" in package.methods("lieeuler")
+    assert set(package.scenes()) >= {"single_pendulum", "double_pendulum", "heavy_top", "triple_pendulum"}
+    with pytest.raises(AttributeError, match="no_such_name"):
+        package.no_such_name  # noqa: B018

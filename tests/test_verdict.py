@@ -1,0 +1,137 @@
+"""One verdict per run: every outcome, provoked with an engine whose errors are known."""
+
+import dataclasses
+import math
+
+import pytest
+
+from crosscheck import known
+from crosscheck.known import Known
+from crosscheck.studies.cell import Cell, Timing, run_cell, time_cells
+from crosscheck.studies.plan import ScenePlan, halved
+from tests.fake_engine import FakeEngine, install
+
+PLAN = ScenePlan(0.5, {1: 1e-3}, {1: halved(4e-3)}, samples=26)
+
+
+@pytest.fixture
+def verdict(monkeypatch):
+    def judge(study=True, **flaws):
+        install(monkeypatch, FakeEngine(**flaws))
+        return run_cell(Cell("single_pendulum", "fake", "Plain", None, PLAN, study))
+    return judge
+
+
+def kinds(record, status):
+    return {finding.kind for finding in record.findings if finding.status == status}
+
+
+def test_an_honest_engine_passes(verdict):
+    record = verdict()
+    assert record.outcome == "pass"
+    assert kinds(record, "fail") == set()
+    assert {"run", "position", "attitude", "velocity", "angular velocity", "energy", "momentum", "orthogonality",
+            "order position"} <= kinds(record, "ok")
+    # The error is 0.1 h^2 t and nothing else, on top of rounding of numbers of size one.
+    assert record.errors["position"]["end"] == pytest.approx(0.1 * 1e-6 * 10.0, rel=1e-6)
+    assert record.orders["position"]["observed"] == pytest.approx(2.0, abs=1e-3)
+    assert (record.version, record.status, record.steps, record.form) == ("1.2.3", "success", 10000, "tree")
+    assert record.us_per_step == pytest.approx(1.0)
+
+
+def test_a_lower_order_than_documented_fails_and_a_higher_one_does_not(verdict):
+    assert "order velocity" in kinds(verdict(claimed_order=2, real_order=1, size=1e-3), "fail")
+    assert verdict(claimed_order=1, real_order=2).outcome == "pass"
+
+
+def test_an_error_beyond_its_bound_fails_and_is_the_worst(verdict):
+    record = verdict(claimed_order=2, real_order=2, size=1e5)
+    assert record.outcome == "fail"
+    assert {"position", "attitude"} <= kinds(record, "fail")
+    assert record.worst.status == "fail"
+    assert record.worst.value > record.worst.bound
+
+
+def test_a_level_said_to_be_held_has_to_be(verdict):
+    assert "level position" in kinds(verdict(held=frozenset({"position"})), "fail")
+    assert "level position" in kinds(verdict(held=frozenset()), "ok")
+
+
+def test_a_failed_run_is_recorded_with_its_words(verdict):
+    record = verdict(breaks="the solver gave up at t = 0.3 s")
+    assert record.outcome == "fail"
+    assert record.worst.kind == "run"
+    assert "gave up at t = 0.3 s" in record.message
+    assert len(record.ladder) == 4
+    assert all("gave up" in rung["message"] for rung in record.ladder)
+
+
+def test_what_an_engine_cannot_model_is_no_failure(verdict):
+    record = verdict(refuses="it knows no ball joints")
+    assert (record.outcome, record.message) == ("unsupported", "it knows no ball joints")
+
+
+def test_a_step_too_coarse_to_judge_is_a_failure_of_the_plan(monkeypatch):
+    install(monkeypatch, FakeEngine(claimed_order=1, real_order=1, size=1e-6))
+    record = run_cell(Cell("single_pendulum", "fake", "Plain", None, ScenePlan(0.5, {1: 0.1}, {1: halved(0.1)},
+                                                                              samples=26), False))
+    assert "step" in kinds(record, "fail")
+
+
+def test_a_practical_step_is_judged_by_energy_and_held_levels(monkeypatch):
+    plan = dataclasses.replace(PLAN, practical=0.02)
+
+    def judge(size):
+        install(monkeypatch, FakeEngine(claimed_order=1, real_order=1, size=size, held=frozenset({"acceleration"})))
+        return run_cell(Cell("single_pendulum", "fake", "Plain", None, plan, study=False, practical=True))
+
+    # Errors of 0.02 m/s after 10 s hardly change the energy; 20 m/s are more than any fall from top to bottom gives.
+    mild, wild = judge(0.1), judge(100.0)
+    assert mild.outcome == "pass"
+    assert "position" in kinds(mild, "unjudged")
+    assert "energy" in kinds(wild, "fail")
+    assert mild.step == 0.02
+
+
+def entry(*found):
+    return Known("fake", ("Plain",), ("single_pendulum",), None, found, "its documentation says so")
+
+
+def test_a_known_defect_passes_with_its_reason(verdict, monkeypatch):
+    monkeypatch.setattr(known, "KNOWN", (entry("order position", "order attitude", "order velocity",
+                                               "order angular velocity"),))
+    record = verdict(claimed_order=2, real_order=1, size=1e-3)
+    assert record.outcome == "known"
+    assert record.worst.detail == "its documentation says so"
+
+
+def test_a_known_defect_does_not_cover_another_one(verdict, monkeypatch):
+    monkeypatch.setattr(known, "KNOWN", (entry("energy"),))
+    assert verdict(claimed_order=2, real_order=1, size=1e-3).outcome == "fail"
+
+
+def test_a_vanished_defect_fails(verdict, monkeypatch):
+    monkeypatch.setattr(known, "KNOWN", (entry("order position"),))
+    record = verdict()
+    assert record.outcome == "fail"
+    assert record.worst.kind == "vanished"
+    # Without an order study nobody looked for it.
+    assert verdict(study=False).outcome == "pass"
+
+
+def test_severity_ranks_findings(verdict):
+    record = verdict(size=1e5)
+    worst = record.worst
+    assert worst.severity == pytest.approx(math.log10(worst.value / worst.bound))
+    assert worst.severity == max(finding.severity for finding in record.findings if finding.status == "fail")
+
+
+def test_timing_gives_stepping_time_and_end_error(monkeypatch):
+    install(monkeypatch, FakeEngine())
+    cell = Cell("single_pendulum", "fake", "Plain", None, PLAN, True)
+    (points,) = time_cells(Timing((cell,), (2,), 2))
+    assert [point["step"] for point in points] == list(PLAN.ladder(2))
+    for point in points:
+        # 0.1 h^2 t at t = 0.5 s, on numbers of size one
+        assert point["error"] == pytest.approx(0.1 * point["step"] ** 2 * 0.5, rel=1e-6)
+        assert point["us_per_step"] == pytest.approx(1.0)

@@ -58,12 +58,12 @@ def _finite(value: Any) -> Any:
 
 def select_scenes(names: Sequence[str] | None) -> list[str]:
     """Names or paths of the scenes to run; every one is loaded once, so that a bad file ends it here."""
-    from crosscheck.scene_file import load_scene, scene_names
+    from crosscheck.scene_file import load_scene
 
-    chosen = list(names or scene_names())
+    chosen = list(dict.fromkeys(names or PLANS))
     for name in chosen:
         load_scene(name)
-    return list(dict.fromkeys(chosen))
+    return chosen
 
 
 def select_engines(names: Sequence[str] | None) -> list[str]:
@@ -107,7 +107,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     Parameters
     ----------
     profile : "default" or "smoke"
-    scenes : names or paths; None: all built-in scenes
+    scenes : names or paths; None: those with a plan in `crosscheck.studies.plan`
     engines : names; None: all
     jobs : worker processes
 

@@ -60,8 +60,8 @@ class Problem:
     Raises
     ------
     ArgumentError
-        A value is of the wrong shape or not physical, a joint names a body that is not there, joints form a closed
-        loop whose constraints depend on each other, or the state violates a joint by more than 1e-8.
+        A value is of the wrong shape or not physical, a joint names a body that is not there, or the state violates a
+        joint by more than 1e-8.
     """
 
     bodies: tuple[Body, ...]
@@ -108,28 +108,6 @@ class Problem:
             if np.abs(gap).max() > bound:
                 raise ArgumentError(f"the initial state violates the {name} by {np.abs(gap).max():.3g}; "
                                     f"project it first (bound {bound:.3g})")
-        if self._is_tree():
-            return  # its joints cannot depend on each other
-        rank = np.linalg.matrix_rank(values["G"], tol=1e-10 * length)
-        if rank < self.rows:
-            raise ArgumentError(f"{self.rows - rank} of the {self.rows} constraint rows depend on the others; "
-                                "redundant constraints are not supported yet, leave the dependent joints out")
-
-    def _is_tree(self) -> bool:
-        """Whether no joint closes a loop of bodies (the ground counts as one)."""
-        root = list(range(self.n + 1))  # union-find; the ground is the last
-
-        def find(body: int) -> int:
-            while root[body] != body:
-                body = root[body]
-            return body
-
-        for joint in self.joints:
-            parent, child = find(joint.parent), find(joint.child)
-            if parent == child:
-                return False
-            root[child] = parent
-        return True
 
     @property
     def n(self) -> int:

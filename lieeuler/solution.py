@@ -42,13 +42,15 @@ class Stats:
 
     `maxima` has the keys energy_error (|E - E(0)| over the largest kinetic energy), kinetic (J),
     constraint_position, constraint_velocity, constraint_acceleration (max norms, SI) and orthogonality
-    (max norm of R^T R - I); it is empty where monitoring was switched off.
+    (max norm of R^T R - I); it is empty where monitoring was switched off. Where `redundant_rows` of the constraint
+    rows depend on the others, the multipliers are those of least norm, one set of many that move the system alike.
     """
 
     steps: int
     newton_iterations: int
     factorizations: int
     most_iterations: int
+    redundant_rows: int
     step: float
     wall_time: float
     maxima: dict[str, float]

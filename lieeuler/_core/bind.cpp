@@ -154,6 +154,7 @@ nb::dict integrate(const System& system, const std::string& map, bool hamiltonia
   counters["steps"] = outcome.counters.steps;
   counters["newton_iterations"] = outcome.counters.newton_iterations;
   counters["factorizations"] = outcome.counters.factorizations;
+  counters["redundant_rows"] = outcome.redundant_rows;
   counters["most_iterations"] = outcome.counters.most_iterations;
   maxima["energy_error"] = outcome.maxima.energy_error;
   maxima["kinetic"] = outcome.maxima.kinetic;

@@ -3,7 +3,8 @@
 // Every unknown belongs to a node of three: a translation, a rotation, or up to three constraint rows (fewer are padded
 // with the identity). Which blocks can be nonzero and in which order nodes are eliminated is fixed once, when the
 // factorization is planned; a factorization then runs down a list of 3 x 3 operations, without search, branch on size
-// or allocation.
+// or allocation. The last nodes, the tail, are left to a dense factorization with full pivoting: those of the joints that
+// close loops, where redundant constraints make the matrix singular; its rank is set, not found, in a factorization.
 #pragma once
 
 #include <algorithm>
@@ -12,6 +13,7 @@
 #include <set>
 #include <vector>
 
+#include "full_pivot.hpp"
 #include "so3.hpp"
 
 namespace lieeuler {
@@ -35,8 +37,11 @@ class BlockLU {
  public:
   using Entry = std::pair<int, int>;  // (row node, column node)
 
-  // `order` lists all nodes; `entries` the blocks that may be nonzero off the diagonal.
-  void plan(const std::vector<int>& order, const std::set<Entry>& entries) {
+  // `order` lists all nodes, the last `tail` of them to be factored densely; `entries` the blocks that may be nonzero
+  // off the diagonal.
+  void plan(const std::vector<int>& order, int tail, const std::set<Entry>& entries) {
+    const std::vector<int> sparse(order.begin(), order.end() - tail);
+    tail_.assign(order.end() - tail, order.end());
     std::vector<std::set<int>> below(order.size()), right(order.size());  // nonzero rows of a column, columns of a row
     for (const auto& [row, column] : entries) below[column].insert(row), right[row].insert(column);
     std::map<Entry, int> places;
@@ -45,8 +50,8 @@ class BlockLU {
     };
     for (int node : order) place(node, node);
     for (const auto& [row, column] : entries) place(row, column);
-    pivots_.clear(), lowers_.clear(), uppers_.clear(), updates_.clear();
-    for (int node : order) {
+    pivots_.clear(), lowers_.clear(), uppers_.clear(), updates_.clear(), tail_blocks_.clear();
+    for (int node : sparse) {
       for (int row : below[node]) right[row].erase(node), lowers_.push_back({place(row, node), 3 * row});
       for (int column : right[node]) below[column].erase(node), uppers_.push_back({place(node, column), 3 * column});
       for (int row : below[node])
@@ -57,6 +62,11 @@ class BlockLU {
       pivots_.push_back({place(node, node), 3 * node, static_cast<int>(lowers_.size()),
                          static_cast<int>(uppers_.size()), static_cast<int>(updates_.size())});
     }
+    for (int row : tail_)
+      for (int column : tail_) tail_blocks_.push_back(place(row, column));
+    dense_.resize(3 * tail);
+    tail_vector_.assign(3 * tail, 0.0);
+    tail_scale_.assign(3 * tail, 1.0);
     values_.assign(kBlock * places.size(), 0.0);
     places_ = std::move(places);
     unknowns_ = 3 * static_cast<int>(order.size());
@@ -71,21 +81,31 @@ class BlockLU {
   void set_zero() { std::fill(values_.begin(), values_.end(), 0.0); }
 
   // False when a diagonal block is singular to rounding.
-  bool factor() {
-    double* const values = values_.data();
-    int upper = 0, update = 0;
-    for (const Pivot& pivot : pivots_) {
-      double* const diagonal = values + pivot.block;
-      if (!invert(diagonal)) return false;
-      for (; upper < pivot.last_upper; ++upper) multiply(diagonal, values + uppers_[upper].block);
-      for (; update < pivot.last_update; ++update)
-        subtract_product(values + updates_[update].lower, values + updates_[update].upper,
-                         values + updates_[update].target);
-    }
-    return true;
+  bool factor() { return eliminate() && (tail_.empty() || dense_.factor(dense_.size() - deficiency_)); }
+
+  // Scales the tail's rows and columns, so that its pivots can be told from rounding; by node, three each.
+  void scale_tail(const std::vector<double>& scale) {
+    for (size_t k = 0; k < tail_.size(); ++k)
+      for (int r = 0; r < 3; ++r) tail_scale_[3 * k + r] = scale[3 * tail_[k] + r];
   }
 
-  void solve(double* b) const {
+  // How many dependent rows the tail holds: pivots below `tolerance`. False when the rest of the matrix is singular.
+  bool find_deficiency(double tolerance, int& deficiency) {
+    if (!eliminate()) return false;
+    deficiency = tail_.empty() ? 0 : dense_.size() - dense_.rank(tolerance);
+    return true;
+  }
+  void expect_deficiency(int deficiency) { deficiency_ = deficiency; }
+
+  // The k-th vector of the null space, k < deficiency.
+  void null_vector(int k, double* x) {
+    std::fill(x, x + unknowns_, 0.0);
+    dense_.null_vector(k, tail_vector_.data());
+    scatter_tail(x);
+    substitute_back(x);
+  }
+
+  void solve(double* b) {
     const double* const values = values_.data();
     int lower = 0;
     for (const Pivot& pivot : pivots_) {
@@ -95,14 +115,12 @@ class BlockLU {
       for (int i = 0; i < 3; ++i) x[i] = d[kRow * i] * x0 + d[kRow * i + 1] * x1 + d[kRow * i + 2] * x2;
       for (; lower < pivot.last_lower; ++lower) subtract(values + lowers_[lower].block, x, b + lowers_[lower].unknown);
     }
-    int upper = static_cast<int>(uppers_.size());
-    for (size_t k = pivots_.size(); k-- > 0;) {
-      const int first = k == 0 ? 0 : pivots_[k - 1].last_upper;
-      while (upper > first) {
-        --upper;
-        subtract(values + uppers_[upper].block, b + uppers_[upper].unknown, b + pivots_[k].unknown);
-      }
+    if (!tail_.empty()) {
+      for (size_t i = 0; i < tail_vector_.size(); ++i) tail_vector_[i] = tail_scale_[i] * b[3 * tail_[i / 3] + i % 3];
+      dense_.solve(tail_vector_.data());
+      scatter_tail(b);
     }
+    substitute_back(b);
   }
 
  private:
@@ -115,6 +133,39 @@ class BlockLU {
   struct Update {
     int lower, upper, target;
   };
+
+  bool eliminate() {
+    double* const values = values_.data();
+    int upper = 0, update = 0;
+    for (const Pivot& pivot : pivots_) {
+      double* const diagonal = values + pivot.block;
+      if (!invert(diagonal)) return false;
+      for (; upper < pivot.last_upper; ++upper) multiply(diagonal, values + uppers_[upper].block);
+      for (; update < pivot.last_update; ++update)
+        subtract_product(values + updates_[update].lower, values + updates_[update].upper,
+                         values + updates_[update].target);
+    }
+    const int tail = static_cast<int>(tail_.size());
+    for (int i = 0; i < 3 * tail; ++i)
+      for (int j = 0; j < 3 * tail; ++j)
+        dense_(i, j) = tail_scale_[i] * tail_scale_[j] *
+                       values[tail_blocks_[tail * (i / 3) + j / 3] + kRow * (i % 3) + j % 3];
+    return true;
+  }
+  void scatter_tail(double* b) const {
+    for (size_t i = 0; i < tail_vector_.size(); ++i) b[3 * tail_[i / 3] + i % 3] = tail_scale_[i] * tail_vector_[i];
+  }
+  void substitute_back(double* b) const {
+    const double* const values = values_.data();
+    int upper = static_cast<int>(uppers_.size());
+    for (size_t k = pivots_.size(); k-- > 0;) {
+      const int first = k == 0 ? 0 : pivots_[k - 1].last_upper;
+      while (upper > first) {
+        --upper;
+        subtract(values + uppers_[upper].block, b + uppers_[upper].unknown, b + pivots_[k].unknown);
+      }
+    }
+  }
 
   // a <- a^-1 by cofactors; false where the volume of the rows is rounding against the product of their lengths.
   static bool invert(double* a) {
@@ -155,7 +206,10 @@ class BlockLU {
   std::vector<Update> updates_;
   std::vector<double> values_;
   std::map<Entry, int> places_;
-  int unknowns_ = 0;
+  std::vector<int> tail_, tail_blocks_;
+  std::vector<double> tail_vector_, tail_scale_;
+  FullPivotLU dense_;
+  int unknowns_ = 0, deficiency_ = 0;
 };
 
 }  // namespace lieeuler

@@ -9,7 +9,8 @@ namespace lieeuler {
 // The constraint equations of a step; stabilised: position and velocity.
 enum class Level { position, velocity, stabilised, acceleration };
 
-// Equations supplies guess(z), residual(z, r), matrix(), exact_matrix(), has_velocity_rows(level) and finish().
+// Equations supplies guess(z), residual(z, r), matrix(), exact_matrix(), has_velocity_rows(level), finish(), and
+// projects(level): whether finish() factors the saddle point at the new state.
 template <class Equations, class Map>
 class EulerStepper {
  public:
@@ -19,6 +20,12 @@ class EulerStepper {
     h_ = h;
     update_angles(system_, state_.frames, state_.u, state_.angles);
     joints_.update(state_.frames);
+    if (rank_ == Rank::unknown) {
+      if (!saddle_.find_redundancy(joints_)) return Status::singular_matrix;
+      lu_.scale_tail(saddle_.row_scales(joints_, nodes_));
+      rank_ = Rank::of_start;
+    }
+    lu_.expect_deficiency(saddle_.redundant() * (nodes_.doubled() ? 2 : 1));
     if (const Status status = solve_index1(); status != Status::success) return status;
     z_.assign(lu_.unknowns(), 0.0);
     equations().guess(z_);
@@ -41,7 +48,15 @@ class EulerStepper {
     if (status != Status::success) return status;
     predictor_.push(z_);
     ++counters.steps;
-    return equations().finish();
+    if (const Status end = equations().finish(); end != Status::success) return end;
+    return saddle_.redundant() > 0 ? follow_null_space() : Status::success;
+  }
+
+  // The correction of a residual, in place.
+  void solve_linear(std::vector<double>& r) {
+    remove_null_space(r);
+    lu_.solve(r.data());
+    remove_null_space(r);
   }
 
   // z -= correction; the size of the change of configuration, relative to the size of the system.
@@ -60,6 +75,7 @@ class EulerStepper {
     return h_ * std::max(translation / length_, rotation);
   }
 
+  int redundant_rows() const { return saddle_.redundant(); }
   const State& state() const { return state_; }
   const Constraints& joints() const { return joints_; }
 
@@ -68,7 +84,9 @@ class EulerStepper {
       : system_(system), level_(level), index1_output_(index1_output), nodes_(system, doubled), joints_(system),
         start_joints_(system), saddle_(system), start_(system), state_(system), maps_(system.n() + 1),
         xi_(system.n() + 1), force_(system.n() + 1) {
-    lu_.plan(nodes_.order(system), nodes_.entries(system, second_order));
+    int tail;
+    const std::vector<int> order = nodes_.order(system, tail);
+    lu_.plan(order, tail, nodes_.entries(system, second_order));
     for (int k = 0; k < nodes_.parts(); ++k)
       for (Side side : kSides) {
         const int body = body_of(k, side);
@@ -149,6 +167,26 @@ class EulerStepper {
  private:
   Equations& equations() { return static_cast<Equations&>(*this); }
 
+  // Next step's rows and multipliers are freed of the null space at this configuration. A rank that is higher after the
+  // first step was that of a singular position.
+  Status follow_null_space() {
+    if (rank_ == Rank::of_start) {
+      int redundant;
+      if (!saddle_.count_redundancy(joints_, redundant) || redundant < saddle_.redundant())
+        return Status::singular_matrix;
+      rank_ = Rank::confirmed;
+    } else if (index1_output_ || Equations::projects(level_)) {
+      return Status::success;  // finish() has factored the saddle point here
+    }
+    return saddle_.factor(joints_) ? Status::success : Status::singular_matrix;
+  }
+
+  void remove_null_space(std::vector<double>& r) const {
+    if (saddle_.redundant() == 0) return;
+    saddle_.remove_null_space(&r[3 * nodes_.lam(0)]);
+    if (nodes_.doubled()) saddle_.remove_null_space(&r[3 * nodes_.mu(0)]);
+  }
+
   void measure_scales() {
     length_ = system_.length;
     speed_ = 1;
@@ -164,6 +202,7 @@ class EulerStepper {
   }
 
   double length_ = 1, speed_ = 1;
+  enum class Rank { unknown, of_start, confirmed } rank_ = Rank::unknown;
   Newton newton_;
   Predictor predictor_;
 };

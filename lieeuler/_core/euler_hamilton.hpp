@@ -28,6 +28,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   }
 
   static constexpr bool has_velocity_rows(Level level) { return level == Level::velocity; }
+  static constexpr bool projects(Level level) { return level == Level::stabilised; }
   static constexpr bool exact_matrix() { return true; }
 
   Status residual(const std::vector<double>& z, std::vector<double>& r) {

@@ -31,6 +31,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
 
   static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
+  static constexpr bool projects(Level) { return false; }
   bool exact_matrix() const { return level_ != Level::acceleration; }
 
   Status residual(const std::vector<double>& z, std::vector<double>& r) {

@@ -42,7 +42,9 @@ class Constraints {
 class SaddlePoint {
  public:
   explicit SaddlePoint(const System& system) : system_(system), nodes_(system, false) {
-    lu_.plan(nodes_.order(system), nodes_.entries(system, false));
+    int tail;
+    const std::vector<int> order = nodes_.order(system, tail);
+    lu_.plan(order, tail, nodes_.entries(system, false));
     rhs_.assign(lu_.unknowns(), 0.0);
     force_.resize(system.n() + 1);
     for (int b = 0; b < system.n(); ++b)
@@ -59,24 +61,56 @@ class SaddlePoint {
     }
   }
 
-  bool factor(const Constraints& joints) {
-    lu_.set_zero();
-    for (int b = 0; b < system_.n(); ++b) {
-      put_diagonal(diagonals_[b].first, system_.bodies[b].mass);
-      put(diagonals_[b].second, system_.bodies[b].inertia);
-    }
-    for (int k = 0; k < nodes_.parts(); ++k) {
-      const Part& part = part_of(k);
-      for (int r = part.rows(); r < 3; ++r) padding_[k][(kRow + 1) * r] = 1;
+  // Counts the redundant rows at this configuration. False where the rest is singular.
+  bool count_redundancy(const Constraints& joints, int& redundant) {
+    constexpr double kTolerance = 1e-11;  // of pivots of order one, which go as squares of singular values of G
+    assemble(joints);
+    return lu_.find_deficiency(kTolerance, redundant);
+  }
+  // 1 / sqrt of the diagonal of G M^-1 G^T, by node: with it constraint rows are of order one in any units.
+  std::vector<double> row_scales(const Constraints& joints, const Nodes& nodes) const {
+    std::vector<double> scales(3 * nodes.count(), 1.0);
+    for (int k = 0; k < nodes.parts(); ++k) {
+      Vec3 mobility = Vec3::Zero();
       for (Side side : kSides) {
-        const SideBlocks& blocks = blocks_[2 * k + side];
-        if (!blocks.row_w) continue;  // the ground
-        const Rows G = joints[nodes_.part(k).joint].jacobian(part, side);
-        blocks.put_rows(G.v, G.w);
-        blocks.put_columns(G);
+        if (body_of(k, side) == system_.n()) continue;
+        const Body& body = system_.bodies[body_of(k, side)];
+        const Rows G = joints[nodes.part(k).joint].jacobian(part_of(k), side);
+        mobility += (G.v * G.v.transpose() / body.mass + G.w * body.inertia_inverse * G.w.transpose()).diagonal();
       }
+      for (int r = 0; r < part_of(k).rows(); ++r)
+        scales[3 * nodes.lam(k) + r] = scales[3 * nodes.mu(k) + r] = 1 / std::sqrt(mobility[r]);
     }
-    return lu_.factor();
+    return scales;
+  }
+
+  // Counts the redundant rows, and expects as many from then on.
+  bool find_redundancy(const Constraints& joints) {
+    int redundant;
+    lu_.scale_tail(row_scales(joints, nodes_));
+    if (!count_redundancy(joints, redundant)) return false;
+    lu_.expect_deficiency(redundant);
+    null_.assign(redundant, std::vector<double>(lu_.unknowns(), 0.0));
+    return true;
+  }
+  int redundant() const { return static_cast<int>(null_.size()); }
+
+  bool factor(const Constraints& joints) {
+    assemble(joints);
+    if (!lu_.factor()) return false;
+    find_null_space();
+    return true;
+  }
+
+  // Takes the multiplier directions without effect, G^T w = 0, out of values laid out in nodes from `first` on: of
+  // residuals, where they are the rows' own contradiction, and of multipliers, which become those of least norm.
+  void remove_null_space(double* first) const {
+    const int start = 3 * nodes_.lam(0), end = 3 * (nodes_.lam(0) + nodes_.parts());
+    for (const std::vector<double>& w : null_) {
+      double product = 0;
+      for (int i = start; i < end; ++i) product += w[i] * first[i - start];
+      for (int i = start; i < end; ++i) first[i - start] -= product * w[i];
+    }
   }
 
   // The y nearest to u in the mass metric with G y = 0, and mu with M y = M u - G^T mu.
@@ -100,13 +134,52 @@ class SaddlePoint {
   }
 
  private:
+  void assemble(const Constraints& joints) {
+    lu_.set_zero();
+    for (int b = 0; b < system_.n(); ++b) {
+      put_diagonal(diagonals_[b].first, system_.bodies[b].mass);
+      put(diagonals_[b].second, system_.bodies[b].inertia);
+    }
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      const Part& part = part_of(k);
+      for (int r = part.rows(); r < 3; ++r) padding_[k][(kRow + 1) * r] = 1;
+      for (Side side : kSides) {
+        const SideBlocks& blocks = blocks_[2 * k + side];
+        if (!blocks.row_w) continue;  // the ground
+        const Rows G = joints[nodes_.part(k).joint].jacobian(part, side);
+        blocks.put_rows(G.v, G.w);
+        blocks.put_columns(G);
+      }
+    }
+  }
+
+  // Orthonormal, by Gram and Schmidt; null vectors have no part in the bodies.
+  void find_null_space() {
+    for (int k = 0; k < redundant(); ++k) {
+      lu_.null_vector(k, null_[k].data());
+      std::fill_n(null_[k].begin(), 3 * nodes_.lam(0), 0.0);
+      for (int pass = 0; pass < 2; ++pass)  // twice is enough
+        for (int i = 0; i < k; ++i) {
+          double product = 0;
+          for (size_t j = 0; j < null_[k].size(); ++j) product += null_[i][j] * null_[k][j];
+          for (size_t j = 0; j < null_[k].size(); ++j) null_[k][j] -= product * null_[i][j];
+        }
+      double square = 0;
+      for (double value : null_[k]) square += value * value;
+      for (double& value : null_[k]) value /= std::sqrt(square);
+    }
+  }
+
   const Part& part_of(int k) const { return system_.joints[nodes_.part(k).joint].parts[nodes_.part(k).part]; }
   int body_of(int k, Side side) const {
     const Joint& joint = system_.joints[nodes_.part(k).joint];
     return side == kChild ? joint.child : joint.parent;
   }
   void finish(std::vector<Twist>& y, double* multipliers) {
+    double* const rows = rhs_.data() + 3 * nodes_.lam(0);
+    remove_null_space(rows);
     lu_.solve(rhs_.data());
+    remove_null_space(rows);
     for (int b = 0; b < system_.n(); ++b) y[b] = load(rhs_.data() + 3 * nodes_.v(b));
     for (int k = 0; k < nodes_.parts(); ++k)
       for (int r = 0; r < part_of(k).rows(); ++r) multipliers[part_of(k).row + r] = rhs_[3 * nodes_.lam(k) + r];
@@ -116,6 +189,7 @@ class SaddlePoint {
   Nodes nodes_;
   BlockLU lu_;
   std::vector<double> rhs_;
+  std::vector<std::vector<double>> null_;  // orthonormal vectors w with G^T w = 0, in nodes
   std::vector<Twist> force_;
   std::vector<std::pair<double*, double*>> diagonals_;
   std::vector<double*> padding_;

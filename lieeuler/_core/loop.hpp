@@ -82,6 +82,7 @@ struct Method {
 struct Outcome {
   Status status = Status::success;
   int samples = 0;  // filled, including the start
+  int redundant_rows = 0;
   double time_of_failure = 0;
   Counters counters;
   Maxima maxima;
@@ -105,6 +106,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
     outcome.status = status;
     outcome.maxima = monitor.maxima;
     outcome.time_of_failure = t;
+    outcome.redundant_rows = stepper.redundant_rows();
     return outcome;
   };
   for (size_t k = 0; k < steps.size(); ++k) {

@@ -59,7 +59,7 @@ class Newton {
         ++counters.factorizations;
         if (!lu.factor()) return Status::singular_matrix;
       }
-      lu.solve(residual_.data());
+      equations.solve_linear(residual_);
       const double size = equations.correct(z, residual_);
       ++counters.newton_iterations;
       counters.most_iterations = std::max<long>(counters.most_iterations, k);

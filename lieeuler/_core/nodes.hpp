@@ -29,6 +29,7 @@ class Nodes {
   int parts() const { return static_cast<int>(parts_.size()); }
   const PartIndex& part(int k) const { return parts_[k]; }
   bool doubled() const { return doubled_; }
+  int count() const { return lam(0) + parts() * (doubled_ ? 2 : 1); }
 
   // Blocks that can be nonzero. second_order: with the second derivatives of the constraints.
   std::set<BlockLU::Entry> entries(const System& system, bool second_order) const {
@@ -55,19 +56,25 @@ class Nodes {
     return found;
   }
 
-  std::vector<int> order(const System& system) const {
+  // Nodes in elimination order; the multipliers of joints that close loops are its last `tail`.
+  std::vector<int> order(const System& system, int& tail) const {
     std::vector<std::vector<int>> parts_of(system.joints.size());
     for (int k = 0; k < parts(); ++k) parts_of[parts_[k].joint].push_back(k);
     std::vector<int> nodes;
-    for (int item : elimination_order(system)) {
+    auto append = [&](int item) {
       if (item < bodies_) {
         for (int node = v(item); node < v(item + 1); ++node) nodes.push_back(node);
-        continue;
+        return;
       }
       for (int k : parts_of[item - bodies_]) nodes.push_back(lam(k));
       if (doubled_)
         for (int k : parts_of[item - bodies_]) nodes.push_back(mu(k));
-    }
+    };
+    const EliminationOrder items = elimination_order(system);
+    for (int item : items.tree) append(item);
+    tail = -static_cast<int>(nodes.size());
+    for (int item : items.loops) append(item);
+    tail += static_cast<int>(nodes.size());
     return nodes;
   }
 

@@ -58,12 +58,14 @@ def integrate(
     record = _method(method)
     if coordinate_map not in COORDINATE_MAPS:
         raise ArgumentError(f"coordinate_map must be one of {', '.join(COORDINATE_MAPS)}, not {coordinate_map!r}")
+    if record.composition and coordinate_map == "ccsk":
+        raise ArgumentError(f"{method} composes symmetric steps and ccsk is not symmetric; use exp or cayley")
     gains = _gains(record, alpha, beta)
     t = _output_times(t_eval)
     steps, counts = _steps(t, step)
-    result = _kernel.integrate(problem.kernel, coordinate_map, record.formulation == "hamilton", record.level,
-                               record.index1_output, *gains, problem.x, problem.R, problem.v, problem.w, steps, counts,
-                               monitor)
+    result = _kernel.integrate(
+        problem.kernel, coordinate_map, record.formulation == "hamilton", record.level, record.index1_output, *gains,
+        record.composition, problem.x, problem.R, problem.v, problem.w, steps, counts, monitor)
     solution = Solution.from_kernel(result, t, method, max(steps))
     if not monitor:
         solution.stats.maxima = {}

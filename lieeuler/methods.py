@@ -37,6 +37,9 @@ class Method:
     source : str
     gains : (alpha, beta) or None
         Default Baumgarte gains, 1/s, where the method takes them.
+    composition : tuple of float
+        Weights of the stages where the method is a composition of RATTLE steps; RATTLE is half a step of DAE2H_LSE and
+        half a step of its adjoint.
     """
 
     name: str
@@ -47,11 +50,40 @@ class Method:
     order: int
     source: str
     gains: tuple[float, float] | None = None
+    composition: tuple[float, ...] = ()
 
+
+def _symmetric(*half: float) -> tuple[float, ...]:
+    """Weights g_1 .. g_m, 1 - 2 (g_1 + .. + g_m), g_m .. g_1 of a symmetric composition."""
+    return (*half, 1 - 2 * sum(half), *reversed(half))
+
+
+# Published weights; they sum to one, and their middle one follows from that.
+SUZUKI_4 = _symmetric(*2 * (1 / (4 - 4 ** (1 / 3)),))
+"""Order 4, 5 stages; Suzuki, doi:10.1016/0375-9601(90)90962-N."""
+YOSHIDA_6 = _symmetric(0.784513610477560, 0.235573213359357, -1.17767998417887)
+"""Order 6, 7 stages, solution A; Yoshida, doi:10.1016/0375-9601(90)90092-3."""
+KAHAN_LI_6 = _symmetric(0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981,
+                        0.08221359629355080023)
+"""Order 6, 9 stages; Kahan and Li, doi:10.1090/S0025-5718-97-00873-9."""
+SUZUKI_UMENO_8 = _symmetric(0.74167036435061295345, -0.40910082580003159400, 0.19075471029623837995,
+                            -0.57386247111608226666, 0.29906418130365592384, 0.33462491824529818378,
+                            0.31529309239676659663)
+"""Order 8, 15 stages; Suzuki and Umeno 1993, also McLachlan, doi:10.1137/0916010."""
+KAHAN_LI_8 = _symmetric(0.13020248308889008088, 0.56116298177510838456, -0.38947496264484728641,
+                        0.15884190655515560090, -0.39590389413323757734, 0.18453964097831570709,
+                        0.25837438768632204729, 0.29501172360931029887)
+"""Order 8, 17 stages; Kahan and Li, doi:10.1090/S0025-5718-97-00873-9."""
 
 _P1 = "doi:10.1177/1687814019842406"
 _P2 = "doi:10.1177/1687814018764154"
+_BM = "doi:10.1007/s10208-008-9030-4"
 _ALL = ("position", "velocity", "acceleration")
+
+
+def _rattle(name: str, order: int, weights: tuple[float, ...], source: str) -> Method:
+    return Method(name, "hamilton", "stabilised", True, _ALL, order, source, composition=weights)
+
 
 METHODS: dict[str, Method] = {
     method.name: method
@@ -67,6 +99,10 @@ METHODS: dict[str, Method] = {
         Method("INDEX1_LE", "lagrange", "acceleration", False, ("acceleration",), 1, f"{_P1}, comparator"),
         Method("BAUMGARTE_LE", "lagrange", "acceleration", False, (), 1,
                f"{_P1}, comparator; doi:10.1016/0045-7825(72)90018-7", gains=(5.0, 5.0)),
+        _rattle("rattle2", 2, (1.0,), _BM),
+        _rattle("rattle4", 4, SUZUKI_4, f"{_BM}, doi:10.1016/0375-9601(90)90962-N"),
+        _rattle("rattle6", 6, KAHAN_LI_6, f"{_BM}, doi:10.1090/S0025-5718-97-00873-9"),
+        _rattle("rattle8", 8, SUZUKI_UMENO_8, f"{_BM}, doi:10.1137/0916010"),
     )
 }  # fmt: skip
 """All methods by name, in the order in which tables list them."""

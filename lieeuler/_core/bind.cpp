@@ -112,13 +112,13 @@ struct Samples {
 };
 
 nb::dict integrate(const System& system, const std::string& map, bool hamiltonian, const std::string& level,
-                   bool index1_output, double alpha, double beta, const Array& x, const Array& R, const Array& v,
+                   bool index1_output, double alpha, double beta, const std::vector<double>& composition, const Array& x, const Array& R, const Array& v,
                    const Array& w, const std::vector<double>& steps, const std::vector<int>& counts, bool monitored) {
   const Level levels = level == "position"     ? Level::position
                        : level == "velocity"   ? Level::velocity
                        : level == "stabilised" ? Level::stabilised
                                                : Level::acceleration;
-  const Method method{hamiltonian, levels, index1_output, {alpha, beta}};
+  const Method method{hamiltonian, levels, index1_output, {alpha, beta}, composition};
   const State initial = make_state(system, x, R, v, w);
   Samples samples(steps.size() + 1, system);
   const Record record = [&](int k, const State& state) { samples.put_state(system, k, state); };

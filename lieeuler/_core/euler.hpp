@@ -28,26 +28,35 @@ class EulerStepper {
     lu_.expect_deficiency(saddle_.redundant() * (nodes_.doubled() ? 2 : 1));
     if (const Status status = solve_index1(); status != Status::success) return status;
     z_.assign(lu_.unknowns(), 0.0);
-    equations().guess(z_);
-    predictor_.reset(z_);
+    predictor_.reset(z_.size());
     newton_.reset(z_.size());
     return Status::success;
   }
 
   Status step(Counters& counters) {
+    const Status status = advance(h_, predictor_, counters);
+    if (status == Status::success) ++counters.steps;
+    return status;
+  }
+
+  // One step of size h, negative too, guessed from the earlier solutions in `predictor`.
+  Status advance(double h, Predictor& predictor, Counters& counters) {
+    h_ = h;
+    if (predictor.empty())
+      equations().guess(z_);
+    else
+      predictor.guess(z_);
     std::swap(start_, state_);
     std::swap(start_joints_, joints_);
     measure_scales();
-    predictor_.guess(z_);
     Status status = newton_.solve(equations(), z_, lu_, target(), counters);
-    if (status != Status::success && predictor_.extrapolates()) {
-      predictor_.forget();
-      predictor_.guess(z_);
+    if (status != Status::success && predictor.extrapolates()) {
+      predictor.forget();
+      predictor.guess(z_);
       status = newton_.solve(equations(), z_, lu_, target(), counters);
     }
     if (status != Status::success) return status;
-    predictor_.push(z_);
-    ++counters.steps;
+    predictor.push(z_);
     if (const Status end = equations().finish(); end != Status::success) return end;
     return saddle_.redundant() > 0 ? follow_null_space() : Status::success;
   }
@@ -72,9 +81,10 @@ class EulerStepper {
       }
     }
     if (!std::isfinite(sum)) return sum;  // max() above would hide a NaN
-    return h_ * std::max(translation / length_, rotation);
+    return std::abs(h_) * std::max(translation / length_, rotation);
   }
 
+  size_t unknowns() const { return z_.size(); }
   int redundant_rows() const { return saddle_.redundant(); }
   const State& state() const { return state_; }
   const Constraints& joints() const { return joints_; }
@@ -139,19 +149,19 @@ class EulerStepper {
     saddle_.accelerate(joints_, state_);
     return Status::success;
   }
-  // lam = Lam / h
-  void store_multipliers() {
+  // Lam = duration * lam
+  void store_multipliers(double duration) {
     for (int k = 0; k < nodes_.parts(); ++k)
-      for (int r = 0; r < part_of(k).rows(); ++r) state_.lam[part_of(k).row + r] = z_[3 * nodes_.lam(k) + r] / h_;
+      for (int r = 0; r < part_of(k).rows(); ++r) state_.lam[part_of(k).row + r] = z_[3 * nodes_.lam(k) + r] / duration;
   }
-  void guess_multipliers(std::vector<double>& z) const {
+  void guess_multipliers(double duration, std::vector<double>& z) const {
     for (int k = 0; k < nodes_.parts(); ++k)
-      for (int r = 0; r < part_of(k).rows(); ++r) z[3 * nodes_.lam(k) + r] = h_ * state_.lam[part_of(k).row + r];
+      for (int r = 0; r < part_of(k).rows(); ++r) z[3 * nodes_.lam(k) + r] = duration * state_.lam[part_of(k).row + r];
   }
 
   const System& system_;
   const Level level_;
-  const bool index1_output_;
+  bool index1_output_;
   const Nodes nodes_;
   double h_ = 0;
   Constraints joints_, start_joints_;  // at q and q_n
@@ -198,7 +208,7 @@ class EulerStepper {
   // Rounding level of h u: that of the configuration, or that of the velocity where Newton solves velocity rows.
   double target() const {
     const double eps = std::numeric_limits<double>::epsilon();
-    return Equations::has_velocity_rows(level_) ? eps * std::min(1.0, h_ * speed_) : eps;
+    return Equations::has_velocity_rows(level_) ? eps * std::min(1.0, std::abs(h_) * speed_) : eps;
   }
 
   double length_ = 1, speed_ = 1;

@@ -7,6 +7,9 @@
 //   velocity      G M^-1 p = 0                                                        DAE2H_LE
 //   stabilised    Phi(q) = 0, then p <- p - G^T mu with G M^-1 p = 0                  DAE2H_LSE, DAE1H_LSE
 //
+// RATTLE is half a step of the last one followed by half a step of its adjoint, which amounts to h/2 in place of h before
+// f_app (and in Lam), and p <- p + h/2 f_app(q, xi) before the projection: symmetric, second order.
+//
 // Unknowns: xi of each body, Lam of each joint.
 #pragma once
 
@@ -20,8 +23,10 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   friend Base;
 
  public:
-  HamiltonStepper(const System& system, Level level, bool index1_output)
-      : Base(system, level, index1_output, false, level == Level::velocity), rotations_(system.n() + 1),
+  enum class Kind { euler, rattle };
+
+  HamiltonStepper(const System& system, Level level, bool index1_output, Kind kind = Kind::euler)
+      : Base(system, level, index1_output, false, level == Level::velocity), rattle_(kind == Kind::rattle), rotations_(system.n() + 1),
         impulse_(system.n() + 1), mu_(system.rows(), 0.0) {
     for (int b = 0; b < system.n(); ++b)
       bodies_.push_back({lu_.block(nodes_.v(b), nodes_.v(b)), lu_.block(nodes_.w(b), nodes_.w(b))});
@@ -68,10 +73,11 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   using Base::system_, Base::xi_, Base::z_, Base::force_;
 
   bool by_velocity() const { return level_ == Level::velocity; }
+  double impulse_time() const { return rattle_ ? 0.5 * h_ : h_; }
 
   void guess(std::vector<double>& z) const {
     for (int b = 0; b < system_.n(); ++b) store(state_.u[b], &z[3 * nodes_.v(b)]);
-    this->guess_multipliers(z);
+    this->guess_multipliers(impulse_time(), z);
   }
 
   // q = q_n * (h xi) and the impulse p_n + h f_app(q_n, xi) - G_n^T Lam.
@@ -84,7 +90,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     applied_forces(system_, start_.frames, xi_, start_.angles, force_);
     for (int b = 0; b < system_.n(); ++b) {
       const Twist p = momentum(system_.bodies[b], start_.u[b]);
-      impulse_[b] = {p.v + h_ * force_[b].v, p.w + h_ * force_[b].w};
+      impulse_[b] = {p.v + impulse_time() * force_[b].v, p.w + impulse_time() * force_[b].w};
     }
     for (int k = 0; k < nodes_.parts(); ++k)
       this->subtract_reaction(k, this->before(k), load3(&z[3 * nodes_.lam(k)]), impulse_);
@@ -98,7 +104,8 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     const Linearised slopes = ForceState(force, start_.frames, xi_, start_.angles[k]).linearised();
     for (Side row : kSides)
       for (Side column : kSides)
-        this->force_blocks_[4 * k + 2 * row + column].add(-h_, slopes.u[row][column], Mat3::Identity());
+        this->force_blocks_[4 * k + 2 * row + column].add(-impulse_time(), slopes.u[row][column],
+                                                                Mat3::Identity());
   }
 
   void constraint_blocks(int k, Side side) {
@@ -120,12 +127,14 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
 
   Status finish() {
     if (!configure(z_)) return Status::map_domain;
+    if (rattle_) applied_forces(system_, state_.frames, xi_, start_.angles, force_);
     for (int b = 0; b < system_.n(); ++b) {
-      impulse_[b].w = rotations_[b].transpose() * impulse_[b].w;  // p, from here on
-      state_.u[b] = velocity(system_.bodies[b], impulse_[b]);
+      Twist p{impulse_[b].v, rotations_[b].transpose() * impulse_[b].w};
+      if (rattle_) p.v += impulse_time() * force_[b].v, p.w += impulse_time() * force_[b].w;
+      state_.u[b] = velocity(system_.bodies[b], p);
     }
     this->settle();
-    this->store_multipliers();
+    this->store_multipliers(impulse_time());
     if (level_ == Level::stabilised) {
       if (!this->saddle_.factor(joints_)) return Status::singular_matrix;
       this->saddle_.project(state_.u, mu_.data());
@@ -133,11 +142,12 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     }
     if (this->index1_output_)
       this->saddle_.accelerate(joints_, state_);  // factored above: index-1 output comes with stabilised
-    else
+    else if (!rattle_)
       accelerations_from_multipliers(system_, joints_, state_);
     return Status::success;
   }
 
+  const bool rattle_;
   std::vector<Mat3> rotations_;
   std::vector<Twist> impulse_;
   std::vector<double> mu_;

@@ -116,7 +116,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
       store(state_.u[b], &z[3 * nodes_.v(b)]);
       store(state_.u[b], &z[3 * nodes_.xi_v(b)]);
     }
-    this->guess_multipliers(z);
+    this->guess_multipliers(h_, z);
   }
 
   bool configure(const std::vector<double>& z) {
@@ -211,7 +211,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     if (!configure(z_)) return Status::map_domain;
     this->settle();
     if (this->index1_output_) return this->solve_index1();
-    this->store_multipliers();
+    this->store_multipliers(h_);
     for (int b = 0; b < system_.n(); ++b)
       state_.a[b] = {(state_.u[b].v - start_.u[b].v) / h_, (state_.u[b].w - start_.u[b].w) / h_};
     return Status::success;

@@ -3,8 +3,8 @@
 
 #include <functional>
 
-#include "euler_hamilton.hpp"
 #include "euler_lagrange.hpp"
+#include "rattle.hpp"
 
 namespace lieeuler {
 
@@ -77,6 +77,7 @@ struct Method {
   Level level;
   bool index1_output;  // (a, lam) from the index-1 system at the new state
   Gains gains;
+  std::vector<double> composition;  // weights of a composition of RATTLE; empty: the method itself
 };
 
 struct Outcome {
@@ -137,6 +138,10 @@ template <class Map>
 Outcome run_method(const System& system, const Method& method, const State& initial, const std::vector<double>& steps,
                    const std::vector<int>& counts, bool monitored, const Record& record,
                    const Interrupted& interrupted) {
+  if (!method.composition.empty()) {
+    CompositionStepper<Map> stepper(system, method.composition);
+    return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+  }
   if (method.hamiltonian) {
     HamiltonStepper<Map> stepper(system, method.level, method.index1_output);
     return run(stepper, system, initial, steps, counts, monitored, record, interrupted);

@@ -18,11 +18,11 @@ struct Counters {
 // Guesses for the unknowns of the next step: polynomial extrapolation of the last steps' solutions, up to cubic.
 class Predictor {
  public:
-  void reset(const std::vector<double>& z) {
-    for (auto& past : history_) past.resize(z.size());
+  void reset(size_t unknowns) {
+    for (auto& past : history_) past.assign(unknowns, 0.0);
     count_ = 0;
-    push(z);
   }
+  bool empty() const { return count_ == 0; }
   void push(const std::vector<double>& z) {
     newest_ = (newest_ + 3) % 4;
     std::copy(z.begin(), z.end(), history_[newest_].begin());

@@ -103,7 +103,7 @@ def exact(scene, duration):
     return unpack(solve_ivp(rate, (0, duration), start, "DOP853", rtol=1e-10, atol=1e-12).y[:, -1])
 
 
-CASES = [(kind, method) for kind in JOINT_TYPES for method in lieeuler.METHODS]
+CASES = [(kind, method) for kind in JOINT_TYPES for method, record in lieeuler.METHODS.items() if record.order == 1]
 
 
 @pytest.fixture(scope="module")

@@ -76,13 +76,14 @@ def truth(system):
 
     t = np.linspace(0, 1, 11)
     start = np.concatenate([problem.x.ravel(), problem.R.ravel(), np.hstack([problem.v, problem.w]).ravel()])
-    y = solve_ivp(rate, (0, 1), start, "DOP853", t, rtol=1e-12, atol=1e-13).y.T
+    y = solve_ivp(rate, (0, 1), start, "DOP853", t, rtol=1e-13, atol=1e-14).y.T
     states = [unpack(row) for row in y]
     return (t, np.array([q[0] for q, _ in states]), np.array([q[1] for q, _ in states]),
             np.array([u for _, u in states]), np.array([dense.index1(q, u)[1] for q, u in states]))
 
 
-ORDER_CASES = [(system, method, "exp") for system in PENDULUMS for method in lieeuler.METHODS]
+FIRST_ORDER = [name for name, method in lieeuler.METHODS.items() if method.order == 1]
+ORDER_CASES = [(system, method, "exp") for system in PENDULUMS for method in FIRST_ORDER]
 ORDER_CASES += [("single_pendulum", method, name) for method in lieeuler.EULER_METHODS for name in ("cayley", "ccsk")]
 
 
@@ -134,8 +135,9 @@ def test_fast_top_stays_on_its_constraints():
 def test_no_gravity_no_joint_is_uniform_motion_of_the_centre():
     body = lieeuler.Body(2.0, np.diag([0.3, 0.3, 0.3]))
     problem = lieeuler.Problem([body], [], np.zeros(3), [[1, 2, 3.0]], [np.eye(3)], [[0.1, 0.2, -0.3]], [[0, 0, 2.0]])
-    for method in lieeuler.METHODS:
+    for method, record in lieeuler.METHODS.items():
         s = lieeuler.integrate(problem, method, 0.01, [0, 1.0])
-        assert np.abs(s.x[-1, 0] - [1.1, 2.2, 2.7]).max() < 1e-13
+        rounding = 100 * max(1, len(record.composition)) * np.finfo(float).eps  # one ulp of 1 a stage
+        assert np.abs(s.x[-1, 0] - [1.1, 2.2, 2.7]).max() < 3 * rounding
         turn = np.array([[np.cos(2), -np.sin(2), 0], [np.sin(2), np.cos(2), 0], [0, 0, 1]])
-        assert np.abs(s.R[-1, 0] - turn).max() < 1e-13  # a sphere spins uniformly: every method is exact
+        assert np.abs(s.R[-1, 0] - turn).max() < 3 * rounding  # a sphere spins uniformly: every method is exact

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -16,7 +18,7 @@ Y = np.array([0.0, 1.0, 0.0])
 def linkage(points, gravity=(0, 0, -9.81)):
     """Rods of 1 kg in the x-z plane along a polygon, hinged about y; first and last point are on the ground."""
     points = np.array(points, float)
-    ends = list(zip(points[:-1], points[1:], strict=True))
+    ends = list(itertools.pairwise(points))
     lengths = [np.linalg.norm(b - a) for a, b in ends]
     R = np.array([Rotation.from_rotvec(-np.arctan2(*(b - a)[[2, 0]]) * Y).as_matrix() for a, b in ends])
     bodies = [lieeuler.Body(1.0, np.diag([0.01, L**2 / 12 + 0.01, L**2 / 12 + 0.01])) for L in lengths]
@@ -40,7 +42,7 @@ def test_planar_four_bar_in_space(method):
         for level in lieeuler.METHODS[method].held:
             size = {"position": 1, "velocity": 10, "acceleration": 1000}[level]  # m, m/s, m/s^2: sizes of the terms
             assert run.stats.maxima[f"constraint_{level}"] < 50 * EPS * size
-    differences = [np.abs(a.x[-1] - b.x[-1]).max() for a, b in zip(runs, runs[1:], strict=False)]
+    differences = [np.abs(a.x[-1] - b.x[-1]).max() for a, b in itertools.pairwise(runs)]
     assert differences[0] / differences[1] == pytest.approx(2, rel=0.1)  # first order
 
 
@@ -77,7 +79,7 @@ def test_loop_without_redundancy():
     """The four-bar with one hinge opened to a rod: a loop all the same, and no row too many."""
     bar = linkage(FOUR_BAR)
     last = bar.joints[-1]
-    rod = lieeuler.distance_joint(-1, 2, last.parent_anchor + [0.0, 0.0, -0.5], last.child_anchor, 0.5)
+    rod = lieeuler.distance_joint(-1, 2, last.parent_anchor - [0.0, 0.0, 0.5], last.child_anchor, 0.5)
     problem = lieeuler.Problem(bar.bodies, [*bar.joints[:-1], rod], bar.gravity, bar.x, bar.R, bar.v, bar.w)
     run = lieeuler.integrate(problem, "DAE1L_LSE", 1e-3, [0, 0.5])
     assert run.stats.redundant_rows == 0

@@ -96,6 +96,7 @@ class BlockLU {
     return true;
   }
   void expect_deficiency(int deficiency) { deficiency_ = deficiency; }
+  double smallest_tail_pivot() { return dense_.smallest_pivot(); }
 
   // The k-th vector of the null space, k < deficiency.
   void null_vector(int k, double* x) {

@@ -9,7 +9,7 @@ namespace lieeuler {
 // The constraint equations of a step; stabilised: position and velocity.
 enum class Level { position, velocity, stabilised, acceleration };
 
-// Equations supplies guess(z), residual(z, r), matrix(), exact_matrix(), has_velocity_rows(level), finish(), and
+// Equations supplies begin(), guess(z), residual(z, r), matrix(), exact_matrix(), has_velocity_rows(level), finish(), and
 // projects(level): whether finish() factors the saddle point at the new state.
 template <class Equations, class Map>
 class EulerStepper {
@@ -27,6 +27,7 @@ class EulerStepper {
     }
     lu_.expect_deficiency(saddle_.redundant() * (nodes_.doubled() ? 2 : 1));
     if (const Status status = solve_index1(); status != Status::success) return status;
+    equations().begin();
     z_.assign(lu_.unknowns(), 0.0);
     predictor_.reset(z_.size());
     newton_.reset(z_.size());
@@ -46,6 +47,7 @@ class EulerStepper {
       equations().guess(z_);
     else
       predictor.guess(z_);
+    remove_null_space(z_);
     std::swap(start_, state_);
     std::swap(start_joints_, joints_);
     measure_scales();
@@ -55,6 +57,7 @@ class EulerStepper {
       predictor.guess(z_);
       status = newton_.solve(equations(), z_, lu_, target(), counters);
     }
+    if (status == Status::newton_failed && lu_.smallest_tail_pivot() < kNearlySingular) return Status::singular_matrix;
     if (status != Status::success) return status;
     predictor.push(z_);
     if (const Status end = equations().finish(); end != Status::success) return end;
@@ -185,11 +188,16 @@ class EulerStepper {
       if (!saddle_.count_redundancy(joints_, redundant) || redundant < saddle_.redundant())
         return Status::singular_matrix;
       rank_ = Rank::confirmed;
-    } else if (index1_output_ || Equations::projects(level_)) {
-      return Status::success;  // finish() has factored the saddle point here
+      if (!saddle_.factor(joints_)) return Status::singular_matrix;
+    } else if (!index1_output_ && !Equations::projects(level_)) {  // else finish() has factored it here
+      if (!saddle_.factor(joints_)) return Status::singular_matrix;
     }
-    return saddle_.factor(joints_) ? Status::success : Status::singular_matrix;
+    saddle_.make_least_norm(state_.lam);
+    return Status::success;
   }
+
+  // Scaled pivots below this, where Newton failed, say why: within 1e-3 of a singular position.
+  static constexpr double kNearlySingular = 1e-6;
 
   void remove_null_space(std::vector<double>& r) const {
     if (saddle_.redundant() == 0) return;

@@ -27,7 +27,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
 
   HamiltonStepper(const System& system, Level level, bool index1_output, Kind kind = Kind::euler)
       : Base(system, level, index1_output, false, level == Level::velocity), rattle_(kind == Kind::rattle), rotations_(system.n() + 1),
-        impulse_(system.n() + 1), mu_(system.rows(), 0.0) {
+        momentum_(system.n() + 1), impulse_(system.n() + 1), mu_(system.rows(), 0.0) {
     for (int b = 0; b < system.n(); ++b)
       bodies_.push_back({lu_.block(nodes_.v(b), nodes_.v(b)), lu_.block(nodes_.w(b), nodes_.w(b))});
   }
@@ -75,6 +75,9 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   bool by_velocity() const { return level_ == Level::velocity; }
   double impulse_time() const { return rattle_ ? 0.5 * h_ : h_; }
 
+  void begin() {
+    for (int b = 0; b < system_.n(); ++b) momentum_[b] = momentum(system_.bodies[b], state_.u[b]);
+  }
   void guess(std::vector<double>& z) const {
     for (int b = 0; b < system_.n(); ++b) store(state_.u[b], &z[3 * nodes_.v(b)]);
     this->guess_multipliers(impulse_time(), z);
@@ -89,7 +92,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     }
     applied_forces(system_, start_.frames, xi_, start_.angles, force_);
     for (int b = 0; b < system_.n(); ++b) {
-      const Twist p = momentum(system_.bodies[b], start_.u[b]);
+      const Twist& p = momentum_[b];
       impulse_[b] = {p.v + impulse_time() * force_[b].v, p.w + impulse_time() * force_[b].w};
     }
     for (int k = 0; k < nodes_.parts(); ++k)
@@ -129,7 +132,8 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     if (!configure(z_)) return Status::map_domain;
     if (rattle_) applied_forces(system_, state_.frames, xi_, start_.angles, force_);
     for (int b = 0; b < system_.n(); ++b) {
-      Twist p{impulse_[b].v, rotations_[b].transpose() * impulse_[b].w};
+      Twist& p = momentum_[b];
+      p = {impulse_[b].v, rotations_[b].transpose() * impulse_[b].w};
       if (rattle_) p.v += impulse_time() * force_[b].v, p.w += impulse_time() * force_[b].w;
       state_.u[b] = velocity(system_.bodies[b], p);
     }
@@ -137,7 +141,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     this->store_multipliers(impulse_time());
     if (level_ == Level::stabilised) {
       if (!this->saddle_.factor(joints_)) return Status::singular_matrix;
-      this->saddle_.project(state_.u, mu_.data());
+      this->saddle_.project(joints_, momentum_, state_.u, mu_.data());
       for (int r = 0; r < system_.rows(); ++r) state_.lam[r] += mu_[r] / h_;
     }
     if (this->index1_output_)
@@ -149,7 +153,8 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
 
   const bool rattle_;
   std::vector<Mat3> rotations_;
-  std::vector<Twist> impulse_;
+  // p is carried from step to step: M (M^-1 p) would lose the same rounding every time, a drift that grows with n.
+  std::vector<Twist> momentum_, impulse_;
   std::vector<double> mu_;
   std::vector<std::pair<double*, double*>> bodies_;  // diagonal blocks of v and w
 };

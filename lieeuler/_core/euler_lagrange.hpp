@@ -111,6 +111,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     return PairBlocks::of(lu_, nodes_.v(row), nodes_.w(row), nodes_.xi_v(column), nodes_.xi_w(column));
   }
 
+  void begin() {}
   void guess(std::vector<double>& z) const {
     for (int b = 0; b < system_.n(); ++b) {
       store(state_.u[b], &z[3 * nodes_.v(b)]);

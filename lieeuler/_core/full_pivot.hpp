@@ -29,6 +29,9 @@ class FullPivotLU {
   // Number of pivots above `tolerance`; leaves the matrix used up.
   int rank(double tolerance) { return eliminate_while_above(tolerance, n_); }
 
+  // The smallest pivot taken: near a singular position it goes as the square of the distance to it.
+  double smallest_pivot() { return rank_ > 0 ? std::abs((*this)(rank_ - 1, rank_ - 1)) : 1; }
+
   // x <- a solution of A x = x with zeros where no pivot was taken.
   void solve(double* x) {
     for (int i = 0; i < rank_; ++i) {

@@ -98,7 +98,7 @@ class SaddlePoint {
   bool factor(const Constraints& joints) {
     assemble(joints);
     if (!lu_.factor()) return false;
-    find_null_space();
+    find_null_space(joints);
     return true;
   }
 
@@ -113,11 +113,25 @@ class SaddlePoint {
     }
   }
 
-  // The y nearest to u in the mass metric with G y = 0, and mu with M y = M u - G^T mu.
-  void project(std::vector<Twist>& u, double* mu) {
-    for (int b = 0; b < system_.n(); ++b) store(momentum(system_.bodies[b], u[b]), rhs_.data() + 3 * nodes_.v(b));
+  // The least-norm part of multipliers in the order of lam.
+  void make_least_norm(std::vector<double>& lam) const {
+    for (const std::vector<double>& w : null_) {
+      double product = 0;
+      for_rows([&](int row, int node) { product += w[node] * lam[row]; });
+      for_rows([&](int row, int node) { lam[row] -= product * w[node]; });
+    }
+  }
+
+  // Takes from the momentum p what violates the velocity constraints: p <- p - G^T mu and u = M^-1 p with G u = 0.
+  void project(const Constraints& joints, std::vector<Twist>& p, std::vector<Twist>& u, double* mu) {
+    for (int b = 0; b < system_.n(); ++b) store(p[b], rhs_.data() + 3 * nodes_.v(b));
     for (int k = 0; k < nodes_.parts(); ++k) store(Vec3(Vec3::Zero()), rhs_.data() + 3 * nodes_.lam(k));
     finish(u, mu);
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      const Joint& joint = system_.joints[nodes_.part(k).joint];
+      joints[nodes_.part(k).joint].subtract_reaction(part_of(k), load3(rhs_.data() + 3 * nodes_.lam(k)), p[joint.parent],
+                                                     p[joint.child]);
+    }
   }
 
   // (a, lam) of the index-1 system: M a + G^T lam = f, G a + gamma = 0.
@@ -153,12 +167,13 @@ class SaddlePoint {
     }
   }
 
-  // Orthonormal, by Gram and Schmidt; null vectors have no part in the bodies.
-  void find_null_space() {
+  // Orthonormal vectors of multipliers w with G^T w = 0.
+  void find_null_space(const Constraints& joints) {
     for (int k = 0; k < redundant(); ++k) {
       lu_.null_vector(k, null_[k].data());
-      std::fill_n(null_[k].begin(), 3 * nodes_.lam(0), 0.0);
-      for (int pass = 0; pass < 2; ++pass)  // twice is enough
+      std::fill_n(null_[k].begin(), 3 * nodes_.lam(0), 0.0);  // null vectors have no part in the bodies
+      refine(joints, null_[k]);
+      for (int pass = 0; pass < 2; ++pass)  // Gram and Schmidt, twice is enough
         for (int i = 0; i < k; ++i) {
           double product = 0;
           for (size_t j = 0; j < null_[k].size(); ++j) product += null_[i][j] * null_[k][j];
@@ -168,6 +183,19 @@ class SaddlePoint {
       for (double value : null_[k]) square += value * value;
       for (double& value : null_[k]) value /= std::sqrt(square);
     }
+  }
+  // What G^T w is not zero by, M y + G^T m = G^T w with G y = 0, belongs to m: w <- w - m.
+  void refine(const Constraints& joints, std::vector<double>& w) {
+    std::fill(force_.begin(), force_.end(), Twist{});
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      const Joint& joint = system_.joints[nodes_.part(k).joint];
+      joints[nodes_.part(k).joint].subtract_reaction(part_of(k), -load3(&w[3 * nodes_.lam(k)]), force_[joint.parent],
+                                                     force_[joint.child]);
+    }
+    std::fill(rhs_.begin(), rhs_.end(), 0.0);
+    for (int b = 0; b < system_.n(); ++b) store(force_[b], rhs_.data() + 3 * nodes_.v(b));
+    lu_.solve(rhs_.data());
+    for (size_t i = 3 * nodes_.lam(0); i < w.size(); ++i) w[i] -= rhs_[i];
   }
 
   const Part& part_of(int k) const { return system_.joints[nodes_.part(k).joint].parts[nodes_.part(k).part]; }
@@ -181,8 +209,13 @@ class SaddlePoint {
     lu_.solve(rhs_.data());
     remove_null_space(rows);
     for (int b = 0; b < system_.n(); ++b) y[b] = load(rhs_.data() + 3 * nodes_.v(b));
+    for_rows([&](int row, int node) { multipliers[row] = rhs_[node]; });
+  }
+  // Calls visit(row in lam, place among the unknowns) for every constraint row.
+  template <class Visit>
+  void for_rows(Visit visit) const {
     for (int k = 0; k < nodes_.parts(); ++k)
-      for (int r = 0; r < part_of(k).rows(); ++r) multipliers[part_of(k).row + r] = rhs_[3 * nodes_.lam(k) + r];
+      for (int r = 0; r < part_of(k).rows(); ++r) visit(part_of(k).row + r, 3 * nodes_.lam(k) + r);
   }
 
   const System& system_;

@@ -63,9 +63,9 @@ class Joint:
     child: int
     parent_anchor: np.ndarray  # (3,) from the parent's centre of mass in its frame; world for the ground
     child_anchor: np.ndarray  # (3,) from the child's centre of mass in its frame
-    parent_axis: np.ndarray | None = None  # (3,) unit, parent's frame
-    child_axis: np.ndarray | None = None  # (3,) unit, child's frame
-    length: float | None = None  # distance joints only
+    parent_axis: Any = None  # (3,) unit, parent's frame; None for types without one
+    child_axis: Any = None  # (3,) unit, child's frame; None for types without one
+    length: Any = None  # m, distance joints only
 
     def __post_init__(self) -> None:
         for field in ("parent_anchor", "child_anchor", "parent_axis", "child_axis"):
@@ -78,9 +78,9 @@ class Force:
     """A spring-damper or a constant load; `parameters` holds the keys of SCENES for this type, arrays as tuples."""
 
     type: str
-    parent: int | None
-    child: int | None
-    joint: str | None
+    parent: Any  # body index, -1 for the ground; None where the type has none
+    child: Any  # body index; None where the type has none
+    joint: Any  # joint name, torsional springs only
     parameters: dict[str, Any]
 
 

@@ -226,7 +226,6 @@ def largest_gap(mine: dict[str, tuple[np.ndarray, np.ndarray]],
 TREES = ("universal_pendulum", "hinge_pendulum", "cylindrical_pendulum", "prismatic_slider", "planar_slider",
          "fixed_pair", "rod_pendulum", "bead_on_line", "puck_on_plane", "damped_pendulum", "torsion_wheel",
          "loaded_pendulum", "branching_tree", "chain_8", "triple_pendulum")
-ACCELERATION_ROUNDING = 1e-9  # m/s^2, what the design notes call rounding level of accelerations
 LOOPS = ("slider_crank", "four_bar", "bricard", "parallelogram")
 
 
@@ -253,8 +252,8 @@ def test_reactions_in_a_loop_balance_every_body(name, method):
         balance.add(joint.child, at_child, -force, -torque)
         balance.add(joint.parent, at_parent, force, torque)
     bound = 100 * EPS * scene.n * size_of(traj.reactions)
-    if traj.stats["redundant_rows"] > 0:
-        bound = ACCELERATION_ROUNDING * scene.masses.max()  # rods of about 1 m: moments are no larger than forces
+    if method == "DAE3L_LE":  # Newton ends at h |du| = 4 eps, 4 eps / h^2 in the accelerations of rods of about 1 m
+        bound += 4 * EPS / traj.stats["step"] ** 2 * scene.masses.max()
     assert np.abs(balance.force).max() < bound
     assert np.abs(balance.moment).max() < bound
 

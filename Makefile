@@ -6,13 +6,12 @@ STAMP  := $(VENV)/.setup
 DEPS   := $(VENV)/.dependencies
 KERNEL := $(wildcard lieeuler/_core/*)
 
-.PHONY: help setup verify smoke test slow lint benchmark clean
+.PHONY: help setup verify smoke test lint benchmark clean
 
 help:
 	@echo "make verify     run every method and engine over the scenes, write reports/latest/index.html"
 	@echo "make test       run the tests"
 	@echo "make smoke      the main job in half a minute"
-	@echo "make slow       the longer studies among the tests"
 	@echo "make lint       ruff, mypy, codespell"
 	@echo "make benchmark  microseconds per step beside MuJoCo"
 
@@ -44,9 +43,6 @@ smoke: setup
 
 test: setup
 	@$(PY) -m pytest -m "not slow"
-
-slow: setup
-	@$(PY) -m pytest -m slow
 
 lint: setup
 	@$(VENV)/bin/ruff check .

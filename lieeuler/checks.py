@@ -1,6 +1,8 @@
-"""Checks of arguments, each with one clear error."""
+"""Checks of arguments; each raises ArgumentError with the name and what is wanted."""
 
 from __future__ import annotations
+
+import numbers
 
 import numpy as np
 
@@ -9,15 +11,8 @@ from lieeuler.types import ArrayLike
 
 
 def vector(name: str, value: ArrayLike) -> np.ndarray:
-    """Three finite numbers, read-only; ArgumentError otherwise."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        array = np.empty(0)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise ArgumentError(f"{name} must be three finite numbers, not {value!r}")
-    array.setflags(write=False)
-    return array
+    """Three finite numbers, read-only."""
+    return array(name, value, (3,))
 
 
 def unit(name: str, value: ArrayLike) -> np.ndarray:
@@ -31,16 +26,45 @@ def unit(name: str, value: ArrayLike) -> np.ndarray:
 
 def number(name: str, value: float, lowest: float | None = None) -> float:
     """A finite number, not below `lowest` where that is given."""
+    bound = "" if lowest is None else f", not below {lowest:g}"
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise ArgumentError(f"{name} must be a number{bound}, not {value!r}")
     if not np.isfinite(value) or (lowest is not None and value < lowest):
-        bound = "" if lowest is None else f", not below {lowest:g}"
         raise ArgumentError(f"{name} must be finite{bound}, not {value!r}")
     return float(value)
 
 
+def positive(name: str, value: float) -> float:
+    """A finite number above zero."""
+    bounded = isinstance(value, numbers.Real) and not isinstance(value, bool)
+    if bounded and not (np.isfinite(value) and value > 0):
+        raise ArgumentError(f"{name} must be positive and finite, not {value!r}")
+    return number(name, value)
+
+
+def array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    """Finite numbers of the given shape, read-only and contiguous."""
+    try:
+        values = np.array(value, dtype=float, order="C")
+    except (TypeError, ValueError):
+        raise ArgumentError(f"{name} must be numbers of shape {shape}, not {value!r}") from None
+    if values.shape != shape or not np.isfinite(values).all():
+        raise ArgumentError(f"{name} must be finite and of shape {shape}, not {values.shape}")
+    values.setflags(write=False)
+    return values
+
+
+def body_index(name: str, value: int) -> int:
+    """A whole number; whether there is such a body is checked where bodies are known."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+        raise ArgumentError(f"{name} must be the index of a body (-1 for the ground), not {value!r}")
+    return int(value)
+
+
 def rotation(name: str, value: ArrayLike) -> np.ndarray:
     """A rotation matrix (3, 3)."""
-    R = np.array(value, dtype=float)
-    if R.shape != (3, 3) or not np.abs(R.T @ R - np.eye(3)).max() < 1e-10 or np.linalg.det(R) < 0:
+    R = array(name, value, (3, 3))
+    if not np.abs(R.T @ R - np.eye(3)).max() < 1e-10 or np.linalg.det(R) < 0:
         raise ArgumentError(f"{name} must be a rotation matrix, 3 x 3")
     return R
 

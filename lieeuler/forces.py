@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import normals, number, unit, vector
+from lieeuler.checks import body_index, normals, number, unit, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.types import GROUND
 
@@ -42,6 +42,8 @@ class LinearSpring:
     damping: float = 0.0
 
     def __post_init__(self) -> None:
+        for name in ("parent", "child"):
+            object.__setattr__(self, name, body_index(name, getattr(self, name)))
         for name in ("parent_point", "child_point"):
             object.__setattr__(self, name, vector(name, getattr(self, name)))
         for name in ("stiffness", "free_length", "damping"):
@@ -84,6 +86,8 @@ class TorsionalSpring:
     damping: float = 0.0
 
     def __post_init__(self) -> None:
+        for name in ("parent", "child"):
+            object.__setattr__(self, name, body_index(name, getattr(self, name)))
         for name in ("parent_axis", "child_axis"):
             object.__setattr__(self, name, unit(name, getattr(self, name)))
         number("stiffness", self.stiffness, lowest=0.0)
@@ -120,6 +124,7 @@ class ConstantLoad:
     frame: str = "world"
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "child", body_index("child", self.child))
         for name in ("force", "torque", "point"):
             object.__setattr__(self, name, vector(name, getattr(self, name)))
         if self.frame not in ("world", "body"):

@@ -7,11 +7,15 @@ import difflib
 import numpy as np
 
 from lieeuler import _kernel
+from lieeuler.checks import number, positive
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
 from lieeuler.methods import COORDINATE_MAPS, METHODS, Method
 from lieeuler.problem import Problem
 from lieeuler.solution import Solution, Status
 from lieeuler.types import ArrayLike
+
+MOST_STEPS = 1e12
+"""More steps than this are a mistake: they would run for weeks."""
 
 
 def integrate(
@@ -55,6 +59,8 @@ def integrate(
     Interrupted
         Ctrl-C; carries the trajectory so far.
     """
+    if not isinstance(problem, Problem):
+        raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
     record = _method(method)
     if coordinate_map not in COORDINATE_MAPS:
         raise ArgumentError(f"coordinate_map must be one of {', '.join(COORDINATE_MAPS)}, not {coordinate_map!r}")
@@ -72,12 +78,15 @@ def integrate(
     if solution.status is Status.INTERRUPTED:
         raise Interrupted(solution)
     if not solution.success:
-        raise IntegrationError(solution.status, solution.status.advice, solution)
+        advice = solution.status.advice
+        if solution.status is Status.MAP_DOMAIN and coordinate_map == "ccsk":
+            advice += ", or coordinate_map='exp'"
+        raise IntegrationError(solution.status, advice, solution)
     return solution
 
 
 def _method(name: str) -> Method:
-    if name not in METHODS:
+    if not isinstance(name, str) or name not in METHODS:
         near = difflib.get_close_matches(str(name), METHODS, n=1)
         hint = f"; did you mean {near[0]}?" if near else ""
         raise ArgumentError(f"method must be one of {', '.join(METHODS)}, not {name!r}{hint}")
@@ -89,15 +98,16 @@ def _gains(method: Method, alpha: float | None, beta: float | None) -> tuple[flo
         if alpha is not None or beta is not None:
             raise ArgumentError(f"alpha and beta belong to BAUMGARTE_LE; {method.name} has no gains")
         return 0.0, 0.0
-    gains = tuple(default if given is None else float(given)
-                  for given, default in zip((alpha, beta), method.gains, strict=True))
-    if not all(np.isfinite(gain) and gain >= 0 for gain in gains):
-        raise ArgumentError(f"alpha and beta must be finite and not negative, not {alpha!r}, {beta!r}")
-    return gains[0], gains[1]
+    first, second = method.gains
+    return (first if alpha is None else number("alpha", alpha, lowest=0.0),
+            second if beta is None else number("beta", beta, lowest=0.0))
 
 
 def _output_times(t_eval: ArrayLike) -> np.ndarray:
-    t = np.array(t_eval, dtype=float)
+    try:
+        t = np.array(t_eval, dtype=float)
+    except (TypeError, ValueError):
+        t = np.empty(0)
     if t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
         raise ArgumentError("t_eval must hold at least two finite, increasing times")
     return t
@@ -105,8 +115,9 @@ def _output_times(t_eval: ArrayLike) -> np.ndarray:
 
 def _steps(t: np.ndarray, step: float) -> tuple[list[float], list[int]]:
     """Step size and number of steps of every output interval; intervals equal to rounding share one step size."""
-    if not (np.isfinite(step) and step > 0):
-        raise ArgumentError(f"step must be positive, not {step!r}")
+    positive("step", step)
+    if (t[-1] - t[0]) / step > MOST_STEPS:
+        raise ArgumentError(f"step {step!r} s would take more than {MOST_STEPS:g} steps for {t[-1] - t[0]:g} s")
     intervals = np.diff(t)
     mean = (t[-1] - t[0]) / len(intervals)
     if np.allclose(intervals, mean, rtol=1e-9, atol=0):

@@ -24,11 +24,12 @@ are in the body's frame and normalised.
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import normals, number, rotation, unit, vector
+from lieeuler.checks import body_index, normals, positive, rotation, unit, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.types import ArrayLike
 
@@ -67,12 +68,14 @@ class Joint:
 
     parent: int
     child: int
-    parent_anchor: np.ndarray
-    child_anchor: np.ndarray
+    parent_anchor: Any
+    child_anchor: Any
     spherical: bool = True
     dots: tuple[Dot, ...] = ()
 
     def __post_init__(self) -> None:
+        for name in ("parent", "child"):
+            object.__setattr__(self, name, body_index(name, getattr(self, name)))
         object.__setattr__(self, "parent_anchor", vector("parent_anchor", self.parent_anchor))
         object.__setattr__(self, "child_anchor", vector("child_anchor", self.child_anchor))
         for dot in self.dots:
@@ -111,21 +114,21 @@ def _parallel(parent_axis: np.ndarray, child_axis: np.ndarray) -> tuple[Dot, ...
 
 def spherical_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike) -> Joint:
     """A ball joint."""
-    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor))
+    return Joint(parent, child, parent_anchor, child_anchor)
 
 
 def universal_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
                     parent_axis: ArrayLike, child_axis: ArrayLike) -> Joint:
     """A cross of two perpendicular axes, one in each body."""
     dots = (_normal(unit("parent_axis", parent_axis), unit("child_axis", child_axis)),)
-    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), True, dots)
+    return Joint(parent, child, parent_anchor, child_anchor, True, dots)
 
 
 def revolute_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
                    parent_axis: ArrayLike, child_axis: ArrayLike) -> Joint:
     """A hinge; both axes coincide in the world."""
     dots = _parallel(unit("parent_axis", parent_axis), unit("child_axis", child_axis))
-    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), True, dots)
+    return Joint(parent, child, parent_anchor, child_anchor, True, dots)
 
 
 def cylindrical_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
@@ -133,7 +136,7 @@ def cylindrical_joint(parent: int, child: int, parent_anchor: ArrayLike, child_a
     """Turns about and slides along one axis."""
     axis = unit("parent_axis", parent_axis)
     dots = _parallel(axis, unit("child_axis", child_axis)) + _across(*normals(axis))
-    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), False, dots)
+    return Joint(parent, child, parent_anchor, child_anchor, False, dots)
 
 
 def prismatic_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
@@ -144,7 +147,7 @@ def prismatic_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anc
     b = rotation("relative", relative) @ n2
     b = unit("relative", b - (b @ c) * c)
     dots = (*_parallel(a, c), *_across(n1, n2), _normal(n1, b))
-    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), False, dots)
+    return Joint(parent, child, parent_anchor, child_anchor, False, dots)
 
 
 def planar_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
@@ -152,7 +155,7 @@ def planar_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor
     """Slides in the plane normal to the axis and turns about the axis."""
     axis = unit("parent_axis", parent_axis)
     dots = _parallel(axis, unit("child_axis", child_axis)) + _across(axis)
-    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), False, dots)
+    return Joint(parent, child, parent_anchor, child_anchor, False, dots)
 
 
 def fixed_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
@@ -160,27 +163,26 @@ def fixed_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor:
     """No relative motion; `relative` (3, 3) is the constant attitude R_child^T R_parent."""
     Q = rotation("relative", relative)
     dots = tuple(_normal(np.eye(3)[k], Q[:, (k + 1) % 3]) for k in range(3))
-    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), True, dots)
+    return Joint(parent, child, parent_anchor, child_anchor, True, dots)
 
 
 def distance_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
                    length: float) -> Joint:
     """A massless rod of the given length (m) between the anchors."""
-    if number("length", length) <= 0:
-        raise ArgumentError(f"length must be positive, not {length!r}")
+    positive("length", length)
     rod = Dot("difference", "difference", constant=0.5 * length, scale=0.5 / length)
-    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), False, (rod,))
+    return Joint(parent, child, parent_anchor, child_anchor, False, (rod,))
 
 
 def point_on_line_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
                         parent_axis: ArrayLike) -> Joint:
     """The child's anchor stays on the line along the axis through the parent's anchor."""
     dots = _across(*normals(unit("parent_axis", parent_axis)))
-    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), False, dots)
+    return Joint(parent, child, parent_anchor, child_anchor, False, dots)
 
 
 def point_on_plane_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
                          parent_axis: ArrayLike) -> Joint:
     """The child's anchor stays in the plane normal to the axis through the parent's anchor."""
     dots = _across(unit("parent_axis", parent_axis))
-    return Joint(parent, child, np.asarray(parent_anchor), np.asarray(child_anchor), False, dots)
+    return Joint(parent, child, parent_anchor, child_anchor, False, dots)

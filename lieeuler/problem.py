@@ -8,7 +8,7 @@ import functools
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import vector
+from lieeuler.checks import array, positive, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.forces import Force
 from lieeuler.joints import Joint
@@ -31,14 +31,15 @@ class Body:
     inertia: np.ndarray
 
     def __post_init__(self) -> None:
-        inertia = np.array(self.inertia, dtype=float)
-        if not (np.isfinite(self.mass) and self.mass > 0):
-            raise ArgumentError(f"mass must be positive, not {self.mass!r}")
-        if inertia.shape != (3, 3) or not np.isfinite(inertia).all() or not np.allclose(inertia, inertia.T, rtol=1e-12):
-            raise ArgumentError("inertia must be a finite symmetric 3 x 3 matrix")
-        if np.linalg.eigvalsh(inertia)[0] <= 0:
+        positive("mass", self.mass)
+        inertia = array("inertia", self.inertia, (3, 3))
+        if not np.allclose(inertia, inertia.T, rtol=1e-12, atol=0):
+            raise ArgumentError("inertia must be symmetric")
+        moments = np.linalg.eigvalsh(inertia)
+        if moments[0] <= 0:
             raise ArgumentError("inertia must be positive definite")
-        inertia.setflags(write=False)
+        if moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
+            raise ArgumentError(f"principal moments {moments} break the triangle inequality: no body has them")
         object.__setattr__(self, "inertia", inertia)
 
 
@@ -74,25 +75,24 @@ class Problem:
     forces: tuple[Force, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "bodies", tuple(self.bodies))
-        object.__setattr__(self, "joints", tuple(self.joints))
-        object.__setattr__(self, "forces", tuple(self.forces))
+        for group, kind in (("bodies", Body), ("joints", Joint), ("forces", Force)):
+            items = tuple(getattr(self, group))
+            for k, item in enumerate(items):
+                if not isinstance(item, kind):
+                    raise ArgumentError(f"{group}[{k}] is of another kind: {item!r}")
+            object.__setattr__(self, group, items)
         object.__setattr__(self, "gravity", vector("gravity", self.gravity))
         n = len(self.bodies)
         if n == 0:
             raise ArgumentError("a problem needs at least one body")
         for name, shape in (("x", (n, 3)), ("R", (n, 3, 3)), ("v", (n, 3)), ("w", (n, 3))):
-            array = np.array(getattr(self, name), dtype=float, order="C")
-            if array.shape != shape or not np.isfinite(array).all():
-                raise ArgumentError(f"{name} must be finite and of shape {shape}, not {array.shape}")
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, array(name, getattr(self, name), shape))
         if np.abs(np.swapaxes(self.R, 1, 2) @ self.R - np.eye(3)).max() > 1e-10 or (np.linalg.det(self.R) < 0).any():
             raise ArgumentError("R must hold rotation matrices")
-        for kind in ("joints", "forces"):
-            for k, item in enumerate(getattr(self, kind)):
+        for group in ("joints", "forces"):
+            for k, item in enumerate(getattr(self, group)):
                 if not (0 <= item.child < n and GROUND <= item.parent < n and item.parent != item.child):
-                    raise ArgumentError(f"{kind}[{k}]: parent {item.parent} and child {item.child} must be two of the "
+                    raise ArgumentError(f"{group}[{k}]: parent {item.parent} and child {item.child} must be two of the "
                                         f"bodies 0 .. {n - 1}, the parent may be the ground ({GROUND})")
         self._check_constraints()
 

@@ -28,9 +28,9 @@ class Status(enum.Enum):
 _ADVICE = {
     Status.SUCCESS: "",
     Status.NEWTON_FAILED: "Newton's iteration did not converge within a step; take a smaller step",
-    Status.SINGULAR_MATRIX: "the constraints became dependent; the mechanism is at or near a singular position",
-    Status.MAP_DOMAIN: "a body turned beyond the coordinate map's domain within one step; take a smaller step, "
-                       "or coordinate_map='exp'",
+    Status.SINGULAR_MATRIX: "the constraints became dependent; the mechanism is at or near a singular "
+                            "position; start elsewhere, or take steps that do not land on it",
+    Status.MAP_DOMAIN: "a body turned beyond the coordinate map's domain within one step; take a smaller step",
     Status.NON_FINITE: "the state became infinite or not a number; take a smaller step",
     Status.INTERRUPTED: "interrupted by the user",
 }  # fmt: skip

@@ -33,13 +33,21 @@ T = np.linspace(0, 1, 11)
         ({"t_eval": [0.0, np.inf]}, "finite"),
         ({"coordinate_map": "euler"}, "exp, cayley, ccsk"),
         ({"alpha": 1.0}, "BAUMGARTE_LE"),
-        ({"method": "BAUMGARTE_LE", "beta": -1.0}, "not negative"),
+        ({"method": "BAUMGARTE_LE", "beta": -1.0}, "not below 0"),
+        ({"method": "BAUMGARTE_LE", "alpha": "x"}, "alpha must be a number"),
+        ({"method": ["DAE1L_LSE"]}, "method must be one of"),
+        ({"step": None}, "step must be a number"),
+        ({"step": "x"}, "step must be a number"),
+        ({"step": 1e-300}, "more than 1e"),
+        ({"t_eval": "abc"}, "at least two"),
+        ({"problem": None}, "lieeuler.Problem"),
     ],
 )
 def test_wrong_arguments_are_named(changes, words):
-    arguments = {"method": "DAE1L_LSE", "step": 1e-2, "t_eval": T, **changes}
+    problem = SYSTEMS["single_pendulum"]()
+    arguments = {"problem": problem, "method": "DAE1L_LSE", "step": 1e-2, "t_eval": T, **changes}
     with pytest.raises(lieeuler.ArgumentError, match=words):
-        lieeuler.integrate(SYSTEMS["single_pendulum"](), **arguments)
+        lieeuler.integrate(**arguments)
 
 
 @pytest.mark.parametrize(
@@ -52,6 +60,8 @@ def test_wrong_arguments_are_named(changes, words):
         ({"R": [np.diag([1.0, 1.0, -1.0])]}, "rotation"),
         ({"joints": [lieeuler.spherical_joint(-1, 3, [0, 0, 0], [0, 0, 1.0])]}, r"joints\[0\].*child 3"),
         ({"bodies": []}, "at least one body"),
+        ({"bodies": [1]}, r"bodies\[0\] is of another kind"),
+        ({"x": "abc"}, "x must be numbers"),
     ],
 )
 def test_wrong_problems_are_named(change, words):
@@ -62,10 +72,26 @@ def test_wrong_problems_are_named(change, words):
 
 
 @pytest.mark.parametrize(("mass", "inertia"), [(0.0, np.eye(3)), (1.0, -np.eye(3)), (1.0, np.eye(2)),
-                                               (1.0, np.triu(np.ones((3, 3)))), (np.inf, np.eye(3))])
+                                               (1.0, np.triu(np.ones((3, 3)))), (np.inf, np.eye(3)),
+                                               ("1", np.eye(3)), (1.0, "x"), (1.0, np.diag([1.0, 1.0, 9.0]))])
 def test_wrong_bodies_are_refused(mass, inertia):
     with pytest.raises(lieeuler.ArgumentError):
         lieeuler.Body(mass, inertia)
+
+
+@pytest.mark.parametrize("make", [
+    lambda: lieeuler.spherical_joint(-1, 0.5, [0, 0, 0], [0, 0, 1]),
+    lambda: lieeuler.spherical_joint(-1, 0, [0, 0], [0, 0, 1]),
+    lambda: lieeuler.revolute_joint(-1, 0, [0, 0, 0], [0, 0, 1], [0, 0, 0], [0, 0, 1]),
+    lambda: lieeuler.distance_joint(-1, 0, [0, 0, 0], [0, 0, 1], 0.0),
+    lambda: lieeuler.fixed_joint(-1, 0, [0, 0, 0], [0, 0, 1], 2 * np.eye(3)),
+    lambda: lieeuler.LinearSpring(-1, 0, [0, 0, 0], [0, 0, 1], -1.0, 0.0),
+    lambda: lieeuler.TorsionalSpring(-1, 0, [0, 0, 1], [0, 0, 1], 1.0, np.nan),
+    lambda: lieeuler.ConstantLoad(0, frame="sky"),
+])
+def test_wrong_joints_and_forces_are_refused(make):
+    with pytest.raises(lieeuler.ArgumentError):
+        make()
 
 
 def test_step_is_shortened_to_divide_the_interval():

@@ -1,6 +1,8 @@
 // What the Lagrangian and the Hamiltonian Euler steppers share: the state, the guess, Newton, the blocks of its matrix.
 #pragma once
 
+#include <array>
+
 #include "kinematics.hpp"
 #include "newton.hpp"
 
@@ -100,12 +102,14 @@ class EulerStepper {
     int tail;
     const std::vector<int> order = nodes_.order(system, tail);
     lu_.plan(order, tail, nodes_.entries(system, second_order));
-    for (int k = 0; k < nodes_.parts(); ++k)
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      padding_.push_back({lu_.block(nodes_.lam(k), nodes_.lam(k)), lu_.block(nodes_.mu(k), nodes_.mu(k))});
       for (Side side : kSides) {
         const int body = body_of(k, side);
         blocks_.push_back(body == system.n() ? SideBlocks{}
                                              : SideBlocks::of(lu_, nodes_.lam(k), nodes_.v(body), nodes_.w(body)));
       }
+    }
     for (const Force& force : system.forces)
       for (int row : {force.parent, force.child})
         for (int column : {force.parent, force.child})
@@ -127,9 +131,9 @@ class EulerStepper {
     joint.subtract_reaction(part_of(k), lam, impulse[body_of(k, kParent)], impulse[body_of(k, kChild)]);
   }
   // The identity where a part has fewer than three rows.
-  void pad(int node, int rows) {
-    double* block = lu_.block(node, node);
-    for (int r = rows; r < 3; ++r) block[(kRow + 1) * r] = 1;
+  void pad(int k) {
+    for (double* block : padding_[k])
+      for (int r = part_of(k).rows(); r < 3; ++r) block[(kRow + 1) * r] = 1;
   }
 
   // q = q_n * (h xi); false outside the map's domain.
@@ -175,6 +179,7 @@ class EulerStepper {
   std::vector<double> z_;
   BlockLU lu_;
   std::vector<SideBlocks> blocks_;        // of lam and (v, w), per part and side
+  std::vector<std::array<double*, 2>> padding_;  // diagonal blocks of lam and mu, per part
   std::vector<PairBlocks> force_blocks_;  // against (v, w), per force, row side, column side
 
  private:

@@ -62,7 +62,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     }
     for (size_t k = 0; k < system_.forces.size(); ++k) add_damper_blocks(k);
     for (int k = 0; k < nodes_.parts(); ++k) {
-      this->pad(nodes_.lam(k), this->part_of(k).rows());
+      this->pad(k);
       for (Side side : kSides)
         if (this->body_of(k, side) != system_.n()) constraint_blocks(k, side);
     }
@@ -142,7 +142,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     if (level_ == Level::stabilised) {
       if (!this->saddle_.factor(joints_)) return Status::singular_matrix;
       this->saddle_.project(joints_, momentum_, state_.u, mu_.data());
-      for (int r = 0; r < system_.rows(); ++r) state_.lam[r] += mu_[r] / h_;
+      for (size_t r = 0; r < mu_.size(); ++r) state_.lam[r] += mu_[r] / h_;
     }
     if (this->index1_output_)
       this->saddle_.accelerate(joints_, state_);  // factored above: index-1 output comes with stabilised

@@ -65,8 +65,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     }
     for (size_t k = 0; k < system_.forces.size(); ++k) add_force_blocks(k);
     for (int k = 0; k < nodes_.parts(); ++k) {
-      this->pad(nodes_.lam(k), this->part_of(k).rows());
-      if (stabilised()) this->pad(nodes_.mu(k), this->part_of(k).rows());
+      this->pad(k);
       for (Side row : kSides)
         for (Side column : kSides) stiffness_blocks(k, row, column);
       for (Side side : kSides)

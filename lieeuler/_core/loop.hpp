@@ -3,6 +3,7 @@
 
 #include <functional>
 
+#include "denormals.hpp"
 #include "euler_lagrange.hpp"
 #include "rattle.hpp"
 
@@ -99,6 +100,7 @@ template <class Stepper>
 Outcome run(Stepper& stepper, const System& system, const State& initial, const std::vector<double>& steps,
             const std::vector<int>& counts, bool monitored, const Record& record, const Interrupted& interrupted) {
   constexpr long kBodyStepsBetweenChecks = 20000;
+  const FlushDenormals flush;
   Outcome outcome;
   Monitor monitor(system, monitored);
   double t = 0, h = 0;

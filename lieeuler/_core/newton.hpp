@@ -69,7 +69,7 @@ class Newton {
                  : shrunk(size, last, target))
         return Status::success;
       if (k == 1) first = size;
-      if (k == 2) curvature_ = std::max(curvature_, size / (first * first));
+      if (k == 2 && size > kNoise) curvature_ = std::max(curvature_, size / (first * first));
       renew = k > 1 && size > kSlow * last;
       last = size;
     }

@@ -45,6 +45,7 @@ static State hanging_sideways(const System& system) {
 
 template <class Stepper>
 static int drive(Stepper stepper, const System& system, int steps, double h) {
+  const FlushDenormals flush;
   Counters counters;
   if (stepper.start(hanging_sideways(system), h) != Status::success) return 2;
   if (stepper.step(counters) != Status::success) return 2;

@@ -1,7 +1,8 @@
 """Independent truth: two formulations that share no equation, compared with each other before either is believed.
 
-Nothing here imports `lieeuler` or an adapter. A Lagrange top: elliptic functions against Taylor series; every other
-tree of spherical joints: Taylor series in minimal coordinates against DOP853 in maximal ones.
+Nothing here imports `lieeuler` or an adapter. A Lagrange top: elliptic functions against Taylor series; everything
+else, trees and loops of all joints under all forces: Taylor series in minimal coordinates against DOP853 in maximal
+ones.
 """
 
 from __future__ import annotations
@@ -24,10 +25,9 @@ def truth(scene: Scene) -> Reference:
 
     Raises
     ------
-    Unsupported
-        The scene is outside the reference equations; the message says why.
     TruthError
-        The two formulations disagree beyond what the scene's conditioning explains.
+        The two formulations disagree beyond what the scene's conditioning explains, or one of them ends early, as it
+        does at a position where a loop that is no parallelogram loses rank.
     """
     from crosscheck.references import cache
 

@@ -6,6 +6,8 @@ and serves both for its symbolic equations and for evaluating accelerations at s
 
 from __future__ import annotations
 
+import numpy as np
+
 
 def add(*vectors):
     """Sum of vectors, entry by entry."""
@@ -25,6 +27,11 @@ def dot(a, b):
 def cross(a, b):
     """a x b"""
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def outer(a, b):
+    """a b^T"""
+    return [[x * y for y in b] for x in a]
 
 
 def hat(a):
@@ -65,22 +72,57 @@ def congruent(rotation, symmetric):
 
 
 def factor_symmetric(s):
-    """L D L^T of a symmetric positive definite 3x3 matrix: (l10, l20, l21, 1/d0, 1/d1, 1/d2)."""
-    i0 = 1.0 / s[0][0]
-    l10, l20 = s[1][0] * i0, s[2][0] * i0
-    i1 = 1.0 / (s[1][1] - l10 * s[1][0])
-    rest = s[2][1] - l20 * s[1][0]
-    l21 = rest * i1
-    return l10, l20, l21, i0, i1, 1.0 / (s[2][2] - l20 * s[2][0] - l21 * rest)
+    """L D L^T of a symmetric positive definite matrix of any size: the rows of L below its diagonal, and 1 / D."""
+    lower, inverse = [], []
+    for i in range(len(s)):
+        row, pivot = [], s[i][i]
+        scaled: list = []  # L_ik D_k
+        for j in range(i):
+            entry = s[i][j]
+            for k in range(j):
+                entry = entry - scaled[k] * lower[j][k]
+            scaled.append(entry)
+            row.append(entry * inverse[j])
+            pivot = pivot - entry * row[j]
+        lower.append(row)
+        inverse.append(1.0 / pivot)
+    return lower, inverse
 
 
 def solve_factored(factors, rhs):
     """Solution of s x = rhs from `factor_symmetric(s)`."""
-    l10, l20, l21, i0, i1, i2 = factors
-    y1 = rhs[1] - l10 * rhs[0]
-    z2 = (rhs[2] - l20 * rhs[0] - l21 * y1) * i2
-    z1 = y1 * i1 - l21 * z2
-    return [rhs[0] * i0 - l10 * z1 - l20 * z2, z1, z2]
+    lower, inverse = factors
+    x = list(rhs)
+    for i, row in enumerate(lower):
+        for k, entry in enumerate(row):
+            x[i] = x[i] - entry * x[k]
+    x = [entry * factor for entry, factor in zip(x, inverse, strict=True)]
+    for i in reversed(range(len(x))):
+        for k, entry in enumerate(lower[i]):
+            x[k] = x[k] - entry * x[i]
+    return x
+
+
+def turn_about(axis, angle):
+    """Quaternion of the rotation by `angle` about a unit vector of floats."""
+    sine = _function("sin", 0.5 * angle)
+    return [_function("cos", 0.5 * angle), *(component * sine for component in axis)]
+
+
+def square_root(value):
+    """Square root over any number type."""
+    return _function("sqrt", value)
+
+
+def _function(name, value):
+    """An elementary function of a float, an array, a type that brings its own, or a symbolic expression."""
+    if isinstance(value, float | np.ndarray):
+        return getattr(np, name)(value)
+    if hasattr(value, name):
+        return getattr(value, name)()
+    import heyoka
+
+    return getattr(heyoka, name)(value)
 
 
 def quaternion_product(p, q):

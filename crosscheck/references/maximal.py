@@ -2,58 +2,38 @@
 
 Newton-Euler equations of every body in world axes, M du = f - G^T lam with u = (v, omega), omega the WORLD angular
 velocity and M = diag(m, R J R^T); lam from the constraints at acceleration level (index 1), damped towards their
-position and velocity levels after Baumgarte, which moves nothing on the constraint manifold. Attitudes are
-quaternions. Each kind of constraint is a record in KINDS: its rows, their Jacobian and the acceleration they show at
-du = 0. The ground is one more body at the end of every array, with no columns in the Jacobian.
+position and velocity levels after Baumgarte, which moves nothing on the constraint manifold: a wrong row still shows,
+by its error over DAMPING^2. Where rows depend on others, the accelerations are the least-norm correction of the free
+ones in the metric of M, with the rank found once at the start. Attitudes are quaternions; the angle of a torsional
+spring is a state. The ground is one more body at the end of every array, with no columns in the Jacobian.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
-from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import DOP853
 
-from crosscheck.errors import Unsupported
 from crosscheck.references.base import TruthError
-from crosscheck.scene import Joint, Scene
+from crosscheck.references.world import Motion, cross, rotation, turned
+from crosscheck.references.world_loads import ConstantLoad, LinearSpring, TorsionalSpring
+from crosscheck.references.world_rows import Relations, kinds
+from crosscheck.scene import Scene
 from crosscheck.states import States
 
 SOURCE = "DOP853 (SciPy), maximal coordinates"
 RTOL = 3e-15  # a thousand steps of this stay near 1e-12; looser runs cost 15 % less and are off by several times more
+RTOL_DEPENDENT = 1e-15  # of loops with dependent rows, which pass flat positions fast and dead points slowly: an error
+# of the energy made in the one grows in the other, by more than any perturbation of the start does
 ATOL = 1e-15  # components that pass through zero are O(1) elsewhere
 DAMPING = 5.0  # 1/s; Baumgarte, far slower than a step, far faster than the growth of drift from round-off
-
-# Constant tensors keep the count of NumPy calls low, which is what a right-hand side of a few bodies costs.
-_EPSILON = np.zeros((3, 3, 3))
-for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    _EPSILON[_i, _k, _j], _EPSILON[_i, _j, _k] = 1.0, -1.0
-_FORM = np.zeros((4, 4, 3, 3))  # R = q q : _FORM = (w^2 - p.p) I + 2 p p^T + 2 w p^ for a unit q = (w, p)
-_FORM[0, 0] = np.eye(3)
-for _i in range(3):
-    _FORM[_i + 1, _i + 1] = -np.eye(3)
-    _FORM[0, _i + 1] += 2.0 * _EPSILON[_i]
-    for _j in range(3):
-        _FORM[_i + 1, _j + 1, _i, _j] += 2.0
-HAT, QUADRATIC = _EPSILON.reshape(3, 9), _FORM.reshape(16, 9)  # a @ HAT is the matrix of a x (.)
-
-
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a x b of arrays (k, 3); several times faster than numpy.cross for a few vectors."""
-    return np.matmul((a @ HAT).reshape(-1, 3, 3), b[:, :, None])[:, :, 0]
-
-
-def rotation(q: np.ndarray) -> np.ndarray:
-    """Attitudes (n, 3, 3) of quaternions (n, 4) of any length but zero."""
-    products = (q[:, :, None] * q[:, None, :]).reshape(-1, 16)
-    return ((products @ QUADRATIC) / products[:, ::5].sum(axis=1)[:, None]).reshape(-1, 3, 3)
+DEPENDENT = 1e-9  # singular values below this part of the largest belong to rows that depend on others
 
 
 def gyroscopic(inertia: np.ndarray, omega: np.ndarray) -> np.ndarray:
     """omega x (I omega), world axes; inertia (n, 3, 3) world."""
-    return cross(omega, np.matmul(inertia, omega[:, :, None])[:, :, 0])
+    return cross(omega, turned(inertia, omega))
 
 
 def weight(masses: np.ndarray, gravity: np.ndarray) -> np.ndarray:
@@ -61,150 +41,162 @@ def weight(masses: np.ndarray, gravity: np.ndarray) -> np.ndarray:
     return masses[:, None] * gravity
 
 
-def centripetal(omega: np.ndarray, lever: np.ndarray) -> np.ndarray:
-    """omega x (omega x lever), world axes."""
-    return cross(omega, cross(omega, lever))
-
-
-@dataclasses.dataclass(frozen=True)
-class Motion:
-    """World state with the ground appended: x, v, omega (n + 1, 3), R (n + 1, 3, 3)."""
-
-    x: np.ndarray
-    R: np.ndarray
-    v: np.ndarray
-    omega: np.ndarray
-
-
-class Coincidence:
-    """Points fixed in two bodies that coincide: d = x_j + R_j s_j - x_i - R_i s_i = 0, three rows a joint."""
-
-    def __init__(self, joints: list[Joint], n: int) -> None:
-        k = len(joints)
-        self.i = np.array([joint.parent for joint in joints])  # the ground, -1, is the last entry
-        self.j = np.array([joint.child for joint in joints])
-        self.both = np.concatenate([self.i, self.j])
-        self.s = np.array([joint.parent_anchor for joint in joints] + [joint.child_anchor for joint in joints])
-        self.rows = 3 * k
-        self.template = np.zeros((3 * k, n + 1, 6))
-        # -d(R s) along omega is s x (.), so an entry of lever s sits at (row, column) with a sign, twice
-        self.row, self.column = np.array([[1, 0, 2, 1, 0, 2], [0, 1, 1, 2, 2, 0]])
-        self.entry, self.sign = np.array([2, 2, 0, 0, 1, 1]), np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-        joint_rows = 3 * np.arange(k)[:, None]
-        for body, direction in ((self.i, -1.0), (self.j, 1.0)):
-            self.template[joint_rows + np.arange(3), body[:, None], np.arange(3)] = direction
-        self.at_i = joint_rows + self.row, self.i[:, None], 3 + self.column
-        self.at_j = joint_rows + self.row, self.j[:, None], 3 + self.column
-
-    def levers(self, motion: Motion) -> np.ndarray:
-        """R_i s_i of all joints, then R_j s_j, (2 k, 3)."""
-        return np.matmul(motion.R[self.both], self.s[:, :, None])[:, :, 0]
-
-    def position(self, motion: Motion, levers: np.ndarray) -> np.ndarray:
-        """Gaps d, (3 k)."""
-        return self._difference(motion.x[self.both] + levers)
-
-    def jacobian(self, levers: np.ndarray) -> np.ndarray:
-        """(3 k, n + 1, 6): columns v and omega of each body."""
-        G = self.template.copy()
-        entries = self.sign * levers[:, self.entry]
-        G[self.at_i] = entries[:len(self.i)]
-        G[self.at_j] = -entries[len(self.i):]
-        return G
-
-    def drift(self, motion: Motion, levers: np.ndarray) -> np.ndarray:
-        """Second derivative of d at zero accelerations, (3 k)."""
-        return self._difference(centripetal(motion.omega[self.both], levers))
-
-    def _difference(self, points: np.ndarray) -> np.ndarray:
-        return (points[len(self.i):] - points[:len(self.i)]).ravel()
-
-
-KINDS: dict[str, Callable] = {"spherical": Coincidence}
-
-
 class Maximal:
-    """The equations of a scene; `run` integrates them.
-
-    Raises
-    ------
-    Unsupported
-        A joint type that is not in KINDS, or a force other than gravity.
-    """
+    """The equations of a scene; `run` integrates them."""
 
     def __init__(self, scene: Scene) -> None:
-        if scene.forces:
-            raise Unsupported(f"truth for {scene.name!r}: force {scene.forces[0].type!r} is not in these equations")
-        for joint in scene.joints:
-            if joint.type not in KINDS:
-                raise Unsupported(f"truth for {scene.name!r}: joint {joint.name!r} is {joint.type}, not in these "
-                                  "equations")
         self.scene = scene
-        self.constraints = [kind([joint for joint in scene.joints if joint.type == name], scene.n)
-                            for name, kind in KINDS.items() if any(joint.type == name for joint in scene.joints)]
+        self.constraints = kinds(scene)
+        self.springs = [LinearSpring(force) for force in scene.forces if force.type == "linear_spring"]
+        self.torsions = [TorsionalSpring(force, scene) for force in scene.forces if force.type == "torsional_spring"]
+        self.loads = [ConstantLoad(force) for force in scene.forces if force.type.startswith("constant")]
         self.inverse_inertia = np.linalg.inv(scene.inertias)
+        self.root = np.linalg.cholesky(self.inverse_inertia)  # J^-1 = root root^T
         self.force = weight(scene.masses, scene.gravity)
+        self.relations: Relations | None = None
+        self.rank: int | None = None  # of the rows where some depend on others; None is quicker
+        if self.constraints:
+            self._find_rank()
 
-    def motion(self, y: np.ndarray) -> Motion:
-        """Unpack x (n, 3), q (n, 4), v (n, 3), omega (n, 3)."""
+    def _find_rank(self) -> None:
+        """Number of independent rows at the start, with the relations of hinges that hold in every position."""
+        motion, _ = self.motion(self.initial())
+        scaled = self._scaled(self._constraint_terms(motion)[0], motion)
+        _, singular, V = np.linalg.svd(scaled)
+        rank = int(np.count_nonzero(singular > DEPENDENT * singular[0]))
+        if rank == len(scaled):
+            return
+        self.rank = rank
+        if rank < scaled.shape[1] and all(joint.type == "revolute" for joint in self.scene.joints):
+            self._relate_hinges(motion, V[rank:])
+
+    def _relate_hinges(self, motion: Motion, free: np.ndarray) -> None:
+        """Add relations between the rates of hinges that no motion breaks.
+
+        A mechanism whose hinges keep fixed ratios of their rates keeps its freedom in positions where its other rows
+        lose rank. Ratios at the start are those of the free motions (rows, scaled as G is); they are fixed if the
+        accelerations that belong to each of these motions keep them too.
+        """
+        n, count = self.scene.n, len(self.scene.joints)
+        rates = self._scaled(Relations(self.scene, np.eye(count)).jacobian(motion)[:, :-1], motion) @ free.T
+        U, sigma, _ = np.linalg.svd(rates)
+        kept = int(np.count_nonzero(sigma > DEPENDENT * sigma[0]))
+        relations = Relations(self.scene, U[:, kept:].T)
+        for direction in (*free, *(one + other for one, other in itertools.combinations(free, 2))):
+            step = direction.reshape(n, 6)
+            v, omega = np.zeros((2, n + 1, 3))
+            v[:n] = step[:, :3] / np.sqrt(self.scene.masses)[:, None]
+            omega[:n] = turned(motion.R[:-1] @ self.root, step[:, 3:])
+            moving = Motion(motion.x, motion.R, v, omega, np.zeros(count))
+            terms = [kind.terms(moving) for kind in (*self.constraints, relations)]
+            G = self._scaled(np.concatenate([G[:, :-1] for _, G, _ in terms]), moving)
+            drift = np.concatenate([drift for _, _, drift in terms])
+            left = drift - G @ (np.linalg.pinv(G, rcond=DEPENDENT) @ drift)
+            if np.max(np.abs(left)) > DEPENDENT * np.max(np.abs(drift), initial=1.0):
+                return
+        self.constraints.append(relations)
+        self.relations = relations
+
+    def _scaled(self, G: np.ndarray, motion: Motion) -> np.ndarray:
+        """G M^-1/2, (m, 6 n)."""
+        scaled = G / np.sqrt(self.scene.masses)[:, None]
+        scaled[:, :, 3:] = np.matmul(G[:, :, 3:].transpose(1, 0, 2), motion.R[:-1] @ self.root).transpose(1, 0, 2)
+        return scaled.reshape(len(G), -1)
+
+    def motion(self, y: np.ndarray) -> tuple[Motion, np.ndarray]:
+        """Unpack x (n, 3), q (n, 4), v (n, 3), omega (n, 3), and angles of torsional springs and of hinges."""
         n = self.scene.n
         x, v, omega = (np.zeros((n + 1, 3)) for _ in range(3))
         R = np.empty((n + 1, 3, 3))
-        x[:n], v[:n], omega[:n] = y[:3 * n].reshape(n, 3), y[7 * n:10 * n].reshape(n, 3), y[10 * n:].reshape(n, 3)
+        x[:n], v[:n], omega[:n] = (y[k * n:(k + 3) * n].reshape(n, 3) for k in (0, 7, 10))
         q = y[3 * n:7 * n].reshape(n, 4)
         R[:n] = rotation(q)
         R[n] = np.eye(3)
-        return Motion(x, R, v, omega)
+        end = 13 * n + len(self.torsions)
+        return Motion(x, R, v, omega, y[end:]), y[13 * n:end]
 
-    def accelerations(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    def _applied(self, motion: Motion, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Applied forces and torques about the centres of mass, (n, 3) each."""
+        if not (self.springs or self.torsions or self.loads):
+            return self.force, np.zeros_like(self.force)
+        force, torque = np.zeros((2, self.scene.n + 1, 3))
+        force[:-1] = self.force
+        for between in self.springs:
+            between.add(motion, force, torque)
+        for load in self.loads:
+            load.add(motion, force, torque)
+        for spring, angle in zip(self.torsions, angles, strict=True):
+            spring.add(motion, angle, torque)
+        return force[:-1], torque[:-1]
+
+    def accelerations(self, motion: Motion, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations of the centres of mass and angular accelerations, (n, 3) each, world."""
         n, R = self.scene.n, motion.R[:-1]
-        turned = R.transpose(0, 2, 1)
-        torque = -gyroscopic(R @ self.scene.inertias @ turned, motion.omega[:-1])
-        inverse = R @ self.inverse_inertia @ turned
+        back = R.transpose(0, 2, 1)
+        force, torque = self._applied(motion, angles)
+        torque = torque - gyroscopic(R @ self.scene.inertias @ back, motion.omega[:-1])
+        inverse = R @ self.inverse_inertia @ back
         free = np.empty((n, 6))
-        free[:, :3] = self.force / self.scene.masses[:, None]
-        free[:, 3:] = np.matmul(inverse, torque[:, :, None])[:, :, 0]
+        free[:, :3] = force / self.scene.masses[:, None]
+        free[:, 3:] = turned(inverse, torque)
         if not self.constraints:
             return free[:, :3], free[:, 3:]
         G, target = self._constraint_terms(motion)
+        flat = G.reshape(len(G), -1)
+        if self.rank is not None:
+            return self._least_norm(free, motion, self._scaled(G, motion), flat @ free.ravel() + target)
         W = np.empty_like(G)  # G M^-1; the two blocks of M are scaled apart
         W[:, :, :3] = G[:, :, :3] / self.scene.masses[:, None]
         W[:, :, 3:] = np.matmul(G[:, :, 3:].transpose(1, 0, 2), inverse).transpose(1, 0, 2)
-        flat, W = G.reshape(len(G), -1), W.reshape(len(G), -1)
+        W = W.reshape(len(G), -1)
         lam = np.linalg.solve(W @ flat.T, flat @ free.ravel() + target)
         free -= (W.T @ lam).reshape(n, 6)
         return free[:, :3], free[:, 3:]
+
+    def _least_norm(self, free: np.ndarray, motion: Motion, scaled: np.ndarray,
+                    defect: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Accelerations nearest to the free ones in the metric of M that take the defect away, at the fixed rank."""
+        U, sigma, V = np.linalg.svd(scaled, full_matrices=False)
+        r = self.rank
+        change = V[:r].T @ (U[:, :r].T @ defect / sigma[:r])
+        change += V[:r].T @ (U[:, :r].T @ (defect - scaled @ change) / sigma[:r])  # the rounding of the first
+        change = change.reshape(len(free), 6)
+        a = free[:, :3] - change[:, :3] / np.sqrt(self.scene.masses)[:, None]
+        return a, free[:, 3:] - turned(motion.R[:-1] @ self.root, change[:, 3:])
 
     def _constraint_terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         """Jacobian (m, n, 6) and drift plus Baumgarte terms (m)."""
         u = np.concatenate([motion.v, motion.omega], axis=1).ravel()
         jacobians, targets = [], []
         for kind in self.constraints:
-            levers = kind.levers(motion)
-            G = kind.jacobian(levers)
+            gap, G, drift = kind.terms(motion)
             jacobians.append(G[:, :-1])
-            targets.append(kind.drift(motion, levers) + 2.0 * DAMPING * (G.reshape(len(G), -1) @ u)
-                           + DAMPING**2 * kind.position(motion, levers))
+            targets.append(drift + 2.0 * DAMPING * (G.reshape(len(G), -1) @ u) + DAMPING**2 * gap)
         return np.concatenate(jacobians), np.concatenate(targets)
 
     def rates(self, t: float, y: np.ndarray) -> np.ndarray:
         """dy/dt; t is not used, the scene is autonomous."""
         n = self.scene.n
-        motion = self.motion(y)
-        a, alpha = self.accelerations(motion)
+        motion, angles = self.motion(y)
+        a, alpha = self.accelerations(motion, angles)
         q, omega = y[3 * n:7 * n].reshape(n, 4), motion.omega[:-1]
         rate = np.empty((n, 4))  # dq/dt = (0, omega) q / 2 for the world angular velocity
         rate[:, 0] = -0.5 * np.sum(omega * q[:, 1:], axis=1)
         rate[:, 1:] = 0.5 * (omega * q[:, :1] + cross(omega, q[:, 1:]))
-        return np.concatenate([y[7 * n:10 * n], rate.ravel(), a.ravel(), alpha.ravel()])
+        turning = [spring.rate(motion) for spring in self.torsions]
+        if self.relations is not None:
+            turning.extend(self.relations.rates(motion))
+        return np.concatenate([y[7 * n:10 * n], rate.ravel(), a.ravel(), alpha.ravel(), turning])
 
     def initial(self) -> np.ndarray:
         """State vector of the scene's start."""
         bodies, scene = self.scene.bodies, self.scene
         q = np.array([body.attitude / np.linalg.norm(body.attitude) for body in bodies])
-        omega = np.matmul(scene.R0, scene.w0[:, :, None])[:, :, 0]
-        return np.concatenate([scene.x0.ravel(), q.ravel(), scene.v0.ravel(), omega.ravel()])
+        omega = turned(scene.R0, scene.w0)
+        angles = [spring.start for spring in self.torsions]
+        if self.relations is not None:
+            angles += [0.0] * len(scene.joints)
+        return np.concatenate([scene.x0.ravel(), q.ravel(), scene.v0.ravel(), omega.ravel(), angles])
 
     def run(self, times: np.ndarray | None = None) -> States:
         """States at `times`, by default the scene's output times, from the scene's start.
@@ -218,7 +210,8 @@ class Maximal:
             rows.append(self._row(y))
             first = None if step is None else min(step, end - start)
             solver = DOP853(self.rates, start, y, end, first_step=first, rtol=1e-13, atol=ATOL)
-            solver.rtol = RTOL  # the constructor refuses less than 100 roundings, the error estimate resolves it
+            # the constructor refuses less than 100 roundings, the error estimate resolves it
+            solver.rtol = RTOL if self.rank is None else RTOL_DEPENDENT
             proposals = []
             while solver.status == "running":
                 message = solver.step()
@@ -231,9 +224,8 @@ class Maximal:
 
     def _row(self, y: np.ndarray) -> tuple[np.ndarray, ...]:
         """x, R, v, w, a, alpha at one instant, in the common convention."""
-        motion = self.motion(y)
-        a, alpha = self.accelerations(motion)
+        motion, angles = self.motion(y)
+        a, alpha = self.accelerations(motion, angles)
         R = motion.R[:-1]
-        w, alpha = (np.matmul(R.transpose(0, 2, 1), vector[:, :, None])[:, :, 0]
-                    for vector in (motion.omega[:-1], alpha))
+        w, alpha = (turned(R.transpose(0, 2, 1), vector) for vector in (motion.omega[:-1], alpha))
         return motion.x[:-1], R, motion.v[:-1], w, a, alpha

@@ -1,178 +1,155 @@
-"""Truth by Taylor series (heyoka) in minimal coordinates: unit quaternions and body angular velocities of a tree.
+"""Truth by Taylor series (heyoka) in minimal coordinates.
 
-Derivation. A spherical joint passes a force and no torque, so the part of the tree outboard of it acts on its parent
-as F = M A + b, with A the acceleration of the joint, M a 3x3 matrix and b a bias: block LDL^T elimination of the
-mass matrix in the angular velocities, leaves first. With levers r to the centre of mass and l_c to the outboard
-joints, everything in body axes, the balance of moments about the inboard joint gives
-
-    I alpha + K A + tau = 0,    I = J - m r^ r^ - sum l_c^ M_c l_c^,    K = m r^ + sum l_c^ M_c,
-    tau = w x J w + r x f_0 + sum l_c x f_c,  f_0 = m (w x (w x r) - g),  f_c = M_c (w x (w x l_c)) + b_c,
-
-and the balance of forces M = m + sum M_c - K^T I^-1 K, b = f_0 + sum f_c - K^T I^-1 tau.
+Every scene is a tree of bodies on joints with coordinates of their own (`joint_motion`), whose accelerations follow
+by elimination from the leaves (`articulated`), under springs, dampers and loads (`tree_loads`). A joint that closes a
+loop adds multipliers of its independent rows (`loops`); which ones are independent is found once, at the start. The
+angle of a torsional spring in such a joint is a state of its own; in a joint of the tree it is a coordinate.
 """
 
 from __future__ import annotations
 
-import dataclasses
-import functools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
+from crosscheck.references import loops
+from crosscheck.references.articulated import accelerations, centripetal
 from crosscheck.references.base import TruthError
-from crosscheck.references.generic import (
-    add,
-    apply,
-    apply_transposed,
-    combine,
-    congruent,
-    conjugate,
-    cross,
-    factor_symmetric,
-    hat,
-    multiply,
-    quaternion_product,
-    rotation,
-    scale,
-    solve_factored,
-    transpose,
-)
-from crosscheck.references.tree import Link, spherical_tree
-from crosscheck.scene import GROUND, Scene, rotation_from_quaternion
+from crosscheck.references.generic import add, apply, cross, scale
+from crosscheck.references.joint_motion import ZERO, Tree
+from crosscheck.references.series import ORDERS, Series, shifted
+from crosscheck.references.tree import FREE, unfold
+from crosscheck.references.tree_loads import Loads, angle_rate, start_angle, tree_angle
+from crosscheck.scene import Scene, rotation_from_quaternion
 from crosscheck.states import States
 
 SOURCE = "Taylor series (heyoka), minimal coordinates"
-ORDERS = 10  # highest derivative whose maximum is recorded
 SUBPOINTS = 4  # derivatives are scanned this many times a step: k-th ones vary over 1/k of the convergence radius
 DRIFT = 1e-13  # quaternion norms stay within a few hundred roundings; more means a defect, not round-off
-
-
-def gyroscopic(inertia, w):
-    """w x J w, body axes."""
-    return cross(w, apply(inertia, w))
-
-
-def centripetal(w, lever):
-    """w x (w x lever), body axes."""
-    return cross(w, cross(w, lever))
-
-
-def weight(mass, gravity):
-    """m g in the axes of `gravity`."""
-    return scale(mass, gravity)
-
-
-@dataclasses.dataclass
-class _Reduced:
-    """A body with all that hangs on it: F = mass A + bias at its reference point, alpha = -(rest + coupling A)."""
-
-    rest: list
-    coupling: list
-    mass: list
-    bias: list
-
-
-def _reduce(link: Link, w, gravity, children: list[tuple]) -> _Reduced:
-    """Eliminate the angular acceleration of a body; children are (lever, mass, bias) in its axes."""
-    r = hat(link.lever)
-    mass = [[link.mass if i == j else 0.0 for j in range(3)] for i in range(3)]
-    coupling = [[link.mass * entry for entry in row] for row in r]
-    inertia = combine(link.inertia, -link.mass, multiply(r, r))
-    bias = add(scale(link.mass, centripetal(w, link.lever)), scale(-1.0, weight(link.mass, gravity)))
-    torque = add(gyroscopic(link.inertia, w), cross(link.lever, bias))
-    for lever, outer_mass, outer_bias in children:
-        force = add(apply(outer_mass, centripetal(w, lever)), outer_bias)
-        torque, bias = add(torque, cross(lever, force)), add(bias, force)
-        moved = multiply(hat(lever), outer_mass)
-        coupling, mass = combine(coupling, 1.0, moved), combine(mass, 1.0, outer_mass)
-        inertia = combine(inertia, -1.0, multiply(moved, hat(lever)))
-    factors = factor_symmetric(inertia)
-    rest = solve_factored(factors, torque)
-    solved = transpose([solve_factored(factors, column) for column in transpose(coupling)])
-    return _Reduced(rest, solved, combine(mass, -1.0, multiply(transpose(coupling), solved)),
-                    add(bias, scale(-1.0, apply_transposed(coupling, rest))))
-
-
-def accelerations(links: tuple[Link, ...], gravity, q: dict, w: dict) -> tuple[dict, dict]:
-    """Angular accelerations and accelerations of the reference points, by body, both in body axes.
-
-    `q` and `w` map bodies to quaternions and body angular velocities over any number type.
-    """
-    reduced: dict[int, _Reduced] = {}
-    relative = {}
-    hanging: dict[int, list] = {link.body: [] for link in links}
-    for link in reversed(links):
-        body = link.body
-        reduced[body] = _reduce(link, w[body], apply_transposed(rotation(q[body]), gravity), hanging[body])
-        if link.parent not in (None, GROUND):
-            turn = rotation(quaternion_product(conjugate(q[link.parent]), q[body]))
-            hanging[link.parent].append((link.inboard, congruent(turn, reduced[body].mass),
-                                         apply(turn, reduced[body].bias)))
-            relative[body] = turn
-    alpha: dict[int, list] = {}
-    reference: dict[int, list] = {}
-    for link in links:
-        body, part = link.body, reduced[link.body]
-        if link.parent is None:  # no force at the reference point of a free root
-            reference[body] = scale(-1.0, solve_factored(factor_symmetric(part.mass), part.bias))
-        elif link.parent == GROUND:
-            reference[body] = [0.0, 0.0, 0.0]
-        else:
-            at_joint = add(reference[link.parent], cross(alpha[link.parent], link.inboard),
-                           centripetal(w[link.parent], link.inboard))
-            reference[body] = apply_transposed(relative[body], at_joint)
-        alpha[body] = scale(-1.0, add(part.rest, apply(part.coupling, reference[body])))
-    return alpha, reference
-
-
-def quaternion_rate(q, w):
-    """dq/dt = q (0, w) / 2."""
-    return scale(0.5, quaternion_product(q, [0.0, *w]))
 
 
 class Taylor:
     """The compiled Taylor integrator of a scene; `run` may be called with any initial state.
 
-    State vector: quaternions (n, 4), body angular velocities (n, 3), then position and velocity (world) of each free
-    root, in the order of bodies.
+    State vector: that of `Tree`, then the angles of torsional springs in joints that close loops.
     """
 
     def __init__(self, scene: Scene) -> None:
         import heyoka
 
         self.scene = scene
-        self.links = spherical_tree(scene)
-        self.free = sorted(link.body for link in self.links if link.parent is None)
-        n = scene.n
-        names = [f"q{i}_{k}" for i in range(n) for k in range(4)] + [f"w{i}_{k}" for i in range(n) for k in range(3)]
-        names += [f"{kind}{i}_{k}" for i in self.free for kind in "xv" for k in range(3)]
-        symbols = list(heyoka.make_vars(*names))
-        q, w, velocities = self._split(symbols)
-        alpha, reference = accelerations(self.links, scene.gravity.tolist(), q, w)
-        rates = [rate for i in range(n) for rate in quaternion_rate(q[i], w[i])]
-        rates += [rate for i in range(n) for rate in alpha[i]]
-        for i in self.free:
-            rates += [*velocities[i], *apply(rotation(q[i]), reference[i])]
-        rates = [heyoka.expression(rate) if isinstance(rate, float) else rate for rate in rates]
-        self.initial = self._initial()
+        links, closing = unfold(scene)
+        self.tree = Tree(scene, links)
+        self.cuts = loops.cuts(scene, closing)
+        sprung = {force.joint for force in scene.forces if force.type == "torsional_spring"}
+        self.springs = [joint for joint in closing if joint.name in sprung]
+        angles = [start_angle(joint, self.tree.start) for joint in self.springs]
+        self.initial = np.concatenate([self.tree.initial(), angles])
+        if not len(self.initial):  # nothing moves, and an integrator wants a state
+            self.initial = np.zeros(1)
+        self.rank, self.shift = 0, 0.0
+        self.relations: np.ndarray | None = None
+        self._analyse_loops()
+        symbols = [heyoka.make_vars(f"y{k}") for k in range(len(self.initial))]
+        rates = [heyoka.expression(rate) if isinstance(rate, float | int) else rate for rate in self._rates(symbols)]
         self._integrator = heyoka.taylor_adaptive(list(zip(symbols, rates, strict=True)), self.initial.tolist(),
                                                   compact_mode=True, high_accuracy=True)
         self._success = heyoka.taylor_outcome.time_limit
 
-    def _split(self, state) -> tuple[dict, dict, dict]:
-        """Quaternions, angular velocities, and velocities of free roots, by body, of a state sequence."""
-        n = self.scene.n
-        q = {i: [*state[4 * i:4 * i + 4]] for i in range(n)}
-        w = {i: [*state[4 * n + 3 * i:4 * n + 3 * i + 3]] for i in range(n)}
-        return q, w, {i: [*state[7 * n + 6 * k + 3:7 * n + 6 * k + 6]] for k, i in enumerate(self.free)}
+    def _analyse_loops(self) -> None:
+        """Relations that stand for the loops where they are linear; else how many of their rows are independent."""
+        if not self.cuts:
+            return
+        self.relations = loops.linear_relations(self.tree, self._gaps, self.initial)
+        if self.relations is not None:
+            self.cuts, self.rank = [], len(self.relations)
+            return
+        _, S = self._loop_terms(*self._columns(self.initial.tolist()))
+        self.rank = loops.rank(np.array(S))
+        if self.rank < len(S):
+            self.shift = loops.SHIFT * float(np.trace(np.array(S))) / self.rank
 
-    def _initial(self) -> np.ndarray:
-        bodies = self.scene.bodies
-        parts = [body.attitude / np.linalg.norm(body.attitude) for body in bodies]
-        parts += [body.angular_velocity for body in bodies]
-        for i in self.free:
-            parts += [bodies[i].position, bodies[i].velocity]
-        return np.concatenate(parts)
+    def _columns(self, state: Sequence) -> tuple:
+        """Loads, rows of loops, and accelerations alpha, A and of speeds, by body and column."""
+        tree = self.tree
+        frames = tree.frames(state)
+        placed = tree.world(frames) if self.cuts or self.scene.forces else {}
+        loads = Loads(tree, frames, placed)
+        for force in self.scene.forces:
+            loads.add(force, self._angle(force.joint, state))
+        rows = [loops.row(cut, loads) for cut in self.cuts]
+        units = [loops.unit_wrenches(found, loads) for found in rows]
+        efforts = None
+        if self.relations is not None:
+            units = [{link.body: (ZERO, ZERO) for link in tree.links} for _ in self.relations]
+            efforts = {link.body: [[0.0] * link.scalars, *self.relations[:, tree.coordinates[link.body]].tolist()]
+                       for link in tree.links}
+        wrenches = {link.body: [loads.wrenches[link.body], *(unit[link.body] for unit in units)]
+                    for link in tree.links}
+        return loads, rows, *accelerations(tree, frames, wrenches, efforts)
+
+    def _loop_terms(self, loads: Loads, rows: list, alpha: dict, A: dict, speeding: dict) -> tuple:
+        """Right side and response of the multipliers' equations."""
+        if self.relations is None:
+            free = [-1.0 * (loops.acceleration(found, loads, alpha, A, 0) + found.rest) for found in rows]
+            return free, loops.response(rows, loads, alpha, A)
+        columns = [[rate for link in self.tree.by_body for rate in speeding[link.body][k]]
+                   for k in range(self.rank + 1)]
+        along = [[sum((factor * rate for factor, rate in zip(relation, column, strict=True)), 0.0)
+                  for column in columns] for relation in self.relations.tolist()]
+        return [-1.0 * line[0] for line in along], [line[1:] for line in along]
+
+    def _angle(self, name: str | None, state: Sequence):
+        """Angle of the joint of that name, None where none is meant."""
+        if name is None:
+            return None
+        joint = next(joint for joint in self.scene.joints if joint.name == name)
+        if joint in self.springs:
+            return state[self.tree.size + self.springs.index(joint)]
+        return tree_angle(joint, self.tree, state)
+
+    def _solved(self, state: Sequence) -> tuple:
+        """Loads, and alpha, A and derivatives of speeds with the loops closed, by body."""
+        loads, rows, *columns = self._columns(state)
+        factors = [1.0]
+        if self.rank:
+            rhs, S = self._loop_terms(loads, rows, *columns)
+            factors += loops.multipliers(S, rhs, self.shift)
+        closed = ({body: add([0.0] * len(parts[0]), *(scale(factor, part)
+                                                      for factor, part in zip(factors, parts, strict=True)))
+                   for body, parts in column.items()} for column in columns)
+        return loads, *closed
+
+    def _rates(self, state: Sequence) -> list:
+        """d state / dt."""
+        loads, _, _, speeding = self._solved(state)
+        turning = [angle_rate(joint, loads.frames, loads.placed) for joint in self.springs]
+        rates = [*self.tree.rates(state, loads.frames, speeding), *turning]
+        return rates or [0.0]
+
+    def closure(self, state: np.ndarray) -> np.ndarray:
+        """Values and rates of what closes the loops, of rank 2 `rank`."""
+        if self.relations is not None:
+            half = self.tree.size // 2
+            return np.concatenate([self.relations @ (state - self.initial)[part]
+                                   for part in (slice(0, half), slice(half, 2 * half))])
+        return np.concatenate(self._gaps(state))
+
+    def _gaps(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values and rates of the rows of loops."""
+        frames = self.tree.frames(state.tolist())
+        loads = Loads(self.tree, frames, self.tree.world(frames))
+        rows = [loops.row(cut, loads) for cut in self.cuts]
+        return np.array([found.value for found in rows], float), np.array([found.rate for found in rows], float)
+
+    def follow_angles(self, state: np.ndarray) -> None:
+        """Set the angles of torsional springs in loops to those of a configuration near the start."""
+        frames = self.tree.frames(state.tolist(), moving=False)
+        q = {body: frame.q for body, frame in frames.items()}
+        for k, joint in enumerate(self.springs):
+            change = start_angle(joint, q) - start_angle(joint, self.tree.start)
+            state[self.tree.size + k] += change - 2 * np.pi * np.round(change / (2 * np.pi))
 
     def run(self, initial: np.ndarray | None = None, times: np.ndarray | None = None,
             coefficients: list | None = None) -> np.ndarray:
@@ -191,116 +168,83 @@ class Taylor:
         options = {} if coefficients is None else {"callback": keep}
         outcome, *_, states = integrator.propagate_grid(self.scene.t if times is None else times, **options)
         if outcome != self._success:
-            raise TruthError(f"{SOURCE}: integration of {self.scene.name!r} ended with {outcome}")
+            raise TruthError(f"{SOURCE}: integration of {self.scene.name!r} ended with {outcome}; "
+                             "a loop may pass a singular position there, or a spring of some length shrink to nothing")
         return states
 
-    def positions(self, attitudes: np.ndarray, roots: np.ndarray) -> np.ndarray:
-        """Centres of mass (..., n, 3), world, from attitudes (..., n, 3, 3) and free roots (..., number free, 3)."""
-        points, x = {}, np.empty(attitudes.shape[:-1])
-        for link in self.links:
-            if link.parent is None:
-                points[link.body] = roots[..., self.free.index(link.body), :]
-            elif link.parent == GROUND:
-                points[link.body] = np.array(link.inboard)
-            else:
-                points[link.body] = points[link.parent] + attitudes[..., link.parent, :, :] @ np.array(link.inboard)
-            x[..., link.body, :] = points[link.body] + attitudes[..., link.body, :, :] @ np.array(link.lever)
-        return x
+    def _checked(self, states: np.ndarray) -> np.ndarray:
+        """State vectors with their unit vectors at unit length, (T, dimension)."""
+        states = states.copy()
+        for link in self.tree.links:
+            first, end = self.tree.coordinates[link.body].start, self.tree.coordinates[link.body].stop
+            units = [slice(first, first + 4)] if link.turn == FREE else []
+            units += [slice(end - 3, end)] if link.shift == "sphere" else []
+            for unit in units:
+                norms = np.linalg.norm(states[:, unit], axis=1, keepdims=True)
+                drift = np.max(np.abs(norms - 1.0))
+                if drift > DRIFT:
+                    raise TruthError(f"{SOURCE}: unit vectors of {self.scene.name!r} drift by {drift:.1e}")
+                states[:, unit] /= norms
+        return states
 
     def pose(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (T, n, 3) and attitudes (T, n, 3, 3) of state vectors; quaternions are normalised here only."""
-        n = self.scene.n
-        q = states[:, :4 * n].reshape(-1, n, 4)
-        norms = np.linalg.norm(q, axis=-1, keepdims=True)
-        if np.max(np.abs(norms - 1.0)) > DRIFT:
-            raise TruthError(f"{SOURCE}: quaternions of {self.scene.name!r} drift by {np.max(np.abs(norms - 1.0)):.1e}")
-        attitudes = rotation_from_quaternion(q / norms)
-        return self.positions(attitudes, states[:, 7 * n:].reshape(len(states), -1, 6)[:, :, :3]), attitudes
+        """Positions (T, n, 3) and attitudes (T, n, 3, 3) of state vectors; unit vectors are normalised here only."""
+        frames = self.tree.frames([*self._checked(states).T], moving=False)
+        placed = self.tree.world(frames, moving=False)
+        x, R = np.empty((len(states), self.scene.n, 3)), np.empty((len(states), self.scene.n, 3, 3))
+        for body in range(self.scene.n):
+            q = _stack(frames[body].q, len(x))
+            R[:, body] = rotation_from_quaternion(q / np.linalg.norm(q, axis=1, keepdims=True))
+            x[:, body] = _stack(placed[body][1], len(x))
+            x[:, body] += np.einsum("tij,tj->ti", R[:, body], _stack(frames[body].lever, len(x)))
+        return x, R
 
     def states(self, states: np.ndarray) -> States:
         """Everything at the output times, with accelerations from these equations."""
         x, attitudes = self.pose(states)
-        q, w, velocities = self._split(states.T)
-        alpha, reference = accelerations(self.links, self.scene.gravity.tolist(), q, w)
-        v, a = np.empty_like(x), np.empty_like(x)
-        flat = {kind: {i: _stack(values[i], len(x)) for i in range(self.scene.n)}
-                for kind, values in (("w", w), ("alpha", alpha), ("A", reference))}
-        joint_v = {}
-        for link in self.links:
-            i, parent = link.body, link.parent
-            turn = attitudes[:, i]
-            if parent is None:
-                joint_v[i] = _stack(velocities[i], len(x))
-            elif parent == GROUND:
-                joint_v[i] = np.zeros((len(x), 3))
-            else:
-                joint_v[i] = joint_v[parent] + _turned(attitudes[:, parent], np.cross(flat["w"][parent], link.inboard))
-            spin = np.cross(flat["w"][i], link.lever)
-            v[:, i] = joint_v[i] + _turned(turn, spin)
-            a[:, i] = _turned(turn, flat["A"][i] + np.cross(flat["alpha"][i], link.lever)
-                              + np.cross(flat["w"][i], spin))
-        w_all, alpha_all = (np.stack([flat[kind][i] for i in range(self.scene.n)], axis=1) for kind in ("w", "alpha"))
-        return States(self.scene.t, x, attitudes, v, w_all, a, alpha_all)
+        loads, alpha, A, _ = self._solved([*states.T])
+        placed = loads.placed or self.tree.world(loads.frames)
+        v, w, a, spin = (np.empty_like(x) for _ in range(4))
+        for body in range(self.scene.n):
+            frame, velocity = loads.frames[body], placed[body][2]
+            own = cross(frame.w, frame.lever)
+            pull = add(A[body], cross(alpha[body], frame.lever), centripetal(frame.w, frame.lever))
+            turned = [np.einsum("tij,tj->ti", attitudes[:, body], _stack(vector, len(x))) for vector in (own, pull)]
+            v[:, body], a[:, body] = _stack(velocity, len(x)) + turned[0], turned[1]
+            w[:, body], spin[:, body] = _stack(frame.w, len(x)), _stack(alpha[body], len(x))
+        return States(self.scene.t, x, attitudes, v, w, a, spin)
 
     def derivative_maxima(self, coefficients: list) -> tuple[np.ndarray, np.ndarray]:
         """Largest |d^k x/dt^k| and |d^k R/dt^k|_F over the run and the bodies, k = 0 ... ORDERS.
 
-        Each step's Taylor polynomials are expanded anew at SUBPOINTS points of the step; R is a product of two
-        series. The maximum over this grid of points misses the true one by a few percent at the highest orders.
+        Each step's Taylor polynomials are expanded anew at SUBPOINTS points of the step; poses are series made of
+        them. The maximum over this grid of points misses the true one by a few percent at the highest orders.
         """
-        n = self.scene.n
         series = np.concatenate([shifted(tc, h * k / SUBPOINTS) for h, tc in coefficients
                                  for k in range(SUBPOINTS)]).reshape(-1, len(self.initial), ORDERS + 1)
-        q = np.moveaxis(series[:, :4 * n].reshape(-1, n, 4, ORDERS + 1), 2, 0)
-        entries = rotation([_Series(component) for component in q])
-        attitudes = np.stack([np.stack([entry.c for entry in row], axis=2) for row in entries], axis=2)
-        attitudes = np.moveaxis(attitudes, -1, 1)  # (points, order, n, 3, 3)
-        roots = np.moveaxis(series[:, 7 * n:], -1, 1)
-        x = self.positions(attitudes, roots.reshape(*roots.shape[:2], -1, 6)[..., :3])
-        x[:, 1:] -= self.positions(np.zeros((n, 3, 3)), np.zeros((len(self.free), 3)))  # anchors on the ground stand
+        state = [Series(series[:, k]) for k in range(series.shape[1])]
+        frames = self.tree.frames(state, moving=False)
+        placed = self.tree.world(frames, moving=False)
         factorials = np.array([float(math.factorial(k)) for k in range(ORDERS + 1)])
-        return (factorials * np.linalg.norm(x, axis=-1).max(axis=(0, 2)),
-                factorials * np.linalg.norm(attitudes, axis=(-2, -1)).max(axis=(0, 2)))
+        sizes = []
+        for body in range(self.scene.n):
+            R, point, _ = placed[body]
+            centre = add(ZERO, point, apply(R, frames[body].lever))
+            for entries in (centre, [entry for row in R for entry in row]):
+                square = sum(_coefficients(entry, len(series)) ** 2 for entry in entries)
+                sizes.append(factorials * np.sqrt(np.max(square, axis=0)))
+        return np.max(sizes[::2], axis=0), np.max(sizes[1::2], axis=0)
 
 
-@dataclasses.dataclass
-class _Series:
-    """Truncated power series, coefficients along the last axis, with the operations that `rotation` needs."""
-
-    c: np.ndarray
-
-    def __add__(self, other):
-        return _Series(self.c + other.c)
-
-    def __sub__(self, other):
-        return _Series(self.c - other.c)
-
-    def __mul__(self, other):
-        product = np.zeros_like(self.c)
-        for k in range(product.shape[-1]):
-            product[..., k] = np.sum(self.c[..., :k + 1] * other.c[..., k::-1], axis=-1)
-        return _Series(product)
-
-    def __rmul__(self, factor):
-        return _Series(factor * self.c)
+def _coefficients(entry: Series | float, length: int) -> np.ndarray:
+    """(length, ORDERS + 1) of an entry that may be a constant."""
+    if isinstance(entry, Series):
+        return entry.c
+    constant = np.zeros((length, ORDERS + 1))
+    constant[:, 0] = entry
+    return constant
 
 
-@functools.cache
-def _binomials(size: int) -> np.ndarray:
-    return np.array([[math.comb(j, k) for k in range(ORDERS + 1)] for j in range(size)], dtype=float)
-
-
-def shifted(tc: np.ndarray, tau: float) -> np.ndarray:
-    """Coefficients 0 ... ORDERS about t0 + tau of polynomials (dimension, order + 1) about t0."""
-    size = tc.shape[-1]
-    powers = np.subtract.outer(np.arange(size), np.arange(ORDERS + 1))
-    return tc @ (_binomials(size) * np.where(powers >= 0, float(tau) ** np.maximum(powers, 0), 0.0))
-
-
-def _stack(entries, length: int) -> np.ndarray:
-    """Columns of a vector whose entries are arrays over time or constants, (length, 3)."""
+def _stack(entries: Sequence, length: int) -> np.ndarray:
+    """Columns of a vector whose entries are arrays over time or constants, (length, size)."""
     return np.stack([np.broadcast_to(entry, (length,)) for entry in entries], axis=-1)
-
-
-def _turned(attitudes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    return np.einsum("tij,tj->ti", attitudes, vectors)

@@ -1,4 +1,9 @@
-"""Trees of spherical joints: which scenes minimal coordinates reach, and the levers between their joints."""
+"""A scene as a tree of bodies and joints, with the joints that close loops set aside.
+
+Every joint is a product of two motions of its outer body, the one farther from the ground: a turn (none, about one
+axis, about two, free) and a shift of the joint's point on the inner body (none, along directions of the inner body,
+along directions of the outer body, on a sphere, free).
+"""
 
 from __future__ import annotations
 
@@ -6,51 +11,52 @@ import dataclasses
 
 import numpy as np
 
-from crosscheck.errors import Unsupported
 from crosscheck.scene import GROUND, Joint, Scene
+
+TURNS = {"prismatic": 0, "fixed": 0, "revolute": 1, "cylindrical": 1, "planar": 1, "universal": 2}  # else free
+SHIFTS = {"cylindrical": "line", "prismatic": "line", "point_on_line": "line", "planar": "plane",
+          "point_on_plane": "plane", "distance": "sphere"}  # else none
+FREE = 3
 
 
 @dataclasses.dataclass(frozen=True)
 class Link:
-    """A body in the tree. Its reference point is its inboard joint, or its centre of mass where it has none.
+    """A body with the joint on its inner side.
 
-    `inboard` goes from the parent's reference point to this one (parent's axes; world axes for the ground), `lever`
-    from this reference point to the centre of mass (own axes). A free root has parent None and no use for `inboard`.
+    A shift along directions of the outer body moves the joint's point in the outer body, every other one moves it in
+    the inner body; the body's reference point is the joint's point, or the centre of mass of a free body.
     """
 
     body: int
-    parent: int | None
-    inboard: list[float]
-    lever: list[float]
+    parent: int  # the inner body, GROUND at a root
     mass: float
     inertia: list[list[float]]
+    inner_anchor: list[float]  # from the inner body's centre of mass, its axes
+    outer_anchor: list[float]  # from this body's centre of mass, its axes
+    turn: int  # degrees of freedom
+    axes: tuple[list[float], ...]  # of the turn: the last in this body's axes; of two, the first in the inner body's
+    shift: str  # none, line, plane, sphere, free
+    outward: bool  # the directions of the shift are fixed in this body
+    directions: tuple[list[float], ...]  # of a shift on a line or plane
+    length: float  # of a rod
+    joint: Joint | None
+
+    @property
+    def scalars(self) -> int:
+        """Number of angles and displacements."""
+        return (0 if self.turn == FREE else self.turn) + len(self.directions)
 
 
-def spherical_tree(scene: Scene) -> tuple[Link, ...]:
-    """The links of a scene, parents before children.
-
-    Raises
-    ------
-    Unsupported
-        The scene has forces other than gravity, joints other than spherical ones, or closed loops.
-    """
-    if scene.forces:
-        raise Unsupported(f"truth for {scene.name!r}: force {scene.forces[0].type!r} is not in the reference equations")
-    for joint in scene.joints:
-        if joint.type != "spherical":
-            raise Unsupported(f"truth for {scene.name!r}: joint {joint.name!r} is {joint.type}; "
-                              "the reference equations know spherical joints only")
+def unfold(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
+    """The links of a scene, inner bodies before outer ones, and the joints that close loops."""
     links: dict[int, Link] = {}
     unused = list(scene.joints)
     _grow(scene, GROUND, links, unused)
     for body in range(scene.n):
         if body not in links:
-            links[body] = _link(scene, body, None, np.zeros(3), np.zeros(3))
+            links[body] = _free(scene, body)
             _grow(scene, body, links, unused)
-    if unused:
-        raise Unsupported(f"truth for {scene.name!r}: joint {unused[0].name!r} closes a loop; "
-                          "the reference equations are those of a tree")
-    return tuple(links.values())
+    return tuple(links.values()), tuple(unused)
 
 
 def _grow(scene: Scene, start: int, links: dict[int, Link], unused: list[Joint]) -> None:
@@ -59,29 +65,45 @@ def _grow(scene: Scene, start: int, links: dict[int, Link], unused: list[Joint])
     while front:
         body = front.pop(0)
         for joint in [joint for joint in unused if body in (joint.parent, joint.child)]:
-            towards_child = joint.parent == body
-            other = joint.child if towards_child else joint.parent
+            other = joint.child if joint.parent == body else joint.parent
             if other in links or other == GROUND:
                 continue
-            here, there = joint.parent_anchor, joint.child_anchor
-            if not towards_child:
-                here, there = there, here
-            reference = np.zeros(3) if body == GROUND else -np.array(links[body].lever)
-            links[other] = _link(scene, other, body, here - reference, -there)
+            links[other] = _link(scene, joint, body, other)
             unused.remove(joint)
             front.append(other)
 
 
-def _link(scene: Scene, body: int, parent: int | None, inboard: np.ndarray, lever: np.ndarray) -> Link:
+def _free(scene: Scene, body: int) -> Link:
     record = scene.bodies[body]
-    return Link(body, parent, inboard.tolist(), lever.tolist(), float(record.mass),
-                record.inertia.tolist())
+    return Link(body, GROUND, float(record.mass), record.inertia.tolist(), [0.0] * 3, [0.0] * 3, FREE, (), "free",
+                False, (), 1.0, None)
+
+
+def _link(scene: Scene, joint: Joint, inner: int, outer: int) -> Link:
+    record = scene.bodies[outer]
+    reverse = joint.child == inner
+    anchors = [joint.parent_anchor.tolist(), joint.child_anchor.tolist()]
+    axes = [joint.parent_axis, joint.child_axis]
+    shift, turn = SHIFTS.get(joint.type, "none"), TURNS.get(joint.type, FREE)
+    outward = reverse and joint.type.startswith("point_on")  # their axis is the parent's alone
+    guide = axes[0] if outward or not reverse else axes[1]
+    if reverse:  # the angle of the parent from the child is minus the angle of the child from the parent
+        anchors.reverse()
+        axes = [None if axis is None else -axis for axis in reversed(axes)]
+    turn_axes = {1: axes[1:], 2: axes}.get(turn, [])
+    directions = []
+    if shift in ("line", "plane"):
+        directions = [guide] if shift == "line" else [*np.linalg.svd(guide[None])[2][1:]]
+    return Link(outer, inner, float(record.mass), record.inertia.tolist(), anchors[0], anchors[1], turn,
+                tuple(axis.tolist() for axis in turn_axes), shift, outward,
+                tuple(direction.tolist() for direction in directions), joint.length or 1.0, joint)
 
 
 def scene_length(scene: Scene) -> float:
-    """Largest lever from a centre of mass to a joint, m; the largest radius of gyration where all levers vanish."""
+    """Largest lever from a centre of mass to a joint, or rod, m; the largest radius of gyration where all vanish."""
     levers = [np.linalg.norm(joint.child_anchor) for joint in scene.joints if joint.child != GROUND]
     levers += [np.linalg.norm(joint.parent_anchor) for joint in scene.joints if joint.parent != GROUND]
+    levers += [joint.length for joint in scene.joints if joint.length]
     if max(levers, default=0.0) > 0.0:
         return float(max(levers))
     return float(max(np.sqrt(np.trace(body.inertia) / body.mass) for body in scene.bodies))

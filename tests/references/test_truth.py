@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from crosscheck.references import TruthError, compute, conditioning, maximal, taylor
+from crosscheck.references import TruthError, articulated, compute, conditioning, maximal, world_rows
 from crosscheck.references.taylor import Taylor
 from crosscheck.scene import GROUND
 from crosscheck.scene_file import load_scene
@@ -24,8 +24,10 @@ def test_built_in_scenes(name, source):
         assert reference.amplification < 100  # SCENES asks for it
 
 
-@pytest.mark.parametrize("defect", ["gyroscopic", "weight", "centripetal"])
-@pytest.mark.parametrize("module", [taylor, maximal], ids=["taylor", "maximal"])
+@pytest.mark.parametrize(("module", "defect"), [
+    (articulated, "gyroscopic"), (articulated, "weight"), (articulated, "centripetal"),
+    (maximal, "gyroscopic"), (maximal, "weight"), (world_rows, "centripetal"),
+], ids=lambda value: getattr(value, "__name__", value).split(".")[-1])
 def test_seeded_sign_error_is_caught(double, monkeypatch, module, defect):
     original = getattr(module, defect)
 
@@ -40,8 +42,8 @@ def test_seeded_sign_error_is_caught(double, monkeypatch, module, defect):
 
 @pytest.mark.parametrize("defect", ["gyroscopic", "weight", "centripetal"])
 def test_seeded_sign_error_is_caught_in_the_top(top, monkeypatch, defect):
-    original = getattr(taylor, defect)
-    monkeypatch.setattr(taylor, defect, lambda *arguments: [-entry for entry in original(*arguments)])
+    original = getattr(articulated, defect)
+    monkeypatch.setattr(articulated, defect, lambda *arguments: [-entry for entry in original(*arguments)])
     with pytest.raises(TruthError, match=r"closed form.*Taylor series.*disagree"):
         compute(top.replace(samples=6))
 

@@ -1,0 +1,300 @@
+"""Accelerations of a tree in minimal coordinates by block elimination, leaves first, over any number type.
+
+Derivation. A body with all that hangs on it answers the acceleration A of its reference point and its angular
+acceleration alpha by a torque and a force at that point, in its own axes,
+
+    N = I alpha + K A + tau,    F = K^T alpha + M A + f.
+
+Of the body alone, with lever r to the centre of mass and S. = hat: I = J - m r^ r^, K = m r^, M = m,
+f = m (w x (w x r) - g) - applied force, tau = w x J w + r x f - applied torque. An outer body at arm l, moved to this
+body's axes, answers A + alpha x l: it adds I - K l^ - (K l^)^T - l^ M l^, K + l^ M, M.
+
+A joint passes no power along its motions: S^T (N, F) = 0 for (alpha, A) = carried along + S du + bias, which gives du
+and leaves H - H S (S^T H S)^-1 S^T H of the six by six H = (I, K; K^T, M). A free turn is taken out first, alone: its
+angular acceleration is not carried along. A rod passes a force along itself only: F = phi e with e . A prescribed,
+which leaves e e^T / (e . M^-1 e).
+
+Applied wrenches come in columns: the first is what acts; each further one is a unit of a loop's multiplier, for which
+velocities and weight count as zero.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from crosscheck.references.generic import (
+    add,
+    apply,
+    apply_transposed,
+    combine,
+    congruent,
+    cross,
+    dot,
+    factor_symmetric,
+    hat,
+    multiply,
+    outer,
+    rotation,
+    scale,
+    solve_factored,
+    transpose,
+)
+from crosscheck.references.joint_motion import ZERO, Frame, Tree
+from crosscheck.references.tree import FREE, Link
+from crosscheck.scene import GROUND
+
+NONE = [ZERO, ZERO, ZERO]
+
+
+def gyroscopic(inertia, w):
+    """w x J w, body axes."""
+    return cross(w, apply(inertia, w))
+
+
+def centripetal(w, lever):
+    """w x (w x lever), body axes."""
+    return cross(w, cross(w, lever))
+
+
+def weight(mass, gravity):
+    """m g in the axes of `gravity`."""
+    return scale(mass, gravity)
+
+
+@dataclasses.dataclass
+class Answer:
+    """I, K, M and the (tau, f) of each column: what a body answers at its reference point."""
+
+    inertia: list
+    coupling: list
+    mass: list
+    columns: list
+
+    def times(self, alpha, A) -> tuple[list, list]:
+        """H (alpha, A)."""
+        return (add(apply(self.inertia, alpha), apply(self.coupling, A)),
+                add(apply_transposed(self.coupling, alpha), apply(self.mass, A)))
+
+
+@dataclasses.dataclass
+class Eliminated:
+    """du = -rest - Z^T (alpha, A) of a joint's motions, and the motions with their bias."""
+
+    motions: list
+    bias: tuple
+    Z: list
+    rest: list
+
+    def forward(self, column: int, alpha, A) -> tuple[list, list, list]:
+        """du, and the accelerations that the joint makes of those carried along."""
+        du = [-(dot(turn, alpha) + dot(shift, A)) - rest
+              for (turn, shift), rest in zip(self.Z, self.rest[column], strict=True)]
+        if column == 0:
+            alpha, A = add(alpha, self.bias[0]), add(A, self.bias[1])
+        for rate, (turn, shift) in zip(du, self.motions, strict=True):
+            alpha, A = add(alpha, scale(rate, turn)), add(A, scale(rate, shift))
+        return du, alpha, A
+
+
+@dataclasses.dataclass
+class Rod:
+    """F = phi e of a body on a rod, or F = 0 of a free one (no direction): its acceleration from that carried along."""
+
+    factors: tuple
+    columns: list
+    e: list | None = None
+    stiffness: object = 0.0  # 1 / (e . M^-1 e)
+    loads: list = dataclasses.field(default_factory=list)  # phi at carried acceleration zero
+
+    def forward(self, column: int, alpha, A) -> list:
+        """The acceleration of the reference point; `alpha` is not needed."""
+        force = scale(-1.0, self.columns[column][1])
+        if self.e is not None:
+            force = add(force, scale(self.stiffness * dot(self.e, A) + self.loads[column], self.e))
+        return solve_factored(self.factors, force)
+
+
+def accelerations(tree: Tree, frames: dict[int, Frame], wrenches: dict[int, list],
+                  efforts: dict[int, list] | None = None) -> tuple[dict, dict, dict]:
+    """alpha, A and derivatives of speeds: by body, a list over columns each.
+
+    `wrenches` maps bodies to columns of (force, torque about the centre of mass), own axes, the ground excepted;
+    `efforts`, where given, to columns of what acts along each angle and displacement of a joint.
+    """
+    count = len(next(iter(wrenches.values())))
+    gravity = _gravity(tree, frames)
+    hanging: dict[int, list] = {link.body: [] for link in tree.links}
+    joints: dict[int, list] = {}
+    for link in reversed(tree.links):
+        body, frame = link.body, frames[link.body]
+        answer = _own(link, frame, gravity[body], wrenches[body])
+        for part in hanging[body]:
+            answer = _sum(answer, part)
+        joints[body], passed = _through_joint(link, frame, answer, None if efforts is None else efforts[body])
+        if link.parent != GROUND:
+            hanging[link.parent].append(_carried(passed, frame, frames[link.parent], link))
+    alpha = {GROUND: [ZERO] * count}
+    A = {GROUND: [ZERO] * count}
+    rates: dict[int, list] = {}
+    for link in tree.links:
+        body = link.body
+        results = [_outward(link, frames, joints[body], column, alpha[link.parent][column], A[link.parent][column])
+                   for column in range(count)]
+        alpha[body], A[body], rates[body] = (list(part) for part in zip(*results, strict=True))
+    return alpha, A, rates
+
+
+def _gravity(tree: Tree, frames: dict[int, Frame]) -> dict[int, list]:
+    """Gravity in the axes of every body."""
+    gravity = {GROUND: tree.scene.gravity.tolist()}
+    for link in tree.links:
+        frame = frames[link.body]
+        if link.turn == FREE:  # from the body's own quaternion, which does not grow with the length of a chain
+            gravity[link.body] = apply_transposed(rotation(frame.q), gravity[GROUND])
+        else:
+            gravity[link.body] = apply_transposed(frame.turn, gravity[link.parent])
+    return gravity
+
+
+def _own(link: Link, frame: Frame, gravity, wrenches: list) -> Answer:
+    """What the body alone answers."""
+    r = hat(frame.lever)
+    mass = [[link.mass if i == j else 0.0 for j in range(3)] for i in range(3)]
+    columns = []
+    for k, (force, torque) in enumerate(wrenches):
+        f, tau = scale(-1.0, force), scale(-1.0, torque)
+        if k == 0:
+            f = add(f, scale(link.mass, centripetal(frame.w, frame.lever)), scale(-1.0, weight(link.mass, gravity)))
+            tau = add(tau, gyroscopic(link.inertia, frame.w))
+        columns.append((add(tau, cross(frame.lever, f)), f))
+    inertia = combine(link.inertia, -link.mass, multiply(r, r))
+    return Answer(inertia, [scale(link.mass, row) for row in r], mass, columns)
+
+
+def _sum(one: Answer, other: Answer) -> Answer:
+    columns = [(add(tau, more_tau), add(f, more_f))
+               for (tau, f), (more_tau, more_f) in zip(one.columns, other.columns, strict=True)]
+    return Answer(combine(one.inertia, 1.0, other.inertia), combine(one.coupling, 1.0, other.coupling),
+                  combine(one.mass, 1.0, other.mass), columns)
+
+
+def _through_joint(link: Link, frame: Frame, answer: Answer, efforts: list | None) -> tuple[list, Answer]:
+    """The stages of a joint, in the order of their elimination, and what is left at its point in the inner body."""
+    stages: list = []
+    if link.turn == FREE:
+        turn, answer = _free_turn(answer)
+        stages.append(turn)
+    if link.shift in ("sphere", "free"):
+        rod, answer = _rod(link, frame, answer)
+        stages.append(rod)
+    elif frame.columns:
+        taken, answer = _eliminate(answer, frame.columns, (frame.spin_bias, frame.shift_bias), efforts)
+        stages.append(taken)
+    return stages, answer
+
+
+def _free_turn(answer: Answer) -> tuple[tuple, Answer]:
+    """alpha = -(rest + coupling A): no torque at the reference point."""
+    factors = factor_symmetric(answer.inertia)
+    rest = [solve_factored(factors, tau) for tau, _ in answer.columns]
+    solved = transpose([solve_factored(factors, column) for column in transpose(answer.coupling)])
+    columns = [(ZERO, add(f, scale(-1.0, apply_transposed(answer.coupling, part))))
+               for (_, f), part in zip(answer.columns, rest, strict=True)]
+    mass = combine(answer.mass, -1.0, multiply(transpose(answer.coupling), solved))
+    return (rest, solved), Answer(NONE, NONE, mass, columns)
+
+
+def _eliminate(answer: Answer, motions: list, bias: tuple, efforts: list | None) -> tuple[Eliminated, Answer]:
+    """Take motions (angular, linear) with their accelerations at constant speeds out of what a body answers."""
+    Y = [answer.times(*motion) for motion in motions]
+    factors = factor_symmetric([[dot(turn, y[0]) + dot(shift, y[1]) for y in Y] for turn, shift in motions])
+    Z: list[tuple[list, list]] = [([], []) for _ in motions]
+    for part in range(2):
+        for entries in zip(*(y[part] for y in Y), strict=True):
+            for z, value in zip(Z, solve_factored(factors, list(entries)), strict=True):
+                z[part].append(value)
+    biased = answer.times(*bias)
+    columns, rests = [], []
+    for k, (tau, f) in enumerate(answer.columns):
+        if k == 0:
+            tau, f = add(tau, biased[0]), add(f, biased[1])
+        power = [dot(turn, tau) + dot(shift, f) for turn, shift in motions]
+        if efforts is not None:
+            power = add(power, scale(-1.0, efforts[k]))
+        rest = solve_factored(factors, power)
+        rests.append(rest)
+        for part, y in zip(rest, Y, strict=True):
+            tau, f = add(tau, scale(-part, y[0])), add(f, scale(-part, y[1]))
+        columns.append((tau, f))
+    inertia, coupling, mass = answer.inertia, answer.coupling, answer.mass
+    for y, z in zip(Y, Z, strict=True):
+        inertia = combine(inertia, -1.0, outer(y[0], z[0]))
+        coupling = combine(coupling, -1.0, outer(y[0], z[1]))
+        mass = combine(mass, -1.0, outer(y[1], z[1]))
+    return Eliminated(motions, bias, Z, rests), Answer(inertia, coupling, mass, columns)
+
+
+def _rod(link: Link, frame: Frame, answer: Answer) -> tuple[Rod, Answer]:
+    """A body on a rod, or in free flight; its turn is free and already taken out."""
+    factors = factor_symmetric(answer.mass)
+    if link.shift == "free":
+        return Rod(factors, answer.columns), Answer(NONE, NONE, NONE, [(ZERO, ZERO) for _ in answer.columns])
+    e = scale(1.0 / link.length, apply_transposed(frame.turn, frame.rod))
+    solved = solve_factored(factors, e)
+    stiffness = 1.0 / dot(e, solved)
+    loads = [stiffness * dot(solved, f) for _, f in answer.columns]
+    loads[0] = loads[0] - stiffness * dot(frame.shifting, frame.shifting) / link.length
+    columns = [(ZERO, scale(load, e)) for load in loads]
+    return (Rod(factors, answer.columns, e, stiffness, loads),
+            Answer(NONE, NONE, outer(scale(stiffness, e), e), columns))
+
+
+def _carried(passed: Answer, frame: Frame, inner: Frame, link: Link) -> Answer:
+    """What the inner body feels: turned to its axes, moved to its reference point."""
+    inertia, mass = congruent(frame.turn, passed.inertia), congruent(frame.turn, passed.mass)
+    coupling = multiply(multiply(frame.turn, passed.coupling), transpose(frame.turn))
+    arm = hat(frame.arm)
+    drag = _drag(link, frame, inner)
+    drawn = (apply(coupling, drag), apply(mass, drag))
+    columns = []
+    for k, (tau, f) in enumerate(passed.columns):
+        tau, f = apply(frame.turn, tau), apply(frame.turn, f)
+        if k == 0:
+            tau, f = add(tau, drawn[0]), add(f, drawn[1])
+        columns.append((add(tau, cross(frame.arm, f)), f))
+    twisted, moved = multiply(coupling, arm), multiply(arm, mass)
+    inertia = combine(combine(inertia, -1.0, multiply(moved, arm)), -1.0,
+                      combine(twisted, 1.0, transpose(twisted)))
+    return Answer(inertia, combine(coupling, 1.0, moved), mass, columns)
+
+
+def _drag(link: Link, frame: Frame, inner: Frame) -> list:
+    """Acceleration of the joint's point at constant speeds, over the one carried along; inner axes."""
+    drag = centripetal(inner.w, frame.arm)
+    if link.outward or link.shift == "none":
+        return drag
+    return add(drag, scale(2.0, cross(inner.w, frame.shifting)))
+
+
+def _outward(link: Link, frames: dict[int, Frame], stages: list, column: int, alpha, A) -> tuple[list, list, list]:
+    """alpha, A and the derivatives of the speeds of a body from the accelerations of its inner one."""
+    frame, inner = frames[link.body], frames[link.parent]
+    at_joint = add(A, cross(alpha, frame.arm))
+    if column == 0 and link.parent != GROUND:
+        at_joint = add(at_joint, _drag(link, frame, inner))
+    A = apply_transposed(frame.turn, at_joint)
+    if link.turn != FREE:
+        alpha = apply_transposed(frame.turn, alpha)
+        if not stages:
+            return alpha, A, []
+        du, alpha, A = stages[0].forward(column, alpha, A)
+        return alpha, A, du
+    du = []
+    if isinstance(stages[-1], Eliminated):
+        du, _, A = stages[-1].forward(column, ZERO, A)
+    elif isinstance(stages[-1], Rod):
+        A = stages[-1].forward(column, alpha, A)
+        du = scale(1.0 / link.length, add(apply(frame.turn, A), scale(-1.0, at_joint)))
+    rest, coupling = stages[0]
+    alpha = scale(-1.0, add(rest[column], apply(coupling, A)))
+    return alpha, A, [*alpha, *du]

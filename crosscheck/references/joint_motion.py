@@ -1,0 +1,222 @@
+"""Minimal coordinates of a tree: poses and velocities of its bodies, over any number type.
+
+Coordinates and speeds of a link, turn before shift:
+
+    turn free      unit quaternion of the body in the world; its angular velocity, body axes
+    turn 0, 1, 2   angles from the start about the link's axes; their rates
+    shift on line, plane    displacements along the link's directions; their rates
+    shift on sphere         unit vector along the rod, inner body's axes; its rate as seen from there
+    shift free              centre of mass and its velocity, world
+
+so that no position of a joint is singular but a universal joint whose arms line up, which its own axes exclude.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from crosscheck.references.generic import (
+    add,
+    apply,
+    apply_transposed,
+    conjugate,
+    cross,
+    multiply,
+    quaternion_product,
+    rotation,
+    scale,
+    turn_about,
+)
+from crosscheck.references.tree import FREE, Link
+from crosscheck.scene import GROUND, Scene
+
+ZERO = [0.0, 0.0, 0.0]
+IDENTITY = [1.0, 0.0, 0.0, 0.0]
+COORDINATES = {"none": 0, "line": 1, "plane": 2, "sphere": 3, "free": 3}  # of shifts; as many speeds
+
+
+@dataclasses.dataclass
+class Frame:
+    """Where a body is and how it moves; vectors in its own axes unless they say otherwise.
+
+    `q` in the world; `turn` takes own to inner axes; `lever` from the reference point to the centre of mass; `arm`
+    from the inner body's reference point to the joint's point (inner axes), `rod` from one end of a rod to the other
+    (inner axes). With speeds: angular velocity `w`;
+    `shifting`, the rate of the shift, in inner axes or, if outward, in own axes; `columns`, the (angular, linear)
+    velocities of unit speeds of the joint; `spin_bias`, `shift_bias`, the accelerations they show at constant speeds.
+    """
+
+    q: list
+    turn: list
+    lever: list
+    arm: list
+    rod: list = dataclasses.field(default_factory=lambda: ZERO)
+    w: list = dataclasses.field(default_factory=lambda: ZERO)
+    shifting: list = dataclasses.field(default_factory=lambda: ZERO)
+    columns: list = dataclasses.field(default_factory=list)
+    spin_bias: list = dataclasses.field(default_factory=lambda: ZERO)
+    shift_bias: list = dataclasses.field(default_factory=lambda: ZERO)
+
+
+STILL = Frame(IDENTITY, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], ZERO, ZERO)  # the ground
+
+
+class Tree:
+    """The links of a scene with what their joints keep from the start, and the layout of the state vector.
+
+    State vector: coordinates of all links in the order of bodies, then speeds likewise.
+    """
+
+    def __init__(self, scene: Scene, links: tuple[Link, ...]) -> None:
+        self.scene, self.links = scene, links
+        self.by_body = sorted(links, key=lambda link: link.body)
+        self.coordinates: dict[int, slice] = {}
+        self.speeds: dict[int, slice] = {}
+        end = 0
+        for table, quaternion in ((self.coordinates, 4), (self.speeds, 3)):
+            for link in self.by_body:
+                size = (quaternion if link.turn == FREE else link.turn) + COORDINATES[link.shift]
+                table[link.body] = slice(end, end + size)
+                end += size
+        self.size = end
+        q = {body: (record.attitude / np.linalg.norm(record.attitude)).tolist()
+             for body, record in enumerate(scene.bodies)} | {GROUND: IDENTITY}
+        self.start = q
+        self.kept = {link.body: quaternion_product(conjugate(q[link.parent]), q[link.body]) for link in links}
+
+    def split(self, link: Link, state: Sequence, table: dict[int, slice]) -> tuple[list, list]:
+        """Entries of a link that belong to its turn and to its shift."""
+        entries = [*state[table[link.body]]]
+        cut = len(entries) - COORDINATES[link.shift]
+        return entries[:cut], entries[cut:]
+
+    def frames(self, state: Sequence, moving: bool = True) -> dict[int, Frame]:
+        """Frames of all bodies and the ground; without velocities where `moving` is False, of coordinates alone."""
+        frames = {GROUND: STILL}
+        for link in self.links:
+            frame = frames[link.body] = self._placed(link, state, frames[link.parent])
+            if moving:
+                self._set_in_motion(link, state, frame, frames[link.parent])
+        return frames
+
+    def _placed(self, link: Link, state: Sequence, inner: Frame) -> Frame:
+        turn, shift = self.split(link, state, self.coordinates)
+        kept = self.kept[link.body]
+        if link.turn == FREE:
+            q, relative = turn, quaternion_product(conjugate(inner.q), turn)
+        else:
+            relative = kept if link.turn < 2 else quaternion_product(turn_about(link.axes[0], turn[0]), kept)
+            if link.turn:
+                relative = quaternion_product(relative, turn_about(link.axes[-1], turn[-1]))
+            q = quaternion_product(inner.q, relative)
+        moved = ZERO
+        if link.shift in ("line", "plane"):
+            moved = add(*(scale(s, direction) for s, direction in zip(shift, link.directions, strict=True)))
+        elif link.shift in ("sphere", "free"):
+            moved = scale(link.length, shift)
+        arm, point = add(inner.lever, link.inner_anchor), link.outer_anchor
+        if link.outward:
+            point = add(point, moved)
+        else:
+            arm = add(arm, moved)
+        return Frame(q, rotation(relative), scale(-1.0, point), arm, moved)
+
+    def _set_in_motion(self, link: Link, state: Sequence, frame: Frame, inner: Frame) -> None:
+        turning, shifting = self.split(link, state, self.speeds)
+        carried = apply_transposed(frame.turn, inner.w)
+        axes = [*link.axes]
+        if link.turn == FREE:
+            frame.w = turning
+        else:
+            if link.turn == 2:  # the first axis is fixed in the inner body and turns about the second
+                axes[0] = apply_transposed(frame.turn, axes[0])
+                frame.spin_bias = scale(-turning[0] * turning[1], cross(axes[1], axes[0]))
+            spin = add(ZERO, *(scale(rate, axis) for rate, axis in zip(turning, axes, strict=True)))
+            frame.w = add(carried, spin)
+            frame.spin_bias = add(frame.spin_bias, cross(carried, spin))
+            frame.columns = [(axis, ZERO) for axis in axes]
+        if link.shift in ("sphere", "free"):
+            frame.shifting = scale(link.length, shifting)
+        elif link.shift != "none":
+            frame.shifting = add(*(scale(s, direction)
+                                   for s, direction in zip(shifting, link.directions, strict=True)))
+            if link.outward:  # the reference point is the one of this body at the joint's point
+                frame.columns += [(ZERO, scale(-1.0, direction)) for direction in link.directions]
+                frame.shift_bias = scale(-2.0, cross(frame.w, frame.shifting))
+            else:
+                frame.columns += [(ZERO, apply_transposed(frame.turn, direction)) for direction in link.directions]
+
+    def initial(self) -> np.ndarray:
+        """The state vector at the scene's start."""
+        state = np.zeros(self.size)
+        for link in self.links:
+            coordinates, speeds = self._start(link)
+            state[self.coordinates[link.body]], state[self.speeds[link.body]] = coordinates, speeds
+        return state
+
+    def _start(self, link: Link) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates and speeds of a link from the states of its two bodies."""
+        scene, body = self.scene, link.body
+        w = scene.w0[body]
+        x_in, R_in, v_in, w_in = np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3)
+        if link.parent != GROUND:
+            x_in, R_in, v_in, w_in = (values[link.parent] for values in (scene.x0, scene.R0, scene.v0, scene.w0))
+        R = scene.R0[body]
+        turn, turning = np.array(self.start[body]), w
+        if link.turn != FREE:
+            axes = [np.array(axis) for axis in link.axes]
+            if link.turn == 2:
+                axes[0] = R.T @ R_in @ axes[0]
+            turn = np.zeros(link.turn)
+            turning = np.linalg.pinv(np.array(axes).reshape(-1, 3).T) @ (w - R.T @ R_in @ w_in)
+        if link.shift == "free":
+            return np.concatenate([turn, scene.x0[body]]), np.concatenate([turning, scene.v0[body]])
+        inner, outer = np.array(link.inner_anchor), np.array(link.outer_anchor)
+        gap = scene.x0[body] + R @ outer - x_in - R_in @ inner
+        rate = scene.v0[body] + R @ np.cross(w, outer) - v_in - R_in @ np.cross(w_in, inner)
+        if link.outward:
+            gap, own = -R.T @ gap, w
+            rate = -R.T @ rate - np.cross(own, gap)
+        else:
+            gap = R_in.T @ gap
+            rate = R_in.T @ rate - np.cross(w_in, gap)
+        if link.shift == "sphere":
+            length = np.linalg.norm(gap)
+            e = gap / length
+            shift, shifting = e, (rate - (rate @ e) * e) / link.length
+        else:
+            shift, shifting = (np.array(link.directions).reshape(-1, 3) @ value for value in (gap, rate))
+        return np.concatenate([turn, shift]), np.concatenate([turning, shifting])
+
+    def world(self, frames: dict[int, Frame], moving: bool = True) -> dict[int, tuple[Any, Any, Any]]:
+        """Attitude, reference point and its velocity, world axes, of every body and the ground."""
+        placed = {GROUND: (STILL.turn, ZERO, ZERO)}
+        for link in self.links:
+            frame, (R_in, point, velocity) = frames[link.body], placed[link.parent]
+            R = rotation(frame.q) if link.turn == FREE or link.parent == GROUND else multiply(R_in, frame.turn)
+            point = add(point, apply(R_in, frame.arm))
+            if moving:
+                own, across = ZERO, cross(frames[link.parent].w, frame.arm)
+                if link.outward:
+                    own = scale(-1.0, frame.shifting)
+                else:
+                    across = add(across, frame.shifting)
+                velocity = add(velocity, apply(R_in, across), apply(R, own))
+            placed[link.body] = R, point, velocity
+        return placed
+
+    def rates(self, state: Sequence, frames: dict[int, Frame], accelerations: dict[int, list]) -> list:
+        """d state / dt; `accelerations` are the derivatives of each link's speeds."""
+        result: list = [0.0] * self.size
+        for link in self.links:
+            turn, _ = self.split(link, state, self.coordinates)
+            turning, shifting = self.split(link, state, self.speeds)
+            if link.turn == FREE:
+                turning = scale(0.5, quaternion_product(turn, [0.0, *frames[link.body].w]))
+            result[self.coordinates[link.body]] = [*turning, *shifting]
+            result[self.speeds[link.body]] = accelerations[link.body]
+        return result

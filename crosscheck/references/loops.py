@@ -1,0 +1,197 @@
+"""Joints that close loops of a tree: rows that its accelerations have to meet by multipliers, over any number type.
+
+A row is met where n . (a_j - a_i) + t . (alpha_j - alpha_i) + rest = 0: accelerations in the world of the points of
+child j and parent i that are where the child's anchor is, the parent thought extended to there. Its multiplier is a
+force n and a torque t there, on the child, and their opposites on the parent.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from crosscheck.references.generic import (
+    add,
+    apply,
+    apply_transposed,
+    cross,
+    dot,
+    factor_symmetric,
+    scale,
+    solve_factored,
+)
+from crosscheck.references.joint_motion import ZERO, Tree
+from crosscheck.references.tree import FREE
+from crosscheck.references.tree_loads import Loads
+from crosscheck.scene import GROUND, Joint, Scene
+
+DEPENDENT = 1e-9  # of the largest eigenvalue; what is smaller belongs to rows that depend on others
+SHIFT, REPETITIONS = 1e-6, 4  # of the mean eigenvalue; eigenvalues of 1e-2 of it are reached to 1e-16
+TRIALS = 6
+ONE_POINT = ("spherical", "universal", "revolute", "fixed")
+
+
+@dataclasses.dataclass(frozen=True)
+class Cut:
+    """One row of a joint: across a direction of the parent, parallel to a rod, or a pair of perpendicular directions.
+
+    `direction` is fixed in the parent; `other`, for a pair, in the child. A rod has neither.
+    """
+
+    joint: Joint
+    direction: list | None = None
+    other: list | None = None
+
+
+@dataclasses.dataclass
+class Row:
+    """A row at one state: joint, point, n, t, `rest`, its value and its rate of change."""
+
+    joint: Joint
+    place: list
+    n: list
+    t: list
+    rest: Any
+    value: Any
+    rate: Any
+
+
+def cuts(scene: Scene, joints: tuple[Joint, ...]) -> list[Cut]:
+    """All rows of the joints, dependent ones included."""
+    found = []
+    for joint in joints:
+        frames = [np.eye(3) if body == GROUND else scene.R0[body] for body in (joint.parent, joint.child)]
+        found += [Cut(joint, *(None if vector is None else np.asarray(vector).tolist() for vector in vectors))
+                  for vectors in _vectors(joint, frames[1].T @ frames[0])]
+    return found
+
+
+def _vectors(joint: Joint, relative: np.ndarray) -> list[tuple]:
+    """(direction, other) of the rows of a joint; `relative` takes parent to child axes at the start."""
+    if joint.type == "distance":
+        return [(None, None)]
+    across = list(np.eye(3)) if joint.type in ONE_POINT else []
+    pairs: list[tuple] = []
+    if joint.type == "fixed":
+        pairs = [(np.eye(3)[k], relative[:, k - 1]) for k in range(3)]
+    elif joint.type == "universal":
+        pairs = [(joint.parent_axis, joint.child_axis)]
+    elif joint.type != "spherical":
+        first = np.cross(joint.parent_axis, np.eye(3)[np.argmin(np.abs(joint.parent_axis))])
+        first = first / np.linalg.norm(first)
+        second = np.cross(joint.parent_axis, first)
+        if not joint.type.startswith("point_on"):
+            pairs = [(first, joint.child_axis), (second, joint.child_axis)]
+        if joint.type == "prismatic":
+            pairs.append((second, relative @ first))
+        if joint.type in ("planar", "point_on_plane"):
+            across = [joint.parent_axis]
+        elif joint.type != "revolute":
+            across = [first, second]
+    return [(direction, None) for direction in across] + pairs
+
+
+def row(cut: Cut, loads: Loads) -> Row:
+    """A cut's row at the state of `loads`."""
+    joint = cut.joint
+    i, j = joint.parent, joint.child
+    place, velocity = loads.point(j, joint.child_anchor.tolist())
+    anchor, _ = loads.point(i, joint.parent_anchor.tolist())
+    R_i, reference, carried = loads.placed[i]
+    w_i, w_j = (apply(loads.placed[body][0], loads.frames[body].w) for body in (i, j))
+    spin = add(w_j, scale(-1.0, w_i))
+    d = add(place, scale(-1.0, anchor))
+    swept = cross(w_i, add(place, scale(-1.0, reference)))
+    slip = add(velocity, scale(-1.0, add(carried, swept)))  # of the child's point past the parent
+    if cut.other is not None:
+        p, b = apply(R_i, cut.direction), apply(loads.placed[j][0], cut.other)
+        t = cross(b, p)
+        rest = dot(p, cross(spin, cross(spin, b))) - dot(t, cross(w_i, spin))
+        return Row(joint, place, ZERO, t, rest, dot(p, b), dot(t, spin))
+    if cut.direction is not None:
+        n = apply(R_i, cut.direction)
+        return Row(joint, place, n, ZERO, -2.0 * dot(n, cross(w_i, slip)), dot(n, d), dot(n, slip))
+    n, turning = scale(1.0 / joint.length, d), cross(w_i, d)
+    rate = add(slip, turning)
+    rest = (dot(rate, rate) - dot(turning, turning)) * (1.0 / joint.length)
+    value = 0.5 * (dot(d, n) - joint.length)
+    return Row(joint, place, n, ZERO, rest, value, dot(n, slip))
+
+
+def unit_wrenches(found: Row, loads: Loads) -> dict[int, tuple[list, list]]:
+    """Wrenches of a unit multiplier on the bodies of a row, own axes."""
+    alone = Loads(loads.tree, loads.frames, loads.placed)
+    alone.push_at(found.joint.child, found.place, found.n, found.t)
+    alone.push_at(found.joint.parent, found.place, scale(-1.0, found.n), scale(-1.0, found.t))
+    return alone.wrenches
+
+
+def acceleration(found: Row, loads: Loads, alpha: dict, A: dict, column: int) -> Any:
+    """n . (a_j - a_i) + t . (alpha_j - alpha_i) of a row in one column of accelerations, own axes."""
+    total = 0.0
+    for body, sign in ((found.joint.child, 1.0), (found.joint.parent, -1.0)):
+        R, reference, _ = loads.placed[body]
+        arm = apply_transposed(R, add(found.place, scale(-1.0, reference)))
+        a = add(A[body][column], cross(alpha[body][column], arm))
+        if column == 0:
+            w = loads.frames[body].w
+            a = add(a, cross(w, cross(w, arm)))
+        total = total + sign * (dot(found.n, apply(R, a)) + dot(found.t, apply(R, alpha[body][column])))
+    return total
+
+
+def response(rows: list[Row], loads: Loads, alpha: dict, A: dict) -> list[list]:
+    """Acceleration along each row by a unit multiplier of each, symmetric; the upper half is mirrored."""
+    upper = {(r, k): acceleration(rows[r], loads, alpha, A, k + 1)
+             for r in range(len(rows)) for k in range(r, len(rows))}
+    return [[upper[min(r, k), max(r, k)] for k in range(len(rows))] for r in range(len(rows))]
+
+
+def rank(S: np.ndarray) -> int:
+    """Rank of a symmetric response matrix."""
+    values = np.linalg.eigvalsh(S)
+    return int(np.count_nonzero(values > DEPENDENT * values[-1]))
+
+
+def multipliers(S: list[list], rhs: list, shift: float) -> list:
+    """Solution of S lam = rhs; where rows depend on others (shift > 0) the one of least norm.
+
+    (S + shift) is regular; each repetition brings the remainder down by shift over the least eigenvalue of S that is
+    not zero. No row has to be picked: a choice good at the start can turn singular where the mechanism does not.
+    """
+    factors = factor_symmetric([[entry + shift if r == k else entry for k, entry in enumerate(line)]
+                                for r, line in enumerate(S)])
+    lam = solve_factored(factors, rhs)
+    for _ in range(REPETITIONS if shift else 0):
+        left = [right - sum((entry * part for entry, part in zip(line[1:], lam[1:], strict=True)), line[0] * lam[0])
+                for line, right in zip(S, rhs, strict=True)]
+        lam = add(lam, solve_factored(factors, left))
+    return lam
+
+
+def linear_relations(tree: Tree, gaps: Callable[[np.ndarray], tuple], initial: np.ndarray) -> np.ndarray | None:
+    """Orthonormal C (k, coordinates) with C (q - q0) = 0 wherever the loops are closed, None where that is not linear.
+
+    Parallelograms are of this kind: their angles keep fixed ratios, also through the positions where rows of loops lose
+    rank. The directions that leave the rows closed to first order at the start are followed for turns of order one.
+    """
+    if any(link.turn == FREE or link.shift in ("sphere", "free") for link in tree.links):
+        return None
+    count = tree.size // 2
+    still = np.concatenate([initial[:count], np.zeros(len(initial) - count)])
+    rows = []
+    for k in range(count):  # rates are linear in the speeds, so unit speeds give the derivatives of the values
+        still[count:2 * count] = np.eye(count)[k]
+        rows.append(gaps(still)[1])
+    U, sigma, _ = np.linalg.svd(np.array(rows))
+    free = U[:, int(np.count_nonzero(sigma > DEPENDENT * sigma[0])):]
+    rng = np.random.default_rng(0)
+    for _ in range(TRIALS):
+        moved = initial.copy()
+        moved[:count] += free @ rng.uniform(-2, 2, size=free.shape[1])
+        if np.max(np.abs(gaps(moved)[0] - gaps(initial)[0])) > DEPENDENT:
+            return None
+    return U[:, :count - free.shape[1]].T

@@ -1,0 +1,74 @@
+"""Truncated power series over arrays, with the operations that poses need, and polynomials about a moved origin."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+
+ORDERS = 10  # highest derivative whose maximum is recorded
+
+
+@dataclasses.dataclass
+class Series:
+    """Coefficients 0 ... ORDERS along the last axis."""
+
+    c: np.ndarray
+
+    def __add__(self, other: Series | float) -> Series:
+        if isinstance(other, Series):
+            return Series(self.c + other.c)
+        moved = self.c.copy()
+        moved[..., 0] += other
+        return Series(moved)
+
+    def __neg__(self) -> Series:
+        return Series(-self.c)
+
+    def __sub__(self, other: Series | float) -> Series:
+        return self + -other
+
+    def __rsub__(self, other: float) -> Series:
+        return -self + other
+
+    def __mul__(self, other: Series | float) -> Series:
+        if not isinstance(other, Series):
+            return Series(other * self.c)
+        product = np.zeros_like(self.c)
+        for k in range(product.shape[-1]):
+            product[..., k] = np.sum(self.c[..., :k + 1] * other.c[..., k::-1], axis=-1)
+        return Series(product)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def sin(self) -> Series:
+        """Sine."""
+        return self._sine_cosine()[0]
+
+    def cos(self) -> Series:
+        """Cosine."""
+        return self._sine_cosine()[1]
+
+    def _sine_cosine(self) -> tuple[Series, Series]:
+        """k s_k = sum of j a_j c_(k-j), k c_k = - sum of j a_j s_(k-j)."""
+        sine, cosine = np.zeros_like(self.c), np.zeros_like(self.c)
+        sine[..., 0], cosine[..., 0] = np.sin(self.c[..., 0]), np.cos(self.c[..., 0])
+        slope = self.c * np.arange(self.c.shape[-1])
+        for k in range(1, self.c.shape[-1]):
+            sine[..., k] = np.sum(slope[..., 1:k + 1] * cosine[..., k - 1::-1], axis=-1) / k
+            cosine[..., k] = -np.sum(slope[..., 1:k + 1] * sine[..., k - 1::-1], axis=-1) / k
+        return Series(sine), Series(cosine)
+
+
+@functools.cache
+def _binomials(size: int) -> np.ndarray:
+    return np.array([[math.comb(j, k) for k in range(ORDERS + 1)] for j in range(size)], dtype=float)
+
+
+def shifted(tc: np.ndarray, tau: float) -> np.ndarray:
+    """Coefficients 0 ... ORDERS about t0 + tau of polynomials (dimension, order + 1) about t0."""
+    size = tc.shape[-1]
+    powers = np.subtract.outer(np.arange(size), np.arange(ORDERS + 1))
+    return tc @ (_binomials(size) * np.where(powers >= 0, float(tau) ** np.maximum(powers, 0), 0.0))

@@ -1,0 +1,133 @@
+"""Springs, dampers and constant loads on a tree, as columns of wrenches on its bodies, over any number type."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from crosscheck.references.generic import (
+    add,
+    apply,
+    apply_transposed,
+    conjugate,
+    cross,
+    dot,
+    quaternion_product,
+    scale,
+    square_root,
+)
+from crosscheck.references.joint_motion import ZERO, Frame, Tree
+from crosscheck.scene import Force, Joint
+
+
+class Loads:
+    """Wrenches (force, torque about the centre of mass), own axes, of every body and the ground."""
+
+    def __init__(self, tree: Tree, frames: dict[int, Frame], placed: dict[int, tuple[Any, Any, Any]]) -> None:
+        self.tree, self.frames, self.placed = tree, frames, placed
+        self.wrenches = dict.fromkeys(frames, (ZERO, ZERO))
+
+    def lever(self, body: int, anchor: list) -> list:
+        """From the reference point of a body to a point given from its centre of mass, own axes."""
+        return add(self.frames[body].lever, anchor)
+
+    def point(self, body: int, anchor: list) -> tuple[list, list]:
+        """A body's point and its velocity, world."""
+        R, reference, velocity = self.placed[body]
+        lever = self.lever(body, anchor)
+        return add(reference, apply(R, lever)), add(velocity, apply(R, cross(self.frames[body].w, lever)))
+
+    def push(self, body: int, force: list, torque: list) -> None:
+        """Add a wrench, own axes."""
+        old_force, old_torque = self.wrenches[body]
+        self.wrenches[body] = add(old_force, force), add(old_torque, torque)
+
+    def push_at(self, body: int, place: list, force: list, torque: list) -> None:
+        """Add a force at a point of space, and a torque; all in world axes."""
+        R, reference, _ = self.placed[body]
+        arm = add(apply_transposed(R, add(place, scale(-1.0, reference))), scale(-1.0, self.frames[body].lever))
+        force = apply_transposed(R, force)
+        self.push(body, force, add(cross(arm, force), apply_transposed(R, torque)))
+
+    def add(self, force: Force, angle: Any) -> None:
+        """Add a force of the scene; `angle` is that of a torsional spring's joint."""
+        p = force.parameters
+        if force.type == "linear_spring":
+            self._linear_spring(force)
+        elif force.type == "torsional_spring":
+            joint = next(joint for joint in self.tree.scene.joints if joint.name == force.joint)
+            size = torsion(p["stiffness"], angle - p["rest_angle"], p["damping"],
+                           angle_rate(joint, self.frames, self.placed))
+            axis = apply(self.placed[joint.parent][0], joint.parent_axis.tolist())
+            for body, sign in ((joint.child, 1.0), (joint.parent, -1.0)):
+                self.push(body, ZERO, apply_transposed(self.placed[body][0], scale(sign * size, axis)))
+        else:
+            turns = force.type == "constant_torque"
+            vector = [*p["torque" if turns else "force"]]
+            if p["frame"] == "world":
+                vector = apply_transposed(self.placed[force.child][0], vector)
+            if turns:
+                self.push(force.child, ZERO, vector)
+            else:
+                self.push(force.child, vector, cross([*p["child_point"]], vector))
+
+    def _linear_spring(self, force: Force) -> None:
+        p = force.parameters
+        start, start_rate = self.point(force.parent, [*p["parent_point"]])
+        end, end_rate = self.point(force.child, [*p["child_point"]])
+        d, rate = add(end, scale(-1.0, start)), add(end_rate, scale(-1.0, start_rate))
+        square = dot(d, d)
+        factor = p["stiffness"]
+        if p["free_length"]:  # no root where none is needed: a spring of free length 0 may shrink to nothing
+            factor = factor - p["stiffness"] * p["free_length"] / square_root(square)
+        if p["damping"]:
+            factor = factor + p["damping"] * dot(d, rate) / square
+        pull = spring_pull(factor, d)
+        self.push_at(force.parent, start, pull, ZERO)
+        self.push_at(force.child, end, scale(-1.0, pull), ZERO)
+
+
+def spring_pull(factor: Any, separation: list) -> list:
+    """Force on the parent's end of a spring."""
+    return scale(factor, separation)
+
+
+def torsion(stiffness: float, twist: Any, damping: float, rate: Any) -> Any:
+    """Torque of a torsional spring-damper on the child."""
+    return -1.0 * (stiffness * twist + damping * rate)
+
+
+def angle_rate(joint: Joint, frames: dict[int, Frame], placed: dict[int, tuple[Any, Any, Any]]) -> Any:
+    """Rate of the angle of a joint's child relative to its parent."""
+    axis = joint.parent_axis.tolist()
+    seen = apply_transposed(placed[joint.parent][0], apply(placed[joint.child][0], frames[joint.child].w))
+    return dot(axis, add(seen, scale(-1.0, frames[joint.parent].w)))
+
+
+def start_angle(joint: Joint, q: dict[int, list]) -> float:
+    """Angle in (-pi, pi] of a joint's child relative to its parent, from their quaternions.
+
+    The turn relative Q0^T, with Q0 the shortest one from child axis to parent axis, is about the parent axis: its
+    quaternion is (cos, axis sin) of half the angle.
+    """
+    a, c = joint.parent_axis, joint.child_axis
+    if np.linalg.norm(a + c) < 1e-6:  # a half turn, about the coordinate direction nearest to normal to the axis
+        normal = np.eye(3)[np.argmin(np.abs(a))]
+        normal = normal - (normal @ a) * a
+        shortest = [0.0, *(normal / np.linalg.norm(normal))]
+    else:
+        shortest = [1.0 + a @ c, *np.cross(c, a)]
+        shortest = [entry / np.linalg.norm(shortest) for entry in shortest]
+    relative = quaternion_product(conjugate(q[joint.parent]), q[joint.child])
+    turn = quaternion_product(relative, conjugate(shortest))
+    angle = 2 * np.arctan2(np.dot(a, turn[1:]), turn[0])
+    return float(angle - 2 * np.pi * np.ceil((angle - np.pi) / (2 * np.pi)))
+
+
+def tree_angle(joint: Joint, tree: Tree, state: Any) -> Any | None:
+    """Angle of a joint of the tree, from its coordinate; None of one that closes a loop."""
+    for link in tree.links:
+        if link.joint is joint:
+            return tree.split(link, state, tree.coordinates)[0][0] + start_angle(joint, tree.start)
+    return None

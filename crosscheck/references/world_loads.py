@@ -1,0 +1,110 @@
+"""Springs, dampers and constant loads of the maximal formulation: forces and torques on bodies, in world axes.
+
+The angle of a torsional spring is a state of its own, integrated from the relative rate about the axis, hence
+continuous over any number of turns.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crosscheck.references.world import Motion, cross, turned
+from crosscheck.scene import Force, Scene
+
+AT_CENTRE = np.zeros(3)
+
+
+class LinearSpring:
+    """Pull k (L - free length) + c dL/dt along the line between two points, the same on both, towards each other."""
+
+    def __init__(self, force: Force) -> None:
+        p = force.parameters
+        self.ends = np.array([force.parent, force.child])  # the ground, -1, is the last entry
+        self.points = np.array([p["parent_point"], p["child_point"]])
+        self.stiffness, self.free_length, self.damping = p["stiffness"], p["free_length"], p["damping"]
+
+    def add(self, motion: Motion, force: np.ndarray, torque: np.ndarray) -> None:
+        """Add to force and torque about the centres of mass, (n + 1, 3) each."""
+        levers = turned(motion.R[self.ends], self.points)
+        parent, child = motion.x[self.ends] + levers
+        parent_rate, child_rate = motion.v[self.ends] + cross(motion.omega[self.ends], levers)
+        length = np.linalg.norm(child - parent)
+        if length == 0.0:  # no direction to pull in
+            return
+        along = (child - parent) / length
+        pull = spring_pull(self.stiffness, length - self.free_length, self.damping,
+                           along @ (child_rate - parent_rate))
+        for end, sign in ((0, 1.0), (1, -1.0)):
+            force[self.ends[end]] += sign * pull * along
+            torque[self.ends[end]] += sign * pull * cross(levers[end:end + 1], along[None])[0]
+
+
+class TorsionalSpring:
+    """Torque -(k (angle - rest angle) + c d angle/dt) about a joint's axis on its child, the opposite on the parent."""
+
+    def __init__(self, force: Force, scene: Scene) -> None:
+        p = force.parameters
+        joint = next(joint for joint in scene.joints if joint.name == force.joint)
+        self.parent, self.child, self.axis = joint.parent, joint.child, joint.parent_axis
+        self.stiffness, self.rest_angle, self.damping = p["stiffness"], p["rest_angle"], p["damping"]
+        frames = [scene.R0[body] if body >= 0 else np.eye(3) for body in (joint.parent, joint.child)]
+        self.start = starting_angle(frames[0].T @ frames[1], joint.parent_axis, joint.child_axis)
+
+    def rate(self, motion: Motion) -> float:
+        """d angle/dt."""
+        return motion.R[self.parent] @ self.axis @ (motion.omega[self.child] - motion.omega[self.parent])
+
+    def add(self, motion: Motion, angle: float, torque: np.ndarray) -> None:
+        """Add to the torques (n + 1, 3)."""
+        size = torsion(self.stiffness, angle - self.rest_angle, self.damping, self.rate(motion))
+        torque[self.child] += size * (motion.R[self.parent] @ self.axis)
+        torque[self.parent] -= size * (motion.R[self.parent] @ self.axis)
+
+
+class ConstantLoad:
+    """A force at a point of a body, or a torque on it, constant in world or in body axes."""
+
+    def __init__(self, force: Force) -> None:
+        p = force.parameters
+        self.body, self.in_body, self.turns = force.child, p["frame"] == "body", force.type == "constant_torque"
+        self.vector = np.array(p["torque" if self.turns else "force"])
+        self.point = np.array(p.get("child_point", AT_CENTRE))
+
+    def add(self, motion: Motion, force: np.ndarray, torque: np.ndarray) -> None:
+        """Add to force and torque about the centres of mass, (n + 1, 3) each."""
+        R = motion.R[self.body]
+        vector = R @ self.vector if self.in_body else self.vector
+        if self.turns:
+            torque[self.body] += vector
+        else:
+            force[self.body] += vector
+            torque[self.body] += cross((R @ self.point)[None], vector[None])[0]
+
+
+def spring_pull(stiffness: float, extension: float, damping: float, rate: float) -> float:
+    """Tension of a linear spring-damper."""
+    return stiffness * extension + damping * rate
+
+
+def torsion(stiffness: float, twist: float, damping: float, rate: float) -> float:
+    """Torque of a torsional spring-damper on the child."""
+    return -(stiffness * twist + damping * rate)
+
+
+def starting_angle(relative: np.ndarray, parent_axis: np.ndarray, child_axis: np.ndarray) -> float:
+    """theta in (-pi, pi] of relative = exp(theta hat(parent axis)) Q0, Q0 the shortest turn of child to parent axis.
+
+    Of two opposite axes Q0 is the half turn about the coordinate direction nearest to normal to the parent's axis, made
+    normal to it.
+    """
+    normal = np.eye(3)[np.argmin(np.abs(parent_axis))]
+    normal = normal - (normal @ parent_axis) * parent_axis
+    normal /= np.linalg.norm(normal)
+    middle = child_axis + parent_axis
+    size = np.linalg.norm(middle)
+    half_turn = normal if size < 1e-6 else middle / size  # Q0: half turns about child axis, then middle
+    pointer = 2 * half_turn * (half_turn @ normal) - normal  # half turn of `normal` about the middle ...
+    if size >= 1e-6:
+        pointer = 2 * child_axis * (child_axis @ pointer) - pointer  # ... and about the child axis: Q0^T normal
+    seen = relative @ pointer
+    return float(np.arctan2(parent_axis @ np.cross(normal, seen), normal @ seen))

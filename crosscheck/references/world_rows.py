@@ -1,0 +1,204 @@
+"""Rows of the joints in the maximal formulation: their value, Jacobian and acceleration at du = 0, in world axes.
+
+A joint is put together from four kinds of rows, each a record over all joints that use it: points that coincide,
+directions that stay perpendicular, a separation that stays across a direction of the parent, and a rod. Body i is the
+parent, j the child, d = x_j + R_j s_j - x_i - R_i s_i. The ground is the last body of every array.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from crosscheck.references.world import Motion, centripetal, cross, dots, turned
+from crosscheck.scene import Joint, Scene
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """One use of a kind by a joint; `direction` is fixed in the parent, `other` in the child."""
+
+    joint: Joint
+    direction: np.ndarray | None = None
+    other: np.ndarray | None = None
+
+
+class Coincidence:
+    """d = 0, three rows a joint."""
+
+    def __init__(self, uses: list[Row], n: int) -> None:
+        joints, k = [use.joint for use in uses], len(uses)
+        self.i = np.array([joint.parent for joint in joints])  # the ground, -1, is the last entry
+        self.j = np.array([joint.child for joint in joints])
+        self.both = np.concatenate([self.i, self.j])
+        self.s = np.array([joint.parent_anchor for joint in joints] + [joint.child_anchor for joint in joints])
+        self.template = np.zeros((3 * k, n + 1, 6))
+        # -d(R s) along omega is s x (.), so an entry of lever s sits at (row, column) with a sign, twice
+        self.row, self.column = np.array([[1, 0, 2, 1, 0, 2], [0, 1, 1, 2, 2, 0]])
+        self.entry, self.sign = np.array([2, 2, 0, 0, 1, 1]), np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+        joint_rows = 3 * np.arange(k)[:, None]
+        for body, direction in ((self.i, -1.0), (self.j, 1.0)):
+            self.template[joint_rows + np.arange(3), body[:, None], np.arange(3)] = direction
+        self.at_i = joint_rows + self.row, self.i[:, None], 3 + self.column
+        self.at_j = joint_rows + self.row, self.j[:, None], 3 + self.column
+
+    def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gaps d (3 k), Jacobian (3 k, n + 1, 6) and second derivative of d at zero accelerations (3 k)."""
+        levers = turned(motion.R[self.both], self.s)
+        G = self.template.copy()
+        entries = self.sign * levers[:, self.entry]
+        G[self.at_i] = entries[:len(self.i)]
+        G[self.at_j] = -entries[len(self.i):]
+        return (self._difference(motion.x[self.both] + levers), G,
+                self._difference(centripetal(motion.omega[self.both], levers)))
+
+    def _difference(self, points: np.ndarray) -> np.ndarray:
+        return (points[len(self.i):] - points[:len(self.i)]).ravel()
+
+
+class Perpendicular:
+    """p . b = 0 of a direction p of the parent and b of the child, one row a use."""
+
+    def __init__(self, uses: list[Row], n: int) -> None:
+        self.i = np.array([use.joint.parent for use in uses])
+        self.j = np.array([use.joint.child for use in uses])
+        self.p, self.b = (np.array([getattr(use, name) for use in uses]) for name in ("direction", "other"))
+        self.shape = len(uses), n + 1, 6
+
+    def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
+        p, b = turned(motion.R[self.i], self.p), turned(motion.R[self.j], self.b)
+        omega_i, omega_j = motion.omega[self.i], motion.omega[self.j]
+        G, rows, normal = np.zeros(self.shape), np.arange(len(p)), cross(p, b)
+        G[rows, self.i, 3:] = normal
+        G[rows, self.j, 3:] = -normal
+        drift = (dots(centripetal(omega_i, p), b) + dots(p, centripetal(omega_j, b))
+                 + 2 * dots(cross(omega_i, p), cross(omega_j, b)))
+        return dots(p, b), G, drift
+
+
+class _Separation:
+    """What rows along and across d share: levers, d and its rate."""
+
+    def __init__(self, uses: list[Row], n: int) -> None:
+        joints = [use.joint for use in uses]
+        self.i, self.j = np.array([joint.parent for joint in joints]), np.array([joint.child for joint in joints])
+        self.s_i = np.array([joint.parent_anchor for joint in joints])
+        self.s_j = np.array([joint.child_anchor for joint in joints])
+        self.n, self.shape = np.array([use.direction for use in uses]), (len(uses), n + 1, 6)
+        self.length = np.array([joint.length for joint in joints], dtype=float)
+
+    def separation(self, motion: Motion) -> tuple[np.ndarray, ...]:
+        """Levers of i and j, d, its rate, and its second derivative at zero accelerations, (k, 3) each."""
+        i, j = self.i, self.j
+        l_i, l_j = turned(motion.R[i], self.s_i), turned(motion.R[j], self.s_j)
+        rate = motion.v[j] - motion.v[i] + cross(motion.omega[j], l_j) - cross(motion.omega[i], l_i)
+        bend = centripetal(motion.omega[j], l_j) - centripetal(motion.omega[i], l_i)
+        return l_i, l_j, motion.x[j] + l_j - motion.x[i] - l_i, rate, bend
+
+
+class Across(_Separation):
+    """n . d = 0 of a direction n of the parent, one row a use."""
+
+    def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
+        l_i, l_j, d, rate, bend = self.separation(motion)
+        n, omega = turned(motion.R[self.i], self.n), motion.omega[self.i]
+        G, rows = np.zeros(self.shape), np.arange(len(d))
+        G[rows, self.i, :3], G[rows, self.j, :3] = -n, n
+        G[rows, self.i, 3:], G[rows, self.j, 3:] = cross(n, d + l_i), cross(l_j, n)
+        drift = dots(centripetal(omega, n), d) + 2 * dots(cross(omega, n), rate) + dots(n, bend)
+        return dots(n, d), G, drift
+
+
+class Rod(_Separation):
+    """(d . d - c^2) / (2 c) = 0, one row a joint."""
+
+    def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
+        l_i, l_j, d, rate, bend = self.separation(motion)
+        e = d / self.length[:, None]
+        G, rows = np.zeros(self.shape), np.arange(len(d))
+        G[rows, self.i, :3], G[rows, self.j, :3] = -e, e
+        G[rows, self.i, 3:], G[rows, self.j, 3:] = cross(e, l_i), cross(l_j, e)
+        return (dots(d, d) - self.length**2) / (2 * self.length), G, dots(rate, rate) / self.length + dots(e, bend)
+
+
+class Relations:
+    """C angles = 0 of hinges, from the start: what a parallelogram keeps through its flat position."""
+
+    def __init__(self, scene: Scene, coefficients: np.ndarray) -> None:
+        joints = scene.joints
+        self.i, self.j = np.array([joint.parent for joint in joints]), np.array([joint.child for joint in joints])
+        self.axis, self.C, self.n = np.array([joint.parent_axis for joint in joints]), coefficients, scene.n
+        R = np.concatenate([scene.R0, np.eye(3)[None]])
+        self.normal = np.array([np.linalg.svd(axis[None])[2][1] for axis in self.axis])
+        self.mark = np.matmul(R[self.j].transpose(0, 2, 1), turned(R[self.i], self.normal)[:, :, None])[:, :, 0]
+
+    def jacobian(self, motion: Motion) -> np.ndarray:
+        """d rates / d u, (hinges, n + 1, 6)."""
+        G, rows = np.zeros((len(self.i), self.n + 1, 6)), np.arange(len(self.i))
+        axis = turned(motion.R[self.i], self.axis)
+        G[rows, self.j, 3:] = axis
+        G[rows, self.i, 3:] = -axis
+        return G
+
+    def rates(self, motion: Motion) -> np.ndarray:
+        """Rates of the hinges' angles (hinges)."""
+        return dots(turned(motion.R[self.i], self.axis), motion.omega[self.j] - motion.omega[self.i])
+
+    def angles(self, motion: Motion) -> np.ndarray:
+        """Angles by the attitudes, on the turn of the integrated ones (hinges)."""
+        normal, mark = turned(motion.R[self.i], self.normal), turned(motion.R[self.j], self.mark)
+        across = cross(turned(motion.R[self.i], self.axis), normal)
+        change = np.arctan2(dots(across, mark), dots(normal, mark)) - motion.hinges
+        return motion.hinges + change - 2 * np.pi * np.round(change / (2 * np.pi))
+
+    def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
+        axis = turned(motion.R[self.i], self.axis)
+        drift = dots(cross(motion.omega[self.i], axis), motion.omega[self.j])
+        return self.C @ self.angles(motion), np.tensordot(self.C, self.jacobian(motion), 1), self.C @ drift
+
+
+KINDS = (Coincidence, Perpendicular, Across, Rod)
+POINTED = ("spherical", "universal", "revolute", "fixed")  # joints whose anchors coincide
+
+
+def kinds(scene: Scene) -> list:
+    """The rows of all joints of a scene, one record a kind that occurs."""
+    uses: dict[type, list[Row]] = {kind: [] for kind in KINDS}
+    for joint in scene.joints:
+        relative = np.eye(3) if joint.child < 0 else scene.R0[joint.child].T
+        _add(joint, relative @ scene.R0[joint.parent] if joint.parent >= 0 else relative, uses)
+    return [kind(uses[kind], scene.n) for kind in KINDS if uses[kind]]
+
+
+def _add(joint: Joint, relative: np.ndarray, uses: dict[type, list[Row]]) -> None:
+    """Sort the rows of a joint by kind; `relative` takes parent axes to child axes at the start."""
+    def perpendicular(p: np.ndarray, b: np.ndarray) -> None:
+        uses[Perpendicular].append(Row(joint, p, b))
+
+    if joint.type in POINTED:
+        uses[Coincidence].append(Row(joint))
+    if joint.type == "distance":
+        uses[Rod].append(Row(joint))
+    elif joint.type == "fixed":
+        for k in range(3):  # each direction against the next, as it lies in the child: none of the rows is flat at 0
+            perpendicular(np.eye(3)[k], relative[:, (k + 1) % 3])
+    elif joint.type == "universal":
+        perpendicular(joint.parent_axis, joint.child_axis)
+    if joint.type in ("spherical", "universal", "fixed", "distance"):
+        return
+    axis = joint.parent_axis
+    normals = np.linalg.svd(axis[None])[2][1:]  # two directions across the axis; which ones does not matter
+    if joint.type in ("planar", "point_on_plane"):
+        uses[Across].append(Row(joint, axis))
+    elif joint.type != "revolute":
+        uses[Across] += [Row(joint, normal) for normal in normals]
+    if not joint.type.startswith("point_on"):
+        for normal in normals:
+            perpendicular(normal, joint.child_axis)
+    if joint.type == "prismatic":
+        perpendicular(normals[0], relative @ normals[1])

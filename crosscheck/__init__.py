@@ -14,12 +14,13 @@ _HOMES = {
     "run": ("crosscheck.running", "run"),
     "engines": ("crosscheck.engines", ""),
     "methods": ("crosscheck.engines", "methods"),
-    "truth": ("crosscheck.references", "truth"),
+    "truth": ("crosscheck.running", "truth"),
     "assert_agree": ("crosscheck.agreement", "assert_agree"),
     "Trajectory": ("crosscheck.trajectory", "Trajectory"),
     "SceneError": ("crosscheck.errors", "SceneError"),
     "Unsupported": ("crosscheck.errors", "Unsupported"),
     "EngineError": ("crosscheck.errors", "EngineError"),
+    "TruthError": ("crosscheck.references.base", "TruthError"),
     "ArgumentError": ("crosscheck.errors", "ArgumentError"),
 }
 

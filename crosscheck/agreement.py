@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+import math
+import numbers
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +18,7 @@ from crosscheck.references.base import Reference
 from crosscheck.scene import Scene
 from crosscheck.tolerances import Tol
 
-Entry = str | tuple[Any, ...]
+Entry = str | Sequence[Any]
 Run = Callable[..., Any]
 
 
@@ -34,20 +37,21 @@ class Contender:
         return f"{self.engine} {self.method}" + (f" ({given})" if given else "")
 
 
-def assert_agree(scene: Scene | str, engines: Sequence[Entry], tol: Any = None, *, step: float | None = None,
-                 rtol: float | None = None, run: Run | None = None,
+def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequence[Entry], tol: Any = None, *,
+                 step: float | None = None, rtol: float | None = None, run: Run | None = None,
                  truth: Callable[[Scene], Reference] | None = None) -> None:
     """Assert that every engine agrees with the independent truth of a scene, and every two with each other.
 
     Parameters
     ----------
     scene : a Scene, a built-in name or a path
-    engines : each a name, "engine:method", or (engine, method) or (engine, method, options), options a dictionary of
-        arguments of `crosscheck.run`, say {"step": 1e-3, "form": "tree"}. Without a method: the engine's last of the
-        highest documented order.
-    tol : Tol, or a mapping from quantities ("position", "attitude", "velocity", "angular velocity") to Tol; None takes
-        the bounds of `crosscheck.tolerances`, A T h^p max|y^(p+1)| with p documented, per engine. Two engines may
-        differ by the larger of their bounds: the principal error constants of two methods differ by less than one.
+    engines : one or several, each a name, "engine:method", or a tuple or list (engine, method) or (engine, method,
+        options), options a dictionary of arguments of `crosscheck.run`, say {"step": 1e-3, "form": "tree"}. Without a
+        method: the engine's last of the highest documented order. Several are a list or a tuple; text is one.
+    tol : a number or Tol for every quantity in its SI unit, or a mapping from quantities ("position", "attitude",
+        "velocity", "angular velocity") to numbers or Tol, the others then not compared. None takes the bounds of
+        `crosscheck.tolerances`, A T h^p max|y^(p+1)| with p documented, per engine. Two engines may differ by the
+        larger of their bounds: the principal error constants of two methods differ by less than one.
     step, rtol : for engines whose options give neither; without any of them a step is chosen such that the bounds judge
     run, truth : what runs and what knows the truth; the fixtures of the pytest plugin, to run each engine only once
 
@@ -55,16 +59,16 @@ def assert_agree(scene: Scene | str, engines: Sequence[Entry], tol: Any = None, 
     ------
     AssertionError
         Names quantity, bound, reason, first time of violation and worst body.
-    ArgumentError, SceneError, Unsupported, EngineError
-        As `crosscheck.run`.
+    ArgumentError, SceneError, Unsupported, EngineError, TruthError
+        As `crosscheck.run` and `crosscheck.truth`.
     """
     from crosscheck import references, running, scene_file
 
-    if not engines:
-        raise ArgumentError("engines: at least one is needed")
-    loaded = scene_file.load_scene(scene) if isinstance(scene, str) else scene
+    loaded = scene_file.as_scene(scene)
+    entries = _entries(engines)
+    tol = _checked(tol)
     reference = (truth or references.truth)(loaded)
-    contenders = [_contender(entry, loaded, reference, step, rtol) for entry in engines]
+    contenders = [_contender(entry, loaded, reference, step, rtol) for entry in entries]
     trajectories = [(run or running.run)(loaded, each.engine, each.method, **dict(each.options)) for each in contenders]
     bounds = [_bounds(loaded, reference, each, traj, tol) for each, traj in zip(contenders, trajectories, strict=True)]
     keep = reference.t <= reference.horizon * (1 + 1e-12)
@@ -78,6 +82,40 @@ def assert_agree(scene: Scene | str, engines: Sequence[Entry], tol: Any = None, 
                      larger, keep)
 
 
+def _entries(engines: Any) -> list[Entry]:
+    if isinstance(engines, str):
+        return [engines]
+    if not isinstance(engines, Iterable) or isinstance(engines, Mapping):
+        raise ArgumentError(f"engines: a name or a list of them is wanted, not {engines!r}")
+    entries = list(engines)
+    if not entries:
+        raise ArgumentError("engines: at least one is needed")
+    return entries
+
+
+def _checked(tol: Any) -> dict[str, Tol] | None:
+    """`tol` as a bound per quantity, None for the documented ones."""
+    if tol is None:
+        return None
+    if isinstance(tol, Mapping):
+        unknown = [name for name in tol if name not in QUANTITIES]
+        if unknown or not tol:
+            raise ArgumentError(f"tol: {unknown[0] if unknown else tol!r} is not understood: give a bound for any of "
+                                f"{', '.join(QUANTITIES)}")
+        return {name: _bound(f"tol[{name!r}]", bound) for name, bound in tol.items()}
+    return dict.fromkeys(QUANTITIES, _bound("tol", tol))
+
+
+def _bound(name: str, value: Any) -> Tol:
+    given = value.value if isinstance(value, Tol) else value
+    number = isinstance(given, numbers.Real) and not isinstance(given, bool)
+    if not number or not math.isfinite(given) or given < 0:
+        raise ArgumentError(f"{name}: {value!r} is not understood: give a number that is not negative, "
+                            "crosscheck.tolerances.Tol(value, why), a mapping of quantities to such, or None for the "
+                            "bounds of the documented order")
+    return value if isinstance(value, Tol) else Tol(float(given), "given by the caller")
+
+
 def _contender(entry: Entry, scene: Scene, truth: Reference, step: float | None, rtol: float | None) -> Contender:
     from crosscheck import engines
     from crosscheck.engines.base import RunSpec
@@ -85,22 +123,26 @@ def _contender(entry: Entry, scene: Scene, truth: Reference, step: float | None,
     options: dict[str, Any] = {}
     if isinstance(entry, str):
         engine, _, method = entry.partition(":")
-    elif isinstance(entry, tuple) and 2 <= len(entry) <= 3:
+    elif isinstance(entry, list | tuple) and 2 <= len(entry) <= 3:
         engine, method = entry[:2]
-        options = dict(entry[2]) if len(entry) == 3 else {}
+        given = entry[2] if len(entry) == 3 else {}
+        if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):
+            raise ArgumentError(f"engines: {entry!r}: the options are a dictionary of arguments of crosscheck.run")
+        options = dict(given)
     else:
         raise ArgumentError(f"engines: {entry!r} is not understood: give \"engine\", \"engine:method\" or "
                             "(engine, method, options)")
     adapter = engines.get(engine)
-    method = method or _best_method(adapter, scene)
-    if method not in adapter.methods:
+    if method is None or (isinstance(method, str) and not method):
+        method = _best_method(adapter, scene)
+    if not isinstance(method, str) or method not in adapter.methods:
         raise ArgumentError(f"engines: {engine} has no method {method!r}; it has {', '.join(adapter.methods)}")
     if "step" not in options and "rtol" not in options:
         order = adapter.documented_order(scene, RunSpec(method, step=1e-3, form=options.get("form")))
         if order is None:
-            options["rtol"] = rtol or 1e-9
+            options["rtol"] = 1e-9 if rtol is None else rtol
         else:
-            options["step"] = step or _judgeable_step(scene, truth, order)
+            options["step"] = _judgeable_step(scene, truth, order) if step is None else step
     return Contender(engine, method, tuple(sorted(options.items())))
 
 
@@ -124,17 +166,10 @@ def _judgeable_step(scene: Scene, truth: Reference, order: int) -> float:
     return plan_from_truth(scene, truth).steps[max(key for key in (1, 2, 4, 6, 8) if key <= order)]
 
 
-def _bounds(scene: Scene, truth: Reference, each: Contender, traj: Any, tol: Any) -> dict[str, Tol]:
-    if isinstance(tol, Tol):
-        return dict.fromkeys(QUANTITIES, tol)
-    if isinstance(tol, Mapping):
-        unknown = [name for name, bound in tol.items() if name not in QUANTITIES or not isinstance(bound, Tol)]
-        if unknown:
-            raise ArgumentError(f"tol: {unknown[0]!r} is not understood: give a Tol for any of {', '.join(QUANTITIES)}")
-        return dict(tol)
+def _bounds(scene: Scene, truth: Reference, each: Contender, traj: Any,
+            tol: dict[str, Tol] | None) -> dict[str, Tol]:
     if tol is not None:
-        raise ArgumentError(f"tol: {tol!r} has no reason: give crosscheck.tolerances.Tol(value, why), a mapping of "
-                            "quantities to such, or None for the bounds of the documented order")
+        return tol
     return _documented_bounds(scene, truth, each, traj)
 
 

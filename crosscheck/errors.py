@@ -1,4 +1,8 @@
-"""The errors a user of crosscheck can meet; nothing else is meant to reach him."""
+"""The errors a user of crosscheck can meet; nothing else is meant to reach him.
+
+Two more live where they arise: `crosscheck.TruthError` (the two formulations of a scene's truth disagree, see
+`crosscheck.references.base`) and `lieeuler.IntegrationError`, which carries the trajectory so far.
+"""
 
 
 class SceneError(Exception):

@@ -23,6 +23,10 @@ def crosscheck_run() -> Callable[..., Any]:
         loaded = _loaded(scene)
         # The hash leaves out the name, which a trajectory carries along.
         key = (loaded.hash, loaded.name, engine, method, tuple(sorted(options.items())))
+        try:
+            hash(key)
+        except TypeError:  # a list or an array among the arguments: let `crosscheck.run` say what is wrong with it
+            return _frozen(run_scene(loaded, engine, method, **options))
         if key not in remembered:
             remembered[key] = _frozen(run_scene(loaded, engine, method, **options))
         return remembered[key]
@@ -49,10 +53,9 @@ def crosscheck_truth() -> Callable[[Any], Any]:
 
 
 def _loaded(scene: Any) -> Any:
-    from crosscheck.scene import Scene
-    from crosscheck.scene_file import load_scene
+    from crosscheck.scene_file import as_scene
 
-    return scene if isinstance(scene, Scene) else load_scene(scene)
+    return as_scene(scene)
 
 
 def _frozen(record: Any) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 
 from crosscheck.scene import GROUND, Body, Force, Joint, Scene
 from crosscheck.scene_schema import (
+    LARGEST,
     BodyEntry,
     EntryError,
     ForceEntry,
@@ -28,6 +29,12 @@ _TORSION_JOINTS = ("revolute", "cylindrical")
 INERTIA_ROUNDING = 1e-12
 """Relative: entries written with 15 digits or computed in double precision stay symmetric and on the triangle bound
 (a thin disc, I_z = I_x + I_y) to about 1e-15; a thousandfold of that still catches every misprint."""
+
+SMALLEST = 1 / LARGEST
+"""Of masses, moments of inertia and durations: their reciprocals stay in range."""
+
+MOST_SAMPLES = 10**7
+"""Output times; the states of one body there take a gigabyte and a half."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,10 +66,17 @@ def draft(entry: SceneEntry) -> Draft:
 def _check_run(entry: SceneEntry) -> None:
     if not entry.name.strip():
         raise EntryError("name", "is empty", "give the scene a name")
+    if set(entry.name) & set("/\\") or not entry.name.isprintable() or not entry.name.strip("."):
+        raise EntryError("name", f"{entry.name!r} cannot be part of a file's name, as reports need it",
+                         "leave out slashes, backslashes and control characters, and add a letter")
     if entry.duration <= 0:
         raise EntryError("duration", f"{entry.duration:g} s is not positive", "write a number of seconds > 0")
+    if entry.duration < SMALLEST:
+        raise EntryError("duration", f"{entry.duration:g} s is out of range", f"write a number above {SMALLEST:g}")
     if entry.samples < 2:
         raise EntryError("samples", f"{entry.samples} is too few, start and end are two", "write a whole number >= 2")
+    if entry.samples > MOST_SAMPLES:
+        raise EntryError("samples", f"{entry.samples} is too many", f"write a whole number <= {MOST_SAMPLES}")
     if not entry.bodies:
         raise EntryError("bodies", "the scene has none", "add at least one [[bodies]] table")
 
@@ -81,6 +95,8 @@ def _check_names(group: str, names: Sequence[str]) -> None:
 def _body(entry: str, body: BodyEntry) -> Body:
     if body.mass <= 0:
         raise EntryError(f"{entry}: mass", f"{body.mass:g} kg is not positive", "write a number of kg > 0")
+    if body.mass < SMALLEST:
+        raise EntryError(f"{entry}: mass", f"{body.mass:g} kg is out of range", f"write a number above {SMALLEST:g}")
     inertia = _inertia(f"{entry}: inertia", np.array(body.inertia))
     attitude = _unit(f"{entry}: attitude", body.attitude, "write a quaternion w, x, y, z, say [1.0, 0.0, 0.0, 0.0]")
     return Body(body.name, body.mass, inertia, attitude, np.array(body.angular_velocity),
@@ -101,6 +117,9 @@ def _inertia(entry: str, inertia: np.ndarray) -> np.ndarray:
     if moments[0] <= INERTIA_ROUNDING * size:
         raise EntryError(entry, f"not positive definite, principal moments {shown} kg m^2",
                          "write an inertia about the COM whose principal moments are all > 0")
+    if moments[0] < SMALLEST:
+        raise EntryError(entry, f"principal moments {shown} kg m^2 are out of range",
+                         f"write an inertia whose principal moments are above {SMALLEST:g}")
     if moments[2] > moments[0] + moments[1] + INERTIA_ROUNDING * size:
         raise EntryError(entry, f"principal moments {shown} kg m^2 break the triangle inequality: no body has them",
                          "make the largest at most the sum of the other two")

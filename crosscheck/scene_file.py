@@ -8,6 +8,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from crosscheck import assembly, scene_checks
 from crosscheck.errors import ArgumentError, SceneError
 from crosscheck.scene import Scene
@@ -43,10 +45,47 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     """
     path = _locate(name_or_path)
     try:
-        entry = decode(_read(path))
-        return assembly.completed(scene_checks.draft(entry))
+        return _assembled(scene_checks.draft(decode(_read(path))))
     except EntryError as error:
-        raise SceneError(f"{path}: {error}") from None
+        raise SceneError(f"{_shown(path)}: {error}") from None
+
+
+def as_scene(scene: Scene | str | os.PathLike[str]) -> Scene:
+    """`scene` itself, or the scene its name or path stands for.
+
+    Raises
+    ------
+    ArgumentError
+        It is none of the three.
+    SceneError
+        As `load_scene`.
+    """
+    if isinstance(scene, Scene):
+        return scene
+    if not isinstance(scene, str | os.PathLike):
+        raise ArgumentError(f"scene: a Scene, the name of a built-in one or a path is wanted, not "
+                            f"{type(scene).__name__}; the built-in scenes are {listed(scene_names())}")
+    return load_scene(scene)
+
+
+def _assembled(draft: scene_checks.Draft) -> Scene:
+    """The scene with its joints closed; also numbers each in range can together leave what doubles can solve."""
+    problem = "the numbers of this scene differ too much in size to close its joints in double precision"
+    mend = "bring masses, inertias and lengths nearer to each other, in SI units"
+    with np.errstate(all="ignore"):  # what overflows is found below
+        try:
+            scene = assembly.completed(draft)
+        except (np.linalg.LinAlgError, FloatingPointError, OverflowError):
+            raise EntryError("bodies", problem, mend) from None
+    if not all(np.isfinite(values).all() for values in (scene.x0, scene.R0, scene.v0, scene.w0)):
+        raise EntryError("bodies", problem, mend)
+    return scene
+
+
+def _shown(path: Path | str) -> str:
+    """A path for a message, which must neither break its line nor fail to print."""
+    text = str(path)
+    return text if text.isprintable() else ascii(text)
 
 
 def _folder() -> Path:
@@ -60,14 +99,14 @@ def _locate(name_or_path: str | os.PathLike[str]) -> Path:
     if not isinstance(name_or_path, str | os.PathLike):
         raise ArgumentError(f"a scene is named by text or a path, not by {type(name_or_path).__name__}; "
                             f"the built-in scenes are {listed(scene_names())}")
-    text = os.fspath(name_or_path)
+    text = os.fsdecode(name_or_path)
     path = Path(text)
     if path.suffix in _SUFFIXES:
         return path
     if isinstance(name_or_path, os.PathLike) or path.name != text:
-        raise SceneError(f"{text}: the name of the file: a scene file ends in .toml or .json; rename it")
+        raise SceneError(f"{_shown(text)}: the name of the file: a scene file ends in .toml or .json; rename it")
     if text not in scene_names():
-        raise SceneError(f'"{text}": no built-in scene has this name; {nearest(text, scene_names())}'
+        raise SceneError(f'"{_shown(text)}": no built-in scene has this name; {nearest(text, scene_names())}'
                          f"write one of {listed(scene_names())} or a path that ends in .toml or .json")
     return _folder() / f"{text}.toml"
 
@@ -81,11 +120,17 @@ def _read(path: Path) -> dict[str, Any]:
                          f"check the path, or write one of {listed(scene_names())}") from None
     except UnicodeDecodeError as error:
         raise EntryError("the file", f"byte {error.start} is not UTF-8", "save the file as UTF-8 text") from None
+    except ValueError:  # a zero byte, or characters that no file system can hold
+        raise EntryError("the name of the file", "no file can have it",
+                         f"correct it, or write one of {listed(scene_names())}") from None
     try:
         data = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text, object_pairs_hook=_distinct)
     except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
         kind = path.suffix[1:].upper()
         raise EntryError("syntax", f"not {kind}, {error}", f"write {kind} there") from None
+    except ValueError:  # Python refuses to convert integers of thousands of digits
+        raise EntryError("syntax", "a whole number has thousands of digits",
+                         "write numbers as 1.5 or 1.5e6") from None
     except RecursionError:
         raise EntryError("syntax", "nested too deeply", "a scene has tables of keys and rows of numbers only") from None
     if not isinstance(data, dict):

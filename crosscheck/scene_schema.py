@@ -13,6 +13,9 @@ import msgspec
 VERSION = 1
 """The version of the scene format this package reads."""
 
+LARGEST = 1e100
+"""Magnitude of the largest number a scene may hold; products of three such still are doubles."""
+
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 Quaternion = tuple[float, float, float, float]
@@ -223,6 +226,9 @@ def _check_table_keys(data: Any, path: tuple[str | int, ...], allowed: tuple[str
 def _check_finite(data: Any, node: Any, path: tuple[str | int, ...]) -> None:
     if isinstance(node, float) and not math.isfinite(node):
         raise EntryError(entry_name(data, path), f"{node} is not a finite number", "write a finite number")
+    if isinstance(node, int | float) and not isinstance(node, bool) and abs(node) > LARGEST:
+        shown = f"{node:g} is" if isinstance(node, float) else "number"
+        raise EntryError(entry_name(data, path), f"{shown} out of range", f"write a number below {LARGEST:g}")
     if isinstance(node, dict | list):
         for key, value in node.items() if isinstance(node, dict) else enumerate(node):
             _check_finite(data, value, (*path, key))

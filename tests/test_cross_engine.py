@@ -1,6 +1,7 @@
 """The four scenes on four engines: each against truth, and every two against each other."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -111,13 +112,40 @@ def test_engines_are_compared_with_each_other_too(spoiling, crosscheck_truth):
     (["mujoco:RK5"], {}, "has no method 'RK5'"),
     (["bullet"], {}, "bullet"),
     ([("mujoco",)], {}, "not understood"),
-    (["mujoco:RK4"], {"tol": 1e-6}, "has no reason"),
+    ([("mujoco", "RK4", 1e-3)], {}, "options are a dictionary"),
+    ([3], {}, "3 is not understood"),
+    (3, {}, "^engines: .*3"),
+    ([(["mujoco"], "RK4")], {}, "^engine: .*not list"),
+    ([("mujoco", 4)], {}, "has no method 4"),
+    (["mujoco:RK4"], {"tol": "tight"}, "^tol: 'tight'"),
+    (["mujoco:RK4"], {"tol": True}, "^tol: True"),
+    (["mujoco:RK4"], {"tol": -1e-6}, "^tol: -1e-06"),
+    (["mujoco:RK4"], {"tol": float("nan")}, "^tol: nan"),
+    (["mujoco:RK4"], {"tol": {"position": "tight"}}, r"^tol\['position'\]: 'tight'"),
+    (["mujoco:RK4"], {"tol": {}}, "^tol: {}"),
+    (["mujoco:RK4"], {"step": 0}, "^step: .*positive"),
     (["mujoco:RK4"], {"tol": {"speed": Tol(1.0, "why")}}, "'speed'"),
     (["mujoco:Euler"], {"step": 0.05}, "would pass anything"),
 ])
 def test_mistakes_are_explained(agree, engines, options, message):
     with pytest.raises(ArgumentError, match=message):
         agree(shortened("single_pendulum", 1.0), engines, **options)
+
+
+@pytest.mark.parametrize("engines", [
+    "mujoco:RK4", "mujoco", ("mujoco:RK4", "pinocchio"), [["mujoco", "RK4", {"step": 1e-2}], ("pinocchio", "RKMK4")],
+])
+def test_engines_and_bounds_in_every_spelling(agree, engines):
+    """1e-4 lies between what RK4 does at 10 ms (some 1e-8 rad/s) and what Euler does (more than 1e-3)."""
+    scene = shortened("single_pendulum", 1.0)
+    for tol in (1e-4, np.float64(1e-4), Tol(1e-4, "mine"), {"position": 1e-4, "attitude": Tol(1e-4, "mine")}):
+        agree(scene, engines, tol, step=1e-2)
+        with pytest.raises(AssertionError, match=r"allowed 0\.0001 .*\((given by the caller|mine)\)"):
+            agree(scene, "mujoco:Euler", tol, step=1e-2)
+
+
+def test_a_scene_by_path(agree):
+    agree(Path(__file__).parents[1] / "scenarios" / "single_pendulum.toml", "mujoco:RK4", 1e-4, step=1e-2)
 
 
 def test_engine_alone_takes_its_most_accurate_method_and_a_step_that_judges(agree):

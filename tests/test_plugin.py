@@ -48,8 +48,12 @@ def test_a_failed_run_is_tried_again(pytester):
         import crosscheck
 
         @pytest.mark.parametrize("attempt", [1, 2])
-        def test_refused(crosscheck_run, attempt):
+        def test_refused(crosscheck_run, crosscheck_truth, attempt):
             with pytest.raises(crosscheck.ArgumentError, match="step"):
                 crosscheck_run("single_pendulum", "mujoco", "RK4")
+            with pytest.raises(crosscheck.ArgumentError, match="^engine: .*not list"):
+                crosscheck_run("single_pendulum", ["mujoco"], "RK4")
+            with pytest.raises(crosscheck.ArgumentError, match="^scene: .*not int"):
+                crosscheck_truth(3)
         """)
     pytester.runpytest_subprocess().assert_outcomes(passed=2)

@@ -3,6 +3,8 @@
 import dataclasses
 import subprocess
 import sys
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import pytest
 import crosscheck
 from crosscheck import engines, running
 from crosscheck.engines.base import RawRun, RunSpec, steps_per_sample
-from crosscheck.errors import ArgumentError, EngineError, Unsupported
+from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported
 from crosscheck.scene import Scene
 from crosscheck.states import States
 
@@ -51,9 +53,82 @@ def test_a_wrong_argument_is_named_with_what_is_allowed(scene: Scene, arguments:
         assert word in str(caught.value)
 
 
-def test_a_scene_name_in_place_of_a_scene(scene: Scene) -> None:
-    with pytest.raises(ArgumentError, match=r"scene: .*load_scene"):
-        crosscheck.run("single_pendulum", "mujoco", "RK4", step=0.01)
+def test_a_scene_name_or_path_in_place_of_a_scene(scene: Scene, tmp_path: Path) -> None:
+    by_name = crosscheck.run("single_pendulum", "mujoco", "RK4", step=0.01, duration=0.2, samples=3)
+    path = tmp_path / "mine.toml"
+    path.write_text((Path(__file__).parents[1] / "scenarios" / "single_pendulum.toml").read_text())
+    by_path = crosscheck.run(path, "mujoco", "RK4", step=0.01, duration=0.2, samples=3)
+    whole = crosscheck.run(scene, "mujoco", "RK4", step=0.01)
+    assert by_name.x.tolist() == by_path.x.tolist() == whole.x.tolist()
+    assert crosscheck.truth(path).states.x.tolist() == crosscheck.truth("single_pendulum").states.x.tolist()
+    with pytest.raises(SceneError, match="did you mean"):
+        crosscheck.run("single_pendulun", "mujoco", "RK4", step=0.01)
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda s: crosscheck.run(3, "mujoco", "RK4", step=0.1), r"^scene: .*not int"),
+    (lambda s: crosscheck.truth(3), r"^scene: .*not int"),
+    (lambda s: crosscheck.assert_agree(3, ["mujoco"]), r"^scene: .*not int"),
+    (lambda s: crosscheck.run(s, ["mujoco"], "RK4", step=0.1), r"^engine: .*not list"),
+    (lambda s: crosscheck.methods([]), r"^engine: .*not list"),
+    (lambda s: crosscheck.run(s, "mujoco", np.array(["RK4", "Euler"]), step=0.1), r"^method: .*not ndarray"),
+    (lambda s: crosscheck.run(s, "mujoco", None, step=0.1), r"^method: .*not NoneType"),
+    (lambda s: crosscheck.run(s, "mujoco", "RK4", step=np.array([0.1, 0.2])), r"^step: "),
+    (lambda s: crosscheck.run(s, "mujoco", "RK4", step=1j), r"^step: "),
+    (lambda s: crosscheck.run(s, "mujoco", "RK4", step=10**5000), r"^step: .*this int"),
+    (lambda s: crosscheck.run(s, "mujoco", "RK4", step=1e-300), r"^step: .*1e\+10 steps"),
+    (lambda s: crosscheck.run(s, "mujoco", "RK4", step=1e-3, duration=1e300), r"^step: .*shorter duration"),
+    (lambda s: crosscheck.run(s, "mujoco", "RK4", step=0.1, samples=10**30), r"^samples: "),
+    (lambda s: crosscheck.run(s, "mujoco", "RK4", step=0.1, form=["tree"]), r"^form: "),
+    (lambda s: crosscheck.run(s, "mujoco", "RK4", step=0.1, form=np.array(["tree", "x"])), r"^form: "),
+    (lambda s: crosscheck.run(s, "lieeuler", "DAE1L_LSE", step=0.1, alpha="big"), r"^alpha: "),
+    (lambda s: crosscheck.run(s, "mujoco", "RK4", step=0.1, spin_free=1), r"^spin_free: True or False"),
+    (lambda s: crosscheck.run(s, "mujoco", "RK4", step=0.1, monitor=np.array([True, False])), r"^monitor: "),
+])
+def test_an_argument_of_the_wrong_type_is_named(scene: Scene, call: Callable[[Scene], object], words: str) -> None:
+    with pytest.raises(ArgumentError, match=words):
+        call(scene)
+
+
+def test_numpy_scalars_are_numbers(scene: Scene) -> None:
+    plain = crosscheck.run(scene, "mujoco", "RK4", step=0.01, samples=5, duration=0.4)
+    for kind in (np.float16, np.float32, np.longdouble):
+        found = crosscheck.run(scene, "mujoco", "RK4", step=kind("0.01"), samples=np.int64(5), duration=kind("0.4"),
+                               monitor=np.False_, spin_free=np.False_)
+        assert found.steps == plain.steps == 40  # with the float32 next below 0.01 it would be 44
+        assert found.x.tolist() == plain.x.tolist()
+        assert "energy_error" not in found.stats
+    assert crosscheck.run(scene, "mujoco", "RK4", step=np.array(0.01), samples=np.array(3)).steps == 20
+
+
+def test_lieeulers_argument_errors_reach_the_user_as_ours(scene: Scene) -> None:
+    with pytest.raises(ArgumentError, match=r"^alpha and beta belong to BAUMGARTE_LE"):
+        crosscheck.run(scene, "lieeuler", "DAE1L_LSE", step=0.01, alpha=5.0)
+    with pytest.raises(ArgumentError, match=r"^rattle4 composes symmetric steps"):
+        crosscheck.run(scene, "lieeuler", "rattle4", step=0.01, coordinate_map="ccsk")
+
+
+@pytest.mark.parametrize(("engine", "method", "form", "other"), [
+    ("lieeuler", "DAE1L_LSE", "maximal", "tree"), ("mujoco", "RK4", "tree", "maximal"),
+    ("pinocchio", "RKMK4", "tree", "pivot"), ("exudyn", "RK44", "pivot", "maximal"),
+])
+def test_every_engine_takes_form_and_spin_free(scene: Scene, engine: str, method: str, form: str, other: str) -> None:
+    free = crosscheck.run(scene, engine, method, step=0.01)
+    named = crosscheck.run(scene, engine, method, step=0.01, form=form, spin_free=False)
+    assert named.form == form
+    assert named.x.tolist() == free.x.tolist()
+    with pytest.raises(Unsupported, match=rf"{engine} {method} .*form"):
+        crosscheck.run(scene, engine, method, step=0.01, form=other)
+    with pytest.raises(Unsupported, match=f"{engine} {method}: spin_free=True"):
+        crosscheck.run(scene, engine, method, step=0.01, spin_free=True)
+
+
+def test_disagreeing_truth_is_a_public_error(scene: Scene) -> None:
+    from crosscheck.references.base import TruthError
+
+    assert crosscheck.TruthError is TruthError
+    assert "TruthError" in crosscheck.__all__
+    assert "TruthError" in crosscheck.truth.__doc__
 
 
 def test_overrides_of_samples_and_duration(scene: Scene) -> None:
@@ -141,13 +216,13 @@ def test_other_packages_offer_engines_by_entry_point(monkeypatch: pytest.MonkeyP
     points = EntryPoints([EntryPoint("broken", f"{__name__}:_Broken", "crosscheck.engines"),
                           EntryPoint("mujoco", f"{__name__}:_Broken", "crosscheck.engines")])
     monkeypatch.setattr("importlib.metadata.entry_points", lambda **wanted: points.select(**wanted))
-    engines.get.cache_clear()
+    engines._get.cache_clear()
     try:
         assert engines.names()[-1] == "broken"
         assert engines.get("broken").methods == ("only",)
         assert engines.get("mujoco").methods != ("only",)  # a built-in name stays built in
     finally:
-        engines.get.cache_clear()
+        engines._get.cache_clear()
 
 
 def test_importing_the_runner_loads_no_engine() -> None:

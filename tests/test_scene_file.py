@@ -178,6 +178,8 @@ def test_a_wrong_file_is_answered_with_file_entry_and_mend(changes, entry, mend,
     ("list.json", "[1]", "the file: holds a list", "write one JSON object"),
     ("deep.json", "[" * 100_000, "syntax: nested too deeply", "rows of numbers only"),
     ("empty.toml", "", "schema: missing", "add schema = 1"),
+    ("long.toml", f"schema = {'1' * 5000}\n", "syntax: a whole number has thousands of digits", "1.5e6"),
+    ("long.json", f'{{"schema": {"1" * 5000}}}', "syntax: a whole number has thousands of digits", "1.5e6"),
 ])
 def test_a_broken_file_is_answered_with_file_entry_and_mend(name, text, entry, mend, written):
     path = written(text, name)
@@ -201,6 +203,27 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
     folder.mkdir()
     with pytest.raises(SceneError, match=r"folder\.toml: the file: cannot be read, is a directory; check the path"):
         load_scene(folder)
+
+
+@pytest.mark.parametrize("name", ["a\0.toml", "a\ud800.json"])
+def test_a_path_no_file_can_have_is_refused_in_printable_words(name):
+    with pytest.raises(SceneError, match="the name of the file: no file can have it; correct it") as caught:
+        load_scene(name)
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("outcome", [np.linalg.LinAlgError("SVD did not converge"), OverflowError(), np.nan])
+def test_what_doubles_cannot_solve_is_refused(written, monkeypatch, outcome):
+    """Whatever numbers lead there: the closing of the joints fails, or ends in what is no number."""
+    def completed(draft):
+        if isinstance(outcome, Exception):
+            raise outcome
+        return draft.scene.replace(bodies=tuple(dataclasses.replace(body, velocity=[outcome] * 3)
+                                                for body in draft.scene.bodies))
+
+    monkeypatch.setattr("crosscheck.assembly.completed", completed)
+    with pytest.raises(SceneError, match=r"made\.json: bodies: .* differ too much in size .*; bring masses"):
+        load_scene(written(SCENE))
 
 
 def test_an_unknown_name_lists_the_known_ones():

@@ -30,12 +30,18 @@ def names() -> tuple[str, ...]:
     return (*_ADAPTERS, *sorted(offered - set(_ADAPTERS)))
 
 
-@functools.cache
 def get(name: str) -> Engine:
     """The adapter called `name`; a built-in name cannot be taken over by an entry point.
 
-    Raises `ArgumentError` where there is none.
+    Raises `ArgumentError` where there is none, or where `name` is no text.
     """
+    if not isinstance(name, str):
+        raise ArgumentError(f"engine: a name is wanted, not {type(name).__name__}; allowed: {', '.join(names())}")
+    return _get(str(name))
+
+
+@functools.cache
+def _get(name: str) -> Engine:
     if name in _ADAPTERS:
         module, adapter = _ADAPTERS[name]
         return getattr(importlib.import_module(module), adapter)()

@@ -1,4 +1,4 @@
-"""What an engine adapter is: two methods, one request, one raw result. An engine knows no tolerance."""
+"""What an engine adapter is: what it can do, one request, one raw result. An engine knows no tolerance."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class RunSpec:
     form: str | None = None  # "tree" | "maximal" | "pivot"; None: the best that fits the scene
     monitor: bool = True  # evaluate energy, constraint levels and orthogonality after every step
     coordinate_map: str | None = None
-    spin_free: bool | None = None
+    spin_free: bool | None = None  # only ever given to an engine that lists it in `options`
     alpha: float | None = None
     beta: float | None = None
 
@@ -30,7 +30,8 @@ class RunSpec:
 class RawRun:
     """What `Engine.run` returns: states at the scene's output times, and what stepping cost.
 
-    `maxima` covers every step (keys of `crosscheck.trajectory.MAXIMA`); an adapter builds it with
+    `maxima` covers every step (keys of `crosscheck.trajectory.MAXIMA`), `constraint_acceleration` included where the
+    engine has accelerations; an adapter builds it with
     `crosscheck.trajectory.Monitor`, or leaves it None when `spec.monitor` is false.
     """
 
@@ -45,7 +46,11 @@ class RawRun:
 
 
 class Engine(Protocol):
-    """An engine adapter."""
+    """An engine adapter.
+
+    It may also have `options` (names of the optional fields of `RunSpec` it knows; without it, all), `adaptive_methods`
+    (those that take rtol; with it, the others must be given a step) and `forms` (model forms, the preferred one first).
+    """
 
     name: str
     methods: tuple[str, ...]
@@ -54,7 +59,10 @@ class Engine(Protocol):
         """Version of the engine as installed."""
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
-        """Order of accuracy the engine's documentation or the method's theory claims; None for adaptive methods."""
+        """Order of accuracy claimed by the engine's documentation or the method's users; None for adaptive methods.
+
+        A claim known to be wrong stays, with an entry in `crosscheck.known`.
+        """
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """Constraint levels ("position", "velocity", "acceleration") this method holds at rounding by construction."""

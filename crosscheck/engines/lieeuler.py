@@ -68,7 +68,7 @@ class LieEuler:
     methods = tuple(lieeuler.METHODS)
     forms = ("maximal",)
     adaptive_methods: tuple[str, ...] = ()
-    options = frozenset({"coordinate_map", "alpha", "beta"})
+    options = frozenset({"form", "coordinate_map", "alpha", "beta"})
 
     def version(self) -> str:
         """Version of the installed package."""

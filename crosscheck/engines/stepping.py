@@ -40,14 +40,15 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
           accelerate: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> RawRun:
     """Run a fixed-step engine over the scene; `wall_time` covers the calls of `advance` only.
 
-    `accelerate` maps one (q, v) to joint accelerations and is called at the samples. Raises `EngineError` when the
-    state stops being finite.
+    `accelerate` maps histories (q, v), one row per time, to joint accelerations; it is called for every step where
+    `spec.monitor` is on, for the samples otherwise. Raises `EngineError` when the state stops being finite.
     """
     per, h = fixed_step(scene, spec)
     total = per * (scene.samples - 1)
     monitor = _monitor(scene) if spec.monitor else None
     stride, chunk = (1, CHUNK) if spec.monitor else (per, total)
-    kept, done, wall = [tuple(part[None] for part in initial)], 0, 0.0
+    q, v = (part[None] for part in initial)
+    kept, done, wall = [(q, v, accelerate(q, v))], 0, 0.0
     with np.errstate(over="ignore", invalid="ignore"):  # a diverging run is reported below, with its time
         while done < total:
             count = min(chunk, total - done)
@@ -56,15 +57,14 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
             wall += time.perf_counter() - start
             steps = np.arange(done + stride, done + count + 1, stride)
             check_finite(spec.method, steps * h, q, v)
+            a = accelerate(q, v)
             if monitor is not None:
-                states = convert(steps * h, q, v, None)
-                monitor.update(states.x, states.R, states.v, states.w)
+                states = convert(steps * h, q, v, a)
+                monitor.update(states.x, states.R, states.v, states.w, states.a, states.alpha)
             on_sample = steps % per == 0
-            kept.append((q[on_sample], v[on_sample]))
+            kept.append((q[on_sample], v[on_sample], a[on_sample]))
             done += count
-    q, v = (np.concatenate(parts) for parts in zip(*kept, strict=True))
-    a = np.array([accelerate(*pair) for pair in zip(q, v, strict=True)])
-    states = convert(scene.t, q, v, a)
+    states = convert(scene.t, *(np.concatenate(parts) for parts in zip(*kept, strict=True)))
     return RawRun(states, wall, total, h, maxima=maxima(monitor, states), form=spec.form)
 
 
@@ -75,7 +75,7 @@ def _monitor(scene: Scene) -> Monitor:
 
 
 def maxima(monitor: Monitor | None, states: States) -> dict[str, float] | None:
-    """What `monitor` saw, once it has seen the samples too: only they have accelerations, and t = 0 is one of them."""
+    """What `monitor` saw, once it has seen the samples too: t = 0 is one of them."""
     if monitor is None:
         return None
     monitor.update(states.x, states.R, states.v, states.w, states.a, states.alpha)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import crosscheck
-from crosscheck import engines, mechanics
+from crosscheck import engines, mechanics, trajectory
 from crosscheck.engines import exudyn as exudyn_adapter
 from crosscheck.engines import exudyn_models, tree
 from crosscheck.engines import mujoco as mujoco_adapter
@@ -215,13 +215,36 @@ def test_monitor_sees_every_step(engine: str, method: str, form: str) -> None:
     assert np.abs(unwatched.states.x - seldom.states.x).max() < ROUNDING
     assert seldom.maxima["energy_error"] == pytest.approx(np.abs(always.energy - always.energy[0]).max() / kinetic,
                                                           rel=1e-9, abs=ROUNDING)  # sums in another order
+    if "constraint_acceleration" in always.stats:
+        assert seldom.maxima["constraint_acceleration"] == pytest.approx(
+            always.stats["constraint_acceleration"], rel=1e-9, abs=ROUNDING)
     velocity = always.constraint_velocity.max()
     assert seldom.maxima["constraint_velocity"] == pytest.approx(velocity, rel=1e-9, abs=ROUNDING)
 
 
+@pytest.mark.parametrize(("engine", "method"), [("mujoco", "RK4"), ("pinocchio", "RKMK4")])
+def test_accelerations_of_every_step_are_watched(engine: str, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The monitor sees each step's acceleration, at that step's state; unmonitored runs evaluate the samples only."""
+    seen = []
+    update = trajectory.Monitor.update
+
+    def spy(self: trajectory.Monitor, *states: np.ndarray) -> None:
+        seen.append(states)
+        update(self, *states)
+
+    monkeypatch.setattr(trajectory.Monitor, "update", spy)
+    scene = crosscheck.load_scene("double_pendulum").replace(duration=0.5, samples=2)
+    found = crosscheck.run(scene, engine, method, step=1e-2)
+    x, R, v, w, a, alpha = (np.concatenate(parts) for parts in zip(*seen, strict=True))
+    assert len(a) == found.steps + scene.samples  # the samples once more, for t = 0
+    wanted = mechanics.index1(scene, x, R, v, w)
+    assert _relative(a, wanted[0]) < 1e-10  # conditioning of two different eliminations of the same system
+    assert _relative(alpha, wanted[1]) < 1e-10
+
+
 def test_held_levels_are_held() -> None:
     scene = crosscheck.load_scene("double_pendulum")
-    # rounding levels of the issue over 10 s; accelerations are those of the samples
+    # rounding levels of the issue over 10 s
     bounds = {"position": 1e-12, "velocity": 1e-11, "acceleration": 1e-9}
     for name in ("mujoco", "pinocchio", "exudyn"):
         adapter = engines.get(name)

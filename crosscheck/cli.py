@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import json
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,7 +26,7 @@ EngineNames = Annotated[list[str] | None, typer.Option("--engine", help="may be 
 def verify(
     scene: SceneNames = None,
     engine: EngineNames = None,
-    profile: Annotated[str, typer.Option(help="default, or smoke: no order and timing studies")] = "default",
+    profile: Annotated[str, typer.Option(help="default, or smoke: first seconds, three steps, no timing")] = "default",
     jobs: Annotated[int, typer.Option(help="worker processes")] = 2,
     out: Annotated[Path, typer.Option(help="folder of the report")] = Path("reports/latest"),
     as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
@@ -36,6 +37,7 @@ def verify(
     """
     from crosscheck import verify as job
 
+    job.check_out(out)
     with _progress() as progress:
         results = job.verify(profile, scene, engine, jobs, progress)
         page = job.write(results, out)
@@ -79,6 +81,7 @@ def list_() -> None:
     from rich.table import Table
 
     from crosscheck import engines
+    from crosscheck.provenance import NOT_INSTALLED, engine_version
     from crosscheck.scene_file import load_scene, scene_names
 
     scenes = Table("scene", "bodies", "duration", "what it is", box=None, title="scenes", title_justify="left")
@@ -87,7 +90,9 @@ def list_() -> None:
         scenes.add_row(name, str(loaded.n), f"{loaded.duration:g} s", loaded.description)
     table = Table("engine", "version", "methods", box=None, title="engines", title_justify="left")
     for name in engines.names():
-        table.add_row(name, engines.get(name).version(), " ".join(engines.methods(name)))
+        version = engine_version(name)
+        methods = "" if version == NOT_INSTALLED and not _importable(name) else " ".join(engines.methods(name))
+        table.add_row(name, version, methods)
     console = _console()
     console.print(scenes)
     console.print()
@@ -119,20 +124,49 @@ def truth(
 
 
 def main() -> None:
-    """Entry point: a user's mistake and a failing engine end in one clear line, exit code 2."""
+    """Entry point: whatever goes wrong ends in one clear line, exit code 2; 1 is left to verdicts that fail."""
     try:
         app()
-    except BaseException as error:
-        if not _is_ours(error):
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):
+            raise SystemExit(2) from None  # the reader, `head` say, has seen enough
+        if end.code == INTERRUPTED:
+            _complain("interrupted; nothing was written")
+        raise
+    except KeyboardInterrupt:
+        _complain("interrupted; nothing was written")
+        raise SystemExit(INTERRUPTED) from None
+    except Exception as error:
+        if os.environ.get("CROSSCHECK_TRACEBACK"):
             raise
-        print(f"crosscheck: {' '.join(str(error).split())}", file=sys.stderr)
+        _complain(str(error) if _is_ours(error) else
+                  f"{type(error).__name__}: {error} (CROSSCHECK_TRACEBACK=1 in the environment shows where)")
         raise SystemExit(2) from None
 
 
-def _is_ours(error: BaseException) -> bool:
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it: 128 and the number of the signal."""
+
+
+def _complain(message: str) -> None:
+    print(f"crosscheck: {' '.join(message.split())}", file=sys.stderr)
+
+
+def _is_ours(error: Exception) -> bool:
     """Whether the message of this error is written for the user. `lieeuler` is not imported only to ask."""
     ours = (SceneError, Unsupported, EngineError, ArgumentError)
-    return isinstance(error, ours) or (isinstance(error, Exception) and type(error).__module__.startswith("lieeuler"))
+    return isinstance(error, ours) or type(error).__name__ == "TruthError" or type(error).__module__.startswith(
+        "lieeuler")
+
+
+def _importable(engine: str) -> bool:
+    from crosscheck import engines
+
+    try:
+        engines.get(engine)
+    except ImportError:
+        return False
+    return True
 
 
 def _console() -> Any:
@@ -154,7 +188,8 @@ def _progress() -> Iterator[Any]:
         yield lambda done, total, label: bar.update(task, completed=done, total=total, description=label)
 
 
-MARKS = {"pass": "✓ pass", "known": "≈ known", "fail": "✗ FAIL", "error": "‼ ERROR", "unsupported": "– n/a"}
+MARKS = {"pass": "✓ pass", "known": "≈ known", "fail": "✗ FAIL", "error": "‼ ERROR",
+         "unjudged": "? unjudged", "unsupported": "– n/a"}
 STYLES = {"fail": "bold red", "error": "bold red", "known": "yellow", "unsupported": "dim"}
 
 
@@ -169,28 +204,36 @@ def _print_verdicts(results: Any, page: Path) -> None:
         position = record.errors.get("position", {})
         order = record.orders.get("position", {}).get("observed")
         table.add_row(
-            record.scene, record.label, MARKS[record.outcome], _size(record), "" if order is None else f"{order:.2f}",
+            record.scene, record.label, _mark(record), _size(record), "" if order is None else f"{order:.2f}",
             _number(position.get("judged")), _number(position.get("bound")),
             "" if record.judged_until is None else f"{record.judged_until:g} s", _number(record.energy_error),
             "" if record.us_per_step is None else f"{record.us_per_step:.3g}", style=STYLES.get(record.outcome, ""))
     console.print(table)
     for record in results.records:
         if record.outcome != "pass":
-            typer.echo(f"{MARKS[record.outcome]}  {record.scene}, {record.label}: {describe_worst(record)}")
+            typer.echo(f"{_mark(record)}  {record.scene}, {record.label}: {describe_worst(record)}")
     counts = {outcome: sum(record.outcome == outcome for record in results.records) for outcome in MARKS}
     typer.echo(", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count)
                + f" of {len(results.records)} runs in {results.meta['seconds']:.0f} s")
     for scene in results.scenes:
         if "failure" in scene:
             typer.echo(f"no truth for {scene['name']}: {scene['failure']}")
+        elif scene.get("disputed"):
+            typer.echo(f"truth of {scene['name']} failed: {scene['no_truth']}")
     # Not through Rich: a path that is folded cannot be clicked or copied.
     typer.echo(f"report: {page}")
+
+
+def _mark(record: Any) -> str:
+    """Symbol and word of a record's outcome; failures stand out in capitals."""
+    return MARKS[record.outcome] if record.outcome in ("fail", "error") else (
+        f"{MARKS[record.outcome].split()[0]} {record.word}")
 
 
 def describe_worst(record: Any) -> str:
     """The worst finding of a record in one line."""
     worst = record.worst
-    if record.outcome in ("error", "unsupported") or worst is None:
+    if record.outcome in ("error", "unsupported", "unjudged") or worst is None:
         return record.message
     if worst.kind in ("run", "vanished", "step"):
         return f"{worst.kind}: {worst.detail}"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
 import dataclasses
 import multiprocessing
 import os
+import signal
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
@@ -24,6 +26,8 @@ def _prepare_worker() -> None:
     """One thread per worker, so that two workers do not time each other; engines' chatter must not mix with --json."""
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
+    # Ctrl-C reaches the whole process group; the parent alone answers it, and ends its workers.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     silence = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silence, 1)
     os.close(silence)
@@ -42,9 +46,26 @@ def _pool(workers: int) -> concurrent.futures.ProcessPoolExecutor:
         workers, mp_context=multiprocessing.get_context("spawn"), initializer=_prepare_worker)
 
 
+@contextlib.contextmanager
+def _stopping(pool: concurrent.futures.ProcessPoolExecutor) -> Iterator[concurrent.futures.ProcessPoolExecutor]:
+    """The pool; after an interrupt its workers end at once, where leaving it would wait for their tasks."""
+    try:
+        with pool:
+            try:
+                yield pool
+            except KeyboardInterrupt:
+                # The executor offers no way to stop a running task before Python 3.14.
+                for process in list((pool._processes or {}).values()):
+                    process.terminate()
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
 def _alone(function: Callable[[Any], Any], task: Any) -> Any:
     """Run a task in a worker of its own; if that worker dies, the task is what killed it."""
-    with _pool(1) as pool:
+    with _stopping(_pool(1)) as pool:
         try:
             return pool.submit(_guarded, function, task).result()
         except BrokenProcessPool:
@@ -87,7 +108,7 @@ def _drain(function: Callable[[Any], Any], waiting: list[tuple[int, Any]], jobs:
     """Work off `waiting` until it is empty or a worker dies; returns the tasks that were in flight then."""
     flying: dict[concurrent.futures.Future[Any], tuple[int, Any]] = {}
     broken = False
-    with _pool(min(jobs, len(waiting))) as pool:
+    with _stopping(_pool(min(jobs, len(waiting)))) as pool:
         while (waiting or flying) and not broken:
             while waiting and len(flying) < jobs and not broken:
                 try:

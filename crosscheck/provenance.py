@@ -12,15 +12,14 @@ from pathlib import Path
 from typing import Any
 
 PACKAGES = ("lieeuler-crosscheck", "numpy", "scipy", "heyoka")
+NOT_INSTALLED = "not installed"
 
 
 def describe(engine_names: Iterable[str]) -> dict[str, Any]:
     """Versions of everything that takes part, the machine, the time (UTC) and, in a git checkout, the commit."""
-    from crosscheck import engines
-
     return {
         "time": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "engines": {name: engines.get(name).version() for name in engine_names},
+        "engines": {name: engine_version(name) for name in engine_names},
         "packages": {name: _version(name) for name in PACKAGES},
         "python": platform.python_version(),
         "machine": {"system": f"{platform.system()} {platform.machine()}", "processor": _processor(),
@@ -29,11 +28,21 @@ def describe(engine_names: Iterable[str]) -> dict[str, Any]:
     }
 
 
+def engine_version(name: str) -> str:
+    """Version of an engine, or "not installed" where its package, or a package it needs, is missing."""
+    from crosscheck import engines
+
+    try:
+        return engines.get(name).version()
+    except ImportError:  # PackageNotFoundError is one
+        return NOT_INSTALLED
+
+
 def _version(package: str) -> str:
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
-        return "not installed"
+        return NOT_INSTALLED
 
 
 def _processor() -> str:

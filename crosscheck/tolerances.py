@@ -162,13 +162,21 @@ def momentum(scene: Scene, truth: Reference, bounds: dict[str, Tol]) -> Tol:
     return Tol(float(value), "what the bounds of the states allow: sum of m x dv, m v dx, J dw and J w dR")
 
 
-def held_level(scene: Scene, truth: Reference, level: str) -> Tol:
-    """Rounding level of a constraint level that the method holds by construction."""
+def held_level(scene: Scene, truth: Reference | None, level: str) -> Tol:
+    """Rounding level of a constraint level that the method holds by construction; without truth, of a pendulum."""
+    if truth is None:
+        return Tol(HELD[level], f"held by construction: rounding level, {HELD[level]:g}; no truth tells the speeds")
     scale = scales(scene, truth)
     size = {"position": scale.reach + scale.length, "velocity": scale.speed + scale.rate * scale.length,
             "acceleration": scale.speed**2 / scale.length + 2 * scale.rate**2 * scale.length}[level]
     value = max(HELD[level], 50 * EPS * size)
     return Tol(value, f"held by construction: rounding level, the larger of {HELD[level]:g} and 50 eps x {size:.3g}")
+
+
+def reach(scene: Scene) -> float:
+    """Farthest (m) from the origin that the scene's levers let a centre of mass come; from the scene alone."""
+    levers = [np.linalg.norm(joint.child_anchor) + np.linalg.norm(joint.parent_anchor) for joint in scene.joints]
+    return float(max(np.sum(levers), np.linalg.norm(scene.x0, axis=-1).max()))
 
 
 def free_level(scene: Scene, truth: Reference, level: str, bounds: dict[str, Tol]) -> Tol | None:

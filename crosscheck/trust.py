@@ -1,4 +1,7 @@
-"""One sentence per scene: which engine and method to trust on it, and why; from the records and nothing else."""
+"""Which engine and method to trust on a scene, and why; from the records and nothing else.
+
+Only runs that passed are recommended, with the step, the error and the time of the run that was judged.
+"""
 
 from __future__ import annotations
 
@@ -8,54 +11,85 @@ from crosscheck.studies.plan import EULER
 from crosscheck.verdict import Record
 
 TARGETS = (1e-6, 1e-3)
-"""End errors over the scene's length that the recommendation asks for: the first that any passing run reaches."""
+"""Errors over the scene's length that the recommendation asks for: the first that any passing run reaches."""
+
+NOISE_RATIO, NOISE_DEVIATIONS = 1.1, 4.0
+"""Two times differ beyond noise when their medians do by more than this ratio and this many median deviations."""
+
+
+def recommend(scene: dict[str, Any], records: list[Record]) -> dict[str, Any] | None:
+    """The recommendation for one scene: the fastest passing run of those accurate enough, and its equals.
+
+    Returns None where nothing can be recommended, else the keys runs (labels, the fastest first), step (s), rtol,
+    error (m, the largest judged position error), until (s, judged up to), seconds (of stepping per simulated second)
+    and why, the first five those of the fastest.
+    """
+    passing = [record for record in records if record.outcome == "pass" and not record.practical
+               and (record.errors.get("position") or {}).get("judged") is not None]
+    if "failure" in scene or not passing:
+        return None
+    length = scene["scales"]["length"]
+    for target in TARGETS:
+        accurate = [record for record in passing if record.errors["position"]["judged"] <= target * length]
+        if accurate:
+            best = min(accurate, key=_seconds)
+            tied = sorted((record for record in accurate if record is not best and not _slower(record, best)),
+                          key=_seconds)
+            why = f"fastest below {target:.0e} of the scene's length, {_checks(best)} checks passed"
+            break
+    else:
+        best, tied = min(passing, key=lambda record: record.errors["position"]["judged"]), []
+        why = f"smallest error of those that pass, {_checks(best)} checks passed"
+    if tied:
+        why += ", times equal within noise"
+    return {"runs": [record.label for record in (best, *tied)], "step": best.step, "rtol": best.rtol,
+            "error": best.errors["position"]["judged"], "until": best.judged_until, "seconds":
+            best.seconds_per_second, "why": why}
+
+
+def _seconds(record: Record) -> float:
+    return float("inf") if record.seconds_per_second is None else record.seconds_per_second
+
+
+def _slower(record: Record, best: Record) -> bool:
+    """Whether its time exceeds the best one beyond noise."""
+    deviation = max(record.seconds_deviation or 0.0, best.seconds_deviation or 0.0)
+    return (_seconds(record) > NOISE_RATIO * _seconds(best)
+            and _seconds(record) - _seconds(best) > NOISE_DEVIATIONS * deviation)
 
 
 def sentence(scene: dict[str, Any], records: list[Record]) -> str:
-    """The recommendation for one scene."""
+    """The recommendation for one scene in words, with the runs that are not to be trusted."""
     if "failure" in scene:
         return f"No recommendation: the truth of this scene failed ({scene['failure']})."
-    passing = [record for record in records if record.outcome == "pass" and not record.practical]
-    if not passing:
-        return "No recommendation: no run of this scene passed every check."
-    best = _fastest(passing, scene["scales"]["length"])
-    if best is None:
-        record = min(passing, key=lambda each: each.errors["position"]["max"])
-        text = (f"Trust {record.label}: it passed {_checks(record)} checks and has the smallest position error of the "
-                f"passing runs, {record.errors['position']['max']:.1e} m over {scene['duration']:g} s")
-    else:
-        record, point, target = best
-        size = f"step {point['step']:.2g} s" if point["step"] else f"rtol {point['rtol']:.0e}"
-        text = (f"Trust {record.label}: it passed {_checks(record)} checks and is the fastest to an end error below "
-                f"{target:.0e} of the scene's length ({point['error']:.1e} m in {1e3 * point['wall_time']:.2g} ms "
-                f"for {scene['plan']['window']:g} s of motion, {size})")
-    return text + _among_euler(record, passing) + "." + _not_trusted(records)
+    if scene.get("no_truth"):
+        return f"No recommendation, the scene has no truth: {scene['no_truth']}." + _not_trusted(records)
+    found = recommend(scene, records)
+    if found is None:
+        return "No recommendation: no run of this scene passed every check." + _not_trusted(records)
+    size = f"step {found['step']:.2g} s" if found["step"] else f"rtol {found['rtol']:.0e}"
+    time = "" if found["seconds"] is None else f", {1e3 * found['seconds']:.2g} ms per simulated second"
+    part = "" if found["until"] is None else f", judged up to {found['until']:g} s"
+    text = (f"Trust {' or '.join(found['runs'])}: {found['why']} (position error {found['error']:.1e} m at {size}"
+            f"{part}{time})")
+    return text + _among_euler(found["runs"], records) + "." + _not_trusted(records)
 
 
 def _checks(record: Record) -> int:
     return sum(finding.status == "ok" for finding in record.findings)
 
 
-def _fastest(passing: list[Record], length: float) -> tuple[Record, dict[str, Any], float] | None:
-    for target in TARGETS:
-        reached = [(point["wall_time"], index, record, point) for index, record in enumerate(passing)
-                   for point in record.timing or record.ladder_points if point["error"] <= target * length]
-        if reached:
-            _, _, record, point = min(reached, key=lambda each: each[:2])
-            return record, point, target
-    return None
-
-
-def _among_euler(best: Record, passing: list[Record]) -> str:
+def _among_euler(best: list[str], records: list[Record]) -> str:
     """Which of the eight Euler methods to take, when the recommendation is not one of them."""
-    euler = [record for record in passing if record.engine == "lieeuler" and record.method in EULER]
-    if not euler or best in euler:
+    euler = [record for record in records if record.outcome == "pass" and not record.practical
+             and record.engine == "lieeuler" and record.method in EULER]
+    if not euler or any(record.label in best for record in euler):
         return ""
-    chosen = min(euler, key=lambda each: (-sum(level["held"] for level in each.levels.values()),
-                                          each.errors["position"]["max"]))
-    held = sum(level["held"] for level in chosen.levels.values())
-    return (f"; among the eight Lie group Euler methods {chosen.method}, which holds {held} of 3 constraint levels at "
-            f"rounding level with the smallest error of those that do")
+    def held(record: Record) -> int:
+        return sum(bool(level["held"]) for level in record.levels.values())
+    chosen = min(euler, key=lambda each: (-held(each), each.errors["position"]["max"]))
+    return (f"; among the eight Lie group Euler methods {chosen.method}, which holds {held(chosen)} of 3 constraint "
+            f"levels at rounding level with the smallest error of those that do")
 
 
 def _not_trusted(records: list[Record]) -> str:

@@ -1,7 +1,8 @@
 """The verdict on one run: findings against bounds with reasons, and one outcome. Knows no engine's inside.
 
 Outcomes: "pass", "known" (only defects listed in `crosscheck.known`; passes), "fail", "error" (it did not run to its
-end in an unforeseen way), "unsupported" (the engine cannot model the scene; passes, with the reason).
+end in an unforeseen way), "unsupported" (the engine cannot model the scene; passes, with the reason), "unjudged"
+(the scene has no truth: only what needs none was judged, and nothing of that failed).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from crosscheck.tolerances import Tol
 LEVELS = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2"}
 """Constraint levels and the units of their rows."""
 
-PASSING = ("pass", "known", "unsupported")
+PASSING = ("pass", "known", "unsupported", "unjudged")
 
 
 @dataclasses.dataclass
@@ -67,6 +68,7 @@ class Record:
     status: str = ""
     findings: list[Finding] = dataclasses.field(default_factory=list)
     judged_until: float | None = None  # s
+    duration: float | None = None  # s, of the main run
     errors: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
     levels: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
     energy_error: float | None = None  # over the largest kinetic energy, every step
@@ -75,6 +77,8 @@ class Record:
     steps: int | None = None
     wall_time: float | None = None  # s
     us_per_step: float | None = None
+    seconds_per_second: float | None = None  # of stepping per simulated second, at the judged step
+    seconds_deviation: float | None = None  # median absolute deviation of its repeats; None: timed only once
     orders: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
     ladder: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     timing: list[dict[str, Any]] = dataclasses.field(default_factory=list)
@@ -87,6 +91,18 @@ class Record:
         rank = {"fail": 2, "known": 1, "ok": 0}
         return max(judged, key=lambda finding: (rank[finding.status], finding.severity), default=None)
 
+    @property
+    def partly(self) -> bool:
+        """Whether the bounds of the motion judge only its beginning, see `judge_states`."""
+        return bool(self.judged_until and self.duration and self.judged_until < self.duration * (1 - 1e-9))
+
+    @property
+    def word(self) -> str:
+        """The outcome in words that claim no more than was judged."""
+        words = {"unsupported": "n/a"}.get(self.outcome, self.outcome)
+        if self.outcome == "pass" and self.practical:
+            return "stable"
+        return f"{words} to {self.judged_until:g} s" if self.outcome in ("pass", "known") and self.partly else words
 
     @property
     def ladder_points(self) -> list[dict[str, Any]]:
@@ -185,7 +201,24 @@ def judge_practical(scene: Scene, traj: Any, truth: Reference) -> Finding:
     return _judged("energy", change, Tol(float(lift), why), "1", "the whole run")
 
 
-def judge_levels(scene: Scene, traj: Any, truth: Reference, bounds: Bounds | None, held: frozenset[str],
+def judge_without_truth(scene: Scene, traj: Any) -> Finding:
+    """Energy of a run where there is no truth: as `judge_practical`, for scenes whose energy is conserved."""
+    change = float(np.abs(traj.energy - traj.energy[0]).max())
+    if scene.forces:
+        return Finding("energy", "unjudged", change, None, "J", "forces may change the energy, and no truth tells how")
+    reach = tolerances.reach(scene)
+    lift = float(scene.masses.sum() * np.linalg.norm(scene.gravity) * 2 * reach + _kinetic_at_start(scene))
+    why = ("no truth: the kinetic energy at the start and that of lifting all bodies from bottom to top, "
+           "2 m g times the reach")
+    return _judged("energy", change, Tol(lift, why), "J", "the whole run")
+
+
+def _kinetic_at_start(scene: Scene) -> float:
+    return 0.5 * float(np.einsum("i,ik,ik->", scene.masses, scene.v0, scene.v0)
+                       + np.einsum("ik,ikl,il->", scene.w0, scene.inertias, scene.w0))
+
+
+def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bounds | None, held: frozenset[str],
                  maxima: dict[str, float]) -> list[Finding]:
     """Constraint levels: every step where the method holds them, samples against the states' bounds elsewhere."""
     findings = []
@@ -198,8 +231,8 @@ def judge_levels(scene: Scene, traj: Any, truth: Reference, bounds: Bounds | Non
         if level in held:
             findings.append(_judged(kind, everywhere, tolerances.held_level(scene, truth, level), unit, "every step"))
             continue
-        tol = None if bounds is None else tolerances.free_level(scene, truth, level, bounds.states)
-        if bounds is None or tol is None:
+        tol = None if bounds is None or truth is None else tolerances.free_level(scene, truth, level, bounds.states)
+        if bounds is None or truth is None or tol is None:
             findings.append(Finding(kind, "unjudged", everywhere, None, unit,
                                     "the method does not enforce this level, and no bound of a state implies one"))
         else:

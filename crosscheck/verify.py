@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import shlex
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -34,7 +35,7 @@ class Results:
     @property
     def exit_code(self) -> int:
         """0: every verdict passes; 1: one does not; 2: the run itself failed (a scene without truth, nothing ran)."""
-        if any("failure" in scene for scene in self.scenes) or not self.records:
+        if any("failure" in scene or scene.get("disputed") for scene in self.scenes) or not self.records:
             return 2
         return int(any(record.outcome not in PASSING for record in self.records))
 
@@ -43,7 +44,8 @@ class Results:
         records = []
         for record in self.records:
             worst = record.worst
-            records.append(dataclasses.asdict(record) | {"worst": dataclasses.asdict(worst) if worst else None})
+            records.append(dataclasses.asdict(record) | {"word": record.word, "partly": record.partly,
+                                                         "worst": dataclasses.asdict(worst) if worst else None})
         return _finite({"meta": self.meta, "scenes": self.scenes, "records": records, "exit_code": self.exit_code})
 
 
@@ -83,14 +85,17 @@ def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
     from crosscheck.engines.base import RunSpec
     from crosscheck.scene_file import load_scene
 
+    if provenance.engine_version(engine_name) == provenance.NOT_INSTALLED:
+        return [Cell(scene_name, engine_name, method, None, PENDING) for method in _methods_in_absence(engine_name)]
     engine, scene = engines.get(engine_name), load_scene(scene_name)
     cells = []
     for method in engine.methods:
-        cells.append(Cell(scene_name, engine_name, method, None, PENDING, profile.study, profile.whole))
+        cells.append(Cell(scene_name, engine_name, method, None, PENDING, True, profile.rungs,
+                          profile.whole))
         forms = getattr(engine, "forms", ()) if profile.forms else ()
         usable = [form for form in forms if engine.unsupported(scene, RunSpec(method, step=1e-3, form=form)) is None]
         # The first usable form is the engine's choice when none is named.
-        cells += [Cell(scene_name, engine_name, method, form, PENDING, profile.study, profile.whole, False)
+        cells += [Cell(scene_name, engine_name, method, form, PENDING, True, profile.rungs, profile.whole, False)
                   for form in usable[1:]]
         plan = PLANS.get(scene_name, PENDING)
         spec = RunSpec(method, step=1e-3)
@@ -98,6 +103,16 @@ def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
                 scene, spec):
             cells.append(Cell(scene_name, engine_name, method, None, PENDING, study=False, practical=True))
     return cells
+
+
+def _methods_in_absence(engine_name: str) -> tuple[str, ...]:
+    """Methods of an engine that is not installed, where its adapter at least can be imported to name them."""
+    from crosscheck import engines
+
+    try:
+        return engines.methods(engine_name)
+    except ImportError:
+        return ("any method",)
 
 
 def verify(profile: str = "default", scenes: Sequence[str] | None = None, engines: Sequence[str] | None = None,
@@ -129,7 +144,9 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     described = [_failed_scene(name, found) if isinstance(found, Crash) else found
                  for name, found in zip(scene_names, truths, strict=True)]
     plans = {scene["name"]: scene.pop("plan") for scene in described if "failure" not in scene}
-    cells = [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING)) for cell in cells]
+    without = {scene["name"]: scene["no_truth"] for scene in described if "no_truth" in scene}
+    cells = [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""))
+             for cell in cells if not (cell.practical and cell.scene in without)]
 
     # The slowest kind first, so that no worker is left alone with one at the end.
     ready = sorted((index for index, cell in enumerate(cells) if cell.scene in plans),
@@ -145,17 +162,54 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         profile, scenes, engines, jobs), "seconds": time.perf_counter() - started}
     for scene in described:
         scene["plan"] = dataclasses.asdict(plans[scene["name"]]) if scene["name"] in plans else None
-        scene["trust"] = trust.sentence(scene, [record for record in records if record.scene == scene["name"]])
+        own = [record for record in records if record.scene == scene["name"]]
+        scene["recommended"] = trust.recommend(scene, own)
+        scene["trust"] = trust.sentence(scene, own)
     return Results(meta, described, records)
+
+
+def check_out(out: Path) -> None:
+    """Raise `ArgumentError` where a report must not or cannot be written; asked before anything runs.
+
+    A folder is replaced only where it is empty or is a report of ours: its results.json says so.
+    """
+    try:
+        if out.is_symlink() and not out.exists():
+            raise ArgumentError(f"--out {out}: a link that leads nowhere; remove it or choose another folder")
+        if out.exists() and not out.is_dir():
+            raise ArgumentError(f"--out {out}: a file is there; choose a folder that does not exist yet")
+        if out.is_dir() and any(out.iterdir()) and not _is_report(out):
+            raise ArgumentError(f"--out {out}: this folder holds something else than a report of crosscheck, and would "
+                                "be replaced; choose an empty folder or one that does not exist yet")
+        place = next(folder for folder in out.resolve().parents if folder.exists())
+        if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
+            raise ArgumentError(f"--out {out}: {place} cannot be written; choose another folder")
+    except OSError as error:
+        raise ArgumentError(f"--out {out}: {error.strerror or error}") from None
+
+
+def _is_report(folder: Path) -> bool:
+    """Whether this folder is a report that `write` left, and nobody put anything else into it."""
+    import json
+
+    from crosscheck.report import is_file_of_report
+
+    try:
+        document = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+        ours = str(document["meta"]["command"]).startswith("crosscheck verify")
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+    return ours and all(is_file_of_report(path) for path in folder.iterdir())
 
 
 def write(results: Results, out: Path) -> Path:
     """Write the report into the folder `out`, replacing an older one only once the new one is complete.
 
-    Returns the path of the page to open.
+    Returns the path of the page to open; raises `ArgumentError` where `check_out` does, and where writing fails.
     """
     from crosscheck.report import write_report
 
+    check_out(out)
     out = out.resolve()
     aside = out.with_name(f".{out.name}.{os.getpid()}.new")
     old = out.with_name(f".{out.name}.{os.getpid()}.old")
@@ -163,7 +217,14 @@ def write(results: Results, out: Path) -> Path:
         write_report(results.plain(), aside)
         if out.exists():
             out.rename(old)
-        aside.rename(out)
+        try:
+            aside.rename(out)
+        except OSError:
+            if old.exists():
+                old.rename(out)
+            raise
+    except OSError as error:
+        raise ArgumentError(f"--out {out}: the report cannot be written ({error.strerror or error})") from error
     finally:
         for leftover in (aside, old):
             _remove(leftover)
@@ -228,17 +289,22 @@ def _time(cells: list[Cell], records: list[Record], repeats: int, count: _Counte
                   if cell.scene == scene and record.ladder]
         if chosen:
             task = Timing(tuple(cell for cell, _ in chosen), tuple(record.documented_order for _, record in chosen),
-                          repeats)
+                          repeats, tuple(record.step or record.rtol or 0.0 for _, record in chosen))
             timed = run_tasks(time_cells, [task], 1)[0]
             if not isinstance(timed, Crash):
                 for (_, record), points in zip(chosen, timed, strict=True):
-                    record.timing = points
-                    if points:
-                        record.us_per_step = points[-1]["us_per_step"]
+                    record.timing = [point for point in points if not point["main"]]
+                    for point in points:
+                        if point["main"]:
+                            record.us_per_step = point["us_per_step"]
+                            record.seconds_per_second = point["seconds_per_second"]
+                            record.seconds_deviation = point["seconds_deviation"]
         count(f"timing of {scene}")
 
 
 def _command(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, jobs: int) -> str:
-    words = ["crosscheck verify", f"--profile {profile}", *(f"--scene {name}" for name in scenes or ()),
-             *(f"--engine {name}" for name in engines or ()), f"--jobs {jobs}"]
-    return " ".join(words)
+    words = ["crosscheck", "verify", "--profile", profile]
+    for option, names in (("--scene", scenes), ("--engine", engines)):
+        for name in names or ():
+            words += [option, str(name)]
+    return shlex.join([*words, "--jobs", str(jobs)])

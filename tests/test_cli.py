@@ -1,10 +1,14 @@
 """The command line: what it prints, and what it answers to mistakes."""
 
 import csv
+import importlib.metadata
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 
@@ -116,3 +120,102 @@ def test_public_names():
     assert set(package.scenes()) >= {"single_pendulum", "double_pendulum", "heavy_top", "triple_pendulum"}
     with pytest.raises(AttributeError, match="no_such_name"):
         package.no_such_name  # noqa: B018
+
+
+def files_below(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("holding", [{"thesis.tex": "years of work"},
+                                     {"results.json": '{"meta": {"command": "make thesis"}}'},
+                                     {"results.json": '{"meta": {"command": "crosscheck verify"}}', "mine.txt": "x"}])
+def test_a_folder_that_is_no_report_is_never_replaced(tmp_path, holding):
+    for name, text in holding.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    before = files_below(tmp_path)
+    done = crosscheck("verify", *QUICK, "--out", str(tmp_path))
+    assert done.returncode == 2
+    assert "holds something else than a report" in done.stderr
+    assert files_below(tmp_path) == before
+
+
+def test_a_place_that_cannot_hold_a_report_is_refused_before_anything_runs(tmp_path):
+    taken = tmp_path / "taken"
+    taken.write_text("a file", encoding="utf-8")
+    for out, message in ((taken, "a file is there"), (taken / "below", "cannot be written"),
+                         (Path("/proc/nowhere/latest"), "cannot be written")):
+        done = crosscheck("verify", *QUICK, "--out", str(out))
+        assert (done.returncode, len(done.stderr.strip().splitlines())) == (2, 1)
+        assert message in done.stderr
+    assert taken.read_text(encoding="utf-8") == "a file"
+
+
+def test_an_older_report_is_replaced(verified):
+    _, out = verified
+    from crosscheck import verify
+
+    verify.check_out(out)
+    (out / "notes.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(verify.ArgumentError, match="something else"):
+        verify.check_out(out)
+    (out / "notes.txt").unlink()
+
+
+def test_an_unforeseen_error_is_one_line_and_not_the_exit_code_of_a_verdict():
+    code = ("from crosscheck import cli, running\n"
+            "def broken(*a, **k): raise RuntimeError('two\\nlines')\n"
+            "running.run = broken\ncli.main()")
+    words = ("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2")
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.startswith("crosscheck: RuntimeError: two lines")
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_an_engine_that_is_not_installed_is_listed_as_such(monkeypatch, capsys):
+    from crosscheck import cli, provenance
+    from crosscheck.engines import get
+    from crosscheck.studies.cell import Cell, run_cell
+    from crosscheck.studies.plan import PENDING
+
+    def missing(self):
+        raise importlib.metadata.PackageNotFoundError("mujoco")
+
+    monkeypatch.setattr(type(get("mujoco")), "version", missing)
+    cli.list_()
+    assert "not installed" in next(line for line in capsys.readouterr().out.splitlines() if "mujoco" in line)
+    assert provenance.describe(["mujoco"])["engines"] == {"mujoco": "not installed"}
+    record = run_cell(Cell("single_pendulum", "mujoco", "RK4", None, PENDING))
+    assert (record.outcome, record.message) == ("unsupported", "not installed")
+
+
+def running_in_group(group):
+    """Processes of a group that still run; one that ended but is not yet collected by its parent does not."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, its_group = stat.read_text(encoding="utf-8").rpartition(")")[2].split()[:3]
+        except OSError:
+            continue
+        if its_group == str(group) and state != "Z":
+            found.append(stat.parent.name)
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="tells running processes by /proc")
+def test_an_interrupt_ends_the_workers_and_says_so(tmp_path):
+    process = subprocess.Popen([sys.executable, "-m", "crosscheck.cli", "verify", "--scene", "double_pendulum",
+                                "--engine", "pinocchio", "--out", str(tmp_path / "out")], text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    time.sleep(5)  # in the midst of its cells, which take a minute
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert said.strip().splitlines()[-1] == "crosscheck: interrupted; nothing was written"
+    assert list(tmp_path.iterdir()) == []
+    for _ in range(50):  # the workers were told to end before their parent did; give them a moment to do so
+        left = running_in_group(process.pid)
+        if not left:
+            break
+        time.sleep(0.1)
+    assert left == []

@@ -135,3 +135,24 @@ def test_timing_gives_stepping_time_and_end_error(monkeypatch):
         # 0.1 h^2 t at t = 0.5 s, on numbers of size one
         assert point["error"] == pytest.approx(0.1 * point["step"] ** 2 * 0.5, rel=1e-6)
         assert point["us_per_step"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("profile", ["default", "smoke"])
+def test_one_percent_of_gravity_does_not_pass_unseen(monkeypatch, profile):
+    """A wrong model has an error that no step makes smaller: every method must fail by truth or by observed order."""
+    pytest.importorskip("mujoco")
+    from crosscheck.engines import get
+    from crosscheck.studies.plan import PLANS
+    from crosscheck.studies.plan import profile as profile_called
+    from crosscheck.verify import cells_of
+
+    adapter = type(get("mujoco"))
+    right = adapter.run
+    monkeypatch.setattr(adapter, "run", lambda self, scene, spec: right(
+        self, scene.replace(gravity=tuple(1.01 * g for g in scene.gravity)), spec))
+    cells = cells_of("single_pendulum", "mujoco", profile_called(profile))
+    assert len(cells) == len(get("mujoco").methods)
+    for cell in cells:
+        record = run_cell(dataclasses.replace(cell, plan=PLANS["single_pendulum"]))
+        assert record.outcome == "fail", record.method
+        assert kinds(record, "fail") & {"position", "attitude", "order position", "order attitude"}, record.method

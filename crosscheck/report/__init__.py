@@ -39,6 +39,17 @@ def write_report(document: dict[str, Any], folder: Path) -> None:
     write("results.json", json.dumps(exports.without_curves(document), indent=1, allow_nan=False))
 
 
+FILES = frozenset({"index.html", "report.css", "report.js", "plotly.min.js", "summary.md", "results.csv", "junit.xml",
+                   "results.json"})
+"""What every report holds, beside the pages and curves of its scenes."""
+
+
+def is_file_of_report(path: Path) -> bool:
+    """Whether a report writes a file of this name."""
+    scene = path.name.startswith("scene-") and path.suffix in (".html", ".js")
+    return path.is_file() and not path.is_symlink() and (path.name in FILES or scene)
+
+
 def _writer(folder: Path) -> Any:
     def write(name: str, text: str) -> None:
         (folder / name).write_text(text, encoding="utf-8")

@@ -29,6 +29,7 @@ def table(document: dict[str, Any]) -> str:
         for name in ("scene", "engine", "version", "method", "form", "outcome", "status")]
     columns += [("step [s]", lambda r: r["step"]), ("rtol", lambda r: r["rtol"]),
                 ("documented order", lambda r: r["documented_order"]),
+                ("verdict", lambda r: r["word"]), ("duration [s]", lambda r: r["duration"]),
                 ("judged until [s]", lambda r: r["judged_until"])]
     for name in QUANTITIES:
         unit = {"position": "m", "attitude": "rad", "velocity": "m/s", "angular velocity": "rad/s"}[name]
@@ -65,8 +66,9 @@ def junit(document: dict[str, Any]) -> str:
             case = ElementTree.SubElement(suite, "testcase", classname=f"crosscheck.{scene['name']}",
                                           name=record["label"], time=f"{record['wall_time'] or 0.0:.6f}")
             _judge(case, record)
-        for attribute, outcome in (("failures", "fail"), ("errors", "error"), ("skipped", "unsupported")):
-            suite.set(attribute, str(sum(record["outcome"] == outcome for record in records)))
+        for attribute, outcomes in (("failures", ("fail",)), ("errors", ("error",)),
+                                    ("skipped", ("unsupported", "unjudged"))):
+            suite.set(attribute, str(sum(record["outcome"] in outcomes for record in records)))
         suite.set("tests", str(len(records)))
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + _legal(ElementTree.tostring(root, encoding="unicode")) + "\n"
@@ -81,7 +83,7 @@ def _judge(case: ElementTree.Element, record: dict[str, Any]) -> None:
         failure.text = "\n".join(line for line in lines if line.startswith("fail"))
     elif outcome == "error":
         ElementTree.SubElement(case, "error", message=record["message"])
-    elif outcome == "unsupported":
+    elif outcome in ("unsupported", "unjudged"):
         ElementTree.SubElement(case, "skipped", message=record["message"])
     output = ElementTree.SubElement(case, "system-out")
     output.text = "\n".join([*lines, f"repeat: {record['command']}"])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from pathlib import Path
 from typing import Any
 
-from crosscheck.report.words import OUTCOMES, number, sentence
+from crosscheck.report.words import OUTCOMES, headline, number, partly, sentence, span
 from crosscheck.studies.plan import EULER
 
 HERE = Path(__file__).resolve().parent
@@ -24,7 +25,7 @@ def _environment() -> Any:
         loader=jinja2.FileSystemLoader(HERE / "templates"), undefined=jinja2.StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
-    environment.filters |= {"number": number, "sentence": sentence, "anchor": anchor}
+    environment.filters |= {"number": number, "sentence": sentence, "anchor": anchor, "span": span}
     environment.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": LEVELS, "QUANTITIES": QUANTITIES}
     return environment
 
@@ -39,14 +40,27 @@ def anchor(record: dict[str, Any]) -> str:
     return slug(f"run {record['label']}")
 
 
+def stem(scene: dict[str, Any]) -> str:
+    """File name of a scene's page without its ending, another one for every scene.
+
+    Names that lose letters on the way, such as paths, get a piece of their checksum; so do those that a file system
+    which ignores capitals could take for another's.
+    """
+    name = scene["name"]
+    part = slug(Path(name).stem if name.endswith((".toml", ".json")) else name)
+    if part == name == name.lower():
+        return f"scene-{part}"
+    return f"scene-{part}-{hashlib.sha256(name.encode('utf-8', 'surrogatepass')).hexdigest()[:8]}"
+
+
 def scene_file(scene: dict[str, Any]) -> str:
     """File name of a scene's page."""
-    return f"scene-{slug(scene['name'])}.html"
+    return stem(scene) + ".html"
 
 
 def data_file(scene: dict[str, Any]) -> str:
     """File name of a scene's curves."""
-    return f"scene-{slug(scene['name'])}.js"
+    return stem(scene) + ".js"
 
 
 def index(document: dict[str, Any]) -> str:
@@ -62,13 +76,19 @@ def summary(document: dict[str, Any]) -> str:
 def _overview(document: dict[str, Any]) -> dict[str, Any]:
     records = document["records"]
     rows: dict[str, dict[str, Any]] = {}
+    coarse: dict[tuple[str, float], list[dict[str, Any]]] = {}
     for record in records:
+        if record["practical"]:
+            coarse.setdefault((record["scene"], record["step"] or 0.0), []).append(record)
+            continue
         rows.setdefault(record["label"], {})[record["scene"]] = record
     by_engine: dict[str, list[tuple[str, dict[str, Any]]]] = {}
     for label, cells in rows.items():
         by_engine.setdefault(next(iter(cells.values()))["engine"], []).append((label, cells))
     counts = {outcome: sum(record["outcome"] == outcome for record in records) for outcome in OUTCOMES}
     return {"document": document, "meta": document["meta"], "scenes": document["scenes"], "matrix": by_engine,
+            "practical": [{"scene": name, "step": step, "records": found} for (name, step), found in coarse.items()],
+            "headline": headline(document), "partly": partly(document),
             "counts": counts, "worst": worst_first(records), "scene_file": scene_file,
             "pages": {scene["name"]: scene_file(scene) for scene in document["scenes"] if "failure" not in scene}}
 

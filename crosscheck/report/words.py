@@ -4,12 +4,52 @@ from __future__ import annotations
 
 from typing import Any
 
-OUTCOMES = {"pass": ("✓", "pass", "every check within its bound"),
+OUTCOMES = {"pass": ("✓", "pass", "every check within its bound, over the time it names or else the whole run"),
             "known": ("≈", "known", "only defects of the engine that are listed with their reason"),
             "fail": ("✗", "fail", "a figure is beyond its bound"),
             "error": ("‼", "error", "it did not run"),
+            "unjudged": ("?", "unjudged", "no truth: only energy, held constraints and orthogonality were judged"),
             "unsupported": ("–", "n/a", "the engine cannot model this scene")}
 """Symbol, word and meaning of each outcome."""
+
+
+def headline(document: dict[str, Any]) -> str:
+    """What the run came to, in one clause that claims no more than was found."""
+    records = document["records"]
+    def count(*outcomes: str) -> int:
+        return sum(record["outcome"] in outcomes for record in records)
+    if document["exit_code"] == 2:
+        return "The run is incomplete"
+    bad, known = count("fail", "error"), count("known")
+    defects = f"{known} known defect{'s' if known != 1 else ''}"
+    if bad:
+        return f"{bad} of {len(records)} runs failed" + (f", beside {defects}" if known else "")
+    if known:
+        return f"No unexpected finding: {count('pass')} pass, {defects}"
+    if count("unjudged"):
+        return f"No finding, but {count('unjudged')} of {len(records)} runs have no truth to be judged by"
+    return f"All {count('pass')} runs that could be made are within their bounds"
+
+
+def partly(document: dict[str, Any]) -> str:
+    """How many runs were judged over less than their whole length, or not by their motion; empty where none."""
+    records = document["records"]
+    short = sum(record["partly"] and record["outcome"] in ("pass", "known") for record in records)
+    stable = sum(record["word"] == "stable" for record in records)
+    said = [f"{short} of them judged only over the first seconds" if short else "",
+            f"{stable} only by energy and held constraints" if stable else ""]
+    return ", ".join(each for each in said if each)
+
+
+def span(record: dict[str, Any]) -> str:
+    """Over what part of its length the motion was judged."""
+    if record["practical"] or record["outcome"] == "unjudged":
+        return "motion not judged"
+    if record["judged_until"] is None or record["duration"] is None:
+        return ""
+    if record["partly"]:
+        return f"to {record['judged_until']:g} s of {record['duration']:g} s"
+    return f"all {record['duration']:g} s"
 
 
 def number(value: float | None, digits: int = 2) -> str:
@@ -24,7 +64,7 @@ def number(value: float | None, digits: int = 2) -> str:
 def sentence(record: dict[str, Any]) -> str:
     """The worst finding of a run in one clause."""
     worst = record["worst"]
-    if record["outcome"] in ("error", "unsupported") or worst is None:
+    if record["outcome"] in ("error", "unsupported", "unjudged") or worst is None:
         return record["message"]
     if worst["kind"] in ("run", "vanished", "step"):
         return worst["detail"] or worst["why"]

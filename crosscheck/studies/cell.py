@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 import statistics
 import traceback
 from typing import Any
@@ -12,9 +13,10 @@ import numpy as np
 from crosscheck import tolerances
 from crosscheck.errors import EngineError, Unsupported
 from crosscheck.metrics import QUANTITIES, errors
+from crosscheck.provenance import NOT_INSTALLED, engine_version
 from crosscheck.references.base import Reference
 from crosscheck.scene import Scene
-from crosscheck.studies.plan import PLANS, RTOLS, STUDY_SAMPLES, ScenePlan, plan_from_truth
+from crosscheck.studies.plan import PLANS, RTOLS, STUDY_SAMPLES, ScenePlan, plan_from_truth, plan_without_truth
 from crosscheck.verdict import (
     Finding,
     Record,
@@ -23,6 +25,7 @@ from crosscheck.verdict import (
     judge_orders,
     judge_practical,
     judge_states,
+    judge_without_truth,
     settle,
 )
 
@@ -40,8 +43,10 @@ class Cell:
     form: str | None
     plan: ScenePlan
     study: bool = True  # also the order study
+    rungs: int | None = None  # how many of its steps; None: all
     whole: bool = True  # the main run covers the whole scene, not only its first window
     default_form: bool = True
+    no_truth: str = ""  # why the scene has none; then only what needs none is judged
     practical: bool = False  # runs at the plan's practical step, far too coarse for bounds of states
 
     @property
@@ -68,13 +73,33 @@ def prepare_truth(task: tuple[str, bool]) -> dict[str, Any]:
     """Compute (or find in the cache) the truths a scene's cells need, and choose its plan.
 
     `task`: name or path, and whether main runs cover the whole scene. Returns what the report says about the scene, and
-    the plan under the key "plan".
+    the plan under the key "plan"; for a scene without truth, why under "no_truth", and whether two formulations of it
+    disagreed under "disputed".
     """
+    from crosscheck.references import TruthError
+
+    try:
+        return _described(*task)
+    except (Unsupported, TruthError) as error:
+        return _described_without_truth(task[0], error)
+
+
+def _described_without_truth(name: str, error: Exception) -> dict[str, Any]:
+    from crosscheck.scene_file import load_scene
+
+    scene = load_scene(name)
+    return {"name": name, "title": scene.name, "description": scene.description, "source": scene.source,
+            "hash": scene.hash, "bodies": [body.name for body in scene.bodies], "duration": scene.duration,
+            "plan": PLANS.get(name) or plan_without_truth(scene), "truth": None, "scales": {}, "curves": {},
+            "no_truth": " ".join(str(error).split()), "disputed": not isinstance(error, Unsupported)}
+
+
+def _described(name: str, whole: bool) -> dict[str, Any]:
+    """What the report says about a scene whose truth is known."""
     from crosscheck import mechanics
     from crosscheck.references import truth
     from crosscheck.scene_file import load_scene
 
-    name, whole = task
     short = windowed(load_scene(name), PLANS[name].window if name in PLANS else 1.0)
     window = truth(short)
     plan = PLANS.get(name) or plan_from_truth(short, window)
@@ -101,17 +126,25 @@ def run_cell(cell: Cell) -> Record:
     from crosscheck.engines.base import RunSpec
     from crosscheck.references import truth
 
+    version = engine_version(cell.engine)
+    if version == NOT_INSTALLED:
+        record = Record(cell.scene, cell.engine, version, cell.method, cell.form, None, None, None, "")
+        record.practical, record.outcome, record.message = cell.practical, "unsupported", NOT_INSTALLED
+        return record
     scene = load(cell.scene, cell.plan, cell.whole)
     engine = engines.get(cell.engine)
     order = engine.documented_order(scene, RunSpec(cell.method, step=cell.plan.step(1), form=cell.form))
     step = None if order is None else cell.plan.practical if cell.practical else cell.plan.step(order)
     rtol = cell.plan.rtol if order is None else None
     spec = RunSpec(cell.method, step=step, rtol=rtol, form=cell.form)
-    record = Record(cell.scene, cell.engine, engine.version(), cell.method, cell.form, step, rtol, order,
+    record = Record(cell.scene, cell.engine, version, cell.method, cell.form, step, rtol, order,
                     command(cell, step, rtol), practical=cell.practical)
     reason = engine.unsupported(scene, spec)
     if reason is not None:
         record.outcome, record.message = "unsupported", reason
+        return record
+    if cell.no_truth:
+        _unjudged_run(record, scene, engine.held_levels(scene, spec), cell.no_truth)
         return record
     reference, window = truth(scene), truth(windowed(scene, cell.plan.window))
     _main_run(record, scene, reference, window, engine.held_levels(scene, spec))
@@ -122,10 +155,11 @@ def run_cell(cell: Cell) -> Record:
 
 def command(cell: Cell, step: float | None, rtol: float | None) -> str:
     """The shell command that repeats the main run of a cell."""
-    size = f"--step {step:g}" if step is not None else f"--rtol {rtol:g}"
-    rest = (f" --form {cell.form}" if cell.form else "") + ("" if cell.whole else f" --duration {cell.plan.window:g}")
-    return (f"crosscheck run {cell.scene} --engine {cell.engine} --method {cell.method} {size}{rest} "
-            f"--samples {cell.plan.samples} --csv run.csv")
+    words = ["crosscheck", "run", cell.scene, "--engine", cell.engine, "--method", cell.method]
+    words += ["--step", repr(step)] if step is not None else ["--rtol", repr(rtol)]
+    words += ["--form", cell.form] if cell.form else []
+    words += [] if cell.whole else ["--duration", repr(cell.plan.window)]
+    return shlex.join([*words, "--samples", str(cell.plan.samples), "--csv", "run.csv"])
 
 
 def _attempt(scene: Scene, record: Record, form: str | None, step: float | None, rtol: float | None,
@@ -150,14 +184,9 @@ def _main_run(record: Record, scene: Scene, reference: Reference, window: Refere
               held: frozenset[str]) -> None:
     from crosscheck.trajectory import MAXIMA
 
-    traj = _attempt(scene, record, record.form, record.step, record.rtol)
-    if record.outcome == "unsupported":
+    traj = _whole_run(record, scene)
+    if traj is None:
         return
-    if isinstance(traj, str):
-        record.status, record.message = "failed", traj.splitlines()[0]
-        record.findings.append(Finding("run", "fail", None, None, "", "a run has to reach its end", record.message))
-        return
-    record.findings.append(Finding("run", "ok", None, None, "", "a run has to reach its end"))
     maxima = {key: traj.stats[key] for key in MAXIMA if key in traj.stats}
     if record.practical:
         bounds, found = None, errors(scene, traj, reference.states)
@@ -171,34 +200,79 @@ def _main_run(record: Record, scene: Scene, reference: Reference, window: Refere
         record.judged_until = bounds.until
     levels = judge_levels(scene, traj, reference, bounds, held, maxima)
     record.findings += findings + levels
-    tol = tolerances.orthogonality(record.engine, traj.steps)
-    drift = max(float(traj.orthogonality.max()), maxima.get("orthogonality", 0.0))
-    record.findings.append(Finding("orthogonality", "ok" if drift <= tol.value else "fail", drift, tol.value, "1",
-                                   tol.why, "every step"))
-    record.orthogonality = drift
+    _judge_orthogonality(record, traj, maxima)
     record.errors = {name: {"unit": error.unit, "end": error.end, "max": error.max, "time": error.time,
                             "body": error.body}
                      for name, error in found.items()}
     for finding in findings:
         if finding.kind in record.errors:
             record.errors[finding.kind] |= {"judged": finding.value, "bound": finding.bound, "why": finding.why}
+    _keep_levels(record, traj, levels, held, maxima)
+    _totals(record, scene, traj, reference, maxima)
+    record.curves = _curves(scene, traj, found, reference)
+
+
+def _whole_run(record: Record, scene: Scene) -> Any:
+    """The main run, or None where there is none; the record says why."""
+    record.duration = scene.duration
+    traj = _attempt(scene, record, record.form, record.step, record.rtol)
+    if record.outcome == "unsupported":
+        return None
+    if isinstance(traj, str):
+        record.status, record.message = "failed", traj.splitlines()[0]
+        record.findings.append(Finding("run", "fail", None, None, "", "a run has to reach its end", record.message))
+        return None
+    record.findings.append(Finding("run", "ok", None, None, "", "a run has to reach its end"))
+    return traj
+
+
+def _unjudged_run(record: Record, scene: Scene, held: frozenset[str], reason: str) -> None:
+    """Run and judge what needs no truth: energy, held constraint levels, orthogonality."""
+    from crosscheck.trajectory import MAXIMA
+
+    traj = _whole_run(record, scene)
+    if record.outcome == "unsupported":
+        return
+    if traj is not None:
+        maxima = {key: traj.stats[key] for key in MAXIMA if key in traj.stats}
+        levels = judge_levels(scene, traj, None, None, held, maxima)
+        record.findings += [judge_without_truth(scene, traj), *levels]
+        _judge_orthogonality(record, traj, maxima)
+        _keep_levels(record, traj, levels, held, maxima)
+        _totals(record, scene, traj, None, maxima)
+        record.curves = _curves(scene, traj, {}, None)
+    if settle(record).outcome == "pass":
+        record.outcome, record.message = "unjudged", f"unjudged: no truth ({reason})"
+
+
+def _judge_orthogonality(record: Record, traj: Any, maxima: dict[str, float]) -> None:
+    tol = tolerances.orthogonality(record.engine, traj.steps)
+    drift = max(float(traj.orthogonality.max()), maxima.get("orthogonality", 0.0))
+    record.findings.append(Finding("orthogonality", "ok" if drift <= tol.value else "fail", drift, tol.value, "1",
+                                   tol.why, "every step"))
+    record.orthogonality = drift
+
+
+def _keep_levels(record: Record, traj: Any, levels: list[Finding], held: frozenset[str],
+                 maxima: dict[str, float]) -> None:
     for finding in levels:
         level = finding.kind.removeprefix("level ")
         series = getattr(traj, f"constraint_{level}")
         most = None if series is None else max(float(np.max(series)), maxima.get(f"constraint_{level}", 0.0))
         record.levels[level] = {"max": most, "held": level in held, "unit": finding.unit}
-    _totals(record, scene, traj, reference, maxima)
-    record.curves = _curves(scene, traj, found)
 
 
-def _totals(record: Record, scene: Scene, traj: Any, reference: Reference, maxima: dict[str, float]) -> None:
+def _totals(record: Record, scene: Scene, traj: Any, reference: Reference | None, maxima: dict[str, float]) -> None:
     from crosscheck import mechanics
 
     record.status, record.steps, record.wall_time = traj.status, int(traj.steps), float(traj.wall_time)
     record.form = traj.form or record.form
     record.us_per_step = 1e6 * traj.wall_time / max(1, traj.steps)
-    size = tolerances.scales(scene, reference).kinetic
+    record.seconds_per_second = traj.wall_time / scene.duration
+    size = float(mechanics.kinetic_energy(scene, traj if reference is None else reference.states).max())
     record.energy_error = max(float(np.abs(traj.energy - traj.energy[0]).max() / size), maxima.get("energy_error", 0.0))
+    if reference is None:
+        return
     exact = mechanics.momentum_vertical(scene, reference.states)
     record.momentum_error = float(np.abs(traj.momentum_vertical - exact).max())
 
@@ -206,7 +280,7 @@ def _totals(record: Record, scene: Scene, traj: Any, reference: Reference, maxim
 def _order_study(record: Record, cell: Cell, scene: Scene, reference: Reference) -> None:
     """Errors at halved steps (or tightened tolerances) over the window, and the orders they show."""
     order = record.documented_order
-    sizes = cell.plan.ladder(order) if order is not None else RTOLS
+    sizes = cell.plan.ladder(order, cell.rungs) if order is not None else RTOLS[:cell.rungs]
     for size in sizes:
         step, rtol = (size, None) if order is not None else (None, size)
         traj = _attempt(scene, record, cell.form, step, rtol, monitor=False)
@@ -241,6 +315,7 @@ class Timing:
     cells: tuple[Cell, ...]
     orders: tuple[int | None, ...]
     repeats: int
+    main: tuple[float, ...] = ()  # step (s) or rtol of each cell's main run, timed like the others
 
 
 def time_cells(timing: Timing) -> list[list[dict[str, Any]]]:
@@ -261,30 +336,41 @@ def time_cells(timing: Timing) -> list[list[dict[str, Any]]]:
         for index, (cell, order) in enumerate(zip(timing.cells, timing.orders, strict=True)):
             record = Record(cell.scene, cell.engine, "", cell.method, cell.form, None, None, order, "")
             sizes = cell.plan.ladder(order) if order is not None else RTOLS
-            for rung, size in enumerate(sizes):
+            for rung, size in enumerate((*sizes, *timing.main[index:index + 1])):
                 step, rtol = (size, None) if order is not None else (None, size)
                 traj = _attempt(brief, record, cell.form, step, rtol, monitor=False)
                 if not isinstance(traj, str):
                     points[index].setdefault((rung, size), []).append(traj)
-    return [[_timed(brief, size, order, trajs, end) for (_, size), trajs in sorted(each.items())]
-            for each, order in zip(points, timing.orders, strict=True)]
+    result = []
+    for cell, each, order in zip(timing.cells, points, timing.orders, strict=True):
+        rungs = len(cell.plan.ladder(order) if order is not None else RTOLS)
+        result.append([_timed(brief, size, order, trajs, end) | {"main": rung == rungs}
+                       for (rung, size), trajs in sorted(each.items())])
+    return result
 
 
 def _timed(scene: Scene, size: float, order: int | None, trajs: list[Any], end: Any) -> dict[str, Any]:
-    wall = statistics.median(traj.wall_time for traj in trajs)
+    walls = [traj.wall_time for traj in trajs]
+    wall = statistics.median(walls)
     found = errors(scene, trajs[0], end)
     return {"step": size if order is not None else None, "rtol": size if order is None else None,
             "wall_time": wall, "steps": int(trajs[0].steps), "us_per_step": 1e6 * wall / max(1, trajs[0].steps),
+            "seconds_per_second": wall / scene.duration,
+            "seconds_deviation": statistics.median(abs(each - wall) for each in walls) / scene.duration,
             "error": found["position"].end}
 
 
-def _curves(scene: Scene, traj: Any, found: dict[str, Any]) -> dict[str, Any]:
+def _curves(scene: Scene, traj: Any, found: dict[str, Any], reference: Reference | None) -> dict[str, Any]:
     from crosscheck import mechanics
 
     kinetic = mechanics.kinetic_energy(scene, traj)
+    # Against the true energy, which loads and dampers change; it is constant on most scenes.
+    exact = traj if reference is None else reference.states
+    expected = traj.energy[0] if reference is None else mechanics.energy(scene, exact)
+    astray = np.abs(traj.energy - expected) / mechanics.kinetic_energy(scene, exact).max()
     curves = {"t": _short(traj.t), "x": _short(np.moveaxis(traj.x, 0, -1)), "R": _short(_attitude_elements(traj.R)),
               "kinetic": _short(kinetic), "potential": _short(traj.energy - kinetic), "total": _short(traj.energy),
-              "orthogonality": _short(traj.orthogonality),
+              "energy": _short(astray), "orthogonality": _short(traj.orthogonality),
               "errors": {name: _short(error.series) for name, error in found.items()}}
     for level in ("position", "velocity", "acceleration"):
         series = getattr(traj, f"constraint_{level}")
@@ -293,8 +379,8 @@ def _curves(scene: Scene, traj: Any, found: dict[str, Any]) -> dict[str, Any]:
 
 
 def _attitude_elements(R: np.ndarray) -> np.ndarray:
-    """(9, T): the nine elements, row by row, of the attitude of the last body, the end of a chain."""
-    return R[:, -1].reshape(len(R), 9).T
+    """(n, 9, T): the nine elements, row by row, of the attitude of every body."""
+    return np.moveaxis(R.reshape(*R.shape[:2], 9), 0, -1)
 
 
 def _short(values: np.ndarray) -> Any:

@@ -5,6 +5,7 @@
   const curves = data.scene.curves;
   const runSelect = document.getElementById("run");
   const groupSelect = document.getElementById("group");
+  const bodySelect = document.getElementById("body");  // only where there are several
   const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const SMALLEST = 1e-18;  // where an exact zero is drawn on a logarithmic axis
   const PALETTE = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#8c6bb1", "#7f7f7f"];
@@ -65,7 +66,7 @@
       const hues = [style("--blue"), style("--orange"), style("--green")];
       const traces = [];
       data.scene.bodies.forEach((body, index) => {
-        traces.push(path(curves.x[index], body + ", truth", style("--quiet"), 6));
+        if (curves.t) traces.push(path(curves.x[index], body + ", truth", style("--quiet"), 6));
         traces.push(path(run.curves.x[index], body, hues[index % 3], 3));
       });
       const axis = (title) => ({title: {text: title + " (m)"}, gridcolor: style("--grid"), color: style("--text"),
@@ -80,12 +81,14 @@
       [["kinetic", "--blue"], ["potential", "--orange"], ["total", "--green"]].forEach(([name, colour]) => {
         const trace = line(run, run.curves[name], name);
         trace.line = {color: style(colour), width: 2};
+        traces.push(trace);
+        if (!curves.t) return;
         const truth = line(run, curves[name], name + ", truth");
         truth.x = curves.t;
         truth.line = {color: style("--text"), width: 1.2, dash: "dot"};
         truth.showlegend = name === "total";
         truth.name = "truth";
-        traces.push(trace, truth);
+        traces.push(truth);
       });
       draw(element, traces, layout(linear("time (s)"), linear("energy (J)"), {showlegend: true}));
     },
@@ -97,10 +100,12 @@
       traces.forEach((trace) => { trace.x = trace.x.slice(1); trace.y = trace.y.slice(1); });
       draw(element, traces, layout(linear("time (s)"), log(quantity + " error (" + element.dataset.unit + ")")));
     },
-    orthogonality(element) {
-      const trace = line(alone(), positive(alone().curves.orthogonality));
-      trace.line = {color: style("--blue"), width: 1.4};
-      draw(element, [trace], layout(linear("time (s)"), log("max |RᵀR − I|")));
+    series(element) {
+      const traces = compared().filter((run) => run.curves.t)
+        .map((run) => line(run, positive(run.curves[element.dataset.series])));
+      // The start is exact, and would stretch the axis to nothing.
+      traces.forEach((trace) => { trace.x = trace.x.slice(1); trace.y = trace.y.slice(1); });
+      draw(element, traces, layout(linear("time (s)"), log(element.dataset.axis)));
     },
     speed(element) {
       const traces = compared().map((run) => [run, run.timing.length ? run.timing : run.ladder
@@ -150,20 +155,21 @@
           trace.line = {color: style(hue), width: 1.5};
           return trace;
         });
-        const y = Object.assign(log(""), {range: [-18.3, 1.5], dtick: 6});
-        draw(panel(parent, run.label), traces, layout(linear("s"), y), {displayModeBar: false});
+        const y = Object.assign(log("m, m/s, m/s²"), {range: [-18.3, 1.5], dtick: 6});
+        draw(panel(parent, run.label), traces, layout(linear("time (s)"), y), {displayModeBar: false});
       });
     },
     attitude(parent) {
       const run = alone();
+      const body = bodySelect ? Number(bodySelect.value) : 0;
       for (let element = 0; element < 9; element += 1) {
-        const truth = {x: curves.t, y: curves.R[element], mode: "markers", marker: {color: style("--quiet"), size: 3},
-          hoverinfo: "skip"};
-        const trace = line(run, run.curves.R[element], "R");
-        trace.line = {color: style("--blue"), width: 1.6};
-        const y = Object.assign(linear(""), {range: [-1.1, 1.1], dtick: 1});
         const name = "R" + "₁₂₃"[Math.floor(element / 3)] + "₁₂₃"[element % 3];
-        draw(panel(parent, name), [truth, trace], layout(linear(""), y), {displayModeBar: false});
+        const truth = {x: curves.t ?? [], y: curves.t ? curves.R[body][element] : [], mode: "markers", marker: {color: style("--quiet"), size: 3},
+          hoverinfo: "skip"};
+        const trace = line(run, run.curves.R[body][element], name);
+        trace.line = {color: style("--blue"), width: 1.6};
+        const y = Object.assign(linear(name + " (1)"), {range: [-1.1, 1.1], dtick: 1});
+        draw(panel(parent, name), [truth, trace], layout(linear("time (s)"), y), {displayModeBar: false});
       }
     },
   };
@@ -204,6 +210,7 @@
   function refresh() { legend(); drawn.forEach(render); }
   runSelect.addEventListener("change", refresh);
   groupSelect.addEventListener("change", refresh);
+  if (bodySelect) bodySelect.addEventListener("change", refresh);
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", refresh);
   window.addEventListener("beforeprint", () => document.querySelectorAll("[data-plot], [data-panels]").forEach(render));
   legend();

@@ -33,6 +33,17 @@ inline void put_diagonal(double* block, double value) {
   for (int i = 0; i < 3; ++i) block[(kRow + 1) * i] = value;
 }
 
+// c -= a b
+inline void subtract_product(const double* __restrict a, const double* __restrict b, double* __restrict c) {
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < kRow; ++j)
+      c[kRow * i + j] -= a[kRow * i] * b[j] + a[kRow * i + 1] * b[kRow + j] + a[kRow * i + 2] * b[2 * kRow + j];
+}
+// y -= a x
+inline void subtract(const double* a, const double* x, double* y) {
+  for (int i = 0; i < 3; ++i) y[i] -= a[kRow * i] * x[0] + a[kRow * i + 1] * x[1] + a[kRow * i + 2] * x[2];
+}
+
 class BlockLU {
  public:
   using Entry = std::pair<int, int>;  // (row node, column node)
@@ -190,16 +201,6 @@ class BlockLU {
         row[i][j] = a[kRow * i] * b[j] + a[kRow * i + 1] * b[kRow + j] + a[kRow * i + 2] * b[2 * kRow + j];
     for (int i = 0; i < 3; ++i)
       for (int j = 0; j < kRow; ++j) b[kRow * i + j] = row[i][j];
-  }
-  // c -= a b
-  static void subtract_product(const double* __restrict a, const double* __restrict b, double* __restrict c) {
-    for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < kRow; ++j)
-        c[kRow * i + j] -= a[kRow * i] * b[j] + a[kRow * i + 1] * b[kRow + j] + a[kRow * i + 2] * b[2 * kRow + j];
-  }
-  // y -= a x
-  static void subtract(const double* a, const double* x, double* y) {
-    for (int i = 0; i < 3; ++i) y[i] -= a[kRow * i] * x[0] + a[kRow * i + 1] * x[1] + a[kRow * i + 2] * x[2];
   }
 
   std::vector<Pivot> pivots_;

@@ -3,8 +3,8 @@
 
 #include <array>
 
-#include "kinematics.hpp"
 #include "newton.hpp"
+#include "saddle_point.hpp"
 
 namespace lieeuler {
 
@@ -24,13 +24,13 @@ class EulerStepper {
     joints_.update(state_.frames);
     if (rank_ == Rank::unknown) {
       if (!saddle_.find_redundancy(joints_)) return Status::singular_matrix;
-      lu_.scale_tail(saddle_.row_scales(joints_, nodes_));
+      scale_tail();
       rank_ = Rank::of_start;
     }
     lu_.expect_deficiency(saddle_.redundant() * (nodes_.doubled() ? 2 : 1));
     if (const Status status = solve_index1(); status != Status::success) return status;
     equations().begin();
-    z_.assign(lu_.unknowns(), 0.0);
+    std::fill(z_.begin(), z_.end(), 0.0);
     predictor_.reset(z_.size());
     newton_.reset(z_.size());
     return Status::success;
@@ -59,6 +59,10 @@ class EulerStepper {
       predictor.guess(z_);
       status = newton_.solve(equations(), z_, lu_, target(), counters);
     }
+    if (status != Status::success && equations().fall_back()) {
+      predictor.guess(z_);
+      status = newton_.solve(equations(), z_, lu_, target(), counters);
+    }
     if (status == Status::newton_failed && lu_.smallest_tail_pivot() < kNearlySingular) return Status::singular_matrix;
     if (status != Status::success) return status;
     predictor.push(z_);
@@ -67,10 +71,11 @@ class EulerStepper {
   }
 
   // The correction of a residual, in place.
-  void solve_linear(std::vector<double>& r) {
+  bool solve_linear(std::vector<double>& r) {
     remove_null_space(r);
     lu_.solve(r.data());
     remove_null_space(r);
+    return true;
   }
 
   // z -= correction; the size of the change of configuration, relative to the size of the system.
@@ -95,28 +100,35 @@ class EulerStepper {
   const Constraints& joints() const { return joints_; }
 
  protected:
-  EulerStepper(const System& system, Level level, bool index1_output, bool doubled, bool second_order)
-      : system_(system), level_(level), index1_output_(index1_output), nodes_(system, doubled), joints_(system),
+  EulerStepper(const System& system, Level level, bool index1_output, bool nodes_doubled, bool doubled, bool second_order)
+      : system_(system), level_(level), index1_output_(index1_output), second_order_(second_order), nodes_(system, nodes_doubled), columns_(nodes_), joints_(system),
         start_joints_(system), saddle_(system), start_(system), state_(system), maps_(system.n() + 1),
-        xi_(system.n() + 1), force_(system.n() + 1) {
+        xi_(system.n() + 1), force_(system.n() + 1), z_(3 * nodes_.count(), 0.0) {
+    plan_matrix(doubled);
+  }
+
+  // Lays out Newton's matrix, of all unknowns or (not doubled) without the second set of velocities and multipliers.
+  void plan_matrix(bool doubled) {
+    columns_ = Nodes(system_, doubled);
     int tail;
-    const std::vector<int> order = nodes_.order(system, tail);
-    lu_.plan(order, tail, nodes_.entries(system, second_order));
-    for (int k = 0; k < nodes_.parts(); ++k) {
-      padding_.push_back({lu_.block(nodes_.lam(k), nodes_.lam(k)), lu_.block(nodes_.mu(k), nodes_.mu(k))});
+    const std::vector<int> order = columns_.order(system_, tail);
+    lu_.plan(order, tail, columns_.entries(system_, second_order_));
+    padding_.clear(), blocks_.clear(), force_blocks_.clear();
+    for (int k = 0; k < columns_.parts(); ++k) {
+      padding_.push_back({lu_.block(columns_.lam(k), columns_.lam(k)), lu_.block(columns_.mu(k), columns_.mu(k))});
       for (Side side : kSides) {
         const int body = body_of(k, side);
-        blocks_.push_back(body == system.n() ? SideBlocks{}
-                                             : SideBlocks::of(lu_, nodes_.lam(k), nodes_.v(body), nodes_.w(body)));
+        blocks_.push_back(body == system_.n() ? SideBlocks{}
+                                              : SideBlocks::of(lu_, columns_.lam(k), columns_.v(body), columns_.w(body)));
       }
     }
-    for (const Force& force : system.forces)
+    for (const Force& force : system_.forces)
       for (int row : {force.parent, force.child})
         for (int column : {force.parent, force.child})
-          force_blocks_.push_back(row == system.n() || column == system.n()
+          force_blocks_.push_back(row == system_.n() || column == system_.n()
                                       ? PairBlocks{}
-                                      : PairBlocks::of(lu_, nodes_.v(row), nodes_.w(row), nodes_.v(column),
-                                                       nodes_.w(column)));
+                                      : PairBlocks::of(lu_, columns_.v(row), columns_.w(row), columns_.v(column),
+                                                       columns_.w(column)));
   }
 
   const Joint& joint_of(int k) const { return system_.joints[nodes_.part(k).joint]; }
@@ -169,7 +181,9 @@ class EulerStepper {
   const System& system_;
   const Level level_;
   bool index1_output_;
-  const Nodes nodes_;
+  const bool second_order_;  // whether the matrix holds second derivatives of the constraints
+  const Nodes nodes_;  // layout of the unknowns z
+  Nodes columns_;      // of Newton's matrix
   double h_ = 0;
   Constraints joints_, start_joints_;  // at q and q_n
   SaddlePoint saddle_;
@@ -181,6 +195,14 @@ class EulerStepper {
   std::vector<SideBlocks> blocks_;        // of lam and (v, w), per part and side
   std::vector<std::array<double*, 2>> padding_;  // diagonal blocks of lam and mu, per part
   std::vector<PairBlocks> force_blocks_;  // against (v, w), per force, row side, column side
+
+  // Rounding level of h u: that of the configuration, or that of the velocity where Newton solves velocity rows.
+  double target() const {
+    const double eps = std::numeric_limits<double>::epsilon();
+    return Equations::has_velocity_rows(level_) ? eps * std::min(1.0, std::abs(h_) * speed_) : eps;
+  }
+
+  double length_ = 1, speed_ = 1;
 
  private:
   Equations& equations() { return static_cast<Equations&>(*this); }
@@ -210,6 +232,15 @@ class EulerStepper {
     if (nodes_.doubled()) saddle_.remove_null_space(&r[3 * nodes_.mu(0)]);
   }
 
+  // Rows of lam and of mu alike.
+  void scale_tail() {
+    std::vector<double> scales(z_.size(), 1.0);
+    const std::vector<double> rows = saddle_.row_scales(joints_);
+    std::copy(rows.begin(), rows.end(), scales.begin() + 3 * nodes_.lam(0));
+    std::copy(rows.begin(), rows.end(), scales.begin() + 3 * nodes_.mu(0));
+    lu_.scale_tail(scales);
+  }
+
   void measure_scales() {
     length_ = system_.length;
     speed_ = 1;
@@ -218,13 +249,6 @@ class EulerStepper {
       speed_ = std::max({speed_, start_.u[b].v.cwiseAbs().maxCoeff() / length_, start_.u[b].w.cwiseAbs().maxCoeff()});
     }
   }
-  // Rounding level of h u: that of the configuration, or that of the velocity where Newton solves velocity rows.
-  double target() const {
-    const double eps = std::numeric_limits<double>::epsilon();
-    return Equations::has_velocity_rows(level_) ? eps * std::min(1.0, std::abs(h_) * speed_) : eps;
-  }
-
-  double length_ = 1, speed_ = 1;
   enum class Rank { unknown, of_start, confirmed } rank_ = Rank::unknown;
   Newton newton_;
   Predictor predictor_;

@@ -26,7 +26,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   enum class Kind { euler, rattle };
 
   HamiltonStepper(const System& system, Level level, bool index1_output, Kind kind = Kind::euler)
-      : Base(system, level, index1_output, false, level == Level::velocity), rattle_(kind == Kind::rattle), rotations_(system.n() + 1),
+      : Base(system, level, index1_output, false, false, level == Level::velocity), rattle_(kind == Kind::rattle), rotations_(system.n() + 1),
         momentum_(system.n() + 1), impulse_(system.n() + 1), mu_(system.rows(), 0.0) {
     for (int b = 0; b < system.n(); ++b)
       bodies_.push_back({lu_.block(nodes_.v(b), nodes_.v(b)), lu_.block(nodes_.w(b), nodes_.w(b))});
@@ -35,6 +35,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   static constexpr bool has_velocity_rows(Level level) { return level == Level::velocity; }
   static constexpr bool projects(Level level) { return level == Level::stabilised; }
   static constexpr bool exact_matrix() { return true; }
+  static constexpr bool fall_back() { return false; }
 
   Status residual(const std::vector<double>& z, std::vector<double>& r) {
     if (!configure(z)) return Status::map_domain;

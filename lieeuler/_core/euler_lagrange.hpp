@@ -10,7 +10,10 @@
 // Unknowns: u of each body, Lam of each joint; when stabilised also xi and mu.
 #pragma once
 
+#include <optional>
+
 #include "euler.hpp"
+#include "stabilised.hpp"
 
 namespace lieeuler {
 
@@ -25,14 +28,29 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
  public:
   LagrangeStepper(const System& system, Level level, bool index1_output, Gains gains)
-      : Base(system, level, index1_output, level == Level::stabilised, true), gains_(gains), tangents_(system.n() + 1),
-        balance_(system.n() + 1), drift_(system.n() + 1) {
+      : Base(system, level, index1_output, level == Level::stabilised, !splits(system, level) && level == Level::stabilised, true),
+        gains_(gains), tangents_(system.n() + 1), balance_(system.n() + 1), drift_(system.n() + 1) {
+    if (splits(system, level)) split_.emplace(system);
     find_blocks();
   }
 
   static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
   static constexpr bool projects(Level) { return false; }
   bool exact_matrix() const { return level_ != Level::acceleration; }
+
+  bool solve_linear(std::vector<double>& r) {
+    if (!split_) return Base::solve_linear(r);
+    const double eps = std::numeric_limits<double>::epsilon();
+    return split_->solve(r, nodes_, lu_, state_.u, h_, this->length_, kSweepShare * eps / std::abs(h_));
+  }
+  // From the split solve to one matrix for all unknowns, where the former does not converge.
+  bool fall_back() {
+    if (!split_) return false;
+    split_.reset();
+    this->plan_matrix(true);
+    find_blocks();
+    return true;
+  }
 
   Status residual(const std::vector<double>& z, std::vector<double>& r) {
     if (!configure(z)) return Status::map_domain;
@@ -71,33 +89,41 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
       for (Side side : kSides)
         if (this->body_of(k, side) != system_.n()) constraint_blocks(k, side);
     }
+    if (split_) split_->factor(joints_, this->start_joints_);
   }
 
  private:
-  using Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_, Base::state_;
+  using Base::columns_, Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_, Base::state_;
   using Base::system_, Base::xi_, Base::z_, Base::force_;
 
   struct BodyBlocks {
     double *v, *w, *xi_v = nullptr, *xi_w = nullptr, *xi_v_v = nullptr, *xi_w_w = nullptr;
   };
+  static constexpr double kSweepShare = 0.1;  // of the rounding of the configuration, for what the sweeps leave
+
+  static bool splits(const System& system, Level level) {
+    return level == Level::stabilised && StabilisedSolve::suits(system);
+  }
   bool stabilised() const { return level_ == Level::stabilised; }
+  bool doubled() const { return columns_.doubled(); }
 
   void find_blocks() {
+    bodies_.clear(), stiffness_.clear(), spring_blocks_.clear(), rate_blocks_.clear(), drift_blocks_.clear();
     for (int b = 0; b < system_.n(); ++b) {
-      const int v = nodes_.v(b), w = nodes_.w(b), xi_v = nodes_.xi_v(b), xi_w = nodes_.xi_w(b);
+      const int v = columns_.v(b), w = columns_.w(b), xi_v = columns_.xi_v(b), xi_w = columns_.xi_w(b);
       bodies_.push_back({lu_.block(v, v), lu_.block(w, w)});
-      if (stabilised())
+      if (doubled())
         bodies_.back() = {lu_.block(v, v),       lu_.block(w, w),    lu_.block(xi_v, xi_v),
                           lu_.block(xi_w, xi_w), lu_.block(xi_v, v), lu_.block(xi_w, w)};
     }
-    for (int k = 0; k < nodes_.parts(); ++k) {
+    for (int k = 0; k < columns_.parts(); ++k) {
       for (Side row : kSides)
         for (Side column : kSides) stiffness_.push_back(against_xi(this->body_of(k, row), this->body_of(k, column)));
       for (Side side : kSides) {
         const int b = this->body_of(k, side);
-        const bool none = !stabilised() || b == system_.n();
-        rate_blocks_.push_back(none ? SideBlocks{} : SideBlocks::of(lu_, nodes_.lam(k), nodes_.xi_v(b), nodes_.xi_w(b)));
-        drift_blocks_.push_back(none ? SideBlocks{} : SideBlocks::of(lu_, nodes_.mu(k), nodes_.xi_v(b), nodes_.xi_w(b)));
+        const bool none = !doubled() || b == system_.n();
+        rate_blocks_.push_back(none ? SideBlocks{} : SideBlocks::of(lu_, columns_.lam(k), columns_.xi_v(b), columns_.xi_w(b)));
+        drift_blocks_.push_back(none ? SideBlocks{} : SideBlocks::of(lu_, columns_.mu(k), columns_.xi_v(b), columns_.xi_w(b)));
       }
     }
     for (const Force& force : system_.forces)
@@ -107,7 +133,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   PairBlocks against_xi(int row, int column) {
     if (row == system_.n() || column == system_.n()) return {};
-    return PairBlocks::of(lu_, nodes_.v(row), nodes_.w(row), nodes_.xi_v(column), nodes_.xi_w(column));
+    return PairBlocks::of(lu_, columns_.v(row), columns_.w(row), columns_.xi_v(column), columns_.xi_w(column));
   }
 
   void begin() {}
@@ -147,7 +173,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     const Vec3& w = state_.u[b].w;
     put_diagonal(blocks.v, body.mass);
     put(blocks.w, body.inertia + h_ * gyroscopic_slope(w, body.inertia * w, body.inertia));
-    if (!stabilised()) return;
+    if (!doubled()) return;
     put_diagonal(blocks.xi_v, body.mass), put_diagonal(blocks.xi_v_v, -body.mass);
     put(blocks.xi_w, body.inertia), put(blocks.xi_w_w, -body.inertia);
   }
@@ -157,11 +183,10 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     const PairBlocks& blocks = stiffness_[4 * k + 2 * row + column];
     const Part& part = this->part_of(k);
     if (!blocks.ww || (part.spherical && row != column)) return;
-    const Vec3 impulse = load3(&z_[3 * nodes_.lam(k)]);
-    const Stiffness K = this->here(k).geometric_stiffness(part, row, column, impulse);
+    const Vec3 impulse = h_ * load3(&z_[3 * nodes_.lam(k)]);
     const Mat3& T = tangents_[this->body_of(k, column)];
-    if (part.spherical) return add(blocks.ww, h_ * K.ww * T);  // the other blocks are zero
-    blocks.add(h_, K, T);
+    if (part.spherical) return add(blocks.ww, this->here(k).anchor_stiffness(row, impulse) * T);  // the only block
+    blocks.add(1, this->here(k).geometric_stiffness(part, row, column, impulse), T);
   }
 
   // - h df/du onto the columns of u, - h^2 df/dq T onto those of xi.
@@ -179,15 +204,29 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   void constraint_blocks(int k, Side side) {
     const Mat3& T = tangents_[this->body_of(k, side)];
     const SideBlocks& blocks = this->blocks_[2 * k + side];
+    if (this->part_of(k).spherical && split_) return anchor_blocks(k, side, blocks, T);
     const Rows G = this->here(k).jacobian(this->part_of(k), side);
     blocks.put_columns(G);
     if (level_ == Level::position) return blocks.put_rows(G.v, G.w * T);
     const Rows slope = rate_slope(k, side, G, T);
+    if (split_) {
+      split_->slope(k, side) = slope;
+      return blocks.put_rows(G.v, G.w * T);
+    }
     if (!stabilised()) return blocks.put_rows(G.v + slope.v, G.w + slope.w);
     blocks.put_rows(G.v, G.w);
     rate_blocks_[2 * k + side].put_rows(slope.v, slope.w);
     drift_blocks_[2 * k + side].put_rows(G.v, G.w * T);
     drift_blocks_[2 * k + side].put_columns(this->before(k).jacobian(this->part_of(k), side));
+  }
+
+  // As constraint_blocks, for a spherical part and the split solve: what is constant or zero is left out.
+  void anchor_blocks(int k, Side side, const SideBlocks& blocks, const Mat3& T) {
+    const Mat3 G = this->here(k).anchor_jacobian(side);
+    put(blocks.row_w, G * T), put(blocks.column_w, G.transpose());
+    const double sign = side == kChild ? 1 : -1;
+    put_diagonal(blocks.row_v, sign), put_diagonal(blocks.column_v, sign);
+    split_->slope(k, side).w = h_ * this->here(k).anchor_rate_slope(side, state_.u[this->body_of(k, side)].w) * T;
   }
 
   // Derivative of the velocity or acceleration row with respect to xi beyond G itself. For the acceleration level the
@@ -218,6 +257,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
 
   Gains gains_;
+  std::optional<StabilisedSolve> split_;
   std::vector<Mat3> tangents_;
   std::vector<Twist> balance_, drift_;  // residuals of the dynamics and of M xi = M u - G_n^T mu
   std::vector<BodyBlocks> bodies_;

@@ -76,9 +76,8 @@ class JointState {
     Rows G;
     const Mat3& R = frame_[side]->R;
     if (part.spherical) {
-      const double sign = side == kChild ? 1 : -1;
-      G.v.diagonal().setConstant(sign);
-      G.w = R * hat(-sign * *anchor_[side]);
+      G.v.diagonal().setConstant(side == kChild ? 1 : -1);
+      G.w = anchor_jacobian(side);
       return G;
     }
     for (int r = 0; r < part.rows(); ++r) {
@@ -112,7 +111,8 @@ class JointState {
     const Vec3& w = u[side]->w;
     Rows N;
     if (part.spherical) {
-      N.w = (side == kChild ? 1. : -1.) * R * arm_slope(*anchor_[side], w, both_orders);
+      N.w = both_orders ? Mat3((side == kChild ? 1. : -1.) * R * arm_slope(*anchor_[side], w, true))
+                        : anchor_rate_slope(side, w);
       return N;
     }
     for (int r = 0; r < part.rows(); ++r) {
@@ -131,13 +131,28 @@ class JointState {
     return N;
   }
 
+  // The only block of d(G^T lam)/dq a spherical part has on one side, rotations against rotations:
+  // +- hat(s) hat(R^T lam), written out.
+  Mat3 anchor_stiffness(Side side, const Vec3& lam) const {
+    const Vec3& s = *anchor_[side];
+    const Vec3 l = frame_[side]->R.transpose() * (side == kChild ? lam : Vec3(-lam));
+    Mat3 K = l * s.transpose();
+    K.diagonal().array() -= s.dot(l);
+    return K;
+  }
+  // G of a spherical part against rotations, R hat(-+ s), and its slope d(G u)/dq, +- R hat(s x w).
+  Mat3 anchor_jacobian(Side side) const { return turned(side, side == kChild ? Vec3(-*anchor_[side]) : *anchor_[side]); }
+  Mat3 anchor_rate_slope(Side side, const Vec3& w) const {
+    const Vec3& s = *anchor_[side];
+    return turned(side, side == kChild ? s.cross(w) : w.cross(s));
+  }
+
   // d(G^T lam)/dq, the block of one side's rows and another side's columns.
   Stiffness geometric_stiffness(const Part& part, Side row, Side column, const Vec3& lam) const {
     Stiffness K;
     const Mat3 &Rr = frame_[row]->R, &Rc = frame_[column]->R;
     if (part.spherical) {
-      if (row == column)
-        K.ww = (row == kChild ? 1. : -1.) * hat(*anchor_[row]) * hat(Rr.transpose() * lam);
+      if (row == column) K.ww = anchor_stiffness(row, lam);
       return K;
     }
     for (int r = 0; r < part.rows(); ++r) {
@@ -159,6 +174,16 @@ class JointState {
   }
 
  private:
+  // R hat(s), by columns.
+  Mat3 turned(Side side, const Vec3& s) const {
+    const Mat3& R = frame_[side]->R;
+    Mat3 m;
+    m.col(0) = s.z() * R.col(1) - s.y() * R.col(2);
+    m.col(1) = s.x() * R.col(2) - s.z() * R.col(0);
+    m.col(2) = s.y() * R.col(0) - s.x() * R.col(1);
+    return m;
+  }
+
   struct Carried {
     Vec3 value = Vec3::Zero();
     double sign[2] = {0, 0};

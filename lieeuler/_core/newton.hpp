@@ -15,7 +15,7 @@ struct Counters {
   long steps = 0, newton_iterations = 0, factorizations = 0, most_iterations = 0;
 };
 
-// Guesses for the unknowns of the next step: polynomial extrapolation of the last steps' solutions, up to cubic.
+// Guesses for the unknowns of the next step: polynomial extrapolation of the last steps' solutions, up to quartic.
 class Predictor {
  public:
   void reset(size_t unknowns) {
@@ -24,22 +24,26 @@ class Predictor {
   }
   bool empty() const { return count_ == 0; }
   void push(const std::vector<double>& z) {
-    newest_ = (newest_ + 3) % 4;
+    newest_ = (newest_ + kPoints - 1) % kPoints;
     std::copy(z.begin(), z.end(), history_[newest_].begin());
-    if (count_ < 4) ++count_;
+    if (count_ < kPoints) ++count_;
   }
   void guess(std::vector<double>& z) const {
-    static constexpr double weights[4][4] = {{1, 0, 0, 0}, {2, -1, 0, 0}, {3, -3, 1, 0}, {4, -6, 4, -1}};
+    static constexpr double weights[kPoints][kPoints] = {
+        {1, 0, 0, 0, 0}, {2, -1, 0, 0, 0}, {3, -3, 1, 0, 0}, {4, -6, 4, -1, 0}, {5, -10, 10, -5, 1}};
     const double* w = weights[count_ - 1];
-    const auto &a = past(0), &b = past(1), &c = past(2), &d = past(3);
-    for (size_t i = 0; i < z.size(); ++i) z[i] = w[0] * a[i] + w[1] * b[i] + w[2] * c[i] + w[3] * d[i];
+    const auto &a = past(0), &b = past(1), &c = past(2), &d = past(3), &e = past(4);
+    for (size_t i = 0; i < z.size(); ++i)
+      z[i] = w[0] * a[i] + w[1] * b[i] + w[2] * c[i] + w[3] * d[i] + w[4] * e[i];
   }
   void forget() { count_ = 1; }
   bool extrapolates() const { return count_ > 1; }
 
  private:
-  const std::vector<double>& past(int k) const { return history_[(newest_ + (k < count_ ? k : 0)) % 4]; }
-  std::vector<double> history_[4];
+  static constexpr int kPoints = 5;
+
+  const std::vector<double>& past(int k) const { return history_[(newest_ + (k < count_ ? k : 0)) % kPoints]; }
+  std::vector<double> history_[kPoints];
   int newest_ = 0, count_ = 0;
 };
 
@@ -59,7 +63,7 @@ class Newton {
         ++counters.factorizations;
         if (!lu.factor()) return Status::singular_matrix;
       }
-      equations.solve_linear(residual_);
+      if (!equations.solve_linear(residual_)) return Status::newton_failed;
       const double size = equations.correct(z, residual_);
       ++counters.newton_iterations;
       counters.most_iterations = std::max<long>(counters.most_iterations, k);

@@ -236,7 +236,11 @@ def test_reactions_in_a_tree_are_those_of_newton_and_euler(name, method):
     traj = crosscheck.run(scene, "lieeuler", method, step=2e-3, monitor=False)
     expected = tree_reactions(scene, traj, traj.a, traj.alpha)
     # G^T lam and the sums here go over the same handful of terms per body, n bodies outwards
-    assert largest_gap(traj.reactions, expected) < 100 * EPS * scene.n * size_of(expected)
+    bound = 100 * EPS * scene.n * size_of(expected)
+    if method in ("DAE3L_LE", "DAE2L_LE", "DAE2L_LSE"):  # a = (u - u_n) / h: a few roundings of M u, over h
+        momentum = max(scene.masses.max() * np.abs(traj.v).max(), np.abs(scene.inertias).max() * np.abs(traj.w).max())
+        bound += 4 * EPS * momentum / traj.stats["step"]
+    assert largest_gap(traj.reactions, expected) < bound
 
 
 @pytest.mark.parametrize("name", LOOPS)

@@ -138,8 +138,8 @@ class Delassus {
     End end{k, nodes_.part(k).joint, body, side, &part(k), Translation::none};
     if (part(k).translational()) end.translation = part(k).spherical ? Translation::unit : Translation::full;
     if (part(k).spherical) {
-      end.Gv[0] = side == kChild ? 1 : -1;
-      end.Wv[0] = end.Gv[0] / system_.bodies[body].mass;
+      put_diagonal(end.Gv, side == kChild ? 1 : -1);
+      put_diagonal(end.Wv, end.Gv[0] / system_.bodies[body].mass);
     }
     return end;
   }

@@ -40,8 +40,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   bool solve_linear(std::vector<double>& r) {
     if (!split_) return Base::solve_linear(r);
-    const double eps = std::numeric_limits<double>::epsilon();
-    return split_->solve(r, nodes_, lu_, state_.u, h_, this->length_, kSweepShare * eps / std::abs(h_));
+    return split_->solve(r, nodes_, lu_, state_.u, h_, this->length_, this->target() / std::abs(h_));
   }
   // From the split solve to one matrix for all unknowns, where the former does not converge.
   bool fall_back() {
@@ -99,8 +98,6 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   struct BodyBlocks {
     double *v, *w, *xi_v = nullptr, *xi_w = nullptr, *xi_v_v = nullptr, *xi_w_w = nullptr;
   };
-  static constexpr double kSweepShare = 0.1;  // of the rounding of the configuration, for what the sweeps leave
-
   static bool splits(const System& system, Level level) {
     return level == Level::stabilised && StabilisedSolve::suits(system);
   }

@@ -24,8 +24,9 @@ class Method:
     ----------
     name : str
         What users type.
-    formulation : "lagrange" | "hamilton"
-        Implicit Euler for the Lagrangian equations, or symplectic Euler for the Hamiltonian ones.
+    formulation : "lagrange" | "hamilton" | "index1"
+        Implicit Euler for the Lagrangian equations, symplectic Euler for the Hamiltonian ones, or accelerations solved
+        from the index-1 system.
     level : "position" | "velocity" | "stabilised" | "acceleration"
         The constraint equation solved in the step; "stabilised" is position and velocity together.
     index1_output : bool
@@ -40,6 +41,8 @@ class Method:
     composition : tuple of float
         Weights of the stages where the method is a composition of RATTLE steps; RATTLE is half a step of DAE2H_LSE and
         half a step of its adjoint.
+    controls : tuple of "step", "rtol"
+        How the user sets the accuracy: a fixed step (s), a relative tolerance, or either.
     """
 
     name: str
@@ -51,6 +54,7 @@ class Method:
     source: str
     gains: tuple[float, float] | None = None
     composition: tuple[float, ...] = ()
+    controls: tuple[str, ...] = ("step",)
 
 
 def _symmetric(*half: float) -> tuple[float, ...]:

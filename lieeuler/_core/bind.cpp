@@ -7,7 +7,7 @@
 
 #include <chrono>
 
-#include "loop.hpp"
+#include "adaptive.hpp"
 
 namespace nb = nanobind;
 using namespace lieeuler;
@@ -90,6 +90,7 @@ const char* name_of(Status status) {
     case Status::singular_matrix: return "singular_matrix";
     case Status::map_domain: return "map_domain";
     case Status::non_finite: return "non_finite";
+    case Status::step_too_small: return "step_too_small";
     case Status::interrupted: return "interrupted";
   }
   return "unknown";
@@ -111,16 +112,10 @@ struct Samples {
   }
 };
 
-nb::dict integrate(const System& system, const std::string& map, bool hamiltonian, const std::string& level,
-                   bool index1_output, double alpha, double beta, const std::vector<double>& composition, const Array& x, const Array& R, const Array& v,
-                   const Array& w, const std::vector<double>& steps, const std::vector<int>& counts, bool monitored) {
-  const Level levels = level == "position"     ? Level::position
-                       : level == "velocity"   ? Level::velocity
-                       : level == "stabilised" ? Level::stabilised
-                                               : Level::acceleration;
-  const Method method{hamiltonian, levels, index1_output, {alpha, beta}, composition};
-  const State initial = make_state(system, x, R, v, w);
-  Samples samples(steps.size() + 1, system);
+// run(record, interrupted) fills an Outcome; the interpreter is free meanwhile.
+template <class Run>
+nb::dict execute(const System& system, size_t T, const Run& run) {
+  Samples samples(T, system);
   const Record record = [&](int k, const State& state) { samples.put_state(system, k, state); };
   const Interrupted interrupted = [] {
     nb::gil_scoped_acquire gil;
@@ -133,12 +128,11 @@ nb::dict integrate(const System& system, const std::string& map, bool hamiltonia
   {
     nb::gil_scoped_release release;
     const auto start = std::chrono::steady_clock::now();
-    const auto run = map == "cayley" ? run_method<CayleyMap> : (map == "ccsk" ? run_method<CcskMap> : run_method<ExpMap>);
-    outcome = run(system, method, initial, steps, counts, monitored, record, interrupted);
+    outcome = run(record, interrupted);
     seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
-  const size_t T = steps.size() + 1, n = system.n(), m = system.rows();
-  nb::dict result;
+  const size_t n = system.n(), m = system.rows();
+  nb::dict result, counters, maxima;
   result["status"] = name_of(outcome.status);
   result["samples"] = outcome.samples;
   result["time"] = outcome.time_of_failure;
@@ -150,8 +144,9 @@ nb::dict integrate(const System& system, const std::string& map, bool hamiltonia
   result["a"] = make_array(samples.a, {T, n, 3});
   result["alpha"] = make_array(samples.alpha, {T, n, 3});
   result["lam"] = make_array(samples.lam, {T, m});
-  nb::dict counters, maxima;
   counters["steps"] = outcome.counters.steps;
+  counters["rejected_steps"] = outcome.counters.rejected_steps;
+  counters["force_evaluations"] = outcome.counters.force_evaluations;
   counters["newton_iterations"] = outcome.counters.newton_iterations;
   counters["factorizations"] = outcome.counters.factorizations;
   counters["redundant_rows"] = outcome.redundant_rows;
@@ -165,6 +160,33 @@ nb::dict integrate(const System& system, const std::string& map, bool hamiltonia
   result["counters"] = counters;
   result["maxima"] = maxima;
   return result;
+}
+
+nb::dict integrate(const System& system, const std::string& map, bool hamiltonian, const std::string& level,
+                   bool index1_output, double alpha, double beta, const std::vector<double>& composition,
+                   const Array& x, const Array& R, const Array& v, const Array& w, const std::vector<double>& steps,
+                   const std::vector<int>& counts, bool monitored) {
+  const Level levels = level == "position"     ? Level::position
+                       : level == "velocity"   ? Level::velocity
+                       : level == "stabilised" ? Level::stabilised
+                                               : Level::acceleration;
+  const Method method{hamiltonian, levels, index1_output, {alpha, beta}, composition};
+  const State initial = make_state(system, x, R, v, w);
+  return execute(system, steps.size() + 1, [&](const Record& record, const Interrupted& interrupted) {
+    const auto run = map == "cayley" ? run_method<CayleyMap> : (map == "ccsk" ? run_method<CcskMap> : run_method<ExpMap>);
+    return run(system, method, initial, steps, counts, monitored, record, interrupted);
+  });
+}
+
+// t_eval starts at zero.
+nb::dict integrate_adaptive(const System& system, const std::string& method, const Array& x, const Array& R,
+                            const Array& v, const Array& w, const std::vector<double>& t_eval, double rtol,
+                            bool monitored) {
+  const State initial = make_state(system, x, R, v, w);
+  return execute(system, t_eval.size(), [&](const Record& record, const Interrupted& interrupted) {
+    throw std::invalid_argument(method);
+    return Outcome{};
+  });
 }
 
 // Phi, G, gamma, d(G u)/dq and d(gamma)/du of a state, dense; and d(G^T lam)/dq. For tests.
@@ -285,6 +307,7 @@ NB_MODULE(_kernel, m) {
       .def("add_load", &add_load)
       .def_prop_ro("rows", &System::rows);
   m.def("integrate", &integrate);
+  m.def("integrate_adaptive", &integrate_adaptive);
   m.def("constraints", &constraints);
   m.def("forces", &forces);
   m.def("map_values", [](const std::string& map, const Vec3& xi, const Mat3& J, double h) {

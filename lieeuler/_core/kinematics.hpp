@@ -94,6 +94,8 @@ class SaddlePoint {
     return true;
   }
   int redundant() const { return static_cast<int>(null_.size()); }
+  // Near a singular position of a loop it goes to zero, as the square of the distance.
+  double smallest_pivot() { return lu_.smallest_tail_pivot(); }
 
   bool factor(const Constraints& joints) {
     assemble(joints);
@@ -132,6 +134,14 @@ class SaddlePoint {
       joints[nodes_.part(k).joint].subtract_reaction(part_of(k), load3(rhs_.data() + 3 * nodes_.lam(k)), p[joint.parent],
                                                      p[joint.child]);
     }
+  }
+
+  // The least displacement that closes the joints to first order: M d + G^T mu = 0, G d = -Phi.
+  void displace(const Constraints& joints, std::vector<Twist>& d) {
+    std::fill_n(rhs_.begin(), 3 * nodes_.lam(0), 0.0);
+    for (int k = 0; k < nodes_.parts(); ++k)
+      store(Vec3(-joints[nodes_.part(k).joint].position(part_of(k))), rhs_.data() + 3 * nodes_.lam(k));
+    finish(d, nullptr);
   }
 
   // (a, lam) of the index-1 system: M a + G^T lam = f, G a + gamma = 0.
@@ -209,7 +219,7 @@ class SaddlePoint {
     lu_.solve(rhs_.data());
     remove_null_space(rows);
     for (int b = 0; b < system_.n(); ++b) y[b] = load(rhs_.data() + 3 * nodes_.v(b));
-    for_rows([&](int row, int node) { multipliers[row] = rhs_[node]; });
+    if (multipliers) for_rows([&](int row, int node) { multipliers[row] = rhs_[node]; });
   }
   // Calls visit(row in lam, place among the unknowns) for every constraint row.
   template <class Visit>

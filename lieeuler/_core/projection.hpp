@@ -1,0 +1,123 @@
+// Projection of a state onto Phi = 0 and G u = 0, by the least change in the metric of the masses:
+//
+//   q <- q * d,  M d + G^T mu = 0,  G d = -Phi      repeated with one matrix (simplified Newton)
+//   u <- M^-1 (M u - G^T nu),       G u = 0         at the new q
+//
+// then (a, lam) of the index-1 system there. Redundant rows are left to the null space of the saddle point.
+#pragma once
+
+#include "kinematics.hpp"
+#include "newton.hpp"
+
+namespace lieeuler {
+
+// Sizes that make errors of translations and rotations, and of their rates, comparable: m, 1/s.
+struct Scales {
+  double length = 1, rate = 1;
+
+  static Scales of(const System& system, const State& state) {
+    Scales scales{system.length, 1};
+    for (int b = 0; b < system.n(); ++b)
+      scales.length = std::max(scales.length, state.frames[b].x.cwiseAbs().maxCoeff());
+    for (int b = 0; b < system.n(); ++b)
+      scales.rate = std::max({scales.rate, state.u[b].v.cwiseAbs().maxCoeff() / scales.length,
+                              state.u[b].w.cwiseAbs().maxCoeff()});
+    return scales;
+  }
+};
+
+class Projection {
+ public:
+  explicit Projection(const System& system)
+      : system_(system), joints_(system), saddle_(system), change_(system.n() + 1), momentum_(system.n() + 1),
+        mu_(system.rows(), 0.0) {}
+
+  // Counts the redundant rows where the run starts and factors the matrix there.
+  Status start(const State& state) {
+    joints_.update(state.frames);
+    if (!saddle_.find_redundancy(joints_)) return Status::singular_matrix;
+    return factor();
+  }
+  // A rank that is higher elsewhere was that of a singular position. Leaves the matrix factored.
+  Status confirm_rank() {
+    if (saddle_.redundant() == 0) return Status::success;
+    int redundant;
+    if (!saddle_.count_redundancy(joints_, redundant) || redundant < saddle_.redundant())
+      return Status::singular_matrix;
+    return factor();
+  }
+
+  // Evaluates the joints there; they refer to `state` until the next call.
+  void move_to(const State& state) { joints_.update(state.frames); }
+  Status factor() { return saddle_.factor(joints_) ? Status::success : Status::singular_matrix; }
+
+  // Projects from a matrix of its own.
+  Status project(State& state, const Scales& scales, Counters& counters) {
+    move_to(state);
+    ++counters.factorizations;
+    if (const Status status = factor(); status != Status::success) return status;
+    return settle(state, scales, counters);
+  }
+
+  // Projects with the matrix factored last, at a configuration close by, and factors it at the result.
+  Status settle(State& state, const Scales& scales, Counters& counters) {
+    if (const Status status = close(state, scales.length); status != Status::success) return status;
+    update_angles(system_, state.frames, state.u, state.angles);
+    ++counters.factorizations;
+    ++counters.force_evaluations;
+    if (const Status status = factor(); status != Status::success) return status;
+    for (int b = 0; b < system_.n(); ++b) momentum_[b] = momentum(system_.bodies[b], state.u[b]);
+    saddle_.project(joints_, momentum_, state.u, mu_.data());
+    saddle_.accelerate(joints_, state);
+    return Status::success;
+  }
+
+  SaddlePoint& saddle() { return saddle_; }
+  const Constraints& joints() const { return joints_; }
+  int redundant_rows() const { return saddle_.redundant(); }
+
+ private:
+  static constexpr double kEps = std::numeric_limits<double>::epsilon();
+  static constexpr double kFloor = 4 * kEps;    // a correction of this size is rounding
+  static constexpr double kNoise = 1e3 * kEps;  // below this, corrections that no longer shrink are rounding
+  static constexpr int kMostIterations = 12;
+
+  // Phi = 0, attitudes orthogonal, to rounding.
+  Status close(State& state, double length) {
+    double last = 1;  // the guess is within one length and one radian: a first correction of 1e-8 leaves 1e-16
+    for (int k = 0; k < kMostIterations; ++k) {
+      move_to(state);
+      saddle_.displace(joints_, change_);
+      double size = 0, sum = 0;
+      for (int b = 0; b < system_.n(); ++b) {
+        size = std::max({size, change_[b].v.cwiseAbs().maxCoeff() / length, change_[b].w.cwiseAbs().maxCoeff()});
+        sum += change_[b].v.sum() + change_[b].w.sum();
+      }
+      if (!std::isfinite(sum)) return Status::non_finite;  // max() above would hide a NaN
+      if (k > 0 && size > kNoise && size > 0.5 * last) return Status::newton_failed;
+      apply(state);
+      if (size <= kFloor || (k > 0 && (size * size <= kFloor * last || size <= kNoise))) break;
+      if (k + 1 == kMostIterations) return Status::newton_failed;
+      last = size;
+    }
+    move_to(state);
+    return Status::success;
+  }
+  void apply(State& state) {
+    ExpMap map;
+    for (int b = 0; b < system_.n(); ++b) {
+      Frame& frame = state.frames[b];
+      map.set(change_[b].w);
+      frame.x += change_[b].v;
+      frame.R = polished(frame.R * map.rotation());
+    }
+  }
+
+  const System& system_;
+  Constraints joints_;
+  SaddlePoint saddle_;
+  std::vector<Twist> change_, momentum_;
+  std::vector<double> mu_;
+};
+
+}  // namespace lieeuler

@@ -107,6 +107,8 @@ METHODS: dict[str, Method] = {
         _rattle("rattle4", 4, SUZUKI_4, f"{_BM}, doi:10.1016/0375-9601(90)90962-N"),
         _rattle("rattle6", 6, KAHAN_LI_6, f"{_BM}, doi:10.1090/S0025-5718-97-00873-9"),
         _rattle("rattle8", 8, SUZUKI_UMENO_8, f"{_BM}, doi:10.1137/0916010"),
+        Method("taylor", "index1", "stabilised", True, _ALL, 40, "doi:10.1080/10586458.2005.10128904",
+               controls=("rtol",)),
     )
 }  # fmt: skip
 """All methods by name, in the order in which tables list them."""

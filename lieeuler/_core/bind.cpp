@@ -8,6 +8,7 @@
 #include <chrono>
 
 #include "adaptive.hpp"
+#include "taylor.hpp"
 
 namespace nb = nanobind;
 using namespace lieeuler;
@@ -184,8 +185,11 @@ nb::dict integrate_adaptive(const System& system, const std::string& method, con
                             bool monitored) {
   const State initial = make_state(system, x, R, v, w);
   return execute(system, t_eval.size(), [&](const Record& record, const Interrupted& interrupted) {
+    if (method == "taylor") {
+      TaylorStepper stepper(system);
+      return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
+    }
     throw std::invalid_argument(method);
-    return Outcome{};
   });
 }
 

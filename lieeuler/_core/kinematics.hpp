@@ -144,6 +144,14 @@ class SaddlePoint {
     finish(d, nullptr);
   }
 
+  // [M G^T; G 0] z = z, in the layout of Nodes.
+  void solve(std::vector<double>& z) {
+    double* const rows = z.data() + 3 * nodes_.lam(0);
+    remove_null_space(rows);
+    lu_.solve(z.data());
+    remove_null_space(rows);
+  }
+
   // (a, lam) of the index-1 system: M a + G^T lam = f, G a + gamma = 0.
   void accelerate(const Constraints& joints, State& state) {
     generalized_forces(system_, state.frames, state.u, state.angles, force_);
@@ -214,10 +222,7 @@ class SaddlePoint {
     return side == kChild ? joint.child : joint.parent;
   }
   void finish(std::vector<Twist>& y, double* multipliers) {
-    double* const rows = rhs_.data() + 3 * nodes_.lam(0);
-    remove_null_space(rows);
-    lu_.solve(rhs_.data());
-    remove_null_space(rows);
+    solve(rhs_);
     for (int b = 0; b < system_.n(); ++b) y[b] = load(rhs_.data() + 3 * nodes_.v(b));
     if (multipliers) for_rows([&](int row, int node) { multipliers[row] = rhs_[node]; });
   }

@@ -11,6 +11,7 @@ namespace lieeuler {
 struct Body {
   double mass;
   Mat3 inertia, inertia_inverse;  // about the centre of mass, body axes
+  Vec3 spin = Vec3::Zero();       // constant angular momentum inside the body, body axes: -w x (J w + spin) turns it
 };
 
 // Position of the centre of mass (world) and attitude (body to world).

@@ -1,0 +1,202 @@
+// Taylor coefficients of the motion, order by order, from the index-1 system (theory note, section 11).
+//
+// With (vdot, wdot, lam) of orders below k known, order k solves  M udot_k + G_0^T lam_k = f_k,  G_0 udot_k = -gamma_k:
+// always the same matrix. f_k and gamma_k are convolutions of known coefficients, in which lam_k and udot_k count as
+// zero: R hat(w) for attitudes and the gyroscopic torque, R^T V for the torque of a force V in world axes, products of
+// carried vectors for dot rows.
+#pragma once
+
+#include "force_series.hpp"
+
+namespace lieeuler {
+
+class MotionSeries {
+ public:
+  explicit MotionSeries(const System& system) : system_(system), nodes_(system, false), body_(system) {
+    rhs_.assign(3 * nodes_.count(), 0.0);
+    turned_.resize(system.n() + 1);
+    for (int k = 0; k < nodes_.parts(); ++k) plan_part(k);
+    for (const Force& force : system.forces) plan_force(force);
+  }
+
+  // Coefficients of order zero of the configuration and velocity, and those of order one that follow without forces.
+  void start(const State& state) {
+    body_.start(state);
+    for (CarriedSeries& z : carried_) z.extend(body_, 0), z.extend(body_, 1);
+    for (SpringSeries& spring : springs_) spring.start();
+    for (size_t k = 0; k < torsions_.size(); ++k) torsions_[k].start(state);
+  }
+
+  // Order k: accelerations and multipliers k, velocities k + 1, configurations k + 2. False where a force has no series.
+  template <class Saddle>
+  bool extend(int k, Saddle& saddle) {
+    std::fill(rhs_.begin(), rhs_.end(), 0.0);
+    for (int b = 0; b < system_.n(); ++b) {
+      turned_[b] = turned(body_.R[b].data(), body_.w[b].data(), k);
+      if (k == 0) add_force(b, system_.bodies[b].mass * system_.gravity);
+      add_torque(b, row(turned_[b], 3));
+    }
+    if (!add_forces(k)) return false;
+    for (PartSeries& part : parts_) part.begin(carried_, k);
+    for (const Arm& arm : arms_) add_arm(arm, k);
+    for (PartSeries& part : parts_) subtract_gamma(part, k);
+    saddle.solve(rhs_);
+    for (int b = 0; b < system_.n(); ++b) {
+      const double* u = &rhs_[3 * nodes_.v(b)];
+      body_.extend(b, k, turned_[b], load3(u), load3(u + 3));
+    }
+    for (PartSeries& part : parts_) part.finish(carried_, k, load3(&rhs_[part.unknown]));
+    for (CarriedSeries& z : carried_) z.extend(body_, k + 2);
+    return true;
+  }
+
+  // Frames, u and torsion angles at time h from the expansion's centre; orders of the accelerations below `order`.
+  void evaluate(double h, int order, State& state) const {
+    body_.evaluate(h, order, state);
+    for (const TorsionSeries& torsion : torsions_) torsion.evaluate(h, order, state);
+  }
+  const BodySeries& bodies() const { return body_; }
+
+ private:
+  // A force V in world axes at a point of a body, or a vector V that acts on an axis of it: the torque local x R^T V.
+  struct Arm {
+    int body;
+    Vec3 local;
+    double sign;
+    const Quad* force;
+    bool acts_on_translation, starts_at_one;
+  };
+
+  void plan_part(int k) {
+    const Joint& joint = system_.joints[nodes_.part(k).joint];
+    const Part& part = joint.parts[nodes_.part(k).part];
+    parts_.emplace_back(joint, part, 3 * nodes_.lam(k));
+    PartSeries& series = parts_.back();
+    if (part.spherical) {
+      add_arms(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, series.lam.data(), false, true);
+      return;
+    }
+    for (int r = 0; r < part.rows(); ++r) {
+      const DotRow& dot = part.dots[r];
+      const int a = carried(joint, dot.a, dot.a_local), b = carried(joint, dot.b, dot.b_local);
+      series.rows.push_back({a, b, dot.scale});
+      plan_reaction(joint, series, dot.a, dot.a_local, r, b, dot.scale);
+      plan_reaction(joint, series, dot.b, dot.b_local, r, a, dot.scale);
+    }
+  }
+  // What `on` feels of multiplier r times the other carried vector; reactions on the same vector share a series.
+  void plan_reaction(const Joint& joint, PartSeries& part, Carrier on, const Vec3& local, int r, int other,
+                     double scale) {
+    for (ReactionSeries& reaction : part.reactions)
+      if (reaction.on == on && (on == Carrier::difference || reaction.local == local)) {
+        reaction.terms.push_back({r, other, scale});
+        return;
+      }
+    part.reactions.push_back({on, local, {{r, other, scale}}, std::vector<Quad>(kMostOrder + 3)});
+    const Quad* const force = part.reactions.back().value.data();
+    if (on == Carrier::difference)
+      add_arms(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, force, true, false);
+    else
+      add_arm_of(on == Carrier::child_axis ? joint.child : joint.parent, local, -1, force, false, false);
+  }
+  void plan_force(const Force& force) {
+    switch (force.kind) {
+      case Force::Kind::linear_spring: {
+        const Joint ends{force.parent, force.child, force.parent_point, force.child_point, {}};
+        springs_.emplace_back(force, carried(ends, Carrier::difference, Vec3::Zero()));
+        add_arms(force.parent, force.child, force.parent_point, force.child_point, springs_.back().force.data(), true,
+                 false);
+        break;
+      }
+      case Force::Kind::torsional_spring:
+        torsions_.emplace_back(force, static_cast<int>(&force - system_.forces.data()));
+        break;
+      case Force::Kind::load: break;
+    }
+  }
+  // A pull V of the anchors towards each other.
+  void add_arms(int parent, int child, const Vec3& parent_anchor, const Vec3& child_anchor, const Quad* force,
+                bool acts_on_translation, bool starts_at_one) {
+    add_arm_of(child, child_anchor, -1, force, acts_on_translation, starts_at_one);
+    add_arm_of(parent, parent_anchor, 1, force, acts_on_translation, starts_at_one);
+  }
+  void add_arm_of(int body, const Vec3& local, double sign, const Quad* force, bool acts_on_translation,
+                  bool starts_at_one) {
+    if (body == system_.n()) return;
+    arms_.push_back({body, local, sign, force, acts_on_translation, starts_at_one});
+  }
+  int carried(const Joint& joint, Carrier carrier, const Vec3& local) {
+    const CarriedSeries wanted(joint, carrier, local);
+    for (size_t k = 0; k < carried_.size(); ++k)
+      if (carried_[k].same_as(wanted)) return static_cast<int>(k);
+    carried_.push_back(wanted);
+    return static_cast<int>(carried_.size()) - 1;
+  }
+
+  bool add_forces(int k) {
+    for (SpringSeries& spring : springs_)
+      if (!spring.extend(carried_[spring.line].value.data(), k)) return false;
+    for (TorsionSeries& torsion : torsions_) {
+      const double torque = torsion.extend(body_, k);
+      add_torque(torsion.force->parent, torque * torsion.force->axis);
+      add_torque(torsion.force->child, -torque * torsion.seen);
+    }
+    for (const Force& force : system_.forces)
+      if (force.kind == Force::Kind::load) add_load(force, k);
+    return true;
+  }
+  void add_load(const Force& load, int k) {
+    const Columns& R = body_.R[load.child][k];
+    if (load.in_world) {
+      const Mat3 turn = upper(R);
+      add_torque(load.child, load.child_point.cross(turn.transpose() * load.force) + turn.transpose() * load.torque);
+      if (k == 0) add_force(load.child, load.force);
+    } else {
+      add_force(load.child, vector(times(R, load.force)));
+      if (k == 0) add_torque(load.child, load.child_point.cross(load.force) + load.torque);
+    }
+  }
+  void add_arm(const Arm& arm, int k) {
+    const Vec3 seen = transpose_times(body_.R[arm.body].data(), arm.force, arm.starts_at_one ? 1 : 0, k);
+    add_torque(arm.body, arm.sign * arm.local.cross(seen));
+    if (arm.acts_on_translation) add_force(arm.body, arm.sign * vector(arm.force[k]));
+  }
+  void subtract_gamma(PartSeries& series, int k) {
+    double* const target = &rhs_[series.unknown];
+    if (series.part->spherical) {
+      const Joint& joint = *series.joint;
+      Vec3 gamma = Vec3::Zero();
+      if (joint.child != system_.n()) gamma += vector(times(turned_[joint.child], joint.child_anchor));
+      if (joint.parent != system_.n()) gamma -= vector(times(turned_[joint.parent], joint.parent_anchor));
+      store(Vec3(-(k + 1) * gamma), target);
+      return;
+    }
+    for (const PartSeries::Row& row : series.rows)
+      for (int z : {row.a, row.b}) carried_[z].guess(turned_, k);
+    for (size_t r = 0; r < series.rows.size(); ++r) {
+      const PartSeries::Row& row = series.rows[r];
+      target[r] = -(k + 1) * (k + 2) * row.scale *
+                  dot(carried_[row.a].value.data(), carried_[row.b].value.data(), k + 2);
+    }
+  }
+  void add_force(int body, const Vec3& value) { add(3 * nodes_.v(body), value); }
+  void add_torque(int body, const Vec3& value) {
+    if (body != system_.n()) add(3 * nodes_.w(body), value);
+  }
+  void add(int at, const Vec3& value) {
+    for (int i = 0; i < 3; ++i) rhs_[at + i] += value[i];
+  }
+
+  const System& system_;
+  const Nodes nodes_;
+  BodySeries body_;
+  std::vector<Columns> turned_;  // of this order, the ground's zero
+  std::vector<CarriedSeries> carried_;
+  std::vector<PartSeries> parts_;
+  std::vector<SpringSeries> springs_;
+  std::vector<TorsionSeries> torsions_;
+  std::vector<Arm> arms_;
+  std::vector<double> rhs_;
+};
+
+}  // namespace lieeuler

@@ -1,0 +1,110 @@
+// Taylor series integration of the index-1 system, after Jorba and Zou, doi:10.1080/10586458.2005.10128904.
+#pragma once
+
+#include "motion_series.hpp"
+#include "projection.hpp"
+
+namespace lieeuler {
+
+class TaylorStepper {
+ public:
+  explicit TaylorStepper(const System& system)
+      : system_(system), state_(system), projection_(system), series_(system) {}
+
+  Status start(const State& initial, double t, double t_end, double rtol) {
+    state_ = initial;
+    time_ = previous_time_ = t, end_ = t_end, rtol_ = rtol;
+    order_ = order_for(rtol);
+    update_angles(system_, state_.frames, state_.u, state_.angles);
+    if (const Status status = projection_.start(state_); status != Status::success) return status;
+    rank_confirmed_ = false;
+    projection_.saddle().accelerate(projection_.joints(), state_);
+    return Status::success;
+  }
+
+  Status step(Counters& counters) {
+    measure_scales();
+    series_.start(state_);
+    for (int k = 0; k < order_; ++k)
+      if (!series_.extend(k, projection_.saddle())) return Status::non_finite;
+    const double h = step_size();
+    if (!std::isfinite(h)) return Status::non_finite;
+    previous_time_ = time_;
+    const bool last = !(time_ + h < end_);
+    time_ = last ? end_ : time_ + h;
+    if (!last && time_ == previous_time_) return Status::step_too_small;
+    series_.evaluate(time_ - previous_time_, order_, state_);
+    for (int b = 0; b < system_.n(); ++b) orthogonalise(state_.frames[b].R);
+    if (const Status status = projection_.project(state_, Scales::of(system_, state_), counters);
+        status != Status::success)
+      return status;
+    if (!rank_confirmed_) {
+      if (const Status status = projection_.confirm_rank(); status != Status::success) return status;
+      rank_confirmed_ = true;
+    }
+    ++counters.steps;
+    return Status::success;
+  }
+
+  double time() const { return time_; }
+  double previous_time() const { return previous_time_; }
+  const State& state() const { return state_; }
+  const Constraints& joints() const { return projection_.joints(); }
+  int redundant_rows() const { return projection_.redundant_rows(); }
+  void dense(double t, State& out) const { series_.evaluate(t - previous_time_, order_, out); }
+
+ private:
+  static int order_for(double rtol) {
+    return std::clamp(static_cast<int>(std::ceil(-0.5 * std::log(rtol) + 1)), 4, kMostOrder);
+  }
+
+  // A system at rest has the rate at which it starts to move.
+  void measure_scales() {
+    length_ = system_.length, rate_ = 0;
+    for (int b = 0; b < system_.n(); ++b) length_ = std::max(length_, state_.frames[b].x.cwiseAbs().maxCoeff());
+    double square = 0;
+    for (int b = 0; b < system_.n(); ++b) {
+      const Twist &u = state_.u[b], &a = state_.a[b];
+      rate_ = std::max({rate_, u.v.cwiseAbs().maxCoeff() / length_, u.w.cwiseAbs().maxCoeff()});
+      square = std::max({square, a.v.cwiseAbs().maxCoeff() / length_, a.w.cwiseAbs().maxCoeff()});
+    }
+    rate_ = std::max(rate_, std::sqrt(square));
+  }
+
+  // So that the last two terms of the velocities are rtol of their size at most.
+  double step_size() const {
+    double largest[2] = {0, 0}, sum = 0;
+    for (int b = 0; b < system_.n(); ++b)
+      for (int i = 0; i < 2; ++i) {
+        const int k = order_ - 1 + i;
+        const Vec3 w = vector(series_.bodies().w[b][k]);
+        const Vec3 v = (k + 1) / length_ * vector(series_.bodies().x[b][k + 1]);
+        largest[i] = std::max({largest[i], w.cwiseAbs().maxCoeff(), v.cwiseAbs().maxCoeff()});
+        sum += w.sum() + v.sum();
+      }
+    if (!std::isfinite(sum)) return sum;
+    double h = end_ - time_;
+    for (int i = 0; i < 2; ++i)
+      if (largest[i] > 0) h = std::min(h, std::pow(rtol_ * rate_ / largest[i], 1.0 / (order_ - 1 + i)));
+    return h;
+  }
+
+  static void orthogonalise(Mat3& R) {
+    constexpr double kOnceIsEnough = 1e-8;
+    for (int k = 0; k < 8; ++k) {
+      const Mat3 defect = R.transpose() * R - Mat3::Identity();
+      R -= 0.5 * R * defect;
+      if (defect.cwiseAbs().maxCoeff() < kOnceIsEnough) return;
+    }
+  }
+
+  const System& system_;
+  State state_;
+  Projection projection_;
+  MotionSeries series_;
+  double time_ = 0, previous_time_ = 0, end_ = 0, rtol_ = 1e-8, length_ = 1, rate_ = 1;
+  int order_ = 16;
+  bool rank_confirmed_ = false;
+};
+
+}  // namespace lieeuler

@@ -11,7 +11,8 @@ namespace lieeuler {
 //   Status start(const State& initial, double t, double t_end, double rtol)
 //   Status step(Counters&)                one accepted step, never beyond t_end and at last onto it
 //   double time(), previous_time()        ends of that step
-//   const State& state()                  at time(), on the constraints, with (a, lam) of the index-1 system
+//   const State& state()                  at time(), on the constraints, with (a, lam) of the index-1 system; asked for
+//                                         where it is needed only: a stepper may leave (a, lam) until then
 //   const Constraints& joints()           at state()
 //   int redundant_rows()
 //   void dense(double t, State& out)      frames, u and the angles to unwrap against, t within the last step
@@ -45,7 +46,7 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
     }
     if (const Status status = stepper.step(outcome.counters); status != Status::success) return end(status);
     reached = stepper.time();
-    monitor.watch(stepper.state(), stepper.joints());
+    if (monitored) monitor.watch(stepper.state(), stepper.joints());
     for (; next < t_eval.size() && t_eval[next] <= reached; ++next) {
       if (t_eval[next] == reached) {
         record(outcome.samples++, stepper.state());

@@ -1,60 +1,67 @@
 // Series of the parts a motion is made of: bodies, carried vectors, reactions, springs.
 #pragma once
 
-#include "kinematics.hpp"
+#include "reference_points.hpp"
 #include "series.hpp"
 
 namespace lieeuler {
 
 inline constexpr int kMostOrder = 40;
 
-// Attitudes, angular velocities, positions of all bodies; the ground is last, at rest.
+// Attitudes, angular velocities, positions of the reference points of all bodies; the ground is last, at rest.
 class BodySeries {
  public:
-  // R: the fourth row of order j + 1 is order j of the angular momentum J w + spin, body axes.
+  // R: the fourth row of order j + 1 is order j of the angular momentum about the reference point, body axes.
   std::vector<std::vector<Columns>> R;
   std::vector<std::vector<Doubled>> w;
   std::vector<std::vector<Quad>> x;
 
-  explicit BodySeries(const System& system)
+  BodySeries(const System& system, const ReferencePoints& points)
       : R(system.n() + 1, std::vector<Columns>(kMostOrder + 3)), w(system.n() + 1, std::vector<Doubled>(kMostOrder + 3)),
-        x(system.n() + 1, std::vector<Quad>(kMostOrder + 3)), system_(system) {
+        x(system.n() + 1, std::vector<Quad>(kMostOrder + 3)), system_(system), points_(points) {
     put_upper(R.back()[0], Mat3::Identity());
+    for (int b = 0; b < system.n(); ++b) inertia_.push_back(points.inertia(b));
   }
 
   void start(const State& state) {
     for (int b = 0; b < system_.n(); ++b) {
-      const Body& body = system_.bodies[b];
       const Vec3& rate = state.u[b].w;
       put_upper(R[b][0], state.frames[b].R);
       w[b][0] = doubled(rate);
       R[b][1] = {};
       add_turned(R[b][1], R[b][0], w[b][0]);
-      put_momentum(R[b][1], body.inertia * rate + body.spin);
-      x[b][0] = quad(state.frames[b].x), x[b][1] = quad(state.u[b].v);
+      put_momentum(R[b][1], inertia_[b] * rate + system_.bodies[b].spin);
+      x[b][0] = quad(points_.position(b, state)), x[b][1] = quad(points_.velocity(b, state));
     }
   }
 
   // `turned` is order k + 1 of R hat(w) without the term that has wdot in it.
-  void extend(int b, int k, const Columns& turned, const Vec3& vdot, const Vec3& wdot) {
-    const Vec3 rate = wdot / (k + 1);
+  void extend(int b, int k, const Columns& turned, const double* vdot, const double* wdot) {
+    const double share = 1.0 / (k + 1), next_share = 1.0 / (k + 2);
+    const Vec3 rate = share * load3(wdot);
     w[b][k + 1] = doubled(rate);
-    x[b][k + 2] = quad(vdot / ((k + 1) * (k + 2)));
-    Columns& next = R[b][k + 2] = turned;
+    if (!points_.pinned(b)) x[b][k + 2] = quad(share * next_share * load3(vdot));
+    Columns next = turned;
     add_turned(next, R[b][0], w[b][k + 1]);
-    const Pair shrink = both(1.0 / (k + 2));
+    const Pair shrink = both(next_share);
     for (auto& column : next.half) column[0] *= shrink, column[1] *= shrink;
-    put_momentum(next, system_.bodies[b].inertia * rate);
+    put_momentum(next, inertia_[b] * rate);
+    R[b][k + 2] = next;
   }
 
-  void evaluate(double h, int order, State& state) const {
+  // Positions are left out where they follow from the attitudes along `tree`.
+  void evaluate(double h, int order, bool with_positions, State& state) const {
     for (int b = 0; b < system_.n(); ++b) {
-      state.frames[b].R = upper(lieeuler::evaluate(R[b].data(), order + 1, h));
-      state.u[b].w = vector(lieeuler::evaluate(w[b].data(), order, h));
-      state.frames[b].x = vector(lieeuler::evaluate(x[b].data(), order + 1, h));
+      Frame& frame = state.frames[b];
+      Twist& u = state.u[b];
+      frame.R = upper(lieeuler::evaluate(R[b].data(), order + 1, h));
+      u.w = vector(lieeuler::evaluate(w[b].data(), order, h));
+      if (!with_positions) continue;
+      const Vec3& c = points_.centre(b);
       Vec3 v = (order + 1) * vector(x[b][order + 1]);
       for (int k = order; k > 0; --k) v = h * v + k * vector(x[b][k]);
-      state.u[b].v = v;
+      frame.x = vector(lieeuler::evaluate(x[b].data(), order + 1, h)) + frame.R * c;
+      u.v = v + frame.R * u.w.cross(c);
     }
   }
 
@@ -63,6 +70,8 @@ class BodySeries {
     for (int c = 0; c < 3; ++c) A.half[c][1][1] = L[c];
   }
   const System& system_;
+  const ReferencePoints& points_;
+  std::vector<Mat3> inertia_;
 };
 
 // A vector that moves with the two bodies of a joint, see Carrier.
@@ -70,9 +79,11 @@ class CarriedSeries {
  public:
   std::vector<Quad> value;
 
-  CarriedSeries(const Joint& joint, Carrier carrier, const Vec3& local) : value(kMostOrder + 3), carrier_(carrier) {
+  CarriedSeries(const Joint& joint, Carrier carrier, const Vec3& local, const ReferencePoints& points)
+      : value(kMostOrder + 3), carrier_(carrier) {
     if (carrier == Carrier::difference)
-      ends_[kParent] = {joint.parent, joint.parent_anchor}, ends_[kChild] = {joint.child, joint.child_anchor};
+      ends_[kParent] = {joint.parent, points.local(joint.parent, joint.parent_anchor)},
+      ends_[kChild] = {joint.child, points.local(joint.child, joint.child_anchor)};
     else
       ends_[kChild] = {carrier == Carrier::child_axis ? joint.child : joint.parent, local};
   }
@@ -132,15 +143,18 @@ class PartSeries {
     int a, b;
     double scale;
   };
-  const Joint* joint;
   const Part* part;
   int unknown;  // place of the multipliers among the unknowns
+  int parent, child;
+  Vec3 parent_point, child_point;  // anchors, from the reference points
   std::vector<Row> rows;
   std::vector<ReactionSeries> reactions;
   std::vector<Quad> lam;
 
-  PartSeries(const Joint& joint, const Part& part, int unknown)
-      : joint(&joint), part(&part), unknown(unknown), lam(kMostOrder + 3) {}
+  PartSeries(const Joint& joint, const Part& part, int unknown, const ReferencePoints& points)
+      : part(&part), unknown(unknown), parent(joint.parent), child(joint.child),
+        parent_point(points.local(parent, joint.parent_anchor)), child_point(points.local(child, joint.child_anchor)),
+        lam(kMostOrder + 3) {}
 
   // Order k of the reactions without lam_k.
   void begin(const std::vector<CarriedSeries>& carried, int k) {

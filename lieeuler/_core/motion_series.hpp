@@ -12,10 +12,15 @@ namespace lieeuler {
 
 class MotionSeries {
  public:
-  explicit MotionSeries(const System& system) : system_(system), nodes_(system, false), body_(system) {
+  MotionSeries(const System& system, const ReferencePoints& points)
+      : system_(system), points_(points), nodes_(system, false), body_(system, points) {
     rhs_.assign(3 * nodes_.count(), 0.0);
     turned_.resize(system.n() + 1);
-    for (int k = 0; k < nodes_.parts(); ++k) plan_part(k);
+    for (int b = 0; b < system.n(); ++b)
+      lever_.push_back(system.bodies[b].mass * hat(points.centre(b)));
+    parts_.reserve(nodes_.parts());
+    for (int k = 0; k < nodes_.parts(); ++k)
+      if (!points.holds(nodes_.part(k))) plan_part(k);
     for (const Force& force : system.forces) plan_force(force);
   }
 
@@ -32,9 +37,13 @@ class MotionSeries {
   bool extend(int k, Saddle& saddle) {
     std::fill(rhs_.begin(), rhs_.end(), 0.0);
     for (int b = 0; b < system_.n(); ++b) {
-      turned_[b] = turned(body_.R[b].data(), body_.w[b].data(), k);
-      if (k == 0) add_force(b, system_.bodies[b].mass * system_.gravity);
+      const Columns* const R = body_.R[b].data();
+      turned_[b] = turned(R, body_.w[b].data(), k);
       add_torque(b, row(turned_[b], 3));
+      if (points_.pinned(b))
+        add_torque(b, lever_[b] * seen_from(R[k], system_.gravity));
+      else if (k == 0)
+        add_force(b, system_.bodies[b].mass * system_.gravity);
     }
     if (!add_forces(k)) return false;
     for (PartSeries& part : parts_) part.begin(carried_, k);
@@ -43,7 +52,7 @@ class MotionSeries {
     saddle.solve(rhs_);
     for (int b = 0; b < system_.n(); ++b) {
       const double* u = &rhs_[3 * nodes_.v(b)];
-      body_.extend(b, k, turned_[b], load3(u), load3(u + 3));
+      body_.extend(b, k, turned_[b], u, u + 3);
     }
     for (PartSeries& part : parts_) part.finish(carried_, k, load3(&rhs_[part.unknown]));
     for (CarriedSeries& z : carried_) z.extend(body_, k + 2);
@@ -51,8 +60,8 @@ class MotionSeries {
   }
 
   // Frames, u and torsion angles at time h from the expansion's centre; orders of the accelerations below `order`.
-  void evaluate(double h, int order, State& state) const {
-    body_.evaluate(h, order, state);
+  void evaluate(double h, int order, bool with_positions, State& state) const {
+    body_.evaluate(h, order, with_positions, state);
     for (const TorsionSeries& torsion : torsions_) torsion.evaluate(h, order, state);
   }
   const BodySeries& bodies() const { return body_; }
@@ -70,7 +79,7 @@ class MotionSeries {
   void plan_part(int k) {
     const Joint& joint = system_.joints[nodes_.part(k).joint];
     const Part& part = joint.parts[nodes_.part(k).part];
-    parts_.emplace_back(joint, part, 3 * nodes_.lam(k));
+    parts_.emplace_back(joint, part, 3 * nodes_.lam(k), points_);
     PartSeries& series = parts_.back();
     if (part.spherical) {
       add_arms(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, series.lam.data(), false, true);
@@ -117,8 +126,8 @@ class MotionSeries {
   // A pull V of the anchors towards each other.
   void add_arms(int parent, int child, const Vec3& parent_anchor, const Vec3& child_anchor, const Quad* force,
                 bool acts_on_translation, bool starts_at_one) {
-    add_arm_of(child, child_anchor, -1, force, acts_on_translation, starts_at_one);
-    add_arm_of(parent, parent_anchor, 1, force, acts_on_translation, starts_at_one);
+    add_arm_of(child, points_.local(child, child_anchor), -1, force, acts_on_translation, starts_at_one);
+    add_arm_of(parent, points_.local(parent, parent_anchor), 1, force, acts_on_translation, starts_at_one);
   }
   void add_arm_of(int body, const Vec3& local, double sign, const Quad* force, bool acts_on_translation,
                   bool starts_at_one) {
@@ -126,7 +135,7 @@ class MotionSeries {
     arms_.push_back({body, local, sign, force, acts_on_translation, starts_at_one});
   }
   int carried(const Joint& joint, Carrier carrier, const Vec3& local) {
-    const CarriedSeries wanted(joint, carrier, local);
+    const CarriedSeries wanted(joint, carrier, local, points_);
     for (size_t k = 0; k < carried_.size(); ++k)
       if (carried_[k].same_as(wanted)) return static_cast<int>(k);
     carried_.push_back(wanted);
@@ -147,13 +156,13 @@ class MotionSeries {
   }
   void add_load(const Force& load, int k) {
     const Columns& R = body_.R[load.child][k];
+    const Vec3 point = points_.local(load.child, load.child_point);
     if (load.in_world) {
-      const Mat3 turn = upper(R);
-      add_torque(load.child, load.child_point.cross(turn.transpose() * load.force) + turn.transpose() * load.torque);
+      add_torque(load.child, point.cross(seen_from(R, load.force)) + seen_from(R, load.torque));
       if (k == 0) add_force(load.child, load.force);
     } else {
       add_force(load.child, vector(times(R, load.force)));
-      if (k == 0) add_torque(load.child, load.child_point.cross(load.force) + load.torque);
+      if (k == 0) add_torque(load.child, point.cross(load.force) + load.torque);
     }
   }
   void add_arm(const Arm& arm, int k) {
@@ -164,10 +173,8 @@ class MotionSeries {
   void subtract_gamma(PartSeries& series, int k) {
     double* const target = &rhs_[series.unknown];
     if (series.part->spherical) {
-      const Joint& joint = *series.joint;
-      Vec3 gamma = Vec3::Zero();
-      if (joint.child != system_.n()) gamma += vector(times(turned_[joint.child], joint.child_anchor));
-      if (joint.parent != system_.n()) gamma -= vector(times(turned_[joint.parent], joint.parent_anchor));
+      const Vec3 gamma = vector(times(turned_[series.child], series.child_point)) -
+                         vector(times(turned_[series.parent], series.parent_point));
       store(Vec3(-(k + 1) * gamma), target);
       return;
     }
@@ -179,6 +186,16 @@ class MotionSeries {
                   dot(carried_[row.a].value.data(), carried_[row.b].value.data(), k + 2);
     }
   }
+  // A^T a of the upper rows
+  static Vec3 seen_from(const Columns& A, const Vec3& a) {
+    const Pair p{a[0], a[1]};
+    Vec3 y;
+    for (int c = 0; c < 3; ++c) {
+      const Pair sum = A.half[c][0] * p;
+      y[c] = sum[0] + sum[1] + A.half[c][1][0] * a[2];
+    }
+    return y;
+  }
   void add_force(int body, const Vec3& value) { add(3 * nodes_.v(body), value); }
   void add_torque(int body, const Vec3& value) {
     if (body != system_.n()) add(3 * nodes_.w(body), value);
@@ -188,8 +205,10 @@ class MotionSeries {
   }
 
   const System& system_;
+  const ReferencePoints& points_;
   const Nodes nodes_;
   BodySeries body_;
+  std::vector<Mat3> lever_;      // hat(mass times centre of mass), for the torque of gravity about a pin
   std::vector<Columns> turned_;  // of this order, the ground's zero
   std::vector<CarriedSeries> carried_;
   std::vector<PartSeries> parts_;

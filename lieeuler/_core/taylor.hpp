@@ -3,59 +3,99 @@
 
 #include "motion_series.hpp"
 #include "projection.hpp"
+#include "small_saddle.hpp"
 
 namespace lieeuler {
 
 class TaylorStepper {
  public:
   explicit TaylorStepper(const System& system)
-      : system_(system), state_(system), projection_(system), series_(system) {}
+      : system_(system), tree_(system), small_(is_small(system, tree_)), points_(system, tree_, small_), state_(system),
+        projection_(system), small_saddle_(system, points_), series_(system, points_) {}
 
   Status start(const State& initial, double t, double t_end, double rtol) {
     state_ = initial;
     time_ = previous_time_ = t, end_ = t_end, rtol_ = rtol;
     order_ = order_for(rtol);
+    rank_confirmed_ = accelerated_ = false;
     update_angles(system_, state_.frames, state_.u, state_.angles);
     if (const Status status = projection_.start(state_); status != Status::success) return status;
-    rank_confirmed_ = false;
-    projection_.saddle().accelerate(projection_.joints(), state_);
-    return Status::success;
+    return factor();
   }
 
   Status step(Counters& counters) {
-    measure_scales();
-    series_.start(state_);
-    for (int k = 0; k < order_; ++k)
-      if (!series_.extend(k, projection_.saddle())) return Status::non_finite;
+    if (const Status status = expand(); status != Status::success) return status;
     const double h = step_size();
     if (!std::isfinite(h)) return Status::non_finite;
     previous_time_ = time_;
     const bool last = !(time_ + h < end_);
     time_ = last ? end_ : time_ + h;
     if (!last && time_ == previous_time_) return Status::step_too_small;
-    series_.evaluate(time_ - previous_time_, order_, state_);
-    for (int b = 0; b < system_.n(); ++b) orthogonalise(state_.frames[b].R);
-    if (const Status status = projection_.project(state_, Scales::of(system_, state_), counters);
-        status != Status::success)
-      return status;
-    if (!rank_confirmed_) {
-      if (const Status status = projection_.confirm_rank(); status != Status::success) return status;
-      rank_confirmed_ = true;
-    }
-    ++counters.steps;
+    evaluate(time_, state_);
+    if (const Status status = settle(counters); status != Status::success) return status;
+    ++counters.steps, ++counters.factorizations;
+    counters.force_evaluations += order_;
     return Status::success;
   }
 
   double time() const { return time_; }
   double previous_time() const { return previous_time_; }
-  const State& state() const { return state_; }
+  // (a, lam) are solved for only when asked.
+  const State& state() {
+    if (!accelerated_) accelerate();
+    return state_;
+  }
   const Constraints& joints() const { return projection_.joints(); }
   int redundant_rows() const { return projection_.redundant_rows(); }
-  void dense(double t, State& out) const { series_.evaluate(t - previous_time_, order_, out); }
+  void dense(double t, State& out) const { evaluate(t, out); }
 
  private:
   static int order_for(double rtol) {
     return std::clamp(static_cast<int>(std::ceil(-0.5 * std::log(rtol) + 1)), 4, kMostOrder);
+  }
+
+  static bool is_small(const System& system, const HingeTree& tree) {
+    if (!elimination_order(system).loops.empty()) return false;
+    return SmallSaddle(system, ReferencePoints(system, tree, true)).rows() <= SmallSaddle::kMostRows;
+  }
+
+  // Taylor coefficients about the current state.
+  Status expand() {
+    series_.start(state_);
+    for (int k = 0; k < order_; ++k)
+      if (!(small_ ? series_.extend(k, small_saddle_) : series_.extend(k, projection_.saddle())))
+        return Status::non_finite;
+    measure_scales();
+    return Status::success;
+  }
+  void evaluate(double t, State& out) const {
+    series_.evaluate(t - previous_time_, order_, !tree_.complete, out);
+    for (int b = 0; b < system_.n(); ++b) orthogonalise(out.frames[b].R);
+    if (tree_.complete) tree_.settle(out);
+  }
+  // Onto both constraint levels, and the matrix of the next expansion.
+  Status settle(Counters& counters) {
+    accelerated_ = !tree_.complete;
+    if (!tree_.complete) {
+      const Status status = projection_.project(state_, Scales::of(system_, state_), counters);
+      if (status != Status::success) return status;
+    } else {
+      update_angles(system_, state_.frames, state_.u, state_.angles);
+    }
+    if (!rank_confirmed_)
+      if (const Status status = projection_.confirm_rank(); status != Status::success) return status;
+    rank_confirmed_ = true;
+    return factor();
+  }
+  Status factor() {
+    if (tree_.complete) projection_.move_to(state_);
+    if (small_) return small_saddle_.factor(projection_.joints(), state_.frames) ? Status::success : Status::singular_matrix;
+    return tree_.complete ? projection_.factor() : Status::success;  // else it has been left factored
+  }
+  void accelerate() {
+    if (small_) projection_.factor();
+    projection_.saddle().accelerate(projection_.joints(), state_);
+    accelerated_ = true;
   }
 
   // A system at rest has the rate at which it starts to move.
@@ -64,9 +104,10 @@ class TaylorStepper {
     for (int b = 0; b < system_.n(); ++b) length_ = std::max(length_, state_.frames[b].x.cwiseAbs().maxCoeff());
     double square = 0;
     for (int b = 0; b < system_.n(); ++b) {
-      const Twist &u = state_.u[b], &a = state_.a[b];
+      const Twist& u = state_.u[b];
       rate_ = std::max({rate_, u.v.cwiseAbs().maxCoeff() / length_, u.w.cwiseAbs().maxCoeff()});
-      square = std::max({square, a.v.cwiseAbs().maxCoeff() / length_, a.w.cwiseAbs().maxCoeff()});
+      const Vec3 vdot = 2 * vector(series_.bodies().x[b][2]), wdot = vector(series_.bodies().w[b][1]);
+      square = std::max({square, vdot.cwiseAbs().maxCoeff() / length_, wdot.cwiseAbs().maxCoeff()});
     }
     rate_ = std::max(rate_, std::sqrt(square));
   }
@@ -99,12 +140,16 @@ class TaylorStepper {
   }
 
   const System& system_;
+  const HingeTree tree_;
+  const bool small_;
+  const ReferencePoints points_;
   State state_;
   Projection projection_;
+  SmallSaddle small_saddle_;
   MotionSeries series_;
   double time_ = 0, previous_time_ = 0, end_ = 0, rtol_ = 1e-8, length_ = 1, rate_ = 1;
   int order_ = 16;
-  bool rank_confirmed_ = false;
+  bool rank_confirmed_ = false, accelerated_ = false;
 };
 
 }  // namespace lieeuler

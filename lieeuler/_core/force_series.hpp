@@ -36,11 +36,11 @@ class BodySeries {
   }
 
   // `turned` is order k + 1 of R hat(w) without the term that has wdot in it.
-  void extend(int b, int k, const Columns& turned, const double* vdot, const double* wdot) {
+  void extend(int b, int k, const Columns& turned, const Twist& acceleration) {
     const double share = 1.0 / (k + 1), next_share = 1.0 / (k + 2);
-    const Vec3 rate = share * load3(wdot);
+    const Vec3 rate = share * acceleration.w;
     w[b][k + 1] = doubled(rate);
-    if (!points_.pinned(b)) x[b][k + 2] = quad(share * next_share * load3(vdot));
+    if (!points_.pinned(b)) x[b][k + 2] = quad(share * next_share * acceleration.v);
     Columns next = turned;
     add_turned(next, R[b][0], w[b][k + 1]);
     const Pair shrink = both(next_share);
@@ -144,15 +144,15 @@ class PartSeries {
     double scale;
   };
   const Part* part;
-  int unknown;  // place of the multipliers among the unknowns
+  int index;  // among all parts
   int parent, child;
   Vec3 parent_point, child_point;  // anchors, from the reference points
   std::vector<Row> rows;
   std::vector<ReactionSeries> reactions;
   std::vector<Quad> lam;
 
-  PartSeries(const Joint& joint, const Part& part, int unknown, const ReferencePoints& points)
-      : part(&part), unknown(unknown), parent(joint.parent), child(joint.child),
+  PartSeries(const Joint& joint, const Part& part, int index, const ReferencePoints& points)
+      : part(&part), index(index), parent(joint.parent), child(joint.child),
         parent_point(points.local(parent, joint.parent_anchor)), child_point(points.local(child, joint.child_anchor)),
         lam(kMostOrder + 3) {}
 

@@ -144,12 +144,13 @@ class SaddlePoint {
     finish(d, nullptr);
   }
 
-  // [M G^T; G 0] z = z, in the layout of Nodes.
-  void solve(std::vector<double>& z) {
-    double* const rows = z.data() + 3 * nodes_.lam(0);
-    remove_null_space(rows);
-    lu_.solve(z.data());
-    remove_null_space(rows);
+  // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places.
+  void solve(std::vector<Twist>& f, std::vector<Vec3>& rows) {
+    for (int b = 0; b < system_.n(); ++b) store(f[b], rhs_.data() + 3 * nodes_.v(b));
+    for (int k = 0; k < nodes_.parts(); ++k) store(rows[k], rhs_.data() + 3 * nodes_.lam(k));
+    solve_rhs();
+    for (int b = 0; b < system_.n(); ++b) f[b] = load(rhs_.data() + 3 * nodes_.v(b));
+    for (int k = 0; k < nodes_.parts(); ++k) rows[k] = load3(rhs_.data() + 3 * nodes_.lam(k));
   }
 
   // (a, lam) of the index-1 system: M a + G^T lam = f, G a + gamma = 0.
@@ -221,8 +222,14 @@ class SaddlePoint {
     const Joint& joint = system_.joints[nodes_.part(k).joint];
     return side == kChild ? joint.child : joint.parent;
   }
+  void solve_rhs() {
+    double* const rows = rhs_.data() + 3 * nodes_.lam(0);
+    remove_null_space(rows);
+    lu_.solve(rhs_.data());
+    remove_null_space(rows);
+  }
   void finish(std::vector<Twist>& y, double* multipliers) {
-    solve(rhs_);
+    solve_rhs();
     for (int b = 0; b < system_.n(); ++b) y[b] = load(rhs_.data() + 3 * nodes_.v(b));
     if (multipliers) for_rows([&](int row, int node) { multipliers[row] = rhs_[node]; });
   }

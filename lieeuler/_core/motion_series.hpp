@@ -14,10 +14,10 @@ class MotionSeries {
  public:
   MotionSeries(const System& system, const ReferencePoints& points)
       : system_(system), points_(points), nodes_(system, false), body_(system, points) {
-    rhs_.assign(3 * nodes_.count(), 0.0);
+    force_.resize(system.n() + 1);
+    rows_.resize(nodes_.parts());
     turned_.resize(system.n() + 1);
-    for (int b = 0; b < system.n(); ++b)
-      lever_.push_back(system.bodies[b].mass * hat(points.centre(b)));
+    for (int b = 0; b < system.n(); ++b) lever_.push_back(system.bodies[b].mass * points.centre(b));
     parts_.reserve(nodes_.parts());
     for (int k = 0; k < nodes_.parts(); ++k)
       if (!points.holds(nodes_.part(k))) plan_part(k);
@@ -35,26 +35,22 @@ class MotionSeries {
   // Order k: accelerations and multipliers k, velocities k + 1, configurations k + 2. False where a force has no series.
   template <class Saddle>
   bool extend(int k, Saddle& saddle) {
-    std::fill(rhs_.begin(), rhs_.end(), 0.0);
     for (int b = 0; b < system_.n(); ++b) {
       const Columns* const R = body_.R[b].data();
       turned_[b] = turned(R, body_.w[b].data(), k);
-      add_torque(b, row(turned_[b], 3));
+      force_[b].w = row(turned_[b], 3);
       if (points_.pinned(b))
-        add_torque(b, lever_[b] * seen_from(R[k], system_.gravity));
-      else if (k == 0)
-        add_force(b, system_.bodies[b].mass * system_.gravity);
+        force_[b].w += lever_[b].cross(seen_from(R[k], system_.gravity));
+      else
+        force_[b].v = k == 0 ? Vec3(system_.bodies[b].mass * system_.gravity) : Vec3::Zero();
     }
     if (!add_forces(k)) return false;
     for (PartSeries& part : parts_) part.begin(carried_, k);
     for (const Arm& arm : arms_) add_arm(arm, k);
     for (PartSeries& part : parts_) subtract_gamma(part, k);
-    saddle.solve(rhs_);
-    for (int b = 0; b < system_.n(); ++b) {
-      const double* u = &rhs_[3 * nodes_.v(b)];
-      body_.extend(b, k, turned_[b], u, u + 3);
-    }
-    for (PartSeries& part : parts_) part.finish(carried_, k, load3(&rhs_[part.unknown]));
+    saddle.solve(force_, rows_);
+    for (int b = 0; b < system_.n(); ++b) body_.extend(b, k, turned_[b], force_[b]);
+    for (PartSeries& part : parts_) part.finish(carried_, k, rows_[part.index]);
     for (CarriedSeries& z : carried_) z.extend(body_, k + 2);
     return true;
   }
@@ -67,10 +63,10 @@ class MotionSeries {
   const BodySeries& bodies() const { return body_; }
 
  private:
-  // A force V in world axes at a point of a body, or a vector V that acts on an axis of it: the torque local x R^T V.
+  // A force V in world axes at a point of a body, or a vector V that acts on an axis of it: the torque lever x R^T V.
   struct Arm {
     int body;
-    Vec3 local;
+    Vec3 lever;  // with the sign
     double sign;
     const Quad* force;
     bool acts_on_translation, starts_at_one;
@@ -79,7 +75,7 @@ class MotionSeries {
   void plan_part(int k) {
     const Joint& joint = system_.joints[nodes_.part(k).joint];
     const Part& part = joint.parts[nodes_.part(k).part];
-    parts_.emplace_back(joint, part, 3 * nodes_.lam(k), points_);
+    parts_.emplace_back(joint, part, k, points_);
     PartSeries& series = parts_.back();
     if (part.spherical) {
       add_arms(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, series.lam.data(), false, true);
@@ -132,7 +128,7 @@ class MotionSeries {
   void add_arm_of(int body, const Vec3& local, double sign, const Quad* force, bool acts_on_translation,
                   bool starts_at_one) {
     if (body == system_.n()) return;
-    arms_.push_back({body, local, sign, force, acts_on_translation, starts_at_one});
+    arms_.push_back({body, sign * local, sign, force, acts_on_translation, starts_at_one});
   }
   int carried(const Joint& joint, Carrier carrier, const Vec3& local) {
     const CarriedSeries wanted(joint, carrier, local, points_);
@@ -147,8 +143,8 @@ class MotionSeries {
       if (!spring.extend(carried_[spring.line].value.data(), k)) return false;
     for (TorsionSeries& torsion : torsions_) {
       const double torque = torsion.extend(body_, k);
-      add_torque(torsion.force->parent, torque * torsion.force->axis);
-      add_torque(torsion.force->child, -torque * torsion.seen);
+      force_[torsion.force->parent].w += torque * torsion.force->axis;
+      force_[torsion.force->child].w -= torque * torsion.seen;
     }
     for (const Force& force : system_.forces)
       if (force.kind == Force::Kind::load) add_load(force, k);
@@ -156,28 +152,30 @@ class MotionSeries {
   }
   void add_load(const Force& load, int k) {
     const Columns& R = body_.R[load.child][k];
+    Twist& target = force_[load.child];
     const Vec3 point = points_.local(load.child, load.child_point);
     if (load.in_world) {
-      add_torque(load.child, point.cross(seen_from(R, load.force)) + seen_from(R, load.torque));
-      if (k == 0) add_force(load.child, load.force);
+      target.w += point.cross(seen_from(R, load.force)) + seen_from(R, load.torque);
+      if (k == 0) target.v += load.force;
     } else {
-      add_force(load.child, vector(times(R, load.force)));
-      if (k == 0) add_torque(load.child, point.cross(load.force) + load.torque);
+      target.v += vector(times(R, load.force));
+      if (k == 0) target.w += point.cross(load.force) + load.torque;
     }
   }
   void add_arm(const Arm& arm, int k) {
     const Vec3 seen = transpose_times(body_.R[arm.body].data(), arm.force, arm.starts_at_one ? 1 : 0, k);
-    add_torque(arm.body, arm.sign * arm.local.cross(seen));
-    if (arm.acts_on_translation) add_force(arm.body, arm.sign * vector(arm.force[k]));
+    force_[arm.body].w += arm.lever.cross(seen);
+    if (arm.acts_on_translation) force_[arm.body].v += arm.sign * vector(arm.force[k]);
   }
   void subtract_gamma(PartSeries& series, int k) {
-    double* const target = &rhs_[series.unknown];
+    Vec3& target = rows_[series.index];
     if (series.part->spherical) {
       const Vec3 gamma = vector(times(turned_[series.child], series.child_point)) -
                          vector(times(turned_[series.parent], series.parent_point));
-      store(Vec3(-(k + 1) * gamma), target);
+      target = -(k + 1) * gamma;
       return;
     }
+    target.setZero();
     for (const PartSeries::Row& row : series.rows)
       for (int z : {row.a, row.b}) carried_[z].guess(turned_, k);
     for (size_t r = 0; r < series.rows.size(); ++r) {
@@ -188,34 +186,24 @@ class MotionSeries {
   }
   // A^T a of the upper rows
   static Vec3 seen_from(const Columns& A, const Vec3& a) {
-    const Pair p{a[0], a[1]};
     Vec3 y;
-    for (int c = 0; c < 3; ++c) {
-      const Pair sum = A.half[c][0] * p;
-      y[c] = sum[0] + sum[1] + A.half[c][1][0] * a[2];
-    }
+    for (int c = 0; c < 3; ++c) y[c] = A(0, c) * a[0] + A(1, c) * a[1] + A(2, c) * a[2];
     return y;
-  }
-  void add_force(int body, const Vec3& value) { add(3 * nodes_.v(body), value); }
-  void add_torque(int body, const Vec3& value) {
-    if (body != system_.n()) add(3 * nodes_.w(body), value);
-  }
-  void add(int at, const Vec3& value) {
-    for (int i = 0; i < 3; ++i) rhs_[at + i] += value[i];
   }
 
   const System& system_;
   const ReferencePoints& points_;
   const Nodes nodes_;
   BodySeries body_;
-  std::vector<Mat3> lever_;      // hat(mass times centre of mass), for the torque of gravity about a pin
+  std::vector<Vec3> lever_;      // mass times centre of mass, for the torque of gravity about a pin
   std::vector<Columns> turned_;  // of this order, the ground's zero
   std::vector<CarriedSeries> carried_;
   std::vector<PartSeries> parts_;
   std::vector<SpringSeries> springs_;
   std::vector<TorsionSeries> torsions_;
   std::vector<Arm> arms_;
-  std::vector<double> rhs_;
+  std::vector<Twist> force_;  // in: forces of this order; out: accelerations
+  std::vector<Vec3> rows_;    // by part; in: -gamma; out: multipliers
 };
 
 }  // namespace lieeuler

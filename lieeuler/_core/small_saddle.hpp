@@ -11,113 +11,125 @@ namespace lieeuler {
 
 class SmallSaddle {
  public:
-  static constexpr int kMostRows = 12;
-
-  SmallSaddle(const System& system, const ReferencePoints& points) : system_(system), points_(points), nodes_(system, false) {
-    for (int b = 0; b < system.n(); ++b)
-      bodies_.push_back({1 / system.bodies[b].mass, points.inertia(b).inverse()});
-    for (int k = 0; k < nodes_.parts(); ++k) {
-      if (points.holds(nodes_.part(k))) continue;
-      const Joint& joint = system.joints[nodes_.part(k).joint];
-      const Part& part = joint.parts[nodes_.part(k).part];
-      const int first = 3 * static_cast<int>(multipliers_.size());
+  SmallSaddle(const System& system, const ReferencePoints& points) : points_(points) {
+    for (int b = 0; b < system.n(); ++b) bodies_.push_back({1 / system.bodies[b].mass, points.inertia(b).inverse()});
+    const Nodes nodes(system, false);
+    for (int k = 0; k < nodes.parts(); ++k) {
+      if (points.holds(nodes.part(k))) continue;
+      const Joint& joint = system.joints[nodes.part(k).joint];
+      const Part& part = joint.parts[nodes.part(k).part];
+      const int place = parts();
       for (Side side : kSides) {
         const int body = side == kChild ? joint.child : joint.parent;
-        if (body != system.n()) sides_.push_back({&part, nodes_.part(k).joint, side, body, first, {}, {}});
+        if (body != system.n()) sides_.push_back({&part, nodes.part(k).joint, side, body, place, {}, {}});
       }
-      multipliers_.push_back({3 * nodes_.lam(k), part.rows()});
+      parts_.push_back({k, part.rows()});
     }
-    if (rows() <= kMostRows) inverse_.resize(rows(), rows());
+    if (parts() > kMostParts) return;
+    inverse_.resize(parts() * parts());
+    whole_.resize(3 * parts(), 3 * parts());
   }
-  int rows() const { return 3 * static_cast<int>(multipliers_.size()); }
+  static constexpr int kMostParts = 4;
+  // Parts that are left for multipliers.
+  int parts() const { return static_cast<int>(parts_.size()); }
 
+  // False where the rows have become dependent.
   bool factor(const Constraints& joints, const std::vector<Frame>& frames) {
-    inverse_.setZero();
-    for (size_t p = 0; p < multipliers_.size(); ++p)
-      for (int r = multipliers_[p].rows; r < 3; ++r) inverse_(3 * p + r, 3 * p + r) = 1;
+    for (Mat3& block : inverse_) block.setZero();
+    for (int p = 0; p < parts(); ++p)
+      for (int r = parts_[p].rows; r < 3; ++r) block(p, p)(r, r) = 1;
     for (Sided& side : sides_) {
-      const Rows G = joints[side.joint].jacobian(*side.part, side.side);
-      side.G = points_.moved(G, side.body, frames[side.body].R);
+      side.G = points_.moved(joints[side.joint].jacobian(*side.part, side.side), side.body, frames[side.body].R);
       side.H.w.noalias() = bodies_[side.body].inertia_inverse * side.G.w.transpose();
       side.H.v = bodies_[side.body].mass_inverse * side.G.v.transpose();
     }
     for (const Sided& row : sides_)
       for (const Sided& column : sides_) {
         if (row.body != column.body) continue;
-        auto block = inverse_.block<3, 3>(row.first, column.first);
-        block.noalias() += row.G.w * column.H.w;
-        block.noalias() += row.G.v * column.H.v;
+        Mat3& S = block(row.place, column.place);
+        S.noalias() += row.G.w * column.H.w;
+        if (!points_.pinned(row.body)) S.noalias() += row.G.v * column.H.v;
       }
-    return invert();
+    return parts() == 1 ? invert_block() : invert();
   }
 
-  // In the layout of Nodes: forces and -gamma in, accelerations and multipliers out.
-  void solve(std::vector<double>& z) {
-    for (int b = 0; b < system_.n(); ++b) {
-      double* const f = &z[3 * nodes_.v(b)];
-      for (int i = 0; i < 3; ++i) f[i] *= bodies_[b].mass_inverse;
-      store(Vec3(bodies_[b].inertia_inverse * load3(f + 3)), f + 3);
+  // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places.
+  void solve(std::vector<Twist>& f, std::vector<Vec3>& rows) {
+    for (size_t b = 0; b < bodies_.size(); ++b) {
+      f[b].v *= bodies_[b].mass_inverse;
+      f[b].w = Vec3(bodies_[b].inertia_inverse * f[b].w);
     }
-    double r[kMostRows];
-    for (size_t p = 0; p < multipliers_.size(); ++p) store(Vec3(-load3(&z[multipliers_[p].unknown])), r + 3 * p);
+    if (parts() == 0) return;
+    Vec3 r[kMostParts];
+    for (int p = 0; p < parts(); ++p) r[p] = -rows[parts_[p].part];
     for (const Sided& side : sides_) {
-      const double* const y = &z[3 * nodes_.v(side.body)];
-      Vec3 sum = side.G.w * load3(y + 3);
-      if (!points_.pinned(side.body)) sum += side.G.v * load3(y);
-      for (int i = 0; i < 3; ++i) r[side.first + i] += sum[i];
+      r[side.place] += side.G.w * f[side.body].w;
+      if (!points_.pinned(side.body)) r[side.place] += side.G.v * f[side.body].v;
     }
-    double lam[kMostRows];
-    Eigen::Map<Vector> solution(lam, rows());
-    solution.noalias() = inverse_ * Eigen::Map<const Vector>(r, rows());
+    for (int p = 0; p < parts(); ++p) {
+      Vec3 lam = block(p, 0) * r[0];
+      for (int q = 1; q < parts(); ++q) lam += block(p, q) * r[q];
+      rows[parts_[p].part] = lam;
+    }
     for (const Sided& side : sides_) {
-      double* const y = &z[3 * nodes_.v(side.body)];
-      const Vec3 l = load3(lam + side.first);
-      store(Vec3(load3(y + 3) - side.H.w * l), y + 3);
-      if (!points_.pinned(side.body)) store(Vec3(load3(y) - side.H.v * l), y);
+      const Vec3& lam = rows[parts_[side.place].part];
+      f[side.body].w -= side.H.w * lam;
+      if (!points_.pinned(side.body)) f[side.body].v -= side.H.v * lam;
     }
-    for (size_t p = 0; p < multipliers_.size(); ++p) store(load3(lam + 3 * p), &z[multipliers_[p].unknown]);
   }
 
  private:
-  using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMostRows, 1>;
-  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMostRows, kMostRows>;
+  static constexpr double kSingular = 1e-13;  // what rounding leaves of a pivot
+  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 3 * kMostParts, 3 * kMostParts>;
   struct Inertia {
     double mass_inverse;
     Mat3 inertia_inverse;
+  };
+  struct PartRows {
+    int part, rows;
   };
   // One side of a part: its rows G and M^-1 G^T.
   struct Sided {
     const Part* part;
     int joint;
     Side side;
-    int body, first;
+    int body, place;
     Rows G, H;
   };
-  struct Multiplier {
-    int unknown, rows;
-  };
 
-  // False where a pivot has lost all but rounding of its diagonal entry: the rows have become dependent.
+  Mat3& block(int row, int column) { return inverse_[row * parts() + column]; }
+
+  bool invert_block() {
+    Mat3& S = inverse_[0];
+    const Vec3 a = S.col(1).cross(S.col(2));
+    const double volume = S.col(0).dot(a);
+    if (!(volume > kSingular * S(0, 0) * S(1, 1) * S(2, 2))) return false;
+    Mat3 rows;
+    rows << a.transpose(), S.col(2).cross(S.col(0)).transpose(), S.col(0).cross(S.col(1)).transpose();
+    S = rows / volume;
+    return true;
+  }
   bool invert() {
-    constexpr double kSingular = 1e-13;
-    if (rows() == 0) return true;
-    const Eigen::LLT<Matrix> factors(inverse_);
+    for (int p = 0; p < parts(); ++p)
+      for (int q = 0; q < parts(); ++q) whole_.block<3, 3>(3 * p, 3 * q) = block(p, q);
+    const Eigen::LLT<Matrix> factors(whole_);
     if (factors.info() != Eigen::Success) return false;
-    for (int i = 0; i < rows(); ++i) {
+    for (int i = 0; i < whole_.rows(); ++i) {
       const double pivot = factors.matrixLLT()(i, i);
-      if (!(pivot * pivot > kSingular * inverse_(i, i))) return false;
+      if (!(pivot * pivot > kSingular * whole_(i, i))) return false;
     }
-    inverse_ = factors.solve(Matrix::Identity(rows(), rows()));
+    whole_ = factors.solve(Matrix::Identity(whole_.rows(), whole_.cols()));
+    for (int p = 0; p < parts(); ++p)
+      for (int q = 0; q < parts(); ++q) block(p, q) = whole_.block<3, 3>(3 * p, 3 * q);
     return true;
   }
 
-  const System& system_;
   const ReferencePoints& points_;
-  const Nodes nodes_;
   std::vector<Inertia> bodies_;
+  std::vector<PartRows> parts_;
   std::vector<Sided> sides_;
-  std::vector<Multiplier> multipliers_;
-  Matrix inverse_;
+  std::vector<Mat3> inverse_;  // S^-1 by blocks
+  Matrix whole_;
 };
 
 }  // namespace lieeuler

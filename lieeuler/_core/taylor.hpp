@@ -56,7 +56,7 @@ class TaylorStepper {
 
   static bool is_small(const System& system, const HingeTree& tree) {
     if (!elimination_order(system).loops.empty()) return false;
-    return SmallSaddle(system, ReferencePoints(system, tree, true)).rows() <= SmallSaddle::kMostRows;
+    return SmallSaddle(system, ReferencePoints(system, tree, true)).parts() <= SmallSaddle::kMostParts;
   }
 
   // Taylor coefficients about the current state.

@@ -193,6 +193,28 @@ nb::dict integrate_adaptive(const System& system, const std::string& method, con
   });
 }
 
+// Taylor coefficients of x, R and w about a state, order by order, from a stepper's expansion. For tests.
+nb::dict taylor_coefficients(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
+                             int order) {
+  TaylorStepper stepper(system);
+  const Status status = stepper.expand_at(make_state(system, x, R, v, w), order);
+  const size_t n = system.n(), count = order + 1;
+  std::vector<double> xs(3 * n * count), Rs(9 * n * count), ws(3 * n * count);
+  for (size_t k = 0; k < count; ++k)
+    for (size_t b = 0; b < n; ++b) {
+      const size_t at = k * n + b;
+      const auto [position, attitude, rate] = stepper.series().coefficient(static_cast<int>(b), static_cast<int>(k));
+      put(xs, 3 * at, position), put(ws, 3 * at, rate);
+      Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(Rs.data() + 9 * at) = attitude;
+    }
+  nb::dict result;
+  result["status"] = name_of(status);
+  result["x"] = make_array(xs, {count, n, 3});
+  result["R"] = make_array(Rs, {count, n, 3, 3});
+  result["w"] = make_array(ws, {count, n, 3});
+  return result;
+}
+
 // Phi, G, gamma, d(G u)/dq and d(gamma)/du of a state, dense; and d(G^T lam)/dq. For tests.
 nb::dict constraints(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
                      const Array& lam) {
@@ -312,6 +334,7 @@ NB_MODULE(_kernel, m) {
       .def_prop_ro("rows", &System::rows);
   m.def("integrate", &integrate);
   m.def("integrate_adaptive", &integrate_adaptive);
+  m.def("taylor_coefficients", &taylor_coefficients);
   m.def("constraints", &constraints);
   m.def("forces", &forces);
   m.def("map_values", [](const std::string& map, const Vec3& xi, const Mat3& J, double h) {

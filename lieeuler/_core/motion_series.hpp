@@ -1,4 +1,4 @@
-// Taylor coefficients of the motion, order by order, from the index-1 system (theory note, section 11).
+// Taylor coefficients of the motion, order by order, from the index-1 system (theory note, Taylor series).
 //
 // With (vdot, wdot, lam) of orders below k known, order k solves  M udot_k + G_0^T lam_k = f_k,  G_0 udot_k = -gamma_k:
 // always the same matrix. f_k and gamma_k are convolutions of known coefficients, in which lam_k and udot_k count as
@@ -61,6 +61,16 @@ class MotionSeries {
     for (const TorsionSeries& torsion : torsions_) torsion.evaluate(h, order, state);
   }
   const BodySeries& bodies() const { return body_; }
+
+  struct Coefficient {
+    Vec3 x;  // centre of mass
+    Mat3 R;
+    Vec3 w;
+  };
+  Coefficient coefficient(int body, int k) const {
+    const Mat3 R = upper(body_.R[body][k]);
+    return {vector(body_.x[body][k]) + R * points_.centre(body), R, vector(body_.w[body][k])};
+  }
 
  private:
   // A force V in world axes at a point of a body, or a vector V that acts on an axis of it: the torque lever x R^T V.

@@ -27,7 +27,7 @@ class SmallSaddle {
     }
     if (parts() > kMostParts) return;
     inverse_.resize(parts() * parts());
-    whole_.resize(3 * parts(), 3 * parts());
+    factor_.resize(9 * inverse_.size());
   }
   static constexpr int kMostParts = 4;
   // Parts that are left for multipliers.
@@ -80,7 +80,6 @@ class SmallSaddle {
 
  private:
   static constexpr double kSingular = 1e-13;  // what rounding leaves of a pivot
-  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 3 * kMostParts, 3 * kMostParts>;
   struct Inertia {
     double mass_inverse;
     Mat3 inertia_inverse;
@@ -109,18 +108,32 @@ class SmallSaddle {
     S = rows / volume;
     return true;
   }
+  // By Cholesky's factors, S = L L^T; the inverse of L takes its place, then S^-1 = L^-T L^-1 that of the blocks.
   bool invert() {
-    for (int p = 0; p < parts(); ++p)
-      for (int q = 0; q < parts(); ++q) whole_.block<3, 3>(3 * p, 3 * q) = block(p, q);
-    const Eigen::LLT<Matrix> factors(whole_);
-    if (factors.info() != Eigen::Success) return false;
-    for (int i = 0; i < whole_.rows(); ++i) {
-      const double pivot = factors.matrixLLT()(i, i);
-      if (!(pivot * pivot > kSingular * whole_(i, i))) return false;
+    const int n = 3 * parts();
+    auto L = [&](int i, int j) -> double& { return factor_[i * n + j]; };
+    for (int j = 0; j < n; ++j)
+      for (int i = j; i < n; ++i) {
+        const double entry = block(i / 3, j / 3)(i % 3, j % 3);
+        double sum = entry;
+        for (int k = 0; k < j; ++k) sum -= L(i, k) * L(j, k);
+        if (i == j && !(sum > kSingular * entry)) return false;
+        L(i, j) = i == j ? std::sqrt(sum) : sum / L(j, j);
+      }
+    for (int j = 0; j < n; ++j) {
+      L(j, j) = 1 / L(j, j);
+      for (int i = j + 1; i < n; ++i) {
+        double sum = 0;
+        for (int k = j; k < i; ++k) sum -= L(i, k) * L(k, j);
+        L(i, j) = sum / L(i, i);
+      }
     }
-    whole_ = factors.solve(Matrix::Identity(whole_.rows(), whole_.cols()));
-    for (int p = 0; p < parts(); ++p)
-      for (int q = 0; q < parts(); ++q) block(p, q) = whole_.block<3, 3>(3 * p, 3 * q);
+    for (int i = 0; i < n; ++i)
+      for (int j = 0; j <= i; ++j) {
+        double sum = 0;
+        for (int k = i; k < n; ++k) sum += L(k, i) * L(k, j);
+        block(i / 3, j / 3)(i % 3, j % 3) = block(j / 3, i / 3)(j % 3, i % 3) = sum;
+      }
     return true;
   }
 
@@ -129,7 +142,7 @@ class SmallSaddle {
   std::vector<PartRows> parts_;
   std::vector<Sided> sides_;
   std::vector<Mat3> inverse_;  // S^-1 by blocks
-  Matrix whole_;
+  std::vector<double> factor_;
 };
 
 }  // namespace lieeuler

@@ -12,6 +12,7 @@ class TaylorStepper {
   explicit TaylorStepper(const System& system)
       : system_(system), tree_(system), small_(is_small(system, tree_)), points_(system, tree_, small_), state_(system),
         projection_(system), small_saddle_(system, points_), series_(system, points_) {}
+  TaylorStepper(const TaylorStepper&) = delete;  // parts refer to each other
 
   Status start(const State& initial, double t, double t_end, double rtol) {
     state_ = initial;
@@ -23,16 +24,29 @@ class TaylorStepper {
     return factor();
   }
 
+  // The series about a state, orders of the velocities up to `order`.
+  Status expand_at(const State& state, int order) {
+    if (const Status status = start(state, 0, 1, 1e-8); status != Status::success) return status;
+    order_ = order;
+    return expand();
+  }
+  const MotionSeries& series() const { return series_; }
+
   Status step(Counters& counters) {
     if (const Status status = expand(); status != Status::success) return status;
-    const double h = step_size();
+    double h = std::min(step_size(), end_ - time_);
     if (!std::isfinite(h)) return Status::non_finite;
     previous_time_ = time_;
-    const bool last = !(time_ + h < end_);
-    time_ = last ? end_ : time_ + h;
-    if (!last && time_ == previous_time_) return Status::step_too_small;
-    evaluate(time_, state_);
-    if (const Status status = settle(counters); status != Status::success) return status;
+    for (int attempt = 1;; ++attempt) {
+      time_ = previous_time_ + h < end_ ? previous_time_ + h : end_;
+      if (time_ == previous_time_) return Status::step_too_small;
+      evaluate(time_, state_);
+      const Status status = settle(counters);
+      if (status == Status::success) break;
+      if (attempt == kMostAttempts) return status;
+      ++counters.rejected_steps;
+      h *= kShorter;
+    }
     ++counters.steps, ++counters.factorizations;
     counters.force_evaluations += order_;
     return Status::success;
@@ -50,6 +64,10 @@ class TaylorStepper {
   void dense(double t, State& out) const { evaluate(t, out); }
 
  private:
+  // A step that would end in or next to a singular position, where nothing can be projected, ends before it.
+  static constexpr int kMostAttempts = 4;
+  static constexpr double kShorter = 0.7;
+
   static int order_for(double rtol) {
     return std::clamp(static_cast<int>(std::ceil(-0.5 * std::log(rtol) + 1)), 4, kMostOrder);
   }

@@ -26,6 +26,9 @@ struct Scales {
   }
 };
 
+// Scaled pivots below this say why a method came to a halt: within 1e-3 of a singular position.
+inline constexpr double kNearlySingular = 1e-6;
+
 class Projection {
  public:
   explicit Projection(const System& system)
@@ -71,6 +74,9 @@ class Projection {
     saddle_.accelerate(joints_, state);
     return Status::success;
   }
+
+  // (a, lam) of the index-1 system, with the matrix factored at that very state.
+  void accelerate(State& state) { saddle_.accelerate(joints_, state); }
 
   SaddlePoint& saddle() { return saddle_; }
   const Constraints& joints() const { return joints_; }

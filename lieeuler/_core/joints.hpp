@@ -33,6 +33,9 @@ class JointState {
     d_ = (frame_[kChild]->x - frame_[kParent]->x) + (arm_[kChild] - arm_[kParent]);
   }
 
+  const Mat3& attitude(Side side) const { return frame_[side]->R; }
+  const Vec3& anchor(Side side) const { return *anchor_[side]; }
+
   Vec3 position(const Part& part) const {
     if (part.spherical) return d_;
     Vec3 phi = Vec3::Zero();

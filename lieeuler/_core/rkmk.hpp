@@ -107,7 +107,7 @@ class MuntheKaas {
   const State& state() const { return state_; }
   const Constraints& joints() const { return projection_.joints(); }
   int redundant_rows() const { return projection_.redundant_rows(); }
-  double smallest_pivot() { return projection_.saddle().smallest_pivot(); }
+  double smallest_pivot() { return projection_.smallest_pivot(); }
 
  private:
   // The entries of a row that are not zero.

@@ -85,13 +85,16 @@ class Projection {
     ++counters.force_evaluations;
     if (const Status status = factor(); status != Status::success) return status;
     solve([&](auto& s) { project_velocities(s, state); });
-    accelerate(state);
+    solve([&](auto& s) { s.accelerate(joints_, state); });
     return Status::success;
   }
 
-  // (a, lam) of the index-1 system, with the matrix factored at that very state.
-  void accelerate(State& state) {
+  // (a, lam) of the index-1 system, and the matrix factored there.
+  Status accelerate(State& state) {
+    move_to(state);
+    if (const Status status = factor(); status != Status::success) return status;
     solve([&](auto& s) { s.accelerate(joints_, state); });
+    return Status::success;
   }
 
   const Constraints& joints() const { return joints_; }
@@ -136,13 +139,12 @@ class Projection {
     move_to(state);
     return Status::success;
   }
+  // The correction to first order: what that leaves of R^T R - I, its square, goes with the next one's polish.
   void apply(State& state) {
-    ExpMap map;
     for (int b = 0; b < system_.n(); ++b) {
       Frame& frame = state.frames[b];
-      map.set(change_[b].w);
       frame.x += change_[b].v;
-      frame.R = polished(frame.R * map.rotation());
+      frame.R = polished(frame.R + frame.R * hat(change_[b].w));
     }
   }
 

@@ -24,7 +24,7 @@ struct Tableau {
 class MuntheKaas {
  public:
   MuntheKaas(const System& system, const Tableau& tableau)
-      : system_(system), projection_(system), state_(system), next_(system), trial_(system), size_(12 * system.n()),
+      : system_(system), projection_(system), state_(system), next_(system), trial_(system), size_(kPerBody * system.n()),
         stages_(sparse(tableau.stages)), weights_(sparse({tableau.weights})), errors_(sparse(tableau.errors)),
         extra_(sparse(tableau.extra)), dense_(sparse(tableau.dense)) {
     slopes_.assign((stages_.size() + 2 + extra_.size()) * size_, 0.0);
@@ -45,16 +45,16 @@ class MuntheKaas {
 
   Status attempt(double h, Counters& counters) {
     h_ = h;
-    put_slope(nullptr, state_, slope(0));
+    put_first_slope();
     for (size_t i = 0; i < stages_.size(); ++i) {
       combine(stages_[i], y_.data());
       if (const Status status = evaluate(slope(i + 1), counters); status != Status::success) return status;
     }
     combine(weights_[0], step_.data());
     next_.angles = state_.angles;
-    if (!configure(step_.data(), state_, next_)) return Status::map_domain;
+    if (!configure(step_.data(), state_, next_, slope(end()))) return Status::map_domain;
     if (const Status status = projection_.settle(next_, scales_, counters); status != Status::success) return status;
-    put_slope(step_.data(), next_, slope(end()));
+    put_accelerations(next_, slope(end()));
     return Status::success;
   }
 
@@ -80,7 +80,7 @@ class MuntheKaas {
   // Code HINIT of Hairer, Norsett and Wanner: from the sizes of the first and second derivatives.
   double first_step(int order, double rtol, Counters& counters) {
     h_ = 1;
-    put_slope(nullptr, state_, slope(0));
+    put_first_slope();
     const double first = norm(slope(0));
     const double h = 0.01 / std::max(first, 1e-6);
     for (size_t i = 0; i < size_; ++i) y_[i] = h * slope(0)[i];
@@ -101,7 +101,7 @@ class MuntheKaas {
       y_[i] = s * value;
     }
     out.angles = next_.angles;
-    return configure(y_.data(), next_, out) ? Status::success : Status::map_domain;
+    return configure(y_.data(), next_, out, step_.data()) ? Status::success : Status::map_domain;
   }
 
   const State& state() const { return state_; }
@@ -110,6 +110,8 @@ class MuntheKaas {
   double smallest_pivot() { return projection_.smallest_pivot(); }
 
  private:
+  static constexpr int kPerBody = 12;  // x, theta, v, w
+
   // The entries of a row that are not zero.
   using Terms = std::vector<std::pair<int, double>>;
   static std::vector<Terms> sparse(const std::vector<std::vector<double>>& rows) {
@@ -126,57 +128,58 @@ class MuntheKaas {
   size_t end() const { return stages_.size() + 1; }
 
   // h times the weighted sum of slopes.
-  void combine(const Terms& terms, double* __restrict out) const {
-    std::fill_n(out, size_, 0.0);
-    for (const auto& [stage, weight] : terms) {
-      const double factor = h_ * weight;
-      const double* const k = slopes_.data() + stage * size_;
-      for (size_t i = 0; i < size_; ++i) out[i] += factor * k[i];
+  void combine(const Terms& terms, double* out) const {
+    for (size_t at = 0; at < size_; at += kPerBody) {
+      double sum[kPerBody] = {};
+      for (const auto& [stage, weight] : terms) {
+        const double factor = h_ * weight;
+        const double* const k = slopes_.data() + stage * size_ + at;
+        for (int i = 0; i < kPerBody; ++i) sum[i] += factor * k[i];
+      }
+      std::copy_n(sum, kPerBody, out + at);
     }
   }
 
-  // The point y of the chart at `base`; false where an attitude turned too far for it.
-  bool configure(const double* y, const State& base, State& out) const {
-    ExpMap map;
-    for (int b = 0; b < system_.n(); ++b, y += 12) {
-      const Vec3 theta = load3(y + 3);
-      if (!(theta.squaredNorm() < most_turn_ * most_turn_)) return false;
-      map.set(theta);
-      out.frames[b].x = base.frames[b].x + load3(y);
-      out.frames[b].R.noalias() = base.frames[b].R * map.rotation();
-      out.u[b] = {base.u[b].v + load3(y + 6), base.u[b].w + load3(y + 9)};
+  // The state at the point y of the chart at `base`, and into `out` the derivatives of x and theta; false where an
+  // attitude turned too far for the chart.
+  bool configure(const double* y, const State& base, State& state, double* out) const {
+    for (int b = 0; b < system_.n(); ++b, y += kPerBody, out += kPerBody) {
+      const Vec3 theta = load3(y + 3), v = base.u[b].v + load3(y + 6), w = base.u[b].w + load3(y + 9);
+      const double s = theta.squaredNorm();
+      if (!(s < most_turn_ * most_turn_)) return false;
+      const ChartCoefficients k = chart_coefficients(s);
+      state.frames[b].x = base.frames[b].x + load3(y);
+      state.frames[b].R.noalias() = base.frames[b].R * quadratic(theta, 1 - k.cosc * s, k.sinc, k.cosc);
+      state.u[b] = {v, w};
+      const Vec3 turned = theta.cross(w);
+      store(v, out), store(Vec3(w + 0.5 * turned + k.inverse * theta.cross(turned)), out + 3);  // dexp^-1 w
     }
     return true;
   }
-  // Derivative of the chart's coordinates y at the state there; nullptr: at its origin.
-  void put_slope(const double* y, const State& state, double* out) const {
-    ExpMap map;
-    for (int b = 0; b < system_.n(); ++b, out += 12) {
-      Vec3 rate = state.u[b].w;
-      if (y) {
-        map.set(load3(y + 12 * b + 3));
-        rate = map.momentum(rate);  // dexp^-1 in body axes has the form of D*
-      }
-      store(state.u[b].v, out), store(rate, out + 3), store(state.a[b], out + 6);
-    }
+  void put_accelerations(const State& state, double* out) const {
+    for (int b = 0; b < system_.n(); ++b) store(state.a[b], out + kPerBody * b + 6);
+  }
+  // The slope at the origin of the chart.
+  void put_first_slope() {
+    double* out = slope(0);
+    for (int b = 0; b < system_.n(); ++b) store(state_.u[b], out + kPerBody * b);
+    put_accelerations(state_, out);
   }
   // The slope at y_.
   Status evaluate(double* out, Counters& counters) {
     trial_.angles = state_.angles;
-    if (!configure(y_.data(), state_, trial_)) return Status::map_domain;
-    projection_.move_to(trial_);
+    if (!configure(y_.data(), state_, trial_, out)) return Status::map_domain;
     ++counters.factorizations;
     ++counters.force_evaluations;
-    if (const Status status = projection_.factor(); status != Status::success) return status;
-    projection_.accelerate(trial_);
-    put_slope(y_.data(), trial_, out);
+    if (const Status status = projection_.accelerate(trial_); status != Status::success) return status;
+    put_accelerations(trial_, out);
     return Status::success;
   }
 
   // The largest of position / length, angle, and velocities / rate.
   double norm(const double* y) const {
     double most = 0, sum = 0;
-    for (int b = 0; b < system_.n(); ++b, y += 12) {
+    for (int b = 0; b < system_.n(); ++b, y += kPerBody) {
       const double x = load3(y).norm() / scales_.length, theta = load3(y + 3).norm();
       const double v = load3(y + 6).norm() / (scales_.length * scales_.rate), w = load3(y + 9).norm() / scales_.rate;
       most = std::max({most, x, theta, v, w});

@@ -38,11 +38,11 @@ class SchurComplement {
           if (a != b) entries.insert({ends_[a].part, ends_[b].part});
     lu_.plan(order, 0, entries);
     rows_.assign(lu_.unknowns(), 0.0);
-    for (int k = 0; k < parts(); ++k) diagonal_.push_back(lu_.block(k, k));
+    for (int k = 0; k < parts(); ++k) diagonal_.push_back(lu_.block(k, k)), axes_.push_back(nullptr), turns_.push_back(Mat3::Zero());
     for (const std::vector<int>& ends : ends_on)
       for (int a : ends)
         for (int b : ends)
-          if (a < b) pairs_.push_back({a, b, lu_.block(ends_[a].part, ends_[b].part), lu_.block(ends_[b].part, ends_[a].part)});
+          if (a < b) add_pair(a, b);
   }
 
   bool find_redundancy(const Constraints& joints) { return factor(joints); }
@@ -73,109 +73,168 @@ class SchurComplement {
   void accelerate(const Constraints& joints, State& state) {
     generalized_forces(system_, state.frames, state.u, state.angles, force_);
     for (int b = 0; b < system_.n(); ++b) state.a[b] = velocity(system_.bodies[b], force_[b]);
-    for (int k = 0; k < parts(); ++k) {
-      const Joint& joint = system_.joints[parts_[k].joint];
-      store(in_axes(k, joint_of(k, joints).gamma(part(k), state.u[joint.parent], state.u[joint.child])), &rows_[3 * k]);
-    }
+    for (int k = 0; k < parts(); ++k) store(gamma(k, joints, state.u), &rows_[3 * k]);
     finish(state.a);
     for (int k = 0; k < parts(); ++k) {
       Vec3 lam = load3(&rows_[3 * k]);
-      if (part(k).spherical) lam = *axes_[k] * lam;
+      if (part(k).spherical) lam = times(*axes_[k], lam);
       std::copy_n(lam.data(), part(k).rows(), state.lam.data() + part(k).row);
     }
   }
 
  private:
-  // One side of a part: its rows V, W against (v, w) of the body, and W J^-1.
+  // One side of a part, with its rows V, W against (v, w) of the body, and N = W J^-1.
+  //   spherical, child    V = R^T, W = -hat(s): W and N are constant
+  //   spherical, parent   V = -R^T, W = T hat(s), T = R^T R_parent
+  //   dots                from the joint
+  enum class Kind { child_point, parent_point, dots };
   struct End {
+    Kind kind;
     int part, body;
     Side side;
     double inverse_mass;
+    bool whole;  // whether a point needs V, W and N themselves
+    Vec3 s;
     Mat3 V, W, N;
+    Mat3 own;  // child_point: its block of S; parent_point: that block without T
   };
+  // Blocks of S two ends on one body share. chain: of a child_point and a parent_point, share * T^T.
   struct Pair {
     int a, b;
     double *ab, *ba;
+    bool chain;
+    Mat3 share;
   };
 
   int parts() const { return static_cast<int>(parts_.size()); }
   const Part& part(int k) const { return system_.joints[parts_[k].joint].parts[parts_[k].part]; }
   const JointState& joint_of(int k, const Constraints& joints) const { return joints[parts_[k].joint]; }
-  Vec3 in_axes(int k, const Vec3& rows) const { return part(k).spherical ? Vec3(axes_[k]->transpose() * rows) : rows; }
+  Vec3 in_axes(int k, const Vec3& rows) const { return part(k).spherical ? transposed_times(*axes_[k], rows) : rows; }
+
+  Vec3 gamma(int k, const Constraints& joints, const std::vector<Twist>& u) const {
+    const Joint& joint = system_.joints[parts_[k].joint];
+    const Vec3 &w = u[joint.child].w, &w_parent = u[joint.parent].w;
+    if (!part(k).spherical) return joint_of(k, joints).gamma(part(k), u[joint.parent], u[joint.child]);
+    const Vec3 at_child = w.cross(w.cross(joint.child_anchor));
+    if (joint.parent == system_.n()) return at_child;
+    return at_child - times(turns_[k], w_parent.cross(w_parent.cross(joint.parent_anchor)));
+  }
 
   void add_end(int k, Side side, std::vector<std::vector<int>>& ends_on) {
     const Joint& joint = system_.joints[parts_[k].joint];
     const int b = side == kChild ? joint.child : joint.parent;
-    Mat3 own = Mat3::Zero();
-    if (b != system_.n()) {
-      End end{k, b, side, 1 / system_.bodies[b].mass, Mat3::Zero(), Mat3::Zero(), Mat3::Zero()};
-      if (part(k).spherical && side == kChild) {
-        end.W = -hat(joint.child_anchor);
-        end.N = end.W * system_.bodies[b].inertia_inverse;
-        own = end.inverse_mass * Mat3::Identity() + end.N * end.W.transpose();
-      }
-      ends_on[b].push_back(static_cast<int>(ends_.size()));
-      ends_.push_back(end);
+    if (b == system_.n()) return;
+    const Kind kind = !part(k).spherical ? Kind::dots : (side == kChild ? Kind::child_point : Kind::parent_point);
+    const Mat3 zero = Mat3::Zero();
+    End end{kind, k, b, side, 1 / system_.bodies[b].mass, false, side == kChild ? joint.child_anchor : joint.parent_anchor,
+            zero, zero, zero, zero};
+    if (kind != Kind::dots) {
+      end.W = -hat(end.s);
+      end.N = end.W * system_.bodies[b].inertia_inverse;
+      end.own = end.inverse_mass * Mat3::Identity() + end.N * end.W.transpose();
     }
-    if (side == kChild) constant_.push_back(own), axes_.push_back(nullptr);
+    ends_on[b].push_back(static_cast<int>(ends_.size()));
+    ends_.push_back(end);
+  }
+  void add_pair(int a, int b) {
+    if (ends_[a].kind == Kind::parent_point) std::swap(a, b);
+    End &first = ends_[a], &second = ends_[b];
+    Pair pair{a, b, lu_.block(first.part, second.part), lu_.block(second.part, first.part), false, Mat3::Zero()};
+    if (first.kind == Kind::child_point && second.kind == Kind::parent_point) {
+      pair.chain = true;
+      pair.share = -first.inverse_mass * Mat3::Identity() - first.N * hat(second.s);
+    } else {
+      first.whole = second.whole = true;
+    }
+    pairs_.push_back(pair);
   }
 
   void assemble(const Constraints& joints) {
     lu_.set_zero();
     for (int k = 0; k < parts(); ++k) {
       axes_[k] = &joint_of(k, joints).attitude(kChild);
-      put(diagonal_[k], constant_[k]);
       for (int r = part(k).rows(); r < 3; ++r) diagonal_[k][(kRow + 1) * r] = 1;
     }
-    for (End& end : ends_) {
-      const JointState& joint = joint_of(end.part, joints);
-      const Mat3& J_inverse = system_.bodies[end.body].inertia_inverse;
-      if (part(end.part).spherical) {
-        const Mat3& axes = *axes_[end.part];
-        if (end.side == kChild) {
-          end.V = axes.transpose();
-          continue;
-        }
-        end.V = -axes.transpose();
-        end.W.noalias() = axes.transpose() * (joint.attitude(kParent) * hat(joint.anchor(kParent)));
-        end.N.noalias() = end.W * J_inverse;
-        Mat3 share = end.N * end.W.transpose();
-        share.diagonal().array() += end.inverse_mass;
-        add(diagonal_[end.part], share);
-        continue;
-      }
-      const Rows G = joint.jacobian(part(end.part), end.side);
-      end.V = G.v, end.W = G.w;
-      end.N.noalias() = end.W * J_inverse;
-      add(diagonal_[end.part], end.inverse_mass * end.V * end.V.transpose() + end.N * end.W.transpose());
-    }
+    for (End& end : ends_) update(end, joint_of(end.part, joints));
     for (const Pair& pair : pairs_) {
       const End &a = ends_[pair.a], &b = ends_[pair.b];
-      const Mat3 block = a.inverse_mass * a.V * b.V.transpose() + a.N * b.W.transpose();
+      Mat3 block;
+      if (pair.chain) {
+        block.noalias() = pair.share * turns_[b.part].transpose();
+      } else {
+        block.noalias() = a.inverse_mass * a.V * b.V.transpose();
+        block.noalias() += a.N * b.W.transpose();
+      }
       add(pair.ab, block), add(pair.ba, block.transpose());
     }
+  }
+  // The rows of an end, and its diagonal block.
+  void update(End& end, const JointState& joint) {
+    double* const diagonal = diagonal_[end.part];
+    if (end.kind == Kind::child_point) {
+      if (end.whole) end.V = axes_[end.part]->transpose();
+      return add(diagonal, end.own);
+    }
+    if (end.kind == Kind::parent_point) {
+      Mat3& turn = turns_[end.part];
+      turn.noalias() = axes_[end.part]->transpose() * joint.attitude(kParent);
+      Mat3 half, block;
+      half.noalias() = turn * end.own;
+      block.noalias() = half * turn.transpose();
+      add(diagonal, block);
+      if (!end.whole) return;
+      end.V = -axes_[end.part]->transpose();
+      end.W.noalias() = turn * hat(end.s);
+    } else {
+      const Rows G = joint.jacobian(part(end.part), end.side);
+      end.V = G.v, end.W = G.w;
+    }
+    end.N.noalias() = end.W * system_.bodies[end.body].inertia_inverse;
+    if (end.kind == Kind::dots)
+      add(diagonal, end.inverse_mass * end.V * end.V.transpose() + end.N * end.W.transpose());
   }
 
   // From y and the rows -c: mu of S mu = G y - c, and y <- y - M^-1 G^T mu.
   void finish(std::vector<Twist>& y) {
     for (const End& end : ends_) {
       const Twist& t = y[end.body];
-      store(Vec3(load3(&rows_[3 * end.part]) + end.V * t.v + end.W * t.w), &rows_[3 * end.part]);
+      Vec3 sum = load3(&rows_[3 * end.part]);
+      switch (end.kind) {
+        case Kind::child_point: sum += transposed_times(*axes_[end.part], t.v) - end.s.cross(t.w); break;
+        case Kind::parent_point:
+          sum += times(turns_[end.part], end.s.cross(t.w)) - transposed_times(*axes_[end.part], t.v);
+          break;
+        case Kind::dots: sum += times(end.V, t.v) + times(end.W, t.w); break;
+      }
+      store(sum, &rows_[3 * end.part]);
     }
     lu_.solve(rows_.data());
     for (const End& end : ends_) {
       Twist& t = y[end.body];
+      const Mat3& J_inverse = system_.bodies[end.body].inertia_inverse;
       const Vec3 mu = load3(&rows_[3 * end.part]);
-      t.v -= end.inverse_mass * (end.V.transpose() * mu);
-      t.w -= end.N.transpose() * mu;
+      switch (end.kind) {
+        case Kind::child_point:
+          t.v -= end.inverse_mass * times(*axes_[end.part], mu);
+          t.w -= times(J_inverse, end.s.cross(mu));
+          break;
+        case Kind::parent_point:
+          t.v += end.inverse_mass * times(*axes_[end.part], mu);
+          t.w += times(J_inverse, end.s.cross(transposed_times(turns_[end.part], mu)));
+          break;
+        case Kind::dots:
+          t.v -= end.inverse_mass * transposed_times(end.V, mu);
+          t.w -= transposed_times(end.N, mu);
+          break;
+      }
     }
   }
 
   const System& system_;
   std::vector<PartIndex> parts_;
   std::vector<End> ends_;
-  std::vector<Mat3> constant_;      // what the child adds to its spherical part's diagonal block
   std::vector<const Mat3*> axes_;   // attitude of each part's child, the axes of spherical rows
+  std::vector<Mat3> turns_;         // attitude of its parent relative to its child
   std::vector<double*> diagonal_;
   std::vector<Pair> pairs_;
   std::vector<double> rows_;

@@ -84,14 +84,21 @@ def integrate(
     start = problem.x, problem.R, problem.v, problem.w
     tolerance = _tolerance(record, step, rtol)
     if tolerance is not None:
-        result = _kernel.integrate_adaptive(problem.kernel, method, *start, (t - t[0]).tolist(), tolerance, monitor)
+        times = (t - t[0]).tolist()
+        if record.tableau is not None:
+            result = _kernel.integrate_adaptive(problem.kernel, record.tableau.kernel, *start, times, tolerance, monitor)
+        else:
+            result = _kernel.integrate_taylor(problem.kernel, *start, times, tolerance, monitor)
         solution = Solution.from_kernel(result, t, method, None)
     else:
         assert step is not None  # _tolerance has seen to it
         steps, counts = _steps(t, step)
-        result = _kernel.integrate(
-            problem.kernel, coordinate_map, record.formulation == "hamilton", record.level, record.index1_output,
-            *gains, record.composition, *start, steps, counts, monitor)
+        if record.tableau is not None:
+            result = _kernel.integrate_runge_kutta(problem.kernel, record.tableau.kernel, *start, steps, counts, monitor)
+        else:
+            result = _kernel.integrate(
+                problem.kernel, coordinate_map, record.formulation == "hamilton", record.level, record.index1_output,
+                *gains, record.composition, *start, steps, counts, monitor)
         solution = Solution.from_kernel(result, t, method, max(steps))
     if not monitor:
         solution.stats.maxima = {}

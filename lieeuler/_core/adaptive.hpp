@@ -15,7 +15,8 @@ namespace lieeuler {
 //                                         where it is needed only: a stepper may leave (a, lam) until then
 //   const Constraints& joints()           at state()
 //   int redundant_rows()
-//   void dense(double t, State& out)      frames, u and the angles to unwrap against, t within the last step
+//   Status dense(double t, State& out, Counters&)
+//                                         frames, u and the angles to unwrap against, t within the last step
 template <class Stepper>
 Outcome run_adaptive(Stepper& stepper, const System& system, const State& initial, const std::vector<double>& t_eval,
                      double rtol, bool monitored, const Record& record, const Interrupted& interrupted) {
@@ -52,8 +53,9 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
         record(outcome.samples++, stepper.state());
         continue;
       }
-      stepper.dense(t_eval[next], sample);
-      const Status status = projection.project(sample, Scales::of(system, sample), outcome.counters);
+      Status status = stepper.dense(t_eval[next], sample, outcome.counters);
+      if (status == Status::success)
+        status = projection.project(sample, Scales::of(system, sample), outcome.counters);
       if (status != Status::success) return end(status);
       record(outcome.samples++, sample);
     }

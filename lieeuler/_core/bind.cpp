@@ -8,6 +8,7 @@
 #include <chrono>
 
 #include "adaptive.hpp"
+#include "rkmk.hpp"
 #include "taylor.hpp"
 
 namespace nb = nanobind;
@@ -179,17 +180,34 @@ nb::dict integrate(const System& system, const std::string& map, bool hamiltonia
   });
 }
 
+nb::dict integrate_runge_kutta(const System& system, const Tableau& tableau, const Array& x, const Array& R,
+                               const Array& v, const Array& w, const std::vector<double>& steps,
+                               const std::vector<int>& counts, bool monitored) {
+  const State initial = make_state(system, x, R, v, w);
+  FixedMuntheKaas stepper(system, tableau);
+  return execute(system, steps.size() + 1, [&](const Record& record, const Interrupted& interrupted) {
+    return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+  });
+}
+
 // t_eval starts at zero.
-nb::dict integrate_adaptive(const System& system, const std::string& method, const Array& x, const Array& R,
+nb::dict integrate_adaptive(const System& system, const Tableau& tableau, const Array& x, const Array& R,
                             const Array& v, const Array& w, const std::vector<double>& t_eval, double rtol,
                             bool monitored) {
   const State initial = make_state(system, x, R, v, w);
   return execute(system, t_eval.size(), [&](const Record& record, const Interrupted& interrupted) {
-    if (method == "taylor") {
-      TaylorStepper stepper(system);
-      return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
-    }
-    throw std::invalid_argument(method);
+    AdaptiveMuntheKaas stepper(system, tableau);
+    return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
+  });
+}
+
+// t_eval starts at zero.
+nb::dict integrate_taylor(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
+                          const std::vector<double>& t_eval, double rtol, bool monitored) {
+  const State initial = make_state(system, x, R, v, w);
+  TaylorStepper stepper(system);
+  return execute(system, t_eval.size(), [&](const Record& record, const Interrupted& interrupted) {
+    return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
   });
 }
 
@@ -332,8 +350,16 @@ NB_MODULE(_kernel, m) {
       .def("add_torsional_spring", &add_torsional_spring)
       .def("add_load", &add_load)
       .def_prop_ro("rows", &System::rows);
+  using TableauRows = std::vector<std::vector<double>>;
+  nb::class_<Tableau>(m, "Tableau")
+      .def("__init__", [](Tableau* self, const TableauRows& stages, const std::vector<double>& weights, int order,
+                          const TableauRows& errors, const TableauRows& extra, const TableauRows& dense) {
+        new (self) Tableau{stages, weights, order, errors, extra, dense};
+      });
   m.def("integrate", &integrate);
+  m.def("integrate_runge_kutta", &integrate_runge_kutta);
   m.def("integrate_adaptive", &integrate_adaptive);
+  m.def("integrate_taylor", &integrate_taylor);
   m.def("taylor_coefficients", &taylor_coefficients);
   m.def("constraints", &constraints);
   m.def("forces", &forces);

@@ -93,7 +93,7 @@ struct System {
 };
 
 // (m, J) times a twist, and its inverse.
-inline Twist momentum(const Body& body, const Twist& u) { return {body.mass * u.v, body.inertia * u.w}; }
-inline Twist velocity(const Body& body, const Twist& p) { return {p.v / body.mass, body.inertia_inverse * p.w}; }
+inline Twist momentum(const Body& body, const Twist& u) { return {body.mass * u.v, times(body.inertia, u.w)}; }
+inline Twist velocity(const Body& body, const Twist& p) { return {p.v / body.mass, times(body.inertia_inverse, p.w)}; }
 
 }  // namespace lieeuler

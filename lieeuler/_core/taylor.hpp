@@ -11,7 +11,7 @@ class TaylorStepper {
  public:
   explicit TaylorStepper(const System& system)
       : system_(system), tree_(system), small_(is_small(system, tree_)), points_(system, tree_, small_), state_(system),
-        projection_(system), small_saddle_(system, points_), series_(system, points_) {}
+        projection_(system), saddle_(system), small_saddle_(system, points_), series_(system, points_) {}
   TaylorStepper(const TaylorStepper&) = delete;  // parts refer to each other
 
   Status start(const State& initial, double t, double t_end, double rtol) {
@@ -21,6 +21,7 @@ class TaylorStepper {
     rank_confirmed_ = accelerated_ = false;
     update_angles(system_, state_.frames, state_.u, state_.angles);
     if (const Status status = projection_.start(state_); status != Status::success) return status;
+    if (!small_ && !saddle_.find_redundancy(projection_.joints())) return Status::singular_matrix;
     return factor();
   }
 
@@ -56,12 +57,16 @@ class TaylorStepper {
   double previous_time() const { return previous_time_; }
   // (a, lam) are solved for only when asked.
   const State& state() {
-    if (!accelerated_) accelerate();
+    if (!accelerated_) projection_.accelerate(state_);
+    accelerated_ = true;
     return state_;
   }
   const Constraints& joints() const { return projection_.joints(); }
   int redundant_rows() const { return projection_.redundant_rows(); }
-  void dense(double t, State& out) const { evaluate(t, out); }
+  Status dense(double t, State& out, Counters&) const {
+    evaluate(t, out);
+    return Status::success;
+  }
 
  private:
   // A step that would end in or next to a singular position, where nothing can be projected, ends before it.
@@ -81,7 +86,7 @@ class TaylorStepper {
   Status expand() {
     series_.start(state_);
     for (int k = 0; k < order_; ++k)
-      if (!(small_ ? series_.extend(k, small_saddle_) : series_.extend(k, projection_.saddle())))
+      if (!(small_ ? series_.extend(k, small_saddle_) : series_.extend(k, saddle_)))
         return Status::non_finite;
     measure_scales();
     return Status::success;
@@ -107,13 +112,9 @@ class TaylorStepper {
   }
   Status factor() {
     if (tree_.complete) projection_.move_to(state_);
-    if (small_) return small_saddle_.factor(projection_.joints(), state_.frames) ? Status::success : Status::singular_matrix;
-    return tree_.complete ? projection_.factor() : Status::success;  // else it has been left factored
-  }
-  void accelerate() {
-    if (small_) projection_.factor();
-    projection_.saddle().accelerate(projection_.joints(), state_);
-    accelerated_ = true;
+    const Constraints& joints = projection_.joints();
+    const bool regular = small_ ? small_saddle_.factor(joints, state_.frames) : saddle_.factor(joints);
+    return regular ? Status::success : Status::singular_matrix;
   }
 
   // A system at rest has the rate at which it starts to move.
@@ -163,6 +164,7 @@ class TaylorStepper {
   const ReferencePoints points_;
   State state_;
   Projection projection_;
+  SaddlePoint saddle_;
   SmallSaddle small_saddle_;
   MotionSeries series_;
   double time_ = 0, previous_time_ = 0, end_ = 0, rtol_ = 1e-8, length_ = 1, rate_ = 1;

@@ -17,30 +17,41 @@ from lieeuler.types import ArrayLike
 MOST_STEPS = 1e12
 """More steps than this are a mistake: they would run for weeks."""
 
+DEFAULT_RTOL = 1e-8
+"""Where an adaptive method is given neither a step nor a tolerance."""
+
+RTOL_RANGE = (1e-14, 0.1)
+"""Below, rounding would steer the steps; above, nothing is resolved."""
+
 
 def integrate(
     problem: Problem,
     method: str,
-    step: float,
-    t_eval: ArrayLike,
+    step: float | None = None,
+    t_eval: ArrayLike | None = None,
     *,
+    rtol: float | None = None,
     coordinate_map: str = "exp",
     alpha: float | None = None,
     beta: float | None = None,
     monitor: bool = True,
 ) -> Solution:
-    """Integrate a problem with a fixed step.
+    """Integrate a problem with a fixed step, or with steps that follow a tolerance.
 
     Parameters
     ----------
     problem : Problem
     method : str
         A name in `lieeuler.METHODS`.
-    step : float
+    step : float, optional
         s. Where it does not divide an output interval it is shortened to the nearest one that does.
     t_eval : (T,)
         Output times, s, increasing; the first is the time of the initial state.
+    rtol : float, optional
+        In place of `step`, for methods with "rtol" among their controls: the error wanted, relative to the sizes of the
+        system (m), one radian, and their rates. It is not rigorous, but proportional to the error. Default 1e-8.
     coordinate_map : "exp" | "cayley" | "ccsk"
+        Only for the Euler methods and their compositions.
     alpha, beta : float, optional
         Baumgarte gains, 1/s; only for BAUMGARTE_LE.
     monitor : bool
@@ -66,13 +77,29 @@ def integrate(
         raise ArgumentError(f"coordinate_map must be one of {', '.join(COORDINATE_MAPS)}, not {coordinate_map!r}")
     if record.composition and coordinate_map == "ccsk":
         raise ArgumentError(f"{method} composes symmetric steps and ccsk is not symmetric; use exp or cayley")
+    if record.formulation == "index1" and coordinate_map != "exp":
+        raise ArgumentError(f"{method} works with the exponential map; leave coordinate_map out")
     gains = _gains(record, alpha, beta)
     t = _output_times(t_eval)
-    steps, counts = _steps(t, step)
-    result = _kernel.integrate(
-        problem.kernel, coordinate_map, record.formulation == "hamilton", record.level, record.index1_output, *gains,
-        record.composition, problem.x, problem.R, problem.v, problem.w, steps, counts, monitor)
-    solution = Solution.from_kernel(result, t, method, max(steps))
+    start = problem.x, problem.R, problem.v, problem.w
+    tolerance = _tolerance(record, step, rtol)
+    if tolerance is not None:
+        times = (t - t[0]).tolist()
+        if record.tableau is not None:
+            result = _kernel.integrate_adaptive(problem.kernel, record.tableau.kernel, *start, times, tolerance, monitor)
+        else:
+            result = _kernel.integrate_taylor(problem.kernel, *start, times, tolerance, monitor)
+        solution = Solution.from_kernel(result, t, method, None)
+    else:
+        assert step is not None  # _tolerance has seen to it
+        steps, counts = _steps(t, step)
+        if record.tableau is not None:
+            result = _kernel.integrate_runge_kutta(problem.kernel, record.tableau.kernel, *start, steps, counts, monitor)
+        else:
+            result = _kernel.integrate(
+                problem.kernel, coordinate_map, record.formulation == "hamilton", record.level, record.index1_output,
+                *gains, record.composition, *start, steps, counts, monitor)
+        solution = Solution.from_kernel(result, t, method, max(steps))
     if not monitor:
         solution.stats.maxima = {}
     if solution.status is Status.INTERRUPTED:
@@ -103,7 +130,25 @@ def _gains(method: Method, alpha: float | None, beta: float | None) -> tuple[flo
             second if beta is None else number("beta", beta, lowest=0.0))
 
 
-def _output_times(t_eval: ArrayLike) -> np.ndarray:
+def _tolerance(method: Method, step: float | None, rtol: float | None) -> float | None:
+    """The tolerance of a run whose steps follow it, None for a fixed step."""
+    if step is not None and rtol is not None:
+        raise ArgumentError("give step or rtol, not both")
+    if step is not None:
+        if "step" not in method.controls:
+            raise ArgumentError(f"{method.name} chooses its steps; give rtol in place of step")
+        return None
+    if "rtol" not in method.controls:
+        raise ArgumentError(f"step must be a number, s: {method.name} does not follow a tolerance")
+    value = positive("rtol", DEFAULT_RTOL if rtol is None else rtol)
+    if not RTOL_RANGE[0] <= value <= RTOL_RANGE[1]:
+        raise ArgumentError(f"rtol must lie between {RTOL_RANGE[0]:g} and {RTOL_RANGE[1]:g}, not {value!r}")
+    return value
+
+
+def _output_times(t_eval: ArrayLike | None) -> np.ndarray:
+    if t_eval is None:
+        raise ArgumentError("t_eval is missing: at least two increasing output times, s")
     try:
         t = np.array(t_eval, dtype=float)
     except (TypeError, ValueError):

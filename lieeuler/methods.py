@@ -5,12 +5,15 @@ Sources
 [P1] constraint-stabilized implicit methods on Lie group, doi:10.1177/1687814019842406
 [P2] Lie group Euler methods for DAEs of multibody dynamics, doi:10.1177/1687814018764154
 [BM] Bou-Rabee and Marsden, Hamilton-Pontryagin integrators, doi:10.1007/s10208-008-9030-4
+[MK] Munthe-Kaas, High order Runge-Kutta methods on manifolds, doi:10.1016/S0168-9274(98)00030-0
 [B]  Baumgarte, Stabilization of constraints, doi:10.1016/0045-7825(72)90018-7
 """
 
 from __future__ import annotations
 
 import dataclasses
+
+from lieeuler.tableaux import DORMAND_PRINCE_5, DORMAND_PRINCE_8, KUTTA_4, Tableau
 
 COORDINATE_MAPS = ("exp", "cayley", "ccsk")
 """Maps from R^3 onto SO(3): exponential, Cayley, canonical coordinates of the second kind."""
@@ -24,8 +27,9 @@ class Method:
     ----------
     name : str
         What users type.
-    formulation : "lagrange" | "hamilton"
-        Implicit Euler for the Lagrangian equations, or symplectic Euler for the Hamiltonian ones.
+    formulation : "lagrange" | "hamilton" | "index1"
+        Implicit Euler for the Lagrangian equations, symplectic Euler for the Hamiltonian ones, or accelerations solved
+        from the index-1 system.
     level : "position" | "velocity" | "stabilised" | "acceleration"
         The constraint equation solved in the step; "stabilised" is position and velocity together.
     index1_output : bool
@@ -40,6 +44,10 @@ class Method:
     composition : tuple of float
         Weights of the stages where the method is a composition of RATTLE steps; RATTLE is half a step of DAE2H_LSE and
         half a step of its adjoint.
+    tableau : Tableau or None
+        Of an explicit Runge-Kutta rule.
+    controls : tuple of "step", "rtol"
+        How the user sets the accuracy: a fixed step (s), a relative tolerance, or either.
     """
 
     name: str
@@ -51,6 +59,8 @@ class Method:
     source: str
     gains: tuple[float, float] | None = None
     composition: tuple[float, ...] = ()
+    tableau: Tableau | None = None
+    controls: tuple[str, ...] = ("step",)
 
 
 def _symmetric(*half: float) -> tuple[float, ...]:
@@ -78,11 +88,18 @@ KAHAN_LI_8 = _symmetric(0.13020248308889008088, 0.56116298177510838456, -0.38947
 _P1 = "doi:10.1177/1687814019842406"
 _P2 = "doi:10.1177/1687814018764154"
 _BM = "doi:10.1007/s10208-008-9030-4"
+_MK = "doi:10.1016/S0168-9274(98)00030-0"
 _ALL = ("position", "velocity", "acceleration")
 
 
 def _rattle(name: str, order: int, weights: tuple[float, ...], source: str) -> Method:
     return Method(name, "hamilton", "stabilised", True, _ALL, order, source, composition=weights)
+
+
+def _runge_kutta(name: str, tableau: Tableau, source: str) -> Method:
+    controls = ("step", "rtol") if tableau.errors else ("step",)
+    return Method(name, "index1", "stabilised", True, _ALL, tableau.order, f"{_MK}, {source}", tableau=tableau,
+                  controls=controls)
 
 
 METHODS: dict[str, Method] = {
@@ -103,6 +120,11 @@ METHODS: dict[str, Method] = {
         _rattle("rattle4", 4, SUZUKI_4, f"{_BM}, doi:10.1016/0375-9601(90)90962-N"),
         _rattle("rattle6", 6, KAHAN_LI_6, f"{_BM}, doi:10.1090/S0025-5718-97-00873-9"),
         _rattle("rattle8", 8, SUZUKI_UMENO_8, f"{_BM}, doi:10.1137/0916010"),
+        _runge_kutta("rkmk4", KUTTA_4, "doi:10.1007/978-3-540-78862-1"),
+        _runge_kutta("rkmk54", DORMAND_PRINCE_5, "doi:10.1016/0771-050X(80)90013-3"),
+        _runge_kutta("rkmk853", DORMAND_PRINCE_8, "doi:10.1007/978-3-540-78862-1"),
+        Method("taylor", "index1", "stabilised", True, _ALL, 40, "doi:10.1080/10586458.2005.10128904",
+               controls=("rtol",)),
     )
 }  # fmt: skip
 """All methods by name, in the order in which tables list them."""

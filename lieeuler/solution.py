@@ -17,6 +17,7 @@ class Status(enum.Enum):
     SINGULAR_MATRIX = "singular_matrix"
     MAP_DOMAIN = "map_domain"
     NON_FINITE = "non_finite"
+    STEP_TOO_SMALL = "step_too_small"
     INTERRUPTED = "interrupted"
 
     @property
@@ -32,14 +33,17 @@ _ADVICE = {
                             "position; start elsewhere, or take steps that do not land on it",
     Status.MAP_DOMAIN: "a body turned beyond the coordinate map's domain within one step; take a smaller step",
     Status.NON_FINITE: "the state became infinite or not a number; take a smaller step",
+    Status.STEP_TOO_SMALL: "step control asks for steps too small to end the run; take a larger rtol, or a method for "
+                           "stiff forces; a mechanism near a singular position asks for it too",
     Status.INTERRUPTED: "interrupted by the user",
 }  # fmt: skip
 
 
 @dataclasses.dataclass
 class Stats:
-    """Counters of a run, the step used, and the largest values over every step.
+    """Counters of a run, the step used (None where the method chose its steps), and the largest values over every step.
 
+    `steps` counts accepted steps, `force_evaluations` evaluations of the forces, those for samples included.
     `maxima` has the keys energy_error (|E - E(0)| over the largest kinetic energy), kinetic (J),
     constraint_position, constraint_velocity, constraint_acceleration (max norms, SI) and orthogonality
     (max norm of R^T R - I); it is empty where monitoring was switched off. Where `redundant_rows` of the constraint
@@ -47,11 +51,13 @@ class Stats:
     """
 
     steps: int
+    rejected_steps: int
+    force_evaluations: int
     newton_iterations: int
     factorizations: int
     most_iterations: int
     redundant_rows: int
-    step: float
+    step: float | None
     wall_time: float
     maxima: dict[str, float]
 
@@ -82,7 +88,7 @@ class Solution:
         return self.status is Status.SUCCESS
 
     @classmethod
-    def from_kernel(cls, result: dict[str, Any], t: np.ndarray, method: str, step: float) -> Solution:
+    def from_kernel(cls, result: dict[str, Any], t: np.ndarray, method: str, step: float | None) -> Solution:
         """Wrap the kernel's answer; arrays are cut to the samples reached."""
         count = result["samples"]
         maxima = dict(result["maxima"])

@@ -62,12 +62,12 @@ def _force(scene: Scene, force: Force) -> lieeuler.forces.Force:
 
 
 class LieEuler:
-    """The Lie group Euler methods of `lieeuler.METHODS`, in maximal coordinates with multipliers."""
+    """The methods of `lieeuler.METHODS`, in maximal coordinates with multipliers."""
 
     name = "lieeuler"
     methods = tuple(lieeuler.METHODS)
     forms = ("maximal",)
-    adaptive_methods: tuple[str, ...] = ()
+    adaptive_methods = tuple(name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls)
     options = frozenset({"form", "coordinate_map", "alpha", "beta"})
 
     def version(self) -> str:
@@ -77,8 +77,8 @@ class LieEuler:
         return version("lieeuler-crosscheck")
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
-        """Order of the method's record."""
-        return lieeuler.METHODS[spec.method].order
+        """Order of the method's record; None for a run whose steps follow rtol."""
+        return None if spec.step is None else lieeuler.METHODS[spec.method].order
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """Levels of the method's record."""
@@ -88,26 +88,28 @@ class LieEuler:
         """All joints and forces are modelled, redundant constraints included."""
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"
-        if spec.rtol is not None:
+        controls = lieeuler.METHODS[spec.method].controls
+        if spec.rtol is not None and "rtol" not in controls:
             return f"{spec.method} takes a fixed step, not rtol"
+        if spec.step is not None and "step" not in controls:
+            return f"{spec.method} chooses its steps by rtol, it takes no step"
         return None
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
-        """Integrate with a fixed step (s); maxima over every step come from the kernel.
+        """Integrate with a fixed step (s) or a relative tolerance; maxima over every step come from the kernel.
 
         Raises
         ------
         lieeuler.IntegrationError
             The run ended early.
         """
-        assert spec.step is not None  # every method here takes a fixed step: `crosscheck.run` has seen to it
         solution = lieeuler.integrate(
-            build_problem(scene), spec.method, spec.step, scene.t, coordinate_map=spec.coordinate_map or "exp",
-            alpha=spec.alpha, beta=spec.beta, monitor=spec.monitor)
+            build_problem(scene), spec.method, spec.step, scene.t, rtol=spec.rtol,
+            coordinate_map=spec.coordinate_map or "exp", alpha=spec.alpha, beta=spec.beta, monitor=spec.monitor)
         fields = [field.name for field in dataclasses.fields(States)]
         stats = solution.stats
-        counters = {name: getattr(stats, name) for name in ("newton_iterations", "factorizations", "most_iterations",
-                                                           "redundant_rows")}
+        counters = {name: getattr(stats, name) for name in ("rejected_steps", "force_evaluations", "newton_iterations",
+                                                           "factorizations", "most_iterations", "redundant_rows")}
         maxima = {key: value for key, value in stats.maxima.items() if key != "kinetic"}
         return RawRun(
             states=States(**{field: np.asarray(getattr(solution, field)) for field in fields}),

@@ -7,7 +7,9 @@
 
 #include <chrono>
 
-#include "loop.hpp"
+#include "adaptive.hpp"
+#include "rkmk.hpp"
+#include "taylor.hpp"
 
 namespace nb = nanobind;
 using namespace lieeuler;
@@ -90,6 +92,7 @@ const char* name_of(Status status) {
     case Status::singular_matrix: return "singular_matrix";
     case Status::map_domain: return "map_domain";
     case Status::non_finite: return "non_finite";
+    case Status::step_too_small: return "step_too_small";
     case Status::interrupted: return "interrupted";
   }
   return "unknown";
@@ -111,16 +114,10 @@ struct Samples {
   }
 };
 
-nb::dict integrate(const System& system, const std::string& map, bool hamiltonian, const std::string& level,
-                   bool index1_output, double alpha, double beta, const std::vector<double>& composition, const Array& x, const Array& R, const Array& v,
-                   const Array& w, const std::vector<double>& steps, const std::vector<int>& counts, bool monitored) {
-  const Level levels = level == "position"     ? Level::position
-                       : level == "velocity"   ? Level::velocity
-                       : level == "stabilised" ? Level::stabilised
-                                               : Level::acceleration;
-  const Method method{hamiltonian, levels, index1_output, {alpha, beta}, composition};
-  const State initial = make_state(system, x, R, v, w);
-  Samples samples(steps.size() + 1, system);
+// run(record, interrupted) fills an Outcome; the interpreter is free meanwhile.
+template <class Run>
+nb::dict execute(const System& system, size_t T, const Run& run) {
+  Samples samples(T, system);
   const Record record = [&](int k, const State& state) { samples.put_state(system, k, state); };
   const Interrupted interrupted = [] {
     nb::gil_scoped_acquire gil;
@@ -133,12 +130,11 @@ nb::dict integrate(const System& system, const std::string& map, bool hamiltonia
   {
     nb::gil_scoped_release release;
     const auto start = std::chrono::steady_clock::now();
-    const auto run = map == "cayley" ? run_method<CayleyMap> : (map == "ccsk" ? run_method<CcskMap> : run_method<ExpMap>);
-    outcome = run(system, method, initial, steps, counts, monitored, record, interrupted);
+    outcome = run(record, interrupted);
     seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
-  const size_t T = steps.size() + 1, n = system.n(), m = system.rows();
-  nb::dict result;
+  const size_t n = system.n(), m = system.rows();
+  nb::dict result, counters, maxima;
   result["status"] = name_of(outcome.status);
   result["samples"] = outcome.samples;
   result["time"] = outcome.time_of_failure;
@@ -150,8 +146,9 @@ nb::dict integrate(const System& system, const std::string& map, bool hamiltonia
   result["a"] = make_array(samples.a, {T, n, 3});
   result["alpha"] = make_array(samples.alpha, {T, n, 3});
   result["lam"] = make_array(samples.lam, {T, m});
-  nb::dict counters, maxima;
   counters["steps"] = outcome.counters.steps;
+  counters["rejected_steps"] = outcome.counters.rejected_steps;
+  counters["force_evaluations"] = outcome.counters.force_evaluations;
   counters["newton_iterations"] = outcome.counters.newton_iterations;
   counters["factorizations"] = outcome.counters.factorizations;
   counters["redundant_rows"] = outcome.redundant_rows;
@@ -164,6 +161,75 @@ nb::dict integrate(const System& system, const std::string& map, bool hamiltonia
   maxima["orthogonality"] = outcome.maxima.orthogonality;
   result["counters"] = counters;
   result["maxima"] = maxima;
+  return result;
+}
+
+nb::dict integrate(const System& system, const std::string& map, bool hamiltonian, const std::string& level,
+                   bool index1_output, double alpha, double beta, const std::vector<double>& composition,
+                   const Array& x, const Array& R, const Array& v, const Array& w, const std::vector<double>& steps,
+                   const std::vector<int>& counts, bool monitored) {
+  const Level levels = level == "position"     ? Level::position
+                       : level == "velocity"   ? Level::velocity
+                       : level == "stabilised" ? Level::stabilised
+                                               : Level::acceleration;
+  const Method method{hamiltonian, levels, index1_output, {alpha, beta}, composition};
+  const State initial = make_state(system, x, R, v, w);
+  return execute(system, steps.size() + 1, [&](const Record& record, const Interrupted& interrupted) {
+    const auto run = map == "cayley" ? run_method<CayleyMap> : (map == "ccsk" ? run_method<CcskMap> : run_method<ExpMap>);
+    return run(system, method, initial, steps, counts, monitored, record, interrupted);
+  });
+}
+
+nb::dict integrate_runge_kutta(const System& system, const Tableau& tableau, const Array& x, const Array& R,
+                               const Array& v, const Array& w, const std::vector<double>& steps,
+                               const std::vector<int>& counts, bool monitored) {
+  const State initial = make_state(system, x, R, v, w);
+  FixedMuntheKaas stepper(system, tableau);
+  return execute(system, steps.size() + 1, [&](const Record& record, const Interrupted& interrupted) {
+    return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+  });
+}
+
+// t_eval starts at zero.
+nb::dict integrate_adaptive(const System& system, const Tableau& tableau, const Array& x, const Array& R,
+                            const Array& v, const Array& w, const std::vector<double>& t_eval, double rtol,
+                            bool monitored) {
+  const State initial = make_state(system, x, R, v, w);
+  return execute(system, t_eval.size(), [&](const Record& record, const Interrupted& interrupted) {
+    AdaptiveMuntheKaas stepper(system, tableau);
+    return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
+  });
+}
+
+// t_eval starts at zero.
+nb::dict integrate_taylor(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
+                          const std::vector<double>& t_eval, double rtol, bool monitored) {
+  const State initial = make_state(system, x, R, v, w);
+  TaylorStepper stepper(system);
+  return execute(system, t_eval.size(), [&](const Record& record, const Interrupted& interrupted) {
+    return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
+  });
+}
+
+// Taylor coefficients of x, R and w about a state, order by order, from a stepper's expansion. For tests.
+nb::dict taylor_coefficients(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
+                             int order) {
+  TaylorStepper stepper(system);
+  const Status status = stepper.expand_at(make_state(system, x, R, v, w), order);
+  const size_t n = system.n(), count = order + 1;
+  std::vector<double> xs(3 * n * count), Rs(9 * n * count), ws(3 * n * count);
+  for (size_t k = 0; k < count; ++k)
+    for (size_t b = 0; b < n; ++b) {
+      const size_t at = k * n + b;
+      const auto [position, attitude, rate] = stepper.series().coefficient(static_cast<int>(b), static_cast<int>(k));
+      put(xs, 3 * at, position), put(ws, 3 * at, rate);
+      Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(Rs.data() + 9 * at) = attitude;
+    }
+  nb::dict result;
+  result["status"] = name_of(status);
+  result["x"] = make_array(xs, {count, n, 3});
+  result["R"] = make_array(Rs, {count, n, 3, 3});
+  result["w"] = make_array(ws, {count, n, 3});
   return result;
 }
 
@@ -284,7 +350,17 @@ NB_MODULE(_kernel, m) {
       .def("add_torsional_spring", &add_torsional_spring)
       .def("add_load", &add_load)
       .def_prop_ro("rows", &System::rows);
+  using TableauRows = std::vector<std::vector<double>>;
+  nb::class_<Tableau>(m, "Tableau")
+      .def("__init__", [](Tableau* self, const TableauRows& stages, const std::vector<double>& weights, int order,
+                          const TableauRows& errors, const TableauRows& extra, const TableauRows& dense) {
+        new (self) Tableau{stages, weights, order, errors, extra, dense};
+      });
   m.def("integrate", &integrate);
+  m.def("integrate_runge_kutta", &integrate_runge_kutta);
+  m.def("integrate_adaptive", &integrate_adaptive);
+  m.def("integrate_taylor", &integrate_taylor);
+  m.def("taylor_coefficients", &taylor_coefficients);
   m.def("constraints", &constraints);
   m.def("forces", &forces);
   m.def("map_values", [](const std::string& map, const Vec3& xi, const Mat3& J, double h) {

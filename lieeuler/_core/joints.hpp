@@ -29,9 +29,12 @@ class JointState {
   void update(const Joint& joint, const std::vector<Frame>& frames) {
     frame_[kParent] = &frames[joint.parent], frame_[kChild] = &frames[joint.child];
     anchor_[kParent] = &joint.parent_anchor, anchor_[kChild] = &joint.child_anchor;
-    for (Side side : kSides) arm_[side] = frame_[side]->R * *anchor_[side];
+    for (Side side : kSides) arm_[side] = times(frame_[side]->R, *anchor_[side]);
     d_ = (frame_[kChild]->x - frame_[kParent]->x) + (arm_[kChild] - arm_[kParent]);
   }
+
+  const Mat3& attitude(Side side) const { return frame_[side]->R; }
+  const Vec3& anchor(Side side) const { return *anchor_[side]; }
 
   Vec3 position(const Part& part) const {
     if (part.spherical) return d_;

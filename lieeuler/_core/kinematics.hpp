@@ -18,10 +18,10 @@ struct State {
         angles(system.forces.size(), 0.0) {}
 };
 
-inline Vec3 load3(const double* at) { return {at[0], at[1], at[2]}; }
-inline Twist load(const double* at) { return {load3(at), load3(at + 3)}; }
-inline void store(const Vec3& value, double* at) { at[0] = value[0], at[1] = value[1], at[2] = value[2]; }
-inline void store(const Twist& twist, double* at) { store(twist.v, at), store(twist.w, at + 3); }
+EIGEN_ALWAYS_INLINE Vec3 load3(const double* at) { return {at[0], at[1], at[2]}; }
+EIGEN_ALWAYS_INLINE Twist load(const double* at) { return {load3(at), load3(at + 3)}; }
+EIGEN_ALWAYS_INLINE void store(const Vec3& value, double* at) { at[0] = value[0], at[1] = value[1], at[2] = value[2]; }
+EIGEN_ALWAYS_INLINE void store(const Twist& twist, double* at) { store(twist.v, at), store(twist.w, at + 3); }
 
 // All joints at one configuration.
 class Constraints {

@@ -9,10 +9,11 @@
 
 namespace lieeuler {
 
-enum class Status { success, newton_failed, singular_matrix, map_domain, non_finite, interrupted };
+enum class Status { success, newton_failed, singular_matrix, map_domain, non_finite, step_too_small, interrupted };
 
 struct Counters {
-  long steps = 0, newton_iterations = 0, factorizations = 0, most_iterations = 0;
+  long steps = 0, rejected_steps = 0, force_evaluations = 0, newton_iterations = 0, factorizations = 0,
+       most_iterations = 0;
 };
 
 // Guesses for the unknowns of the next step: polynomial extrapolation of the last steps' solutions, up to quartic.
@@ -57,6 +58,7 @@ class Newton {
     double first = 0, last = std::numeric_limits<double>::infinity();
     bool renew = true;
     for (int k = 1; k <= kMostIterations; ++k) {
+      ++counters.force_evaluations;
       if (const Status status = equations.residual(z, residual_); status != Status::success) return status;
       if (renew) {
         equations.matrix();

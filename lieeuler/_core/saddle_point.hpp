@@ -46,6 +46,8 @@ class SaddlePoint {
     return true;
   }
   int redundant() const { return static_cast<int>(null_.size()); }
+  // Near a singular position of a loop it goes to zero, as the square of the distance.
+  double smallest_pivot() { return delassus_.lu().smallest_tail_pivot(); }
 
   bool factor(const Constraints& joints) {
     delassus_.assemble(joints, joints);
@@ -77,6 +79,21 @@ class SaddlePoint {
     subtract_reactions(joints, rows_, p);
   }
 
+  // The least displacement that closes the joints to first order: M d + G^T mu = 0, G d = -Phi.
+  void displace(const Constraints& joints, std::vector<Twist>& d) {
+    std::fill(force_.begin(), force_.end(), Twist{});
+    for (int k = 0; k < delassus_.parts(); ++k)
+      store(Vec3(-joints[delassus_.index(k).joint].position(delassus_.part(k))), &rows_[3 * k]);
+    solve(d, nullptr);
+  }
+
+  // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places.
+  void solve(std::vector<Twist>& f, std::vector<Vec3>& rows) {
+    for (int k = 0; k < delassus_.parts(); ++k) store(rows[k], &rows_[3 * k]);
+    delassus_.solve(f, rows_.data(), [this](double* values) { remove_null_space(values); });
+    for (int k = 0; k < delassus_.parts(); ++k) rows[k] = load3(&rows_[3 * k]);
+  }
+
   // (a, lam) of the index-1 system: M a + G^T lam = f, G a + gamma = 0.
   void accelerate(const Constraints& joints, State& state) {
     generalized_forces(system_, state.frames, state.u, state.angles, force_);
@@ -93,7 +110,7 @@ class SaddlePoint {
   void solve(std::vector<Twist>& y, double* multipliers) {
     delassus_.solve(force_, rows_.data(), [this](double* values) { remove_null_space(values); });
     std::copy_n(force_.begin(), system_.n(), y.begin());
-    for_rows([&](int row, int place) { multipliers[row] = rows_[place]; });
+    if (multipliers) for_rows([&](int row, int place) { multipliers[row] = rows_[place]; });
   }
   // target -= G^T values
   void subtract_reactions(const Constraints& joints, const std::vector<double>& values, std::vector<Twist>& target) const {

@@ -23,6 +23,16 @@ inline Mat3 hat(const Vec3& a) {
   return Mat3{{0, -a.z(), a.y()}, {a.z(), 0, -a.x()}, {-a.y(), a.x(), 0}};
 }
 
+// m x and m^T x, written out: half the instructions of the general product.
+EIGEN_ALWAYS_INLINE Vec3 times(const Mat3& m, const Vec3& x) {
+  return {m(0, 0) * x[0] + m(0, 1) * x[1] + m(0, 2) * x[2], m(1, 0) * x[0] + m(1, 1) * x[1] + m(1, 2) * x[2],
+          m(2, 0) * x[0] + m(2, 1) * x[1] + m(2, 2) * x[2]};
+}
+EIGEN_ALWAYS_INLINE Vec3 transposed_times(const Mat3& m, const Vec3& x) {
+  return {m(0, 0) * x[0] + m(1, 0) * x[1] + m(2, 0) * x[2], m(0, 1) * x[0] + m(1, 1) * x[1] + m(2, 1) * x[2],
+          m(0, 2) * x[0] + m(1, 2) * x[1] + m(2, 2) * x[2]};
+}
+
 // sum_k coefficients[k] s^k, highest power first in the loop (Horner).
 template <int N>
 double polynomial(const double (&coefficients)[N], double s) {
@@ -79,8 +89,33 @@ inline void inverse_tangent_coefficient(double s, double& c, double& slope) {
   slope = (-1 / s + cotangent / (4 * t) + 1 / (8 * sine * sine)) / s;
 }
 
+// The coefficients of exp and of its inverse tangent together: one sine and cosine where the series end.
+struct ChartCoefficients {
+  double sinc, cosc, inverse;  // inverse: c(s) of inverse_tangent_coefficient
+};
+
+inline ChartCoefficients chart_coefficients(double s) {
+  if (s < kSeriesLimit) {
+    double c, slope;
+    inverse_tangent_coefficient(s, c, slope);
+    const ExpCoefficients k = exp_coefficients(s);
+    return {k.sinc, k.cosc, c};
+  }
+  const double t = std::sqrt(s), sine = std::sin(0.5 * t), cosine = std::cos(0.5 * t);
+  return {2 * sine * cosine / t, 2 * sine * sine / s, 1 / s - cosine / (2 * t * sine)};
+}
+
 // d(xi x J xi)/dxi
 inline Mat3 gyroscopic_slope(const Vec3& xi, const Vec3& L, const Mat3& J) { return hat(xi) * J - hat(L); }
+
+// a I + b hat(theta) + c theta theta^T
+inline Mat3 quadratic(const Vec3& theta, double a, double b, double c) {
+  Mat3 m = (c * theta) * theta.transpose();
+  m.diagonal().array() += a;
+  const Vec3 v = b * theta;
+  m(0, 1) -= v.z(), m(0, 2) += v.y(), m(1, 0) += v.z(), m(1, 2) -= v.x(), m(2, 0) -= v.y(), m(2, 1) += v.x();
+  return m;
+}
 
 class ExpMap {
  public:
@@ -90,8 +125,8 @@ class ExpMap {
     k_ = exp_coefficients(s_);
     return s_ < 4 * std::numbers::pi * std::numbers::pi;
   }
-  Mat3 rotation() const { return quadratic(1 - k_.cosc * s_, k_.sinc, k_.cosc); }
-  Mat3 left_tangent() const { return quadratic(1 - k_.cubic * s_, -k_.cosc, k_.cubic); }
+  Mat3 rotation() const { return quadratic(theta_, 1 - k_.cosc * s_, k_.sinc, k_.cosc); }
+  Mat3 left_tangent() const { return quadratic(theta_, 1 - k_.cubic * s_, -k_.cosc, k_.cubic); }
   Vec3 momentum(const Vec3& L) const {
     double c, slope;
     inverse_tangent_coefficient(s_, c, slope);
@@ -108,14 +143,6 @@ class ExpMap {
   }
 
  private:
-  // a I + b hat(theta) + c theta theta^T
-  Mat3 quadratic(double a, double b, double c) const {
-    Mat3 m = (c * theta_) * theta_.transpose();
-    m.diagonal().array() += a;
-    const Vec3 v = b * theta_;
-    m(0, 1) -= v.z(), m(0, 2) += v.y(), m(1, 0) += v.z(), m(1, 2) -= v.x(), m(2, 0) -= v.y(), m(2, 1) += v.x();
-    return m;
-  }
   Vec3 theta_;
   double s_;
   ExpCoefficients k_;

@@ -11,6 +11,7 @@ namespace lieeuler {
 struct Body {
   double mass;
   Mat3 inertia, inertia_inverse;  // about the centre of mass, body axes
+  Vec3 spin = Vec3::Zero();       // constant angular momentum inside the body, body axes: -w x (J w + spin) turns it
 };
 
 // Position of the centre of mass (world) and attitude (body to world).
@@ -92,7 +93,7 @@ struct System {
 };
 
 // (m, J) times a twist, and its inverse.
-inline Twist momentum(const Body& body, const Twist& u) { return {body.mass * u.v, body.inertia * u.w}; }
-inline Twist velocity(const Body& body, const Twist& p) { return {p.v / body.mass, body.inertia_inverse * p.w}; }
+inline Twist momentum(const Body& body, const Twist& u) { return {body.mass * u.v, times(body.inertia, u.w)}; }
+inline Twist velocity(const Body& body, const Twist& p) { return {p.v / body.mass, times(body.inertia_inverse, p.w)}; }
 
 }  // namespace lieeuler

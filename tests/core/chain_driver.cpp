@@ -18,6 +18,7 @@ void operator delete(void* p) noexcept { std::free(p); }
 void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
 #include "../../lieeuler/_core/loop.hpp"
+#include "../../lieeuler/_core/rkmk.hpp"
 
 using namespace lieeuler;
 
@@ -67,6 +68,10 @@ int main(int argc, char** argv) {
   const System system = chain(std::atoi(argv[2]));
   const int steps = std::atoi(argv[3]);
   const double h = std::atof(argv[4]);
+  if (method == "rkmk4") {
+    const Tableau kutta{{{0.5}, {0, 0.5}, {0, 0, 1}}, {1. / 6, 1. / 3, 1. / 3, 1. / 6}, 4, {}, {}, {}};
+    return drive(FixedMuntheKaas(system, kutta), system, steps, h);
+  }
   const Level level = method[3] == '3' ? Level::position : (method.ends_with("LSE") ? Level::stabilised : Level::velocity);
   const bool index1 = method[3] == '1';
   if (method[4] == 'H') return drive(HamiltonStepper<ExpMap>(system, level, index1), system, steps, h);

@@ -1,0 +1,175 @@
+// Taylor series integration of the index-1 system, after Jorba and Zou, doi:10.1080/10586458.2005.10128904.
+#pragma once
+
+#include "motion_series.hpp"
+#include "projection.hpp"
+#include "small_saddle.hpp"
+
+namespace lieeuler {
+
+class TaylorStepper {
+ public:
+  explicit TaylorStepper(const System& system)
+      : system_(system), tree_(system), small_(is_small(system, tree_)), points_(system, tree_, small_), state_(system),
+        projection_(system), saddle_(system), small_saddle_(system, points_), series_(system, points_) {}
+  TaylorStepper(const TaylorStepper&) = delete;  // parts refer to each other
+
+  Status start(const State& initial, double t, double t_end, double rtol) {
+    state_ = initial;
+    time_ = previous_time_ = t, end_ = t_end, rtol_ = rtol;
+    order_ = order_for(rtol);
+    rank_confirmed_ = accelerated_ = false;
+    update_angles(system_, state_.frames, state_.u, state_.angles);
+    if (const Status status = projection_.start(state_); status != Status::success) return status;
+    if (!small_ && !saddle_.find_redundancy(projection_.joints())) return Status::singular_matrix;
+    return factor();
+  }
+
+  // The series about a state, orders of the velocities up to `order`.
+  Status expand_at(const State& state, int order) {
+    if (const Status status = start(state, 0, 1, 1e-8); status != Status::success) return status;
+    order_ = order;
+    return expand();
+  }
+  const MotionSeries& series() const { return series_; }
+
+  Status step(Counters& counters) {
+    if (const Status status = expand(); status != Status::success) return status;
+    double h = std::min(step_size(), end_ - time_);
+    if (!std::isfinite(h)) return Status::non_finite;
+    previous_time_ = time_;
+    for (int attempt = 1;; ++attempt) {
+      time_ = previous_time_ + h < end_ ? previous_time_ + h : end_;
+      if (time_ == previous_time_) return Status::step_too_small;
+      evaluate(time_, state_);
+      const Status status = settle(counters);
+      if (status == Status::success) break;
+      if (attempt == kMostAttempts) return status;
+      ++counters.rejected_steps;
+      h *= kShorter;
+    }
+    ++counters.steps, ++counters.factorizations;
+    counters.force_evaluations += order_;
+    return Status::success;
+  }
+
+  double time() const { return time_; }
+  double previous_time() const { return previous_time_; }
+  // (a, lam) are solved for only when asked.
+  const State& state() {
+    if (!accelerated_) projection_.accelerate(state_);
+    accelerated_ = true;
+    return state_;
+  }
+  const Constraints& joints() const { return projection_.joints(); }
+  int redundant_rows() const { return projection_.redundant_rows(); }
+  Status dense(double t, State& out, Counters&) const {
+    evaluate(t, out);
+    return Status::success;
+  }
+
+ private:
+  // A step that would end in or next to a singular position, where nothing can be projected, ends before it.
+  static constexpr int kMostAttempts = 4;
+  static constexpr double kShorter = 0.7;
+
+  static int order_for(double rtol) {
+    return std::clamp(static_cast<int>(std::ceil(-0.5 * std::log(rtol) + 1)), 4, kMostOrder);
+  }
+
+  static bool is_small(const System& system, const HingeTree& tree) {
+    if (!elimination_order(system).loops.empty()) return false;
+    return SmallSaddle(system, ReferencePoints(system, tree, true)).parts() <= SmallSaddle::kMostParts;
+  }
+
+  // Taylor coefficients about the current state.
+  Status expand() {
+    series_.start(state_);
+    for (int k = 0; k < order_; ++k)
+      if (!(small_ ? series_.extend(k, small_saddle_) : series_.extend(k, saddle_)))
+        return Status::non_finite;
+    measure_scales();
+    return Status::success;
+  }
+  void evaluate(double t, State& out) const {
+    series_.evaluate(t - previous_time_, order_, !tree_.complete, out);
+    for (int b = 0; b < system_.n(); ++b) orthogonalise(out.frames[b].R);
+    if (tree_.complete) tree_.settle(out);
+  }
+  // Onto both constraint levels, and the matrix of the next expansion.
+  Status settle(Counters& counters) {
+    accelerated_ = !tree_.complete;
+    if (!tree_.complete) {
+      const Status status = projection_.project(state_, Scales::of(system_, state_), counters);
+      if (status != Status::success) return status;
+    } else {
+      update_angles(system_, state_.frames, state_.u, state_.angles);
+    }
+    if (!rank_confirmed_)
+      if (const Status status = projection_.confirm_rank(); status != Status::success) return status;
+    rank_confirmed_ = true;
+    return factor();
+  }
+  Status factor() {
+    if (tree_.complete) projection_.move_to(state_);
+    const Constraints& joints = projection_.joints();
+    const bool regular = small_ ? small_saddle_.factor(joints, state_.frames) : saddle_.factor(joints);
+    return regular ? Status::success : Status::singular_matrix;
+  }
+
+  // A system at rest has the rate at which it starts to move.
+  void measure_scales() {
+    length_ = system_.length, rate_ = 0;
+    for (int b = 0; b < system_.n(); ++b) length_ = std::max(length_, state_.frames[b].x.cwiseAbs().maxCoeff());
+    double square = 0;
+    for (int b = 0; b < system_.n(); ++b) {
+      const Twist& u = state_.u[b];
+      rate_ = std::max({rate_, u.v.cwiseAbs().maxCoeff() / length_, u.w.cwiseAbs().maxCoeff()});
+      const Vec3 vdot = 2 * vector(series_.bodies().x[b][2]), wdot = vector(series_.bodies().w[b][1]);
+      square = std::max({square, vdot.cwiseAbs().maxCoeff() / length_, wdot.cwiseAbs().maxCoeff()});
+    }
+    rate_ = std::max(rate_, std::sqrt(square));
+  }
+
+  // So that the last two terms of the velocities are rtol of their size at most.
+  double step_size() const {
+    double largest[2] = {0, 0}, sum = 0;
+    for (int b = 0; b < system_.n(); ++b)
+      for (int i = 0; i < 2; ++i) {
+        const int k = order_ - 1 + i;
+        const Vec3 w = vector(series_.bodies().w[b][k]);
+        const Vec3 v = (k + 1) / length_ * vector(series_.bodies().x[b][k + 1]);
+        largest[i] = std::max({largest[i], w.cwiseAbs().maxCoeff(), v.cwiseAbs().maxCoeff()});
+        sum += w.sum() + v.sum();
+      }
+    if (!std::isfinite(sum)) return sum;
+    double h = end_ - time_;
+    for (int i = 0; i < 2; ++i)
+      if (largest[i] > 0) h = std::min(h, std::pow(rtol_ * rate_ / largest[i], 1.0 / (order_ - 1 + i)));
+    return h;
+  }
+
+  static void orthogonalise(Mat3& R) {
+    constexpr double kOnceIsEnough = 1e-8;
+    for (int k = 0; k < 8; ++k) {
+      const Mat3 defect = R.transpose() * R - Mat3::Identity();
+      R -= 0.5 * R * defect;
+      if (defect.cwiseAbs().maxCoeff() < kOnceIsEnough) return;
+    }
+  }
+
+  const System& system_;
+  const HingeTree tree_;
+  const bool small_;
+  const ReferencePoints points_;
+  State state_;
+  Projection projection_;
+  SaddlePoint saddle_;
+  SmallSaddle small_saddle_;
+  MotionSeries series_;
+  double time_ = 0, previous_time_ = 0, end_ = 0, rtol_ = 1e-8, length_ = 1, rate_ = 1;
+  int order_ = 16;
+  bool rank_confirmed_ = false, accelerated_ = false;
+};
+
+}  // namespace lieeuler

@@ -1,0 +1,180 @@
+"""Taylor series: coefficients, error against tolerance, constraints, dense output, loops, no allocation in a step."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sysconfig
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import crosscheck
+import lieeuler
+from crosscheck.engines.lieeuler import build_problem
+from lieeuler import _kernel
+from tests.lieeuler.test_redundant import linkage
+
+EPS = np.finfo(float).eps
+# Between them: every kind of joint and force, bodies pinned and free, trees of few and many rows, loops with redundant rows.
+SCENES = ("single_pendulum", "double_pendulum", "universal_pendulum", "hinge_pendulum", "cylindrical_pendulum",
+          "prismatic_slider", "planar_slider", "fixed_pair", "rod_pendulum", "bead_on_line", "puck_on_plane",
+          "spring_pendulum", "damped_pendulum", "torsion_wheel", "loaded_pendulum", "branching_tree", "chain_8",
+          "slider_crank", "four_bar", "bricard")  # fmt: skip
+SMOOTH = tuple(name for name in SCENES if name not in ("chain_8", "slider_crank")) + ("heavy_top", "triple_pendulum")
+
+
+def start_of(name):
+    problem = build_problem(crosscheck.load_scene(name))
+    return problem, (problem.x, problem.R, problem.v, problem.w)
+
+
+def horner(coefficients, t):
+    value = np.zeros_like(coefficients[0])
+    for c in coefficients[::-1]:
+        value = value * t + c
+    return value
+
+
+def derivative(coefficients):
+    return coefficients[1:] * np.arange(1, len(coefficients)).reshape(-1, *[1] * (coefficients.ndim - 1))
+
+
+def index1_accelerations(problem, x, R, v, w, angles):
+    """Dense and of least norm, from rows and forces that other tests hold to account."""
+    rows = _kernel.constraints(problem.kernel, x, R, v, w, np.zeros(problem.rows))
+    force = np.array(_kernel.forces(problem.kernel, x, R, v, w)["f"])
+    for spring, turns in zip((f for f in problem.forces if isinstance(f, lieeuler.TorsionalSpring)), angles, strict=True):
+        assert abs(turns) < np.pi, spring  # the kernel's forces take the angle nearest to zero
+    M = np.zeros((6 * problem.n, 6 * problem.n))
+    for b, body in enumerate(problem.bodies):
+        M[6 * b:6 * b + 3, 6 * b:6 * b + 3] = body.mass * np.eye(3)
+        M[6 * b + 3:6 * b + 6, 6 * b + 3:6 * b + 6] = body.inertia
+        force[6 * b + 3:6 * b + 6] -= np.cross(w[b], body.inertia @ w[b])
+    G = rows["G"]
+    free = np.linalg.solve(M, force)
+    lam = np.linalg.lstsq(G @ np.linalg.solve(M, G.T), G @ free + rows["gamma"], rcond=1e-11)[0]
+    return (free - np.linalg.solve(M, G.T @ lam)).reshape(-1, 2, 3)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_coefficients_solve_the_equations_order_by_order(name):
+    """Put into the index-1 system, series of order p leave a residual of order t^p: every coefficient is right."""
+    problem, state = start_of(name)
+    order = 6
+    series = _kernel.taylor_coefficients(problem.kernel, *state, order)
+    assert series["status"] == "success"
+    x, R, w = series["x"], series["R"], series["w"]
+    v, angles = derivative(x), [0.0] * sum(isinstance(f, lieeuler.TorsionalSpring) for f in problem.forces)
+
+    def residual(t):
+        at = [np.ascontiguousarray(horner(c, t)) for c in (x, R, v, w)]
+        a = index1_accelerations(problem, *at, angles)
+        # x carries coefficients up to `order`, so its second derivative is short of two orders against w
+        return np.array([np.abs(a[:, 1] - horner(derivative(w), t)).max(),
+                         np.abs(a[:, 0] - horner(derivative(v), t)).max()]), np.abs(a).max()
+
+    rate = max(1.0, np.abs(w[0]).max(), np.abs(v[0]).max())
+    (coarse, size), (fine, _) = residual(0.08 / rate), residual(0.04 / rate)
+    noise = 1e3 * EPS * size  # of accelerations from positions and velocities of rounding error eps
+    for k, p in ((0, order - 1), (1, order - 2)):
+        assert fine[k] < noise or fine[k] < coarse[k] * 0.5 ** (p - 0.7), (k, coarse, fine)
+        assert coarse[k] < 1e-2 * size
+
+
+@pytest.mark.parametrize("name", ["double_pendulum", "heavy_top", "spring_pendulum"])
+def test_error_proportional_to_the_tolerance(name, crosscheck_run, crosscheck_truth):
+    tolerances = 10.0 ** np.arange(-4, -13, -1)
+    truth = crosscheck_truth(name)
+    errors = [np.abs(crosscheck_run(name, "lieeuler", "taylor", rtol=rtol).x[-1] - truth.states.x[-1]).max()
+              for rtol in tolerances]
+    above = np.array(errors) > truth.allowed  # below, truth itself is not known
+    slope = np.polyfit(np.log(tolerances[above]), np.log(np.array(errors)[above]), 1)[0]
+    assert above.sum() >= 6
+    assert 0.8 < slope < 1.2
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_error_floor(name, crosscheck_run, crosscheck_truth):
+    """With the smallest useful tolerance: 1e-11, or what rounding of 1e-14 grows to, which truth has measured."""
+    truth = crosscheck_truth(name)
+    run = crosscheck_run(name, "lieeuler", "taylor", rtol=1e-13)
+    horizon = truth.t <= truth.horizon
+    bound = max(1e-11, 1e-14 * truth.amplification)
+    assert np.abs(run.x - truth.states.x)[horizon].max() < bound
+    assert np.abs(run.R - truth.states.R)[horizon].max() < bound
+
+
+@pytest.mark.parametrize("name", ["double_pendulum", "rod_pendulum", "four_bar", "bricard"])
+@pytest.mark.parametrize("rtol", [1e-4, 1e-10])
+def test_constraints_hold_at_rounding_level(name, rtol, crosscheck_run):
+    scene = crosscheck.load_scene(name)
+    run = crosscheck_run(name, "lieeuler", "taylor", rtol=rtol)
+    length = max(1.0, *(np.linalg.norm(s) for j in scene.joints for s in (j.parent_anchor, j.child_anchor)))
+    rate = max(1.0, np.abs(run.w).max(), np.abs(run.v).max() / length)
+    size = max(np.abs(run.a).max(), length * np.abs(run.alpha).max(), length * rate**2)
+    assert run.stats["constraint_position"] < 50 * EPS * length
+    assert run.stats["constraint_velocity"] < 50 * EPS * length * rate
+    assert run.stats["constraint_acceleration"] < 50 * EPS * size
+    assert run.stats["orthogonality"] < 50 * EPS
+
+
+@pytest.mark.parametrize("name", ["double_pendulum", "torsion_wheel", "four_bar"])
+def test_dense_output(name, crosscheck_truth):
+    """Samples between steps are as good as the steps, on the constraints, and have no influence on the steps."""
+    truth = crosscheck_truth(name)
+    problem, _ = start_of(name)
+    many = lieeuler.integrate(problem, "taylor", rtol=1e-9, t_eval=truth.t)
+    few = lieeuler.integrate(problem, "taylor", rtol=1e-9, t_eval=truth.t[[0, -1]])
+    assert many.stats.steps == few.stats.steps < len(truth.t) * 5
+    assert np.array_equal(many.x[-1], few.x[-1])
+    errors = np.abs(many.x - truth.states.x).max(axis=(1, 2))
+    assert errors.max() < 1e-9 * max(10.0, truth.amplification)
+    gaps = [np.abs(_kernel.constraints(problem.kernel, many.x[k], many.R[k], many.v[k], many.w[k],
+                                       np.zeros(problem.rows))["phi"]).max() for k in range(len(many.t))]
+    assert max(gaps) < 50 * EPS * 5
+
+
+def test_start_in_a_singular_position_is_named():
+    problem = linkage([[0, 0, 0], [1, 0, 0], [3, 0, 0], [2, 0, 0]])
+    with pytest.raises(lieeuler.IntegrationError) as caught:
+        lieeuler.integrate(problem, "taylor", rtol=1e-8, t_eval=[0, 0.1])
+    assert caught.value.status is lieeuler.Status.SINGULAR_MATRIX
+
+
+def test_a_spring_of_zero_length_has_no_series():
+    """Unless its free length is zero: then it is linear in the distance and smooth through it."""
+    body = lieeuler.Body(1.0, np.eye(3))
+    state = ([0, 0, 0.0], [[0, 0, 0.0]], [np.eye(3)], [[1.0, 0, 0]], [[0, 0, 0.0]])
+
+    def spring(free_length):
+        return lieeuler.Problem([body], [], *state, [lieeuler.LinearSpring(-1, 0, np.zeros(3), np.zeros(3), 4.0, free_length)])
+
+    with pytest.raises(lieeuler.IntegrationError) as caught:
+        lieeuler.integrate(spring(0.5), "taylor", rtol=1e-8, t_eval=[0, 1])
+    assert caught.value.status is lieeuler.Status.NON_FINITE
+    t = np.linspace(0, 3, 7)
+    run = lieeuler.integrate(spring(0.0), "taylor", rtol=1e-13, t_eval=t)
+    assert np.abs(run.x[:, 0, 0] - np.sin(2 * t) / 2).max() < 1e-12  # amplitude 1/2 m, 3 s
+
+
+@pytest.fixture(scope="session")
+def taylor_driver(tmp_path_factory):
+    """The kernel's headers compiled into a program that counts allocations."""
+    import cmeel  # noqa: F401  (its prefix holds the Eigen headers the kernel is built with)
+
+    compiler = os.environ.get("CXX") or shutil.which("c++")
+    eigen = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "include", "eigen3")
+    program = tmp_path_factory.mktemp("core") / "taylor_driver"
+    source = Path(__file__).parents[1] / "core" / "taylor_driver.cpp"
+    subprocess.run([compiler, "-std=c++20", "-O1", "-I", eigen, source, "-o", program], check=True)
+    return program
+
+
+@pytest.mark.parametrize("scene", ["chain1", "chain2", "chain3", "top"])
+def test_no_allocation_inside_a_step(taylor_driver, scene):
+    run = subprocess.run([taylor_driver, scene, "0.5", "1e-8", "2"], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.startswith("allocations 0 ")

@@ -12,6 +12,7 @@ from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
 from lieeuler.methods import COORDINATE_MAPS, METHODS, Method
 from lieeuler.problem import Problem
 from lieeuler.solution import Solution, Status
+from lieeuler.spin_free import spin_free_frames
 from lieeuler.types import ArrayLike
 
 MOST_STEPS = 1e12
@@ -34,6 +35,7 @@ def integrate(
     coordinate_map: str = "exp",
     alpha: float | None = None,
     beta: float | None = None,
+    spin_free: bool | None = None,
     monitor: bool = True,
 ) -> Solution:
     """Integrate a problem with a fixed step, or with steps that follow a tolerance.
@@ -54,6 +56,9 @@ def integrate(
         Only for the Euler methods and their compositions.
     alpha, beta : float, optional
         Baumgarte gains, 1/s; only for BAUMGARTE_LE.
+    spin_free : bool, optional
+        Carry symmetric bodies in frames that do not spin with them where the problem allows it (`lieeuler.spin_free`).
+        Default: for the methods of higher order, not for the Euler methods.
     monitor : bool
         Evaluate energy, constraint levels and orthogonality after every step (`solution.stats.maxima`).
 
@@ -81,25 +86,30 @@ def integrate(
         raise ArgumentError(f"{method} works with the exponential map; leave coordinate_map out")
     gains = _gains(record, alpha, beta)
     t = _output_times(t_eval)
-    start = problem.x, problem.R, problem.v, problem.w
+    frames = spin_free_frames(problem) if (record.order != 1 if spin_free is None else spin_free) else None
+    kernel = problem.kernel if frames is None else frames.kernel
+    start = problem.x, problem.R, problem.v, problem.w if frames is None else frames.w
     tolerance = _tolerance(record, step, rtol)
     if tolerance is not None:
         times = (t - t[0]).tolist()
         if record.tableau is not None:
-            result = _kernel.integrate_adaptive(problem.kernel, record.tableau.kernel, *start, times, tolerance, monitor)
+            result = _kernel.integrate_adaptive(kernel, record.tableau.kernel, *start, times, tolerance, monitor)
         else:
-            result = _kernel.integrate_taylor(problem.kernel, *start, times, tolerance, monitor)
+            result = _kernel.integrate_taylor(kernel, *start, times, tolerance, monitor)
         solution = Solution.from_kernel(result, t, method, None)
     else:
         assert step is not None  # _tolerance has seen to it
         steps, counts = _steps(t, step)
         if record.tableau is not None:
-            result = _kernel.integrate_runge_kutta(problem.kernel, record.tableau.kernel, *start, steps, counts, monitor)
+            result = _kernel.integrate_runge_kutta(kernel, record.tableau.kernel, *start, steps, counts, monitor)
         else:
             result = _kernel.integrate(
-                problem.kernel, coordinate_map, record.formulation == "hamilton", record.level, record.index1_output,
+                kernel, coordinate_map, record.formulation == "hamilton", record.level, record.index1_output,
                 *gains, record.composition, *start, steps, counts, monitor)
         solution = Solution.from_kernel(result, t, method, max(steps))
+    if frames is not None:
+        frames.restore(solution.t, solution.R, solution.w, solution.alpha)
+        solution.stats.spin_free = frames.bodies
     if not monitor:
         solution.stats.maxima = {}
     if solution.status is Status.INTERRUPTED:

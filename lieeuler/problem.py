@@ -122,6 +122,10 @@ class Problem:
     @functools.cached_property
     def kernel(self) -> _kernel.System:
         """The system as the compiled core holds it."""
+        return self.new_kernel()
+
+    def new_kernel(self) -> _kernel.System:
+        """A compiled system of its own."""
         system = _kernel.System([body.mass for body in self.bodies], [body.inertia for body in self.bodies],
                                 self.gravity)
         for item in (*self.joints, *self.forces):

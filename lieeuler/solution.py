@@ -48,6 +48,7 @@ class Stats:
     constraint_position, constraint_velocity, constraint_acceleration (max norms, SI) and orthogonality
     (max norm of R^T R - I); it is empty where monitoring was switched off. Where `redundant_rows` of the constraint
     rows depend on the others, the multipliers are those of least norm, one set of many that move the system alike.
+    `spin_free` names the bodies carried in a frame that does not spin with them (`lieeuler.spin_free`).
     """
 
     steps: int
@@ -60,6 +61,7 @@ class Stats:
     step: float | None
     wall_time: float
     maxima: dict[str, float]
+    spin_free: tuple[int, ...] = ()
 
 
 @dataclasses.dataclass

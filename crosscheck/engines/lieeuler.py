@@ -68,7 +68,7 @@ class LieEuler:
     methods = tuple(lieeuler.METHODS)
     forms = ("maximal",)
     adaptive_methods = tuple(name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls)
-    options = frozenset({"form", "coordinate_map", "alpha", "beta"})
+    options = frozenset({"form", "coordinate_map", "spin_free", "alpha", "beta"})
 
     def version(self) -> str:
         """Version of the installed package."""
@@ -105,11 +105,13 @@ class LieEuler:
         """
         solution = lieeuler.integrate(
             build_problem(scene), spec.method, spec.step, scene.t, rtol=spec.rtol,
-            coordinate_map=spec.coordinate_map or "exp", alpha=spec.alpha, beta=spec.beta, monitor=spec.monitor)
+            coordinate_map=spec.coordinate_map or "exp", alpha=spec.alpha, beta=spec.beta, spin_free=spec.spin_free,
+            monitor=spec.monitor)
         fields = [field.name for field in dataclasses.fields(States)]
         stats = solution.stats
         counters = {name: getattr(stats, name) for name in ("rejected_steps", "force_evaluations", "newton_iterations",
                                                            "factorizations", "most_iterations", "redundant_rows")}
+        counters["spin_free"] = tuple(scene.bodies[body].name for body in stats.spin_free)
         maxima = {key: value for key, value in stats.maxima.items() if key != "kinetic"}
         return RawRun(
             states=States(**{field: np.asarray(getattr(solution, field)) for field in fields}),

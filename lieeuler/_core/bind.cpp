@@ -345,6 +345,7 @@ NB_MODULE(_kernel, m) {
              for (size_t b = 0; b < masses.size(); ++b)
                self->bodies.push_back({masses[b], inertias[b], inertias[b].inverse()});
            })
+      .def("set_spin", [](System& system, int body, const Vec3& spin) { system.bodies[body].spin = spin; })
       .def("add_joint", &add_joint)
       .def("add_linear_spring", &add_linear_spring)
       .def("add_torsional_spring", &add_torsional_spring)

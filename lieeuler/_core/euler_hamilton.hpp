@@ -42,9 +42,9 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     joints_.update(state_.frames);
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
-      const Vec3 y = maps_[b].momentum(body.inertia * xi_[b].w);
+      const Vec3 y = maps_[b].momentum(angular_momentum(body, xi_[b].w));
       store(Twist{body.mass * xi_[b].v - impulse_[b].v, y - impulse_[b].w}, &r[3 * nodes_.v(b)]);
-      if (by_velocity()) state_.u[b] = {xi_[b].v, body.inertia_inverse * (rotations_[b].transpose() * y)};
+      if (by_velocity()) state_.u[b] = {xi_[b].v, body.inertia_inverse * (rotations_[b].transpose() * y - body.spin)};
     }
     for (int k = 0; k < nodes_.parts(); ++k)
       store(by_velocity() ? this->velocity_rows(k, state_, this->here(k))
@@ -57,7 +57,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     lu_.set_zero();
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
-      const Mat3 slope = maps_[b].momentum_slope(xi_[b].w, body.inertia * xi_[b].w, body.inertia, h_);
+      const Mat3 slope = maps_[b].momentum_slope(xi_[b].w, angular_momentum(body, xi_[b].w), body.inertia, h_);
       put_diagonal(bodies_[b].first, body.mass);
       put(bodies_[b].second, slope);
     }
@@ -77,7 +77,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   double impulse_time() const { return rattle_ ? 0.5 * h_ : h_; }
 
   void begin() {
-    for (int b = 0; b < system_.n(); ++b) momentum_[b] = momentum(system_.bodies[b], state_.u[b]);
+    for (int b = 0; b < system_.n(); ++b) momentum_[b] = canonical_momentum(system_.bodies[b], state_.u[b]);
   }
   void guess(std::vector<double>& z) const {
     for (int b = 0; b < system_.n(); ++b) store(state_.u[b], &z[3 * nodes_.v(b)]);
@@ -122,8 +122,8 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     if (!by_velocity()) return blocks.put_rows(G.v, G.w * T);
     // d(G M^-1 p): p_w = E^T y turns with E, and G with the configuration.
     const Body& body = system_.bodies[b];
-    const Mat3 slope = maps_[b].momentum_slope(xi_[b].w, body.inertia * xi_[b].w, body.inertia, h_);
-    const Mat3 p_slope = rotations_[b].transpose() * slope + h_ * hat(body.inertia * state_.u[b].w) * T;
+    const Mat3 slope = maps_[b].momentum_slope(xi_[b].w, angular_momentum(body, xi_[b].w), body.inertia, h_);
+    const Mat3 p_slope = rotations_[b].transpose() * slope + h_ * hat(angular_momentum(body, state_.u[b].w)) * T;
     const Rows N = this->here(k).velocity_slope(part, side, state_.u[this->body_of(k, kParent)],
                                                 state_.u[this->body_of(k, kChild)], false);
     blocks.put_rows(G.v + h_ * N.v, G.w * body.inertia_inverse * p_slope + h_ * N.w * T);
@@ -136,7 +136,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       Twist& p = momentum_[b];
       p = {impulse_[b].v, rotations_[b].transpose() * impulse_[b].w};
       if (rattle_) p.v += impulse_time() * force_[b].v, p.w += impulse_time() * force_[b].w;
-      state_.u[b] = velocity(system_.bodies[b], p);
+      state_.u[b] = velocity_of(system_.bodies[b], p);
     }
     this->settle();
     this->store_multipliers(impulse_time());

@@ -169,7 +169,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     const BodyBlocks& blocks = bodies_[b];
     const Vec3& w = state_.u[b].w;
     put_diagonal(blocks.v, body.mass);
-    put(blocks.w, body.inertia + h_ * gyroscopic_slope(w, body.inertia * w, body.inertia));
+    put(blocks.w, body.inertia + h_ * gyroscopic_slope(w, angular_momentum(body, w), body.inertia));
     if (!doubled()) return;
     put_diagonal(blocks.xi_v, body.mass), put_diagonal(blocks.xi_v_v, -body.mass);
     put(blocks.xi_w, body.inertia), put(blocks.xi_w_w, -body.inertia);

@@ -60,7 +60,8 @@ class Monitor {
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
       const Twist& u = state.u[b];
-      kinetic += 0.5 * (body.mass * u.v.squaredNorm() + u.w.dot(body.inertia * u.w));
+      const Vec3 L = angular_momentum(body, u.w);  // of the body's own velocity w + J^-1 spin
+      kinetic += 0.5 * (body.mass * u.v.squaredNorm() + L.dot(body.inertia_inverse * L));
       potential -= body.mass * system_.gravity.dot(state.frames[b].x);
     }
     for (size_t k = 0; k < system_.forces.size(); ++k)

@@ -114,7 +114,7 @@ class Projection {
 
   void project_velocities(SchurComplement& solver, State& state) { solver.project(state.u); }
   void project_velocities(SaddlePoint& solver, State& state) {
-    for (int b = 0; b < system_.n(); ++b) momentum_[b] = momentum(system_.bodies[b], state.u[b]);
+    for (int b = 0; b < system_.n(); ++b) momentum_[b] = canonical_momentum(system_.bodies[b], state.u[b]);
     solver.project(joints_, momentum_, state.u, mu_.data());
   }
 

@@ -71,9 +71,10 @@ class SaddlePoint {
     }
   }
 
-  // Takes from the momentum p what violates the velocity constraints: p <- p - G^T mu and u = M^-1 p with G u = 0.
+  // Takes from the momentum p what violates the velocity constraints: p <- p - G^T mu and u = M^-1 p with
+  // G u = 0, p with the bodies' spin.
   void project(const Constraints& joints, std::vector<Twist>& p, std::vector<Twist>& u, double* mu) {
-    std::copy_n(p.begin(), system_.n(), force_.begin());
+    for (int b = 0; b < system_.n(); ++b) force_[b] = {p[b].v, p[b].w - system_.bodies[b].spin};
     std::fill(rows_.begin(), rows_.end(), 0.0);
     solve(u, mu);
     subtract_reactions(joints, rows_, p);

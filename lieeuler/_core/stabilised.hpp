@@ -70,7 +70,7 @@ class StabilisedSolve {
   // A M^-1 y - y for one body, h times the slope of the gyroscopic torque: rotations only.
   Vec3 gyroscopic(int b, const Twist& u, const Vec3& y, double h) const {
     const Body& body = system_.bodies[b];
-    return h * (u.w.cross(y) - (body.inertia * u.w).cross(body.inertia_inverse * y));
+    return h * (u.w.cross(y) - angular_momentum(body, u.w).cross(body.inertia_inverse * y));
   }
   // The first right-hand sides, with dmu as if (G + h N) dxi were r_mu.
   void start(const std::vector<double>& r, const Nodes& nodes, const std::vector<Twist>& u, double h) {
@@ -129,7 +129,7 @@ class StabilisedSolve {
       const Twist& y = force_[b];
       const Vec3 v = body.mass * y.v - balance_[b].v;
       const Vec3 w = body.inertia * y.w - balance_[b].w +
-                     h * (u[b].w.cross(body.inertia * y.w) - (body.inertia * u[b].w).cross(y.w));
+                     h * (u[b].w.cross(body.inertia * y.w) - angular_momentum(body, u[b].w).cross(y.w));
       size = std::max({size, v.cwiseAbs().maxCoeff() / (body.mass * length),
                        Vec3(body.inertia_inverse * w).cwiseAbs().maxCoeff()});
       for (int i = 0; i < 3; ++i) core_rhs_[6 * b + i] += v[i], core_rhs_[6 * b + 3 + i] += w[i];

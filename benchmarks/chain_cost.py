@@ -1,0 +1,151 @@
+"""Cost of a step against the number of bodies: chains of pendulums, beside MuJoCo's Euler and Exudyn's sparse solver.
+
+Run with `python -m benchmarks.chain_cost`; `--json` prints the figures for a program to read.
+
+Wall time: stepping alone (`wall_time`), samples = 2, no monitor, all contenders of a size in turn in one process, medians
+over the rounds. Where valgrind is installed also instructions of one Newton iteration, counted by callgrind on
+tests/core/chain_driver.cpp (totals of a long run less those of a short one): these do not depend on what else the machine
+does. Exponents are fitted over sizes from 16 up.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import crosscheck
+import lieeuler
+from crosscheck import provenance
+from crosscheck.scene import Scene
+
+SIZES = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
+COUNTED = (16, 64, 256, 1024)
+BESIDE = (8, 32, 128)
+ENGINES = (("mujoco", "Euler"), ("exudyn", "TrapezoidalIndex2"))
+STEP = 1e-3  # s
+DRIVER = Path(__file__).parents[1] / "tests" / "core" / "chain_driver.cpp"
+
+
+def chain(n: int) -> Scene:
+    """n pendulum bodies of 1 kg and 2 m on spherical joints, laid out in an arc and at rest."""
+    base = crosscheck.load_scene("chain_8")
+    body, pivot, link = base.bodies[0], base.joints[0], base.joints[1]
+    half = np.array([0, 0, -1.0])
+    bodies, joints, tip = [], [], np.zeros(3)
+    for k in range(n):
+        angle = 1.0 + 0.1 * k * min(1.0, 10.0 / n)
+        arm = np.array([-np.sin(angle), 0.0, -np.cos(angle)])  # the half length turned about y
+        attitude = np.array([np.cos(0.5 * angle), 0.0, np.sin(0.5 * angle), 0.0])
+        bodies.append(dataclasses.replace(body, name=f"body {k}", position=tip + arm, attitude=attitude,
+                                          velocity=np.zeros(3), angular_velocity=np.zeros(3)))
+        tip = tip + 2 * arm
+        joint = pivot if k == 0 else dataclasses.replace(link, name=f"joint {k}", parent=k - 1, child=k, parent_anchor=half)
+        joints.append(dataclasses.replace(joint, child_anchor=-half))
+    return base.replace(name=f"chain of {n}", bodies=tuple(bodies), joints=tuple(joints))
+
+
+def wall_times(n: int, rounds: int) -> dict[str, float]:
+    """Microseconds per step by contender, medians of interleaved rounds."""
+    scene = chain(n)
+    steps = max(20, 20000 // n)
+    contenders = [("lieeuler", method) for method in lieeuler.EULER_METHODS]
+    contenders += ENGINES if n in BESIDE else ()
+    times: dict[str, list[float]] = {}
+    for _ in range(rounds):
+        for engine, method in contenders:
+            count = steps if engine == "lieeuler" else max(20, steps // 10)
+            traj = crosscheck.run(scene, engine, method, step=STEP, duration=count * STEP, samples=2, monitor=False)
+            times.setdefault(f"{engine} {method}", []).append(1e6 * traj.wall_time / traj.steps)
+    return {name: statistics.median(values) for name, values in times.items()}
+
+
+def instructions(sizes: Sequence[int]) -> dict[str, list[float]]:
+    """Instructions of one Newton iteration by method and size."""
+    include = Path(sysconfig.get_path("purelib")) / "cmeel.prefix" / "include" / "eigen3"
+    counts: dict[str, list[float]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        program = str(Path(folder) / "driver")
+        subprocess.run(["c++", "-std=c++20", "-O3", "-w", "-I", str(include), str(DRIVER), "-o", program], check=True)
+        for method in lieeuler.EULER_METHODS:
+            for n in sizes:
+                short, long = (_count(program, folder, method, n, steps) for steps in (6, 16))
+                counts.setdefault(method, []).append((long[0] - short[0]) / (long[1] - short[1]))
+    return counts
+
+
+def _count(program: str, folder: str, method: str, n: int, steps: int) -> tuple[int, int]:
+    """(instructions, Newton iterations) of a run of the driver."""
+    run = subprocess.run(
+        ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out", program, method, str(n), str(steps),
+         str(STEP)], capture_output=True, text=True, check=True)
+    total, iterations = re.search(r"Collected : (\d+)", run.stderr), re.search(r"iterations (\d+)", run.stdout)
+    assert total and iterations
+    return int(total[1]), int(iterations[1])
+
+
+def exponent(sizes: Sequence[int], costs: Sequence[float]) -> float:
+    """Slope of log cost against log size, sizes from 16 up."""
+    large = [k for k, n in enumerate(sizes) if n >= 16]
+    return float(np.polyfit(np.log([sizes[k] for k in large]), np.log([costs[k] for k in large]), 1)[0])
+
+
+def _print(result: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(width=None if sys.stdout.isatty() else 140, highlight=False)
+    wall, sizes = result["us_per_step"], result["sizes"]
+    table = Table("us / step", *(f"n = {n}" for n in sizes), "exponent", title_justify="left", box=None)
+    for name in wall[str(sizes[0])]:
+        costs = [wall[str(n)][name] for n in sizes]
+        table.add_row(name, *(f"{cost:.1f}" for cost in costs), f"{exponent(sizes, costs):.2f}")
+    console.print(table)
+    beside = [n for n in BESIDE if n in sizes]
+    table = Table("us / step", *(f"n = {n}" for n in beside), box=None)
+    for name in wall[str(beside[-1])]:
+        table.add_row(name, *(f"{wall[str(n)][name]:.1f}" for n in beside))
+    console.print(table)
+    if result["instructions"]:
+        table = Table("instructions / iteration / body", *(f"n = {n}" for n in COUNTED), "exponent", box=None)
+        for name, costs in result["instructions"].items():
+            table.add_row(name, *(f"{cost / n:.0f}" for n, cost in zip(COUNTED, costs, strict=True)),
+                          f"{exponent(COUNTED, costs):.3f}")
+        console.print(table)
+    else:
+        console.print("instructions: valgrind is not installed")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.chain_cost", description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=5, help="runs of each contender (default: 5)")
+    parser.add_argument("--no-instructions", action="store_true", help="wall times only")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    options = parser.parse_args(arguments)
+    if options.rounds < 1:
+        parser.error("--rounds must be positive")
+    count = not options.no_instructions and shutil.which("valgrind") is not None
+    result = {"step": STEP, "sizes": list(SIZES), "us_per_step": {str(n): wall_times(n, options.rounds) for n in SIZES},
+              "instructions": instructions(COUNTED) if count else {},
+              **provenance.describe(dict.fromkeys(engine for engine, _ in ENGINES))}
+    if options.json:
+        print(json.dumps(result, indent=1))
+    else:
+        _print(result)
+
+
+if __name__ == "__main__":
+    main()

@@ -2,6 +2,7 @@
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -233,6 +234,22 @@ nb::dict taylor_coefficients(const System& system, const Array& x, const Array& 
   return result;
 }
 
+// Largest entries of Phi and of G u.
+std::pair<double, double> constraint_levels(const System& system, const Array& x, const Array& R, const Array& v,
+                                            const Array& w) {
+  const State state = make_state(system, x, R, v, w);
+  double position = 0, velocity = 0;
+  for (const Joint& joint : system.joints) {
+    JointState here;
+    here.update(joint, state.frames);
+    for (const Part& part : joint.parts) {
+      position = std::max(position, here.position(part).cwiseAbs().maxCoeff());
+      velocity = std::max(velocity, here.velocity(part, state.u[joint.parent], state.u[joint.child]).cwiseAbs().maxCoeff());
+    }
+  }
+  return {position, velocity};
+}
+
 // Phi, G, gamma, d(G u)/dq and d(gamma)/du of a state, dense; and d(G^T lam)/dq. For tests.
 nb::dict constraints(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
                      const Array& lam) {
@@ -363,6 +380,7 @@ NB_MODULE(_kernel, m) {
   m.def("integrate_taylor", &integrate_taylor);
   m.def("taylor_coefficients", &taylor_coefficients);
   m.def("constraints", &constraints);
+  m.def("constraint_levels", &constraint_levels);
   m.def("forces", &forces);
   m.def("map_values", [](const std::string& map, const Vec3& xi, const Mat3& J, double h) {
     return map == "cayley" ? map_values<CayleyMap>(xi, J, h)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from typing import Any
 
 import numpy as np
 
@@ -84,7 +85,7 @@ def integrate(
     start = problem.x, problem.R, problem.v, problem.w
     tolerance = _tolerance(record, step, rtol)
     if tolerance is not None:
-        result = _kernel.integrate_adaptive(problem.kernel, record.tableau.kernel, *start, (t - t[0]).tolist(), tolerance, monitor)
+        result = _adaptive(problem, record, start, t, tolerance, monitor)
         solution = Solution.from_kernel(result, t, method, None)
     else:
         assert step is not None  # _tolerance has seen to it
@@ -106,6 +107,15 @@ def integrate(
             advice += ", or coordinate_map='exp'"
         raise IntegrationError(solution.status, advice, solution)
     return solution
+
+
+def _adaptive(problem: Problem, method: Method, start: tuple[np.ndarray, ...], t: np.ndarray, rtol: float,
+              monitor: bool) -> dict[str, Any]:
+    times = (t - t[0]).tolist()
+    if method.tableau is not None:
+        return _kernel.integrate_adaptive_runge_kutta(problem.kernel, method.tableau.kernel, *start, times, rtol, monitor)
+    run = {"seulex": _kernel.integrate_seulex}[method.name]
+    return run(problem.kernel, *start, times, rtol, monitor)
 
 
 def _method(name: str) -> Method:

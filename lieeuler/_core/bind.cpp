@@ -8,6 +8,7 @@
 #include <chrono>
 
 #include "adaptive.hpp"
+#include "extrapolation.hpp"
 #include "rkmk.hpp"
 
 namespace nb = nanobind;
@@ -190,14 +191,27 @@ nb::dict integrate_runge_kutta(const System& system, const Tableau& tableau, con
 }
 
 // t_eval starts at zero.
-nb::dict integrate_adaptive(const System& system, const Tableau& tableau, const Array& x, const Array& R,
-                            const Array& v, const Array& w, const std::vector<double>& t_eval, double rtol,
-                            bool monitored) {
+template <class Stepper>
+nb::dict integrate_adaptive(Stepper& stepper, const System& system, const Array& x, const Array& R, const Array& v,
+                            const Array& w, const std::vector<double>& t_eval, double rtol, bool monitored) {
   const State initial = make_state(system, x, R, v, w);
   return execute(system, t_eval.size(), [&](const Record& record, const Interrupted& interrupted) {
-    AdaptiveMuntheKaas stepper(system, tableau);
     return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
   });
+}
+
+nb::dict integrate_adaptive_runge_kutta(const System& system, const Tableau& tableau, const Array& x, const Array& R,
+                                        const Array& v, const Array& w, const std::vector<double>& t_eval, double rtol,
+                                        bool monitored) {
+  AdaptiveMuntheKaas stepper(system, tableau);
+  return integrate_adaptive(stepper, system, x, R, v, w, t_eval, rtol, monitored);
+}
+
+template <class Stepper>
+nb::dict integrate_adaptive_by(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
+                               const std::vector<double>& t_eval, double rtol, bool monitored) {
+  Stepper stepper(system);
+  return integrate_adaptive(stepper, system, x, R, v, w, t_eval, rtol, monitored);
 }
 
 // Phi, G, gamma, d(G u)/dq and d(gamma)/du of a state, dense; and d(G^T lam)/dq. For tests.
@@ -325,7 +339,8 @@ NB_MODULE(_kernel, m) {
       });
   m.def("integrate", &integrate);
   m.def("integrate_runge_kutta", &integrate_runge_kutta);
-  m.def("integrate_adaptive", &integrate_adaptive);
+  m.def("integrate_adaptive_runge_kutta", &integrate_adaptive_runge_kutta);
+  m.def("integrate_seulex", &integrate_adaptive_by<Extrapolation>);
   m.def("constraints", &constraints);
   m.def("forces", &forces);
   m.def("map_values", [](const std::string& map, const Vec3& xi, const Mat3& J, double h) {

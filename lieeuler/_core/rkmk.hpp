@@ -85,7 +85,9 @@ class MuntheKaas {
     const double first = scales_.norm(y_);
     const double h = 0.01 / std::max(first, 1e-6);
     for (size_t i = 0; i < size_; ++i) y_[i] = h * slope(0)[i];
-    if (evaluate(slope(1), counters) != Status::success) return 0.01 * h;
+    const Status status = evaluate(slope(1), counters);
+    projection_.move_to(state_);  // joints() are those of state()
+    if (status != Status::success) return 0.01 * h;
     for (size_t i = 0; i < size_; ++i) y_[i] = slope(1)[i] - slope(0)[i];
     const double second = scales_.norm(y_) / h;
     return std::min(100 * h, std::pow(0.01 * rtol / std::max({first, second, 1e-12}), 1.0 / order));

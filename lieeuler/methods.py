@@ -125,6 +125,8 @@ METHODS: dict[str, Method] = {
         _runge_kutta("rkmk853", DORMAND_PRINCE_8, "doi:10.1007/978-3-540-78862-1"),
         Method("taylor", "index1", "stabilised", True, _ALL, 40, "doi:10.1080/10586458.2005.10128904",
                controls=("rtol",)),
+        Method("seulex", "index1", "stabilised", True, _ALL, 1, f"{_P1}; extrapolated, doi:10.1007/978-3-642-05221-7",
+               controls=("rtol",)),
     )
 }  # fmt: skip
 """All methods by name, in the order in which tables list them."""

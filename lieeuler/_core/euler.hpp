@@ -94,6 +94,9 @@ class EulerStepper {
     return std::abs(h_) * std::max(translation / length_, rotation);
   }
 
+  // Velocities to rounding level as well, not h times them.
+  void polish_velocities() { newton_.polishes = true; }
+
   size_t unknowns() const { return z_.size(); }
   int redundant_rows() const { return saddle_.redundant(); }
   const State& state() const { return state_; }

@@ -2,10 +2,10 @@
 
 Run with `python -m benchmarks.chain_cost`; `--json` prints the figures for a program to read.
 
-Wall time: stepping alone (`wall_time`), samples = 2, no monitor, all contenders of a size in turn in one process, medians
-over the rounds. Where valgrind is installed also instructions of one Newton iteration, counted by callgrind on
-tests/core/chain_driver.cpp (totals of a long run less those of a short one): these do not depend on what else the machine
-does. Exponents are fitted over sizes from 16 up.
+Wall time: stepping alone (`wall_time`), samples = 2, no monitor, all contenders of a size in turn in one process,
+medians over the rounds. Where valgrind is installed also instructions of one Newton iteration, counted by callgrind on
+tests/core/chain_driver.cpp (totals of a long run less those of a short one): these do not depend on what else the
+machine does. Exponents are fitted over sizes from 16 up.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ def chain(n: int) -> Scene:
         bodies.append(dataclasses.replace(body, name=f"body {k}", position=tip + arm, attitude=attitude,
                                           velocity=np.zeros(3), angular_velocity=np.zeros(3)))
         tip = tip + 2 * arm
-        joint = pivot if k == 0 else dataclasses.replace(link, name=f"joint {k}", parent=k - 1, child=k, parent_anchor=half)
+        upper = dataclasses.replace(link, name=f"joint {k}", parent=k - 1, child=k, parent_anchor=half)
+        joint = upper if k else pivot
         joints.append(dataclasses.replace(joint, child_anchor=-half))
     return base.replace(name=f"chain of {n}", bodies=tuple(bodies), joints=tuple(joints))
 
@@ -97,7 +98,8 @@ def _count(program: str, folder: str, method: str, n: int, steps: int) -> tuple[
         ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out", program, method, str(n), str(steps),
          str(STEP)], capture_output=True, text=True, check=True)
     total, iterations = re.search(r"Collected : (\d+)", run.stderr), re.search(r"iterations (\d+)", run.stdout)
-    assert total and iterations
+    assert total is not None, run.stderr
+    assert iterations is not None, run.stdout
     return int(total[1]), int(iterations[1])
 
 

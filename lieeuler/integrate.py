@@ -124,8 +124,8 @@ def _spins_out(method: Method) -> bool:
     return method.order > 1 or "rtol" in method.controls
 
 
-def _adaptive(kernel: _kernel.System, method: Method, start: tuple[np.ndarray, ...], t: np.ndarray, rtol: float,
-              monitor: bool) -> dict[str, Any]:
+def _adaptive(kernel: _kernel.System, method: Method, start: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+              t: np.ndarray, rtol: float, monitor: bool) -> dict[str, Any]:
     times = (t - t[0]).tolist()
     if method.tableau is not None:
         return _kernel.integrate_adaptive_runge_kutta(kernel, method.tableau.kernel, *start, times, rtol, monitor)

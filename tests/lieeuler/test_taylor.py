@@ -106,7 +106,7 @@ def test_error_floor(name, crosscheck_run, crosscheck_truth):
     assert np.abs(run.R - truth.states.R)[horizon].max() < bound
 
 
-@pytest.mark.parametrize("name", ["double_pendulum", "rod_pendulum", "four_bar"])
+@pytest.mark.parametrize("name", ["double_pendulum", "rod_pendulum", "four_bar", "bricard"])
 @pytest.mark.parametrize("rtol", [1e-4, 1e-10])
 def test_constraints_hold_at_rounding_level(name, rtol, crosscheck_run):
     scene = crosscheck.load_scene(name)

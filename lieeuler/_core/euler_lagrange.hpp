@@ -40,7 +40,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   bool solve_linear(std::vector<double>& r) {
     if (!split_) return Base::solve_linear(r);
-    return split_->solve(r, nodes_, lu_, state_.u, h_, this->length_, this->target() / std::abs(h_));
+    const double rounding = 0.1 * std::numeric_limits<double>::epsilon() / std::abs(h_);  // of xi, a tenth of what q feels
+    return split_->solve(r, nodes_, lu_, state_.u, h_, this->length_, rounding);
   }
   // From the split solve to one matrix for all unknowns, where the former does not converge.
   bool fall_back() {

@@ -47,13 +47,14 @@ class StabilisedSolve {
   bool solve(std::vector<double>& r, const Nodes& nodes, BlockLU& core, const std::vector<Twist>& u, double h,
              double length, double tolerance) {
     if (!regular_) return false;
-    start(r, nodes, u, h);
+    const double coupling = kCaution * start(r, nodes, u, h, length);
     double last = std::numeric_limits<double>::infinity();
     for (int sweep = 0; sweep < kMostSweeps; ++sweep) {
       core.solve(core_rhs_.data());
       for (int b = 0; b < system_.n(); ++b) change_[b] = load(&core_rhs_[6 * b]);
       for (size_t i = 0; i < total_.size(); ++i) total_[i] = sweep == 0 ? core_rhs_[i] : total_[i] + core_rhs_[i];
       follow();
+      if (sweep == 0 && coupling * largest(rows_) <= tolerance) return finish(r, nodes);
       std::fill(core_rhs_.begin(), core_rhs_.end(), 0.0);
       const double left = couple(u, h, length);
       if (left <= tolerance) return finish(r, nodes);
@@ -66,14 +67,20 @@ class StabilisedSolve {
  private:
   static constexpr int kMostSweeps = 12;
   static constexpr double kSlow = 0.3;
+  static constexpr double kCaution = 10;  // on the size of E, seen along one direction
 
   // A M^-1 y - y for one body, h times the slope of the gyroscopic torque: rotations only.
   Vec3 gyroscopic(int b, const Twist& u, const Vec3& y, double h) const {
     const Body& body = system_.bodies[b];
     return h * (u.w.cross(y) - angular_momentum(body, u.w).cross(body.inertia_inverse * y));
   }
-  // The first right-hand sides, with dmu as if (G + h N) dxi were r_mu.
-  void start(const std::vector<double>& r, const Nodes& nodes, const std::vector<Twist>& u, double h) {
+  static double largest(const std::vector<double>& values) {
+    double size = 0;
+    for (double value : values) size = std::max(size, std::abs(value));
+    return size;
+  }
+  // The first right-hand sides, with dmu as if (G + h N) dxi were r_mu. Returns the size of E, of M^-1 E dmu over dmu.
+  double start(const std::vector<double>& r, const Nodes& nodes, const std::vector<Twist>& u, double h, double length) {
     for (int b = 0; b < system_.n(); ++b) {
       const Twist own = load(&r[3 * nodes.v(b)]), drift = load(&r[3 * nodes.xi_v(b)]);
       store(Twist{own.v + drift.v, own.w + drift.w + gyroscopic(b, u[b], drift.w, h)}, &core_rhs_[6 * b]);
@@ -91,7 +98,8 @@ class StabilisedSolve {
     std::fill(mu_.begin(), mu_.end(), 0.0);
     shift_ = force_;
     solve_mu();
-    couple(u, h, 1);
+    const double multipliers = largest(rows_), coupled = couple(u, h, length);
+    return multipliers > 0 ? coupled / multipliers : std::numeric_limits<double>::infinity();
   }
   // The change of dmu that the latest change of dxi asks for, beyond what stood for it before.
   void follow() {

@@ -10,6 +10,8 @@ class SaddlePoint {
   explicit SaddlePoint(const System& system)
       : system_(system), delassus_(system), rows_(3 * delassus_.parts(), 0.0), force_(system.n() + 1) {}
 
+  Delassus& delassus() { return delassus_; }
+
   // Counts the redundant rows at this configuration. False where the rest is singular.
   bool count_redundancy(const Constraints& joints, int& redundant) {
     constexpr double kTolerance = 1e-11;  // of pivots of order one, which go as squares of singular values of G

@@ -22,8 +22,9 @@ namespace lieeuler {
 
 class StabilisedSolve {
  public:
-  explicit StabilisedSolve(const System& system)
-      : system_(system), delassus_(system), slopes_(2 * delassus_.parts()), rows_(3 * delassus_.parts(), 0.0),
+  // `delassus` is worked in from factor() to solve(), free in between.
+  StabilisedSolve(const System& system, Delassus& delassus)
+      : system_(system), delassus_(delassus), slopes_(2 * delassus_.parts(), Mat3::Zero()), rows_(3 * delassus_.parts(), 0.0),
         mu_(rows_), core_rhs_(6 * system.n() + rows_.size(), 0.0), total_(core_rhs_), force_(system.n() + 1),
         change_(force_), balance_(force_), shift_(force_), position_(delassus_.parts()) {}
 
@@ -39,7 +40,12 @@ class StabilisedSolve {
     delassus_.assemble(joints, before);
     regular_ = delassus_.lu().factor();
   }
-  Rows& slope(int part, Side side) { return slopes_[2 * part + side]; }
+  // Of a spherical part the rotations' alone.
+  Mat3& slope(int part, Side side) { return slopes_[2 * part + side]; }
+  Mat3& translation_slope(int part, Side side) {
+    if (translation_slopes_.empty()) translation_slopes_.assign(slopes_.size(), Mat3::Zero());
+    return translation_slopes_[2 * part + side];
+  }
 
   // Solves for the corrections r -> (du, dLam, dxi, dmu), laid out as in `nodes`. `core` holds the factorized first
   // matrix; `tolerance` is the error wanted of dxi, translations over `length`. False where the sweeps do not converge.
@@ -109,8 +115,8 @@ class StabilisedSolve {
       for (Side side : kSides) {
         const int b = side == kChild ? joint.child : joint.parent;
         if (b == system_.n()) continue;
-        rate += slopes_[2 * k + side].w * change_[b].w;
-        if (!delassus_.part(k).spherical) rate += slopes_[2 * k + side].v * change_[b].v;
+        rate += slopes_[2 * k + side] * change_[b].w;
+        if (!delassus_.part(k).spherical) rate += translation_slopes_[2 * k + side] * change_[b].v;
       }
       store(rate, &rows_[3 * k]);
       position_[k].setZero();
@@ -163,9 +169,9 @@ class StabilisedSolve {
   const JointState& state_of(int k) const { return (*joints_)[delassus_.index(k).joint]; }
 
   const System& system_;
-  Delassus delassus_;
+  Delassus& delassus_;
   const Constraints* joints_ = nullptr;
-  std::vector<Rows> slopes_;
+  std::vector<Mat3> slopes_, translation_slopes_;
   std::vector<double> rows_, mu_, core_rhs_, total_;
   std::vector<Twist> force_, change_, balance_;
   std::vector<Twist> shift_;  // dxi - du = M^-1 (r_xi - Gn^T dmu)

@@ -175,8 +175,8 @@ def main() -> None:
 
 
 def _interrupted() -> str:
-    kept = "the same command goes on from here" if sys.argv[1:2] == ["nightly"] else "nothing was written"
-    return f"interrupted; {kept}"
+    kept = {"nightly": "the same command goes on from here", "study": "what was finished is in the folder of --out"}
+    return f"interrupted; {kept.get(' '.join(sys.argv[1:2]), 'nothing was written')}"
 
 
 INTERRUPTED = 130

@@ -152,7 +152,7 @@ def test_bodies_tied_to_each_other_and_not_to_the_ground():
     """The mass centre of two flying bodies with a joint is in free fall, whatever they do."""
     body = lieeuler.Body(1.0, np.diag([0.1, 0.2, 0.15]))
     w = np.array([[0.0, 3.0, 0.0], [2.0, 3.0, 0.0]])
-    v = np.array([np.cross(w[0], [0, 0, -1.0]), -np.cross(w[1], [0, 0, 1.0])]) + [1.0, 0.0, 2.0]
+    v = np.array([np.cross(w[0], [0, 0, -1.0]), -np.cross(w[1], [0, 0, 1.0])]) + np.array([1.0, 0.0, 2.0])
     v[0] = v[1] + np.cross(w[1], [0, 0, 1.0]) - np.cross(w[0], [0, 0, -1.0])
     joint = lieeuler.spherical_joint(0, 1, [0, 0, -1.0], [0, 0, 1.0])
     problem = lieeuler.Problem([body, body], [joint], [0, 0, -9.81], np.array([[0, 0, 1.0], [0, 0, -1.0]]),

@@ -108,6 +108,13 @@ class EulerStepper {
         start_joints_(system), saddle_(system), start_(system), state_(system), maps_(system.n() + 1),
         xi_(system.n() + 1), force_(system.n() + 1), z_(3 * nodes_.count(), 0.0) {
     plan_matrix(doubled);
+    for (const Joint& joint : system.joints)
+      for (Side side : kSides) {
+        const int b = side == kChild ? joint.child : joint.parent;
+        if (b == system.n()) continue;
+        const Vec3& arm = side == kChild ? joint.child_anchor : joint.parent_anchor;
+        mobility_ = std::max(mobility_, arm.norm() * system.bodies[b].inertia_inverse.diagonal().maxCoeff());
+      }
   }
 
   // Lays out Newton's matrix, of all unknowns or (not doubled) without the second set of velocities and multipliers.
@@ -206,6 +213,7 @@ class EulerStepper {
   }
 
   double length_ = 1, speed_ = 1;
+  double mobility_ = 0;  // angular velocity a unit impulse at an anchor can give, at most
 
  private:
   Equations& equations() { return static_cast<Equations&>(*this); }
@@ -251,6 +259,10 @@ class EulerStepper {
       length_ = std::max(length_, start_.frames[b].x.cwiseAbs().maxCoeff());
       speed_ = std::max({speed_, start_.u[b].v.cwiseAbs().maxCoeff() / length_, start_.u[b].w.cwiseAbs().maxCoeff()});
     }
+    // Velocities are sums of the joints' impulses, which are large in a long chain, and round with them.
+    double reaction = 0;
+    for (double lam : start_.lam) reaction = std::max(reaction, std::abs(lam));
+    speed_ = std::max(speed_, std::abs(h_) * reaction * mobility_);
   }
   enum class Rank { unknown, of_start, confirmed } rank_ = Rank::unknown;
   Newton newton_;

@@ -64,7 +64,7 @@ class StabilisedSolve {
       std::fill(core_rhs_.begin(), core_rhs_.end(), 0.0);
       const double left = couple(u, h, length);
       if (left <= tolerance) return finish(r, nodes);
-      if (!(left < kSlow * last)) return false;
+      if (!(left < kSlow * last)) return left <= kNoise * tolerance && finish(r, nodes);
       last = left;
     }
     return false;
@@ -73,6 +73,7 @@ class StabilisedSolve {
  private:
   static constexpr int kMostSweeps = 12;
   static constexpr double kSlow = 0.3;
+  static constexpr double kNoise = 1e3;  // times the tolerance: what no longer shrinks there is rounding
   static constexpr double kCaution = 10;  // on the size of E, seen along one direction
 
   // A M^-1 y - y for one body, h times the slope of the gyroscopic torque: rotations only.

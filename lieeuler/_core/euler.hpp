@@ -260,9 +260,9 @@ class EulerStepper {
       speed_ = std::max({speed_, start_.u[b].v.cwiseAbs().maxCoeff() / length_, start_.u[b].w.cwiseAbs().maxCoeff()});
     }
     // Velocities are sums of the joints' impulses, which are large in a long chain, and round with them.
-    double reaction = 0;
-    for (double lam : start_.lam) reaction = std::max(reaction, std::abs(lam));
-    speed_ = std::max(speed_, std::abs(h_) * reaction * mobility_);
+    double impulse = 0;
+    for (size_t i = 3 * nodes_.lam(0); i < z_.size(); ++i) impulse = std::max(impulse, std::abs(z_[i]));
+    speed_ = std::max(speed_, impulse * mobility_);
   }
   enum class Rank { unknown, of_start, confirmed } rank_ = Rank::unknown;
   Newton newton_;

@@ -150,6 +150,12 @@ class JointState {
     return turned(side, side == kChild ? s.cross(w) : w.cross(s));
   }
 
+  // The latter slope along one direction d.
+  Vec3 anchor_rate_change(Side side, const Vec3& w, const Vec3& d) const {
+    const Vec3& s = *anchor_[side];
+    return times(frame_[side]->R, (side == kChild ? s.cross(w) : w.cross(s)).cross(d));
+  }
+
   // d(G^T lam)/dq, the block of one side's rows and another side's columns.
   Stiffness geometric_stiffness(const Part& part, Side row, Side column, const Vec3& lam) const {
     Stiffness K;

@@ -26,6 +26,12 @@ struct Twist {
   Vec3 v = Vec3::Zero(), w = Vec3::Zero();
 };
 
+// Six values a body.
+inline double* flat(std::vector<Twist>& twists) {
+  static_assert(sizeof(Twist) == 6 * sizeof(double));
+  return twists.data()->v.data();
+}
+
 // A vector in the world that moves with the two bodies of a joint: an axis fixed in one of them, or the difference d
 // of the two anchors. Every constraint is the product of two of these (or, for the spherical joint, d itself).
 enum class Carrier { difference, parent_axis, child_axis };

@@ -46,7 +46,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       const Body& body = system_.bodies[b];
       const Vec3 y = maps_[b].momentum(angular_momentum(body, xi_[b].w));
       store(Twist{body.mass * xi_[b].v - impulse_[b].v, y - impulse_[b].w}, &r[3 * nodes_.v(b)]);
-      if (by_velocity()) state_.u[b] = {xi_[b].v, body.inertia_inverse * (rotations_[b].transpose() * y - body.spin)};
+      if (by_velocity()) state_.u[b] = {xi_[b].v, times(body.inertia_inverse, transposed_times(rotations_[b], y) - body.spin)};
     }
     for (int k = 0; k < nodes_.parts(); ++k)
       store(by_velocity() ? this->velocity_rows(k, state_, this->here(k))
@@ -173,7 +173,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     if (rattle_) applied_forces(system_, state_.frames, xi_, start_.angles, force_);
     for (int b = 0; b < system_.n(); ++b) {
       Twist& p = momentum_[b];
-      p = {impulse_[b].v, rotations_[b].transpose() * impulse_[b].w};
+      p = {impulse_[b].v, transposed_times(rotations_[b], impulse_[b].w)};
       if (rattle_) p.v += impulse_time() * force_[b].v, p.w += impulse_time() * force_[b].w;
       state_.u[b] = velocity_of(system_.bodies[b], p);
     }

@@ -60,7 +60,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
       const Twist &u = state_.u[b], &u_n = start_.u[b], &f = force_[b];
-      balance_[b] = {body.mass * (u.v - u_n.v) - h_ * f.v, body.inertia * (u.w - u_n.w) - h_ * f.w};
+      balance_[b] = {body.mass * (u.v - u_n.v) - h_ * f.v, times(body.inertia, u.w - u_n.w) - h_ * f.w};
       if (stabilised()) drift_[b] = momentum(body, {xi_[b].v - u.v, xi_[b].w - u.w});
     }
     for (int k = 0; k < nodes_.parts(); ++k) {
@@ -183,7 +183,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   // Slope of a spherical part's rows by xi, against rotations: of position, or of velocity where that is all there is.
   Mat3 anchor_rows(const Delassus::Place& place, const Mat3& G) const {
     if (level_ != Level::velocity) return G * tangents_[place.body];
-    return G + h_ * joints_[place.joint].anchor_rate_slope(place.side, state_.u[place.body].w) * tangents_[place.body];
+    const Mat3 slope = joints_[place.joint].anchor_rate_slope(place.side, state_.u[place.body].w);
+    return G + h_ * slope * tangents_[place.body];
   }
 
   bool fill_matrix() {

@@ -102,14 +102,15 @@ struct System {
 inline Twist momentum(const Body& body, const Twist& u) { return {body.mass * u.v, times(body.inertia, u.w)}; }
 inline Twist velocity(const Body& body, const Twist& p) { return {p.v / body.mass, times(body.inertia_inverse, p.w)}; }
 
+// J w + spin, body axes.
+inline Vec3 angular_momentum(const Body& body, const Vec3& w) { return times(body.inertia, w) + body.spin; }
+
 // p = M u, the spin included, and u of it.
 inline Twist canonical_momentum(const Body& body, const Twist& u) {
-  return {body.mass * u.v, body.inertia * u.w + body.spin};
+  return {body.mass * u.v, angular_momentum(body, u.w)};
 }
 inline Twist velocity_of(const Body& body, const Twist& p) {
-  return {p.v / body.mass, body.inertia_inverse * (p.w - body.spin)};
+  return {p.v / body.mass, times(body.inertia_inverse, p.w - body.spin)};
 }
-// J w + spin, body axes.
-inline Vec3 angular_momentum(const Body& body, const Vec3& w) { return body.inertia * w + body.spin; }
 
 }  // namespace lieeuler

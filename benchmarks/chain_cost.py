@@ -132,7 +132,7 @@ def _print(result: dict[str, Any]) -> None:
                           f"{exponent(COUNTED, costs):.3f}")
         console.print(table)
     else:
-        console.print("instructions: valgrind is not installed")
+        console.print(f"instructions: not counted, {result['not_counted']}")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -144,9 +144,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if options.rounds < 1:
         parser.error("--rounds must be positive")
-    count = not options.no_instructions and shutil.which("valgrind") is not None
+    not_counted = "" if shutil.which("valgrind") else "valgrind is not installed"
+    if options.no_instructions:
+        not_counted = "as asked"
     result = {"step": STEP, "sizes": list(SIZES), "us_per_step": {str(n): wall_times(n, options.rounds) for n in SIZES},
-              "instructions": instructions(COUNTED) if count else {},
+              "instructions": {} if not_counted else instructions(COUNTED), "not_counted": not_counted,
               **provenance.describe(dict.fromkeys(engine for engine, _ in ENGINES))}
     if options.json:
         print(json.dumps(result, indent=1))

@@ -29,6 +29,9 @@ Mat3 mat3(const double* p) { return Eigen::Map<const Eigen::Matrix<double, 3, 3,
 void put(std::vector<double>& out, size_t at, const Vec3& v) { std::copy_n(v.data(), 3, out.data() + at); }
 
 State make_state(const System& system, const Array& x, const Array& R, const Array& v, const Array& w) {
+  const size_t n = system.n();
+  if (x.size() != 3 * n || R.size() != 9 * n || v.size() != 3 * n || w.size() != 3 * n)
+    throw std::invalid_argument("x, R, v and w must be those of the system's bodies");
   State state(system);
   for (int b = 0; b < system.n(); ++b) {
     state.frames[b] = {vec3(x.data() + 3 * b), mat3(R.data() + 9 * b)};
@@ -122,6 +125,7 @@ nb::dict execute(const System& system, size_t T, const Run& run) {
   const Interrupted interrupted = [] {
     nb::gil_scoped_acquire gil;
     if (PyErr_CheckSignals() == 0) return false;
+    if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) nb::raise_python_error();  // a handler of the user's own
     PyErr_Clear();
     return true;
   };
@@ -167,7 +171,7 @@ nb::dict execute(const System& system, size_t T, const Run& run) {
 nb::dict integrate(const System& system, const std::string& map, bool hamiltonian, const std::string& level,
                    bool index1_output, double alpha, double beta, const std::vector<double>& composition,
                    const Array& x, const Array& R, const Array& v, const Array& w, const std::vector<double>& steps,
-                   const std::vector<int>& counts, bool monitored) {
+                   const std::vector<long>& counts, bool monitored) {
   const Level levels = level == "position"     ? Level::position
                        : level == "velocity"   ? Level::velocity
                        : level == "stabilised" ? Level::stabilised
@@ -182,7 +186,7 @@ nb::dict integrate(const System& system, const std::string& map, bool hamiltonia
 
 nb::dict integrate_runge_kutta(const System& system, const Tableau& tableau, const Array& x, const Array& R,
                                const Array& v, const Array& w, const std::vector<double>& steps,
-                               const std::vector<int>& counts, bool monitored) {
+                               const std::vector<long>& counts, bool monitored) {
   const State initial = make_state(system, x, R, v, w);
   FixedMuntheKaas stepper(system, tableau);
   return execute(system, steps.size() + 1, [&](const Record& record, const Interrupted& interrupted) {

@@ -1,6 +1,7 @@
 // Stepping, sampling, watching every step, and ending with a status.
 #pragma once
 
+#include <chrono>
 #include <functional>
 
 #include "denormals.hpp"
@@ -27,8 +28,8 @@ class Monitor {
   void watch(const State& state, const Constraints& joints) {
     if (!enabled_) return;
     double kinetic;
-    maxima.energy_error = std::max(maxima.energy_error, std::abs(energy(state, kinetic) - start_energy_));
-    maxima.kinetic = std::max(maxima.kinetic, kinetic);
+    raise(maxima.energy_error, std::abs(energy(state, kinetic) - start_energy_));
+    raise(maxima.kinetic, kinetic);
     for (size_t j = 0; j < system_.joints.size(); ++j) {
       const Joint& joint = system_.joints[j];
       const JointState& here = joints[static_cast<int>(j)];
@@ -51,7 +52,11 @@ class Monitor {
  private:
   template <class Values>
   static void raise(double& maximum, const Values& values) {
-    maximum = std::max(maximum, values.cwiseAbs().maxCoeff());
+    raise(maximum, values.cwiseAbs().template maxCoeff<Eigen::PropagateNaN>());
+  }
+  // What overflowed is infinite: a maximum would pass over a NaN.
+  static void raise(double& maximum, double value) {
+    if (!(value <= maximum)) maximum = std::isnan(value) ? std::numeric_limits<double>::infinity() : value;
   }
 
   double energy(const State& state, double& kinetic) const {
@@ -91,21 +96,55 @@ struct Outcome {
   Maxima maxima;
 };
 
+// A run never succeeds with a sample that is not a number: what has overflowed may pass every test of a step.
+inline bool is_finite(const State& state) {
+  for (size_t b = 0; b + 1 < state.frames.size(); ++b) {
+    const Frame& frame = state.frames[b];
+    const Twist &u = state.u[b], &a = state.a[b];
+    if (!(frame.x.allFinite() && frame.R.allFinite() && u.v.allFinite() && u.w.allFinite() && a.v.allFinite() &&
+          a.w.allFinite()))
+      return false;
+  }
+  return std::all_of(state.lam.begin(), state.lam.end(), [](double lam) { return std::isfinite(lam); });
+}
+
 // Where the samples go; each call appends one.
 using Record = std::function<void(int sample, const State&)>;
 // Asked now and then; true ends the run.
 using Interrupted = std::function<bool()>;
 
+// Asks about an interruption every 50 ms of the run, whatever a step costs.
+class Watch {
+ public:
+  Watch(const Interrupted& interrupted, int bodies) : interrupted_(interrupted), bodies_(bodies) {}
+
+  // Once a step; the clock is read every few steps of small systems only, where reading it would be felt.
+  bool ends() {
+    if ((body_steps_ += bodies_) < kBodyStepsBetweenReadings) return false;
+    body_steps_ = 0;
+    const auto now = std::chrono::steady_clock::now();
+    if (now - asked_ < kPeriod) return false;
+    asked_ = now;
+    return interrupted_();
+  }
+
+ private:
+  static constexpr int kBodyStepsBetweenReadings = 50;
+  static constexpr std::chrono::milliseconds kPeriod{50};
+  const Interrupted& interrupted_;
+  int bodies_, body_steps_ = 0;
+  std::chrono::steady_clock::time_point asked_ = std::chrono::steady_clock::now();
+};
+
 // Integrates over intervals of counts[k] steps of size steps[k], one sample at the end of each.
 template <class Stepper>
 Outcome run(Stepper& stepper, const System& system, const State& initial, const std::vector<double>& steps,
-            const std::vector<int>& counts, bool monitored, const Record& record, const Interrupted& interrupted) {
-  constexpr long kBodyStepsBetweenChecks = 20000;
+            const std::vector<long>& counts, bool monitored, const Record& record, const Interrupted& interrupted) {
   const FlushDenormals flush;
   Outcome outcome;
   Monitor monitor(system, monitored);
   double t = 0, h = 0;
-  long since_check = 0;
+  Watch watch(interrupted, system.n());
   auto end = [&](Status status) {
     outcome.status = status;
     outcome.maxima = monitor.maxima;
@@ -119,19 +158,18 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
       if (const Status status = stepper.start(k == 0 ? initial : State(stepper.state()), h); status != Status::success)
         return end(status);
       if (k == 0) {
+        if (!is_finite(stepper.state())) return end(Status::non_finite);
         monitor.start(stepper.state(), stepper.joints());
         record(outcome.samples++, stepper.state());
       }
     }
-    for (int i = 0; i < counts[k]; ++i) {
-      if ((since_check += system.n()) > kBodyStepsBetweenChecks) {
-        since_check = 0;
-        if (interrupted()) return end(Status::interrupted);
-      }
+    for (long i = 0; i < counts[k]; ++i) {
+      if (watch.ends()) return end(Status::interrupted);
       if (const Status status = stepper.step(outcome.counters); status != Status::success) return end(status);
       monitor.watch(stepper.state(), stepper.joints());
       t += h;
     }
+    if (!is_finite(stepper.state())) return end(Status::non_finite);
     record(outcome.samples++, stepper.state());
   }
   return end(Status::success);
@@ -139,7 +177,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
 
 template <class Map>
 Outcome run_method(const System& system, const Method& method, const State& initial, const std::vector<double>& steps,
-                   const std::vector<int>& counts, bool monitored, const Record& record,
+                   const std::vector<long>& counts, bool monitored, const Record& record,
                    const Interrupted& interrupted) {
   if (!method.composition.empty()) {
     CompositionStepper<Map> stepper(system, method.composition);

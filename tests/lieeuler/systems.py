@@ -41,4 +41,12 @@ def heavy_top():
                  [np.eye(3)], [np.array([0.0, 150.0, -4.61538])])
 
 
+def spring_chain(n):
+    """n bodies hung sideways one below the other, the last on a spring to the ground."""
+    rates = [np.zeros(3)] * n
+    p = chain([1.0] * n, [INERTIA] * n, [(np.zeros(3), UP)] + [(DOWN, UP)] * (n - 1), [TILT_Y] * n, rates)
+    spring = lieeuler.LinearSpring(lieeuler.types.GROUND, n - 1, p.x[-1] + [0, 0, 1.0], np.zeros(3), 10.0, 0.5, 0.1)
+    return lieeuler.Problem(p.bodies, p.joints, p.gravity, p.x, p.R, p.v, p.w, (spring,))
+
+
 SYSTEMS = {"single_pendulum": single_pendulum, "double_pendulum": double_pendulum, "heavy_top": heavy_top}

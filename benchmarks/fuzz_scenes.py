@@ -32,10 +32,7 @@ def fuzz(count: int, seed: int, seconds: float, folder: Path) -> tuple[Counter[s
         path = folder / f"scene{suffix}"
         path.write_bytes(content)
         try:
-            load_scene(path)
-            answers["loaded"] += 1
-        except SceneError:
-            answers["refused"] += 1
+            answers[_answer(path)] += 1
         except BaseException:  # the finding itself, whatever it is
             traceback.print_exc()
             found = Path(f"fuzzed_{number}{suffix}")
@@ -44,6 +41,15 @@ def fuzz(count: int, seed: int, seconds: float, folder: Path) -> tuple[Counter[s
         if time.monotonic() > end:
             break
     return answers, None
+
+
+def _answer(path: Path) -> str:
+    try:
+        load_scene(path)
+    except SceneError as error:
+        str(error).encode()  # else it could not be printed
+        return "refused"
+    return "loaded"
 
 
 def main() -> int:

@@ -125,9 +125,13 @@ def _read(path: Path) -> dict[str, Any]:
                          f"correct it, or write one of {listed(scene_names())}") from None
     try:
         data = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text, object_pairs_hook=_distinct)
+        json.dumps(data, ensure_ascii=False, default=str).encode()
     except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
         kind = path.suffix[1:].upper()
         raise EntryError("syntax", f"not {kind}, {error}", f"write {kind} there") from None
+    except UnicodeEncodeError:  # only JSON's escapes can write it
+        raise EntryError("syntax", "a \\ud800 to \\udfff escape stands alone, which is half a character",
+                         "write the character itself") from None
     except ValueError:  # Python refuses to convert integers of thousands of digits
         raise EntryError("syntax", "a whole number has thousands of digits",
                          "write numbers as 1.5 or 1.5e6") from None
@@ -144,5 +148,5 @@ def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(table) < len(pairs):
         keys = [key for key, _ in pairs]
         twice = next(key for key in keys if keys.count(key) > 1)
-        raise EntryError(twice, "written twice in one JSON object", "keep one of the two")
+        raise EntryError(_shown(twice), "written twice in one JSON object", "keep one of the two")
     return table

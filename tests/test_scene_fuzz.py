@@ -20,6 +20,7 @@ def load(folder, suffix, content):
         scene = crosscheck.load_scene(path)
     except crosscheck.SceneError as error:
         name, entry, mend = str(error).partition(": ")[0], str(error).partition(": ")[2], str(error).partition("; ")[2]
+        assert str(error).encode(), "the message can be printed"
         assert name == str(path), "the message names the file"
         assert entry, "the message names the entry"
         assert mend, "the message says what to write"
@@ -38,6 +39,11 @@ def folder(tmp_path_factory):
 @given(random=st.randoms(use_true_random=False))
 def test_a_file_is_a_scene_or_one_scene_error(folder, random):
     load(folder, *scene_file(random))
+
+
+@pytest.mark.parametrize("text", ['{"schema": 1, "name": "\\ud800"}', '{"\\udfff": 1}', '{"\\udc00": 1, "\\udc00": 2}'])
+def test_half_a_character_is_refused(folder, text):
+    assert load(folder, ".json", text.encode()) is None
 
 
 def test_the_mutations_reach_both_ends(folder):

@@ -77,7 +77,7 @@ def test_numbers_of_other_types_are_numbers():
     body = lieeuler.Body(fractions.Fraction(3, 2), np.eye(3, dtype=np.int32))
     assert type(body.mass) is float
     solution = outcome({**fields, "bodies": [body], "gravity": np.array([0, 0, -9], dtype=np.int8),
-                        "w": np.zeros((1, 3), dtype=np.float32)}, "rattle2", step=np.float32(0.01), t_eval=range(2))
+                        **{name: np.zeros((1, 3), dtype=np.float32) for name in ("v", "w")}}, "rattle2", step=np.float32(0.01), t_eval=range(2))
     assert solution.success
 
 

@@ -4,14 +4,16 @@ VENV   := .venv
 PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.setup
 DEPS   := $(VENV)/.dependencies
+JOBS   ?= auto
 KERNEL := $(wildcard lieeuler/_core/*)
 
-.PHONY: help setup verify smoke test lint benchmark clean
+.PHONY: help setup verify smoke sample test lint benchmark clean
 
 help:
 	@echo "make verify     run every method and engine over the scenes, write reports/latest/index.html"
 	@echo "make test       run the tests"
 	@echo "make smoke      the main job in half a minute"
+	@echo "make sample     the report published in reports/sample"
 	@echo "make lint       ruff, mypy, codespell"
 	@echo "make benchmark  microseconds per step beside MuJoCo"
 
@@ -41,8 +43,12 @@ verify: setup
 smoke: setup
 	@$(VENV)/bin/crosscheck verify --profile smoke
 
+# Two scenes, briefly, so that the folder stays below 8 MB; exit code 1, a verdict that fails, is a report too.
+sample: setup
+	@$(VENV)/bin/crosscheck verify --profile smoke --scene double_pendulum --scene heavy_top --out reports/sample || test $$? -eq 1
+
 test: setup
-	@$(PY) -m pytest -m "not slow"
+	@$(PY) -m pytest -m "not slow" -n $(JOBS) --dist worksteal
 
 lint: setup
 	@$(VENV)/bin/ruff check .

@@ -62,13 +62,14 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
     ArgumentError, SceneError, Unsupported, EngineError, TruthError
         As `crosscheck.run` and `crosscheck.truth`.
     """
+    __tracebackhide__ = True  # pytest then shows the line of the test
     from crosscheck import references, running, scene_file
 
     loaded = scene_file.as_scene(scene)
     entries = _entries(engines)
     tol = _checked(tol)
     reference = (truth or references.truth)(loaded)
-    contenders = [_contender(entry, loaded, reference, step, rtol) for entry in entries]
+    contenders = [contender(entry, loaded, reference, step, rtol) for entry in entries]
     trajectories = [(run or running.run)(loaded, each.engine, each.method, **dict(each.options)) for each in contenders]
     bounds = [_bounds(loaded, reference, each, traj, tol) for each, traj in zip(contenders, trajectories, strict=True)]
     keep = reference.t <= reference.horizon * (1 + 1e-12)
@@ -116,13 +117,18 @@ def _bound(name: str, value: Any) -> Tol:
     return value if isinstance(value, Tol) else Tol(float(given), "given by the caller")
 
 
-def _contender(entry: Entry, scene: Scene, truth: Reference, step: float | None, rtol: float | None) -> Contender:
+def contender(entry: Entry, scene: Scene, truth: Reference, step: float | None = None,
+              rtol: float | None = None) -> Contender:
+    """An entry of `assert_agree` with everything it leaves open chosen: the method, and a step such that bounds judge.
+
+    Raises `ArgumentError` for an entry that is none, `Unsupported` where no method of the engine can run the scene.
+    """
     from crosscheck import engines
     from crosscheck.engines.base import RunSpec
 
     options: dict[str, Any] = {}
     if isinstance(entry, str):
-        engine, _, method = entry.partition(":")
+        engine, method = engines.split(entry)
     elif isinstance(entry, list | tuple) and 2 <= len(entry) <= 3:
         engine, method = entry[:2]
         given = entry[2] if len(entry) == 3 else {}
@@ -134,7 +140,7 @@ def _contender(entry: Entry, scene: Scene, truth: Reference, step: float | None,
                             "(engine, method, options)")
     adapter = engines.get(engine)
     if method is None or (isinstance(method, str) and not method):
-        method = _best_method(adapter, scene)
+        method = best_method(adapter, scene)
     if not isinstance(method, str) or method not in adapter.methods:
         raise ArgumentError(f"engines: {engine} has no method {method!r}; it has {', '.join(adapter.methods)}")
     if "step" not in options and "rtol" not in options:
@@ -146,7 +152,7 @@ def _contender(entry: Entry, scene: Scene, truth: Reference, step: float | None,
     return Contender(engine, method, tuple(sorted(options.items())))
 
 
-def _best_method(adapter: Any, scene: Scene) -> str:
+def best_method(adapter: Any, scene: Scene) -> str:
     """The last method of the highest documented order that the engine can run on this scene."""
     from crosscheck.engines.base import RunSpec
 
@@ -192,6 +198,7 @@ def _documented_bounds(scene: Scene, truth: Reference, each: Contender, traj: An
 
 
 def _compare(scene: Scene, who: str, one: Any, other: Any, bounds: Mapping[str, Tol], keep: np.ndarray) -> None:
+    __tracebackhide__ = True
     for quantity, values in differences(one, other).items():
         if quantity not in bounds:
             continue

@@ -13,21 +13,35 @@ from typing import Annotated, Any
 
 import typer
 
+from crosscheck.commands.explain import explain
+from crosscheck.commands.history import app as history
+from crosscheck.commands.inspect import inspect
+from crosscheck.commands.nightly import nightly
+from crosscheck.commands.report import report
+from crosscheck.commands.study import app as study
+from crosscheck.commands.support import support
 from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported
 
 app = typer.Typer(name="crosscheck", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
                   help="One multibody scene, many engines, every result measured against independent truth.")
 
 SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]
-EngineNames = Annotated[list[str] | None, typer.Option("--engine", help="may be repeated; default: all")]
+EngineNames = Annotated[list[str] | None, typer.Option("--engine", help=(
+    "a name, name==version, or a class of your own as module:Class or path/file.py:Class; may be repeated; "
+    "default: all"))]
 
 
 @app.command()
 def verify(
     scene: SceneNames = None,
     engine: EngineNames = None,
-    profile: Annotated[str, typer.Option(help="default, or smoke: first seconds, three steps, no timing")] = "default",
+    profile: Annotated[str, typer.Option(help="default; smoke: first seconds, three steps, no timing; full: every "
+                                         "scene, within a budget of steps")] = "default",
     jobs: Annotated[int, typer.Option(help="worker processes")] = 2,
+    time_limit: Annotated[float, typer.Option(help="s for one run and its order study")] = 1800.0,
+    memory_limit: Annotated[float, typer.Option(help="GB resident of one worker process")] = 4.0,
+    tolerance_file: Annotated[Path | None, typer.Option("--tolerances", help="TOML file of your own bounds")] = None,
+    tol: Annotated[list[str] | None, typer.Option(help="a bound of your own, quantity=value; may be repeated")] = None,
     out: Annotated[Path, typer.Option(help="folder of the report")] = Path("reports/latest"),
     as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
 ) -> None:
@@ -35,11 +49,15 @@ def verify(
 
     Exit code 0: all within tolerance; 1: a verdict failed; 2: the run itself failed.
     """
+    from crosscheck import overrides
     from crosscheck import verify as job
+    from crosscheck.studies.guarded import limits
 
+    own = overrides.read(tolerance_file, tol or ())
     job.check_out(out)
-    with _progress() as progress:
-        results = job.verify(profile, scene, engine, jobs, progress)
+    within = limits(time_limit, memory_limit)
+    with progress_bar() as progress:
+        results = job.verify(profile, scene, engine, jobs, progress, limits=within, overrides=own)
         page = job.write(results, out)
     if as_json:
         typer.echo(json.dumps(_brief(results.plain(), page), indent=1))
@@ -58,6 +76,8 @@ def run(
     csv_file: Annotated[str | None, typer.Option("--csv", help="write the trajectory here; - for the terminal")] = None,
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the best that fits")] = None,
     coordinate_map: Annotated[str | None, typer.Option("--map", help="exp, cayley or ccsk (lieeuler)")] = None,
+    softness: Annotated[str | None, typer.Option(help="tight or default: MuJoCo's equality constraints")] = None,
+    node: Annotated[str | None, typer.Option(help="lie or euler_parameters: Exudyn's rigid bodies")] = None,
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
     duration: Annotated[float | None, typer.Option(help="s; default: the scene's")] = None,
 ) -> None:
@@ -65,7 +85,8 @@ def run(
     from crosscheck.running import run as run_scene
     from crosscheck.scene_file import load_scene
 
-    given = {"form": form, "coordinate_map": coordinate_map, "samples": samples, "duration": duration}
+    given = {"form": form, "coordinate_map": coordinate_map, "softness": softness, "node": node, "samples": samples,
+             "duration": duration}
     options = {key: value for key, value in given.items() if value is not None}
     loaded = load_scene(scene)
     traj = run_scene(loaded, engine, method, step=step, rtol=rtol, **options)
@@ -76,7 +97,7 @@ def run(
 
 
 @app.command("list")
-def list_() -> None:
+def list_(engine: EngineNames = None) -> None:
     """The scenes, the engines with their versions, and their methods."""
     from rich.table import Table
 
@@ -89,7 +110,7 @@ def list_() -> None:
         loaded = load_scene(name)
         scenes.add_row(name, str(loaded.n), f"{loaded.duration:g} s", loaded.description)
     table = Table("engine", "version", "methods", box=None, title="engines", title_justify="left")
-    for name in engines.names():
+    for name in engine or engines.names():
         version = engine_version(name)
         methods = "" if version == NOT_INSTALLED and not _importable(name) else " ".join(engines.methods(name))
         table.add_row(name, version, methods)
@@ -123,6 +144,15 @@ def truth(
         typer.echo(f"{body.name}: x({loaded.duration:g} s) = ({', '.join(f'{value:.15g}' for value in position)}) m")
 
 
+app.command()(explain)
+app.command()(inspect)
+app.command()(support)
+app.command()(report)
+app.command()(nightly)
+app.add_typer(history)
+app.add_typer(study)
+
+
 def main() -> None:
     """Entry point: whatever goes wrong ends in one clear line, exit code 2; 1 is left to verdicts that fail."""
     try:
@@ -131,10 +161,10 @@ def main() -> None:
         if isinstance(end.__context__, BrokenPipeError):
             raise SystemExit(2) from None  # the reader, `head` say, has seen enough
         if end.code == INTERRUPTED:
-            _complain("interrupted; nothing was written")
+            _complain(_interrupted())
         raise
     except KeyboardInterrupt:
-        _complain("interrupted; nothing was written")
+        _complain(_interrupted())
         raise SystemExit(INTERRUPTED) from None
     except Exception as error:
         if os.environ.get("CROSSCHECK_TRACEBACK"):
@@ -142,6 +172,11 @@ def main() -> None:
         _complain(str(error) if _is_ours(error) else
                   f"{type(error).__name__}: {error} (CROSSCHECK_TRACEBACK=1 in the environment shows where)")
         raise SystemExit(2) from None
+
+
+def _interrupted() -> str:
+    kept = {"nightly": "the same command goes on from here", "study": "what was finished is in the folder of --out"}
+    return f"interrupted; {kept.get(' '.join(sys.argv[1:2]), 'nothing was written')}"
 
 
 INTERRUPTED = 130
@@ -177,7 +212,7 @@ def _console() -> Any:
 
 
 @contextlib.contextmanager
-def _progress() -> Iterator[Any]:
+def progress_bar() -> Iterator[Any]:
     """A progress bar on the error stream; its callback takes (done, total, label)."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn

@@ -26,9 +26,10 @@ if TYPE_CHECKING:
     from crosscheck.trajectory import Trajectory
 
 SCENE_OPTIONS = ("samples", "duration")
-ENGINE_OPTIONS = ("form", "coordinate_map", "spin_free", "alpha", "beta")
+ENGINE_OPTIONS = ("form", "coordinate_map", "spin_free", "alpha", "beta", "softness", "node")
 OPTIONS = (*SCENE_OPTIONS, "monitor", *ENGINE_OPTIONS)
-CHOICES = {"form": ("tree", "maximal", "pivot"), "coordinate_map": ("exp", "cayley", "ccsk")}
+CHOICES = {"form": ("tree", "maximal", "pivot"), "coordinate_map": ("exp", "cayley", "ccsk"),
+           "softness": ("tight", "default"), "node": ("lie", "euler_parameters")}
 
 MOST_STEPS = 1e10
 """Of one run; the fastest engine here needs an hour for them, and a longer run is a misprint of the step."""
@@ -43,15 +44,16 @@ def run(scene: Scene | str | os.PathLike[str], engine: str, method: str, step: f
     scene : Scene, str or path
         From `crosscheck.load_scene`, or what it takes.
     engine, method : str
-        Names from `crosscheck.engines()` and `crosscheck.methods(engine)`.
+        Names from `crosscheck.engines()` and `crosscheck.methods(engine)`. An engine is also "module:Class" or
+        "path/file.py:Class", one of your own, or "mujoco==3.3.7", another version, in an environment of its own.
     step : float, optional
         Fixed step, s; shortened to the nearest one that divides the sample interval.
     rtol : float, optional
         Relative tolerance of an adaptive method; not together with `step`.
     **options
         samples, duration (s) override the scene's; monitor (default True) evaluates the maxima over every step; form,
-        coordinate_map, spin_free, alpha, beta go to the engines that know them. spin_free=False is what every engine
-        does by itself.
+        coordinate_map, spin_free, alpha, beta, softness, node go to the engines that know them. spin_free=False is what
+        every engine does by itself.
 
     Raises
     ------
@@ -236,6 +238,14 @@ def _check_states(engine: str, spec: RunSpec, scene: Scene, raw: RawRun) -> None
     states = raw.states
     if len(states.t) != scene.samples:
         raise EngineError(f"{engine} {spec.method} returned {len(states.t)} samples, not {scene.samples}")
+    vectors = (scene.samples, scene.n, 3)
+    for name, shape in {"x": vectors, "R": (*vectors, 3), "v": vectors, "w": vectors, "a": vectors,
+                        "alpha": vectors}.items():
+        values = getattr(states, name)
+        if values is not None and values.shape != shape:
+            raise EngineError(f"{engine} {spec.method} returned {name} of shape {values.shape}, not {shape}")
+    if not np.allclose(states.t, scene.t, rtol=0, atol=1e-9 * scene.duration):  # a NaN is not close either
+        raise EngineError(f"{engine} {spec.method} returned states at other times than the output times scene.t")
     finite = np.ones(scene.samples, dtype=bool)
     for values in (states.x, states.R, states.v, states.w):
         finite &= np.isfinite(values.reshape(scene.samples, -1)).all(axis=1)

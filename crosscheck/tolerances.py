@@ -10,6 +10,8 @@ errors of velocities change as fast as the motion turns, L W' B and W' B, W' the
 from __future__ import annotations
 
 import dataclasses
+import pathlib
+import tomllib
 
 import numpy as np
 
@@ -19,15 +21,30 @@ from crosscheck.scene import GROUND, Scene
 
 EPS = float(np.finfo(float).eps)
 
-ORDER_MARGIN = {1: 0.1}
-"""How far below its documented order a method may be observed; `ORDER_MARGIN_HIGH` for every other order."""
-ORDER_MARGIN_HIGH = 0.15
+FILE = pathlib.Path(__file__).with_name("tolerances.toml")
+"""Every constant and every rule of the verdicts, with its reason."""
 
-HELD = {"position": 1e-12, "velocity": 1e-11, "acceleration": 1e-9}
+
+def _read() -> tuple[dict[str, float], dict[str, dict[str, str]]]:
+    content = tomllib.loads(FILE.read_text(encoding="utf-8"))
+    return {name: entry["value"] for name, entry in content["constant"].items()}, content["bound"]
+
+
+CONSTANTS, BOUNDS = _read()
+"""Constants by name, and the bounded quantities with unit, rule and reason."""
+
+ORDER_MARGIN = {1: CONSTANTS["order_margin_first"]}
+"""How far below its documented order a method may be observed; `ORDER_MARGIN_HIGH` for every other order."""
+ORDER_MARGIN_HIGH = CONSTANTS["order_margin"]
+
+BY_USER = "set by the user"
+"""How the reason of a bound begins that the user set, see `crosscheck.overrides`."""
+
+HELD = {level: CONSTANTS[f"held_{level}"] for level in ("position", "velocity", "acceleration")}
 """Rounding level of the constraint levels that a method solves for, for terms of the size of a pendulum (about 1 m,
 10 m/s, 100 m/s^2 over 1e4 steps); scenes with larger terms get 50 eps times the size of the terms."""
 
-ORTHOGONALITY = 1e-13
+ORTHOGONALITY = CONSTANTS["orthogonality"]
 """Rounding level of R^T R - I for attitudes that stay on the group by construction."""
 
 
@@ -118,6 +135,16 @@ def fixed_step(scene: Scene, truth: Reference, order: int, step: float,
         bounds[quantity] = Tol(unit * bound + floor, f"{why}; times {unit:.3g} {QUANTITIES[quantity]}; "
                                                      f"rounding floor {floor:.1e}")
     return bounds
+
+
+def limit(scene: Scene, truth: Reference, order: int, step: float) -> dict[str, Tol]:
+    """Bounds of the errors of the limit extrapolated from two steps, the coarser `step` (s), of a method of this order.
+
+    The leading term of the error is gone; the next one is bounded like that of a method one order higher.
+    """
+    last = len(truth.position_derivatives) - 3  # the bound of order p needs derivatives up to p + 2
+    return {name: Tol(bound.value, f"the leading term of the error extrapolated away: {bound.why}")
+            for name, bound in fixed_step(scene, truth, min(order + 1, last), step).items()}
 
 
 def adaptive(scene: Scene, truth: Reference, rtol: float, steps: int,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import os
 import shlex
@@ -13,11 +14,17 @@ from typing import Any
 
 from crosscheck import provenance, trust
 from crosscheck.errors import ArgumentError
-from crosscheck.grid import Crash, run_tasks
-from crosscheck.spelling import unknown
-from crosscheck.studies.cell import Cell, Timing, prepare_truth, run_cell, time_cells
-from crosscheck.studies.plan import PENDING, PLANS, Profile
+from crosscheck.grid import Crash, Limits
+from crosscheck.journal import Journal
+from crosscheck.overrides import Overrides
+from crosscheck.stages import Stages
+from crosscheck.studies.cell import Cell, Timing, prepare_truth
+from crosscheck.studies.guarded import check_engines, guarded_cell, guarded_timing
+from crosscheck.studies.guarded import limits as default_limits
+from crosscheck.studies.listing import all_cells
+from crosscheck.studies.plan import PENDING, PLANS, Profile, ScenePlan
 from crosscheck.studies.plan import profile as profile_called
+from crosscheck.studies.speeds import measure_speed
 from crosscheck.verdict import PASSING, Finding, Record
 
 Progress = Callable[[int, int, str], None]
@@ -58,114 +65,122 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def select_scenes(names: Sequence[str] | None) -> list[str]:
-    """Names or paths of the scenes to run; every one is loaded once, so that a bad file ends it here."""
-    from crosscheck.scene_file import load_scene
+JOURNAL_TYPES = {"truth": dict[str, Any], "cell": Record, "speed": list[list[tuple[float, float]]]}
+"""What the results of each stage are, for `crosscheck.journal`."""
 
-    chosen = list(dict.fromkeys(names or PLANS))
+
+def select_scenes(names: Sequence[str] | None, every: bool = False) -> list[str]:
+    """Names or paths of the scenes to run; every one is loaded once, so that a bad file ends it here.
+
+    None: those with a plan of their own, or `every` scene of the library.
+    """
+    from crosscheck.scene_file import load_scene, scene_names
+
+    chosen = list(dict.fromkeys(names or (scene_names() if every else PLANS)))
     for name in chosen:
         load_scene(name)
     return chosen
 
 
-def select_engines(names: Sequence[str] | None) -> list[str]:
-    """Names of the engines to run; `ArgumentError` for one that is not there."""
+def select_engines(names: Sequence[str] | None, within: Limits | None = None) -> list[str]:
+    """Names of the engines to run; `ArgumentError` or `EngineError` for one that is not there or cannot be loaded."""
     from crosscheck import engines
 
-    allowed = engines.names()
-    for name in names or ():
-        if name not in allowed:
-            raise ArgumentError(unknown("engine", name, allowed))
-    return list(dict.fromkeys(names or allowed))
-
-
-def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
-    """The cells of one scene and engine: every method in the form that fits best, then in the other forms."""
-    from crosscheck import engines
-    from crosscheck.engines.base import RunSpec
-    from crosscheck.scene_file import load_scene
-
-    if provenance.engine_version(engine_name) == provenance.NOT_INSTALLED:
-        return [Cell(scene_name, engine_name, method, None, PENDING) for method in _methods_in_absence(engine_name)]
-    engine, scene = engines.get(engine_name), load_scene(scene_name)
-    cells = []
-    for method in engine.methods:
-        cells.append(Cell(scene_name, engine_name, method, None, PENDING, True, profile.rungs,
-                          profile.whole))
-        forms = getattr(engine, "forms", ()) if profile.forms else ()
-        usable = [form for form in forms if engine.unsupported(scene, RunSpec(method, step=1e-3, form=form)) is None]
-        # The first usable form is the engine's choice when none is named.
-        cells += [Cell(scene_name, engine_name, method, form, PENDING, True, profile.rungs, profile.whole, False)
-                  for form in usable[1:]]
-        plan = PLANS.get(scene_name, PENDING)
-        spec = RunSpec(method, step=1e-3)
-        if profile.whole and plan.practical and engine.documented_order(scene, spec) == 1 and not engine.unsupported(
-                scene, spec):
-            cells.append(Cell(scene_name, engine_name, method, None, PENDING, study=False, practical=True))
-    return cells
-
-
-def _methods_in_absence(engine_name: str) -> tuple[str, ...]:
-    """Methods of an engine that is not installed, where its adapter at least can be imported to name them."""
-    from crosscheck import engines
-
-    try:
-        return engines.methods(engine_name)
-    except ImportError:
-        return ("any method",)
+    check_engines(names or (), within)
+    return list(dict.fromkeys(names or engines.names()))
 
 
 def verify(profile: str = "default", scenes: Sequence[str] | None = None, engines: Sequence[str] | None = None,
-           jobs: int = 2, progress: Progress | None = None) -> Results:
-    """Run the main job and return its results; nothing is written.
+           jobs: int = 2, progress: Progress | None = None, journal: Journal | None = None,
+           limits: Limits | None = None, overrides: Overrides = ()) -> Results:
+    """Run the main job and return its results; nothing is written, except into the journal.
 
     Parameters
     ----------
-    profile : "default" or "smoke"
-    scenes : names or paths; None: those with a plan in `crosscheck.studies.plan`
+    profile : "default", "smoke" or "full"
+    scenes : names or paths; None: those with a plan in `crosscheck.studies.plan`, all with the profile "full"
     engines : names; None: all
     jobs : worker processes
+    journal : gets every result as it comes in; what it holds already is not run again
+    limits : time and resident memory of one cell; None: generous ones
+    overrides : bounds set by the user, from `crosscheck.overrides.read`
 
     Raises
     ------
-    SceneError, ArgumentError
+    SceneError, ArgumentError, EngineError
         Before anything runs.
     """
     if jobs < 1:
         raise ArgumentError(f"jobs has to be at least 1, not {jobs}")
     settings = profile_called(profile)
-    scene_names, engine_names = select_scenes(scenes), select_engines(engines)
+    within = limits or default_limits()
+    scene_names, engine_names = select_scenes(scenes, settings.every_scene), select_engines(engines, within)
     started = time.perf_counter()
-    cells = [cell for scene in scene_names for engine in engine_names for cell in cells_of(scene, engine, settings)]
-    count = _Counter(len(scene_names) + len(cells) + (len(scene_names) if settings.timing else 0), progress)
+    cells = all_cells(scene_names, engine_names, settings, within)
+    stages = Stages(jobs, journal, _Counter(len(scene_names) * (1 + bool(settings.timing) + settings.speed)
+                                             + len(cells), progress))
 
-    truths = run_tasks(prepare_truth, [(name, settings.whole) for name in scene_names], jobs,
-                       lambda i, _: count(f"truth of {scene_names[i]}"))
-    described = [_failed_scene(name, found) if isinstance(found, Crash) else found
-                 for name, found in zip(scene_names, truths, strict=True)]
-    plans = {scene["name"]: scene.pop("plan") for scene in described if "failure" not in scene}
+    described, plans = _truths(stages, scene_names, settings)
     without = {scene["name"]: scene["no_truth"] for scene in described if "no_truth" in scene}
-    cells = [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""))
+    cells = [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
+                                 overrides=overrides)
              for cell in cells if not (cell.practical and cell.scene in without)]
+    records = _records(stages, cells, plans, described, within)
+    if settings.timing:
+        _time(cells, records, settings.timing, stages.count, within)
+    meta = provenance.describe(engine_names) | {"profile": profile, "jobs": jobs, "command": _command(
+        profile, scenes, engines, jobs, overrides)}
+    if settings.speed:
+        meta["calibration"] = measure_speed(records, settings.speed, dataclasses.replace(stages, jobs=1), within)
+    meta["seconds"] = journal.seconds if journal else time.perf_counter() - started
+    for scene in described:
+        scene["plan"] = dataclasses.asdict(plans[scene["name"]]) if scene["name"] in plans else None
+    results = Results(meta, described, records)
+    recommend(results)
+    return results
 
+
+def recommend(results: Results) -> None:
+    """Say per scene which runs to trust; again where their times were measured anew."""
+    for scene in results.scenes:
+        own = [record for record in results.records if record.scene == scene["name"]]
+        scene["recommended"] = trust.recommend(scene, own)
+        scene["trust"] = trust.sentence(scene, own)
+
+
+def _truths(stages: Stages, names: list[str], settings: Profile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """What the report says about every scene, and the plans of those that did not fail."""
+    found = stages.run("truth", prepare_truth, [(name, settings.whole, settings.most_steps) for name in names], names,
+                       [f"truth of {name}" for name in names])
+    described = [_failed_scene(name, each) if isinstance(each, Crash) else each
+                 for name, each in zip(names, found, strict=True)]
+    plans = {scene["name"]: scene.pop("plan") for scene in described if "failure" not in scene}
+    # Out of a journal a plan comes as plain values.
+    import msgspec
+
+    return described, {name: plan if isinstance(plan, ScenePlan) else msgspec.convert(plan, ScenePlan, str_keys=True)
+                       for name, plan in plans.items()}
+
+
+def _records(stages: Stages, cells: list[Cell], plans: dict[str, Any], described: list[dict[str, Any]],
+             within: Limits) -> list[Record]:
+    """The records of all cells, in their order."""
     # The slowest kind first, so that no worker is left alone with one at the end.
     ready = sorted((index for index, cell in enumerate(cells) if cell.scene in plans),
                    key=lambda index: cells[index].engine != "pinocchio")
-    found = run_tasks(run_cell, [cells[index] for index in ready], jobs,
-                      lambda i, _: count(f"{cells[ready[i]].scene}: {cells[ready[i]].label}"))
+    chosen = [cells[index] for index in ready]
+    found = stages.run("cell", guarded_cell, chosen, [_key(cell) for cell in chosen],
+                       [f"{cell.scene}: {cell.label}" for cell in chosen], limits=within)
     by_index = dict(zip(ready, found, strict=True))
     records = [_recorded(cell, by_index.get(index), described) for index, cell in enumerate(cells)]
+    for cell, record in zip(cells, records, strict=True):
+        record.default_form = cell.default_form
     _label(records)
-    if settings.timing:
-        _time(cells, records, settings.timing, count)
-    meta = provenance.describe(engine_names) | {"profile": profile, "jobs": jobs, "command": _command(
-        profile, scenes, engines, jobs), "seconds": time.perf_counter() - started}
-    for scene in described:
-        scene["plan"] = dataclasses.asdict(plans[scene["name"]]) if scene["name"] in plans else None
-        own = [record for record in records if record.scene == scene["name"]]
-        scene["recommended"] = trust.recommend(scene, own)
-        scene["trust"] = trust.sentence(scene, own)
-    return Results(meta, described, records)
+    return records
+
+
+def _key(cell: Cell) -> str:
+    return json.dumps([cell.scene, cell.engine, cell.method, cell.form, cell.practical])
 
 
 def check_out(out: Path) -> None:
@@ -190,8 +205,6 @@ def check_out(out: Path) -> None:
 
 def _is_report(folder: Path) -> bool:
     """Whether this folder is a report that `write` left, and nobody put anything else into it."""
-    import json
-
     from crosscheck.report import is_file_of_report
 
     try:
@@ -282,29 +295,39 @@ def _failed_scene(name: str, crash: Crash) -> dict[str, Any]:
     return {"name": name, "failure": crash.message, "details": crash.details}
 
 
-def _time(cells: list[Cell], records: list[Record], repeats: int, count: _Counter) -> None:
-    """Stepping times, one scene after the other in a single worker, with nothing else running."""
+def _time(cells: list[Cell], records: list[Record], repeats: int, count: Callable[[str], None],
+          within: Limits) -> None:
+    """Stepping times, one scene after the other in a single worker, with nothing else running.
+
+    Engines in environments of their own are left out: their times compare with no other.
+    """
     for scene in dict.fromkeys(cell.scene for cell in cells):
         chosen = [(cell, record) for cell, record in zip(cells, records, strict=True)
-                  if cell.scene == scene and record.ladder]
+                  if cell.scene == scene and record.ladder and not record.own_environment]
         if chosen:
             task = Timing(tuple(cell for cell, _ in chosen), tuple(record.documented_order for _, record in chosen),
                           repeats, tuple(record.step or record.rtol or 0.0 for _, record in chosen))
-            timed = run_tasks(time_cells, [task], 1)[0]
-            if not isinstance(timed, Crash):
-                for (_, record), points in zip(chosen, timed, strict=True):
-                    record.timing = [point for point in points if not point["main"]]
-                    for point in points:
-                        if point["main"]:
-                            record.us_per_step = point["us_per_step"]
-                            record.seconds_per_second = point["seconds_per_second"]
-                            record.seconds_deviation = point["seconds_deviation"]
+            timed, reasons = guarded_timing(task, within)
+            for index, ((_, record), points) in enumerate(zip(chosen, timed, strict=True)):
+                if index in reasons:
+                    record.findings.append(Finding("run", "fail", None, None, "", "a run has to reach its end",
+                                                   f"in the timing study: {reasons[index]}"))
+                    record.outcome = "fail"
+                record.timing = [point for point in points if not point["main"]]
+                for point in points:
+                    if point["main"]:
+                        record.us_per_step = point["us_per_step"]
+                        record.seconds_per_second = point["seconds_per_second"]
+                        record.seconds_deviation = point["seconds_deviation"]
         count(f"timing of {scene}")
 
 
-def _command(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, jobs: int) -> str:
+def _command(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, jobs: int,
+             overrides: Overrides = ()) -> str:
     words = ["crosscheck", "verify", "--profile", profile]
     for option, names in (("--scene", scenes), ("--engine", engines)):
         for name in names or ():
             words += [option, str(name)]
+    for name, bound, _ in overrides:
+        words += ["--tol", f"{name}={bound!r}"]
     return shlex.join([*words, "--jobs", str(jobs)])

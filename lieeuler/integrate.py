@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from typing import Any
 
 import numpy as np
 
@@ -87,16 +88,12 @@ def integrate(
     _check_switches(spin_free, monitor)
     gains = _gains(record, alpha, beta)
     t = _output_times(t_eval)
-    frames = spin_free_frames(problem) if (record.order != 1 if spin_free is None else spin_free) else None
+    frames = spin_free_frames(problem) if (_spins_out(record) if spin_free is None else spin_free) else None
     kernel = problem.kernel if frames is None else frames.kernel
     start = problem.x, problem.R, problem.v, problem.w if frames is None else frames.w
     tolerance = _tolerance(record, step, rtol)
     if tolerance is not None:
-        times = (t - t[0]).tolist()
-        if record.tableau is not None:
-            result = _kernel.integrate_adaptive(kernel, record.tableau.kernel, *start, times, tolerance, monitor)
-        else:
-            result = _kernel.integrate_taylor(kernel, *start, times, tolerance, monitor)
+        result = _adaptive(kernel, record, start, t, tolerance, monitor)
         solution = Solution.from_kernel(result, t, method, None)
     else:
         assert step is not None  # _tolerance has seen to it
@@ -121,6 +118,20 @@ def integrate(
             advice += ", or coordinate_map='exp'"
         raise IntegrationError(solution.status, advice, solution)
     return solution
+
+
+def _spins_out(method: Method) -> bool:
+    """Whether spin-free frames are the default: not for the Euler methods, which are the papers'."""
+    return "rtol" in method.controls or method.order != 1
+
+
+def _adaptive(kernel: _kernel.System, method: Method, start: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+              t: np.ndarray, rtol: float, monitor: bool) -> dict[str, Any]:
+    times = (t - t[0]).tolist()
+    if method.tableau is not None:
+        return _kernel.integrate_adaptive_runge_kutta(kernel, method.tableau.kernel, *start, times, rtol, monitor)
+    run = {"seulex": _kernel.integrate_seulex, "taylor": _kernel.integrate_taylor}[method.name]
+    return run(kernel, *start, times, rtol, monitor)
 
 
 def _method(name: str) -> Method:

@@ -37,7 +37,8 @@ class Method:
         acceleration constraint exactly.
     held : tuple of "position", "velocity", "acceleration"
         Constraint levels that hold at rounding level by construction.
-    order : int
+    order : int or None
+        None where the method chooses it.
     source : str
     gains : (alpha, beta) or None
         Default Baumgarte gains, 1/s, where the method takes them.
@@ -55,7 +56,7 @@ class Method:
     level: str
     index1_output: bool
     held: tuple[str, ...]
-    order: int
+    order: int | None
     source: str
     gains: tuple[float, float] | None = None
     composition: tuple[float, ...] = ()
@@ -123,7 +124,9 @@ METHODS: dict[str, Method] = {
         _runge_kutta("rkmk4", KUTTA_4, "doi:10.1007/978-3-540-78862-1"),
         _runge_kutta("rkmk54", DORMAND_PRINCE_5, "doi:10.1016/0771-050X(80)90013-3"),
         _runge_kutta("rkmk853", DORMAND_PRINCE_8, "doi:10.1007/978-3-540-78862-1"),
-        Method("taylor", "index1", "stabilised", True, _ALL, 40, "doi:10.1080/10586458.2005.10128904",
+        Method("seulex", "index1", "stabilised", True, _ALL, None,
+               f"{_P1}; extrapolated, doi:10.1007/978-3-642-05221-7", controls=("rtol",)),
+        Method("taylor", "index1", "stabilised", True, _ALL, None, "doi:10.1080/10586458.2005.10128904",
                controls=("rtol",)),
     )
 }  # fmt: skip

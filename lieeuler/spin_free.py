@@ -1,12 +1,12 @@
 """Frames that do not spin with a symmetric body: what cannot influence the motion is not integrated.
 
-A body whose inertia is the same about every normal of an axis e, and whose joints, springs and loads all sit on that axis,
-keeps its angular velocity Omega = e . w for ever. In the frame R' = R exp(-Omega t hat(e)) its equations are
+A body whose inertia is the same about every normal of an axis e, and whose joints, springs and loads all sit on that
+axis, keeps its angular velocity Omega = e . w for ever. In the frame R' = R exp(-Omega t hat(e)) its equations are
 
     J dw'/dt + w' x (J w' + Omega J e) = torque,    w' = w - Omega e at the start,
 
-those of a body with the constant angular momentum Omega J e inside it: exact, and free of the fast rotation. R and w return
-to the body frame at the samples.
+those of a body with the constant angular momentum Omega J e inside it: exact, and free of the fast rotation. R and w
+return to the body frame at the samples.
 """
 
 from __future__ import annotations

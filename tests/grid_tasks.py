@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 
 
 def square_or_die(number: int) -> int:
@@ -19,3 +20,9 @@ def chatter(number: int) -> int:
     """Writes to the standard output below Python, as engines do."""
     os.write(1, b"engine chatter\n")
     return number
+
+
+def sleep_for(seconds: float) -> float:
+    """The seconds, after that many."""
+    time.sleep(seconds)
+    return seconds

@@ -10,16 +10,19 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
-from crosscheck import provenance, references, trust, verify
-from crosscheck.errors import Unsupported
-from crosscheck.report import pages, words
+from crosscheck import provenance, references, report, trust, verify
+from crosscheck.cli import app
+from crosscheck.errors import ArgumentError, Unsupported
+from crosscheck.report import exports, names, pdf, schema, words
 from crosscheck.studies.cell import Cell, prepare_truth, run_cell
 from crosscheck.verdict import Finding, Record
 from tests.fake_engine import FakeEngine, install
+from tests.report_making import CHANGES
 
 SCENE = "single_pendulum"
-CHROMIUM = shutil.which("chromium")
+DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
 @pytest.fixture(scope="module")
@@ -56,9 +59,12 @@ def folder(results, tmp_path_factory):
 
 
 def test_every_file_is_there(folder):
-    names = {path.name for path in folder.iterdir()}
-    assert names == {"index.html", "scene-single_pendulum.html", "scene-single_pendulum.js", "report.css", "report.js",
-                     "plotly.min.js", "summary.md", "results.csv", "junit.xml", "results.json"}
+    found = {path.name for path in folder.iterdir()}
+    assert found == {"index.html", "scene-single_pendulum.html", "scene-single_pendulum.js", "engine-fake.html",
+                     "study-convergence.html", "study-speed.html", "study-conservation.html", "runs.js", "report.css",
+                     "theme.js", "tables.js", "plots.js", "study.js", "scene.js", "playback.js", "plotly.min.js",
+                     "summary.md", "results.csv", "results.parquet", "junit.xml", "results.json"}
+    assert all(report.is_file_of_report(path) for path in folder.iterdir())
 
 
 def test_junit_counts_outcomes_and_known_passes(folder):
@@ -77,6 +83,15 @@ def test_csv_keeps_full_precision_and_every_run(folder, results):
         rows = list(csv.DictReader(stream))
     assert [row["outcome"] for row in rows] == ["pass", "fail", "unsupported", "known"]
     assert float(rows[0]["position max error [m]"]) == results.records[0].errors["position"]["max"]
+
+
+def test_parquet_holds_the_same_table(folder):
+    import pandas
+
+    table, same = pandas.read_csv(folder / "results.csv"), pandas.read_parquet(folder / "results.parquet")
+    assert list(same) == list(table)
+    for title in table.select_dtypes("number"):
+        assert same[title].astype(float).equals(table[title].astype(float)), title
 
 
 def test_json_is_strict_and_without_curves(folder):
@@ -109,6 +124,7 @@ def test_links_between_pages_lead_somewhere(folder):
             if target.startswith("https://doi.org/"):
                 continue
             name, _, place = target.partition("#")
+            name = name.partition("?")[0]
             assert (folder / (name or page.name)).is_file()
             assert not place or place in ids[name or page.name]
 
@@ -139,8 +155,6 @@ def test_a_half_written_report_does_not_replace_a_good_one(results, tmp_path, mo
     out = tmp_path / "latest"
     verify.write(results, out)
     before = (out / "index.html").read_text(encoding="utf-8")
-    from crosscheck.report import exports
-
     def full_disk(document):
         raise OSError("no space left")
 
@@ -180,8 +194,8 @@ def test_the_headline_claims_no_more_than_was_found(results):
 
 
 def test_every_scene_has_a_page_of_its_own():
-    names = ["top", "Top", "a/top.toml", "b/top.toml", "a top", "a-top", "a/b.toml", "a-b-toml"]
-    assert len({pages.scene_file({"name": name}).lower() for name in names}) == len(names)
+    scenes = ["top", "Top", "a/top.toml", "b/top.toml", "a top", "a-top", "a/b.toml", "a-b-toml"]
+    assert len({names.scene_file({"name": name}).lower() for name in scenes}) == len(scenes)
 
 
 @pytest.fixture(scope="module")
@@ -224,36 +238,135 @@ def test_a_scene_without_truth_is_run_and_judged_by_what_needs_none(folder_witho
     assert "no reference equations" in (folder / "scene-single_pendulum.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
-def test_a_page_without_truth_opens_without_an_error(folder_without_truth):
-    check_pages(folder_without_truth[1], 1280, 8)
+def test_the_pages_are_rendered_again_alike_from_what_the_report_holds(folder, tmp_path):
+    copy = tmp_path / "latest"
+    shutil.copytree(folder, copy)
+    before = {path.name: path.read_bytes() for path in copy.iterdir()}
+    (copy / "index.html").write_text("broken")
+    (copy / "study-former.html").write_text("a page of a former layout")
+    assert report.render_again(copy) == copy / "index.html"
+    assert {path.name for path in copy.iterdir()} == set(before)
+    for name, content in before.items():
+        if not name.endswith(".parquet"):
+            assert (copy / name).read_bytes() == content, name
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
-@pytest.mark.parametrize("width", [1280, 390])
-def test_pages_open_from_disk_without_an_error(folder, width):
-    check_pages(folder, width, 15)
+@pytest.mark.parametrize(("change", "said"), [
+    ({"schema": 0}, "schema 0 is not 1"),
+    ({"records": [{"scene": "x"}]}, r"missing required field .*records\[0\]"),
+    ({"meta": None}, r"\$.meta"),
+    ({"scenes": [{"name": "x", "failure": 1}]}, r"scenes\[0\]"),
+])
+def test_a_wrong_results_json_is_refused_with_its_place(folder, tmp_path, change, said):
+    path = tmp_path / "results.json"
+    path.write_text(json.dumps(json.loads((folder / "results.json").read_text(encoding="utf-8")) | change))
+    with pytest.raises(ArgumentError, match=said):
+        report.load_report(tmp_path)
+    path.write_text("{")
+    with pytest.raises(ArgumentError, match="no JSON"):
+        report.load_report(tmp_path)
+    path.unlink()
+    with pytest.raises(ArgumentError, match="cannot be read"):
+        report.load_report(tmp_path)
 
 
-def check_pages(folder, width, figures):
-    """Open the pages and scroll through them: no complaint, nothing from a network, no page wider than the window."""
-    playwright = pytest.importorskip("playwright.sync_api")
-    complaints, foreign = [], []
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        for name in ("index.html", "scene-single_pendulum.html"):
-            page = browser.new_page(viewport={"width": width, "height": 900})
-            page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
-            page.on("pageerror", lambda error: complaints.append(str(error)))
-            page.on("request", lambda request: foreign.append(request.url) if request.url.startswith("http") else None)
-            page.goto(Path(folder / name).as_uri())
-            if name != "index.html":
-                for plot in page.query_selector_all("[data-plot], [data-panels]"):
-                    plot.scroll_into_view_if_needed()
-                page.wait_for_function("[...document.querySelectorAll('[data-plot]')].every(e => e.children.length)")
-                assert page.locator(".js-plotly-plot").count() >= figures
-            # Wide tables scroll inside their boxes, never the page.
-            assert page.evaluate("document.documentElement.scrollWidth") <= width
-        browser.close()
-    assert complaints == []
-    assert foreign == []
+def test_the_schema_lists_every_key_that_is_written(folder, folder_without_truth):
+    """A key that is new has to be described in `crosscheck.report.schema` and docs/results-schema.md."""
+    for each in (folder, folder_without_truth[1]):
+        document = json.loads((each / "results.json").read_text(encoding="utf-8"))
+        schema.check(document)
+        assert unlisted(document, schema.json_schema(), schema.json_schema()) == set()
+
+
+def unlisted(value, described, whole, place="$"):
+    """Places of a document that its JSON Schema does not name."""
+    kinds = described.get("anyOf", [described])
+    kinds = [whole["$defs"][kind["$ref"].rpartition("/")[2]] if "$ref" in kind else kind for kind in kinds]
+    if isinstance(value, list):
+        kinds = [kind for kind in kinds if kind.get("type") == "array"]
+        return set().union(*(unlisted(each, kinds[0].get("items", {}), whole, f"{place}[]") for each in value))
+    if not isinstance(value, dict):
+        return set()
+    named = [kind["properties"] for kind in kinds if "properties" in kind]
+    if not named:
+        free = next((kind.get("additionalProperties") for kind in kinds if "additionalProperties" in kind), None)
+        return set().union(*(unlisted(each, free, whole, f"{place}.*") for each in value.values())) if free else set()
+    fitting = min(named, key=lambda keys: len(set(value) - set(keys)))
+    missing = {f"{place}.{key}" for key in set(value) - set(fitting)}
+    return missing.union(*(unlisted(each, fitting[key], whole, f"{place}.{key}") for key, each in value.items()
+                           if key in fitting))
+
+
+def test_the_schema_file_is_the_one_of_the_code():
+    text = (DOCS / "results-schema.json").read_text(encoding="utf-8")
+    assert json.loads(text) == schema.json_schema()
+    words_of_it = (DOCS / "results-schema.md").read_text(encoding="utf-8")
+    assert f"version {exports.SCHEMA}" in words_of_it
+    for struct in (schema.Document, schema.Meta, schema.Scene, schema.Record, schema.Finding):
+        for key in struct.__struct_fields__:
+            assert f"`{key}`" in words_of_it, (struct.__name__, key)
+
+
+def test_changes_and_support_are_shown_where_the_document_has_them(results, tmp_path):
+    plain = results.plain()
+    report.write_report(plain | {"changes": CHANGES, "support": [
+        {"scene": SCENE, "engine": "fake", "form": "tree", "reason": "it is not made for this"}]}, tmp_path / "with")
+    first = (tmp_path / "with" / "index.html").read_text(encoding="utf-8")
+    assert first.index("the largest error grew beyond rounding") < first.index("What is wrong, worst first")
+    assert "the largest error grew beyond rounding" in (tmp_path / "with" / "summary.md").read_text(encoding="utf-8")
+    for page in ("scene-single_pendulum.html", "engine-fake.html"):
+        assert "it is not made for this" in (tmp_path / "with" / page).read_text(encoding="utf-8")
+    assert schema.read_document(tmp_path / "with" / "results.json")["changes"] == CHANGES
+    report.write_report(plain | {"changes": []}, tmp_path / "none")
+    assert "Nothing beyond rounding" in (tmp_path / "none" / "index.html").read_text(encoding="utf-8")
+    report.write_report(plain, tmp_path / "first")
+    assert "What changed" not in (tmp_path / "first" / "index.html").read_text(encoding="utf-8")
+
+
+def test_figures_for_papers_are_the_same_every_time(folder, tmp_path):
+    from crosscheck.report.figures import write_figures
+
+    document = report.load_report(folder)
+    written = write_figures(document, tmp_path / "one")
+    assert {path.name for path in written} >= {"scene-single_pendulum-position-error.svg",
+                                               "scene-single_pendulum-convergence.svg"}
+    for path in write_figures(document, tmp_path / "other"):
+        text = path.read_text(encoding="utf-8")
+        assert text == (tmp_path / "one" / path.name).read_text(encoding="utf-8")
+        ElementTree.fromstring(text)
+    text = (tmp_path / "one" / "scene-single_pendulum-position-error.svg").read_text(encoding="utf-8")
+    assert "position error (m)" in text  # text, not outlines of letters
+    assert "fake Plain" in text
+
+
+def test_pdf_without_a_browser_says_what_to_do(folder, monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("CROSSCHECK_BROWSER", raising=False)
+    with pytest.raises(ArgumentError, match="apt-get install chromium"):
+        pdf.find_browser()
+    monkeypatch.setenv("CROSSCHECK_BROWSER", "no-such-browser")
+    with pytest.raises(ArgumentError, match="CROSSCHECK_BROWSER=no-such-browser"):
+        pdf.find_browser()
+
+
+def test_the_command_renders_and_refuses(folder, tmp_path):
+    runner = CliRunner()
+    copy = tmp_path / "latest"
+    shutil.copytree(folder, copy)
+    (copy / "index.html").unlink()
+    done = runner.invoke(app, ["report", str(copy / "results.json")])
+    assert done.exit_code == 0
+    assert str(copy / "index.html") in done.output
+    assert (copy / "index.html").exists()
+    assert isinstance(runner.invoke(app, ["report", str(copy), "--format", "doc"]).exception, ArgumentError)
+    assert "no such folder" in str(runner.invoke(app, ["report", str(tmp_path / "nowhere")]).exception)
+
+
+def test_the_published_sample_is_small_and_whole():
+    """`make sample` writes it; below 8 MB it opens from the repository in a moment."""
+    sample = DOCS.parent / "reports" / "sample"
+    assert sum(path.stat().st_size for path in sample.iterdir()) < 8e6
+    document = report.load_report(sample)
+    assert all(scene["curves"] for scene in document["scenes"])
+    assert all(report.is_file_of_report(path) for path in sample.iterdir())
+    assert re.findall(r"/(?:home|root|work|tmp|Users)/", (sample / "results.json").read_text(encoding="utf-8")) == []

@@ -1,5 +1,8 @@
 """The engine adapters: names, lookup, methods. An engine's package is imported only when the engine is used.
 
+An engine is called by its name, by a class of the user's own ("module:Class", "path/file.py:Class"), or by name and
+version ("mujoco==3.3.7").
+
 Called, this package answers the names of the engines: `crosscheck.engines()`.
 """
 
@@ -31,9 +34,10 @@ def names() -> tuple[str, ...]:
 
 
 def get(name: str) -> Engine:
-    """The adapter called `name`; a built-in name cannot be taken over by an entry point.
+    """The adapter called `name`, as the package docstring says; no entry point takes over a built-in name.
 
-    Raises `ArgumentError` where there is none, or where `name` is no text.
+    Raises `ArgumentError` where there is none, where it lacks what an engine must have, or where `name` is no text;
+    `EngineError` where the environment of a version cannot be made.
     """
     if not isinstance(name, str):
         raise ArgumentError(f"engine: a name is wanted, not {type(name).__name__}; allowed: {', '.join(names())}")
@@ -45,9 +49,37 @@ def _get(name: str) -> Engine:
     if name in _ADAPTERS:
         module, adapter = _ADAPTERS[name]
         return getattr(importlib.import_module(module), adapter)()
+    if has_own_environment(name):
+        from crosscheck.engines.versions import Versioned
+
+        return Versioned(name)
+    from crosscheck.engines import own
+
     for point in importlib.metadata.entry_points(group=_GROUP, name=name):
-        return point.load()()
+        return own.completed(point.load()(), name, point.dist.version if point.dist else "unknown")
+    if is_own(name):
+        return own.load(name)
     raise ArgumentError(unknown("engine", name, names()))
+
+
+def split(entry: str) -> tuple[str, str]:
+    """(engine, method) of "engine", "engine:method" and, for a class of the user's own, "module:Class:method"."""
+    if is_own(entry):
+        home, _, rest = entry.rpartition(":")
+        # Of a Windows path the drive has a colon too, and no folder before it.
+        return (home, rest) if ":" in home[2:] else (entry, "")
+    engine, _, method = entry.partition(":")
+    return engine, method
+
+
+def is_own(name: str) -> bool:
+    """Whether `name` stands for a class of the user's own, by module or file."""
+    return ":" in name and "==" not in name and name.partition(":")[0] not in names()
+
+
+def has_own_environment(name: str) -> bool:
+    """Whether `name` asks for a version, which runs in an environment of its own: its times compare with no other."""
+    return "==" in name
 
 
 def methods(name: str) -> tuple[str, ...]:

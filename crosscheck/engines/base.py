@@ -24,6 +24,8 @@ class RunSpec:
     spin_free: bool | None = None  # only ever given to an engine that lists it in `options`
     alpha: float | None = None
     beta: float | None = None
+    softness: str | None = None  # "tight" | "default": equality constraints of MuJoCo
+    node: str | None = None  # "lie" | "euler_parameters": rigid bodies of Exudyn
 
 
 @dataclasses.dataclass
@@ -47,6 +49,9 @@ class RawRun:
 
 class Engine(Protocol):
     """An engine adapter.
+
+    Entry points and classes of the user's own need only `name`, `methods`, `unsupported` and `run`, which may return
+    `States`: `crosscheck.engines.own` has the defaults for the rest.
 
     It may also have `options` (names of the optional fields of `RunSpec` it knows; without it, all), `adaptive_methods`
     (those that take rtol; with it, the others must be given a step) and `forms` (model forms, the preferred one first).

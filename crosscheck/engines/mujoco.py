@@ -1,129 +1,90 @@
-"""MuJoCo: joint coordinates, stepping in its C loop.
+"""MuJoCo: joint coordinates or free bodies under soft constraints, stepping in its C loop.
 
-Source: Todorov, Erez & Tassa, IROS 2012, doi:10.1109/IROS.2012.6386109.
+Source: Todorov, Erez & Tassa, IROS 2012, doi:10.1109/IROS.2012.6386109. The integrator `discrete` is a semi-implicit
+Euler step in the metric M + h D + h^2 K, D damping and K stiffness of joints and tendons, with the constraint solve in
+that metric and the springs of constraints taken at the end of the step; without all of these it is `Euler`.
 """
 
 from __future__ import annotations
 
 import contextlib
+import copy
 import importlib.metadata
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
-from crosscheck.engines import stepping, tree
+from crosscheck.engines import mujoco_models, stepping, tree
 from crosscheck.engines.base import RawRun, RunSpec
+from crosscheck.engines.mujoco_models import INTEGRATORS, build, set_initial_state
 from crosscheck.errors import EngineError
-from crosscheck.scene import GROUND, Scene
+from crosscheck.scene import Scene
 from crosscheck.states import States
 
-INTEGRATORS = {
-    "Euler": "mjINT_EULER",
-    "implicit": "mjINT_IMPLICIT",
-    "implicitfast": "mjINT_IMPLICITFAST",
-    "RK4": "mjINT_RK4",
-    "discrete": "mjINT_DISCRETE",
-}
-JOINTS = {"spherical": "mjJNT_BALL", "revolute": "mjJNT_HINGE", "prismatic": "mjJNT_SLIDE"}
-LAYOUT_INERTIA = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+__all__ = ["INTEGRATORS", "MuJoCo", "build", "set_initial_state"]
 
 
 class MuJoCo:
-    """Adapter of MuJoCo, form `tree`: a ball, hinge or slide per joint and nothing the scene does not have."""
+    """Adapter of MuJoCo, forms `tree` and `maximal`."""
 
     name = "mujoco"
     methods = tuple(INTEGRATORS)
-    forms = ("tree",)
-    options = frozenset({"form"})
+    forms = ("tree", "maximal")
+    options = frozenset({"form", "softness"})
     adaptive_methods: tuple[str, ...] = ()
 
     def version(self) -> str:
         """Version of MuJoCo as installed."""
         return importlib.metadata.version("mujoco")
 
+    def form(self, scene: Scene, spec: RunSpec) -> str:
+        """The form that runs: the one asked for, else tree, or maximal where only that can model the scene."""
+        if spec.form is not None:
+            return spec.form
+        only_maximal = mujoco_models.obstacle(scene, "tree") and not mujoco_models.obstacle(scene, "maximal")
+        return "maximal" if only_maximal else "tree"
+
     def documented_order(self, scene: Scene, spec: RunSpec) -> int:
-        """Order 1 for the semi-implicit Euler family, 4 for RK4."""
-        return 4 if spec.method == "RK4" else 1
+        """Order 1 for the semi-implicit Euler family, 4 for RK4.
+
+        RK4 falls to 1 under tight equality constraints, whose time constant of two steps its stages do not resolve:
+        velocities are of order 1, positions of order 2. With the default softness the order is that towards the motion
+        of the softened system.
+        """
+        if spec.method != "RK4":
+            return 1
+        _, closing = mujoco_models.closures(scene, self.form(scene, spec))
+        return 1 if closing and spec.softness != "default" else 4
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
-        """All three: joint coordinates cannot leave a joint."""
-        return tree.LEVELS
+        """All three where joint coordinates do it; equality constraints are soft and hold none."""
+        _, closing = mujoco_models.closures(scene, self.form(scene, spec))
+        return frozenset() if closing else tree.LEVELS
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why MuJoCo cannot run this, or None."""
-        if spec.form not in (None, *self.forms):
-            return f"form {spec.form} is not built into this adapter; it has {', '.join(self.forms)}"
-        return tree.obstacle(scene, (*JOINTS, "fixed"))
+        form = self.form(scene, spec)
+        if form not in self.forms:
+            return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"
+        return mujoco_models.obstacle(scene, form)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` when MuJoCo warns or the state stops being finite."""
         import mujoco
 
-        links = tree.links(scene)
-        model = build(scene, spec.method, stepping.fixed_step(scene, spec)[1])
+        form, softness = self.form(scene, spec), spec.softness or "tight"
+        model = build(scene, spec.method, stepping.fixed_step(scene, spec)[1], form, softness)
         data = mujoco.MjData(model)
-        slots = _slots(model, links)
-        set_initial_state(scene, links, slots, data)
-        accelerate = _accelerations(model)
-
-        def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:
-            motions = [tree.motion(link, q[:, at_q], v[:, at_v], None if a is None else a[:, at_v])
-                       for link, (at_q, at_v) in zip(links, slots, strict=True)]
-            return tree.forward(links, motions, t, a is not None)
-
+        set_initial_state(scene, model, data)
+        accelerate, convert = _evaluation(scene, model)
         with _listening() as warnings:
             advance = _advance(model, data, warnings)
             raw = stepping.march(scene, spec, (data.qpos.copy(), data.qvel.copy()), advance, convert, accelerate)
-        raw.form = "tree"
+        raw.form = form
+        if model.neq:
+            raw.stats["softness"] = softness
         return raw
-
-
-def build(scene: Scene, method: str, step: float) -> Any:
-    """The compiled `mujoco.MjModel` of an open tree: body frames at the centres of mass, joints at the anchors."""
-    import mujoco
-
-    spec = mujoco.MjSpec()
-    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
-    spec.option.timestep = step
-    spec.option.gravity = scene.gravity
-    spec.option.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[method])
-    flags = mujoco.mjtDisableBit
-    spec.option.disableflags = flags.mjDSBL_CONTACT | flags.mjDSBL_AUTORESET
-    bodies = {GROUND: spec.worldbody}
-    for link in tree.links(scene):
-        body = bodies[link.parent].add_body(name=str(link.body), quat=link.zero if link.type != "spherical" else None)
-        zero = np.eye(3) if link.type == "spherical" else tree.rotation_from_quaternion(link.zero)
-        body.pos = link.parent_anchor - zero @ link.child_anchor
-        body.mass = scene.masses[link.body]
-        body.fullinertia = [scene.inertias[link.body][entry] for entry in LAYOUT_INERTIA]
-        body.ipos, body.explicitinertial = np.zeros(3), True
-        if link.dofs:
-            joint = body.add_joint(name=str(link.body), type=getattr(mujoco.mjtJoint, JOINTS[link.type]))
-            joint.pos = link.child_anchor
-            if link.type != "spherical":
-                joint.axis = link.axis
-        bodies[link.body] = body
-    return spec.compile()
-
-
-def _slots(model: Any, links: tuple[tree.Link, ...]) -> list[tuple[slice, slice]]:
-    """Where each link's coordinates sit in qpos and qvel: MuJoCo orders bodies depth first, whatever the scene does."""
-    slots = []
-    for link in links:
-        if not link.dofs:
-            slots.append((slice(0, 0), slice(0, 0)))
-            continue
-        joint = model.joint(str(link.body))
-        q, v = joint.qposadr[0], joint.dofadr[0]
-        slots.append((slice(q, q + link.dofs + (link.type == "spherical")), slice(v, v + link.dofs)))
-    return slots
-
-
-def set_initial_state(scene: Scene, links: tuple[tree.Link, ...], slots: list[tuple[slice, slice]], data: Any) -> None:
-    """Write the scene's initial state into `data`."""
-    for link, (at_q, at_v) in zip(links, slots, strict=True):
-        data.qpos[at_q], data.qvel[at_v] = tree.initial_coordinates(scene, link)
 
 
 @contextlib.contextmanager
@@ -140,22 +101,60 @@ def _listening() -> Iterator[list[str]]:
         mujoco.set_mju_user_warning(before)
 
 
-def _accelerations(model: Any) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """(q, v) -> qacc, row by row. After a step qacc belongs to the start of that step: hence a fresh evaluation."""
+def _evaluation(scene: Scene, model: Any) -> tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], stepping.Convert]:
+    """(q, v) -> qacc and (t, q, v, qacc) -> states, row by row, by MuJoCo's own dynamics and kinematics.
+
+    After a step qacc belongs to the start of that step, hence a fresh evaluation; it is done as for Euler, because for
+    discrete qacc is the change of the velocity over a step and no derivative.
+    """
     import mujoco
 
-    bench = mujoco.MjData(model)  # a second one, so that the run does not notice
-    forward, at_q, at_v, found = mujoco.mj_forward, bench.qpos, bench.qvel, bench.qacc
+    continuous = copy.copy(model)
+    continuous.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    bench = mujoco.MjData(continuous)  # a second one, so that the run does not notice
+    bodies = np.array([model.body(str(k)).id for k in range(scene.n)])
+    roots = model.body_rootid[bodies]
 
     def accelerate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         a = np.empty_like(v)
         for row in range(len(v)):
-            at_q[:], at_v[:] = q[row], v[row]
-            forward(model, bench)
-            a[row] = found
+            bench.qpos[:], bench.qvel[:] = q[row], v[row]
+            mujoco.mj_forward(continuous, bench)
+            a[row] = bench.qacc
         return a
 
-    return accelerate
+    def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:
+        x, R, centres = np.empty((len(t), scene.n, 3)), np.empty((len(t), scene.n, 9)), np.empty((len(t), scene.n, 3))
+        twists, rates = np.empty((2, len(t), scene.n, 6))
+        for row in range(len(t)):
+            bench.qpos[:], bench.qvel[:] = q[row], v[row]
+            mujoco.mj_kinematics(continuous, bench)
+            mujoco.mj_comPos(continuous, bench)
+            mujoco.mj_comVel(continuous, bench)
+            if a is not None:
+                bench.qacc[:] = a[row]
+                mujoco.mj_rnePostConstraint(continuous, bench)
+            x[row], R[row], centres[row] = bench.xpos[bodies], bench.xmat[bodies], bench.subtree_com[roots]
+            twists[row], rates[row] = bench.cvel[bodies], bench.cacc[bodies]
+        return _states(scene, t, x, R.reshape(*x.shape, 3), x - centres, twists, rates if a is not None else None)
+
+    return accelerate, convert
+
+
+def _states(scene: Scene, t: np.ndarray, x: np.ndarray, R: np.ndarray, arms: np.ndarray, twists: np.ndarray,
+            rates: np.ndarray | None) -> States:
+    """States from MuJoCo's spatial velocities and accelerations, (T, n, 6), rotation first, world axes.
+
+    They belong to the body's point in the centre of mass of its tree, from which `arms` (T, n, 3) lead to its own; the
+    accelerations carry minus the gravity.
+    """
+    spin, v = twists[..., :3], twists[..., 3:] + np.cross(twists[..., :3], arms)
+    states = States(t, x, R, v, np.einsum("tnji,tnj->tni", R, spin))
+    if rates is not None:
+        turn, shift = rates[..., :3], rates[..., 3:]
+        states.a = shift + np.cross(turn, arms) + np.cross(spin, v) + scene.gravity
+        states.alpha = np.einsum("tnji,tnj->tni", R, turn)
+    return states
 
 
 def _advance(model: Any, data: Any, warnings: list[str]) -> stepping.Advance:

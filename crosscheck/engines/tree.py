@@ -1,154 +1,93 @@
-"""Open kinematic trees: relative joint motion and the common convention, both ways, for the joint-coordinate engines.
+"""Kinematics of trees: joint coordinates and the common convention, both ways, for the joint-coordinate engines.
 
-A link is a joint seen from the ground outwards: it carries its body relative to its parent. Relative attitudes map
-body axes to the parent's axes; relative angular velocities are in body axes.
+Relative attitudes map body axes to the parent's axes; relative angular velocities are in body axes. What links are:
+`crosscheck.engines.links`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from crosscheck.scene import GROUND, Joint, Scene, rotation_from_quaternion
+from crosscheck.engines.links import CONJUGATE, IDENTITY, multiply, relative_attitude, relative_velocity, separation
+from crosscheck.engines.links import Link as Link
+from crosscheck.engines.links import links as links
+from crosscheck.engines.links import obstacle as obstacle
+from crosscheck.scene import GROUND, Scene, rotation_from_quaternion
 from crosscheck.states import States
 
-IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 LEVELS = frozenset({"position", "velocity", "acceleration"})
 """Joint coordinates hold every constraint level by construction."""
 
-
-@dataclasses.dataclass(frozen=True)
-class Link:
-    """A body and the joint that hangs it on its parent (body index, or -1 for the ground)."""
-
-    body: int
-    parent: int
-    type: str
-    parent_anchor: np.ndarray  # (3,) parent's frame, from its centre of mass; world for the ground
-    child_anchor: np.ndarray  # (3,) body frame, from the centre of mass
-    axis: np.ndarray  # (3,) unit, body frame; zero for a joint without an axis
-    zero: np.ndarray  # (4,) quaternion w, x, y, z of the relative attitude at zero joint coordinate
-
-    @property
-    def dofs(self) -> int:
-        """Degrees of freedom of the joint."""
-        return {"spherical": 3, "revolute": 1, "prismatic": 1, "fixed": 0}[self.type]
+Shift = tuple[np.ndarray, np.ndarray, np.ndarray | None]
 
 
 @dataclasses.dataclass
 class Motion:
-    """Relative motion of one link over T times: rotation, and travel along the axis where the joint slides."""
+    """Relative motion of one link over T times: rotation, and the joint's point where it moves on the parent."""
 
     R: np.ndarray  # (T, 3, 3)
     w: np.ndarray  # (T, 3)
     alpha: np.ndarray | None = None  # (T, 3) derivative of the components w
-    travel: tuple[np.ndarray, np.ndarray, np.ndarray | None] | None = None  # m, m/s, m/s^2, each (T,)
-
-
-def obstacle(scene: Scene, types: Iterable[str]) -> str | None:
-    """Why `scene` is no force-free open tree of joints of these `types`, or None where it is one."""
-    types = tuple(types)
-    if scene.forces:
-        return f"forces of type {scene.forces[0].type} are not built into this adapter; only gravity is"
-    for joint in scene.joints:
-        if joint.type not in types:
-            return f"joint {joint.name!r}: type {joint.type} is not built; this form has {', '.join(types)}"
-    if len(scene.joints) > scene.n or _order(scene) is None:
-        return "the joints do not form an open tree rooted in the ground (a loop, or a body that hangs on no joint)"
-    return None
-
-
-def links(scene: Scene) -> tuple[Link, ...]:
-    """The links of a scene without `obstacle`, parents before children."""
-    ordered = _order(scene)
-    if ordered is None:
-        raise ValueError(f"scene {scene.name!r} is no open tree")
-    return tuple(_link(scene, joint, outward) for joint, outward in ordered)
-
-
-def _order(scene: Scene) -> list[tuple[Joint, bool]] | None:
-    """Joints from the ground outwards, each with whether its child is the outer body; None if that is no tree."""
-    reached, left, ordered = {GROUND}, list(scene.joints), []
-    while left:
-        joint = next((joint for joint in left if (joint.parent in reached) != (joint.child in reached)), None)
-        if joint is None:
-            return None
-        ordered.append((joint, joint.parent in reached))
-        left.remove(joint)
-        reached |= {joint.parent, joint.child}
-    return ordered if len(reached) == scene.n + 1 else None
-
-
-def _link(scene: Scene, joint: Joint, outward: bool) -> Link:
-    axes = [np.zeros(3) if axis is None else axis for axis in (joint.parent_axis, joint.child_axis)]
-    ends = [(joint.parent, joint.parent_anchor, axes[0]), (joint.child, joint.child_anchor, axes[1])]
-    (parent, parent_anchor, parent_axis), (body, child_anchor, axis) = ends if outward else ends[::-1]
-    zero = IDENTITY
-    if joint.type == "revolute":
-        zero = _shortest_rotation(axis, parent_axis)
-    elif joint.type in ("prismatic", "fixed"):
-        zero = relative_attitude(scene, parent, body)
-    return Link(body, parent, joint.type, parent_anchor, child_anchor, axis, zero)
-
-
-def _shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Unit quaternion of the shortest rotation that takes the unit vector `start` to `end`."""
-    quaternion = np.concatenate([[1.0 + start @ end], np.cross(start, end)])
-    if np.linalg.norm(quaternion) < 1e-8:  # opposite vectors: half a turn about any axis across them
-        across = np.eye(3)[np.argmin(np.abs(start))]
-        quaternion = np.concatenate([[0.0], np.cross(start, across)])
-    return quaternion / np.linalg.norm(quaternion)
-
-
-def multiply(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Quaternion product of p and q, (4,), w first."""
-    return np.concatenate([[p[0] * q[0] - p[1:] @ q[1:]], p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])])
-
-
-def relative_attitude(scene: Scene, parent: int, body: int) -> np.ndarray:
-    """Initial attitude of `body` relative to `parent` as a quaternion w, x, y, z."""
-    attitude = scene.bodies[body].attitude
-    if parent == GROUND:
-        return attitude
-    return multiply(scene.bodies[parent].attitude * np.array([1.0, -1.0, -1.0, -1.0]), attitude)
+    shift: Shift | None = None  # m, m/s, m/s^2 as seen from the parent, its axes, each (T, 3)
 
 
 def initial_coordinates(scene: Scene, link: Link) -> tuple[np.ndarray, np.ndarray]:
-    """(joint position, joint velocity) at t = 0.
+    """(joint position, joint velocity) at t = 0, part by part.
 
-    Spherical: quaternion w, x, y, z and relative angular velocity in body axes. Revolute: angle (rad) about `axis`
-    and its rate. Prismatic: travel (m) along the axis and its rate. Fixed: nothing.
+    Ball: quaternion w, x, y, z and relative angular velocity in the axes it turns to. Turn: angle in (-pi, pi] (rad)
+    about its axis and its rate. Slide: travel (m) along its axis and its rate. A fixed link has none.
     """
     attitude = relative_attitude(scene, link.parent, link.body)
-    rotation = rotation_from_quaternion(attitude)
-    grounded = link.parent == GROUND
-    w_parent = np.zeros(3) if grounded else scene.w0[link.parent]
-    w = scene.w0[link.body] - rotation.T @ w_parent
-    if link.type == "spherical":
-        return attitude, w
-    if link.type == "revolute":
-        turn = multiply(link.zero * np.array([1.0, -1.0, -1.0, -1.0]), attitude)
-        angle = 2.0 * np.arctan2(turn[1:] @ link.axis, turn[0])
-        return np.array([np.remainder(angle + np.pi, 2 * np.pi) - np.pi]), np.array([w @ link.axis])
-    if link.type == "prismatic":
-        return _initial_travel(scene, link)
-    return np.zeros(0), np.zeros(0)
+    gap, rate = separation(scene, link.parent, link.body, link.parent_anchor, link.child_anchor)
+    q = _coordinates(link, attitude, gap)
+    w = relative_velocity(scene, link.parent, link.body)
+    unit = motion(link, np.tile(q, (link.dofs, 1)), np.eye(link.dofs), None)  # velocities are linear in the rates
+    shifting = np.zeros((link.dofs, 3)) if unit.shift is None else unit.shift[1]
+    columns = np.concatenate([unit.w, shifting], axis=1).T
+    return q, np.linalg.lstsq(columns, np.concatenate([w, rate]), rcond=None)[0]
 
 
-def _initial_travel(scene: Scene, link: Link) -> tuple[np.ndarray, np.ndarray]:
-    """Travel and its rate: the gap between the anchors and its velocity relative to the parent, along the axis."""
-    axis = scene.R0[link.body] @ link.axis
-    arm = scene.R0[link.body] @ link.child_anchor
-    end, speed = scene.x0[link.body] + arm, scene.v0[link.body] + scene.R0[link.body] @ np.cross(
-        scene.w0[link.body], link.child_anchor)
-    if link.parent == GROUND:
-        return np.array([axis @ (end - link.parent_anchor)]), np.array([axis @ speed])
-    R, w = scene.R0[link.parent], scene.w0[link.parent]
-    gap = end - scene.x0[link.parent] - R @ link.parent_anchor
-    carried = scene.v0[link.parent] + R @ np.cross(w, link.parent_anchor + R.T @ gap)
-    return np.array([axis @ gap]), np.array([axis @ (speed - carried)])
+def _coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """Joint position from the relative attitude and the gap between the anchors, the parent's axes."""
+    if link.type == "universal":
+        return np.array(_two_turns(link, multiply(link.zero * CONJUGATE, attitude)))
+    if link.type == "distance":
+        return _rod_coordinates(link, attitude, gap)
+    turned = multiply(link.zero * CONJUGATE, attitude)
+    outer_slides = link.parts[:1] and link.parts[0].kind == "ball"  # they lie in the axes the ball has turned to
+    reach = rotation_from_quaternion(attitude if outer_slides else link.zero).T @ gap
+    values: list[np.ndarray] = []
+    for part in link.parts:
+        if part.kind == "ball":
+            values.append(turned)
+        elif part.kind == "slide":
+            values.append(np.array([part.axis @ reach]))
+        else:
+            angle = 2.0 * np.arctan2(turned[1:] @ part.axis, turned[0])
+            values.append(np.array([np.remainder(angle + np.pi, 2 * np.pi) - np.pi]))
+    return np.concatenate(values) if values else np.zeros(0)
+
+
+def _two_turns(link: Link, turned: np.ndarray) -> tuple[float, float]:
+    """Angles of exp(first) exp(second) = `turned` about two axes at right angles."""
+    T, first, second = rotation_from_quaternion(turned), link.parts[0].axis, link.parts[1].axis
+    third = np.cross(first, second)
+    return (float(np.arctan2(third @ T @ second, second @ T @ second)),
+            float(np.arctan2(first @ T @ third, first @ T @ first)))
+
+
+def _rod_coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    first, rod = link.parts[0].axis, link.parts[2].offset
+    along, normal = rod / np.linalg.norm(rod), np.cross(first, rod / np.linalg.norm(rod))
+    angles = np.array([np.arctan2(gap @ normal, gap @ along),
+                       np.arctan2(gap @ first, np.hypot(gap @ normal, gap @ along))])
+    turned = IDENTITY
+    for part, angle in zip(link.parts, angles, strict=False):
+        turned = multiply(turned, np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * part.axis]))
+    return np.concatenate([angles, multiply(turned * CONJUGATE, attitude)])
 
 
 def turning(axis: np.ndarray, angle: np.ndarray, rate: np.ndarray, second: np.ndarray | None) -> Motion:
@@ -170,17 +109,41 @@ def compose(inner: Motion, outer: Motion) -> Motion:
 
 def motion(link: Link, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> Motion:
     """Relative motion from joint coordinates as in `initial_coordinates`, batched: q (T, nq), v and a (T, nv)."""
-    times = len(q)
-    zero = rotation_from_quaternion(link.zero)
-    if link.type == "spherical":
-        return Motion(rotation_from_quaternion(q / np.linalg.norm(q, axis=1, keepdims=True)), v, a)
-    still = np.zeros((times, 3))
-    if link.type == "revolute":
-        turn = turning(link.axis, q[:, 0], v[:, 0], None if a is None else a[:, 0])
-        return dataclasses.replace(turn, R=zero @ turn.R)
-    constant = np.broadcast_to(zero, (times, 3, 3))
-    travel = (q[:, 0], v[:, 0], None if a is None else a[:, 0]) if link.type == "prismatic" else None
-    return Motion(constant, still, still, travel)
+    still = np.zeros((len(q), 3))
+    turned = Motion(np.broadcast_to(rotation_from_quaternion(link.zero), (len(q), 3, 3)), still,
+                    None if a is None else still)
+    shift: Shift | None = None
+    at_q = at_v = 0
+    for part in link.parts:
+        own = q[:, at_q:at_q + part.coordinates]
+        rate, second = v[:, at_v:at_v + part.dofs], None if a is None else a[:, at_v:at_v + part.dofs]
+        at_q, at_v = at_q + part.coordinates, at_v + part.dofs
+        if np.any(part.offset):
+            shift = _shifted(shift, turned, still + part.offset, still, still)
+        if part.kind == "slide":
+            shift = _shifted(shift, turned, *(still if values is None else values * part.axis
+                                              for values in (own, rate, second)))
+        elif part.kind == "turn":
+            turn = turning(part.axis, own[:, 0], rate[:, 0], None if second is None else second[:, 0])
+            turned = compose(turned, turn)
+        else:
+            R = rotation_from_quaternion(own / np.linalg.norm(own, axis=1, keepdims=True))
+            turned = compose(turned, Motion(R, rate, second))
+    return dataclasses.replace(turned, shift=shift)
+
+
+def _shifted(shift: Shift | None, turned: Motion, d: np.ndarray, rate: np.ndarray, second: np.ndarray) -> Shift:
+    """`shift` with a displacement d (T, 3) added in axes that have `turned`, which carry it along."""
+    w = turned.w
+    speed = rate + np.cross(w, d)
+    added = _turn(turned.R, d), _turn(turned.R, speed)
+    acceleration = None
+    if turned.alpha is not None:
+        acceleration = _turn(turned.R, second + np.cross(turned.alpha, d) + np.cross(w, rate + speed))
+    if shift is None:
+        return (*added, acceleration)
+    last = None if acceleration is None or shift[2] is None else shift[2] + acceleration
+    return shift[0] + added[0], shift[1] + added[1], last
 
 
 def forward(chain: Sequence[Link], motions: Sequence[Motion], t: np.ndarray, accelerations: bool) -> States:
@@ -218,11 +181,10 @@ def _parent(states: States, link: Link) -> tuple[np.ndarray, np.ndarray, np.ndar
 def _slide(link: Link, relative: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Joint point in the parent's frame, its velocity and acceleration relative to that frame, each (T, 3)."""
     still = np.zeros((len(relative.R), 3))
-    if relative.travel is None:
+    if relative.shift is None:
         return still + link.parent_anchor, still, still
-    axis = rotation_from_quaternion(link.zero) @ link.axis
-    d, rate, second = (still[:, 0] if part is None else part for part in relative.travel)
-    return link.parent_anchor + np.outer(d, axis), np.outer(rate, axis), np.outer(second, axis)
+    d, rate, second = relative.shift
+    return link.parent_anchor + d, rate, still if second is None else second
 
 
 def _place(states: States, link: Link, relative: Motion) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -51,11 +52,17 @@ class Taylor:
         self.rank, self.shift = 0, 0.0
         self.relations: np.ndarray | None = None
         self._analyse_loops()
+        self._integrator = self.integrator(compact_mode=True, high_accuracy=True)
+        self._success = heyoka.taylor_outcome.time_limit
+
+    def integrator(self, tolerance: float | None = None, **options: bool) -> Any:
+        """A compiled Taylor integrator at the initial state; `options` are those of `heyoka.taylor_adaptive`."""
+        import heyoka
+
         symbols = [heyoka.make_vars(f"y{k}") for k in range(len(self.initial))]
         rates = [heyoka.expression(rate) if isinstance(rate, float | int) else rate for rate in self._rates(symbols)]
-        self._integrator = heyoka.taylor_adaptive(list(zip(symbols, rates, strict=True)), self.initial.tolist(),
-                                                  compact_mode=True, high_accuracy=True)
-        self._success = heyoka.taylor_outcome.time_limit
+        given = {} if tolerance is None else {"tol": tolerance}
+        return heyoka.taylor_adaptive(list(zip(symbols, rates, strict=True)), self.initial.tolist(), **given, **options)
 
     def _analyse_loops(self) -> None:
         """Relations that stand for the loops where they are linear; else how many of their rows are independent."""
@@ -172,20 +179,29 @@ class Taylor:
                              "a loop may pass a singular position there, or a spring of some length shrink to nothing")
         return states
 
-    def _checked(self, states: np.ndarray) -> np.ndarray:
-        """State vectors with their unit vectors at unit length, (T, dimension)."""
+    def normalised(self, states: np.ndarray) -> np.ndarray:
+        """State vectors (T, dimension) with their unit vectors scaled to unit length."""
         states = states.copy()
+        for unit in self._unit_vectors():
+            states[:, unit] /= np.linalg.norm(states[:, unit], axis=1, keepdims=True)
+        return states
+
+    def _unit_vectors(self) -> list[slice]:
+        """Where quaternions and directions stand in a state vector."""
+        units = []
         for link in self.tree.links:
             first, end = self.tree.coordinates[link.body].start, self.tree.coordinates[link.body].stop
-            units = [slice(first, first + 4)] if link.turn == FREE else []
+            units += [slice(first, first + 4)] if link.turn == FREE else []
             units += [slice(end - 3, end)] if link.shift == "sphere" else []
-            for unit in units:
-                norms = np.linalg.norm(states[:, unit], axis=1, keepdims=True)
-                drift = np.max(np.abs(norms - 1.0))
-                if drift > DRIFT:
-                    raise TruthError(f"{SOURCE}: unit vectors of {self.scene.name!r} drift by {drift:.1e}")
-                states[:, unit] /= norms
-        return states
+        return units
+
+    def _checked(self, states: np.ndarray) -> np.ndarray:
+        """State vectors with their unit vectors at unit length, (T, dimension)."""
+        for unit in self._unit_vectors():
+            drift = np.max(np.abs(np.linalg.norm(states[:, unit], axis=1) - 1.0))
+            if drift > DRIFT:
+                raise TruthError(f"{SOURCE}: unit vectors of {self.scene.name!r} drift by {drift:.1e}")
+        return self.normalised(states)
 
     def pose(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (T, n, 3) and attitudes (T, n, 3, 3) of state vectors; unit vectors are normalised here only."""

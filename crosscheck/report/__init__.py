@@ -7,50 +7,121 @@ script of Plotly beside them, data in script files, nothing from a network.
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
-from crosscheck.report import exports, pages
+from crosscheck.errors import ArgumentError
+from crosscheck.report import data, exports, names, pages
+
+STATIC = ("report.css", "theme.js", "tables.js", "plots.js", "study.js", "scene.js", "playback.js")
 
 
 def write_report(document: dict[str, Any], folder: Path) -> None:
-    """Write index.html, a page per scene, summary.md, results.csv, junit.xml and results.json into a new folder.
+    """Write the pages, their data, summary.md, results.csv, .parquet and .json and junit.xml into a new folder.
 
     Parameters
     ----------
     document : what `crosscheck.verify.Results.plain` returns
     folder : must not exist yet
     """
+    folder.mkdir(parents=True)
+    for name, content in _files(document):
+        _put(folder / name, content)
+    exports.write_parquet(document, folder / "results.parquet")
+
+
+def render_again(folder: Path) -> Path:
+    """Write the pages of a report anew from its results.json and curves; every file is replaced as a whole.
+
+    Returns the first page. Raises `ArgumentError` where the folder holds no report.
+    """
+    document = load_report(folder)
+    kept = {path.name for path in folder.iterdir()}
+    for name, content in _files(document):
+        if name != "results.json":
+            _put(folder / name, content)
+            kept.discard(name)
+    exports.write_parquet(document, folder / "results.parquet")
+    # Pages of a former layout would lead nowhere.
+    for name in kept:
+        if name.endswith((".html", ".js")) and is_file_of_report(folder / name):
+            (folder / name).unlink()
+    return folder / "index.html"
+
+
+def load_report(folder: Path) -> dict[str, Any]:
+    """The document of a report that was written into `folder`, with its curves.
+
+    Raises `ArgumentError` where results.json is missing, is no report or has another schema.
+    """
+    from crosscheck.report.schema import read_document
+
+    document = read_document(folder / "results.json")
+    for scene in document["scenes"]:
+        scene["curves"], runs = {}, {}
+        path = folder / names.data_file(scene)
+        if "failure" not in scene and path.exists():
+            try:
+                content = data.read_curves(path.read_text(encoding="utf-8"))
+            except (OSError, ValueError) as error:
+                raise ArgumentError(f"{path}: the curves cannot be read ({error}); run `crosscheck verify` again"
+                                    ) from None
+            scene["curves"], runs = content["scene"], content["runs"]
+        for record in document["records"]:
+            if record["scene"] == scene["name"]:
+                record["curves"] = runs.get(record["label"], {})
+    return document
+
+
+def pages_in_order(folder: Path) -> list[Path]:
+    """The pages of a report as a reader would turn them: overview, scenes, studies, engines."""
+    return [folder / "index.html", *(page for kind in ("scene", "study", "engine")
+                                     for page in sorted(folder.glob(f"{kind}-*.html")))]
+
+
+def _files(document: dict[str, Any]) -> Any:
+    """Name and text of every file of a report but Parquet."""
     import plotly.offline
 
-    folder.mkdir(parents=True)
-    write = _writer(folder)
-    write("index.html", pages.index(document))
+    yield "index.html", pages.index(document)
     for scene in document["scenes"]:
         if "failure" not in scene:
-            write(pages.scene_file(scene), pages.scene(document, scene))
-            write(pages.data_file(scene), pages.scene_data(document, scene))
-    for name in ("report.css", "report.js"):
-        write(name, (pages.HERE / "static" / name).read_text(encoding="utf-8"))
-    write("plotly.min.js", plotly.offline.get_plotlyjs())
-    write("summary.md", pages.summary(document))
-    write("results.csv", exports.table(document))
-    write("junit.xml", exports.junit(document))
-    write("results.json", json.dumps(exports.without_curves(document), indent=1, allow_nan=False))
+            yield names.scene_file(scene), pages.scene(document, scene)
+            yield names.data_file(scene), data.curves_script(document, scene)
+    for engine in document["meta"]["engines"]:
+        yield names.engine_file(engine), pages.engine(document, engine)
+    for key in pages.studies(document):
+        yield names.study_file(key), pages.study(document, key)
+    for name in STATIC:
+        yield name, (pages.HERE / "static" / name).read_text(encoding="utf-8")
+    yield "plotly.min.js", plotly.offline.get_plotlyjs()
+    yield "runs.js", data.runs_script(document)
+    yield "summary.md", pages.summary(document)
+    yield "results.csv", exports.table(document)
+    yield "junit.xml", exports.junit(document)
+    yield "results.json", json.dumps(exports.without_curves(document), separators=(",", ":"), allow_nan=False)
 
 
-FILES = frozenset({"index.html", "report.css", "report.js", "plotly.min.js", "summary.md", "results.csv", "junit.xml",
-                   "results.json"})
-"""What every report holds, beside the pages and curves of its scenes."""
+def _put(path: Path, text: str) -> None:
+    """Write a file such that a reader sees the old one or the new one, never a part."""
+    aside = path.with_name(f".{path.name}.new")
+    aside.write_text(text, encoding="utf-8")
+    os.replace(aside, path)
+
+
+FILES = frozenset({"index.html", "plotly.min.js", "runs.js", "summary.md", "results.csv", "results.parquet",
+                   "junit.xml", "results.json", "report.pdf", *STATIC})
+"""What a report may hold, beside the pages and curves of its scenes, engines and studies, and the folder of figures."""
+
+FIGURES = "figures"
 
 
 def is_file_of_report(path: Path) -> bool:
-    """Whether a report writes a file of this name."""
-    scene = path.name.startswith("scene-") and path.suffix in (".html", ".js")
-    return path.is_file() and not path.is_symlink() and (path.name in FILES or scene)
-
-
-def _writer(folder: Path) -> Any:
-    def write(name: str, text: str) -> None:
-        (folder / name).write_text(text, encoding="utf-8")
-    return write
+    """Whether a report writes a file, or the folder of figures, of this name."""
+    if path.is_symlink():
+        return False
+    if path.is_dir():
+        return path.name == FIGURES and all(each.suffix == ".svg" for each in path.iterdir())
+    page = path.name.startswith(("scene-", "engine-", "study-")) and path.suffix in (".html", ".js")
+    return path.is_file() and (path.name in FILES or page)

@@ -75,3 +75,13 @@ def sentence(record: dict[str, Any]) -> str:
         return f"{kind} {number(worst['value'], 3)}, {relation} {number(worst['bound'], 3)}"
     relation = "within" if worst["status"] == "ok" else "beyond"
     return f"{kind} {number(worst['value'])}{unit}, {relation} {number(worst['bound'])}{unit}"
+
+
+def plain_number(value: float | None) -> str:
+    """A figure for a table to sort by; empty where there is none."""
+    return "" if value is None else f"{value:.6g}"
+
+
+def spoken(name: str) -> str:
+    """A name for a heading: without underscores."""
+    return name.replace("_", " ")

@@ -11,11 +11,16 @@ from typing import Any
 import numpy as np
 
 from crosscheck import tolerances
+from crosscheck.continuity import judge_continuity
 from crosscheck.errors import EngineError, Unsupported
 from crosscheck.metrics import QUANTITIES, errors
+from crosscheck.overrides import override
 from crosscheck.provenance import NOT_INSTALLED, engine_version
 from crosscheck.references.base import Reference
+from crosscheck.richardson import judge_limit
+from crosscheck.rounding import rounding_levels
 from crosscheck.scene import Scene
+from crosscheck.studies.curves import run_curves, scene_curves
 from crosscheck.studies.plan import PLANS, RTOLS, STUDY_SAMPLES, ScenePlan, plan_from_truth, plan_without_truth
 from crosscheck.verdict import (
     Finding,
@@ -28,9 +33,7 @@ from crosscheck.verdict import (
     judge_without_truth,
     settle,
 )
-
-CURVE_DIGITS = 5
-"""Significant digits of the curves kept for the report; every judged figure is kept in full."""
+from crosscheck.workers import output
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +51,7 @@ class Cell:
     default_form: bool = True
     no_truth: str = ""  # why the scene has none; then only what needs none is judged
     practical: bool = False  # runs at the plan's practical step, far too coarse for bounds of states
+    overrides: tuple[tuple[str, float, str], ...] = ()  # bounds set by the user, see `crosscheck.overrides`
 
     @property
     def label(self) -> str:
@@ -60,7 +64,7 @@ def load(name: str, plan: ScenePlan, whole: bool = True) -> Scene:
     from crosscheck.scene_file import load_scene
 
     scene = load_scene(name)
-    duration = scene.duration if whole else min(plan.window, scene.duration)
+    duration = min((plan.duration or scene.duration) if whole else plan.window, scene.duration)
     return scene.replace(duration=duration, samples=plan.samples)
 
 
@@ -69,10 +73,11 @@ def windowed(scene: Scene, window: float) -> Scene:
     return scene.replace(duration=min(window, scene.duration), samples=STUDY_SAMPLES)
 
 
-def prepare_truth(task: tuple[str, bool]) -> dict[str, Any]:
+def prepare_truth(task: tuple[Any, ...]) -> dict[str, Any]:
     """Compute (or find in the cache) the truths a scene's cells need, and choose its plan.
 
-    `task`: name or path, and whether main runs cover the whole scene. Returns what the report says about the scene, and
+    `task`: name or path, whether main runs cover the whole scene and, where the steps are to keep to a budget,
+    how many they may be, see `crosscheck.studies.budget`. Returns what the report says about the scene, and
     the plan under the key "plan"; for a scene without truth, why under "no_truth", and whether two formulations of it
     disagreed under "disputed".
     """
@@ -81,32 +86,34 @@ def prepare_truth(task: tuple[str, bool]) -> dict[str, Any]:
     try:
         return _described(*task)
     except (Unsupported, TruthError) as error:
-        return _described_without_truth(task[0], error)
+        return _described_without_truth(task[0], task[1], error)
 
 
-def _described_without_truth(name: str, error: Exception) -> dict[str, Any]:
+def _described_without_truth(name: str, whole: bool, error: Exception) -> dict[str, Any]:
     from crosscheck.scene_file import load_scene
 
     scene = load_scene(name)
+    plan = PLANS.get(name) or plan_without_truth(scene)
     return {"name": name, "title": scene.name, "description": scene.description, "source": scene.source,
             "hash": scene.hash, "bodies": [body.name for body in scene.bodies], "duration": scene.duration,
-            "plan": PLANS.get(name) or plan_without_truth(scene), "truth": None, "scales": {}, "curves": {},
+            "plan": plan, "truth": None, "scales": {}, "curves": scene_curves(load(name, plan, whole), None),
             "no_truth": " ".join(str(error).split()), "disputed": not isinstance(error, Unsupported)}
 
 
-def _described(name: str, whole: bool) -> dict[str, Any]:
+def _described(name: str, whole: bool, most_steps: int | None = None) -> dict[str, Any]:
     """What the report says about a scene whose truth is known."""
-    from crosscheck import mechanics
     from crosscheck.references import truth
     from crosscheck.scene_file import load_scene
+    from crosscheck.studies.budget import plan_within
 
-    short = windowed(load_scene(name), PLANS[name].window if name in PLANS else 1.0)
-    window = truth(short)
-    plan = PLANS.get(name) or plan_from_truth(short, window)
+    if most_steps is None:
+        short = windowed(load_scene(name), PLANS[name].window if name in PLANS else 1.0)
+        window = truth(short)
+        plan = PLANS.get(name) or plan_from_truth(short, window)
+    else:
+        plan = plan_within(load_scene(name), name, most_steps)
     scene = load(name, plan, whole)
     reference = truth(scene)
-    kinetic = mechanics.kinetic_energy(scene, reference.states)
-    total = mechanics.energy(scene, reference.states)
     return {
         "name": name, "title": scene.name, "description": scene.description, "source": scene.source,
         "hash": scene.hash, "bodies": [body.name for body in scene.bodies], "duration": scene.duration, "plan": plan,
@@ -114,9 +121,8 @@ def _described(name: str, whole: bool) -> dict[str, Any]:
                   "disagreement": reference.disagreement, "allowed": reference.allowed,
                   "amplification": reference.amplification, "horizon": reference.horizon},
         "scales": dataclasses.asdict(tolerances.scales(scene, reference)),
-        "curves": {"t": _short(reference.t), "x": _short(np.moveaxis(reference.states.x, 0, -1)),
-                   "R": _short(_attitude_elements(reference.states.R)),
-                   "kinetic": _short(kinetic), "potential": _short(total - kinetic), "total": _short(total)},
+        "rounding": rounding_levels(scene, reference),
+        "curves": scene_curves(scene, reference),
     }
 
 
@@ -144,13 +150,16 @@ def run_cell(cell: Cell) -> Record:
         record.outcome, record.message = "unsupported", reason
         return record
     if cell.no_truth:
-        _unjudged_run(record, scene, engine.held_levels(scene, spec), cell.no_truth)
+        _unjudged_run(record, scene, engine.held_levels(scene, spec), cell)
         return record
     reference, window = truth(scene), truth(windowed(scene, cell.plan.window))
     _main_run(record, scene, reference, window, engine.held_levels(scene, spec))
     if cell.study and record.outcome != "unsupported":
         _order_study(record, cell, windowed(scene, cell.plan.window), window)
-    return settle(record) if record.outcome != "unsupported" else record
+    if record.outcome == "unsupported":
+        return record
+    override(record, cell.overrides)
+    return settle(record)
 
 
 def command(cell: Cell, step: float | None, rtol: float | None) -> str:
@@ -158,7 +167,8 @@ def command(cell: Cell, step: float | None, rtol: float | None) -> str:
     words = ["crosscheck", "run", cell.scene, "--engine", cell.engine, "--method", cell.method]
     words += ["--step", repr(step)] if step is not None else ["--rtol", repr(rtol)]
     words += ["--form", cell.form] if cell.form else []
-    words += [] if cell.whole else ["--duration", repr(cell.plan.window)]
+    if not cell.whole or cell.plan.duration:
+        words += ["--duration", repr(cell.plan.duration if cell.whole else cell.plan.window)]
     return shlex.join([*words, "--samples", str(cell.plan.samples), "--csv", "run.csv"])
 
 
@@ -199,7 +209,7 @@ def _main_run(record: Record, scene: Scene, reference: Reference, window: Refere
         findings += judge_invariants(scene, traj, reference, bounds)
         record.judged_until = bounds.until
     levels = judge_levels(scene, traj, reference, bounds, held, maxima)
-    record.findings += findings + levels
+    record.findings += findings + levels + judge_continuity(scene, traj, reference)
     _judge_orthogonality(record, traj, maxima)
     record.errors = {name: {"unit": error.unit, "end": error.end, "max": error.max, "time": error.time,
                             "body": error.body}
@@ -209,7 +219,7 @@ def _main_run(record: Record, scene: Scene, reference: Reference, window: Refere
             record.errors[finding.kind] |= {"judged": finding.value, "bound": finding.bound, "why": finding.why}
     _keep_levels(record, traj, levels, held, maxima)
     _totals(record, scene, traj, reference, maxima)
-    record.curves = _curves(scene, traj, found, reference)
+    record.curves = run_curves(scene, traj, found, reference)
 
 
 def _whole_run(record: Record, scene: Scene) -> Any:
@@ -226,7 +236,7 @@ def _whole_run(record: Record, scene: Scene) -> Any:
     return traj
 
 
-def _unjudged_run(record: Record, scene: Scene, held: frozenset[str], reason: str) -> None:
+def _unjudged_run(record: Record, scene: Scene, held: frozenset[str], cell: Cell) -> None:
     """Run and judge what needs no truth: energy, held constraint levels, orthogonality."""
     from crosscheck.trajectory import MAXIMA
 
@@ -240,9 +250,10 @@ def _unjudged_run(record: Record, scene: Scene, held: frozenset[str], reason: st
         _judge_orthogonality(record, traj, maxima)
         _keep_levels(record, traj, levels, held, maxima)
         _totals(record, scene, traj, None, maxima)
-        record.curves = _curves(scene, traj, {}, None)
+        record.curves = run_curves(scene, traj, {}, None)
+    override(record, cell.overrides)
     if settle(record).outcome == "pass":
-        record.outcome, record.message = "unjudged", f"unjudged: no truth ({reason})"
+        record.outcome, record.message = "unjudged", f"unjudged: no truth ({cell.no_truth})"
 
 
 def _judge_orthogonality(record: Record, traj: Any, maxima: dict[str, float]) -> None:
@@ -281,6 +292,7 @@ def _order_study(record: Record, cell: Cell, scene: Scene, reference: Reference)
     """Errors at halved steps (or tightened tolerances) over the window, and the orders they show."""
     order = record.documented_order
     sizes = cell.plan.ladder(order, cell.rungs) if order is not None else RTOLS[:cell.rungs]
+    runs: list[tuple[float, Any]] = []
     for size in sizes:
         step, rtol = (size, None) if order is not None else (None, size)
         traj = _attempt(scene, record, cell.form, step, rtol, monitor=False)
@@ -288,7 +300,8 @@ def _order_study(record: Record, cell: Cell, scene: Scene, reference: Reference)
         if isinstance(traj, str):
             rung["message"] = traj.splitlines()[0] if traj else record.message
         else:
-            found = errors(scene, traj, reference.states)
+            found = errors(scene, traj, reference.states, reference.horizon)
+            runs.append((traj.stats.get("step") or size, traj))
             rung |= {"step": traj.stats.get("step") or step, "wall_time": float(traj.wall_time),
                      "steps": int(traj.steps), "errors": {name: error.max for name, error in found.items()},
                      "end": {name: error.end for name, error in found.items()}}
@@ -303,7 +316,8 @@ def _order_study(record: Record, cell: Cell, scene: Scene, reference: Reference)
     for rung in record.ladder:
         start = first["errors"].get("position")
         rung["guide"] = None if start is None else start * (rung["step"] / first["step"]) ** order
-    record.findings += findings
+    low = frozenset(each.kind.removeprefix("order ") for each in findings if each.status == "fail")
+    record.findings += [*findings, *judge_limit(scene, runs, reference, order, orders, low)]
     record.orders = {name: {"observed": result.observed, "documented": order, "used": result.used,
                             "pairs": list(result.pairs), "note": result.note} for name, result in orders.items()}
 
@@ -334,6 +348,7 @@ def time_cells(timing: Timing) -> list[list[dict[str, Any]]]:
     points: list[dict[tuple[int, float], list[Any]]] = [{} for _ in timing.cells]
     for _ in range(timing.repeats):
         for index, (cell, order) in enumerate(zip(timing.cells, timing.orders, strict=True)):
+            output.at(str(index))
             record = Record(cell.scene, cell.engine, "", cell.method, cell.form, None, None, order, "")
             sizes = cell.plan.ladder(order) if order is not None else RTOLS
             for rung, size in enumerate((*sizes, *timing.main[index:index + 1])):
@@ -358,33 +373,3 @@ def _timed(scene: Scene, size: float, order: int | None, trajs: list[Any], end: 
             "seconds_per_second": wall / scene.duration,
             "seconds_deviation": statistics.median(abs(each - wall) for each in walls) / scene.duration,
             "error": found["position"].end}
-
-
-def _curves(scene: Scene, traj: Any, found: dict[str, Any], reference: Reference | None) -> dict[str, Any]:
-    from crosscheck import mechanics
-
-    kinetic = mechanics.kinetic_energy(scene, traj)
-    # Against the true energy, which loads and dampers change; it is constant on most scenes.
-    exact = traj if reference is None else reference.states
-    expected = traj.energy[0] if reference is None else mechanics.energy(scene, exact)
-    astray = np.abs(traj.energy - expected) / mechanics.kinetic_energy(scene, exact).max()
-    curves = {"t": _short(traj.t), "x": _short(np.moveaxis(traj.x, 0, -1)), "R": _short(_attitude_elements(traj.R)),
-              "kinetic": _short(kinetic), "potential": _short(traj.energy - kinetic), "total": _short(traj.energy),
-              "energy": _short(astray), "orthogonality": _short(traj.orthogonality),
-              "errors": {name: _short(error.series) for name, error in found.items()}}
-    for level in ("position", "velocity", "acceleration"):
-        series = getattr(traj, f"constraint_{level}")
-        curves[f"constraint {level}"] = None if series is None else _short(series)
-    return curves
-
-
-def _attitude_elements(R: np.ndarray) -> np.ndarray:
-    """(n, 9, T): the nine elements, row by row, of the attitude of every body."""
-    return np.moveaxis(R.reshape(*R.shape[:2], 9), 0, -1)
-
-
-def _short(values: np.ndarray) -> Any:
-    """Nested lists of numbers with the digits a plot can show; None where a value is not finite."""
-    if np.ndim(values) > 1:
-        return [_short(row) for row in values]
-    return [float(f"{value:.{CURVE_DIGITS}g}") if np.isfinite(value) else None for value in values]

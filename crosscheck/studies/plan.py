@@ -30,6 +30,7 @@ class ScenePlan:
     rtol: float = 1e-9
     practical: float | None = None  # s; first-order methods also run at this step, for what a user meets who starts so
     samples: int = 251  # output times of the main run: smooth curves on a screen, and no more
+    duration: float | None = None  # s; main runs end here where the scene itself is longer
 
     def step(self, order: int) -> float:
         """Step (s) of the main run of a method of this order."""
@@ -97,11 +98,16 @@ def plan_from_truth(scene: Scene, truth: Reference) -> ScenePlan:
 
 def plan_without_truth(scene: Scene) -> ScenePlan:
     """Steps for a scene whose truth nobody knows: shares of the time in which it falls or turns by about a radian."""
-    levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
-    fall = float(np.sqrt(np.linalg.norm(scene.gravity) / max([*levers, 0.1])))
-    unit = 1.0 / max(fall, float(np.linalg.norm(scene.w0, axis=-1).max()), 1.0 / scene.duration)
+    unit = natural_time(scene)
     steps = {order: _readable(min(share * unit, scene.duration / 20)) for order, share in ((1, 1e-3), (2, 1e-2))}
     return ScenePlan(min(1.0, scene.duration), steps, {})
+
+
+def natural_time(scene: Scene) -> float:
+    """Time (s) in which the scene falls or turns by about a radian, at most its duration."""
+    levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
+    fall = float(np.sqrt(np.linalg.norm(scene.gravity) / max([*levers, 0.1])))
+    return 1.0 / max(fall, float(np.linalg.norm(scene.w0, axis=-1).max()), 1.0 / scene.duration)
 
 
 def _readable(step: float) -> float:
@@ -126,11 +132,15 @@ class Profile:
     whole: bool  # main runs over the whole scene, not only its first window
     forms: bool  # also the model forms that are not an engine's default
     timing: int  # repeats of the timing study; 0: none
+    most_steps: int | None = None  # of a main run of one body; None: as many as the bounds ask for
+    every_scene: bool = False  # all scenes of the library, not only those with a plan
+    speed: int = 0  # rounds of the speed study, which compares with a calibration kernel; 0: none
 
 
 PROFILES = {
     "default": Profile("default", None, True, True, 3),
     "smoke": Profile("smoke", 3, False, False, 0),
+    "full": Profile("full", None, True, True, 0, most_steps=20_000, every_scene=True, speed=3),
 }
 
 

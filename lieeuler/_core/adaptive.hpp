@@ -1,6 +1,8 @@
 // Runs with steps of their own choice: stepping, sampling between steps, watching every step, ending with a status.
 #pragma once
 
+#include <optional>
+
 #include "loop.hpp"
 #include "projection.hpp"
 
@@ -23,7 +25,7 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
   const FlushDenormals flush;
   Outcome outcome;
   Monitor monitor(system, monitored);
-  Projection projection(system);
+  std::optional<Projection> projection;  // of samples between steps
   State sample(system);
   double reached = t_eval.front();
   auto end = [&](Status status) {
@@ -35,7 +37,6 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
   };
   if (const Status status = stepper.start(initial, t_eval.front(), t_eval.back(), rtol); status != Status::success)
     return end(status);
-  if (const Status status = projection.start(stepper.state()); status != Status::success) return end(status);
   if (!is_finite(stepper.state())) return end(Status::non_finite);
   monitor.start(stepper.state(), stepper.joints());
   record(outcome.samples++, stepper.state());
@@ -51,9 +52,14 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
         record(outcome.samples++, stepper.state());
         continue;
       }
-      Status status = stepper.dense(t_eval[next], sample, outcome.counters);
+      Status status = Status::success;
+      if (!projection) {
+        projection.emplace(system);
+        status = projection->start(initial);
+      }
+      if (status == Status::success) status = stepper.dense(t_eval[next], sample, outcome.counters);
       if (status == Status::success)
-        status = projection.project(sample, Scales::of(system, sample), outcome.counters);
+        status = projection->project(sample, Scales::of(system, sample), outcome.counters);
       if (status == Status::success && !is_finite(sample)) status = Status::non_finite;
       if (status != Status::success) return end(status);
       record(outcome.samples++, sample);

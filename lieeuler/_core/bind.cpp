@@ -2,12 +2,14 @@
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 #include <chrono>
 
 #include "adaptive.hpp"
+#include "extrapolation.hpp"
 #include "rkmk.hpp"
 #include "taylor.hpp"
 
@@ -195,24 +197,27 @@ nb::dict integrate_runge_kutta(const System& system, const Tableau& tableau, con
 }
 
 // t_eval starts at zero.
-nb::dict integrate_adaptive(const System& system, const Tableau& tableau, const Array& x, const Array& R,
-                            const Array& v, const Array& w, const std::vector<double>& t_eval, double rtol,
-                            bool monitored) {
+template <class Stepper>
+nb::dict integrate_adaptive(Stepper& stepper, const System& system, const Array& x, const Array& R, const Array& v,
+                            const Array& w, const std::vector<double>& t_eval, double rtol, bool monitored) {
   const State initial = make_state(system, x, R, v, w);
   return execute(system, t_eval.size(), [&](const Record& record, const Interrupted& interrupted) {
-    AdaptiveMuntheKaas stepper(system, tableau);
     return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
   });
 }
 
-// t_eval starts at zero.
-nb::dict integrate_taylor(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
-                          const std::vector<double>& t_eval, double rtol, bool monitored) {
-  const State initial = make_state(system, x, R, v, w);
-  TaylorStepper stepper(system);
-  return execute(system, t_eval.size(), [&](const Record& record, const Interrupted& interrupted) {
-    return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
-  });
+nb::dict integrate_adaptive_runge_kutta(const System& system, const Tableau& tableau, const Array& x, const Array& R,
+                                        const Array& v, const Array& w, const std::vector<double>& t_eval, double rtol,
+                                        bool monitored) {
+  AdaptiveMuntheKaas stepper(system, tableau);
+  return integrate_adaptive(stepper, system, x, R, v, w, t_eval, rtol, monitored);
+}
+
+template <class Stepper>
+nb::dict integrate_adaptive_by(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
+                               const std::vector<double>& t_eval, double rtol, bool monitored) {
+  Stepper stepper(system);
+  return integrate_adaptive(stepper, system, x, R, v, w, t_eval, rtol, monitored);
 }
 
 // Taylor coefficients of x, R and w about a state, order by order, from a stepper's expansion. For tests.
@@ -235,6 +240,22 @@ nb::dict taylor_coefficients(const System& system, const Array& x, const Array& 
   result["R"] = make_array(Rs, {count, n, 3, 3});
   result["w"] = make_array(ws, {count, n, 3});
   return result;
+}
+
+// Largest entries of Phi and of G u.
+std::pair<double, double> constraint_levels(const System& system, const Array& x, const Array& R, const Array& v,
+                                            const Array& w) {
+  const State state = make_state(system, x, R, v, w);
+  double position = 0, velocity = 0;
+  for (const Joint& joint : system.joints) {
+    JointState here;
+    here.update(joint, state.frames);
+    for (const Part& part : joint.parts) {
+      position = std::max(position, here.position(part).cwiseAbs().maxCoeff());
+      velocity = std::max(velocity, here.velocity(part, state.u[joint.parent], state.u[joint.child]).cwiseAbs().maxCoeff());
+    }
+  }
+  return {position, velocity};
 }
 
 // Phi, G, gamma, d(G u)/dq and d(gamma)/du of a state, dense; and d(G^T lam)/dq. For tests.
@@ -363,10 +384,12 @@ NB_MODULE(_kernel, m) {
       });
   m.def("integrate", &integrate);
   m.def("integrate_runge_kutta", &integrate_runge_kutta);
-  m.def("integrate_adaptive", &integrate_adaptive);
-  m.def("integrate_taylor", &integrate_taylor);
+  m.def("integrate_adaptive_runge_kutta", &integrate_adaptive_runge_kutta);
+  m.def("integrate_seulex", &integrate_adaptive_by<Extrapolation>);
+  m.def("integrate_taylor", &integrate_adaptive_by<TaylorStepper>);
   m.def("taylor_coefficients", &taylor_coefficients);
   m.def("constraints", &constraints);
+  m.def("constraint_levels", &constraint_levels);
   m.def("forces", &forces);
   m.def("map_values", [](const std::string& map, const Vec3& xi, const Mat3& J, double h) {
     return map == "cayley" ? map_values<CayleyMap>(xi, J, h)

@@ -2,7 +2,8 @@
 //
 // M is constant and block diagonal, so bodies leave  M y + Gc^T lam = f,  G y = g  at the cost of a few 3 x 3 products and
 // what is left couples the joints that share a body. A body with many joints would tie each of them to every other: such a
-// hub stays among the unknowns, and the cost stays proportional to the number of bodies.
+// hub stays among the unknowns, and the cost stays proportional to the number of bodies. So do all bodies where joints
+// close loops: S alone would lose digits there near singular positions.
 #pragma once
 
 #include "kinematics.hpp"
@@ -23,8 +24,10 @@ class Delassus {
         ends_.push_back(make_end(k, side, body));
       }
     int hubs = 0;
+    const bool loops = !elimination_order(system).loops.empty();
     for (int b = 0; b < system.n(); ++b)
-      if (ends_at[b].size() > kMostEnds) hub_[b] = nodes_.parts() + 2 * hubs++;
+      if (loops || ends_at[b].size() > kMostEnds) hub_[b] = nodes_.parts() + 2 * hubs++;
+    for (const std::vector<int>& ends : ends_at) write_out_translations(ends);
     plan(ends_at);
     for (int b = 0; b < system.n(); ++b)
       if (hub_[b] < 0)
@@ -62,16 +65,16 @@ class Delassus {
       const Rows G = rows[end.joint].jacobian(*end.part_data, end.side);
       set_columns(end, same ? G : columns[end.joint].jacobian(*end.part_data, end.side));
       put(end.G, G.w);
-      if (end.translation == Translation::full) put(end.Gv, G.v);
+      if (end.translation == Translation::full) put(full_[end.full].Gv, G.v);
     }
     for (const Pair& pair : pairs_) {
       const End &row = ends_[pair.row], &column = ends_[pair.column];
       subtract_product(row.G, column.W, pair.block);
       if (row.translation == Translation::none || column.translation == Translation::none) continue;
       if (row.translation == Translation::unit && column.translation == Translation::unit)
-        for (int i = 0; i < 3; ++i) pair.block[(kRow + 1) * i] -= row.Gv[0] * column.Wv[0];
+        for (int i = 0; i < 3; ++i) pair.block[(kRow + 1) * i] -= row.sign * column.mobility;
       else
-        subtract_product(row.Gv, column.Wv, pair.block);
+        subtract_product(full_[row.full].Gv, full_[column.full].Wv, pair.block);
     }
     assemble_hubs(rows, columns);
   }
@@ -93,9 +96,9 @@ class Delassus {
       double* const row = rhs_.data() + 3 * end.part;
       subtract(end.G, f[end.body].w.data(), row);
       if (end.translation == Translation::unit)
-        for (int i = 0; i < 3; ++i) row[i] -= end.Gv[0] * f[end.body].v[i];
+        for (int i = 0; i < 3; ++i) row[i] -= end.sign * f[end.body].v[i];
       else if (end.translation == Translation::full)
-        subtract(end.Gv, f[end.body].v.data(), row);
+        subtract(full_[end.full].Gv, f[end.body].v.data(), row);
     }
     lu_.solve(rhs_.data());
     adjust(rhs_.data());
@@ -104,9 +107,9 @@ class Delassus {
       const double* const lam = rhs_.data() + 3 * end.part;
       subtract(end.W, lam, f[end.body].w.data());
       if (end.translation == Translation::unit)
-        for (int i = 0; i < 3; ++i) f[end.body].v[i] -= end.Wv[0] * lam[i];
+        for (int i = 0; i < 3; ++i) f[end.body].v[i] -= end.mobility * lam[i];
       else if (end.translation == Translation::full)
-        subtract(end.Wv, lam, f[end.body].v.data());
+        subtract(full_[end.full].Wv, lam, f[end.body].v.data());
     }
     for (int b = 0; b < system_.n(); ++b)
       if (hub_[b] >= 0) f[b] = load(rhs_.data() + 3 * hub_[b]);
@@ -127,7 +130,13 @@ class Delassus {
     Side side;
     const Part* part_data;
     Translation translation;
-    double G[kBlock] = {}, W[kBlock] = {}, Gv[kBlock] = {}, Wv[kBlock] = {};
+    double G[kBlock] = {}, W[kBlock] = {};
+    double sign = 0, mobility = 0;  // a unit translation's, and over the mass
+    int full = -1;                  // place of the translations that are more than that
+  };
+  // V and M^-1 Vc^T of an end.
+  struct Full {
+    double Gv[kBlock] = {}, Wv[kBlock] = {};
   };
   struct Pair {
     int row, column;
@@ -138,16 +147,29 @@ class Delassus {
     End end{k, nodes_.part(k).joint, body, side, &part(k), Translation::none};
     if (part(k).translational()) end.translation = part(k).spherical ? Translation::unit : Translation::full;
     if (part(k).spherical) {
-      put_diagonal(end.Gv, side == kChild ? 1 : -1);
-      put_diagonal(end.Wv, end.Gv[0] / system_.bodies[body].mass);
+      end.sign = side == kChild ? 1 : -1;
+      end.mobility = end.sign / system_.bodies[body].mass;
     }
     return end;
   }
 
-  void set_columns(End& end, const Rows& G) const {
+  // Where one end of a body has more than a unit translation, all that meet it need theirs as matrices.
+  void write_out_translations(const std::vector<int>& ends) {
+    const auto is_full = [this](int e) { return ends_[e].translation == Translation::full; };
+    if (std::none_of(ends.begin(), ends.end(), is_full)) return;
+    for (int e : ends) {
+      if (ends_[e].translation == Translation::none) continue;
+      ends_[e].full = static_cast<int>(full_.size());
+      full_.emplace_back();
+      put_diagonal(full_.back().Gv, ends_[e].sign);
+      put_diagonal(full_.back().Wv, ends_[e].mobility);
+    }
+  }
+
+  void set_columns(End& end, const Rows& G) {
     const Body& body = system_.bodies[end.body];
     put(end.W, body.inertia_inverse * G.w.transpose());
-    if (end.translation == Translation::full) put(end.Wv, G.v.transpose() / body.mass);
+    if (end.translation == Translation::full) put(full_[end.full].Wv, G.v.transpose() / body.mass);
   }
 
   void plan(const std::vector<std::vector<int>>& ends_at) {
@@ -195,6 +217,7 @@ class Delassus {
   BlockLU lu_;  // of -S: parts first, then v and w of every hub
   std::vector<int> hub_;  // first node of a body that is a hub, else -1
   std::vector<End> ends_;
+  std::vector<Full> full_;
   std::vector<Pair> pairs_;
   std::vector<double*> padding_;
   std::vector<SideBlocks> hub_blocks_;

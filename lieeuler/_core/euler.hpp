@@ -94,6 +94,9 @@ class EulerStepper {
     return std::abs(h_) * std::max(translation / length_, rotation);
   }
 
+  // Velocities to rounding level as well, not h times them.
+  void polish_velocities() { newton_.polishes = true; }
+
   size_t unknowns() const { return z_.size(); }
   int redundant_rows() const { return saddle_.redundant(); }
   const State& state() const { return state_; }
@@ -105,6 +108,13 @@ class EulerStepper {
         start_joints_(system), saddle_(system), start_(system), state_(system), maps_(system.n() + 1),
         xi_(system.n() + 1), force_(system.n() + 1), z_(3 * nodes_.count(), 0.0) {
     plan_matrix(doubled);
+    for (const Joint& joint : system.joints)
+      for (Side side : kSides) {
+        const int b = side == kChild ? joint.child : joint.parent;
+        if (b == system.n()) continue;
+        const Vec3& arm = side == kChild ? joint.child_anchor : joint.parent_anchor;
+        mobility_ = std::max(mobility_, arm.norm() * system.bodies[b].inertia_inverse.diagonal().maxCoeff());
+      }
   }
 
   // Lays out Newton's matrix, of all unknowns or (not doubled) without the second set of velocities and multipliers.
@@ -203,6 +213,7 @@ class EulerStepper {
   }
 
   double length_ = 1, speed_ = 1;
+  double mobility_ = 0;  // angular velocity a unit impulse at an anchor can give, at most
 
  private:
   Equations& equations() { return static_cast<Equations&>(*this); }
@@ -248,6 +259,10 @@ class EulerStepper {
       length_ = std::max(length_, start_.frames[b].x.cwiseAbs().maxCoeff());
       speed_ = std::max({speed_, start_.u[b].v.cwiseAbs().maxCoeff() / length_, start_.u[b].w.cwiseAbs().maxCoeff()});
     }
+    // Velocities are sums of the joints' impulses, which are large in a long chain, and round with them.
+    double impulse = 0;
+    for (size_t i = 3 * nodes_.lam(0); i < z_.size(); ++i) impulse = std::max(impulse, std::abs(z_[i]));
+    speed_ = std::max(speed_, impulse * mobility_);
   }
   enum class Rank { unknown, of_start, confirmed } rank_ = Rank::unknown;
   Newton newton_;

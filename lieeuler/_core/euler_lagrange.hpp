@@ -30,7 +30,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   LagrangeStepper(const System& system, Level level, bool index1_output, Gains gains)
       : Base(system, level, index1_output, level == Level::stabilised, !splits(system, level) && level == Level::stabilised, true),
         gains_(gains), tangents_(system.n() + 1), balance_(system.n() + 1), drift_(system.n() + 1) {
-    if (splits(system, level)) split_.emplace(system);
+    if (splits(system, level)) split_.emplace(system, this->saddle_.delassus());
     find_blocks();
   }
 
@@ -207,7 +207,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     if (level_ == Level::position) return blocks.put_rows(G.v, G.w * T);
     const Rows slope = rate_slope(k, side, G, T);
     if (split_) {
-      split_->slope(k, side) = slope;
+      split_->slope(k, side) = slope.w, split_->translation_slope(k, side) = slope.v;
       return blocks.put_rows(G.v, G.w * T);
     }
     if (!stabilised()) return blocks.put_rows(G.v + slope.v, G.w + slope.w);
@@ -223,7 +223,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     put(blocks.row_w, G * T), put(blocks.column_w, G.transpose());
     const double sign = side == kChild ? 1 : -1;
     put_diagonal(blocks.row_v, sign), put_diagonal(blocks.column_v, sign);
-    split_->slope(k, side).w = h_ * this->here(k).anchor_rate_slope(side, state_.u[this->body_of(k, side)].w) * T;
+    split_->slope(k, side) = h_ * this->here(k).anchor_rate_slope(side, state_.u[this->body_of(k, side)].w) * T;
   }
 
   // Derivative of the velocity or acceleration row with respect to xi beyond G itself. For the acceleration level the

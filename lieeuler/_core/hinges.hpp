@@ -14,7 +14,7 @@ struct Hinge {
 
 class HingeTree {
  public:
-  explicit HingeTree(const System& system) {
+  explicit HingeTree(const System& system) : hangs(system.n(), 0) {
     std::vector<char> reached(system.n() + 1, 0);
     int rows = 0;
     auto hang_from = [&](int root) {
@@ -29,7 +29,7 @@ class HingeTree {
           const bool down = other == joint.child;
           hinges.push_back({other, queue[i], j, down ? joint.child_anchor : joint.parent_anchor,
                             down ? joint.parent_anchor : joint.child_anchor});
-          reached[other] = 1, rows += 3;
+          reached[other] = hangs[other] = 1, rows += 3;
           queue.push_back(other);
         }
     };
@@ -52,6 +52,7 @@ class HingeTree {
   }
 
   std::vector<Hinge> hinges;
+  std::vector<char> hangs;  // bodies that hang on another one or the ground
   bool complete;  // there are no other constraints
 };
 

@@ -6,7 +6,7 @@
 // carried vectors for dot rows.
 #pragma once
 
-#include "force_series.hpp"
+#include "term_series.hpp"
 
 namespace lieeuler {
 
@@ -32,19 +32,22 @@ class MotionSeries {
     for (size_t k = 0; k < torsions_.size(); ++k) torsions_[k].start(state);
   }
 
-  // Order k: accelerations and multipliers k, velocities k + 1, configurations k + 2. False where a force has no series.
+  // Order k: accelerations and multipliers k, velocities k + 1, configurations k + 2. False where a force has no
+  // series.
   template <class Saddle>
   bool extend(int k, Saddle& saddle) {
     for (int b = 0; b < system_.n(); ++b) {
       const Columns* const R = body_.R[b].data();
       turned_[b] = turned(R, body_.w[b].data(), k);
       force_[b].w = row(turned_[b], 3);
+      force_[b].v.setZero();
       if (points_.pinned(b))
         force_[b].w += lever_[b].cross(seen_from(R[k], system_.gravity));
-      else
-        force_[b].v = k == 0 ? Vec3(system_.bodies[b].mass * system_.gravity) : Vec3::Zero();
+      else if (k == 0)
+        force_[b].v = system_.bodies[b].mass * system_.gravity;
     }
-    if (!add_forces(k)) return false;
+    force_[system_.n()] = {};
+    if (!system_.forces.empty() && !add_forces(k)) return false;
     for (PartSeries& part : parts_) part.begin(carried_, k);
     for (const Arm& arm : arms_) add_arm(arm, k);
     for (PartSeries& part : parts_) subtract_gamma(part, k);
@@ -56,8 +59,8 @@ class MotionSeries {
   }
 
   // Frames, u and torsion angles at time h from the expansion's centre; orders of the accelerations below `order`.
-  void evaluate(double h, int order, bool with_positions, State& state) const {
-    body_.evaluate(h, order, with_positions, state);
+  void evaluate(double h, int order, const HingeTree& tree, State& state) const {
+    body_.evaluate(h, order, tree, state);
     for (const TorsionSeries& torsion : torsions_) torsion.evaluate(h, order, state);
   }
   const BodySeries& bodies() const { return body_; }

@@ -55,6 +55,29 @@ class Newton {
  public:
   template <class Equations>
   Status solve(Equations& equations, std::vector<double>& z, BlockLU& lu, double target, Counters& counters) {
+    const Status status = iterate(equations, z, lu, target, counters);
+    return status == Status::success && polishes ? polish(equations, z, counters) : status;
+  }
+
+  // One more correction at the end: the stopping test sees h u, and leaves u an error of rounding / h.
+  bool polishes = false;
+
+  void reset(size_t unknowns) {
+    residual_.assign(unknowns, 0.0);
+    curvature_ = 1;
+  }
+
+ private:
+  template <class Equations>
+  Status polish(Equations& equations, std::vector<double>& z, Counters& counters) {
+    ++counters.force_evaluations, ++counters.newton_iterations;
+    if (const Status status = equations.residual(z, residual_); status != Status::success) return status;
+    equations.solve_linear(residual_);
+    return std::isfinite(equations.correct(z, residual_)) ? Status::success : Status::non_finite;
+  }
+
+  template <class Equations>
+  Status iterate(Equations& equations, std::vector<double>& z, BlockLU& lu, double target, Counters& counters) {
     double first = 0, last = std::numeric_limits<double>::infinity();
     bool renew = true;
     for (int k = 1; k <= kMostIterations; ++k) {
@@ -82,12 +105,6 @@ class Newton {
     return Status::newton_failed;
   }
 
-  void reset(size_t unknowns) {
-    residual_.assign(unknowns, 0.0);
-    curvature_ = 1;
-  }
-
- private:
   static constexpr double kEps = std::numeric_limits<double>::epsilon();
   static constexpr double kFloor = 4 * kEps;      // a correction of this size is rounding
   static constexpr double kNoise = 1e3 * kEps;    // below this, corrections that no longer shrink are rounding

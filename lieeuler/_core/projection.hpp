@@ -26,6 +26,18 @@ struct Scales {
                               state.u[b].w.cwiseAbs().maxCoeff()});
     return scales;
   }
+
+  // The largest of position / length, angle, and their rates, over twelve numbers a body: x, theta, v, w.
+  double norm(const std::vector<double>& y) const {
+    double most = 0, sum = 0;
+    for (size_t at = 0; at < y.size(); at += 12) {
+      const double x = load3(&y[at]).norm() / length, theta = load3(&y[at + 3]).norm();
+      const double v = load3(&y[at + 6]).norm() / (length * rate), w = load3(&y[at + 9]).norm() / rate;
+      most = std::max({most, x, theta, v, w});
+      sum += x + theta + v + w;
+    }
+    return std::isfinite(sum) ? most : sum;  // max() would hide a NaN
+  }
 };
 
 // Scaled pivots below this say why a method came to a halt: within 1e-3 of a singular position.

@@ -61,10 +61,10 @@ class MuntheKaas {
   // Estimate of the error of the step tried, relative to the sizes of the system; from two rules as in code DOP853.
   double error() {
     combine(errors_[0], y_.data());
-    const double first = norm(y_.data());
+    const double first = scales_.norm(y_);
     if (errors_.size() == 1 || first == 0) return first;
     combine(errors_[1], y_.data());
-    const double second = norm(y_.data());
+    const double second = scales_.norm(y_);
     return first * first / std::sqrt(first * first + 0.01 * second * second);
   }
 
@@ -81,12 +81,15 @@ class MuntheKaas {
   double first_step(int order, double rtol, Counters& counters) {
     h_ = 1;
     put_first_slope();
-    const double first = norm(slope(0));
+    std::copy_n(slope(0), size_, y_.begin());
+    const double first = scales_.norm(y_);
     const double h = 0.01 / std::max(first, 1e-6);
     for (size_t i = 0; i < size_; ++i) y_[i] = h * slope(0)[i];
-    if (evaluate(slope(1), counters) != Status::success) return 0.01 * h;
+    const Status status = evaluate(slope(1), counters);
+    projection_.move_to(state_);  // joints() are those of state()
+    if (status != Status::success) return 0.01 * h;
     for (size_t i = 0; i < size_; ++i) y_[i] = slope(1)[i] - slope(0)[i];
-    const double second = norm(y_.data()) / h;
+    const double second = scales_.norm(y_) / h;
     return std::min(100 * h, std::pow(0.01 * rtol / std::max({first, second, 1e-12}), 1.0 / order));
   }
 
@@ -174,18 +177,6 @@ class MuntheKaas {
     if (const Status status = projection_.accelerate(trial_); status != Status::success) return status;
     put_accelerations(trial_, out);
     return Status::success;
-  }
-
-  // The largest of position / length, angle, and velocities / rate.
-  double norm(const double* y) const {
-    double most = 0, sum = 0;
-    for (int b = 0; b < system_.n(); ++b, y += kPerBody) {
-      const double x = load3(y).norm() / scales_.length, theta = load3(y + 3).norm();
-      const double v = load3(y + 6).norm() / (scales_.length * scales_.rate), w = load3(y + 9).norm() / scales_.rate;
-      most = std::max({most, x, theta, v, w});
-      sum += x + theta + v + w;
-    }
-    return std::isfinite(sum) ? most : sum;  // max() would hide a NaN
   }
 
   // Terms of the continuous extension in Hairer's form: s (d_0 + (1-s) (d_1 + s (d_2 + (1-s) (d_3 + ...)))).

@@ -10,6 +10,8 @@ class SaddlePoint {
   explicit SaddlePoint(const System& system)
       : system_(system), delassus_(system), rows_(3 * delassus_.parts(), 0.0), force_(system.n() + 1) {}
 
+  Delassus& delassus() { return delassus_; }
+
   // Counts the redundant rows at this configuration. False where the rest is singular.
   bool count_redundancy(const Constraints& joints, int& redundant) {
     constexpr double kTolerance = 1e-11;  // of pivots of order one, which go as squares of singular values of G
@@ -76,7 +78,7 @@ class SaddlePoint {
   void project(const Constraints& joints, std::vector<Twist>& p, std::vector<Twist>& u, double* mu) {
     for (int b = 0; b < system_.n(); ++b) force_[b] = {p[b].v, p[b].w - system_.bodies[b].spin};
     std::fill(rows_.begin(), rows_.end(), 0.0);
-    solve(u, mu);
+    solve(joints, u, mu);
     subtract_reactions(joints, rows_, p);
   }
 
@@ -85,7 +87,7 @@ class SaddlePoint {
     std::fill(force_.begin(), force_.end(), Twist{});
     for (int k = 0; k < delassus_.parts(); ++k)
       store(Vec3(-joints[delassus_.index(k).joint].position(delassus_.part(k))), &rows_[3 * k]);
-    solve(d, nullptr);
+    solve(joints, d, nullptr);
   }
 
   // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places.
@@ -103,15 +105,32 @@ class SaddlePoint {
       store(Vec3(-joints[delassus_.index(k).joint].gamma(delassus_.part(k), state.u[joint.parent], state.u[joint.child])),
             &rows_[3 * k]);
     }
-    solve(state.a, state.lam.data());
+    solve(joints, state.a, state.lam.data());
   }
 
  private:
   // M y + G^T m = force_, G y = rows_; rows_ becomes m, in three values a part.
-  void solve(std::vector<Twist>& y, double* multipliers) {
-    delassus_.solve(force_, rows_.data(), [this](double* values) { remove_null_space(values); });
+  void solve(const Constraints& joints, std::vector<Twist>& y, double* multipliers) {
+    const auto adjust = [this](double* values) { remove_null_space(values); };
+    if (redundant() > 0) wanted_ = rows_;
+    delassus_.solve(force_, rows_.data(), adjust);
     std::copy_n(force_.begin(), system_.n(), y.begin());
+    if (redundant() > 0) refine(joints, y);
     if (multipliers) for_rows([&](int row, int place) { multipliers[row] = rows_[place]; });
+  }
+  // What rounding has left of G y = wanted_, solved for once more: near-dependent rows lose digits in the first pass.
+  void refine(const Constraints& joints, std::vector<Twist>& y) {
+    y[system_.n()] = Twist{};
+    first_ = rows_;
+    for (int k = 0; k < delassus_.parts(); ++k) {
+      const Joint& joint = system_.joints[delassus_.index(k).joint];
+      const Vec3 rate = joints[delassus_.index(k).joint].velocity(delassus_.part(k), y[joint.parent], y[joint.child]);
+      store(Vec3(load3(&wanted_[3 * k]) - rate), &rows_[3 * k]);
+    }
+    std::fill(force_.begin(), force_.end(), Twist{});
+    delassus_.solve(force_, rows_.data(), [this](double* values) { remove_null_space(values); });
+    for (int b = 0; b < system_.n(); ++b) y[b].v += force_[b].v, y[b].w += force_[b].w;
+    for (size_t i = 0; i < rows_.size(); ++i) rows_[i] += first_[i];
   }
   // target -= G^T values
   void subtract_reactions(const Constraints& joints, const std::vector<double>& values, std::vector<Twist>& target) const {
@@ -128,7 +147,7 @@ class SaddlePoint {
       std::vector<double>& w = null_[k];
       delassus_.lu().null_vector(k, w.data());
       std::fill(w.begin() + static_cast<long>(rows_.size()), w.end(), 0.0);  // null vectors have no part in the bodies
-      refine(joints, w);
+      cleanse(joints, w);
       for (int pass = 0; pass < 2; ++pass)  // Gram and Schmidt, twice is enough
         for (int i = 0; i < k; ++i) subtract_component(null_[i], w.data());
       double square = 0;
@@ -137,7 +156,7 @@ class SaddlePoint {
     }
   }
   // What G^T w is not zero by, M y + G^T m = G^T w with G y = 0, belongs to m: w <- w - m.
-  void refine(const Constraints& joints, std::vector<double>& w) {
+  void cleanse(const Constraints& joints, std::vector<double>& w) {
     std::fill(force_.begin(), force_.end(), Twist{});
     subtract_reactions(joints, w, force_);
     for (Twist& force : force_) force.v = -force.v, force.w = -force.w;
@@ -160,6 +179,7 @@ class SaddlePoint {
   const System& system_;
   Delassus delassus_;
   std::vector<double> rows_;  // right-hand side, then multipliers, three values a part
+  std::vector<double> wanted_, first_;  // of a system with redundant rows, for its second pass
   std::vector<Twist> force_;
   std::vector<std::vector<double>> null_;  // orthonormal vectors w with G^T w = 0, three values a part
 };

@@ -201,6 +201,13 @@ class CcskMap {
   Mat3 first_, second_, third_, right_;
 };
 
+// theta of exp(hat theta) = R, |theta| < pi; accurate away from pi.
+inline Vec3 logarithm(const Mat3& R) {
+  const Vec3 axis = 0.5 * Vec3(R(2, 1) - R(1, 2), R(0, 2) - R(2, 0), R(1, 0) - R(0, 1));
+  const double sine = axis.norm(), angle = std::atan2(sine, 0.5 * (R.trace() - 1));
+  return sine < 1e-9 && angle < 1 ? axis : Vec3(angle / sine * axis);
+}
+
 // One Newton step towards the nearest rotation: exact to rounding for a matrix already orthogonal to rounding.
 inline Mat3 polished(const Mat3& R) {
   const Mat3 defect = R.transpose() * R - Mat3::Identity();

@@ -22,8 +22,9 @@ namespace lieeuler {
 
 class StabilisedSolve {
  public:
-  explicit StabilisedSolve(const System& system)
-      : system_(system), delassus_(system), slopes_(2 * delassus_.parts()), rows_(3 * delassus_.parts(), 0.0),
+  // `delassus` is worked in from factor() to solve(), free in between.
+  StabilisedSolve(const System& system, Delassus& delassus)
+      : system_(system), delassus_(delassus), slopes_(2 * delassus_.parts(), Mat3::Zero()), rows_(3 * delassus_.parts(), 0.0),
         mu_(rows_), core_rhs_(6 * system.n() + rows_.size(), 0.0), total_(core_rhs_), force_(system.n() + 1),
         change_(force_), balance_(force_), shift_(force_), position_(delassus_.parts()) {}
 
@@ -39,7 +40,12 @@ class StabilisedSolve {
     delassus_.assemble(joints, before);
     regular_ = delassus_.lu().factor();
   }
-  Rows& slope(int part, Side side) { return slopes_[2 * part + side]; }
+  // Of a spherical part the rotations' alone.
+  Mat3& slope(int part, Side side) { return slopes_[2 * part + side]; }
+  Mat3& translation_slope(int part, Side side) {
+    if (translation_slopes_.empty()) translation_slopes_.assign(slopes_.size(), Mat3::Zero());
+    return translation_slopes_[2 * part + side];
+  }
 
   // Solves for the corrections r -> (du, dLam, dxi, dmu), laid out as in `nodes`. `core` holds the factorized first
   // matrix; `tolerance` is the error wanted of dxi, translations over `length`. False where the sweeps do not converge.
@@ -47,17 +53,18 @@ class StabilisedSolve {
   bool solve(std::vector<double>& r, const Nodes& nodes, BlockLU& core, const std::vector<Twist>& u, double h,
              double length, double tolerance) {
     if (!regular_) return false;
-    start(r, nodes, u, h);
+    const double coupling = kCaution * start(r, nodes, u, h, length);
     double last = std::numeric_limits<double>::infinity();
     for (int sweep = 0; sweep < kMostSweeps; ++sweep) {
       core.solve(core_rhs_.data());
       for (int b = 0; b < system_.n(); ++b) change_[b] = load(&core_rhs_[6 * b]);
       for (size_t i = 0; i < total_.size(); ++i) total_[i] = sweep == 0 ? core_rhs_[i] : total_[i] + core_rhs_[i];
       follow();
+      if (sweep == 0 && coupling * largest(rows_) <= tolerance) return finish(r, nodes);
       std::fill(core_rhs_.begin(), core_rhs_.end(), 0.0);
       const double left = couple(u, h, length);
       if (left <= tolerance) return finish(r, nodes);
-      if (!(left < kSlow * last)) return false;
+      if (!(left < kSlow * last)) return left <= kNoise * tolerance && finish(r, nodes);
       last = left;
     }
     return false;
@@ -66,14 +73,21 @@ class StabilisedSolve {
  private:
   static constexpr int kMostSweeps = 12;
   static constexpr double kSlow = 0.3;
+  static constexpr double kNoise = 1e3;  // times the tolerance: what no longer shrinks there is rounding
+  static constexpr double kCaution = 10;  // on the size of E, seen along one direction
 
   // A M^-1 y - y for one body, h times the slope of the gyroscopic torque: rotations only.
   Vec3 gyroscopic(int b, const Twist& u, const Vec3& y, double h) const {
     const Body& body = system_.bodies[b];
     return h * (u.w.cross(y) - angular_momentum(body, u.w).cross(body.inertia_inverse * y));
   }
-  // The first right-hand sides, with dmu as if (G + h N) dxi were r_mu.
-  void start(const std::vector<double>& r, const Nodes& nodes, const std::vector<Twist>& u, double h) {
+  static double largest(const std::vector<double>& values) {
+    double size = 0;
+    for (double value : values) size = std::max(size, std::abs(value));
+    return size;
+  }
+  // The first right-hand sides, with dmu as if (G + h N) dxi were r_mu. Returns the size of E, of M^-1 E dmu over dmu.
+  double start(const std::vector<double>& r, const Nodes& nodes, const std::vector<Twist>& u, double h, double length) {
     for (int b = 0; b < system_.n(); ++b) {
       const Twist own = load(&r[3 * nodes.v(b)]), drift = load(&r[3 * nodes.xi_v(b)]);
       store(Twist{own.v + drift.v, own.w + drift.w + gyroscopic(b, u[b], drift.w, h)}, &core_rhs_[6 * b]);
@@ -91,7 +105,8 @@ class StabilisedSolve {
     std::fill(mu_.begin(), mu_.end(), 0.0);
     shift_ = force_;
     solve_mu();
-    couple(u, h, 1);
+    const double multipliers = largest(rows_), coupled = couple(u, h, length);
+    return multipliers > 0 ? coupled / multipliers : std::numeric_limits<double>::infinity();
   }
   // The change of dmu that the latest change of dxi asks for, beyond what stood for it before.
   void follow() {
@@ -101,8 +116,8 @@ class StabilisedSolve {
       for (Side side : kSides) {
         const int b = side == kChild ? joint.child : joint.parent;
         if (b == system_.n()) continue;
-        rate += slopes_[2 * k + side].w * change_[b].w;
-        if (!delassus_.part(k).spherical) rate += slopes_[2 * k + side].v * change_[b].v;
+        rate += slopes_[2 * k + side] * change_[b].w;
+        if (!delassus_.part(k).spherical) rate += translation_slopes_[2 * k + side] * change_[b].v;
       }
       store(rate, &rows_[3 * k]);
       position_[k].setZero();
@@ -155,9 +170,9 @@ class StabilisedSolve {
   const JointState& state_of(int k) const { return (*joints_)[delassus_.index(k).joint]; }
 
   const System& system_;
-  Delassus delassus_;
+  Delassus& delassus_;
   const Constraints* joints_ = nullptr;
-  std::vector<Rows> slopes_;
+  std::vector<Mat3> slopes_, translation_slopes_;
   std::vector<double> rows_, mu_, core_rhs_, total_;
   std::vector<Twist> force_, change_, balance_;
   std::vector<Twist> shift_;  // dxi - du = M^-1 (r_xi - Gn^T dmu)

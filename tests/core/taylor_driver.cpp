@@ -55,7 +55,8 @@ static Scene scene(const std::string& name) {
     return hung(15, Vec3(0.234375, 0.46875, 0.234375).asDiagonal(), {Vec3::Zero()}, {0, -1, 0}, {Mat3::Identity()},
                 {{0, 150, -4.61538}});
   const int n = name.back() - '0';
-  const Vec3 axes[] = {Vec3::UnitY(), Vec3::UnitX(), Vec3::UnitY()}, rates[] = {{.5, .3, 1}, {-.3, .4, .2}, {.1, .2, 0}};
+  const Vec3 axes[] = {Vec3::UnitY(), Vec3::UnitX(), Vec3::UnitY()};
+  const Vec3 rates[] = {{.5, .3, 1}, {-.3, .4, .2}, {.1, .2, 0}};
   const double degrees[] = {60, 40, 20};
   std::vector<Vec3> hooks, w;
   std::vector<Mat3> R;

@@ -136,7 +136,8 @@ def test_no_gravity_no_joint_is_uniform_motion_of_the_centre():
     body = lieeuler.Body(2.0, np.diag([0.3, 0.3, 0.3]))
     problem = lieeuler.Problem([body], [], np.zeros(3), [[1, 2, 3.0]], [np.eye(3)], [[0.1, 0.2, -0.3]], [[0, 0, 2.0]])
     for method, record in lieeuler.METHODS.items():
-        s = lieeuler.integrate(problem, method, 0.01, [0, 1.0])
+        control = {"step": 0.01} if "step" in record.controls else {"rtol": 1e-14}
+        s = lieeuler.integrate(problem, method, t_eval=[0, 1.0], **control)
         rounding = 100 * max(1, len(record.composition)) * np.finfo(float).eps  # one ulp of 1 a stage
         assert np.abs(s.x[-1, 0] - [1.1, 2.2, 2.7]).max() < 3 * rounding
         turn = np.array([[np.cos(2), -np.sin(2), 0], [np.sin(2), np.cos(2), 0], [0, 0, 1]])

@@ -67,8 +67,8 @@ def test_both_frames_give_the_same_motion(method, forces):
     problem, t = top(forces=forces), np.linspace(0, 0.3, 13)
     plain = lieeuler.integrate(problem, method, t_eval=t, rtol=1e-12, spin_free=False)
     free = lieeuler.integrate(problem, method, t_eval=t, rtol=1e-12, spin_free=True)
-    assert free.stats.spin_free == (0,) and plain.stats.spin_free == ()
-    assert 2 * free.stats.steps < plain.stats.steps
+    assert (free.stats.spin_free, plain.stats.spin_free) == ((0,), ())
+    assert 1.5 * free.stats.steps < plain.stats.steps
     for name, size in (("x", 1), ("R", 1), ("v", 5), ("w", 150), ("a", 25), ("alpha", 150**2), ("lam", 400)):
         # both runs are within 100 rtol of the truth: the body turns by 45 rad
         np.testing.assert_allclose(getattr(free, name), getattr(plain, name), rtol=0, atol=200e-12 * size * 10,

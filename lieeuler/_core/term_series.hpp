@@ -17,8 +17,8 @@ class BodySeries {
   std::vector<std::vector<Quad>> x;
 
   BodySeries(const System& system, const ReferencePoints& points)
-      : R(system.n() + 1, std::vector<Columns>(kMostOrder + 3)), w(system.n() + 1, std::vector<Doubled>(kMostOrder + 3)),
-        x(system.n() + 1, std::vector<Quad>(kMostOrder + 3)), system_(system), points_(points) {
+      : R(system.n() + 1, std::vector<Columns>(kMostOrder + 3)),
+        w(system.n() + 1, std::vector<Doubled>(kMostOrder + 3)), x(system.n() + 1, std::vector<Quad>(kMostOrder + 3)), system_(system), points_(points) {
     put_upper(R.back()[0], Mat3::Identity());
     for (int b = 0; b < system.n(); ++b) inertia_.push_back(points.inertia(b));
   }
@@ -49,14 +49,14 @@ class BodySeries {
     R[b][k + 2] = next;
   }
 
-  // Positions are left out where they follow from the attitudes along `tree`.
-  void evaluate(double h, int order, bool with_positions, State& state) const {
+  // Positions are left out where `tree` has all constraints and gives them.
+  void evaluate(double h, int order, const HingeTree& tree, State& state) const {
     for (int b = 0; b < system_.n(); ++b) {
       Frame& frame = state.frames[b];
       Twist& u = state.u[b];
       frame.R = upper(lieeuler::evaluate(R[b].data(), order + 1, h));
       u.w = vector(lieeuler::evaluate(w[b].data(), order, h));
-      if (!with_positions) continue;
+      if (tree.complete && tree.hangs[b]) continue;
       const Vec3& c = points_.centre(b);
       Vec3 v = (order + 1) * vector(x[b][order + 1]);
       for (int k = order; k > 0; --k) v = h * v + k * vector(x[b][k]);

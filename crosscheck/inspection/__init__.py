@@ -1,0 +1,78 @@
+"""Static cross-check: what the engines say of a scene before any stepping, beside independent truth.
+
+    found = inspect(scene, ["mujoco", "pinocchio"])
+    found.agree, found.offenders, found.of("mujoco")
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from typing import Any
+
+from crosscheck.engines.base import RunSpec
+from crosscheck.errors import EngineError, Unsupported
+from crosscheck.inspection.base import Deviation, Inspection, Probe
+from crosscheck.scene import Scene
+from crosscheck.states import States
+
+__all__ = ["Deviation", "Inspection", "Probe", "inspect", "probe"]
+
+_BUILT_IN = ("lieeuler", "mujoco", "pinocchio", "exudyn")
+RANDOM_STATES = 3
+
+
+def inspect(scene: Scene, engines: Sequence[Any] | None = None, form: str | None = None, count: int = RANDOM_STATES,
+            seed: int = 0) -> Inspection:
+    """Probe engines at the start of a scene and at `count` random admissible states, and compare them with truth.
+
+    Parameters
+    ----------
+    engines : names, or adapters, which need a method `probe` unless their name is a built-in one; default: all built in
+    form : one model form; default: every form of the adapter that can model the scene
+    """
+    from crosscheck.inspection import admissible, compare
+    from crosscheck.inspection.reference import reference
+
+    at = admissible.states(scene, count, seed)
+    truth = reference(scene, at)
+    probes, skipped = [], {}
+    for engine in _BUILT_IN if engines is None else engines:
+        adapter = _adapter(engine)
+        forms = (form,) if form is not None else tuple(getattr(adapter, "forms", (None,)))
+        for one in forms:
+            try:
+                probes.append(probe(adapter, scene, at, one))
+            except (Unsupported, EngineError) as error:
+                skipped[f"{adapter.name} {one}" if one else adapter.name] = str(error)
+    found = [deviation for one in probes for deviation in compare.deviations(scene, truth, one)]
+    return Inspection(scene, at, truth.probe, tuple(probes), tuple(found), skipped)
+
+
+def probe(adapter: Any, scene: Scene, at: States, form: str | None = None) -> Probe:
+    """What one adapter says of `scene` at the states `at`, by its own method `probe` or the one built in here.
+
+    Raises `Unsupported` where it cannot tell, or cannot model the scene in this form.
+    """
+    own = getattr(adapter, "probe", None)
+    if own is None and adapter.name not in _BUILT_IN:
+        raise Unsupported(f"the adapter of {adapter.name} has no method probe(scene, states, form)")
+    if own is None:
+        own = importlib.import_module(f"crosscheck.inspection.{adapter.name}").probe
+    reasons = [adapter.unsupported(scene, RunSpec(method, step=1e-3, form=form)) for method in adapter.methods]
+    if None not in reasons:  # some engines have a form for some of their methods only
+        raise Unsupported(reasons[0])
+    try:
+        return own(scene, at, form)
+    except (Unsupported, EngineError):
+        raise
+    except ImportError as error:
+        raise EngineError(f"{adapter.name} cannot be imported: {error}; install it") from error
+    except Exception as error:
+        raise EngineError(f"{adapter.name}: {type(error).__name__}: {error}") from error
+
+
+def _adapter(engine: Any) -> Any:
+    from crosscheck import engines
+
+    return engines.get(engine) if isinstance(engine, str) else engine

@@ -1,0 +1,117 @@
+"""Random admissible states of a scene, and bases of its admissible velocities.
+
+Velocities of the system are u = (v world, w body axes) of its bodies in turn, (6n,).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from crosscheck import mechanics
+from crosscheck.constraints import Constraints
+from crosscheck.scene import Scene
+from crosscheck.states import States
+
+TURN = 0.1, 0.4
+"""rad, and of the scene's length: how far a random state lies from the start; halved until the joints close there."""
+
+_CLOSED = 1e-14  # of the scene's length; Newton's method ends at a few eps
+_ITERATIONS = 30
+_HALVINGS = 20
+
+
+def length(scene: Scene) -> float:
+    """The scene's length, m: the largest distance of a centre of mass from the origin, anchor or rod; at least 1e-3."""
+    anchors = [np.linalg.norm(anchor) for joint in scene.joints for anchor in (joint.parent_anchor, joint.child_anchor)]
+    rods = [joint.length for joint in scene.joints if joint.length is not None]
+    return float(max([1e-3, *np.linalg.norm(scene.x0, axis=1), *anchors, *rods]))
+
+
+def inverse_root_mass(scene: Scene) -> np.ndarray:
+    """B, (6n, 6n), with B^T M B = I."""
+    return np.linalg.cholesky(mechanics.inverse_mass(scene))
+
+
+def basis(scene: Scene, constraints: Constraints, x: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """N, (6n, d), with G N = 0 and N^T M N = I, at one state x (n, 3), R (n, 3, 3)."""
+    B = inverse_root_mass(scene)
+    if constraints.m == 0:
+        return B
+    _, sigma, Vt = np.linalg.svd(constraints.jacobian(x[None], R[None])[0] @ B)
+    rank = int(np.count_nonzero(sigma > mechanics.RANK_TOLERANCE * sigma[0]))
+    return B @ Vt[rank:].T
+
+
+def states(scene: Scene, count: int, seed: int) -> States:
+    """The start, then `count` random admissible states: displaced along admissible directions and closed again."""
+    constraints = Constraints(scene)
+    rng = np.random.default_rng(seed)
+    poses = [(scene.x0, scene.R0)] + [_pose(scene, constraints, rng) for _ in range(count)]
+    x, R = (np.array(part) for part in zip(*poses, strict=True))
+    u = np.concatenate([scene.v0, scene.w0], axis=1).ravel()
+    rates = [u] + [_velocity(scene, constraints, rng, u, *pose) for pose in poses[1:]]
+    v, w = np.split(np.reshape(rates, (count + 1, scene.n, 6)), 2, axis=2)
+    return States(np.zeros(count + 1), x, R, v, w)
+
+
+def posed(scene: Scene, at: States, k: int) -> Scene:
+    """The scene with its bodies in the k-th state of `at`."""
+    from scipy.spatial.transform import Rotation
+
+    attitudes = Rotation.from_matrix(at.R[k]).as_quat(scalar_first=True)
+    bodies = tuple(dataclasses.replace(body, attitude=attitudes[i], position=at.x[k, i], velocity=at.v[k, i],
+                                       angular_velocity=at.w[k, i]) for i, body in enumerate(scene.bodies))
+    return scene.replace(bodies=bodies)
+
+
+def _pose(scene: Scene, constraints: Constraints, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A closed pose near the start."""
+    N = basis(scene, constraints, scene.x0, scene.R0)
+    step = (N @ rng.normal(size=N.shape[1])).reshape(-1, 6)
+    L = length(scene)
+    step *= rng.uniform(*TURN) / max(np.abs(step[:, :3]).max() / L, np.abs(step[:, 3:]).max(), np.finfo(float).tiny)
+    for _ in range(_HALVINGS):
+        found = _close(scene, constraints, *_moved(scene.x0, scene.R0, step), L)
+        if found is not None:
+            return found
+        step = step / 2
+    return scene.x0, scene.R0  # an isolated position: a structure, not a mechanism
+
+
+def _close(scene: Scene, constraints: Constraints, x: np.ndarray, R: np.ndarray,
+           L: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """Newton's method with the least mass-weighted change; None where it does not converge to a pose nearby."""
+    B = inverse_root_mass(scene)
+    for _ in range(_ITERATIONS):
+        phi = constraints.position(x[None], R[None])[0]
+        if not np.abs(phi).max(initial=0.0) > _CLOSED * max(1.0, L):
+            return x, R
+        scaled = constraints.jacobian(x[None], R[None])[0] @ B
+        change = (B @ np.linalg.lstsq(scaled, -phi, rcond=mechanics.RANK_TOLERANCE)[0]).reshape(-1, 6)
+        if not np.abs(change).max() < max(1.0, L):
+            return None
+        x, R = _moved(x, R, change)
+    return None
+
+
+def _moved(x: np.ndarray, R: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """x + dx, R exp(hat(theta)) for step (n, 6) = (dx, theta), orthogonal to rounding."""
+    from scipy.spatial.transform import Rotation
+
+    turned = Rotation.from_matrix(R) * Rotation.from_rotvec(step[:, 3:])
+    return x + step[:, :3], turned.as_matrix()
+
+
+def _velocity(scene: Scene, constraints: Constraints, rng: np.random.Generator, u: np.ndarray, x: np.ndarray,
+              R: np.ndarray) -> np.ndarray:
+    """The start's velocities and random ones of their size, as far as the joints admit them at this pose."""
+    N = basis(scene, constraints, x, R)
+    extra = N @ rng.normal(size=N.shape[1])
+    L = length(scene)
+    size = max(np.abs(scene.w0).max(initial=0.0), np.abs(scene.v0).max(initial=0.0) / L, 1.0)
+    turning, moving = np.abs(extra.reshape(-1, 6)[:, 3:]).max(), np.abs(extra.reshape(-1, 6)[:, :3]).max() / L
+    extra *= rng.uniform(0.5, 1.0) * size / max(turning, moving, np.finfo(float).tiny)
+    M = np.linalg.inv(mechanics.inverse_mass(scene))
+    return N @ (N.T @ M @ (u + extra))  # the mass-orthogonal projection on the admissible velocities

@@ -1,0 +1,125 @@
+"""Deviations of probes from the truth, relative to the size of each quantity's terms."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from crosscheck.inspection.base import LOOSEST, QUANTITIES, ROUNDINGS, TOLERANCE, Deviation, Probe
+from crosscheck.inspection.reference import Reference
+from crosscheck.scene import Scene
+
+SOLVED = ("mass matrix", "gravity force", "applied force", "acceleration", "angular acceleration", "reaction force",
+          "reaction torque")
+"""Found by solving in the engine's coordinates, the first three by mapping them to common ones here."""
+
+
+def deviations(scene: Scene, reference: Reference, probe: Probe) -> tuple[Deviation, ...]:
+    """One deviation for each quantity the probe tells, in the order of `QUANTITIES`."""
+    gaps = dict(_gaps(scene, reference, probe))
+    solved = _solved_bound(probe)
+    return tuple(dataclasses.replace(_worst(scene, reference, probe, quantity, gaps[quantity]),
+                                     bound=solved if quantity in SOLVED else TOLERANCE)
+                 for quantity in QUANTITIES if quantity in gaps)
+
+
+def _solved_bound(probe: Probe) -> float:
+    """Bound on what an engine finds by solving with its mass matrix, whose conditioning multiplies rounding."""
+    if probe.jacobian is None or probe.mass_matrix is None or not probe.mass_matrix.size:
+        return TOLERANCE
+    sizes = np.sqrt(np.abs(np.diag(probe.mass_matrix[0])))
+    own = probe.mass_matrix[0] / np.outer(sizes, sizes)
+    if not np.isfinite(own).all():
+        return TOLERANCE
+    rounding = ROUNDINGS * np.finfo(float).eps * np.linalg.cond(own)
+    return float(np.clip(rounding, TOLERANCE, LOOSEST))
+
+
+def _gaps(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[str, np.ndarray]]:
+    """(quantity, gaps): arrays (K, places), places the bodies, the joints, or one for the whole system."""
+    truth = reference.probe
+    if probe.masses is not None:
+        yield "mass", np.abs(probe.masses - scene.masses)[None] / scene.masses
+    if probe.inertias is not None:
+        sizes = np.abs(scene.inertias).max(axis=(1, 2))
+        yield "inertia", np.abs(probe.inertias - scene.inertias).max(axis=(1, 2))[None] / sizes
+    for quantity, field in (("position", "x"), ("attitude", "R"), ("velocity", "v"), ("angular velocity", "w"),
+                            ("acceleration", "a"), ("angular acceleration", "alpha")):
+        found, wanted = getattr(probe, field), getattr(truth, field)
+        if found is not None:
+            yield quantity, np.abs(found - wanted).reshape(*found.shape[:2], -1).max(axis=2)
+    if (total := _total(probe)) is not None:
+        yield "total mass", np.abs([[total - scene.masses.sum()]])
+    if (centre := _centre(probe)) is not None:
+        yield "centre of mass", np.abs(centre - _centre(truth)).max(axis=1)[:, None]
+    for quantity, field in (("kinetic energy", "kinetic"), ("potential energy", "potential")):
+        if getattr(probe, field) is not None:
+            yield quantity, np.abs(getattr(probe, field) - getattr(truth, field))[:, None]
+    yield from _projected(reference, probe)
+    if probe.reactions is not None:
+        yield from _reactions(scene, reference, probe)
+
+
+def _total(probe: Probe) -> float | None:
+    return probe.total_mass if probe.masses is None or probe.total_mass is not None else float(probe.masses.sum())
+
+
+def _centre(probe: Probe) -> np.ndarray | None:
+    if probe.com is not None or probe.masses is None or probe.x is None:
+        return probe.com
+    return np.einsum("n,tnk->tk", probe.masses, probe.x) / probe.masses.sum()
+
+
+def _projected(reference: Reference, probe: Probe) -> Iterator[tuple[str, np.ndarray]]:
+    """Mass matrix and gravity force in the common basis of admissible velocities, through the engine's Jacobian."""
+    if probe.jacobian is None:
+        return
+    own = [_own_velocities(probe, k, N) for k, N in enumerate(reference.bases)]
+    for quantity, field in (("mass matrix", "mass_matrix"), ("gravity force", "gravity_force"),
+                            ("applied force", "applied_force")):
+        found, wanted = getattr(probe, field), getattr(reference.probe, field)
+        if found is None:
+            continue
+        gaps = []
+        for Q, N, engine, truth in zip(own, reference.bases, found, wanted, strict=True):
+            seen, meant = ((Q.T @ engine @ Q, N.T @ truth @ N) if engine.ndim == 2 else (Q.T @ engine, N.T @ truth))
+            gaps.append([np.abs(seen - meant).max(initial=0.0)])
+        yield quantity, np.array(gaps)
+
+
+def _own_velocities(probe: Probe, k: int, N: np.ndarray) -> np.ndarray:
+    """The engine's velocities (nv, d) in its k-th state that move the bodies as the columns of N do."""
+    assert probe.jacobian is not None
+    if not N.size or not probe.jacobian[k].size:
+        return np.zeros((probe.jacobian.shape[2], N.shape[1]))
+    rows, wanted = probe.jacobian[k], N
+    if probe.closing is not None:  # what moves no body must follow the engine's own constraints
+        rows = np.concatenate([rows, probe.closing[k]])
+        wanted = np.concatenate([N, np.zeros((len(probe.closing[k]), N.shape[1]))])
+    return np.linalg.lstsq(rows, wanted, rcond=None)[0]
+
+
+def _reactions(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[str, np.ndarray]]:
+    assert probe.reactions is not None
+    assert reference.probe.reactions is not None
+    if not frozenset.union(*reference.unique):
+        return
+    for part, quantity in enumerate(("reaction force", "reaction torque")):
+        gaps = np.zeros((len(reference.bases), len(scene.joints)))
+        for column, joint in enumerate(scene.joints):
+            gap = np.abs(probe.reactions[joint.name][part] - reference.probe.reactions[joint.name][part]).max(axis=1)
+            gaps[:, column] = np.where([joint.name in unique for unique in reference.unique], gap, 0.0)
+        yield quantity, gaps
+
+
+def _worst(scene: Scene, reference: Reference, probe: Probe, quantity: str, gaps: np.ndarray) -> Deviation:
+    state, place = np.unravel_index(np.argmax(np.where(np.isfinite(gaps), gaps, np.inf)), gaps.shape)
+    gap, scale = float(gaps[state, place]), reference.scales.get(quantity, 1.0)
+    names = [record.name for record in (scene.joints if quantity.startswith("reaction") else scene.bodies)]
+    per_place = quantity.startswith("reaction") or quantity in (
+        "mass", "inertia", "position", "attitude", "velocity", "angular velocity", "acceleration",
+        "angular acceleration")
+    return Deviation(probe.engine, probe.form, quantity, gap / scale, gap, scale, names[place] if per_place else "",
+                     int(state))

@@ -1,0 +1,41 @@
+"""What lieeuler's kernel says of a scene: accelerations and multipliers with which a run begins."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crosscheck.constraints import Constraints
+from crosscheck.inspection.admissible import posed
+from crosscheck.inspection.base import Probe
+from crosscheck.scene import Scene
+from crosscheck.states import States
+
+STEP = 1e-6
+"""s, of the run that yields the start: its index-1 accelerations belong to t = 0, whatever the step."""
+
+
+def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
+    """The kernel's `Problem` in maximal coordinates, each state as the start of a run of one step."""
+    import lieeuler
+    from crosscheck.engines.lieeuler import build_problem
+
+    starts = []
+    for k in range(len(states.t)):
+        problem = build_problem(posed(scene, states, k))
+        starts.append(lieeuler.integrate(problem, "INDEX1_LE", STEP, np.array([0.0, STEP]), monitor=False))
+    x, R, v, w, a, alpha, lam = (np.array([getattr(start, field)[0] for start in starts])
+                                 for field in ("x", "R", "v", "w", "a", "alpha", "lam"))
+    masses = np.array([body.mass for body in problem.bodies])
+    inertias = np.array([body.inertia for body in problem.bodies])
+    matrix = np.zeros((6 * scene.n, 6 * scene.n))
+    for i in range(scene.n):
+        matrix[6 * i:6 * i + 3, 6 * i:6 * i + 3] = masses[i] * np.eye(3)
+        matrix[6 * i + 3:6 * i + 6, 6 * i + 3:6 * i + 6] = inertias[i]
+    weight = np.concatenate([masses[:, None] * problem.gravity, np.zeros((scene.n, 3))], axis=1).ravel()
+    count = len(starts)
+    return Probe("lieeuler", "maximal", masses, inertias, x, R, v, w,
+                 jacobian=np.broadcast_to(np.eye(6 * scene.n), (count, *matrix.shape)),
+                 mass_matrix=np.broadcast_to(matrix, (count, *matrix.shape)),
+                 gravity_force=np.broadcast_to(weight, (count, 6 * scene.n)), a=a, alpha=alpha,
+                 reactions=Constraints(scene).reactions(x, R, lam),
+                 notes=dict.fromkeys(("kinetic energy", "potential energy"), "the kernel reports no energies"))

@@ -1,0 +1,143 @@
+"""What MuJoCo says of a scene: mj_forward on the adapter's model, rebuilt at every state, which is its qpos0."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from crosscheck.inspection.admissible import posed
+from crosscheck.inspection.base import Probe
+from crosscheck.scene import Scene
+from crosscheck.states import States
+
+SOFT = "equality constraints are soft: MuJoCo solves a regularised problem, whose answer is not the rigid system's"
+
+
+def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
+    """The MuJoCo model in form "tree" or "maximal"."""
+    from crosscheck.engines import get
+    from crosscheck.engines.base import RunSpec
+
+    chosen = form or get("mujoco").form(scene, RunSpec("Euler"))  # type: ignore[attr-defined]
+    found = [_at(posed(scene, states, k), chosen) for k in range(len(states.t))]
+    soft = any(one.pop("soft") for one in found)
+    values: dict[str, Any] = {key: np.array([one[key] for one in found]) for key in found[0] if key != "reactions"}
+    values["masses"], values["inertias"] = values["masses"][0], values["inertias"][0]
+    notes = {}
+    if soft:
+        values["a"] = values["alpha"] = None
+        notes = dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"), SOFT)
+    else:
+        values["reactions"] = {joint.name: tuple(np.array(part) for part in zip(
+            *(one["reactions"][joint.name] for one in found), strict=True)) for joint in scene.joints}
+    return Probe("mujoco", chosen, notes=notes, **values)
+
+
+def _at(scene: Scene, form: str) -> dict[str, Any]:
+    """Everything at the initial state of `scene`."""
+    import mujoco
+
+    from crosscheck.engines import mujoco_models
+
+    model = mujoco_models.build(scene, "Euler", 1e-3, form)
+    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    data = mujoco.MjData(model)
+    mujoco_models.set_initial_state(scene, model, data)
+    mujoco.mj_forward(model, data)
+    mujoco.mj_rnePostConstraint(model, data)
+    bodies = [model.body(str(k)).id for k in range(scene.n)]
+    R = data.xmat[bodies].reshape(-1, 3, 3)
+    principal = np.swapaxes(R, 1, 2) @ data.ximat[bodies].reshape(-1, 3, 3)
+    twists, rates, jacobian = _motion(model, data, bodies)
+    found = {
+        "masses": model.body_mass[bodies],
+        "inertias": np.einsum("nij,nj,nkj->nik", principal, model.body_inertia[bodies], principal),
+        "x": data.xipos[bodies], "R": R, "v": twists[:, 3:], "w": np.einsum("nji,nj->ni", R, twists[:, :3]),
+        "kinetic": float(data.energy[1]), "potential": float(data.energy[0]),
+        "jacobian": _in_body_axes(jacobian, R), "mass_matrix": _mass_matrix(model, data),
+        "a": rates[:, 3:], "alpha": np.einsum("nji,nj->ni", R, rates[:, :3]),
+        "soft": bool(model.neq), "reactions": _reactions(scene, model, data, bodies),
+    }
+    if form == "maximal":
+        found["applied_force"] = data.qfrc_smooth.copy()
+    data.qvel[:] = 0.0
+    mujoco.mj_forward(model, data)
+    found["gravity_force"] = -data.qfrc_bias.copy()  # at rest nothing else is in it
+    return {key: np.array(value) if isinstance(value, np.ndarray) else value for key, value in found.items()}
+
+
+def _motion(model: Any, data: Any, bodies: list[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Velocities and accelerations (n, 6) of the centres of mass, rotation first, world axes; Jacobians (n, 6, nv)."""
+    import mujoco
+
+    twists, rates, jacobian = (np.zeros((len(bodies), *shape)) for shape in ((6,), (6,), (2, 3, model.nv)))
+    for k, body in enumerate(bodies):
+        for function, target in ((mujoco.mj_objectVelocity, twists), (mujoco.mj_objectAcceleration, rates)):
+            column = np.zeros((6, 1))
+            function(model, data, mujoco.mjtObj.mjOBJ_BODY, body, column, 0)
+            target[k] = column[:, 0]
+        mujoco.mj_jacBodyCom(model, data, jacobian[k, 0], jacobian[k, 1], body)
+    rates[:, 3:] += model.opt.gravity  # MuJoCo's accelerations are those an accelerometer reads
+    return twists, rates, jacobian
+
+
+def _in_body_axes(jacobian: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """(6n, nv): linear world, angular in body axes, from (n, 2, 3, nv) in world axes."""
+    turned = np.stack([jacobian[:, 0], np.einsum("nji,njk->nik", R, jacobian[:, 1])], axis=1)
+    return turned.reshape(6 * len(R), jacobian.shape[-1])
+
+
+def _mass_matrix(model: Any, data: Any) -> np.ndarray:
+    import mujoco
+
+    matrix = np.zeros((model.nv, model.nv))
+    if model.nv:
+        mujoco.mj_fullM(model, data, matrix)
+    return matrix
+
+
+def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Of the joints of an open tree: the wrench between a body and its inner neighbour, without the hinge's spring."""
+    found = {}
+    loads = _loads(model, data)
+    for joint in scene.joints:
+        inner = bodies[joint.parent] if joint.parent >= 0 else 0
+        body, sign = (bodies[joint.child], 1.0) if model.body_parentid[bodies[joint.child]] == inner else (inner, -1.0)
+        torque, force = data.cfrc_int[body, :3].copy(), data.cfrc_int[body, 3:].copy()
+        first = model.body_jntadr[body]
+        for number in range(first, first + model.body_jntnum[body]):
+            if model.jnt_type[number] == 3:  # a hinge; its spring and damper act through the joint, but are no reaction
+                torque -= data.xaxis[number] * _own_torque(model, data, number)
+        child = bodies[joint.child]
+        point = data.xpos[child] + data.xmat[child].reshape(3, 3) @ joint.child_anchor
+        torque += np.cross(data.subtree_com[model.body_rootid[body]] - point, force)
+        for loaded, at, load in loads:
+            if _hangs_on(model, loaded, body):
+                force, torque = force - load[:3], torque - load[3:] - np.cross(at - point, load[:3])
+        found[joint.name] = sign * force, sign * torque
+    return found
+
+
+def _own_torque(model: Any, data: Any, hinge: int) -> float:
+    """Of the hinge's own spring and damper; MuJoCo's sum of passive torques has those of tendons in it too."""
+    at_q, at_v = model.jnt_qposadr[hinge], model.jnt_dofadr[hinge]
+    stretch = data.qpos[at_q] - model.qpos_spring[at_q]
+    return float(-model.jnt_stiffness[hinge] * stretch - model.dof_damping[at_v] * data.qvel[at_v])
+
+
+def _loads(model: Any, data: Any) -> list[tuple[int, np.ndarray, np.ndarray]]:
+    """(body, point, force and torque in world axes) of every actuator: rnePostConstraint leaves them out."""
+    found = []
+    for number in range(model.nu):
+        site, axes = model.actuator_trnid[number]
+        turn = data.site_xmat[axes if axes >= 0 else site].reshape(3, 3)
+        wrench = data.actuator_force[number] * model.actuator_gear[number].reshape(2, 3) @ turn.T
+        found.append((int(model.site_bodyid[site]), data.site_xpos[site].copy(), wrench.ravel()))
+    return found
+
+
+def _hangs_on(model: Any, body: int, inner: int) -> bool:
+    while body not in (inner, 0):
+        body = model.body_parentid[body]
+    return body == inner

@@ -1,0 +1,65 @@
+"""The data of the figures as classic scripts beside the pages: runs.js for all pages, scene-*.js with the curves."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from crosscheck.report import names
+from crosscheck.studies.plan import EULER
+
+DIGITS = 5
+"""Significant digits of the figures in runs.js; results.json has them all."""
+
+RUN_KEYS = ("scene", "engine", "version", "label", "form", "method", "outcome", "word", "step", "rtol",
+            "documented_order", "practical", "own_environment", "judged_until", "energy_error", "orthogonality")
+RUNG_KEYS = ("step", "rtol", "errors", "wall_time", "guide")
+CURVES = "window.CROSSCHECK_CURVES = "
+
+
+def runs_script(document: dict[str, Any]) -> str:
+    """runs.js: scenes and runs without curves, for every page that draws."""
+    scenes = [{"name": scene["name"], "title": scene["title"], "file": names.scene_file(scene),
+               "bodies": scene["bodies"], "window": (scene["plan"] or {}).get("window"), "truth": bool(scene["truth"])}
+              for scene in document["scenes"] if "failure" not in scene]
+    return f"window.CROSSCHECK_RUNS = {_compact({'scenes': scenes, 'runs': [_run(r) for r in document['records']]})};\n"
+
+
+def _run(record: dict[str, Any]) -> dict[str, Any]:
+    errors = {name: {key: error.get(key) for key in ("max", "judged", "bound")}
+              for name, error in record["errors"].items()}
+    orders = {name: order["observed"] for name, order in record["orders"].items()}
+    levels = {name: {"max": level["max"], "held": level["held"]} for name, level in record["levels"].items()}
+    ladder = [{key: rung.get(key) for key in RUNG_KEYS} | {"end": rung["end"].get("position")}
+              for rung in record["ladder"]]
+    timing = [{key: point[key] for key in ("step", "rtol", "wall_time", "error")} for point in record["timing"]]
+    return {**{key: record[key] for key in RUN_KEYS}, "errors": errors, "orders": orders, "levels": levels,
+            "ladder": ladder, "timing": timing,
+            "euler": record["engine"] == "lieeuler" and record["method"] in EULER}
+
+
+def curves_script(document: dict[str, Any], scene: dict[str, Any]) -> str:
+    """scene-*.js: the curves of truth and of every run of one scene, packed as in `crosscheck.studies.curves`."""
+    runs = {record["label"]: record["curves"] for record in document["records"]
+            if record["scene"] == scene["name"] and record["curves"]}
+    content = json.dumps({"scene": scene["curves"], "runs": runs}, separators=(",", ":"), allow_nan=False)
+    return f"{CURVES}{content};\n"
+
+
+def read_curves(text: str) -> dict[str, Any]:
+    """The content of a script of `curves_script`; `ValueError` where it is none."""
+    if not text.startswith(CURVES):
+        raise ValueError("not a script of curves")
+    return json.loads(text.removeprefix(CURVES).rstrip().removesuffix(";"))
+
+
+def _compact(value: Any) -> str:
+    return json.dumps(_short(value), separators=(",", ":"), allow_nan=False)
+
+
+def _short(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _short(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_short(each) for each in value]
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value

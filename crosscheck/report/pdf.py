@@ -1,0 +1,65 @@
+"""The report as one PDF, printed by an installed Chromium or Chrome."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from crosscheck.errors import ArgumentError
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+PATIENCE = 180.0
+"""s that one page may take; the largest take some ten."""
+
+
+def find_browser() -> str:
+    """Path of an installed Chromium or Chrome, `ArgumentError` where there is none; CROSSCHECK_BROWSER goes first."""
+    named = os.environ.get("CROSSCHECK_BROWSER")
+    if named:
+        if shutil.which(named) is None:
+            raise ArgumentError(f"CROSSCHECK_BROWSER={named}: no such program; name a Chromium or Chrome, or unset it")
+        return str(shutil.which(named))
+    for name in BROWSERS:
+        found = shutil.which(name)
+        if found:
+            return found
+    raise ArgumentError("--format pdf needs Chromium or Chrome to print the pages, and none is installed (Debian, "
+                        "Ubuntu: apt-get install chromium); or name one in CROSSCHECK_BROWSER")
+
+
+def write_pdf(pages: Sequence[Path], target: Path, browser: str | None = None) -> Path:
+    """Print pages from disk into one PDF, a bookmark for each; the file is replaced as a whole. Returns `target`."""
+    from pypdf import PdfReader, PdfWriter
+
+    program = browser or find_browser()
+    writer = PdfWriter()
+    with tempfile.TemporaryDirectory() as folder:
+        for page in pages:
+            printed = Path(folder) / f"{page.stem}.pdf"
+            _print(program, page, printed, Path(folder) / "profile")
+            with printed.open("rb") as stream:
+                writer.append(PdfReader(stream), outline_item=page.stem)
+        aside = target.with_name(f".{target.name}.new")
+        with aside.open("wb") as stream:
+            writer.write(stream)
+    os.replace(aside, target)
+    return target
+
+
+def _print(program: str, page: Path, target: Path, profile: Path) -> None:
+    # The page draws all its figures at once when its address asks for printing; the budget is page time, not wall time.
+    root = hasattr(os, "geteuid") and os.geteuid() == 0  # Chromium refuses its sandbox to root, as in containers
+    command = [program, "--headless", *(["--no-sandbox"] if root else []), "--disable-gpu", "--no-pdf-header-footer",
+               f"--user-data-dir={profile}", "--virtual-time-budget=20000", f"--print-to-pdf={target}",
+               f"{page.resolve().as_uri()}?print=1"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+    except subprocess.TimeoutExpired:
+        raise ArgumentError(f"{page.name}: {program} did not print it within {PATIENCE:.0f} s") from None
+    if done.returncode != 0 or not target.exists():
+        said = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
+        raise ArgumentError(f"{page.name}: {program} could not print it ({said})")

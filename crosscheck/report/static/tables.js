@@ -1,0 +1,91 @@
+// Tables that sort by a click on a heading and filter by words and verdict.
+"use strict";
+(function () {
+  const OUTCOMES = ["error", "fail", "known", "unjudged", "pass", "unsupported"];
+
+  const value = (row, column) => {
+    const cell = row.cells[column];
+    if (!cell) return "";
+    const text = (cell.dataset.sort ?? cell.textContent).trim();
+    const rank = OUTCOMES.indexOf(text);
+    return rank >= 0 && cell.querySelector(".tag") ? String(rank) : text;
+  };
+  const isNumber = (text) => text !== "" && Number.isFinite(Number(text));
+
+  // Numbers before words before nothing, whichever way the column is sorted.
+  function compare(one, other, down) {
+    const rank = (text) => (isNumber(text) ? 0 : text === "" || text === "–" ? 2 : 1);
+    if (rank(one) !== rank(other)) return rank(one) - rank(other);
+    const order = rank(one) === 0 ? Number(one) - Number(other) : one.localeCompare(other, "en", {numeric: true});
+    return down ? -order : order;
+  }
+
+  function sortable(table) {
+    const heads = [...table.tHead.rows[0].cells];
+    heads.forEach((head, column) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.append(...head.childNodes);
+      head.append(button);
+      button.addEventListener("click", () => {
+        const down = head.getAttribute("aria-sort") === "ascending";
+        heads.forEach((each) => each.removeAttribute("aria-sort"));
+        head.setAttribute("aria-sort", down ? "descending" : "ascending");
+        const body = table.tBodies[0];
+        body.append(...[...body.rows].sort((one, other) => compare(value(one, column), value(other, column), down)));
+      });
+    });
+  }
+
+  function filterable(table) {
+    const rows = [...table.tBodies[0].rows];
+    if (rows.length < 6) return;
+    const bar = document.createElement("div");
+    bar.className = "filter";
+    const words = document.createElement("input");
+    words.type = "search";
+    words.placeholder = "filter by words";
+    words.setAttribute("aria-label", "filter the rows by words");
+    const verdict = document.createElement("select");
+    verdict.setAttribute("aria-label", "filter the rows by verdict");
+    const found = OUTCOMES.filter((outcome) => table.querySelector("tbody .tag." + outcome));
+    verdict.add(new Option("every verdict", ""));
+    found.forEach((outcome) => verdict.add(new Option(outcome, outcome)));
+    const count = document.createElement("span");
+    count.className = "quiet";
+    count.setAttribute("role", "status");
+    bar.append(words, ...(found.length > 1 ? [verdict] : []), count);
+    (table.closest(".scroll") ?? table).before(bar);
+
+    const chosen = new URLSearchParams(window.location.search).get("engine");
+    if (chosen && rows.some((row) => row.dataset.engine === chosen)) words.value = chosen;
+    function apply() {
+      const wanted = words.value.toLowerCase().split(/\s+/).filter(Boolean);
+      let shown = 0;
+      rows.forEach((row) => {
+        const text = row.textContent.toLowerCase();
+        row.hidden = !wanted.every((word) => text.includes(word))
+          || (verdict.value !== "" && !row.querySelector(".tag." + verdict.value));
+        shown += row.hidden ? 0 : 1;
+      });
+      count.textContent = shown + " of " + rows.length;
+    }
+    words.addEventListener("input", apply);
+    verdict.addEventListener("change", apply);
+    apply();
+  }
+
+  document.querySelectorAll("table.sortable").forEach(sortable);
+  document.querySelectorAll("table[data-filter]").forEach(filterable);
+
+  // A link to a run opens its findings.
+  function open() {
+    const target = document.getElementById(window.location.hash.slice(1));
+    if (target && target.tagName === "DETAILS") {
+      target.open = true;
+      target.scrollIntoView();
+    }
+  }
+  window.addEventListener("hashchange", open);
+  open();
+})();

@@ -1,0 +1,73 @@
+"""The bound of the work-precision study: heyoka's Taylor series, compiled for the scene's equations and tolerance.
+
+They are the reference equations in minimal coordinates (`crosscheck.references.taylor`), general for trees and loops;
+equations written by hand for one scene would run faster still.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from crosscheck.references.base import Reference
+from crosscheck.scene import Scene
+from crosscheck.studies.frontier import BOUND
+
+if TYPE_CHECKING:
+    from crosscheck.studies.work_precision import Rung
+
+TOLERANCES = (1e-3, 1e-6, 1e-9, 1e-12, 1e-15)
+"""Each is an order of its own, and a compilation of seconds."""
+
+LARGEST_UNROLLED = 14
+"""States up to which the series is compiled as straight code; it is two to four times as fast as loops, and takes
+minutes to compile for larger systems."""
+
+
+class Bound:
+    """Taylor integrators of one scene, one for each tolerance."""
+
+    def __init__(self, scene: Scene, truth: Reference) -> None:
+        from crosscheck.references.taylor import Taylor
+
+        self._scene, self._truth = scene, truth
+        self._series = Taylor(scene)
+        self._integrators: dict[float | None, Any] = {}
+
+    def rung(self, rtol: float) -> Rung:
+        """The run at a tolerance, with its errors; compiles the series."""
+        from crosscheck.studies.work_precision import Rung, errors_into
+
+        rung = Rung(self._scene.name, BOUND, "taylor", None, "bound: heyoka", None, rtol)
+        try:
+            unrolled = len(self._series.initial) <= LARGEST_UNROLLED
+            integrator = self._series.integrator(rtol, compact_mode=not unrolled, high_accuracy=False)
+            self._integrators[rtol] = integrator
+            integrator.time = 0.0
+            integrator.state[:] = self._series.initial
+            states = integrator.propagate_grid(self._scene.t)[-1]
+            # Loose tolerances leave quaternions off unit length, which is no error of the attitude.
+            errors_into(rung, self._scene, self._series.states(self._series.normalised(states)), self._truth,
+                        self._scene.samples - 1)
+        except Exception as error:  # as for every engine
+            rung.status, rung.reason = "error", " ".join(str(error).split()) or type(error).__name__
+        return rung
+
+    def timer(self, rung: Rung) -> Callable[[], float]:
+        """A function that runs the rung and returns its stepping time, s."""
+        integrator = self._integrators[rung.rtol]
+        initial, end = np.array(self._series.initial), self._scene.duration
+
+        def once() -> float:
+            integrator.time = 0.0
+            integrator.state[:] = initial
+            start = time.perf_counter()
+            steps = integrator.propagate_until(end)[3]
+            wall = time.perf_counter() - start
+            rung.steps = int(steps)
+            return wall
+
+        return once

@@ -1,0 +1,175 @@
+"""Drift over long runs: energy, vertical momentum, constraint levels and orthogonality against time.
+
+A symplectic method keeps its energy error in a band; an explicit Runge-Kutta method loses energy at a steady rate.
+The words of the verdict are those of the project's definitions: an error is "without trend" where its slope times the
+run stays below 5 % of its band, and growth is that of round-off where it is at most n^0.6 in the number of steps.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from crosscheck.scene import Scene
+from crosscheck.studies.work_precision import Progress, Way, ways
+
+METHODS = ("rattle2", "rattle4", "DAE1H_LSE", "RK4", "RK44", "RKMK4")
+"""By default the symmetric methods, an Euler method that holds all levels, and explicit Runge-Kutta of order 4."""
+
+TREND = 0.05
+"""Share of the band that slope times duration may have in an error without trend."""
+
+ROUND_OFF = 0.6
+"""Largest exponent in the number of steps by which accumulated rounding grows: 0.5 for a random walk, and noise."""
+
+EPS = float(np.finfo(float).eps)
+WALK = 50.0
+"""Energy errors below so many EPS times the root of the number of steps may be a random walk of roundings."""
+
+BLOCKS, ABOVE = 500, 1.5
+"""Blocks of a run whose mean errors show how it grows, and by how much a change has to exceed that from one block to
+the next, which is left from oscillations. The exponents of true random walks then scatter by 0.07 about 0.50."""
+
+SAMPLES = 10_001
+"""Output times: with some hundred independent ones a slope fitted to a band without trend is below 5 % of it."""
+
+PROBE = 2000
+"""Steps of the short run that tells whether the long one fits into the limit."""
+
+
+@dataclasses.dataclass
+class Drift:
+    """One long run. The energy error is relative to the largest kinetic energy, the momentum's to its largest size."""
+
+    scene: str
+    engine: str
+    method: str
+    form: str | None
+    label: str
+    step: float  # s
+    steps: int
+    duration: float  # s
+    status: str = "success"  # or "error", "skipped"
+    reason: str = ""
+    wall_time: float | None = None  # s
+    energy_band: float | None = None  # largest less smallest error
+    energy_slope: float | None = None  # 1/s, by least squares
+    energy_trend: float | None = None  # |slope| times duration, over the band
+    energy_growth: float | None = None  # exponent of `growth`
+    energy_verdict: str = ""
+    momentum_band: float | None = None
+    momentum_trend: float | None = None
+    momentum_growth: float | None = None
+    momentum_verdict: str = ""
+    constraint_position: float | None = None  # m, the largest
+    constraint_velocity: float | None = None  # m/s
+    constraint_acceleration: float | None = None  # m/s^2
+    orthogonality: float | None = None
+
+
+def growth(values: np.ndarray) -> float:
+    """Exponent p of the rms of the change over n steps ~ n^p, n up to a quarter of the run; 0 where nothing grows.
+
+    1/2 for a random walk, 1 for a line: one run shows it, where the growth of the largest value would need many. Means
+    over blocks are compared, because oscillations would hide what grows below them.
+    """
+    blocks = np.array([block.mean() for block in np.array_split(values, min(BLOCKS, len(values)))])
+    lags = np.unique(np.geomspace(1, max(1, len(blocks) // 4), 24).astype(int))
+    sizes = np.array([np.sqrt(np.mean((blocks[lag:] - blocks[:-lag]) ** 2)) for lag in lags])
+    grown = sizes > ABOVE * sizes[0]
+    if np.count_nonzero(grown) < 3 or sizes[0] == 0:
+        return 0.0
+    return float(np.polyfit(np.log(lags[grown]), np.log(sizes[grown]), 1)[0])
+
+
+def judge(t: np.ndarray, errors: np.ndarray, steps: int) -> tuple[float, float, float, float, str]:
+    """(band, slope in 1/s, trend, growth, verdict) of a relative error (T,) at the times t (T,) s."""
+    band = float(errors.max() - errors.min())
+    slope = float(np.polyfit(t, errors, 1)[0])
+    trend = abs(slope) * float(t[-1] - t[0]) / band if band > 0 else 0.0
+    exponent = growth(errors)
+    if trend <= TREND:
+        verdict = "bounded, without trend"
+    elif band <= WALK * EPS * np.sqrt(steps) and exponent <= ROUND_OFF:
+        verdict = "round-off"
+    else:
+        verdict = "drifts"
+    return band, slope, trend, exponent, verdict
+
+
+def chosen(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None) -> list[Way]:
+    """The ways to be run: each method in the first form that can model the scene."""
+    found: dict[tuple[str, str], Way] = {}
+    for way in ways(scene, engines, methods or METHODS)[0]:
+        if not way.adaptive:
+            found.setdefault((way.engine, way.method), way)
+    return list(found.values())
+
+
+def measure(scene: Scene, selected: Sequence[Way], step: float, steps: int, time_limit: float, progress: Progress,
+            keep: Callable[[list[Drift]], None]) -> list[Drift]:
+    """The long runs, one after the other; `keep` is called after each with all so far.
+
+    Parameters
+    ----------
+    step : s
+    steps : of each run; the samples lie on steps, so that it may be rounded up
+    time_limit : s of one run's stepping; one that would take longer is left out, with a row that says so
+    """
+    intervals = min(SAMPLES - 1, steps)
+    per = -(-steps // intervals)
+    steps = per * intervals
+    long = scene.replace(duration=steps * step, samples=intervals + 1)
+    done: list[Drift] = []
+    for index, way in enumerate(selected):
+        progress(index, len(selected), f"{scene.name}: {way.label}")
+        drift = Drift(scene.name, way.engine, way.method, way.form, way.label, step, steps, long.duration)
+        done.append(drift)
+        try:
+            _run_into(drift, scene, long, time_limit)
+        except Exception as error:  # whatever an engine raises is a row of the study
+            drift.status, drift.reason = "error", " ".join(str(error).split()) or type(error).__name__
+        keep(done)
+    return done
+
+
+def _run_into(drift: Drift, scene: Scene, long: Scene, time_limit: float) -> None:
+    from crosscheck.running import run
+
+    def go(over: Scene) -> Any:
+        return run(over, drift.engine, drift.method, step=drift.step, form=drift.form, monitor=False)
+
+    if drift.steps > 2 * PROBE:
+        probe = go(scene.replace(duration=PROBE * drift.step, samples=2))
+        expected = probe.wall_time / PROBE * drift.steps
+        if expected > time_limit:
+            drift.status = "skipped"
+            drift.reason = f"it would take about {expected:.0f} s, the limit is {time_limit:g} s"
+            return
+    traj = go(long)
+    drift.wall_time = traj.wall_time
+    fill_in(drift, traj)
+
+
+def fill_in(drift: Drift, traj: Any) -> None:
+    """The figures of a finished run, from its samples."""
+    from crosscheck.mechanics import kinetic_energy
+    from crosscheck.states import States
+
+    states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
+    kinetic = float(kinetic_energy(traj.scene, states).max())
+    energy = (traj.energy - traj.energy[0]) / (kinetic or 1.0)
+    (drift.energy_band, drift.energy_slope, drift.energy_trend, drift.energy_growth,
+     drift.energy_verdict) = judge(traj.t, energy, drift.steps)
+    largest = float(np.abs(traj.momentum_vertical).max())
+    momentum = (traj.momentum_vertical - traj.momentum_vertical[0]) / (largest or 1.0)
+    drift.momentum_band, _, drift.momentum_trend, drift.momentum_growth, drift.momentum_verdict = judge(
+        traj.t, momentum, drift.steps)
+    drift.constraint_position = float(traj.constraint_position.max())
+    drift.constraint_velocity = float(traj.constraint_velocity.max())
+    if traj.constraint_acceleration is not None:
+        drift.constraint_acceleration = float(traj.constraint_acceleration.max())
+    drift.orthogonality = float(traj.orthogonality.max())

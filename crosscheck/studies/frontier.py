@@ -1,0 +1,102 @@
+"""The speed-against-error frontier: what each method pays for an error, and who pays least.
+
+Times between two neighbouring rungs of a ladder are interpolated log-log; beyond its ends nothing is said.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+LEVELS = tuple(10.0**-power for power in range(2, 12))
+"""Errors at which the frontier is read."""
+
+IN_HOUSE, BOUND = "lieeuler", "heyoka"
+"""The engine that is compared with all others, and the one that only bounds what is possible."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Curve:
+    """Error and cost of one way to integrate, coarse rungs first; failed rungs are left out."""
+
+    engine: str
+    label: str
+    errors: tuple[float, ...]
+    costs: tuple[float, ...]  # ms of stepping, or evaluations of the forces
+
+
+@dataclasses.dataclass(frozen=True)
+class Front:
+    """The frontier at one error. None stands where nobody of that kind reaches it."""
+
+    level: float
+    winner: str | None  # of all but the bound
+    own: str | None
+    own_cost: float | None
+    other: str | None
+    other_cost: float | None
+    factor: float | None  # other over own: above 1 where the in-house methods lead
+    bound_cost: float | None
+    to_bound: float | None  # own over bound
+    costs: dict[str, float]  # of every way that reaches the level, by label, cheapest first
+
+
+def confirmed(errors: Sequence[float]) -> list[float]:
+    """Errors of a ladder, each at least as large as that of the next finer rung.
+
+    An end error passes through zero between two steps; a rung that is better than the next finer one met such a
+    chance, and a method is not to win by it.
+    """
+    return [max(errors[k:k + 2]) for k in range(len(errors))]
+
+
+def cost_at(errors: Sequence[float], costs: Sequence[float], level: float) -> float | None:
+    """Least cost at which the error is at most `level`; None where no rung reaches it.
+
+    Parameters
+    ----------
+    errors, costs : of the rungs of one ladder, coarse to fine, finite
+    level : error asked for
+    """
+    sure = confirmed(errors)
+    found = [cost for error, cost in zip(sure, costs, strict=True) if error <= level]
+    for coarse, fine in zip(range(len(sure)), range(1, len(sure)), strict=False):
+        if sure[coarse] > level >= sure[fine] > 0 and costs[coarse] > 0 and costs[fine] > 0:
+            share = math.log(sure[coarse] / level) / math.log(sure[coarse] / sure[fine])
+            found.append(costs[coarse] ** (1 - share) * costs[fine] ** share)
+    return min(found, default=None)
+
+
+def frontier(curves: Sequence[Curve], levels: Sequence[float] = LEVELS) -> list[Front]:
+    """Who is cheapest at each level, and by which factors."""
+    return [_front(curves, level) for level in levels]
+
+
+def _front(curves: Sequence[Curve], level: float) -> Front:
+    reached = [(cost, curve) for curve in curves
+               if (cost := cost_at(curve.errors, curve.costs, level)) is not None]
+    reached.sort(key=lambda pair: pair[0])
+    own = next(((cost, curve.label) for cost, curve in reached if curve.engine == IN_HOUSE), (None, None))
+    other = next(((cost, curve.label) for cost, curve in reached if curve.engine not in (IN_HOUSE, BOUND)),
+                 (None, None))
+    bound = next((cost for cost, curve in reached if curve.engine == BOUND), None)
+    winner = next((curve.label for _, curve in reached if curve.engine != BOUND), None)
+    return Front(level, winner, own[1], own[0], other[1], other[0], _ratio(other[0], own[0]), bound,
+                 _ratio(own[0], bound), {curve.label: cost for cost, curve in reached})
+
+
+def _ratio(over: float | None, under: float | None) -> float | None:
+    return None if over is None or not under else over / under
+
+
+def curves(rungs: Sequence[Mapping[str, object]], error: str = "end_position", cost: str = "wall_ms") -> list[Curve]:
+    """The ladders in rows of `work_precision.Rung`, in their order; rows without both figures are left out."""
+    found: dict[str, tuple[str, list[float], list[float]]] = {}
+    for rung in rungs:
+        e, c = rung[error], rung[cost]
+        if isinstance(e, float | int) and isinstance(c, float | int) and math.isfinite(e):
+            _, es, cs = found.setdefault(str(rung["label"]), (str(rung["engine"]), [], []))
+            es.append(float(e))
+            cs.append(float(c))
+    return [Curve(engine, label, tuple(es), tuple(cs)) for label, (engine, es, cs) in found.items()]

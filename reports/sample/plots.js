@@ -1,0 +1,261 @@
+// What all figures share: colours, layout, the CSV and SVG links. It places and colours numbers; it computes none.
+"use strict";
+window.Figures = (function () {
+  const SMALLEST = 1e-18;  // where an exact zero is drawn on a logarithmic axis
+  // Okabe and Ito's colours, then Tol's muted ones.
+  const PALETTE = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#8c6bb1", "#7f7f7f", "#aa4499",
+    "#117733", "#882255", "#999933", "#6a5acd", "#44aa99", "#cc6677", "#b8860b"];
+  const DASHES = {lieeuler: "solid", mujoco: "dash", pinocchio: "dot", exudyn: "dashdot"};
+  const SYMBOLS = {lieeuler: "circle", mujoco: "square", pinocchio: "diamond", exudyn: "triangle-up"};
+  const WORDS = {solid: "solid, ●", dash: "dashed, ■", dot: "dotted, ◆", dashdot: "dash-dotted, ▲"};
+  const printed = new URLSearchParams(window.location.search).has("print");
+
+  const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const narrow = () => window.innerWidth < 600;
+
+  // Colours by the place of a method among those of its engine; a coarse run takes the colour of its method.
+  const methods = {};
+  window.CROSSCHECK_RUNS.runs.forEach((run) => {
+    const known = methods[run.engine] = methods[run.engine] ?? [];
+    const name = run.label.replace(/ at [^ ]+ ms$/, "");
+    if (!known.includes(name)) known.push(name);
+    run.colour = PALETTE[known.indexOf(name) % PALETTE.length];
+    run.dash = run.practical ? "longdashdot" : DASHES[run.engine] ?? "longdash";
+    run.symbol = SYMBOLS[run.engine] ?? "star";
+  });
+
+  const linear = (title) => ({title: {text: title, standoff: 6, font: {size: 12}}});
+  const log = (title) => Object.assign(linear(title), {type: "log"});
+  function layout(x, y, extra) {
+    const axis = (more) => Object.assign({
+      gridcolor: style("--grid"), zerolinecolor: style("--line"), linecolor: style("--line"), automargin: true,
+      exponentformat: "power", tickfont: {size: 11}, nticks: narrow() ? 6 : 9}, more);
+    return Object.assign({
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: {color: style("--text")},
+      margin: {l: 10, r: 12, t: 12, b: 10}, showlegend: false, hovermode: "closest", dragmode: narrow() ? false : "zoom",
+      legend: {orientation: "h", y: -0.2, yanchor: "top", font: {size: 11}}, xaxis: axis(x), yaxis: axis(y)}, extra);
+  }
+  const config = () => ({displaylogo: false, responsive: true, displayModeBar: printed || narrow() ? false : "hover",
+    modeBarButtonsToRemove: ["select2d", "lasso2d", "toImage"]});
+
+  const positive = (values) => values.map((value) => (value === null ? null : Math.max(value, SMALLEST)));
+
+  // A trace; `raw` keeps what zeros are drawn in place of, for the CSV.
+  const line = (run, x, y, name, more) => Object.assign({
+    x, y, name: name ?? run.label, mode: "lines", line: {color: run.colour, dash: run.dash, width: 1.6},
+    hovertemplate: "%{y:.3g} at %{x:.3g} s<extra>" + (name ?? run.label) + "</extra>"}, more);
+  const logLine = (run, x, values, name, more) => line(run, x, positive(values), name, {raw: values, ...more});
+  const markers = (run, x, values, steps, name) => ({
+    x, y: positive(values), raw: values, customdata: steps, name: name ?? run.label, mode: "lines+markers",
+    line: {color: run.colour, dash: run.dash, width: 1.6}, marker: {color: run.colour, symbol: run.symbol, size: 7},
+    hovertemplate: "%{y:.2e}, step %{customdata:.2e} s<extra>" + (name ?? run.label) + "</extra>"});
+
+  // A maker returns {traces, layout, columns} or, for a figure of many panels, {panels: [{title, traces, layout}], columns}.
+  const makers = {};
+  const drawn = new Set();
+
+  function draw(element) {
+    drawn.add(element);
+    const figure = makers[element.dataset.figure](element);
+    element.columns = figure.columns;
+    element.querySelectorAll(":scope > .panel > .plot").forEach((plot) => Plotly.purge(plot));
+    if (figure.panels) {
+      element.series = figure.panels.flatMap((panel) => panel.traces.map((trace) => ({...trace, panel: panel.title})));
+      element.replaceChildren();
+      figure.panels.forEach((panel) => Plotly.newPlot(addPanel(element, panel.title), panel.traces, panel.layout,
+        {...config(), displayModeBar: false}));
+      return;
+    }
+    element.series = figure.traces;
+    element.classList.toggle("empty", !figure.traces.length);
+    if (figure.height) element.style.height = figure.height + "px";
+    if (!figure.traces.length) {
+      Plotly.purge(element);
+      element.textContent = figure.empty ?? "no data for this choice";
+      return;
+    }
+    if (!element.classList.contains("js-plotly-plot")) element.textContent = "";
+    ticks(figure, "x");
+    ticks(figure, "y");
+    Plotly.react(element, figure.traces, figure.layout, config());
+  }
+
+  // Whole decades on a logarithmic axis, not too many of them; digits between only where there is hardly one.
+  function ticks(figure, side) {
+    const axis = figure.layout[side + "axis"];
+    if (axis.type !== "log" || axis.dtick) return;
+    const values = figure.traces.flatMap((trace) => trace[side]).filter((value) => value > 0);
+    const decades = Math.log10(values.reduce((one, other) => Math.max(one, other), 1e-300)
+      / values.reduce((one, other) => Math.min(one, other), 1e300));
+    axis.dtick = decades < 1.2 ? "D2" : Math.ceil(decades / (narrow() ? 5 : 8));
+  }
+
+  function addPanel(parent, title) {
+    const box = document.createElement("div");
+    box.className = "panel";
+    const head = document.createElement("h4");
+    head.textContent = title;
+    const plot = document.createElement("div");
+    plot.className = "plot";
+    box.append(head, plot);
+    parent.append(box);
+    return plot;
+  }
+
+  const cell = (value) => (value === null || value === undefined ? "" : typeof value === "number"
+    ? String(Number(value.toPrecision(5))) : /[",\n]/.test(value) ? '"' + value.replaceAll('"', '""') + '"' : value);
+  function csv(element) {
+    const panels = element.series.some((trace) => trace.panel);
+    const rows = [[...(panels ? ["panel"] : []), "curve", ...element.columns]];
+    element.series.filter((trace) => !trace.guide).forEach((trace) => {
+      const y = trace.raw ?? trace.y;
+      (trace.rawX ?? trace.x).forEach((x, index) => rows.push([...(panels ? [trace.panel] : []), trace.name, x, y[index]]));
+    });
+    return rows.map((row) => row.map(cell).join(",")).join("\n") + "\n";
+  }
+
+  const pageName = () => window.location.pathname.split("/").pop().replace(/\.html$/, "");
+  function nameOf(element) {
+    const {figure, quantity, series} = element.dataset;
+    return [pageName(), figure, quantity ?? series].filter(Boolean).join("-").replaceAll(" ", "-");
+  }
+  function link(text, name, make) {
+    const anchor = document.createElement("a");
+    anchor.textContent = text;
+    anchor.href = "#";
+    anchor.download = name;
+    anchor.addEventListener("click", async (event) => {
+      event.preventDefault();
+      const target = document.createElement("a");
+      target.href = await make();
+      target.download = name;
+      target.click();
+      if (target.href.startsWith("blob:")) setTimeout(() => URL.revokeObjectURL(target.href), 10000);
+    });
+    return anchor;
+  }
+  function ready(element) { if (!drawn.has(element)) draw(element); }
+  function addLinks(element) {
+    const caption = element.parentElement.querySelector("figcaption");
+    const links = document.createElement("span");
+    links.className = "links";
+    links.append(link("CSV", nameOf(element) + ".csv", () => {
+      ready(element);
+      return URL.createObjectURL(new Blob([csv(element)], {type: "text/csv"}));
+    }));
+    if (element.classList.contains("plot")) links.append(link("SVG", nameOf(element) + ".svg", () => svg(element)));
+    caption.append(" ", links);
+  }
+  // In the light colours, whatever the page has: it is for paper.
+  async function svg(element) {
+    const root = document.documentElement;
+    const theme = root.dataset.theme;
+    root.dataset.theme = "light";
+    const figure = makers[element.dataset.figure](element);
+    root.dataset.theme = theme;
+    const size = {width: 640, height: 420};
+    return Plotly.toImage({data: figure.traces, layout: {...figure.layout, showlegend: true,
+      legend: {font: {size: 9}}}}, {format: "svg", ...size});
+  }
+
+  function legend(runs) {
+    const rows = {};
+    runs.forEach((run) => {
+      if (!rows[run.engine]) {
+        rows[run.engine] = document.createElement("div");
+        const name = document.createElement("b");
+        name.textContent = run.engine + " (" + (WORDS[DASHES[run.engine]] ?? "long dashes, ★") + ")";
+        rows[run.engine].append(name);
+      }
+      const entry = document.createElement("span");
+      const chip = document.createElement("i");
+      chip.style.setProperty("--c", run.colour);
+      entry.append(chip, run.label.slice(run.engine.length + 1));
+      rows[run.engine].append(entry);
+    });
+    document.querySelectorAll("[data-legend]").forEach((place) => place.replaceChildren(
+      ...Object.values(rows).map((row) => row.cloneNode(true))));
+  }
+
+  // Groups of runs to compare; `preferred` first.
+  function groups(runs) {
+    const fine = (run) => !run.practical;
+    const best = {};
+    runs.filter((run) => fine(run) && ["pass", "known", "unjudged"].includes(run.outcome)).forEach((run) => {
+      const error = run.errors.position?.max ?? Infinity;
+      if (!best[run.engine] || error < (best[run.engine].errors.position?.max ?? Infinity)) best[run.engine] = run;
+    });
+    const orders = [...new Set(runs.filter((run) => fine(run) && run.documented_order).map((run) => run.documented_order))];
+    return [
+      ["eight Euler methods, best of each engine", (run) => fine(run) && (run.euler || best[run.engine] === run)],
+      ["best of each engine", (run) => best[run.engine] === run],
+      ["eight Euler methods", (run) => fine(run) && run.euler],
+      ["established engines", (run) => fine(run) && run.engine !== "lieeuler"],
+      ...orders.sort((one, other) => one - other).map((order) => [
+        "order " + order, (run) => fine(run) && run.documented_order === order]),
+      ["adaptive", (run) => fine(run) && run.rtol],
+      ...Object.keys(methods).map((engine) => [engine, (run) => fine(run) && run.engine === engine]),
+      ["coarse steps", (run) => run.practical],
+      ["every run", () => true],
+    ].filter(([, keep]) => runs.some(keep));
+  }
+
+  function start(refreshed) {
+    const all = [...document.querySelectorAll("[data-figure]")];
+    all.forEach(addLinks);
+    // A figure is drawn when it comes near the window, so that a page with many opens at once.
+    const watcher = new IntersectionObserver((entries) => entries.forEach((entry) => {
+      if (entry.isIntersecting && !drawn.has(entry.target)) draw(entry.target);
+    }), {rootMargin: "400px"});
+    all.forEach((element) => (printed ? draw(element) : watcher.observe(element)));
+    const refresh = () => { refreshed?.(); drawn.forEach(draw); };
+    document.addEventListener("themechange", refresh);
+    const anew = () => all.forEach((element) => { Plotly.purge(element); draw(element); });
+    if (!printed) ["beforeprint", "afterprint"].forEach((event) => window.addEventListener(event, anew));
+    refreshed?.();
+    return refresh;
+  }
+
+  // Speed and convergence stand on pages of scenes, engines and studies alike.
+  function speed(runs) {
+    const traces = runs.map((run) => [run, run.timing.length ? run.timing : run.own_environment ? []
+      : run.ladder.filter((rung) => rung.wall_time !== null).map((rung) => ({...rung, error: rung.end}))])
+      .filter(([, points]) => points.length)
+      .map(([run, points]) => markers(run, points.map((point) => 1e3 * point.wall_time),
+        points.map((point) => point.error ?? null), points.map((point) => point.step ?? point.rtol)));
+    return {traces, columns: ["stepping time (ms)", "position error at the end (m)"],
+      layout: layout(log("stepping time (ms)"), log("position error at the end (m)"))};
+  }
+  function convergence(runs, quantity, unit) {
+    const traces = [], notes = [];
+    runs.filter((run) => run.documented_order && run.ladder.length).forEach((run) => {
+      const steps = run.ladder.map((rung) => rung.step);
+      const values = run.ladder.map((rung) => rung.errors[quantity] ?? null);
+      if (quantity === "position") {
+        traces.push({x: steps, y: run.ladder.map((rung) => (rung.guide > 1e-16 ? rung.guide : null)), mode: "lines",
+          hoverinfo: "skip", guide: true, showlegend: false, line: {color: style("--quiet"), width: 1, dash: "dot"}});
+      }
+      const order = run.orders[quantity];
+      const name = run.label + (order ? ", order " + order.toFixed(2) : "");
+      traces.push(markers(run, steps, values, steps, name));
+      if (order && values[0] > 0) {
+        notes.push({x: Math.log10(steps[0]), y: Math.log10(values[0]), text: order.toFixed(2), showarrow: false,
+          xanchor: "left", xshift: 6, font: {size: 10, color: run.colour}});
+      }
+    });
+    return {traces, columns: ["step (s)", "largest " + quantity + " error (" + unit + ")"],
+      layout: layout(log("step (s)"), log("largest " + quantity + " error (" + unit + ")"),
+        {annotations: apart(notes), margin: {l: 10, r: 40, t: 12, b: 10}})};
+  }
+  // Notes that would cover each other are left out; hovering still tells them.
+  function apart(notes) {
+    const kept = [];
+    notes.sort((one, other) => one.y - other.y).forEach((note) => {
+      if (kept.every((each) => Math.abs(each.y - note.y) > 0.45 || Math.abs(each.x - note.x) > 0.25)) kept.push(note);
+    });
+    return kept;
+  }
+
+  return {style, narrow, printed, linear, log, layout, line, logLine, markers, makers, legend, groups, start, speed,
+    convergence, positive, UNITS: {position: "m", attitude: "rad", velocity: "m/s", "angular velocity": "rad/s"}};
+})();

@@ -1,0 +1,158 @@
+// Figures of a scene page, from the packed curves beside it (crosscheck.studies.curves tells their form).
+"use strict";
+(function () {
+  const STEPS = 65533, MISSING = 65535;
+  const name = document.getElementById("scene").dataset.scene;
+  const scene = window.CROSSCHECK_RUNS.scenes.find((each) => each.name === name);
+  const runs = window.CROSSCHECK_RUNS.runs.filter((run) => run.scene === name);
+  const {scene: truth, runs: curves} = window.CROSSCHECK_CURVES;
+  const select = (id) => document.getElementById(id);
+  const hasTruth = Boolean(truth.x);
+
+  const unpacked = new Map();
+  function unpack(curve, exact) {
+    if (curve === null || curve === undefined) return null;
+    if (curve === "truth") return unpack(exact);
+    if (unpacked.has(curve)) return unpacked.get(curve);
+    let values;
+    if ("n" in curve) {
+      values = new Array(curve.n).fill(curve.lo);
+    } else {
+      const bytes = Uint8Array.from(atob(curve.q), (letter) => letter.charCodeAt(0));
+      const view = new DataView(bytes.buffer);
+      values = Array.from({length: bytes.length / 2}, (_, index) => {
+        const code = view.getUint16(2 * index, true);
+        if (code === MISSING) return null;
+        if (curve.log && code === 0) return 0;
+        const value = curve.lo + (code - 1) / (STEPS - 1) * (curve.hi - curve.lo);
+        return curve.log ? 10 ** value : value;
+      });
+    }
+    unpacked.set(curve, values);
+    return values;
+  }
+  const t = truth.t;
+  const drawable = runs.filter((run) => curves[run.label]);
+  const own = (run, read) => unpack(read(curves[run.label]), read(truth));
+  const exact = (read) => (hasTruth ? unpack(read(truth)) : null);
+
+  const runSelect = select("run"), groupSelect = select("group"), bodySelect = select("body"), jointSelect = select("joint");
+  const quantitySelect = select("quantity");
+  drawable.forEach((run, index) => runSelect.add(new Option(run.label, index)));
+  const preferred = drawable.findIndex((run) => run.label.startsWith("lieeuler DAE1L_LSE"));
+  if (preferred >= 0) runSelect.value = preferred;
+  const groups = Figures.groups(runs);
+  groups.forEach(([title], index) => groupSelect.add(new Option(title, index)));
+  truth.drawing.joints.forEach((joint) => jointSelect.add(new Option(joint.name, joint.name)));
+  if (quantitySelect) Object.keys(Figures.UNITS).forEach((each) => quantitySelect.add(new Option(each, each)));
+  const alone = () => drawable[runSelect.value];
+  const compared = () => (groups.length ? runs.filter(groups[groupSelect.value][1]) : []);
+  const comparedCurves = () => compared().filter((run) => curves[run.label]);
+  const body = () => (bodySelect ? Number(bodySelect.value) : 0);
+
+  const {style, layout, linear, log, line, logLine, makers} = Figures;
+  const HUES = ["--blue", "--orange", "--green", "--violet"], DASHES = ["solid", "dash", "dot", "longdashdot"];
+
+  // The run shown alone as lines over truth as dots: `parts` are [name, reader of a packed curve].
+  function overTruth(parts, axis, empty) {
+    const run = alone();
+    const traces = [];
+    if (!run) return {traces, columns: ["time (s)", axis]};
+    parts.forEach(([part, read], index) => {
+      const dots = exact(read);
+      if (dots) {
+        traces.push(line(run, t, dots, part + ", truth", {mode: "markers", showlegend: false,
+          marker: {size: 3, color: style("--dots")}}));
+      }
+    });
+    parts.forEach(([part, read], index) => {
+      const values = own(run, read);
+      if (values) traces.push(line(run, t, values, part, {line: {color: style(HUES[index]), dash: DASHES[index], width: 1.8}}));
+    });
+    return {traces, columns: ["time (s)", axis], empty,
+      layout: layout({...linear("time (s)"), range: [t[0], t.at(-1)]}, linear(axis), {showlegend: parts.length > 1})};
+  }
+  makers.position = () => overTruth(["x", "y", "z"].map((part, axis) => [part, (c) => c.x[body()][axis]]), "position (m)");
+  makers.quaternion = () => overTruth(["w", "x", "y", "z"].map((part, axis) => [part, (c) => c.q[body()][axis]]),
+    "quaternion (1)");
+  makers.energies = () => overTruth(["kinetic", "potential", "total"].map((part) => [part, (c) => c[part]]), "energy (J)");
+  makers.momentum = () => overTruth([["momentum", (c) => c.momentum]], "angular momentum (kg m²/s)");
+  const reaction = (kind, axis) => overTruth(["x", "y", "z"].map((part, index) => [part,
+    (c) => c.reactions?.[jointSelect.value]?.[kind]?.[index]]), axis,
+  truth.drawing.joints.length ? "this joint carries none, or the engine gives no multipliers" : "this scene has no joint");
+  makers.force = () => reaction("force", "force (N)");
+  makers.torque = () => reaction("torque", "torque (N m)");
+
+  function matrix(q) {
+    const [w, x, y, z] = q;
+    return [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+      2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+      2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)];
+  }
+  const elements = (parts) => parts[0].map((_, k) => (parts.some((part) => part[k] === null)
+    ? new Array(9).fill(null) : matrix(parts.map((part) => part[k]))));
+  makers.elements = () => {
+    const run = alone();
+    const columns = ["time (s)", "element (1)"];
+    if (!run) return {panels: [], columns};
+    const parts = (read) => [0, 1, 2, 3].map(read);
+    const shown = elements(parts((k) => own(run, (c) => c.q[body()][k])));
+    const dots = hasTruth ? elements(parts((k) => exact((c) => c.q[body()][k]))) : null;
+    return {columns, panels: Array.from({length: 9}, (_, element) => {
+      const title = "R" + "₁₂₃"[Math.floor(element / 3)] + "₁₂₃"[element % 3];
+      const traces = dots ? [line(run, t, dots.map((each) => each[element]), "truth", {mode: "markers", hoverinfo: "skip",
+        hovertemplate: null, marker: {size: 3, color: style("--dots")}})] : [];
+      traces.push(line(run, t, shown.map((each) => each[element]), run.label, {line: {color: style("--blue"), width: 1.6}}));
+      return {title, traces, layout: layout({nticks: 4, range: [t[0], t.at(-1)]}, {range: [-1.1, 1.1], dtick: 1})};
+    })};
+  };
+
+  // Every run starts at the true state: the first sample would stretch the axis to nothing.
+  const late = (values) => values.slice(1);
+  const timesOf = (values) => t.filter((_, index) => index % Math.round((t.length - 1) / (values.length - 1)) === 0);
+  const history = (run, read, name, more) => {
+    const values = own(run, read);
+    return logLine(run, late(timesOf(values)), late(values), name, more);
+  };
+  makers.error = (element) => {
+    const {quantity, unit} = element.dataset;
+    const axis = quantity + " error (" + unit + ")";
+    const traces = comparedCurves().filter((run) => curves[run.label].errors[quantity])
+      .map((run) => history(run, (c) => c.errors?.[quantity]));
+    const focus = alone();
+    const bound = focus?.errors[quantity]?.bound;
+    if (traces.length && bound) {
+      traces.push({x: [t[1], focus.judged_until ?? t.at(-1)], y: [bound, bound], mode: "lines", name: "bound of " + focus.label,
+        line: {color: style("--bound"), width: 2.5}, hovertemplate: "bound %{y:.2e} " + unit + "<extra>" + focus.label + "</extra>"});
+    }
+    return {traces, columns: ["time (s)", axis], layout: layout(linear("time (s)"), log(axis))};
+  };
+  makers.series = (element) => {
+    const {series, axis} = element.dataset;
+    const traces = comparedCurves().filter((run) => curves[run.label][series])
+      .map((run) => history(run, (c) => c[series]));
+    return {traces, columns: ["time (s)", axis], layout: layout(linear("time (s)"), log(axis))};
+  };
+  makers.levels = () => ({columns: ["time (s)", "largest row (m, m/s or m/s² by curve)"],
+    panels: comparedCurves().map((run) => ({title: run.label,
+      traces: ["position", "velocity", "acceleration"].map((level, index) => (curves[run.label]["constraint " + level]
+        ? history(run, (c) => c["constraint " + level], level, {line: {color: style(HUES[index]), width: 1.5}})
+        : null)).filter(Boolean),
+      layout: layout(Object.assign(linear("time (s)"), {nticks: 4}), Object.assign(log(""), {range: [-18.3, 1.5], dtick: 6}))}))});
+  makers.speed = () => Figures.speed(compared());
+  makers.convergence = () => Figures.convergence(compared(), quantitySelect.value, Figures.UNITS[quantitySelect.value]);
+
+  const refresh = Figures.start(() => {
+    Figures.legend(compared());
+    const place = document.querySelector("[data-body]");
+    if (place) place.textContent = scene.bodies[body()];
+  });
+  [runSelect, groupSelect, bodySelect, jointSelect, quantitySelect].forEach((each) => each?.addEventListener("change", refresh));
+
+  const motion = (read) => ({x: truth.drawing.bodies.map((_, index) => [0, 1, 2].map((k) => read((c) => c.x[index][k]))),
+    q: truth.drawing.bodies.map((_, index) => [0, 1, 2, 3].map((k) => read((c) => c.q[index][k])))});
+  const actors = drawable.map((run) => ({label: run.label, engine: run.engine, colour: run.colour,
+    motion: () => motion((read) => own(run, read))}));
+  if (hasTruth) actors.unshift({label: "truth", engine: "", colour: null, motion: () => motion(exact)});
+  window.Playback.start(truth.drawing, t, actors, ["truth", alone()?.label].filter(Boolean));
+})();

@@ -1,0 +1,74 @@
+"""One browser and one small report for all tests of the pages."""
+
+import os
+import shutil
+
+import pytest
+
+from crosscheck.report import write_report
+from tests.report_making import CHANGES, SUPPORT, small_results
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """The system's Chromium; without one the tests skip, where skips are allowed."""
+    reason = None if BROWSER else "no Chromium on this machine (Debian, Ubuntu: apt-get install chromium)"
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError as error:
+        reason = str(error)
+    if reason:
+        (pytest.fail if os.environ.get("CROSSCHECK_NO_SKIP") == "1" else pytest.skip)(reason)
+    with sync_playwright() as driver:
+        running = driver.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        yield running
+        running.close()
+
+
+@pytest.fixture(scope="session")
+def document():
+    """What the report is written from."""
+    return small_results().plain() | {"changes": CHANGES, "support": SUPPORT}
+
+
+@pytest.fixture(scope="session")
+def site(document, tmp_path_factory):
+    """Folder of the report."""
+    folder = tmp_path_factory.mktemp("site") / "report"
+    write_report(document, folder)
+    return folder
+
+
+class Watched:
+    """A page that remembers what it complained of and what it asked a network for."""
+
+    def __init__(self, context, folder):
+        self.page, self.folder = context.new_page(), folder
+        self.complaints, self.foreign = [], []
+        context.set_default_timeout(180_000)  # a crowded machine is slow, not wrong
+        self.page.on("console", lambda each: self.complaints.append(each.text) if each.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda request: None if request.url.startswith(("file:", "data:", "blob:"))
+                     else self.foreign.append(request.url))
+
+    def open(self, name):
+        """Load a page of the report from disk; returns the Playwright page."""
+        self.page.goto(self.folder.as_uri() + "/" + name)
+        return self.page
+
+
+@pytest.fixture
+def watched(browser, site, request):
+    """Opens pages of the report; whatever a test does, no page may complain or ask a network for anything.
+
+    Options of the browser's context come by indirect parameters.
+    """
+    options = {"viewport": {"width": 1280, "height": 900}, "accept_downloads": True, **getattr(request, "param", {})}
+    context = browser.new_context(**options)
+    watched = Watched(context, site)
+    yield watched
+    context.close()
+    assert watched.complaints == []
+    assert watched.foreign == []

@@ -1,0 +1,141 @@
+"""The parts of `explain`: altered accelerations, limits, differences, copies and misreadings, each against its own
+truth."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from crosscheck import mechanics
+from crosscheck.constraints import Constraints
+from crosscheck.explain import clean, copies, numerics, observe, physics, starts
+from crosscheck.explain.observe import Observation, Scale
+from crosscheck.references.maximal import Maximal
+from crosscheck.scene_file import load_scene
+from tests.explain import misbuilt
+
+SCENES = ("double_pendulum", "spring_pendulum", "torsion_wheel", "damped_pendulum", "loaded_pendulum", "four_bar",
+          "hinge_pendulum", "puck_on_plane")
+
+
+def points(scene, count=7):
+    """States along a made-up motion; the formulas hold on and off the constraints."""
+    rng = np.random.default_rng(1)
+    t = np.linspace(0, 0.1, count)
+    v, w = scene.v0 + rng.normal(size=(count, scene.n, 3)), scene.w0 + rng.normal(size=(count, scene.n, 3))
+    x = scene.x0 + t[:, None, None] * v
+    R = scene.R0 @ Rotation.from_rotvec((t[:, None, None] * w).reshape(-1, 3)).as_matrix().reshape(count, scene.n, 3, 3)
+    angles = mechanics.torsion_angles(scene, R)
+    return physics.Points(x, R, v, w, np.zeros((count, scene.n, 6)), np.zeros(count, dtype=int), angles)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_unaltered_accelerations_are_those_of_the_scene(name):
+    scene = load_scene(name)
+    at = points(scene)
+    found = physics.Terms(scene, at, tuple(range(len(scene.forces)))).rates(physics.of_scene(scene))
+    a, alpha, _ = mechanics.index1(scene, at.x, at.R, at.v, at.w, at.angles)
+    wanted = np.concatenate([a, alpha], axis=2)
+    # Two ways through one linear system, of condition up to some 1e4.
+    assert np.abs(found - wanted).max() < 1e-9 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("name", ["spring_pendulum", "double_pendulum"])
+def test_altered_parameters_are_those_of_the_altered_scene(name):
+    scene = load_scene(name)
+    at = points(scene)
+    right = physics.of_scene(scene)
+    forces = tuple(range(len(scene.forces)))
+    changed = right.replace(gravity=np.array([1.0, 2.0, -3.0]), masses=1.7 * right.masses,
+                            inertias=0.6 * right.inertias, rest=right.rest + 0.1, stiffness=0.5 * right.stiffness)
+    wrong = misbuilt.gravity(lambda g: np.array([1.0, 2.0, -3.0]))(scene)
+    for k in range(scene.n):
+        wrong = misbuilt._bodies(wrong, lambda i, body, k=k: body if i != k else misbuilt.dataclasses.replace(
+            body, mass=1.7 * body.mass, inertia=0.6 * body.inertia))
+    wrong = wrong.replace(forces=tuple(misbuilt.spring(force, stiffness=0.5, rest=0.1)(
+        wrong.replace(forces=(force,))).forces[0] for force in wrong.forces))
+    found = physics.Terms(scene, at, forces).rates(changed)
+    a, alpha, _ = mechanics.index1(wrong, at.x, at.R, at.v, at.w, at.angles)
+    assert np.abs(found - np.concatenate([a, alpha], axis=2)).max() < 1e-9 * np.abs(found).max()
+
+
+def test_soft_joints_leave_constraint_forces_out():
+    """Whatever pulls along the rows of G, the accelerations across them are still predicted."""
+    scene = load_scene("double_pendulum")
+    at = points(scene)
+    terms = physics.Terms(scene, at, ())
+    G = Constraints(scene).jacobian(at.x, at.R)
+    pull = np.einsum("pmk,m->pk", G, np.linspace(-50, 80, G.shape[1])) @ mechanics.inverse_mass(scene)
+    free = mechanics.applied_forces(scene, at.x, at.R, at.v, at.w) @ mechanics.inverse_mass(scene)
+    at.rates = (free + pull).reshape(at.rates.shape)
+    found = terms.rates(physics.of_scene(scene), soft=True)
+    assert np.abs(found - at.rates).max() < 1e-9 * np.abs(at.rates).max()
+
+
+@pytest.mark.parametrize("name", ["double_pendulum", "spring_pendulum"])
+def test_the_prediction_is_truth_where_nothing_is_altered(name):
+    scene = load_scene(name)
+    scale = observe.scale_of(scene)
+    brief = observe.window(scene, scale)
+    found = clean.predict(brief, physics.of_scene(brief), scene.R0, scene.w0)
+    # rtol 1e-11 over a window of one radian, some ten steps
+    assert np.abs(scale.flat(found) - scale.flat(Maximal(brief).run())).max() < 1e-9
+
+
+def test_extrapolation_takes_the_named_powers_away():
+    h = 1.0 / np.array([1.0, 2.0, 4.0])
+    runs = [np.array([3.0 + 2.0 * step**2 - 5.0 * step**3]) for step in h]
+    assert observe.extrapolated(runs, (1, 2, 4), 2)[0] == pytest.approx(3.0, abs=1e-13)
+    assert observe.convergence([np.array([step**2]) for step in 0.1 * h]) == pytest.approx(2.0, abs=1e-9)
+
+
+def test_differences_are_exact_to_their_estimate():
+    t = np.linspace(0, 1, 21)
+    y = np.sin(3 * t)[:, None, None]
+    found, error = observe.rates(y, t[1])
+    gap = np.abs(found[:, 0, 0] - 3 * np.cos(3 * t[4:-4])).max()
+    assert gap <= error < 100 * gap
+
+
+def test_copies_close_their_joints_and_turn():
+    scene = load_scene("hinge_pendulum")
+    scale = observe.scale_of(scene)
+    balls, kept = copies.on_balls(scene)
+    assert all(joint.type == "spherical" for joint in balls.joints)
+    assert all(scene.forces[k].joint is None for k in kept)
+    for copy in (copies.moved(scene, scale, 0), copies.moved(balls, scale, 1)):
+        gaps = Constraints(copy).position(copy.x0[None], copy.R0[None])
+        speeds = Constraints(copy).velocity(copy.x0[None], copy.R0[None], copy.v0[None], copy.w0[None])
+        assert max(np.abs(gaps).max(), np.abs(speeds).max()) < 1e-9
+        assert np.abs(copy.R0 - scene.R0).max() > 0.05
+
+
+def test_rotations_of_the_planar_copy_commute():
+    scene = load_scene("double_pendulum")
+    copy = numerics.planar(scene, observe.scale_of(scene))
+    states = Maximal(copy.replace(duration=0.3, samples=4)).run()
+    axis = copy.w0[0] / np.linalg.norm(copy.w0[0])
+    assert np.abs(states.R @ axis - axis).max() < 1e-10
+    assert np.abs(states.R[-1] - states.R[0]).max() > 0.1
+
+
+def test_misreadings_are_what_they_say():
+    scene = load_scene("double_pendulum")
+    scale = Scale(1.0, 1.0)
+    R, w = starts.misread(scene, starts.ATTITUDES[2], None)
+    assert np.abs(R - np.swapaxes(scene.R0, -1, -2)).max() == 0
+    x, v = starts.positions(scene, R, w)
+    assert np.abs(Constraints(scene).position(x[None], R[None])).max() < 1e-12
+    y = scale.flat(starts.States(np.zeros(1), x[None], R[None], v[None], w[None]))
+    seen = Observation(scene, scale, y, 0.0, None)
+    assert starts.gap(seen, R, w) < 1e-13
+    assert starts.gap(seen, scene.R0, scene.w0) > 0.1
+
+
+@pytest.mark.parametrize(("errors", "lower"), [
+    ([2.0**(-2 * k) for k in range(4)], 2),
+    ([2.0**(-4 * k) for k in range(4)], None),
+    ([1e-4, 1e-5, 3e-12, 3e-12], None),  # rounding
+    ([1.0, 2**-2.4, 2**-5.8, 2**-9.6], None),  # slopes 2.4, 3.4, 3.8 climb to four
+])
+def test_a_lower_order_is_named_only_where_it_is_clear(errors, lower):
+    assert numerics._lower((1.0, 0.5, 0.25, 0.125), errors, 4) == lower

@@ -1,0 +1,88 @@
+"""Steps far too large, positions where rank drops, starts that contradict themselves: a named end or a right answer."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+import crosscheck
+import lieeuler
+from crosscheck.engines.lieeuler import build_problem
+from crosscheck.scene import GROUND
+from tests.hard.methods import FIXED
+
+SCENES = ("double_pendulum", "heavy_top", "four_bar", "spring_pendulum", "damped_pendulum")
+
+
+def finite(states):
+    return all(np.isfinite(values).all() for values in (states.x, states.R, states.v, states.w))
+
+
+def outcome(scene, method, step):
+    """The run's states as far as it came, and its error or None."""
+    try:
+        return lieeuler.integrate(build_problem(scene), method, step, scene.t), None
+    except lieeuler.IntegrationError as error:
+        return error.solution, error
+
+
+@pytest.mark.parametrize("step", [0.1, 1.0, 1e4])
+@pytest.mark.parametrize("method", FIXED)
+@pytest.mark.parametrize("name", SCENES)
+def test_steps_far_too_large_end_with_a_name_and_never_with_nan(name, method, step):
+    scene = crosscheck.load_scene(name).replace(duration=20 * step, samples=21)
+    end, failure = outcome(scene, method, step)
+    assert finite(end)
+    # 20 steps of products of rotations, whatever their angles
+    assert np.abs(np.swapaxes(end.R, -1, -2) @ end.R - np.eye(3)).max() < 1e-12
+    if failure is not None:
+        assert failure.status is not lieeuler.Status.SUCCESS
+        assert failure.advice
+
+
+@pytest.mark.parametrize("step", [1e-2, 1e-3])
+@pytest.mark.parametrize("method", [name for name in FIXED if "position" in lieeuler.METHODS[name].held])
+def test_a_parallelogram_passes_flat_positions_on_its_branch_or_says_why_not(method, step):
+    """At the flat position another branch begins, on which the coupler turns; a run that takes it must not succeed."""
+    scene = crosscheck.load_scene("parallelogram")
+    traj, failure = outcome(scene, method, step)
+    if failure is not None:
+        assert failure.status in (lieeuler.Status.SINGULAR_MATRIX, lieeuler.Status.NEWTON_FAILED)
+        return
+    assert np.count_nonzero(np.diff(np.sign(traj.x[:, 1, 2]))) >= 2
+    # near the flat position closed joints leave the angle open to the root of their rounding
+    assert np.abs(traj.R[:, 1] - np.eye(3)).max() < np.sqrt(50 * np.finfo(float).eps)
+
+
+ROD = {"name": "rod", "mass": 1.0, "inertia": [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.01]]}
+LEFT = {"name": "left", "type": "spherical", "parent": "ground", "child": "rod", "parent_anchor": [0.0, 0.0, 0.0],
+        "child_anchor": [-0.5, 0.0, 0.0]}
+RIGHT = {**LEFT, "name": "right", "parent_anchor": [1.0, 0.0, 0.0], "child_anchor": [0.5, 0.0, 0.0]}
+HELD_ROD = {"schema": 1, "name": "held", "gravity": [0.0, 0.0, -9.81], "duration": 1.0, "samples": 3, "bodies": [ROD],
+            "joints": [LEFT, RIGHT]}
+
+
+def written(tmp_path, change):
+    data = copy.deepcopy(HELD_ROD)
+    change(data)
+    path = tmp_path / "held.json"
+    path.write_text(json.dumps(data))
+    return path
+
+
+def test_a_rod_held_at_both_ends_loads(tmp_path):
+    scene = crosscheck.load_scene(written(tmp_path, lambda data: None))
+    assert scene.x0[0] == pytest.approx([0.5, 0.0, 0.0])
+    assert scene.joints[1].parent == GROUND
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda data: data["joints"][1].update(parent_anchor=[1.5, 0.0, 0.0]), "right"),
+    (lambda data: data.update(assemble=True, joints=[LEFT, {**RIGHT, "parent_anchor": [1.5, 0.0, 0.0]}]), "joint"),
+    (lambda data: data["bodies"][0].update(angular_velocity=[0.0, 1.0, 0.0]), "right"),
+], ids=["too far apart", "too far apart for any assembly", "turned against its joints"])
+def test_joints_that_contradict_each_other_are_a_scene_error(tmp_path, change, words):
+    with pytest.raises(crosscheck.SceneError, match=words) as caught:
+        crosscheck.load_scene(written(tmp_path, change))
+    assert "held.json" in str(caught.value)

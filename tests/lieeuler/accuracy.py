@@ -1,0 +1,60 @@
+"""Errors of runs against crosscheck's independent truth, for the tests of the higher-order methods."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+
+import crosscheck
+import lieeuler
+from crosscheck import references
+from crosscheck.engines.lieeuler import build_problem
+
+EPS = np.finfo(float).eps
+QUANTITIES = ("x", "R", "v", "w")
+
+
+@functools.cache
+def scene(name, duration, samples):
+    return dataclasses.replace(crosscheck.load_scene(name), duration=duration, samples=samples)
+
+
+@functools.cache
+def truth(name, duration, samples):
+    return references.truth(scene(name, duration, samples)).states
+
+
+def solve(name, method, duration, samples, step=None, rtol=None, monitor=True):
+    s = scene(name, duration, samples)
+    # As the rule itself steps: in a frame that does not spin the top has no error left to fit a slope to.
+    return lieeuler.integrate(build_problem(s), method, step, s.t, rtol=rtol, monitor=monitor, spin_free=False)
+
+
+def errors(name, solution, duration, samples):
+    """Largest errors of x, R, v, w over all samples."""
+    exact = truth(name, duration, samples)
+    return [np.abs(getattr(solution, q) - getattr(exact, q)).max() for q in QUANTITIES]
+
+
+def slopes(abscissae, values):
+    """Least-squares slopes of log(values) (rows of x, R, v, w) against log(abscissae)."""
+    return np.polyfit(np.log(abscissae), np.log(np.array(values)), 1)[0]
+
+
+def assert_on_the_constraints(solution, problem):
+    """Phi, G u, G a + gamma and R^T R - I within 50 eps times the size of their terms, after every step."""
+    anchors = [np.linalg.norm(s) for j in problem.joints for s in (j.parent_anchor, j.child_anchor)]
+    length = max([1.0, *anchors, np.abs(solution.x).max()])
+    speed = length * max(1.0, np.abs(solution.w).max(), np.abs(solution.v).max() / length)
+    maxima = solution.stats.maxima
+    assert maxima["constraint_position"] < 50 * EPS * length
+    assert maxima["constraint_velocity"] < 50 * EPS * speed
+    # a = M^-1 (f - G^T lam): its terms are as large as the multipliers over the lightest body's inertia
+    inertias = [np.linalg.eigvalsh(body.inertia)[0] for body in problem.bodies]
+    mobility = 1 / min(body.mass for body in problem.bodies) + length**2 / min(inertias)
+    load = np.abs(solution.lam).max(initial=0)
+    sizes = speed**2 / length, np.abs(solution.a).max(), length * np.abs(solution.alpha).max(), mobility * load
+    assert maxima["constraint_acceleration"] < 50 * EPS * max(sizes)
+    assert maxima["orthogonality"] < 50 * EPS

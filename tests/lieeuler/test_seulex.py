@@ -1,0 +1,84 @@
+"""Extrapolated DAE1L_LSE: expansion of a step, error proportional to the tolerance, dense output, stiff springs."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import crosscheck
+import lieeuler
+from crosscheck.engines.lieeuler import build_problem
+from tests.lieeuler.accuracy import QUANTITIES, assert_on_the_constraints, errors, scene, slopes, solve
+from tests.lieeuler.systems import SYSTEMS
+
+TOLERANCES = 10.0 ** -np.arange(4, 13, 2)
+
+
+def test_a_step_has_an_expansion_in_powers_of_its_length():
+    """Rows n of the table lose one power of H a column: differences of neighbours in a row go as H^n."""
+    problem = SYSTEMS["double_pendulum"]()
+
+    def differences(h):
+        rows = []
+        for n in range(1, 5):
+            end = lieeuler.integrate(problem, "DAE1L_LSE", h / n, [0.0, h])
+            row = [np.concatenate([end.x[-1], end.v[-1], end.w[-1]], axis=None)]
+            for k in range(1, n):
+                row.append(row[-1] + (row[-1] - rows[-1][k - 1]) * (n - k) / k)
+            rows.append(row)
+        return [np.abs(row[-1] - row[-2]).max() for row in rows[1:]]
+
+    coarse, fine = differences(1e-2), differences(2.5e-3)
+    for power, (a, b) in enumerate(zip(coarse, fine, strict=True), start=2):
+        assert np.log(a / b) / np.log(4) == pytest.approx(power, abs=0.3)
+
+
+@pytest.mark.parametrize(("system", "duration"), [("double_pendulum", 1.0), ("heavy_top", 0.3)])
+def test_error_is_proportional_to_the_tolerance(system, duration):
+    rows = []
+    for rtol in TOLERANCES:
+        run = solve(system, "seulex", duration, 11, rtol=rtol)
+        assert_on_the_constraints(run, build_problem(scene(system, duration, 11)))
+        rows.append(errors(system, run, duration, 11))
+    for quantity, slope in zip(QUANTITIES, slopes(TOLERANCES, rows), strict=True):
+        assert 0.8 < slope < 1.2, (quantity, slope)
+
+
+def test_samples_leave_the_steps_alone():
+    few, many = (solve("heavy_top", "seulex", 0.3, samples, rtol=1e-7) for samples in (2, 1001))
+    assert few.stats.steps == many.stats.steps
+    assert np.array_equal(few.x[-1], many.x[-1])
+
+
+@functools.cache
+def stiff_truth(name):
+    """The stiff scenes by DOP853 in world axes: x, the nine entries of R, v, w; and the times."""
+    s = crosscheck.load_scene(name)
+    body, p = s.bodies[0], s.forces[0].parameters
+    J, anchor = np.array(body.inertia), np.array(p["child_point"])
+
+    def rate(_, y):
+        x, R, v, w = y[:3], y[3:12].reshape(3, 3), y[12:15], y[15:]
+        line, speed = x + R @ anchor, v + R @ np.cross(w, anchor)
+        length = np.sqrt(line @ line)
+        tension = p["stiffness"] * (length - p["free_length"]) + p["damping"] * (line @ speed) / length
+        force = -tension / length * line
+        turn = np.column_stack([np.cross(w, e) for e in np.eye(3)])
+        return np.concatenate([v, (R @ turn).ravel(), s.gravity + force / body.mass,
+                               np.linalg.solve(J, np.cross(anchor, R.T @ force) - np.cross(w, J @ w))])
+
+    start = np.concatenate([s.x0[0], s.R0[0].ravel(), s.v0[0], s.w0[0]])
+    return s, solve_ivp(rate, (0, s.duration), start, "DOP853", t_eval=s.t, rtol=1e-11, atol=1e-12).y.T
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["stiff_spring", "stiff_damped"])
+def test_stiff_springs(name):
+    """1e-6 over a second: the tolerance is of that size, and the second's growth of errors is below tenfold."""
+    s, exact = stiff_truth(name)
+    run = lieeuler.integrate(build_problem(s), "seulex", None, s.t, rtol=1e-7)
+    assert np.abs(run.x[:, 0] - exact[:, :3]).max() < 1e-6
+    assert np.abs(run.R[:, 0].reshape(-1, 9) - exact[:, 3:12]).max() < 1e-6

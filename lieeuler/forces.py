@@ -126,7 +126,7 @@ class ConstantLoad:
         object.__setattr__(self, "child", body_index("child", self.child))
         for name in ("force", "torque", "point"):
             object.__setattr__(self, name, vector(name, getattr(self, name)))
-        if self.frame not in ("world", "body"):
+        if not isinstance(self.frame, str) or self.frame not in ("world", "body"):
             raise ArgumentError(f"frame must be 'world' or 'body', not {self.frame!r}")
 
     @property

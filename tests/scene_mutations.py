@@ -9,6 +9,11 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+import numpy as np
+
+from crosscheck.errors import SceneError
+from crosscheck.scene import Scene
+from crosscheck.scene_file import load_scene
 from tests.wrong_scenes import SCENE
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
@@ -22,9 +27,34 @@ WORDS = ("", " ", "ground", "arm", "revolute", "distance", "linear_spring", "wor
 OTHERS = (None, True, False, [], {}, [[]], [None], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
           [1e-200, 0, 0], {"name": 1}, {"type": []}, [{}])
 KEYS = ("name", "type", "parent", "child", "mass", "inertia", "attitude", "position", "velocity", "length", "joint",
-        "child_axis", "parent_axis", "assemble", "samples", "duration", "schema", "tags", "", "$", "a.b", "bodies", "forces")
+        "child_axis", "parent_axis", "assemble", "samples", "duration", "schema", "tags", "", "$", "a.b", "bodies",
+        "forces")
 TOKENS = ("=", "[", "]", "{", "}", '"', "'''", "#", "\n", ",", ".", "[[", "]]", "[[bodies]]", "[joints]", "nan", "inf",
-          "1e999", "0x1", "1979-05-27", "07:32:00", "true", "-", "\\u0000", "\ufeff", "\x00", "é", "9" * 5000, "[" * 3000)
+          "1e999", "0x1", "1979-05-27", "07:32:00", "true", "-", "\\u0000", "\ufeff", "\x00", "é", "9" * 5000,
+          "[" * 3000)
+
+
+def judged(folder: Path, suffix: str, content: bytes) -> Scene | None:
+    """The scene of a file, None where it is refused; neither must break a rule."""
+    path = folder / f"fuzzed{suffix}"
+    path.write_bytes(content)
+    try:
+        scene = load_scene(path)
+    except SceneError as error:
+        _judge_message(str(error), path)
+        return None
+    assert isinstance(scene, Scene)
+    assert all(np.isfinite(values).all() for values in (scene.x0, scene.R0, scene.v0, scene.w0))
+    return scene
+
+
+def _judge_message(message: str, path: Path) -> None:
+    name, _, rest = message.partition(": ")
+    problem, _, mend = rest.partition("; ")
+    assert message.isprintable(), "the message can be printed"
+    assert name == str(path), "the message names the file"
+    assert problem, "the message says what is wrong"
+    assert mend, "the message says what to write"
 
 
 def scene_file(random: Random) -> tuple[str, bytes]:
@@ -50,7 +80,8 @@ def _value(random: Random) -> Any:
 def _mutate_tree(tree: dict[str, Any], random: Random) -> None:
     node: Any = tree
     while True:  # down to some container
-        inner = [child for child in (node.values() if isinstance(node, dict) else node) if isinstance(child, dict | list)]
+        children = node.values() if isinstance(node, dict) else node
+        inner = [child for child in children if isinstance(child, dict | list)]
         if not inner or random.random() < 0.25:
             break
         node = random.choice(inner)

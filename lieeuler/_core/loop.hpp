@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
 #include <functional>
 
 #include "denormals.hpp"
@@ -14,6 +15,15 @@ namespace lieeuler {
 struct Maxima {
   double energy_error = 0, kinetic = 0, position = 0, velocity = 0, acceleration = 0, orthogonality = 0;
 };
+
+// What overflowed is infinite: a maximum would pass over a NaN.
+inline void raise(double& maximum, double value) {
+  if (!(value <= maximum)) maximum = std::isnan(value) ? std::numeric_limits<double>::infinity() : value;
+}
+template <class Values>
+void raise(double& maximum, const Eigen::MatrixBase<Values>& values) {
+  raise(maximum, values.cwiseAbs().template maxCoeff<Eigen::PropagateNaN>());
+}
 
 class Monitor {
  public:
@@ -50,15 +60,6 @@ class Monitor {
   Maxima maxima;
 
  private:
-  template <class Values>
-  static void raise(double& maximum, const Values& values) {
-    raise(maximum, values.cwiseAbs().template maxCoeff<Eigen::PropagateNaN>());
-  }
-  // What overflowed is infinite: a maximum would pass over a NaN.
-  static void raise(double& maximum, double value) {
-    if (!(value <= maximum)) maximum = std::isnan(value) ? std::numeric_limits<double>::infinity() : value;
-  }
-
   double energy(const State& state, double& kinetic) const {
     double potential = 0;
     kinetic = 0;
@@ -139,7 +140,8 @@ class Watch {
 // Integrates over intervals of counts[k] steps of size steps[k], one sample at the end of each.
 template <class Stepper>
 Outcome run(Stepper& stepper, const System& system, const State& initial, const std::vector<double>& steps,
-            const std::vector<long>& counts, bool monitored, const Record& record, const Interrupted& interrupted) {
+            const std::vector<std::int64_t>& counts, bool monitored, const Record& record,
+            const Interrupted& interrupted) {
   const FlushDenormals flush;
   Outcome outcome;
   Monitor monitor(system, monitored);
@@ -163,11 +165,12 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
         record(outcome.samples++, stepper.state());
       }
     }
-    for (long i = 0; i < counts[k]; ++i) {
+    const double begin = t;
+    for (std::int64_t i = 0; i < counts[k]; ++i) {
       if (watch.ends()) return end(Status::interrupted);
       if (const Status status = stepper.step(outcome.counters); status != Status::success) return end(status);
       monitor.watch(stepper.state(), stepper.joints());
-      t += h;
+      t = begin + (i + 1) * h;  // a sum of 1e10 steps would gather rounding
     }
     if (!is_finite(stepper.state())) return end(Status::non_finite);
     record(outcome.samples++, stepper.state());
@@ -177,7 +180,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
 
 template <class Map>
 Outcome run_method(const System& system, const Method& method, const State& initial, const std::vector<double>& steps,
-                   const std::vector<long>& counts, bool monitored, const Record& record,
+                   const std::vector<std::int64_t>& counts, bool monitored, const Record& record,
                    const Interrupted& interrupted) {
   if (!method.composition.empty()) {
     CompositionStepper<Map> stepper(system, method.composition);

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import fractions
+import signal
 
 import numpy as np
 import pytest
@@ -11,13 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import lieeuler
+from tests.kernel_mutations import EXTREME, FIELDS, ODD, case, judged, layouts, patience
 from tests.lieeuler.systems import SYSTEMS
 
-FIELDS = ("x", "R", "v", "w", "a", "alpha", "lam")
 T = np.linspace(0, 0.1, 3)
-EXTREME = (0.0, -0.0, 5e-324, 1e-310, 1e-200, 1e-60, 1e60, 1e99, 1e101, 1e200, 1e300, -1e300, 1.7e308, np.nan, np.inf, -np.inf)
-ODD = (None, "abc", "1", b"1", [], {}, True, 1j, 10**400, fractions.Fraction(1, 3), np.float32(0.25), object(), [[1.0], [2.0, 3.0]],
-       np.datetime64("2020-01-01"), np.ma.masked, np.zeros((0, 3)))
 
 
 def field_values(problem):
@@ -25,27 +23,7 @@ def field_values(problem):
 
 
 def outcome(fields, method, **arguments):
-    """A run's solution; None where an argument was refused. The trajectory must be finite, failed or not."""
-    try:
-        solution = lieeuler.integrate(lieeuler.Problem(**fields), method, **arguments)
-    except lieeuler.ArgumentError:
-        return None
-    except lieeuler.IntegrationError as error:
-        solution = error.solution
-        assert solution.status not in (lieeuler.Status.SUCCESS, lieeuler.Status.INTERRUPTED)
-    assert all(np.isfinite(getattr(solution, name)).all() for name in FIELDS), solution.status
-    assert not any(np.isnan(value) for value in solution.stats.maxima.values())
-    return solution
-
-
-def layouts(values):
-    """The same numbers, laid out or typed differently in memory."""
-    spread = np.zeros((2 * values.shape[0], *values.shape[1:]))
-    spread[::2] = values
-    read_only = values.copy()
-    read_only.setflags(write=False)
-    return (np.asfortranarray(values), spread[::2], read_only, values.astype(object), values.tolist(),
-            values[::-1].copy()[::-1], values.astype(">f8"))
+    return judged(lambda: lieeuler.Problem(**fields), method=method, **arguments)
 
 
 @pytest.mark.parametrize("name", ["x", "R", "v", "w"])
@@ -76,20 +54,24 @@ def test_numbers_of_other_types_are_numbers():
     fields = field_values(SYSTEMS["single_pendulum"]())
     body = lieeuler.Body(fractions.Fraction(3, 2), np.eye(3, dtype=np.int32))
     assert type(body.mass) is float
-    solution = outcome({**fields, "bodies": [body], "gravity": np.array([0, 0, -9], dtype=np.int8),
-                        **{name: np.zeros((1, 3), dtype=np.float32) for name in ("v", "w")}}, "rattle2", step=np.float32(0.01), t_eval=range(2))
+    still = {name: np.zeros((1, 3), dtype=np.float32) for name in ("v", "w")}
+    solution = outcome({**fields, "bodies": [body], "gravity": np.array([0, 0, -9], dtype=np.int8), **still},
+                       "rattle2", step=np.float32(0.01), t_eval=range(2))
     assert solution.success
 
 
-@pytest.mark.parametrize("value", [np.array([1j, 0, 0]), ["0", "0", "1"], [10**400, 0, 0], [0, 0], [[0, 0, 0]], None,
-                                   [0, 0, 1e101], [0, 0, np.nan], np.ma.masked_equal([0.0, 0, 1], 1.0), 3, "abc"], ids=repr)
+@pytest.mark.parametrize("value", [
+    np.array([1j, 0, 0]), ["0", "0", "1"], [10**400, 0, 0], [0, 0], [[0, 0, 0]], None, [0, 0, 1e101], [0, 0, np.nan],
+    np.ma.masked_equal([0.0, 0, 1], 1.0), 3, "abc",
+], ids=repr)
 def test_what_is_no_vector_is_named(value):
     fields = field_values(SYSTEMS["single_pendulum"]())
     with pytest.raises(lieeuler.ArgumentError, match="gravity"):
         lieeuler.Problem(**{**fields, "gravity": value})
 
 
-@pytest.mark.parametrize("value", [10**400, 1e300, 5e-324, 1e-200, np.nan, fractions.Fraction(10**400), True, "1", None])
+@pytest.mark.parametrize("value", [10**400, 1e300, 5e-324, 1e-200, np.nan, fractions.Fraction(10**400), True, "1",
+                                   None])
 def test_masses_and_steps_out_of_range_are_named(value):
     with pytest.raises(lieeuler.ArgumentError, match="mass"):
         lieeuler.Body(value, np.eye(3))
@@ -108,7 +90,8 @@ def test_bodies_that_are_not_there_are_named(index):
         lieeuler.Problem(**{**fields, "forces": [lieeuler.ConstantLoad(index)]})
 
 
-@pytest.mark.parametrize("change", [{"bodies": 5}, {"joints": None}, {"forces": 1.0}, {"bodies": []}, {"joints": ["a"]}])
+@pytest.mark.parametrize("change", [{"bodies": 5}, {"joints": None}, {"forces": 1.0}, {"bodies": []},
+                                    {"joints": ["a"]}])
 def test_groups_that_are_no_sequences_are_named(change):
     with pytest.raises(lieeuler.ArgumentError, match=next(iter(change)).rstrip("s")[:3]):
         lieeuler.Problem(**{**field_values(SYSTEMS["single_pendulum"]()), **change})
@@ -126,13 +109,15 @@ def test_rows_and_springs_are_checked(make):
         make()
 
 
-@pytest.mark.parametrize(("name", "value"), [("coordinate_map", ["exp"]), ("coordinate_map", np.array(["exp", "cayley"])),
-                                             ("monitor", None), ("monitor", "yes"), ("spin_free", "no"),
-                                             ("t_eval", np.array([0, 1j])), ("t_eval", [-1e308, 1e308]),
-                                             ("t_eval", ["0", "1"]), ("t_eval", [0, 10**400]), ("t_eval", [0, 5e-324])])
+@pytest.mark.parametrize(("name", "value"), [
+    ("coordinate_map", ["exp"]), ("coordinate_map", np.array(["exp", "cayley"])), ("monitor", None), ("monitor", "yes"),
+    ("spin_free", "no"), ("t_eval", np.array([0, 1j])), ("t_eval", [-1e308, 1e308]), ("t_eval", ["0", "1"]),
+    ("t_eval", [0, 10**400]), ("t_eval", [0, 5e-324]),
+])
 def test_wrong_options_are_named(name, value):
     with pytest.raises(lieeuler.ArgumentError, match=name):
-        lieeuler.integrate(SYSTEMS["single_pendulum"](), **{"method": "rattle2", "step": 1e-2, "t_eval": T, name: value})
+        lieeuler.integrate(SYSTEMS["single_pendulum"](),
+                           **{"method": "rattle2", "step": 1e-2, "t_eval": T, name: value})
 
 
 def test_an_anchor_out_of_range_does_not_hide_an_open_joint():
@@ -161,12 +146,12 @@ def free_bodies(draw):
             "stiffness": draw(numbers), "point": [draw(numbers) for _ in range(3)]}
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(numbers=free_bodies(), method=st.sampled_from(sorted(lieeuler.METHODS)),
        t_end=st.sampled_from((1e-99, 1e-30, 1e-3, 0.1, 1e30, 1e99)))
 def test_numbers_of_any_size(numbers, method, t_end):
     try:
-        body = lieeuler.Body(numbers["mass"], numbers["moment"] * np.eye(3) if np.isfinite(numbers["moment"]) else np.nan)
+        body = lieeuler.Body(numbers["mass"], np.diag([numbers["moment"]] * 3))
         spring = lieeuler.LinearSpring(-1, 0, np.zeros(3), numbers["point"], numbers["stiffness"], 0.1)
     except lieeuler.ArgumentError:
         return
@@ -179,7 +164,7 @@ def test_numbers_of_any_size(numbers, method, t_end):
         outcome(fields, method, t_eval=[0, t_end / 2, t_end])
 
 
-@settings(max_examples=150)
+@settings(max_examples=80)
 @given(name=st.sampled_from(("bodies", "joints", "gravity", "x", "R", "v", "w", "forces")), value=st.sampled_from(ODD),
        method=st.sampled_from(sorted(lieeuler.METHODS)))
 def test_values_of_any_kind(name, value, method):
@@ -188,7 +173,7 @@ def test_values_of_any_kind(name, value, method):
     outcome(fields, method, t_eval=T, **control)
 
 
-@settings(max_examples=150)
+@settings(max_examples=80)
 @given(where=st.sampled_from(("x", "R", "v", "w")), place=st.integers(0, 17), value=st.sampled_from(EXTREME),
        method=st.sampled_from(sorted(lieeuler.METHODS)))
 def test_one_extreme_number_in_a_state(where, place, value, method):
@@ -197,3 +182,12 @@ def test_one_extreme_number_in_a_state(where, place, value, method):
     values.flat[place % values.size] = value
     control = {"step": 1e-2} if "step" in lieeuler.METHODS[method].controls else {}
     outcome({**fields, where: values}, method, t_eval=T, **control)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs SIGALRM")
+@settings(max_examples=100)
+@given(random=st.randoms(use_true_random=False))
+def test_any_call_is_refused_or_ends_with_a_name(random):
+    make, options = case(random)
+    with patience(0.2):
+        judged(make, **options)

@@ -76,8 +76,8 @@ def grown(runs: int) -> int:
 
 
 # A run here samples five states of two bodies: 1.4 kB, and its stepper holds ten times that. If one in ten runs lost
-# its samples or anything larger, 1e4 runs would grow by more than a megabyte; an allocator's own pools grow by less than
-# the bound, and no further.
+# its samples or anything larger, 1e4 runs would grow by more than a megabyte; an allocator's own pools grow by less
+# than the bound, and no further.
 POOLS = 1_000_000
 
 

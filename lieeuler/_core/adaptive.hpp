@@ -40,7 +40,7 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
   if (!is_finite(stepper.state())) return end(Status::non_finite);
   monitor.start(stepper.state(), stepper.joints());
   record(outcome.samples++, stepper.state());
-  Watch watch(interrupted, system.n());
+  Watch watch(interrupted, 1);
   for (size_t next = 1; next < t_eval.size();) {
     if (watch.ends()) return end(Status::interrupted);
     if (const Status status = stepper.step(outcome.counters); status != Status::success) return end(status);

@@ -117,12 +117,16 @@ using Interrupted = std::function<bool()>;
 // Asks about an interruption every 50 ms of the run, whatever a step costs.
 class Watch {
  public:
-  Watch(const Interrupted& interrupted, int bodies) : interrupted_(interrupted), bodies_(bodies) {}
+  // Of steps as cheap as a microsecond a body the clock is read every so many only, where reading it would be felt.
+  static int readings_apart(int bodies) { return std::max(1, 50 / bodies); }
 
-  // Once a step; the clock is read every few steps of small systems only, where reading it would be felt.
+  Watch(const Interrupted& interrupted, int steps_between_readings)
+      : interrupted_(interrupted), steps_between_readings_(steps_between_readings) {}
+
+  // Once a step.
   bool ends() {
-    if ((body_steps_ += bodies_) < kBodyStepsBetweenReadings) return false;
-    body_steps_ = 0;
+    if (++steps_ < steps_between_readings_) return false;
+    steps_ = 0;
     const auto now = std::chrono::steady_clock::now();
     if (now - asked_ < kPeriod) return false;
     asked_ = now;
@@ -130,10 +134,9 @@ class Watch {
   }
 
  private:
-  static constexpr int kBodyStepsBetweenReadings = 50;
   static constexpr std::chrono::milliseconds kPeriod{50};
   const Interrupted& interrupted_;
-  int bodies_, body_steps_ = 0;
+  int steps_between_readings_, steps_ = 0;
   std::chrono::steady_clock::time_point asked_ = std::chrono::steady_clock::now();
 };
 
@@ -146,7 +149,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
   Outcome outcome;
   Monitor monitor(system, monitored);
   double t = 0, h = 0;
-  Watch watch(interrupted, system.n());
+  Watch watch(interrupted, Watch::readings_apart(system.n()));
   auto end = [&](Status status) {
     outcome.status = status;
     outcome.maxima = monitor.maxima;

@@ -49,4 +49,12 @@ def spring_chain(n):
     return lieeuler.Problem(p.bodies, p.joints, p.gravity, p.x, p.R, p.v, p.w, (spring,))
 
 
+def hung_by_both_ends(n):
+    """n bodies in a zigzag, the first and the last on ball joints to the ground."""
+    p = chain([1.0] * n, [INERTIA] * n, [(np.zeros(3), UP)] + [(DOWN, UP)] * (n - 1), ([TILT_Y, TILT_X] * n)[:n],
+              [np.zeros(3)] * n)
+    last = lieeuler.spherical_joint(lieeuler.types.GROUND, n - 1, p.x[-1] + p.R[-1] @ DOWN, DOWN)
+    return lieeuler.Problem(p.bodies, (*p.joints, last), p.gravity, p.x, p.R, p.v, p.w)
+
+
 SYSTEMS = {"single_pendulum": single_pendulum, "double_pendulum": double_pendulum, "heavy_top": heavy_top}

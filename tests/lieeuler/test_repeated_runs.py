@@ -5,6 +5,7 @@ from __future__ import annotations
 import concurrent.futures
 import gc
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,7 +19,7 @@ import lieeuler
 from tests.lieeuler.systems import SYSTEMS, spring_chain
 
 FIELDS = ("x", "R", "v", "w", "a", "alpha", "lam")
-EULER, RATTLE, RKMK, TAYLOR = "DAE1L_LSE", "rattle4", "rkmk853", "taylor"
+EULER, RATTLE, RKMK, SEULEX, TAYLOR = "DAE1L_LSE", "rattle4", "rkmk853", "seulex", "taylor"
 
 
 def run(problem, method, t_end=0.2):
@@ -87,44 +88,20 @@ def test_memory_does_not_grow(runs):
     assert grown(runs) < POOLS
 
 
-LONG = """
-import os, signal, sys, threading, time
-import numpy as np
-import lieeuler
-from tests.lieeuler.systems import spring_chain
-method, bodies = sys.argv[1], int(sys.argv[2])
-problem = spring_chain(bodies)
-control = {"step": 1e-4} if "step" in lieeuler.METHODS[method].controls else {}
-t = np.linspace(0, 2000, 200001)
-lieeuler.integrate(problem, method, t_eval=t[:2] / 100, **control)
-sent = []
-def send():
-    sent.append(time.perf_counter())
-    os.kill(os.getpid(), signal.SIGINT)
-threading.Timer(1.0, send).start()
-try:
-    lieeuler.integrate(problem, method, t_eval=t, **control)
-except lieeuler.Interrupted as interrupted:
-    latency = time.perf_counter() - sent[0]
-    assert isinstance(interrupted, KeyboardInterrupt)
-    solution = interrupted.solution
-    assert solution.status is lieeuler.Status.INTERRUPTED
-    assert 1 <= len(solution.t) == len(solution.x) < len(t), len(solution.t)
-    assert np.isfinite(solution.x).all() and solution.t_end < 2000
-    print(f"{latency:.4f} {len(solution.t)}")
-"""
+SINGLE, LARGE, CLOSED = ("--bodies=1",), ("--bodies=200",), ("--bodies=40", "--closed")
 
 
-@pytest.mark.parametrize("bodies", [1, 200])
-@pytest.mark.parametrize("method", [EULER, RATTLE, RKMK, TAYLOR])
-def test_ctrl_c_carries_the_trajectory_so_far(method, bodies):
+@pytest.mark.parametrize(("method", "system"), [
+    *((method, system) for method in (EULER, RATTLE, RKMK, SEULEX, TAYLOR) for system in (SINGLE, LARGE)),
+    (EULER, CLOSED), (SEULEX, CLOSED),
+], ids=str)
+def test_ctrl_c_carries_the_trajectory_so_far(method, system):
     watchdog = 120  # s; a run that does not listen would take hours
-    done = subprocess.run([sys.executable, "-c", LONG, method, str(bodies)], capture_output=True, text=True,
-                          timeout=watchdog, cwd=Path(__file__).parents[2])
+    done = subprocess.run([sys.executable, "-m", "benchmarks.interruption", f"--method={method}", *system],
+                          capture_output=True, text=True, timeout=watchdog, cwd=Path(__file__).parents[2])
     assert done.returncode == 0, done.stderr
-    latency, samples = done.stdout.split()
-    assert float(latency) >= 0
-    assert int(samples) >= 1
+    assert int(re.search(r"(\d+) samples", done.stdout)[1]) >= 1
+    assert done.stdout.endswith("interrupted\n")
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs SIGALRM")

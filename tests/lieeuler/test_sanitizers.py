@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import sysconfig
 from pathlib import Path
 
 import pytest
@@ -19,7 +18,7 @@ WATCHED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 @pytest.fixture(scope="session")
 def watched_driver(tmp_path_factory):
     """The kernel's headers compiled into a program that ends at the first fault."""
-    import cmeel  # noqa: F401  (its prefix holds the Eigen headers the kernel is built with)
+    import cmeel  # its prefix holds the Eigen headers the kernel is built with
 
     compiler = os.environ.get("CXX") or shutil.which("c++")
     folder = tmp_path_factory.mktemp("sanitized")
@@ -27,7 +26,7 @@ def watched_driver(tmp_path_factory):
     probe.write_text("int main() { return 0; }\n")
     if subprocess.run([compiler, *WATCHED, probe, "-o", folder / "probe"], capture_output=True).returncode:
         pytest.skip(f"{compiler} has no sanitizers")
-    eigen = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "include", "eigen3")
+    eigen = Path(cmeel.__file__).parents[1] / "cmeel.prefix" / "include" / "eigen3"
     source = Path(__file__).parents[1] / "core" / "chain_driver.cpp"
     program = folder / "chain_driver"
     subprocess.run([compiler, "-std=c++20", "-O0", *WATCHED, "-I", eigen, source, "-o", program], check=True)

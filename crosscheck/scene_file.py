@@ -47,7 +47,7 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     try:
         return _assembled(scene_checks.draft(decode(_read(path))))
     except EntryError as error:
-        raise SceneError(f"{_shown(path)}: {error}") from None
+        raise SceneError(_shown(f"{path}: {error}")) from None
 
 
 def as_scene(scene: Scene | str | os.PathLike[str]) -> Scene:
@@ -82,10 +82,9 @@ def _assembled(draft: scene_checks.Draft) -> Scene:
     return scene
 
 
-def _shown(path: Path | str) -> str:
-    """A path for a message, which must neither break its line nor fail to print."""
-    text = str(path)
-    return text if text.isprintable() else ascii(text)
+def _shown(text: str) -> str:
+    """A message, or words of a user's in it, which must neither break its line nor fail to print."""
+    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
 
 
 def _folder() -> Path:
@@ -148,5 +147,5 @@ def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(table) < len(pairs):
         keys = [key for key, _ in pairs]
         twice = next(key for key in keys if keys.count(key) > 1)
-        raise EntryError(_shown(twice), "written twice in one JSON object", "keep one of the two")
+        raise EntryError(twice, "written twice in one JSON object", "keep one of the two")
     return table

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
+from typing import SupportsFloat
 
 import numpy as np
 
@@ -56,7 +57,7 @@ def positive(name: str, value: float) -> float:
     return plain
 
 
-def _double(value: numbers.Real) -> float:
+def _double(value: SupportsFloat) -> float:
     """The nearest double, infinity beyond their range (whole numbers and fractions have none)."""
     try:
         return float(value)

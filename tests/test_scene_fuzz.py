@@ -27,6 +27,12 @@ def test_half_a_character_is_refused(folder, text):
     assert judged(folder, ".json", text.encode()) is None
 
 
+@pytest.mark.parametrize("name", ["a\\u0000b", "a\\nb", "\\u202eb", "\\u2028"])
+def test_names_that_do_not_print_are_escaped_in_messages(folder, name):
+    content = f'{{"schema": 1, "bodies": [{{"name": "{name}", "masss": 1.0}}]}}'
+    assert judged(folder, ".json", content.encode()) is None
+
+
 def test_the_mutations_reach_both_ends(folder):
     random = Random(7)
     loaded = sum(judged(folder, *scene_file(random)) is not None for _ in range(300))

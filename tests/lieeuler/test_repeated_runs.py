@@ -122,6 +122,17 @@ def test_what_a_handler_of_the_users_own_raises_comes_through():
         signal.signal(signal.SIGALRM, before)
 
 
+@pytest.mark.parametrize("method", sorted(name for name, m in lieeuler.METHODS.items() if "step" in m.controls))
+def test_a_run_that_overflows_ends_long_before_its_next_sample(method):
+    body, spring = lieeuler.Body(1.0, np.eye(3)), lieeuler.LinearSpring(-1, 0, np.zeros(3), np.zeros(3), 1e90, 0.0)
+    pulled = lieeuler.Problem([body], [], np.zeros(3), [[1.0, 0, 0]], [np.eye(3)], np.zeros((1, 3)), np.zeros((1, 3)),
+                              (spring,))
+    with pytest.raises(lieeuler.IntegrationError) as ended:
+        lieeuler.integrate(pulled, method, 0.1, [0, 1e9])  # 1e10 steps
+    assert len(ended.value.solution.t) == 1
+    assert ended.value.solution.stats.steps < 10_000
+
+
 def test_more_steps_between_two_samples_than_a_32_bit_number_holds():
     timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()

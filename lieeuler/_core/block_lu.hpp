@@ -44,6 +44,27 @@ inline void subtract(const double* a, const double* x, double* y) {
   for (int i = 0; i < 3; ++i) y[i] -= a[kRow * i] * x[0] + a[kRow * i + 1] * x[1] + a[kRow * i + 2] * x[2];
 }
 
+// The inverse by cofactors of a matrix with rows of `stride`; false where the volume of the rows is rounding against the
+// product of their lengths.
+template <int stride>
+bool invert_by_cofactors(const double* a, double* out) {
+  constexpr double kSingular = 1e-14;
+  const double *b = a + stride, *c = b + stride;
+  const double a0 = a[0], a1 = a[1], a2 = a[2], b0 = b[0], b1 = b[1], b2 = b[2], c0 = c[0], c1 = c[1], c2 = c[2];
+  const double m00 = b1 * c2 - b2 * c1, m01 = b2 * c0 - b0 * c2, m02 = b0 * c1 - b1 * c0;
+  const double volume = a0 * m00 + a1 * m01 + a2 * m02;
+  const double lengths = (a0 * a0 + a1 * a1 + a2 * a2) * (b0 * b0 + b1 * b1 + b2 * b2) * (c0 * c0 + c1 * c1 + c2 * c2);
+  if (!(volume * volume > kSingular * kSingular * lengths)) return false;
+  const double inverse = 1 / volume;
+  double *p = out + stride, *q = p + stride;
+  out[0] = inverse * m00, p[0] = inverse * m01, q[0] = inverse * m02;
+  out[1] = inverse * (a2 * c1 - a1 * c2), p[1] = inverse * (a0 * c2 - a2 * c0), q[1] = inverse * (a1 * c0 - a0 * c1);
+  out[2] = inverse * (a1 * b2 - a2 * b1), p[2] = inverse * (a2 * b0 - a0 * b2), q[2] = inverse * (a0 * b1 - a1 * b0);
+  return true;
+}
+// Rows or columns first, it is the same.
+inline bool invert(const Mat3& m, Mat3& out) { return invert_by_cofactors<3>(m.data(), out.data()); }
+
 class BlockLU {
  public:
   using Entry = std::pair<int, int>;  // (row node, column node)
@@ -59,8 +80,6 @@ class BlockLU {
     auto place = [&](int row, int column) {
       return places.insert({{row, column}, kBlock * static_cast<int>(places.size())}).first->second;
     };
-    for (int node : order) place(node, node);
-    for (const auto& [row, column] : entries) place(row, column);
     pivots_.clear(), lowers_.clear(), uppers_.clear(), updates_.clear(), tail_blocks_.clear();
     for (int node : sparse) {
       for (int row : below[node]) right[row].erase(node), lowers_.push_back({place(row, node), 3 * row});
@@ -151,7 +170,7 @@ class BlockLU {
     int upper = 0, update = 0;
     for (const Pivot& pivot : pivots_) {
       double* const diagonal = values + pivot.block;
-      if (!invert(diagonal)) return false;
+      if (!invert_by_cofactors<kRow>(diagonal, diagonal)) return false;
       for (; upper < pivot.last_upper; ++upper) multiply(diagonal, values + uppers_[upper].block);
       for (; update < pivot.last_update; ++update)
         subtract_product(values + updates_[update].lower, values + updates_[update].upper,
@@ -179,20 +198,6 @@ class BlockLU {
     }
   }
 
-  // a <- a^-1 by cofactors; false where the volume of the rows is rounding against the product of their lengths.
-  static bool invert(double* a) {
-    constexpr double kSingular = 1e-14;
-    const double a0 = a[0], a1 = a[1], a2 = a[2], b0 = a[4], b1 = a[5], b2 = a[6], c0 = a[8], c1 = a[9], c2 = a[10];
-    const double m00 = b1 * c2 - b2 * c1, m01 = b2 * c0 - b0 * c2, m02 = b0 * c1 - b1 * c0;
-    const double volume = a0 * m00 + a1 * m01 + a2 * m02;
-    const double lengths = (a0 * a0 + a1 * a1 + a2 * a2) * (b0 * b0 + b1 * b1 + b2 * b2) * (c0 * c0 + c1 * c1 + c2 * c2);
-    if (!(volume * volume > kSingular * kSingular * lengths)) return false;
-    const double inverse = 1 / volume;
-    a[0] = inverse * m00, a[4] = inverse * m01, a[8] = inverse * m02;
-    a[1] = inverse * (a2 * c1 - a1 * c2), a[5] = inverse * (a0 * c2 - a2 * c0), a[9] = inverse * (a1 * c0 - a0 * c1);
-    a[2] = inverse * (a1 * b2 - a2 * b1), a[6] = inverse * (a2 * b0 - a0 * b2), a[10] = inverse * (a0 * b1 - a1 * b0);
-    return true;
-  }
   // b <- a b
   static void multiply(const double* __restrict a, double* __restrict b) {
     double row[3][kRow];

@@ -1,9 +1,9 @@
-// The Delassus matrix S = G M^-1 Gc^T: the mobility of the constraint rows, bodies eliminated.
+// Saddle-point systems with the bodies eliminated: the Delassus matrix S = G A^-1 Gc^T, the mobility of the constraint rows.
 //
-// M is constant and block diagonal, so bodies leave  M y + Gc^T lam = f,  G y = g  at the cost of a few 3 x 3 products and
-// what is left couples the joints that share a body. A body with many joints would tie each of them to every other: such a
-// hub stays among the unknowns, and the cost stays proportional to the number of bodies. So do all bodies where joints
-// close loops: S alone would lose digits there near singular positions.
+// A is block diagonal: a mass and a 3 x 3 rotational matrix per body. Bodies leave  A y + Gc^T lam = f,  G y = g  at the
+// cost of a few 3 x 3 products, and what is left couples the joints that share a body. A body with many joints would tie
+// each of them to every other: such a hub stays among the unknowns, and the cost stays proportional to the number of
+// bodies. So do all bodies where joints close loops: S alone would lose digits there near singular positions.
 #pragma once
 
 #include "kinematics.hpp"
@@ -12,34 +12,46 @@ namespace lieeuler {
 
 class Delassus {
  public:
-  explicit Delassus(const System& system) : system_(system), nodes_(system, false) {
-    hub_.assign(system.n() + 1, -1);
-    std::vector<std::vector<int>> ends_at(system.n() + 1);
+  // One side of a part at a body that moves.
+  struct Place {
+    int part, joint, body;
+    Side side;
+    const Part* part_data;
+  };
+  // G at one configuration.
+  struct Jacobians {
+    const Constraints& joints;
+    Mat3 rotations(const Place& place) const { return joints[place.joint].anchor_jacobian(place.side); }
+    Rows rows(const Place& place) const { return joints[place.joint].jacobian(*place.part_data, place.side); }
+  };
+
+  explicit Delassus(const System& system) : system_(system), nodes_(system, false), bodies_(system.n()), hub_(system.n(), -1) {
+    std::vector<std::vector<Place>> places_at(system.n() + 1);
     for (int k = 0; k < nodes_.parts(); ++k)
       for (Side side : kSides) {
         const Joint& joint = system.joints[nodes_.part(k).joint];
         const int body = side == kChild ? joint.child : joint.parent;
-        if (body == system.n()) continue;
-        ends_at[body].push_back(static_cast<int>(ends_.size()));
-        ends_.push_back(make_end(k, side, body));
+        places_at[body].push_back({k, nodes_.part(k).joint, body, side, &part(k)});
       }
-    int hubs = 0;
+    places_at.pop_back();
     const bool loops = !elimination_order(system).loops.empty();
     for (int b = 0; b < system.n(); ++b)
-      if (loops || ends_at[b].size() > kMostEnds) hub_[b] = nodes_.parts() + 2 * hubs++;
-    for (const std::vector<int>& ends : ends_at) write_out_translations(ends);
-    plan(ends_at);
-    for (int b = 0; b < system.n(); ++b)
-      if (hub_[b] < 0)
-        for (int row : ends_at[b])
-          for (int column : ends_at[b])
-            pairs_.push_back({row, column, lu_.block(ends_[row].part, ends_[column].part)});
+      if (loops || places_at[b].size() > kMostEnds) {
+        hub_[b] = nodes_.parts() + 2 * static_cast<int>(hubs_.size());
+        hubs_.push_back({b});
+      }
+    plan(places_at);
+    for (const std::vector<Place>& places : places_at) add_body(places);
     for (int k = 0; k < nodes_.parts(); ++k) padding_.push_back(lu_.block(k, k));
-    hub_blocks_.resize(ends_.size());
-    for (size_t e = 0; e < ends_.size(); ++e)
-      if (const int hub = hub_[ends_[e].body]; hub >= 0)
-        hub_blocks_[e] = SideBlocks::of(lu_, ends_[e].part, hub, hub + 1);
-    rhs_.assign(lu_.unknowns(), 0.0);
+    for (Hub& hub : hubs_) {
+      const int node = hub_[hub.body];
+      hub.v = lu_.block(node, node), hub.w = lu_.block(node + 1, node + 1);
+    }
+    rhs_.assign(hubs_.empty() ? 0 : lu_.unknowns(), 0.0);
+    for (int b = 0; b < system.n(); ++b) {
+      bodies_[b] = {1 / system.bodies[b].mass, system.bodies[b].inertia_inverse};
+      if (hub_[b] >= 0) hub_of(b).inertia = system.bodies[b].inertia;
+    }
   }
 
   int parts() const { return nodes_.parts(); }
@@ -48,75 +60,85 @@ class Delassus {
   BlockLU& lu() { return lu_; }
   int unknowns() const { return lu_.unknowns(); }
 
-  // Rows of G at one configuration, the columns Gc^T at the same or another.
-  void assemble(const Constraints& rows, const Constraints& columns) {
-    lu_.set_zero();
-    for (int k = 0; k < parts(); ++k)
-      for (int r = part(k).rows(); r < 3; ++r) padding_[k][(kRow + 1) * r] = 1;
-    const bool same = &rows == &columns;
-    for (End& end : ends_) {
-      if (end.part_data->spherical) {
-        const Mat3 G = rows[end.joint].anchor_jacobian(end.side);
-        put(end.G, G);
-        put(end.W, system_.bodies[end.body].inertia_inverse *
-                       (same ? G : columns[end.joint].anchor_jacobian(end.side)).transpose());
-        continue;
-      }
-      const Rows G = rows[end.joint].jacobian(*end.part_data, end.side);
-      set_columns(end, same ? G : columns[end.joint].jacobian(*end.part_data, end.side));
-      put(end.G, G.w);
-      if (end.translation == Translation::full) put(full_[end.full].Gv, G.v);
-    }
-    for (const Pair& pair : pairs_) {
-      const End &row = ends_[pair.row], &column = ends_[pair.column];
-      subtract_product(row.G, column.W, pair.block);
-      if (row.translation == Translation::none || column.translation == Translation::none) continue;
-      if (row.translation == Translation::unit && column.translation == Translation::unit)
-        for (int i = 0; i < 3; ++i) pair.block[(kRow + 1) * i] -= row.sign * column.mobility;
-      else
-        subtract_product(full_[row.full].Gv, full_[column.full].Wv, pair.block);
-    }
-    assemble_hubs(rows, columns);
+  // The rotational block of A, J unless set; false where it is singular.
+  bool set_rotational(int body, const Mat3& A) {
+    if (hub_[body] < 0) return invert(A, bodies_[body].rotational);
+    hub_of(body).inertia = A;
+    return true;
   }
 
-  // M y + Gc^T lam = f, G y = g: f becomes y. `g` holds three values a part and becomes lam; adjust(values) may change
+  // Rows and columns at the same configuration.
+  void assemble(const Constraints& joints) {
+    struct Same {
+      const Mat3& rotations(const Place&, const Mat3& G) const { return G; }
+      const Rows& rows(const Place&, const Rows& G) const { return G; }
+    };
+    fill(Same{}, Jacobians{joints});
+  }
+  void assemble(const Constraints& rows, const Constraints& columns) {
+    struct Other {
+      const Jacobians at;
+      Mat3 rotations(const Place& place, const Mat3&) const { return at.rotations(place); }
+      Rows rows(const Place& place, const Rows&) const { return at.rows(place); }
+    };
+    fill(Other{{rows}}, Jacobians{columns});
+  }
+  // Rows of the caller's: rotations(place, C), all that is not known of a spherical part, and rows(place, C), with C the
+  // columns' Jacobian there.
+  template <class RowsOf>
+  void assemble(const RowsOf& rows, const Jacobians& columns) {
+    fill(rows, columns);
+  }
+
+  // A y + Gc^T lam = f, G y = g: six values a body in `f` become y, three a part in `g` lam; adjust(values) may change
   // what stands on the right before and the multipliers after the solve.
   template <class Adjust>
-  void solve(std::vector<Twist>& f, double* g, Adjust adjust) {
-    std::copy_n(g, 3 * parts(), rhs_.data());
+  void solve(double* f, double* g, Adjust adjust) {
+    double* const rhs = hubs_.empty() ? g : rhs_.data();
+    if (rhs != g) std::copy_n(g, 3 * parts(), rhs);
     for (int b = 0; b < system_.n(); ++b) {
-      if (hub_[b] >= 0)
-        store(f[b], rhs_.data() + 3 * hub_[b]);
-      else
-        f[b] = velocity(system_.bodies[b], f[b]);
+      double* const y = f + 6 * b;
+      if (hub_[b] >= 0) {
+        std::copy_n(y, 6, rhs + 3 * hub_[b]);
+        continue;
+      }
+      for (int i = 0; i < 3; ++i) y[i] *= bodies_[b].translational;
+      store(times(bodies_[b].rotational, load3(y + 3)), y + 3);
     }
-    adjust(rhs_.data());
+    adjust(rhs);
     for (const End& end : ends_) {
-      if (hub_[end.body] >= 0) continue;
-      double* const row = rhs_.data() + 3 * end.part;
-      subtract(end.G, f[end.body].w.data(), row);
+      const double* const y = f + 6 * end.body;
+      double* const row = rhs + 3 * end.part;
+      subtract(end.G, y + 3, row);
       if (end.translation == Translation::unit)
-        for (int i = 0; i < 3; ++i) row[i] -= end.sign * f[end.body].v[i];
+        for (int i = 0; i < 3; ++i) row[i] -= end.sign * y[i];
       else if (end.translation == Translation::full)
-        subtract(full_[end.full].Gv, f[end.body].v.data(), row);
+        subtract(full_[end.full].Gv, y, row);
     }
-    lu_.solve(rhs_.data());
-    adjust(rhs_.data());
+    lu_.solve(rhs);
+    adjust(rhs);
     for (const End& end : ends_) {
-      if (hub_[end.body] >= 0) continue;
-      const double* const lam = rhs_.data() + 3 * end.part;
-      subtract(end.W, lam, f[end.body].w.data());
+      double* const y = f + 6 * end.body;
+      const double* const lam = rhs + 3 * end.part;
+      subtract(end.W, lam, y + 3);
       if (end.translation == Translation::unit)
-        for (int i = 0; i < 3; ++i) f[end.body].v[i] -= end.mobility * lam[i];
+        for (int i = 0; i < 3; ++i) y[i] -= end.mobility * lam[i];
       else if (end.translation == Translation::full)
-        subtract(full_[end.full].Wv, lam, f[end.body].v.data());
+        subtract(full_[end.full].Wv, lam, y);
     }
-    for (int b = 0; b < system_.n(); ++b)
-      if (hub_[b] >= 0) f[b] = load(rhs_.data() + 3 * hub_[b]);
-    std::copy_n(rhs_.data(), 3 * parts(), g);
+    for (const Hub& hub : hubs_) std::copy_n(rhs + 3 * hub_[hub.body], 6, f + 6 * hub.body);
+    if (rhs != g) std::copy_n(rhs, 3 * parts(), g);
   }
-  void solve(std::vector<Twist>& f, double* g) {
+  void solve(double* f, double* g) {
     solve(f, g, [](double*) {});
+  }
+  // As solve() where f = 0 and y is not wanted.
+  void solve_multipliers(double* g) {
+    if (hubs_.empty()) return lu_.solve(g);
+    std::fill(rhs_.begin(), rhs_.end(), 0.0);
+    std::copy_n(g, 3 * parts(), rhs_.data());
+    lu_.solve(rhs_.data());
+    std::copy_n(rhs_.data(), 3 * parts(), g);
   }
 
  private:
@@ -124,12 +146,9 @@ class Delassus {
 
   // What the rows of a part say of a body's translation: nothing, plus or minus the translation itself, or more.
   enum class Translation { none, unit, full };
-  // One side of a part: its rows G at that body and W = M^-1 Gc^T.
-  struct End {
-    int part, joint, body;
-    Side side;
-    const Part* part_data;
-    Translation translation;
+  // At a body to be eliminated: the rows G and W = A^-1 Gc^T.
+  struct End : Place {
+    Translation translation = Translation::none;
     double G[kBlock] = {}, W[kBlock] = {};
     double sign = 0, mobility = 0;  // a unit translation's, and over the mass
     int full = -1;                  // place of the translations that are more than that
@@ -142,22 +161,51 @@ class Delassus {
     int row, column;
     double* block;
   };
+  // A^-1 of a body to be eliminated.
+  struct Mobility {
+    double translational = 0;
+    Mat3 rotational = Mat3::Zero();
+  };
+  struct Hub {
+    int body;
+    Mat3 inertia = Mat3::Zero();
+    double *v = nullptr, *w = nullptr;  // its diagonal blocks
+  };
+  struct HubEnd : Place {
+    SideBlocks blocks;
+  };
 
-  End make_end(int k, Side side, int body) const {
-    End end{k, nodes_.part(k).joint, body, side, &part(k), Translation::none};
-    if (part(k).translational()) end.translation = part(k).spherical ? Translation::unit : Translation::full;
-    if (part(k).spherical) {
-      end.sign = side == kChild ? 1 : -1;
-      end.mobility = end.sign / system_.bodies[body].mass;
+  Hub& hub_of(int body) { return hubs_[(hub_[body] - parts()) / 2]; }
+
+  // The ends at one body and the blocks they meet in.
+  void add_body(const std::vector<Place>& places) {
+    const int first = static_cast<int>(ends_.size());
+    for (const Place& place : places) {
+      if (const int hub = hub_[place.body]; hub >= 0) {
+        hub_ends_.push_back({place, SideBlocks::of(lu_, place.part, hub, hub + 1)});
+        continue;
+      }
+      End end{place};
+      if (place.part_data->translational())
+        end.translation = place.part_data->spherical ? Translation::unit : Translation::full;
+      if (place.part_data->spherical) {
+        end.sign = place.side == kChild ? 1 : -1;
+        end.mobility = end.sign / system_.bodies[place.body].mass;
+      }
+      ends_.push_back(end);
     }
-    return end;
+    const int last = static_cast<int>(ends_.size());
+    write_out_translations(first, last);
+    for (int row = first; row < last; ++row)
+      for (int column = first; column < last; ++column)
+        pairs_.push_back({row, column, lu_.block(ends_[row].part, ends_[column].part)});
   }
 
   // Where one end of a body has more than a unit translation, all that meet it need theirs as matrices.
-  void write_out_translations(const std::vector<int>& ends) {
-    const auto is_full = [this](int e) { return ends_[e].translation == Translation::full; };
-    if (std::none_of(ends.begin(), ends.end(), is_full)) return;
-    for (int e : ends) {
+  void write_out_translations(int first, int last) {
+    const auto is_full = [](const End& end) { return end.translation == Translation::full; };
+    if (std::none_of(ends_.begin() + first, ends_.begin() + last, is_full)) return;
+    for (int e = first; e < last; ++e) {
       if (ends_[e].translation == Translation::none) continue;
       ends_[e].full = static_cast<int>(full_.size());
       full_.emplace_back();
@@ -166,22 +214,16 @@ class Delassus {
     }
   }
 
-  void set_columns(End& end, const Rows& G) {
-    const Body& body = system_.bodies[end.body];
-    put(end.W, body.inertia_inverse * G.w.transpose());
-    if (end.translation == Translation::full) put(full_[end.full].Wv, G.v.transpose() / body.mass);
-  }
-
-  void plan(const std::vector<std::vector<int>>& ends_at) {
+  void plan(const std::vector<std::vector<Place>>& places_at) {
     std::vector<std::vector<int>> parts_of(system_.joints.size());
     for (int k = 0; k < parts(); ++k) parts_of[nodes_.part(k).joint].push_back(k);
     std::set<BlockLU::Entry> entries;
     for (int b = 0; b < system_.n(); ++b)
-      for (int row : ends_at[b]) {
+      for (const Place& row : places_at[b]) {
         if (hub_[b] >= 0)
-          for (int node : {hub_[b], hub_[b] + 1}) entries.insert({ends_[row].part, node}), entries.insert({node, ends_[row].part});
+          for (int node : {hub_[b], hub_[b] + 1}) entries.insert({row.part, node}), entries.insert({node, row.part});
         else
-          for (int column : ends_at[b]) entries.insert({ends_[row].part, ends_[column].part});
+          for (const Place& column : places_at[b]) entries.insert({row.part, column.part});
       }
     std::erase_if(entries, [](const BlockLU::Entry& entry) { return entry.first == entry.second; });
     std::vector<int> order;
@@ -198,29 +240,54 @@ class Delassus {
     lu_.plan(order, static_cast<int>(order.size() - sparse), entries);
   }
 
-  void assemble_hubs(const Constraints& rows, const Constraints& columns) {
-    for (int b = 0; b < system_.n(); ++b) {
-      if (hub_[b] < 0) continue;
-      put_diagonal(lu_.block(hub_[b], hub_[b]), system_.bodies[b].mass);
-      put(lu_.block(hub_[b] + 1, hub_[b] + 1), system_.bodies[b].inertia);
+  template <class RowsOf>
+  void fill(const RowsOf& rows, const Jacobians& columns) {
+    lu_.set_zero();
+    for (int k = 0; k < parts(); ++k)
+      for (int r = part(k).rows(); r < 3; ++r) padding_[k][(kRow + 1) * r] = 1;
+    for (End& end : ends_) {
+      const Mobility& body = bodies_[end.body];
+      if (end.part_data->spherical) {
+        const Mat3 C = columns.rotations(end);
+        put(end.G, rows.rotations(end, C));
+        put(end.W, body.rotational * C.transpose());
+        continue;
+      }
+      const Rows C = columns.rows(end), G = rows.rows(end, C);
+      put(end.G, G.w);
+      put(end.W, body.rotational * C.w.transpose());
+      if (end.translation != Translation::full) continue;
+      put(full_[end.full].Gv, G.v);
+      put(full_[end.full].Wv, C.v.transpose() * body.translational);
     }
-    for (size_t e = 0; e < ends_.size(); ++e) {
-      if (!hub_blocks_[e].row_w) continue;
-      const Rows G = rows[ends_[e].joint].jacobian(*ends_[e].part_data, ends_[e].side);
-      hub_blocks_[e].put_rows(G.v, G.w);
-      hub_blocks_[e].put_columns(columns[ends_[e].joint].jacobian(*ends_[e].part_data, ends_[e].side));
+    for (const Pair& pair : pairs_) {
+      const End &row = ends_[pair.row], &column = ends_[pair.column];
+      subtract_product(row.G, column.W, pair.block);
+      if (row.translation == Translation::none || column.translation == Translation::none) continue;
+      if (row.translation == Translation::unit && column.translation == Translation::unit)
+        for (int i = 0; i < 3; ++i) pair.block[(kRow + 1) * i] -= row.sign * column.mobility;
+      else
+        subtract_product(full_[row.full].Gv, full_[column.full].Wv, pair.block);
+    }
+    for (const Hub& hub : hubs_) put_diagonal(hub.v, system_.bodies[hub.body].mass), put(hub.w, hub.inertia);
+    for (const HubEnd& end : hub_ends_) {
+      const Rows C = columns.rows(end), G = rows.rows(end, C);
+      end.blocks.put_rows(G.v, G.w);
+      end.blocks.put_columns(C);
     }
   }
 
   const System& system_;
   Nodes nodes_;
   BlockLU lu_;  // of -S: parts first, then v and w of every hub
+  std::vector<Mobility> bodies_;
   std::vector<int> hub_;  // first node of a body that is a hub, else -1
+  std::vector<Hub> hubs_;
   std::vector<End> ends_;
+  std::vector<HubEnd> hub_ends_;
   std::vector<Full> full_;
   std::vector<Pair> pairs_;
   std::vector<double*> padding_;
-  std::vector<SideBlocks> hub_blocks_;
   std::vector<double> rhs_;
 };
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 
 #include "newton.hpp"
 #include "saddle_point.hpp"
@@ -11,7 +12,7 @@ namespace lieeuler {
 // The constraint equations of a step; stabilised: position and velocity.
 enum class Level { position, velocity, stabilised, acceleration };
 
-// Equations supplies begin(), guess(z), residual(z, r), matrix(), exact_matrix(), has_velocity_rows(level), finish(), and
+// Equations supplies begin(), guess(z), residual(z, r), factor(), exact_matrix(), has_velocity_rows(level), finish(), and
 // projects(level): whether finish() factors the saddle point at the new state.
 template <class Equations, class Map>
 class EulerStepper {
@@ -53,15 +54,15 @@ class EulerStepper {
     std::swap(start_, state_);
     std::swap(start_joints_, joints_);
     measure_scales();
-    Status status = newton_.solve(equations(), z_, lu_, target(), counters);
+    Status status = newton_.solve(equations(), z_, target(), counters);
     if (status != Status::success && predictor.extrapolates()) {
       predictor.forget();
       predictor.guess(z_);
-      status = newton_.solve(equations(), z_, lu_, target(), counters);
+      status = newton_.solve(equations(), z_, target(), counters);
     }
     if (status != Status::success && equations().fall_back()) {
       predictor.guess(z_);
-      status = newton_.solve(equations(), z_, lu_, target(), counters);
+      status = newton_.solve(equations(), z_, target(), counters);
     }
     if (status == Status::newton_failed && lu_.smallest_tail_pivot() < kNearlySingular) return Status::singular_matrix;
     if (status != Status::success) return status;
@@ -73,7 +74,7 @@ class EulerStepper {
   // The correction of a residual, in place.
   bool solve_linear(std::vector<double>& r) {
     remove_null_space(r);
-    lu_.solve(r.data());
+    solve_matrix(r.data());
     remove_null_space(r);
     return true;
   }
@@ -103,11 +104,17 @@ class EulerStepper {
   const Constraints& joints() const { return joints_; }
 
  protected:
-  EulerStepper(const System& system, Level level, bool index1_output, bool nodes_doubled, bool doubled, bool second_order)
+  // nodes_doubled, doubled: the unknowns, and Newton's matrix, with a second set of velocities and multipliers. eliminates:
+  // Newton's matrix couples bodies by constraint rows alone.
+  EulerStepper(const System& system, Level level, bool index1_output, bool nodes_doubled, bool doubled, bool second_order,
+               bool eliminates)
       : system_(system), level_(level), index1_output_(index1_output), second_order_(second_order), nodes_(system, nodes_doubled), columns_(nodes_), joints_(system),
         start_joints_(system), saddle_(system), start_(system), state_(system), maps_(system.n() + 1),
         xi_(system.n() + 1), force_(system.n() + 1), z_(3 * nodes_.count(), 0.0) {
-    plan_matrix(doubled);
+    if (eliminates)
+      core_.emplace(system);
+    else
+      plan_matrix(doubled);
     for (const Joint& joint : system.joints)
       for (Side side : kSides) {
         const int b = side == kChild ? joint.child : joint.parent;
@@ -117,8 +124,18 @@ class EulerStepper {
       }
   }
 
+  // Newton's matrix, as a block factorization or with the bodies eliminated.
+  bool factor_matrix() { return core_ ? core_->lu().factor() : lu_.factor(); }
+  void solve_matrix(double* r) {
+    if (core_)
+      core_->solve(r, r + 6 * system_.n());
+    else
+      lu_.solve(r);
+  }
+
   // Lays out Newton's matrix, of all unknowns or (not doubled) without the second set of velocities and multipliers.
   void plan_matrix(bool doubled) {
+    core_.reset();
     columns_ = Nodes(system_, doubled);
     int tail;
     const std::vector<int> order = columns_.order(system_, tail);
@@ -202,6 +219,7 @@ class EulerStepper {
   std::vector<Twist> xi_, force_;
   std::vector<double> z_;
   BlockLU lu_;
+  std::optional<Delassus> core_;  // in place of lu_
   std::vector<SideBlocks> blocks_;        // of lam and (v, w), per part and side
   std::vector<std::array<double*, 2>> padding_;  // diagonal blocks of lam and mu, per part
   std::vector<PairBlocks> force_blocks_;  // against (v, w), per force, row side, column side

@@ -26,8 +26,10 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   enum class Kind { euler, rattle };
 
   HamiltonStepper(const System& system, Level level, bool index1_output, Kind kind = Kind::euler)
-      : Base(system, level, index1_output, false, false, level == Level::velocity), rattle_(kind == Kind::rattle), rotations_(system.n() + 1),
-        momentum_(system.n() + 1), impulse_(system.n() + 1), mu_(system.rows(), 0.0) {
+      : Base(system, level, index1_output, false, false, level == Level::velocity, eliminates(system)),
+        rattle_(kind == Kind::rattle), rotations_(system.n() + 1), slopes_(system.n()), momentum_(system.n() + 1),
+        impulse_(system.n() + 1), mu_(system.rows(), 0.0) {
+    if (this->core_) return;
     for (int b = 0; b < system.n(); ++b)
       bodies_.push_back({lu_.block(nodes_.v(b), nodes_.v(b)), lu_.block(nodes_.w(b), nodes_.w(b))});
   }
@@ -44,7 +46,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       const Body& body = system_.bodies[b];
       const Vec3 y = maps_[b].momentum(angular_momentum(body, xi_[b].w));
       store(Twist{body.mass * xi_[b].v - impulse_[b].v, y - impulse_[b].w}, &r[3 * nodes_.v(b)]);
-      if (by_velocity()) state_.u[b] = {xi_[b].v, body.inertia_inverse * (rotations_[b].transpose() * y - body.spin)};
+      if (by_velocity()) state_.u[b] = {xi_[b].v, times(body.inertia_inverse, transposed_times(rotations_[b], y) - body.spin)};
     }
     for (int k = 0; k < nodes_.parts(); ++k)
       store(by_velocity() ? this->velocity_rows(k, state_, this->here(k))
@@ -53,20 +55,12 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     return Status::success;
   }
 
-  void matrix() {
-    lu_.set_zero();
+  bool factor() {
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
-      const Mat3 slope = maps_[b].momentum_slope(xi_[b].w, angular_momentum(body, xi_[b].w), body.inertia, h_);
-      put_diagonal(bodies_[b].first, body.mass);
-      put(bodies_[b].second, slope);
+      slopes_[b] = maps_[b].momentum_slope(xi_[b].w, angular_momentum(body, xi_[b].w), body.inertia, h_);
     }
-    for (size_t k = 0; k < system_.forces.size(); ++k) add_damper_blocks(k);
-    for (int k = 0; k < nodes_.parts(); ++k) {
-      this->pad(k);
-      for (Side side : kSides)
-        if (this->body_of(k, side) != system_.n()) constraint_blocks(k, side);
-    }
+    return (this->core_ ? fill_core() : fill_matrix()) && this->factor_matrix();
   }
 
  private:
@@ -112,21 +106,66 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
                                                                 Mat3::Identity());
   }
 
-  void constraint_blocks(int k, Side side) {
+  // Where only the rows of joints couple bodies: no dampers, no loops.
+  static bool eliminates(const System& system) {
+    return elimination_order(system).loops.empty() &&
+           std::all_of(system.forces.begin(), system.forces.end(), [](const Force& f) { return f.damping == 0; });
+  }
+
+  bool fill_core() {
+    for (int b = 0; b < system_.n(); ++b)
+      if (!this->core_->set_rotational(b, slopes_[b])) return false;
+    struct Derivatives {
+      const HamiltonStepper& stepper;
+      Mat3 rotations(const Delassus::Place& place, const Mat3&) const { return stepper.anchor_rows(place); }
+      Rows rows(const Delassus::Place& place, const Rows&) const { return stepper.row_slope(place.part, place.side); }
+    };
+    this->core_->assemble(Derivatives{*this}, Delassus::Jacobians{this->start_joints_});
+    return true;
+  }
+  bool fill_matrix() {
+    lu_.set_zero();
+    for (int b = 0; b < system_.n(); ++b) {
+      put_diagonal(bodies_[b].first, system_.bodies[b].mass);
+      put(bodies_[b].second, slopes_[b]);
+    }
+    for (size_t k = 0; k < system_.forces.size(); ++k) add_damper_blocks(k);
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      this->pad(k);
+      for (Side side : kSides) {
+        if (this->body_of(k, side) == system_.n()) continue;
+        const SideBlocks& blocks = this->blocks_[2 * k + side];
+        const Rows slope = row_slope(k, side);
+        blocks.put_columns(this->before(k).jacobian(this->part_of(k), side));
+        blocks.put_rows(slope.v, slope.w);
+      }
+    }
+    return true;
+  }
+
+  // Slope of the rows by xi. By velocity, d(G M^-1 p): p_w = E^T y turns with E, and G with the configuration.
+  Rows row_slope(int k, Side side) const {
     const Part& part = this->part_of(k);
     const int b = this->body_of(k, side);
-    const SideBlocks& blocks = this->blocks_[2 * k + side];
     const Mat3 T = maps_[b].left_tangent();
     const Rows G = this->here(k).jacobian(part, side);
-    blocks.put_columns(this->before(k).jacobian(part, side));
-    if (!by_velocity()) return blocks.put_rows(G.v, G.w * T);
-    // d(G M^-1 p): p_w = E^T y turns with E, and G with the configuration.
-    const Body& body = system_.bodies[b];
-    const Mat3 slope = maps_[b].momentum_slope(xi_[b].w, angular_momentum(body, xi_[b].w), body.inertia, h_);
-    const Mat3 p_slope = rotations_[b].transpose() * slope + h_ * hat(angular_momentum(body, state_.u[b].w)) * T;
+    if (!by_velocity()) return {G.v, G.w * T};
     const Rows N = this->here(k).velocity_slope(part, side, state_.u[this->body_of(k, kParent)],
                                                 state_.u[this->body_of(k, kChild)], false);
-    blocks.put_rows(G.v + h_ * N.v, G.w * body.inertia_inverse * p_slope + h_ * N.w * T);
+    return {G.v + h_ * N.v, G.w * velocity_slope(b, T) + h_ * N.w * T};
+  }
+  // The same of a spherical part, against rotations.
+  Mat3 anchor_rows(const Delassus::Place& place) const {
+    const JointState& joint = joints_[place.joint];
+    const Mat3 G = joint.anchor_jacobian(place.side), T = maps_[place.body].left_tangent();
+    if (!by_velocity()) return G * T;
+    return G * velocity_slope(place.body, T) + h_ * joint.anchor_rate_slope(place.side, state_.u[place.body].w) * T;
+  }
+  // d(w)/dxi, w = J^-1 (E^T y - spin).
+  Mat3 velocity_slope(int b, const Mat3& T) const {
+    const Body& body = system_.bodies[b];
+    return body.inertia_inverse *
+           (rotations_[b].transpose() * slopes_[b] + h_ * hat(angular_momentum(body, state_.u[b].w)) * T);
   }
 
   Status finish() {
@@ -134,7 +173,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     if (rattle_) applied_forces(system_, state_.frames, xi_, start_.angles, force_);
     for (int b = 0; b < system_.n(); ++b) {
       Twist& p = momentum_[b];
-      p = {impulse_[b].v, rotations_[b].transpose() * impulse_[b].w};
+      p = {impulse_[b].v, transposed_times(rotations_[b], impulse_[b].w)};
       if (rattle_) p.v += impulse_time() * force_[b].v, p.w += impulse_time() * force_[b].w;
       state_.u[b] = velocity_of(system_.bodies[b], p);
     }
@@ -153,7 +192,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   }
 
   const bool rattle_;
-  std::vector<Mat3> rotations_;
+  std::vector<Mat3> rotations_, slopes_;  // E, and d(D* L)/dxi
   // p is carried from step to step: M (M^-1 p) would lose the same rounding every time, a drift that grows with n.
   std::vector<Twist> momentum_, impulse_;
   std::vector<double> mu_;

@@ -28,10 +28,11 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
  public:
   LagrangeStepper(const System& system, Level level, bool index1_output, Gains gains)
-      : Base(system, level, index1_output, level == Level::stabilised, !splits(system, level) && level == Level::stabilised, true),
-        gains_(gains), tangents_(system.n() + 1), balance_(system.n() + 1), drift_(system.n() + 1) {
+      : Base(system, level, index1_output, level == Level::stabilised, !splits(system, level) && level == Level::stabilised,
+             true, eliminates(system, level)),
+        gains_(gains), tangents_(system.n() + 1), stiffness_of_(system.n() + 1), balance_(system.n() + 1), drift_(system.n() + 1) {
     if (splits(system, level)) split_.emplace(system, this->saddle_.delassus());
-    find_blocks();
+    if (!this->core_) find_blocks();
   }
 
   static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
@@ -40,7 +41,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   bool solve_linear(std::vector<double>& r) {
     if (!split_) return Base::solve_linear(r);
-    return split_->solve(r, nodes_, lu_, state_.u, h_, this->length_, this->target() / std::abs(h_));
+    const auto core = [this](double* x) { this->solve_matrix(x); };
+    return split_->solve(r, nodes_, core, this->length_, this->target() / std::abs(h_));
   }
   // From the split solve to one matrix for all unknowns, where the former does not converge.
   bool fall_back() {
@@ -58,7 +60,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
       const Twist &u = state_.u[b], &u_n = start_.u[b], &f = force_[b];
-      balance_[b] = {body.mass * (u.v - u_n.v) - h_ * f.v, body.inertia * (u.w - u_n.w) - h_ * f.w};
+      balance_[b] = {body.mass * (u.v - u_n.v) - h_ * f.v, times(body.inertia, u.w - u_n.w) - h_ * f.w};
       if (stabilised()) drift_[b] = momentum(body, {xi_[b].v - u.v, xi_[b].w - u.w});
     }
     for (int k = 0; k < nodes_.parts(); ++k) {
@@ -74,21 +76,10 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     return Status::success;
   }
 
-  void matrix() {
-    lu_.set_zero();
-    for (int b = 0; b < system_.n(); ++b) {
-      tangents_[b] = maps_[b].left_tangent();
-      body_blocks(b);
-    }
-    for (size_t k = 0; k < system_.forces.size(); ++k) add_force_blocks(k);
-    for (int k = 0; k < nodes_.parts(); ++k) {
-      this->pad(k);
-      for (Side row : kSides)
-        for (Side column : kSides) stiffness_blocks(k, row, column);
-      for (Side side : kSides)
-        if (this->body_of(k, side) != system_.n()) constraint_blocks(k, side);
-    }
-    if (split_) split_->factor(joints_, this->start_joints_);
+  bool factor() {
+    for (int b = 0; b < system_.n(); ++b) tangents_[b] = maps_[b].left_tangent();
+    if (split_) split_->linearise(joints_, this->start_joints_, state_.u, tangents_, h_);
+    return (this->core_ ? fill_core() : fill_matrix()) && this->factor_matrix();
   }
 
  private:
@@ -163,13 +154,65 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
                                    gains_.beta * gains_.beta * this->here(k).position(part));
   }
 
+  // Where a joint's second derivatives and the forces keep to one body each: spherical joints without forces, on trees.
+  // The acceleration level has rows of its own.
+  static bool eliminates(const System& system, Level level) {
+    return level != Level::acceleration && system.forces.empty() && elimination_order(system).loops.empty() &&
+           std::all_of(system.joints.begin(), system.joints.end(), [](const Joint& joint) {
+             return std::all_of(joint.parts.begin(), joint.parts.end(), [](const Part& part) { return part.spherical; });
+           });
+  }
+
+  // The matrix of eliminates(): a rotational block per body, and the rows of spherical parts.
+  bool fill_core() {
+    for (int b = 0; b < system_.n(); ++b) stiffness_of_[b].setZero();
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      const Vec3 impulse = h_ * load3(&z_[3 * nodes_.lam(k)]);
+      for (Side side : kSides) stiffness_of_[this->body_of(k, side)] += this->here(k).anchor_stiffness(side, impulse);
+    }
+    for (int b = 0; b < system_.n(); ++b)
+      if (!this->core_->set_rotational(b, inertia_block(b) + stiffness_of_[b] * tangents_[b])) return false;
+    struct Derivatives {
+      const LagrangeStepper& stepper;
+      Mat3 rotations(const Delassus::Place& place, const Mat3& G) const { return stepper.anchor_rows(place, G); }
+      Rows rows(const Delassus::Place& place, const Rows& G) const { return {G.v, rotations(place, G.w)}; }
+    };
+    this->core_->assemble(Derivatives{*this}, Delassus::Jacobians{joints_});
+    return true;
+  }
+  // Slope of a spherical part's rows by xi, against rotations: of position, or of velocity where that is all there is.
+  Mat3 anchor_rows(const Delassus::Place& place, const Mat3& G) const {
+    if (level_ != Level::velocity) return G * tangents_[place.body];
+    const Mat3 slope = joints_[place.joint].anchor_rate_slope(place.side, state_.u[place.body].w);
+    return G + h_ * slope * tangents_[place.body];
+  }
+
+  bool fill_matrix() {
+    lu_.set_zero();
+    for (int b = 0; b < system_.n(); ++b) body_blocks(b);
+    for (size_t k = 0; k < system_.forces.size(); ++k) add_force_blocks(k);
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      this->pad(k);
+      for (Side row : kSides)
+        for (Side column : kSides) stiffness_blocks(k, row, column);
+      for (Side side : kSides)
+        if (this->body_of(k, side) != system_.n()) constraint_blocks(k, side);
+    }
+    return true;
+  }
+
+  // J - h df/du of the body's own gyroscopic torque.
+  Mat3 inertia_block(int b) const {
+    const Body& body = system_.bodies[b];
+    const Vec3& w = state_.u[b].w;
+    return body.inertia + h_ * gyroscopic_slope(w, angular_momentum(body, w), body.inertia);
+  }
   // M - h df/du, and M (xi - u) below it.
   void body_blocks(int b) {
     const Body& body = system_.bodies[b];
     const BodyBlocks& blocks = bodies_[b];
-    const Vec3& w = state_.u[b].w;
     put_diagonal(blocks.v, body.mass);
-    put(blocks.w, body.inertia + h_ * gyroscopic_slope(w, angular_momentum(body, w), body.inertia));
+    put(blocks.w, inertia_block(b));
     if (!doubled()) return;
     put_diagonal(blocks.xi_v, body.mass), put_diagonal(blocks.xi_v_v, -body.mass);
     put(blocks.xi_w, body.inertia), put(blocks.xi_w_w, -body.inertia);
@@ -201,29 +244,18 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   void constraint_blocks(int k, Side side) {
     const Mat3& T = tangents_[this->body_of(k, side)];
     const SideBlocks& blocks = this->blocks_[2 * k + side];
-    if (this->part_of(k).spherical && split_) return anchor_blocks(k, side, blocks, T);
     const Rows G = this->here(k).jacobian(this->part_of(k), side);
     blocks.put_columns(G);
-    if (level_ == Level::position) return blocks.put_rows(G.v, G.w * T);
-    const Rows slope = rate_slope(k, side, G, T);
-    if (split_) {
-      split_->slope(k, side) = slope.w, split_->translation_slope(k, side) = slope.v;
+    if (level_ == Level::position || split_) {
+      if (split_ && !this->part_of(k).spherical) split_->slope(k, side) = rate_slope(k, side, G, T);
       return blocks.put_rows(G.v, G.w * T);
     }
+    const Rows slope = rate_slope(k, side, G, T);
     if (!stabilised()) return blocks.put_rows(G.v + slope.v, G.w + slope.w);
     blocks.put_rows(G.v, G.w);
     rate_blocks_[2 * k + side].put_rows(slope.v, slope.w);
     drift_blocks_[2 * k + side].put_rows(G.v, G.w * T);
     drift_blocks_[2 * k + side].put_columns(this->before(k).jacobian(this->part_of(k), side));
-  }
-
-  // As constraint_blocks, for a spherical part and the split solve: what is constant or zero is left out.
-  void anchor_blocks(int k, Side side, const SideBlocks& blocks, const Mat3& T) {
-    const Mat3 G = this->here(k).anchor_jacobian(side);
-    put(blocks.row_w, G * T), put(blocks.column_w, G.transpose());
-    const double sign = side == kChild ? 1 : -1;
-    put_diagonal(blocks.row_v, sign), put_diagonal(blocks.column_v, sign);
-    split_->slope(k, side) = h_ * this->here(k).anchor_rate_slope(side, state_.u[this->body_of(k, side)].w) * T;
   }
 
   // Derivative of the velocity or acceleration row with respect to xi beyond G itself. For the acceleration level the
@@ -247,6 +279,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     if (!configure(z_)) return Status::map_domain;
     this->settle();
     if (this->index1_output_) return this->solve_index1();
+    if (split_ && !this->saddle_.factor(joints_)) return Status::singular_matrix;
     this->store_multipliers(h_);
     for (int b = 0; b < system_.n(); ++b)
       state_.a[b] = {(state_.u[b].v - start_.u[b].v) / h_, (state_.u[b].w - start_.u[b].w) / h_};
@@ -255,7 +288,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   Gains gains_;
   std::optional<StabilisedSolve> split_;
-  std::vector<Mat3> tangents_;
+  std::vector<Mat3> tangents_, stiffness_of_;
   std::vector<Twist> balance_, drift_;  // residuals of the dynamics and of M xi = M u - G_n^T mu
   std::vector<BodyBlocks> bodies_;
   std::vector<PairBlocks> stiffness_, spring_blocks_;   // against xi, per part or force, row side, column side

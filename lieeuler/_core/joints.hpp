@@ -63,8 +63,8 @@ class JointState {
   void subtract_reaction(const Part& part, const Vec3& lam, Twist& parent, Twist& child) const {
     if (part.spherical) {
       child.v -= lam, parent.v += lam;
-      child.w -= anchor_[kChild]->cross(frame_[kChild]->R.transpose() * lam);
-      parent.w += anchor_[kParent]->cross(frame_[kParent]->R.transpose() * lam);
+      child.w -= anchor_[kChild]->cross(transposed_times(frame_[kChild]->R, lam));
+      parent.w += anchor_[kParent]->cross(transposed_times(frame_[kParent]->R, lam));
       return;
     }
     for (Side side : kSides) {
@@ -138,7 +138,7 @@ class JointState {
   // +- hat(s) hat(R^T lam), written out.
   Mat3 anchor_stiffness(Side side, const Vec3& lam) const {
     const Vec3& s = *anchor_[side];
-    const Vec3 l = frame_[side]->R.transpose() * (side == kChild ? lam : Vec3(-lam));
+    const Vec3 l = transposed_times(frame_[side]->R, side == kChild ? lam : Vec3(-lam));
     Mat3 K = l * s.transpose();
     K.diagonal().array() -= s.dot(l);
     return K;
@@ -148,6 +148,12 @@ class JointState {
   Mat3 anchor_rate_slope(Side side, const Vec3& w) const {
     const Vec3& s = *anchor_[side];
     return turned(side, side == kChild ? s.cross(w) : w.cross(s));
+  }
+
+  // The latter slope along one direction d.
+  Vec3 anchor_rate_change(Side side, const Vec3& w, const Vec3& d) const {
+    const Vec3& s = *anchor_[side];
+    return times(frame_[side]->R, (side == kChild ? s.cross(w) : w.cross(s)).cross(d));
   }
 
   // d(G^T lam)/dq, the block of one side's rows and another side's columns.
@@ -213,8 +219,8 @@ class JointState {
     return total;
   }
   // Velocity of an anchor, and the part of its acceleration that comes from the velocity.
-  Vec3 point_rate(Side side, const Twist& u) const { return u.v + frame_[side]->R * u.w.cross(*anchor_[side]); }
-  Vec3 point_second(Side side, const Vec3& w) const { return frame_[side]->R * w.cross(w.cross(*anchor_[side])); }
+  Vec3 point_rate(Side side, const Twist& u) const { return u.v + times(frame_[side]->R, u.w.cross(*anchor_[side])); }
+  Vec3 point_second(Side side, const Vec3& w) const { return times(frame_[side]->R, w.cross(w.cross(*anchor_[side]))); }
   Vec3 second(Carrier carrier, const Vec3& local, const Twist* const u[2]) const {
     if (carrier == Carrier::difference) return point_second(kChild, u[kChild]->w) - point_second(kParent, u[kParent]->w);
     const Side side = carrier == Carrier::child_axis ? kChild : kParent;

@@ -32,10 +32,12 @@ class Predictor {
   void guess(std::vector<double>& z) const {
     static constexpr double weights[kPoints][kPoints] = {
         {1, 0, 0, 0, 0}, {2, -1, 0, 0, 0}, {3, -3, 1, 0, 0}, {4, -6, 4, -1, 0}, {5, -10, 10, -5, 1}};
-    const double* w = weights[count_ - 1];
-    const auto &a = past(0), &b = past(1), &c = past(2), &d = past(3), &e = past(4);
-    for (size_t i = 0; i < z.size(); ++i)
-      z[i] = w[0] * a[i] + w[1] * b[i] + w[2] * c[i] + w[3] * d[i] + w[4] * e[i];
+    const double* const w = weights[count_ - 1];
+    const double w0 = w[0], w1 = w[1], w2 = w[2], w3 = w[3], w4 = w[4];
+    const double *const a = past(0), *const b = past(1), *const c = past(2), *const d = past(3), *const e = past(4);
+    double* __restrict const out = z.data();
+    const size_t n = z.size();
+    for (size_t i = 0; i < n; ++i) out[i] = w0 * a[i] + w1 * b[i] + w2 * c[i] + w3 * d[i] + w4 * e[i];
   }
   void forget() { count_ = 1; }
   bool extrapolates() const { return count_ > 1; }
@@ -43,7 +45,7 @@ class Predictor {
  private:
   static constexpr int kPoints = 5;
 
-  const std::vector<double>& past(int k) const { return history_[(newest_ + (k < count_ ? k : 0)) % kPoints]; }
+  const double* past(int k) const { return history_[(newest_ + (k < count_ ? k : 0)) % kPoints].data(); }
   std::vector<double> history_[kPoints];
   int newest_ = 0, count_ = 0;
 };
@@ -54,8 +56,8 @@ class Predictor {
 class Newton {
  public:
   template <class Equations>
-  Status solve(Equations& equations, std::vector<double>& z, BlockLU& lu, double target, Counters& counters) {
-    const Status status = iterate(equations, z, lu, target, counters);
+  Status solve(Equations& equations, std::vector<double>& z, double target, Counters& counters) {
+    const Status status = iterate(equations, z, target, counters);
     return status == Status::success && polishes ? polish(equations, z, counters) : status;
   }
 
@@ -77,16 +79,15 @@ class Newton {
   }
 
   template <class Equations>
-  Status iterate(Equations& equations, std::vector<double>& z, BlockLU& lu, double target, Counters& counters) {
+  Status iterate(Equations& equations, std::vector<double>& z, double target, Counters& counters) {
     double first = 0, last = std::numeric_limits<double>::infinity();
     bool renew = true;
     for (int k = 1; k <= kMostIterations; ++k) {
       ++counters.force_evaluations;
       if (const Status status = equations.residual(z, residual_); status != Status::success) return status;
       if (renew) {
-        equations.matrix();
         ++counters.factorizations;
-        if (!lu.factor()) return Status::singular_matrix;
+        if (!equations.factor()) return Status::singular_matrix;
       }
       if (!equations.solve_linear(residual_)) return Status::newton_failed;
       const double size = equations.correct(z, residual_);

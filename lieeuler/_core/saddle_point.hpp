@@ -15,7 +15,7 @@ class SaddlePoint {
   // Counts the redundant rows at this configuration. False where the rest is singular.
   bool count_redundancy(const Constraints& joints, int& redundant) {
     constexpr double kTolerance = 1e-11;  // of pivots of order one, which go as squares of singular values of G
-    delassus_.assemble(joints, joints);
+    delassus_.assemble(joints);
     return delassus_.lu().find_deficiency(kTolerance, redundant);
   }
   // 1 / sqrt of the diagonal of G M^-1 G^T, three values a part: with it constraint rows are of order one in any units.
@@ -52,7 +52,7 @@ class SaddlePoint {
   double smallest_pivot() { return delassus_.lu().smallest_tail_pivot(); }
 
   bool factor(const Constraints& joints) {
-    delassus_.assemble(joints, joints);
+    delassus_.assemble(joints);
     if (!delassus_.lu().factor()) return false;
     find_null_space(joints);
     return true;
@@ -93,7 +93,7 @@ class SaddlePoint {
   // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places.
   void solve(std::vector<Twist>& f, std::vector<Vec3>& rows) {
     for (int k = 0; k < delassus_.parts(); ++k) store(rows[k], &rows_[3 * k]);
-    delassus_.solve(f, rows_.data(), [this](double* values) { remove_null_space(values); });
+    delassus_.solve(flat(f), rows_.data(), [this](double* values) { remove_null_space(values); });
     for (int k = 0; k < delassus_.parts(); ++k) rows[k] = load3(&rows_[3 * k]);
   }
 
@@ -113,7 +113,7 @@ class SaddlePoint {
   void solve(const Constraints& joints, std::vector<Twist>& y, double* multipliers) {
     const auto adjust = [this](double* values) { remove_null_space(values); };
     if (redundant() > 0) wanted_ = rows_;
-    delassus_.solve(force_, rows_.data(), adjust);
+    delassus_.solve(flat(force_), rows_.data(), adjust);
     std::copy_n(force_.begin(), system_.n(), y.begin());
     if (redundant() > 0) refine(joints, y);
     if (multipliers) for_rows([&](int row, int place) { multipliers[row] = rows_[place]; });
@@ -128,7 +128,7 @@ class SaddlePoint {
       store(Vec3(load3(&wanted_[3 * k]) - rate), &rows_[3 * k]);
     }
     std::fill(force_.begin(), force_.end(), Twist{});
-    delassus_.solve(force_, rows_.data(), [this](double* values) { remove_null_space(values); });
+    delassus_.solve(flat(force_), rows_.data(), [this](double* values) { remove_null_space(values); });
     for (int b = 0; b < system_.n(); ++b) y[b].v += force_[b].v, y[b].w += force_[b].w;
     for (size_t i = 0; i < rows_.size(); ++i) rows_[i] += first_[i];
   }
@@ -161,7 +161,7 @@ class SaddlePoint {
     subtract_reactions(joints, w, force_);
     for (Twist& force : force_) force.v = -force.v, force.w = -force.w;
     std::fill(rows_.begin(), rows_.end(), 0.0);
-    delassus_.solve(force_, rows_.data());
+    delassus_.solve(flat(force_), rows_.data());
     for (size_t i = 0; i < rows_.size(); ++i) w[i] -= rows_[i];
   }
   void subtract_component(const std::vector<double>& w, double* values) const {

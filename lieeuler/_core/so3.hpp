@@ -210,8 +210,14 @@ inline Vec3 logarithm(const Mat3& R) {
 
 // One Newton step towards the nearest rotation: exact to rounding for a matrix already orthogonal to rounding.
 inline Mat3 polished(const Mat3& R) {
-  const Mat3 defect = R.transpose() * R - Mat3::Identity();
-  return R - 0.5 * R * defect;
+  const Vec3 a = R.col(0), b = R.col(1), c = R.col(2);
+  const double aa = 0.5 * (1 - a.dot(a)), bb = 0.5 * (1 - b.dot(b)), cc = 0.5 * (1 - c.dot(c));
+  const double ab = -0.5 * a.dot(b), bc = -0.5 * b.dot(c), ca = -0.5 * c.dot(a);
+  Mat3 out;
+  out.col(0) = a + (aa * a + ab * b + ca * c);
+  out.col(1) = b + (ab * a + bb * b + bc * c);
+  out.col(2) = c + (ca * a + bc * b + cc * c);
+  return out;
 }
 
 }  // namespace lieeuler

@@ -14,6 +14,9 @@
 //
 // and since (G + h N) dxi is r_mu but for O(h) dxi, dmu is known to O(h) beforehand, and a sweep over the two shrinks the
 // error by O(h^2).
+//
+// In place of S = G M^-1 Gn^T stands the one of q_n, O(h) away, as long as a pass over what that leaves of the rows shrinks
+// them well.
 #pragma once
 
 #include "delassus.hpp"
@@ -22,11 +25,11 @@ namespace lieeuler {
 
 class StabilisedSolve {
  public:
-  // `delassus` is worked in from factor() to solve(), free in between.
+  // `delassus` holds S of q_n, factored, when the iteration of a step begins.
   StabilisedSolve(const System& system, Delassus& delassus)
-      : system_(system), delassus_(delassus), slopes_(2 * delassus_.parts(), Mat3::Zero()), rows_(3 * delassus_.parts(), 0.0),
-        mu_(rows_), core_rhs_(6 * system.n() + rows_.size(), 0.0), total_(core_rhs_), force_(system.n() + 1),
-        change_(force_), balance_(force_), shift_(force_), position_(delassus_.parts()) {}
+      : system_(system), delassus_(delassus), slopes_(2 * delassus_.parts()), rows_(3 * delassus_.parts(), 0.0),
+        target_(rows_), correction_(rows_), mu_(rows_), core_rhs_(6 * system.n() + rows_.size(), 0.0), total_(core_rhs_),
+        impulse_(system.n() + 1), velocity_(impulse_), balance_(impulse_), shift_(impulse_), position_(delassus_.parts()) {}
 
   // Where the sweeps converge by construction: no damping, and no loops, whose redundant rows need the whole matrix.
   static bool suits(const System& system) {
@@ -34,35 +37,29 @@ class StabilisedSolve {
            std::all_of(system.forces.begin(), system.forces.end(), [](const Force& f) { return f.damping == 0; });
   }
 
-  // At the guess: constraint rows there, their multipliers' columns at q_n, and h N T of every part's side.
-  void factor(const Constraints& joints, const Constraints& before) {
-    joints_ = &joints;
-    delassus_.assemble(joints, before);
-    regular_ = delassus_.lu().factor();
+  // Rows at the guess, columns of the multipliers at q_n; u and T there.
+  void linearise(const Constraints& joints, const Constraints& before, const std::vector<Twist>& u,
+                 const std::vector<Mat3>& tangents, double h) {
+    joints_ = &joints, before_ = &before, u_ = &u, tangents_ = &tangents, h_ = h;
+    fresh_ = false;
   }
-  // Of a spherical part the rotations' alone.
-  Mat3& slope(int part, Side side) { return slopes_[2 * part + side]; }
-  Mat3& translation_slope(int part, Side side) {
-    if (translation_slopes_.empty()) translation_slopes_.assign(slopes_.size(), Mat3::Zero());
-    return translation_slopes_[2 * part + side];
-  }
+  // h N T of one side of a part that is not spherical.
+  Rows& slope(int part, Side side) { return slopes_[2 * part + side]; }
 
-  // Solves for the corrections r -> (du, dLam, dxi, dmu), laid out as in `nodes`. `core` holds the factorized first
-  // matrix; `tolerance` is the error wanted of dxi, translations over `length`. False where the sweeps do not converge.
-  // The velocity rows hold in any case: dmu is solved last.
-  bool solve(std::vector<double>& r, const Nodes& nodes, BlockLU& core, const std::vector<Twist>& u, double h,
-             double length, double tolerance) {
-    if (!regular_) return false;
-    const double coupling = kCaution * start(r, nodes, u, h, length);
+  // Solves for the corrections r -> (du, dLam, dxi, dmu), laid out as in `nodes`. core(x) solves with the first matrix;
+  // `tolerance` is the error wanted of dxi, translations over `length`. False where the sweeps do not converge. The
+  // velocity rows hold in any case: dmu is solved last.
+  template <class Core>
+  bool solve(std::vector<double>& r, const Nodes& nodes, const Core& core, double length, double tolerance) {
+    const double coupling = kCaution * start(r, nodes, length);
     double last = std::numeric_limits<double>::infinity();
     for (int sweep = 0; sweep < kMostSweeps; ++sweep) {
-      core.solve(core_rhs_.data());
-      for (int b = 0; b < system_.n(); ++b) change_[b] = load(&core_rhs_[6 * b]);
+      core(core_rhs_.data());
       for (size_t i = 0; i < total_.size(); ++i) total_[i] = sweep == 0 ? core_rhs_[i] : total_[i] + core_rhs_[i];
-      follow();
-      if (sweep == 0 && coupling * largest(rows_) <= tolerance) return finish(r, nodes);
+      if (!follow(tolerance * length)) return false;
+      if (sweep == 0 && coupling * largest(correction_) <= tolerance) return finish(r, nodes);
       std::fill(core_rhs_.begin(), core_rhs_.end(), 0.0);
-      const double left = couple(u, h, length);
+      const double left = couple(length);
       if (left <= tolerance) return finish(r, nodes);
       if (!(left < kSlow * last)) return left <= kNoise * tolerance && finish(r, nodes);
       last = left;
@@ -75,11 +72,13 @@ class StabilisedSolve {
   static constexpr double kSlow = 0.3;
   static constexpr double kNoise = 1e3;  // times the tolerance: what no longer shrinks there is rounding
   static constexpr double kCaution = 10;  // on the size of E, seen along one direction
+  static constexpr double kStale = 0.01;  // ratio of what a pass leaves above which S is renewed
+  static constexpr double kRounding = 4;  // times what is wanted of the rows: what no longer shrinks there is rounding
 
-  // A M^-1 y - y for one body, h times the slope of the gyroscopic torque: rotations only.
-  Vec3 gyroscopic(int b, const Twist& u, const Vec3& y, double h) const {
-    const Body& body = system_.bodies[b];
-    return h * (u.w.cross(y) - angular_momentum(body, u.w).cross(body.inertia_inverse * y));
+  // A M^-1 y - y for one body, h times the slope of the gyroscopic torque: rotations only. `rate` is M^-1 y.
+  Vec3 gyroscopic(int b, const Vec3& y, const Vec3& rate) const {
+    const Vec3& w = (*u_)[b].w;
+    return h_ * (w.cross(y) - angular_momentum(system_.bodies[b], w).cross(rate));
   }
   static double largest(const std::vector<double>& values) {
     double size = 0;
@@ -87,66 +86,109 @@ class StabilisedSolve {
     return size;
   }
   // The first right-hand sides, with dmu as if (G + h N) dxi were r_mu. Returns the size of E, of M^-1 E dmu over dmu.
-  double start(const std::vector<double>& r, const Nodes& nodes, const std::vector<Twist>& u, double h, double length) {
+  double start(const std::vector<double>& r, const Nodes& nodes, double length) {
     for (int b = 0; b < system_.n(); ++b) {
       const Twist own = load(&r[3 * nodes.v(b)]), drift = load(&r[3 * nodes.xi_v(b)]);
-      store(Twist{own.v + drift.v, own.w + drift.w + gyroscopic(b, u[b], drift.w, h)}, &core_rhs_[6 * b]);
-      force_[b] = velocity(system_.bodies[b], drift);
+      shift_[b] = velocity(system_.bodies[b], drift);
+      store(Twist{own.v + drift.v, own.w + drift.w + gyroscopic(b, drift.w, shift_[b].w)}, &core_rhs_[6 * b]);
     }
-    force_[system_.n()] = Twist{};
     for (int k = 0; k < delassus_.parts(); ++k) {
-      const Joint& joint = joint_of(k);
       const Vec3 position = load3(&r[3 * nodes.mu(k)]), rate = load3(&r[3 * nodes.lam(k)]);
       store(position, &core_rhs_[6 * system_.n() + 3 * k]);
       position_[k] = position;
-      store(Vec3(position - rate - state_of(k).velocity(delassus_.part(k), force_[joint.parent], force_[joint.child])),
-            &rows_[3 * k]);
+      store(Vec3(position - rate - row_rate(k, shift_)), &rows_[3 * k]);
     }
     std::fill(mu_.begin(), mu_.end(), 0.0);
-    shift_ = force_;
-    solve_mu();
-    const double multipliers = largest(rows_), coupled = couple(u, h, length);
+    target_ = rows_;
+    clear_correction();
+    pass();
+    accept_correction();
+    const double multipliers = largest(correction_), coupled = couple(length);
     return multipliers > 0 ? coupled / multipliers : std::numeric_limits<double>::infinity();
   }
-  // The change of dmu that the latest change of dxi asks for, beyond what stood for it before.
-  void follow() {
+  // The change of dmu that the latest change of dxi, in core_rhs_, asks for beyond what stood for it before; what that
+  // leaves of the rows is at most `wanted`, or rounding. False where S is singular.
+  bool follow(double wanted) {
+    for (int b = 0; b < system_.n(); ++b) velocity_[b] = load(&core_rhs_[6 * b]);
+    velocity_[system_.n()] = Twist{};
     for (int k = 0; k < delassus_.parts(); ++k) {
-      const Joint& joint = joint_of(k);
-      Vec3 rate = state_of(k).velocity(delassus_.part(k), change_[joint.parent], change_[joint.child]) - position_[k];
-      for (Side side : kSides) {
-        const int b = side == kChild ? joint.child : joint.parent;
-        if (b == system_.n()) continue;
-        rate += slopes_[2 * k + side] * change_[b].w;
-        if (!delassus_.part(k).spherical) rate += translation_slopes_[2 * k + side] * change_[b].v;
-      }
-      store(rate, &rows_[3 * k]);
+      const Vec3 rate = load3(&rows_[3 * k]) + row_rate(k, velocity_) - position_[k];
+      store(Vec3(rate + slope_rate(k)), &target_[3 * k]);
       position_[k].setZero();
     }
-    solve_mu();
+    clear_correction();
+    rows_ = target_;
+    double last = largest(rows_);
+    for (;;) {
+      pass();
+      const double left = largest(rows_);
+      if (left <= wanted || fresh_) break;
+      const bool stale = !(left <= kStale * last);  // a NaN too
+      if (stale && left <= kRounding * wanted) break;
+      if (stale && !renew()) return false;
+      last = left;
+    }
+    accept_correction();
+    return true;
   }
-  // Solves - S dmu = rows_; rows_ becomes the change of dmu, force_ its - M^-1 Gn^T dmu.
-  void solve_mu() {
-    std::fill(force_.begin(), force_.end(), Twist{});
-    delassus_.solve(force_, rows_.data());
-    for (size_t i = 0; i < mu_.size(); ++i) mu_[i] += rows_[i];
-    for (int b = 0; b < system_.n(); ++b) shift_[b].v += force_[b].v, shift_[b].w += force_[b].w;
+  // h N T dxi of one part, dxi in velocity_.
+  Vec3 slope_rate(int k) const {
+    const Joint& joint = joint_of(k);
+    Vec3 rate = Vec3::Zero();
+    for (Side side : kSides) {
+      const int b = side == kChild ? joint.child : joint.parent;
+      if (b == system_.n()) continue;
+      if (delassus_.part(k).spherical)
+        rate += h_ * state_of(k).anchor_rate_change(side, (*u_)[b].w, times((*tangents_)[b], velocity_[b].w));
+      else
+        rate += slopes_[2 * k + side].v * velocity_[b].v + slopes_[2 * k + side].w * velocity_[b].w;
+    }
+    return rate;
+  }
+
+  // Solves - S dmu = rows_ once more and adds it to the correction; rows_ becomes what is left of target_.
+  void pass() {
+    delassus_.solve_multipliers(rows_.data());
+    for (int k = 0; k < delassus_.parts(); ++k) {
+      const Joint& joint = joint_of(k);
+      (*before_)[delassus_.index(k).joint].subtract_reaction(delassus_.part(k), load3(&rows_[3 * k]),
+                                                             impulse_[joint.parent], impulse_[joint.child]);
+    }
+    for (size_t i = 0; i < rows_.size(); ++i) correction_[i] += rows_[i];
+    for (int b = 0; b < system_.n(); ++b) velocity_[b] = velocity(system_.bodies[b], impulse_[b]);
+    velocity_[system_.n()] = Twist{};
+    for (int k = 0; k < delassus_.parts(); ++k)
+      store(Vec3(load3(&target_[3 * k]) - row_rate(k, velocity_)), &rows_[3 * k]);
+  }
+  bool renew() {
+    delassus_.assemble(*joints_, *before_);
+    fresh_ = true;
+    return delassus_.lu().factor();
+  }
+  void clear_correction() {
+    std::fill(correction_.begin(), correction_.end(), 0.0);
+    std::fill(impulse_.begin(), impulse_.end(), Twist{});
+  }
+  // correction_ is a change of dmu, impulse_ its - Gn^T dmu, velocity_ that over M.
+  void accept_correction() {
+    for (size_t i = 0; i < mu_.size(); ++i) mu_[i] += correction_[i];
+    for (int b = 0; b < system_.n(); ++b) shift_[b].v += velocity_[b].v, shift_[b].w += velocity_[b].w;
   }
   // Adds - E times the latest change of dmu to the right-hand side; its size as a velocity.
-  double couple(const std::vector<Twist>& u, double h, double length) {
+  double couple(double length) {
     std::fill(balance_.begin(), balance_.end(), Twist{});
     for (int k = 0; k < delassus_.parts(); ++k) {
       const Joint& joint = joint_of(k);
-      state_of(k).subtract_reaction(delassus_.part(k), load3(&rows_[3 * k]), balance_[joint.parent], balance_[joint.child]);
+      state_of(k).subtract_reaction(delassus_.part(k), load3(&correction_[3 * k]), balance_[joint.parent],
+                                    balance_[joint.child]);
     }
     double size = 0;
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
-      const Twist& y = force_[b];
-      const Vec3 v = body.mass * y.v - balance_[b].v;
-      const Vec3 w = body.inertia * y.w - balance_[b].w +
-                     h * (u[b].w.cross(body.inertia * y.w) - angular_momentum(body, u[b].w).cross(y.w));
+      const Vec3 v = impulse_[b].v - balance_[b].v;
+      const Vec3 w = impulse_[b].w - balance_[b].w + gyroscopic(b, impulse_[b].w, velocity_[b].w);
       size = std::max({size, v.cwiseAbs().maxCoeff() / (body.mass * length),
-                       Vec3(body.inertia_inverse * w).cwiseAbs().maxCoeff()});
+                       times(body.inertia_inverse, w).cwiseAbs().maxCoeff()});
       for (int i = 0; i < 3; ++i) core_rhs_[6 * b + i] += v[i], core_rhs_[6 * b + 3 + i] += w[i];
     }
     return size;
@@ -168,16 +210,24 @@ class StabilisedSolve {
 
   const Joint& joint_of(int k) const { return system_.joints[delassus_.index(k).joint]; }
   const JointState& state_of(int k) const { return (*joints_)[delassus_.index(k).joint]; }
+  // The rows of one part applied to velocities.
+  Vec3 row_rate(int k, const std::vector<Twist>& u) const {
+    return state_of(k).velocity(delassus_.part(k), u[joint_of(k).parent], u[joint_of(k).child]);
+  }
 
   const System& system_;
   Delassus& delassus_;
-  const Constraints* joints_ = nullptr;
-  std::vector<Mat3> slopes_, translation_slopes_;
-  std::vector<double> rows_, mu_, core_rhs_, total_;
-  std::vector<Twist> force_, change_, balance_;
+  const Constraints *joints_ = nullptr, *before_ = nullptr;
+  const std::vector<Twist>* u_ = nullptr;
+  const std::vector<Mat3>* tangents_ = nullptr;
+  double h_ = 0;
+  bool fresh_ = false;  // S is that of this iteration
+  std::vector<Rows> slopes_;
+  std::vector<double> rows_, target_;  // of - S dmu: what is left, and the whole
+  std::vector<double> correction_, mu_, core_rhs_, total_;
+  std::vector<Twist> impulse_, velocity_, balance_;
   std::vector<Twist> shift_;  // dxi - du = M^-1 (r_xi - Gn^T dmu)
   std::vector<Vec3> position_;  // r_mu, until the first sweep has used it
-  bool regular_ = false;
 };
 
 }  // namespace lieeuler

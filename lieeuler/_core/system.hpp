@@ -26,6 +26,12 @@ struct Twist {
   Vec3 v = Vec3::Zero(), w = Vec3::Zero();
 };
 
+// Six values a body.
+inline double* flat(std::vector<Twist>& twists) {
+  static_assert(sizeof(Twist) == 6 * sizeof(double));
+  return twists.data()->v.data();
+}
+
 // A vector in the world that moves with the two bodies of a joint: an axis fixed in one of them, or the difference d
 // of the two anchors. Every constraint is the product of two of these (or, for the spherical joint, d itself).
 enum class Carrier { difference, parent_axis, child_axis };
@@ -96,14 +102,15 @@ struct System {
 inline Twist momentum(const Body& body, const Twist& u) { return {body.mass * u.v, times(body.inertia, u.w)}; }
 inline Twist velocity(const Body& body, const Twist& p) { return {p.v / body.mass, times(body.inertia_inverse, p.w)}; }
 
+// J w + spin, body axes.
+inline Vec3 angular_momentum(const Body& body, const Vec3& w) { return times(body.inertia, w) + body.spin; }
+
 // p = M u, the spin included, and u of it.
 inline Twist canonical_momentum(const Body& body, const Twist& u) {
-  return {body.mass * u.v, body.inertia * u.w + body.spin};
+  return {body.mass * u.v, angular_momentum(body, u.w)};
 }
 inline Twist velocity_of(const Body& body, const Twist& p) {
-  return {p.v / body.mass, body.inertia_inverse * (p.w - body.spin)};
+  return {p.v / body.mass, times(body.inertia_inverse, p.w - body.spin)};
 }
-// J w + spin, body axes.
-inline Vec3 angular_momentum(const Body& body, const Vec3& w) { return body.inertia * w + body.spin; }
 
 }  // namespace lieeuler

@@ -49,7 +49,7 @@ def judged(make: Callable[[], lieeuler.Problem], **options: Any) -> lieeuler.Sol
 def patience(seconds: float) -> Iterator[None]:
     """After so long a call is interrupted: odd numbers may ask for any number of steps."""
     before = signal.signal(signal.SIGALRM, signal.default_int_handler)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    signal.setitimer(signal.ITIMER_REAL, seconds, seconds)  # again, where the first is lost in a callback
     try:
         yield
     except KeyboardInterrupt:  # before or after the run, which answers with its solution

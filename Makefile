@@ -7,13 +7,14 @@ DEPS   := $(VENV)/.dependencies
 JOBS   ?= auto
 KERNEL := $(wildcard lieeuler/_core/*)
 
-.PHONY: help setup verify smoke sample test lint benchmark clean
+.PHONY: help setup verify smoke sample test sanitize lint benchmark clean
 
 help:
 	@echo "make verify     run every method and engine over the scenes, write reports/latest/index.html"
 	@echo "make test       run the tests"
 	@echo "make smoke      the main job in half a minute"
 	@echo "make sample     the report published in reports/sample"
+	@echo "make sanitize   run the kernel's tests under AddressSanitizer and UndefinedBehaviorSanitizer"
 	@echo "make lint       ruff, mypy, codespell"
 	@echo "make benchmark  microseconds per step beside MuJoCo"
 
@@ -49,6 +50,9 @@ sample: setup
 
 test: setup
 	@$(PY) -m pytest -m "not slow" -n $(JOBS) --dist worksteal
+
+sanitize: setup
+	@tools/sanitize
 
 lint: setup
 	@$(VENV)/bin/ruff check .

@@ -12,7 +12,7 @@ import numpy as np
 from crosscheck.constraints import Constraints, cross
 from crosscheck.mechanics import RANK_TOLERANCE
 from crosscheck.scene import GROUND, Joint, Scene, rotation_from_quaternion
-from crosscheck.scene_checks import Draft
+from crosscheck.scene_checks import PARALLEL_AXES, Draft
 from crosscheck.scene_schema import EntryError
 
 ALLOWED_VIOLATION = 1e-8
@@ -49,7 +49,7 @@ def completed(draft: Draft) -> Scene:
     ------
     EntryError
         A position that nothing determines, a given state that violates the joints, or joints that cannot close; it
-        names the joint with the largest gap.
+        names the joint with the largest gap. Or axes that point opposite ways.
     """
     scene = draft.scene
     state = _State(scene.x0, np.array([body.attitude for body in scene.bodies]), scene.v0, scene.w0)
@@ -62,6 +62,7 @@ def completed(draft: Draft) -> Scene:
     if not draft.assemble:
         _check_velocities(constraints, state)
     state = _close_velocities(constraints, state)
+    _check_axes(scene, state.R)
     bodies = tuple(dataclasses.replace(body, position=state.x[k], attitude=state.q[k], velocity=state.v[k],
                                        angular_velocity=state.w[k]) for k, body in enumerate(scene.bodies))
     return scene.replace(bodies=bodies)
@@ -167,6 +168,19 @@ def _check_level(constraints: Constraints, rows: np.ndarray, spin: float, linear
                      f"{unit}{per_second} (allowed {allowed:.3g})",
                      f"correct {linear} or {angular} of {' or '.join(names)}, or leave {linear} out and the joints "
                      f"determine it, or write assemble = true at the top and the state is corrected")
+
+
+def _check_axes(scene: Scene, attitudes: np.ndarray) -> None:
+    """Opposite axes close the rows of a joint too, yet its angle then turns the other way for the child."""
+    R = np.concatenate([attitudes, np.eye(3)[None]])
+    for index, joint in enumerate(scene.joints):
+        if joint.type not in PARALLEL_AXES:
+            continue
+        child = scene.bodies[joint.child].name
+        if (R[joint.parent] @ joint.parent_axis) @ (R[joint.child] @ joint.child_axis) < 0:
+            raise EntryError(f'joints[{index}] "{joint.name}": child_axis',
+                             "points opposite to parent_axis in the world",
+                             f'reverse one of the two, or correct the attitude of "{child}"')
 
 
 def _anchor_length(scene: Scene) -> float:

@@ -22,7 +22,10 @@ from crosscheck.scene_schema import (
     nearest,
 )
 
-_TWO_AXES = ("universal", "revolute", "cylindrical", "prismatic", "planar")
+PARALLEL_AXES = ("revolute", "cylindrical", "prismatic", "planar")
+"""Types of joints whose two axes point the same way."""
+
+_TWO_AXES = ("universal", *PARALLEL_AXES)
 _PARENT_AXIS = ("point_on_line", "point_on_plane")
 _TORSION_JOINTS = ("revolute", "cylindrical")
 
@@ -31,7 +34,7 @@ INERTIA_ROUNDING = 1e-12
 (a thin disc, I_z = I_x + I_y) to about 1e-15; a thousandfold of that still catches every misprint."""
 
 SMALLEST = 1 / LARGEST
-"""Of masses, moments of inertia and durations: their reciprocals stay in range."""
+"""Of masses, moments of inertia, lengths of rods and durations: their reciprocals stay in range."""
 
 MOST_SAMPLES = 10**7
 """Output times; the states of one body there take a gigabyte and a half."""
@@ -165,6 +168,9 @@ def _joint(scene: SceneEntry, index: int, joint: JointEntry) -> Joint:
     if joint.length is not None and joint.length <= 0:
         raise EntryError(f"{entry}: length", f"{joint.length:g} m is not positive",
                          "write a number of m > 0, or use a spherical joint")
+    if joint.length is not None and joint.length < SMALLEST:
+        raise EntryError(f"{entry}: length", f"{joint.length:g} m is out of range",
+                         f"write a number above {SMALLEST:g}")
     parent_axis, child_axis = (None if axis is None else _unit(f"{entry}: {key}", axis, "write the axis's direction")
                                for key, axis in (("parent_axis", joint.parent_axis), ("child_axis", joint.child_axis)))
     return Joint(joint.name, joint.type, parent, child, np.array(joint.parent_anchor), np.array(joint.child_anchor),

@@ -47,7 +47,7 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     try:
         return _assembled(scene_checks.draft(decode(_read(path))))
     except EntryError as error:
-        raise SceneError(f"{_shown(path)}: {error}") from None
+        raise SceneError(_shown(f"{path}: {error}")) from None
 
 
 def as_scene(scene: Scene | str | os.PathLike[str]) -> Scene:
@@ -82,10 +82,9 @@ def _assembled(draft: scene_checks.Draft) -> Scene:
     return scene
 
 
-def _shown(path: Path | str) -> str:
-    """A path for a message, which must neither break its line nor fail to print."""
-    text = str(path)
-    return text if text.isprintable() else ascii(text)
+def _shown(text: str) -> str:
+    """A message, or words of a user's in it, which must neither break its line nor fail to print."""
+    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
 
 
 def _folder() -> Path:
@@ -125,9 +124,13 @@ def _read(path: Path) -> dict[str, Any]:
                          f"correct it, or write one of {listed(scene_names())}") from None
     try:
         data = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text, object_pairs_hook=_distinct)
+        json.dumps(data, ensure_ascii=False, default=str).encode()
     except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
         kind = path.suffix[1:].upper()
         raise EntryError("syntax", f"not {kind}, {error}", f"write {kind} there") from None
+    except UnicodeEncodeError:  # only JSON's escapes can write it
+        raise EntryError("syntax", "a \\ud800 to \\udfff escape stands alone, which is half a character",
+                         "write the character itself") from None
     except ValueError:  # Python refuses to convert integers of thousands of digits
         raise EntryError("syntax", "a whole number has thousands of digits",
                          "write numbers as 1.5 or 1.5e6") from None

@@ -2,56 +2,93 @@
 
 from __future__ import annotations
 
+import math
 import numbers
+from typing import SupportsFloat
 
 import numpy as np
 
 from lieeuler.errors import ArgumentError
 from lieeuler.types import ArrayLike
 
+LARGEST = 1e100
+"""Magnitude of the largest number taken; products of three such still are doubles."""
+
+SMALLEST = 1 / LARGEST
+"""Of masses, moments of inertia, lengths of rods, steps and tolerances: their reciprocals stay in range."""
+
 
 def vector(name: str, value: ArrayLike) -> np.ndarray:
-    """Three finite numbers, read-only."""
+    """Three numbers, read-only."""
     return array(name, value, (3,))
 
 
 def unit(name: str, value: ArrayLike) -> np.ndarray:
     """A vector of length one in the given direction."""
     direction = vector(name, value)
-    length = np.linalg.norm(direction)
-    if length == 0:
+    largest = np.abs(direction).max()
+    if largest == 0:
         raise ArgumentError(f"{name} must not vanish")
-    return direction / length
+    direction = direction / largest  # squares of very small numbers would vanish
+    return direction / np.linalg.norm(direction)
 
 
 def number(name: str, value: float, lowest: float | None = None) -> float:
-    """A finite number, not below `lowest` where that is given."""
+    """A number up to LARGEST, not below `lowest` where that is given."""
     bound = "" if lowest is None else f", not below {lowest:g}"
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise ArgumentError(f"{name} must be a number{bound}, not {value!r}")
-    if not np.isfinite(value) or (lowest is not None and value < lowest):
+    plain = _double(value)
+    if not math.isfinite(plain) or (lowest is not None and plain < lowest):
         raise ArgumentError(f"{name} must be finite{bound}, not {value!r}")
-    return float(value)
+    if abs(plain) > LARGEST:
+        raise ArgumentError(f"{name} is {plain:g}, out of range; take a number up to {LARGEST:g}")
+    return plain
 
 
 def positive(name: str, value: float) -> float:
-    """A finite number above zero."""
+    """A number between SMALLEST and LARGEST."""
     bounded = isinstance(value, numbers.Real) and not isinstance(value, bool)
-    if bounded and not (np.isfinite(value) and value > 0):
+    if bounded and not (math.isfinite(_double(value)) and value > 0):
         raise ArgumentError(f"{name} must be positive and finite, not {value!r}")
-    return number(name, value)
+    plain = number(name, value)
+    if plain < SMALLEST:
+        raise ArgumentError(f"{name} is {plain:g}, out of range; take a number above {SMALLEST:g}")
+    return plain
+
+
+def _double(value: SupportsFloat) -> float:
+    """The nearest double, infinity beyond their range (whole numbers and fractions have none)."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
 
 
 def array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    """Finite numbers of the given shape, read-only and contiguous."""
-    try:
-        values = np.array(value, dtype=float, order="C")
-    except (TypeError, ValueError):
-        raise ArgumentError(f"{name} must be numbers of shape {shape}, not {value!r}") from None
+    """Real numbers up to LARGEST of the given shape, read-only and contiguous."""
+    values = real(value)
+    if values is None:
+        raise ArgumentError(f"{name} must be numbers of shape {shape}, not {value!r}")
     if values.shape != shape or not np.isfinite(values).all():
         raise ArgumentError(f"{name} must be finite and of shape {shape}, not {values.shape}")
+    if np.abs(values).max(initial=0.0) > LARGEST:
+        raise ArgumentError(f"{name} holds a number above {LARGEST:g}, which is out of range")
     values.setflags(write=False)
     return values
+
+
+def real(value: ArrayLike) -> np.ndarray | None:
+    """A copy as doubles, None where an entry is no real number: text and complex numbers would convert silently."""
+    try:
+        plain = np.asarray(value)
+        if plain.dtype.kind not in "iufO" or np.ma.is_masked(value):
+            return None
+        if plain.dtype.kind == "O" and not all(isinstance(entry, numbers.Real) for entry in plain.flat):
+            return None
+        return np.array(plain, dtype=float, order="C")
+    except (TypeError, ValueError, OverflowError):
+        return None
 
 
 def body_index(name: str, value: int) -> int:

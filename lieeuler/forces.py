@@ -47,7 +47,7 @@ class LinearSpring:
         for name in ("parent_point", "child_point"):
             object.__setattr__(self, name, vector(name, getattr(self, name)))
         for name in ("stiffness", "free_length", "damping"):
-            number(name, getattr(self, name), lowest=0.0)
+            object.__setattr__(self, name, number(name, getattr(self, name), lowest=0.0))
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this force to the compiled system."""
@@ -90,9 +90,8 @@ class TorsionalSpring:
             object.__setattr__(self, name, body_index(name, getattr(self, name)))
         for name in ("parent_axis", "child_axis"):
             object.__setattr__(self, name, unit(name, getattr(self, name)))
-        number("stiffness", self.stiffness, lowest=0.0)
-        number("rest_angle", self.rest_angle)
-        number("damping", self.damping, lowest=0.0)
+        for name, lowest in (("stiffness", 0.0), ("rest_angle", None), ("damping", 0.0)):
+            object.__setattr__(self, name, number(name, getattr(self, name), lowest))
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this force to the compiled system."""
@@ -127,7 +126,7 @@ class ConstantLoad:
         object.__setattr__(self, "child", body_index("child", self.child))
         for name in ("force", "torque", "point"):
             object.__setattr__(self, name, vector(name, getattr(self, name)))
-        if self.frame not in ("world", "body"):
+        if not isinstance(self.frame, str) or self.frame not in ("world", "body"):
             raise ArgumentError(f"frame must be 'world' or 'body', not {self.frame!r}")
 
     @property

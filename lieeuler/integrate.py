@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import number, positive
+from lieeuler.checks import LARGEST, SMALLEST, number, positive, real
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
 from lieeuler.methods import COORDINATE_MAPS, METHODS, Method
 from lieeuler.problem import Problem
@@ -79,12 +79,13 @@ def integrate(
     if not isinstance(problem, Problem):
         raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
     record = _method(method)
-    if coordinate_map not in COORDINATE_MAPS:
+    if not isinstance(coordinate_map, str) or coordinate_map not in COORDINATE_MAPS:
         raise ArgumentError(f"coordinate_map must be one of {', '.join(COORDINATE_MAPS)}, not {coordinate_map!r}")
     if record.composition and coordinate_map == "ccsk":
         raise ArgumentError(f"{method} composes symmetric steps and ccsk is not symmetric; use exp or cayley")
     if record.formulation == "index1" and coordinate_map != "exp":
         raise ArgumentError(f"{method} works with the exponential map; leave coordinate_map out")
+    _check_switches(spin_free, monitor)
     gains = _gains(record, alpha, beta)
     t = _output_times(t_eval)
     frames = spin_free_frames(problem) if (_spins_out(record) if spin_free is None else spin_free) else None
@@ -141,6 +142,12 @@ def _method(name: str) -> Method:
     return METHODS[name]
 
 
+def _check_switches(spin_free: bool | None, monitor: bool) -> None:
+    for name, value in (("spin_free", spin_free), ("monitor", monitor)):
+        if not (isinstance(value, bool) or (value is None and name == "spin_free")):
+            raise ArgumentError(f"{name} must be True or False, not {value!r}")
+
+
 def _gains(method: Method, alpha: float | None, beta: float | None) -> tuple[float, float]:
     if method.gains is None:
         if alpha is not None or beta is not None:
@@ -170,18 +177,17 @@ def _tolerance(method: Method, step: float | None, rtol: float | None) -> float 
 def _output_times(t_eval: ArrayLike | None) -> np.ndarray:
     if t_eval is None:
         raise ArgumentError("t_eval is missing: at least two increasing output times, s")
-    try:
-        t = np.array(t_eval, dtype=float)
-    except (TypeError, ValueError):
-        t = np.empty(0)
-    if t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
+    t = real(t_eval)
+    if t is None or t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all() or not (t[1:] > t[:-1]).all():
         raise ArgumentError("t_eval must hold at least two finite, increasing times")
+    if np.abs(t).max() > LARGEST or np.diff(t).min() < SMALLEST:
+        raise ArgumentError(f"t_eval must lie below {LARGEST:g} s, with intervals above {SMALLEST:g} s")
     return t
 
 
 def _steps(t: np.ndarray, step: float) -> tuple[list[float], list[int]]:
     """Step size and number of steps of every output interval; intervals equal to rounding share one step size."""
-    positive("step", step)
+    step = positive("step", step)
     if (t[-1] - t[0]) / step > MOST_STEPS:
         raise ArgumentError(f"step {step!r} s would take more than {MOST_STEPS:g} steps for {t[-1] - t[0]:g} s")
     intervals = np.diff(t)

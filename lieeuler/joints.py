@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import body_index, normals, positive, rotation, unit, vector
+from lieeuler.checks import body_index, normals, number, positive, rotation, unit, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.types import ArrayLike
 
@@ -48,6 +48,15 @@ class Dot:
     b_axis: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
     constant: float = 0.0
     scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        for carrier in (self.a, self.b):
+            if not isinstance(carrier, str) or carrier not in ("difference", "parent", "child"):
+                raise ArgumentError(f"a dot row multiplies 'difference', 'parent' or 'child', not {carrier!r}")
+        for name in ("a_axis", "b_axis"):
+            object.__setattr__(self, name, vector(name, getattr(self, name)))
+        for name in ("constant", "scale"):
+            object.__setattr__(self, name, number(name, getattr(self, name)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,10 +87,10 @@ class Joint:
             object.__setattr__(self, name, body_index(name, getattr(self, name)))
         object.__setattr__(self, "parent_anchor", vector("parent_anchor", self.parent_anchor))
         object.__setattr__(self, "child_anchor", vector("child_anchor", self.child_anchor))
-        for dot in self.dots:
-            for carrier in (dot.a, dot.b):
-                if carrier not in ("difference", "parent", "child"):
-                    raise ArgumentError(f"a dot row multiplies 'difference', 'parent' or 'child', not {carrier!r}")
+        if not isinstance(self.spherical, bool):
+            raise ArgumentError(f"spherical must be True or False, not {self.spherical!r}")
+        if not isinstance(self.dots, tuple) or not all(isinstance(dot, Dot) for dot in self.dots):
+            raise ArgumentError(f"dots must be a tuple of Dot, not {self.dots!r}")
         if not self.rows:
             raise ArgumentError("a joint needs at least one constraint row")
 
@@ -92,7 +101,7 @@ class Joint:
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this joint to the compiled system."""
-        system.add_joint(self.parent, self.child, self.parent_anchor, self.child_anchor, bool(self.spherical),
+        system.add_joint(self.parent, self.child, self.parent_anchor, self.child_anchor, self.spherical,
                          [carrier for dot in self.dots for carrier in (dot.a, dot.b)],
                          [axis for dot in self.dots for axis in (dot.a_axis, dot.b_axis)],
                          [dot.constant for dot in self.dots], [dot.scale for dot in self.dots])
@@ -169,7 +178,7 @@ def fixed_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor:
 def distance_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
                    length: float) -> Joint:
     """A massless rod of the given length (m) between the anchors."""
-    positive("length", length)
+    length = positive("length", length)
     rod = Dot("difference", "difference", constant=0.5 * length, scale=0.5 / length)
     return Joint(parent, child, parent_anchor, child_anchor, False, (rod,))
 

@@ -8,7 +8,7 @@ import functools
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import array, positive, vector
+from lieeuler.checks import SMALLEST, array, positive, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.forces import Force
 from lieeuler.joints import Joint
@@ -31,13 +31,15 @@ class Body:
     inertia: np.ndarray
 
     def __post_init__(self) -> None:
-        positive("mass", self.mass)
+        object.__setattr__(self, "mass", positive("mass", self.mass))
         inertia = array("inertia", self.inertia, (3, 3))
-        if not np.allclose(inertia, inertia.T, rtol=1e-12, atol=0):
+        if np.abs(inertia - inertia.T).max() > 1e-12 * np.abs(inertia).max():
             raise ArgumentError("inertia must be symmetric")
         moments = np.linalg.eigvalsh(inertia)
         if moments[0] <= 0:
             raise ArgumentError("inertia must be positive definite")
+        if moments[0] < SMALLEST:
+            raise ArgumentError(f"principal moments {moments} are out of range; take an inertia above {SMALLEST:g}")
         if moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
             raise ArgumentError(f"principal moments {moments} break the triangle inequality: no body has them")
         object.__setattr__(self, "inertia", inertia)
@@ -76,7 +78,10 @@ class Problem:
 
     def __post_init__(self) -> None:
         for group, kind in (("bodies", Body), ("joints", Joint), ("forces", Force)):
-            items = tuple(getattr(self, group))
+            try:
+                items = tuple(getattr(self, group))
+            except TypeError:
+                raise ArgumentError(f"{group} must be a sequence, not {getattr(self, group)!r}") from None
             for k, item in enumerate(items):
                 if not isinstance(item, kind):
                     raise ArgumentError(f"{group}[{k}] is of another kind: {item!r}")

@@ -95,7 +95,7 @@ class Solution:
         count = result["samples"]
         maxima = dict(result["maxima"])
         kinetic = maxima["kinetic"]
-        if kinetic > 0:
+        if 0 < kinetic < np.inf:
             maxima["energy_error"] /= kinetic
         stats = Stats(step=step, wall_time=result["wall_time"], maxima=maxima, **result["counters"])
         arrays = {key: result[key][:count] for key in ("x", "R", "v", "w", "a", "alpha", "lam")}

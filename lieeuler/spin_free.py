@@ -50,7 +50,7 @@ class SpinFreeFrames:
         """Turn R (T, n, 3, 3), w and alpha (T, n, 3) of the frames into those of the bodies, in place; t in s."""
         for body, axis, rate in zip(self.bodies, self.axes, self.rates, strict=True):
             spin = rate * axis
-            turn = _rotations(axis, rate * (t - t[0]))  # body to frame
+            turn = _rotations(axis, rate * (t - t[:1]))  # body to frame; a run may end before its first sample
             slope = alpha[:, body] - np.cross(spin, w[:, body])
             R[:, body] = R[:, body] @ turn
             w[:, body] = np.einsum("tji,tj->ti", turn, w[:, body]) + spin

@@ -22,7 +22,6 @@ namespace lieeuler {
 template <class Stepper>
 Outcome run_adaptive(Stepper& stepper, const System& system, const State& initial, const std::vector<double>& t_eval,
                      double rtol, bool monitored, const Record& record, const Interrupted& interrupted) {
-  constexpr long kBodyStepsBetweenChecks = 2000;
   const FlushDenormals flush;
   Outcome outcome;
   Monitor monitor(system, monitored);
@@ -38,19 +37,18 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
   };
   if (const Status status = stepper.start(initial, t_eval.front(), t_eval.back(), rtol); status != Status::success)
     return end(status);
+  if (!is_finite(stepper.state())) return end(Status::non_finite);
   monitor.start(stepper.state(), stepper.joints());
   record(outcome.samples++, stepper.state());
-  long since_check = 0;
+  Watch watch(interrupted, 1);
   for (size_t next = 1; next < t_eval.size();) {
-    if ((since_check += system.n()) > kBodyStepsBetweenChecks) {
-      since_check = 0;
-      if (interrupted()) return end(Status::interrupted);
-    }
+    if (watch.ends()) return end(Status::interrupted);
     if (const Status status = stepper.step(outcome.counters); status != Status::success) return end(status);
     reached = stepper.time();
     if (monitored) monitor.watch(stepper.state(), stepper.joints());
     for (; next < t_eval.size() && t_eval[next] <= reached; ++next) {
       if (t_eval[next] == reached) {
+        if (!is_finite(stepper.state())) return end(Status::non_finite);
         record(outcome.samples++, stepper.state());
         continue;
       }
@@ -62,6 +60,7 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
       if (status == Status::success) status = stepper.dense(t_eval[next], sample, outcome.counters);
       if (status == Status::success)
         status = projection->project(sample, Scales::of(system, sample), outcome.counters);
+      if (status == Status::success && !is_finite(sample)) status = Status::non_finite;
       if (status != Status::success) return end(status);
       record(outcome.samples++, sample);
     }

@@ -1,6 +1,8 @@
 // Stepping, sampling, watching every step, and ending with a status.
 #pragma once
 
+#include <chrono>
+#include <cstdint>
 #include <functional>
 
 #include "denormals.hpp"
@@ -13,6 +15,15 @@ namespace lieeuler {
 struct Maxima {
   double energy_error = 0, kinetic = 0, position = 0, velocity = 0, acceleration = 0, orthogonality = 0;
 };
+
+// What overflowed is infinite: a maximum would pass over a NaN.
+inline void raise(double& maximum, double value) {
+  if (!(value <= maximum)) maximum = std::isnan(value) ? std::numeric_limits<double>::infinity() : value;
+}
+template <class Values>
+void raise(double& maximum, const Eigen::MatrixBase<Values>& values) {
+  raise(maximum, values.cwiseAbs().template maxCoeff<Eigen::PropagateNaN>());
+}
 
 class Monitor {
  public:
@@ -27,8 +38,8 @@ class Monitor {
   void watch(const State& state, const Constraints& joints) {
     if (!enabled_) return;
     double kinetic;
-    maxima.energy_error = std::max(maxima.energy_error, std::abs(energy(state, kinetic) - start_energy_));
-    maxima.kinetic = std::max(maxima.kinetic, kinetic);
+    raise(maxima.energy_error, std::abs(energy(state, kinetic) - start_energy_));
+    raise(maxima.kinetic, kinetic);
     for (size_t j = 0; j < system_.joints.size(); ++j) {
       const Joint& joint = system_.joints[j];
       const JointState& here = joints[static_cast<int>(j)];
@@ -49,11 +60,6 @@ class Monitor {
   Maxima maxima;
 
  private:
-  template <class Values>
-  static void raise(double& maximum, const Values& values) {
-    maximum = std::max(maximum, values.cwiseAbs().maxCoeff());
-  }
-
   double energy(const State& state, double& kinetic) const {
     double potential = 0;
     kinetic = 0;
@@ -91,21 +97,63 @@ struct Outcome {
   Maxima maxima;
 };
 
+// A run never succeeds with a sample that is not a number: what has overflowed may pass every test of a step.
+inline bool is_finite(const State& state) {
+  for (size_t b = 0; b + 1 < state.frames.size(); ++b) {
+    const Frame& frame = state.frames[b];
+    const Twist &u = state.u[b], &a = state.a[b];
+    if (!(frame.x.allFinite() && frame.R.allFinite() && u.v.allFinite() && u.w.allFinite() && a.v.allFinite() &&
+          a.w.allFinite()))
+      return false;
+  }
+  return std::all_of(state.lam.begin(), state.lam.end(), [](double lam) { return std::isfinite(lam); });
+}
+
 // Where the samples go; each call appends one.
 using Record = std::function<void(int sample, const State&)>;
 // Asked now and then; true ends the run.
 using Interrupted = std::function<bool()>;
 
+// Asks about an interruption every 50 ms of the run, whatever a step costs.
+class Watch {
+ public:
+  // Of steps as cheap as a microsecond a body the clock is read every so many only, where reading it would be felt.
+  static int readings_apart(int bodies) { return std::max(1, 50 / bodies); }
+
+  Watch(const Interrupted& interrupted, int steps_between_readings)
+      : interrupted_(interrupted), steps_between_readings_(steps_between_readings) {}
+
+  // Once a step.
+  bool ends() {
+    if (++steps_ < steps_between_readings_) return false;
+    steps_ = 0;
+    const auto now = std::chrono::steady_clock::now();
+    if (now - asked_ < kPeriod) return false;
+    asked_ = now;
+    return interrupted_();
+  }
+
+ private:
+  static constexpr std::chrono::milliseconds kPeriod{50};
+  const Interrupted& interrupted_;
+  int steps_between_readings_, steps_ = 0;
+  std::chrono::steady_clock::time_point asked_ = std::chrono::steady_clock::now();
+};
+
+// Steps of what is not a number pass for good ones where no test of a step sees it. Of an interval of 1e10 steps most
+// would be wasted; at these, and not after so many seconds, a run ends where it ended before.
+inline constexpr std::int64_t kStepsBetweenLooks = 1024;
+
 // Integrates over intervals of counts[k] steps of size steps[k], one sample at the end of each.
 template <class Stepper>
 Outcome run(Stepper& stepper, const System& system, const State& initial, const std::vector<double>& steps,
-            const std::vector<int>& counts, bool monitored, const Record& record, const Interrupted& interrupted) {
-  constexpr long kBodyStepsBetweenChecks = 20000;
+            const std::vector<std::int64_t>& counts, bool monitored, const Record& record,
+            const Interrupted& interrupted) {
   const FlushDenormals flush;
   Outcome outcome;
   Monitor monitor(system, monitored);
   double t = 0, h = 0;
-  long since_check = 0;
+  Watch watch(interrupted, Watch::readings_apart(system.n()));
   auto end = [&](Status status) {
     outcome.status = status;
     outcome.maxima = monitor.maxima;
@@ -119,19 +167,21 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
       if (const Status status = stepper.start(k == 0 ? initial : State(stepper.state()), h); status != Status::success)
         return end(status);
       if (k == 0) {
+        if (!is_finite(stepper.state())) return end(Status::non_finite);
         monitor.start(stepper.state(), stepper.joints());
         record(outcome.samples++, stepper.state());
       }
     }
-    for (int i = 0; i < counts[k]; ++i) {
-      if ((since_check += system.n()) > kBodyStepsBetweenChecks) {
-        since_check = 0;
-        if (interrupted()) return end(Status::interrupted);
-      }
+    const double begin = t;
+    for (std::int64_t i = 0; i < counts[k]; ++i) {
+      if (watch.ends()) return end(Status::interrupted);
       if (const Status status = stepper.step(outcome.counters); status != Status::success) return end(status);
       monitor.watch(stepper.state(), stepper.joints());
-      t += h;
+      t = begin + (i + 1) * h;  // a sum of 1e10 steps would gather rounding
+      if (i % kStepsBetweenLooks == kStepsBetweenLooks - 1 && !is_finite(stepper.state()))
+        return end(Status::non_finite);
     }
+    if (!is_finite(stepper.state())) return end(Status::non_finite);
     record(outcome.samples++, stepper.state());
   }
   return end(Status::success);
@@ -139,7 +189,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
 
 template <class Map>
 Outcome run_method(const System& system, const Method& method, const State& initial, const std::vector<double>& steps,
-                   const std::vector<int>& counts, bool monitored, const Record& record,
+                   const std::vector<std::int64_t>& counts, bool monitored, const Record& record,
                    const Interrupted& interrupted) {
   if (!method.composition.empty()) {
     CompositionStepper<Map> stepper(system, method.composition);

@@ -41,4 +41,20 @@ def heavy_top():
                  [np.eye(3)], [np.array([0.0, 150.0, -4.61538])])
 
 
+def spring_chain(n):
+    """n bodies hung sideways one below the other, the last on a spring to the ground."""
+    rates = [np.zeros(3)] * n
+    p = chain([1.0] * n, [INERTIA] * n, [(np.zeros(3), UP)] + [(DOWN, UP)] * (n - 1), [TILT_Y] * n, rates)
+    spring = lieeuler.LinearSpring(lieeuler.types.GROUND, n - 1, p.x[-1] + [0, 0, 1.0], np.zeros(3), 10.0, 0.5, 0.1)
+    return lieeuler.Problem(p.bodies, p.joints, p.gravity, p.x, p.R, p.v, p.w, (spring,))
+
+
+def hung_by_both_ends(n):
+    """n bodies in a zigzag, the first and the last on ball joints to the ground."""
+    p = chain([1.0] * n, [INERTIA] * n, [(np.zeros(3), UP)] + [(DOWN, UP)] * (n - 1), ([TILT_Y, TILT_X] * n)[:n],
+              [np.zeros(3)] * n)
+    last = lieeuler.spherical_joint(lieeuler.types.GROUND, n - 1, p.x[-1] + p.R[-1] @ DOWN, DOWN)
+    return lieeuler.Problem(p.bodies, (*p.joints, last), p.gravity, p.x, p.R, p.v, p.w)
+
+
 SYSTEMS = {"single_pendulum": single_pendulum, "double_pendulum": double_pendulum, "heavy_top": heavy_top}

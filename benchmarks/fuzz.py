@@ -1,0 +1,87 @@
+"""Many odd inputs against the scene loader, or against the kernel's entry points.
+
+    python -m benchmarks.fuzz scenes --count 1000000 [--seed 0] [--seconds 180]
+    python -m benchmarks.fuzz kernel --count 100000
+
+A scene file must be a scene or one `crosscheck.SceneError`. A call of the kernel must be refused by an
+`lieeuler.ArgumentError`, end with a named status, finish, or be interrupted, and give finite numbers alone. Prints how
+many of each; the first input that breaks the rule is named by its number, and the run ends with status 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import faulthandler
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+
+PATIENCE = 0.2
+"""s, for one call of the kernel."""
+
+
+def fuzz(answer: Callable[[Random], str], count: int, seed: int, seconds: float) -> tuple[Counter[str], int | None]:
+    """Numbers of the answers; and the first input that was answered by anything else, None where all were in order."""
+    answers: Counter[str] = Counter()
+    end = time.monotonic() + seconds
+    for number in range(seed, seed + count):
+        try:
+            answers[answer(Random(number))] += 1
+        except BaseException:  # the finding itself, whatever it is
+            traceback.print_exc()
+            return answers, number
+        if time.monotonic() > end:
+            break
+    return answers, None
+
+
+def scene_answer(folder: Path) -> Callable[[Random], str]:
+    """What the loader answers to a file."""
+    from tests.scene_mutations import judged, scene_file
+
+    def answer(random: Random) -> str:
+        return "refused" if judged(folder, *scene_file(random)) is None else "loaded"
+
+    return answer
+
+
+def kernel_answer() -> Callable[[Random], str]:
+    """What the kernel answers to a call."""
+    from tests.kernel_mutations import case, judged, patience
+
+    def answer(random: Random) -> str:
+        make, options = case(random)
+        with patience(PATIENCE):
+            solution = judged(make, **options)
+            return "refused" if solution is None else solution.status.value
+        return "interrupted"
+
+    return answer
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("target", choices=("scenes", "kernel"))
+    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0, help="of the first input; the next has the next number")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="end earlier")
+    options = parser.parse_args()
+    faulthandler.enable()
+    warnings.simplefilter("error", RuntimeWarning)
+    with tempfile.TemporaryDirectory() as folder:
+        answer = scene_answer(Path(folder)) if options.target == "scenes" else kernel_answer()
+        answers, found = fuzz(answer, options.count, options.seed, options.seconds)
+    print(f"{options.target}, inputs {options.seed} to {options.seed + answers.total() - 1}: "
+          f"{', '.join(f'{count} {name}' for name, count in sorted(answers.items()))}; "
+          f"{'no finding' if found is None else f'finding at {found}'}", flush=True)
+    return 0 if found is None else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,195 @@
+"""Whatever is handed to the kernel's entry points: an ArgumentError, a named status, or a finite trajectory."""
+
+from __future__ import annotations
+
+import dataclasses
+import fractions
+import importlib
+from random import Random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import lieeuler
+from tests.kernel_mutations import EXTREME, FIELDS, ODD, case, judged, layouts
+from tests.lieeuler.systems import SYSTEMS
+
+T = np.linspace(0, 0.1, 3)
+
+
+def field_values(problem):
+    return {field.name: getattr(problem, field.name) for field in dataclasses.fields(problem)}
+
+
+def outcome(fields, method, **arguments):
+    return judged(lambda: lieeuler.Problem(**fields), method=method, **arguments)
+
+
+@pytest.mark.parametrize("name", ["x", "R", "v", "w"])
+def test_the_layout_of_an_array_changes_nothing(name):
+    fields = field_values(SYSTEMS["double_pendulum"]())
+    wanted = outcome(fields, "DAE1L_LSE", step=1e-2, t_eval=T)
+    for values in layouts(fields[name]):
+        found = outcome({**fields, name: values}, "DAE1L_LSE", step=1e-2, t_eval=T)
+        assert found is not None
+        assert all(np.array_equal(getattr(found, key), getattr(wanted, key)) for key in FIELDS)
+
+
+def test_a_problem_keeps_no_one_elses_memory():
+    fields = field_values(SYSTEMS["double_pendulum"]())
+    shared = np.array(fields["x"])
+    problem = lieeuler.Problem(**{**fields, "x": shared})
+    shared[:] = np.nan
+    assert np.array_equal(problem.x, fields["x"])
+    aliased = np.zeros((1, 3))
+    body, gravity = lieeuler.Body(1.0, np.eye(3)), np.zeros(3)
+    free = lieeuler.integrate(lieeuler.Problem([body], [], gravity, aliased, np.eye(3)[None], aliased, aliased),
+                              "rattle2", 1e-2, T)
+    assert not free.x.any()
+    assert not aliased.any()
+
+
+def test_numbers_of_other_types_are_numbers():
+    fields = field_values(SYSTEMS["single_pendulum"]())
+    body = lieeuler.Body(fractions.Fraction(3, 2), np.eye(3, dtype=np.int32))
+    assert type(body.mass) is float
+    still = {name: np.zeros((1, 3), dtype=np.float32) for name in ("v", "w")}
+    solution = outcome({**fields, "bodies": [body], "gravity": np.array([0, 0, -9], dtype=np.int8), **still},
+                       "rattle2", step=np.float32(0.01), t_eval=range(2))
+    assert solution.success
+
+
+@pytest.mark.parametrize("value", [
+    np.array([1j, 0, 0]), ["0", "0", "1"], [10**400, 0, 0], [0, 0], [[0, 0, 0]], None, [0, 0, 1e101], [0, 0, np.nan],
+    np.ma.masked_equal([0.0, 0, 1], 1.0), 3, "abc",
+], ids=repr)
+def test_what_is_no_vector_is_named(value):
+    fields = field_values(SYSTEMS["single_pendulum"]())
+    with pytest.raises(lieeuler.ArgumentError, match="gravity"):
+        lieeuler.Problem(**{**fields, "gravity": value})
+
+
+@pytest.mark.parametrize("value", [10**400, 1e300, 5e-324, 1e-200, np.nan, fractions.Fraction(10**400), True, "1",
+                                   None])
+def test_masses_and_steps_out_of_range_are_named(value):
+    with pytest.raises(lieeuler.ArgumentError, match="mass"):
+        lieeuler.Body(value, np.eye(3))
+    with pytest.raises(lieeuler.ArgumentError, match="step"):
+        lieeuler.integrate(SYSTEMS["single_pendulum"](), "rattle2", value, T)
+
+
+@pytest.mark.parametrize("index", [-2, 2, 2**31, -(2**31), 2**40, 2**80])
+def test_bodies_that_are_not_there_are_named(index):
+    fields = field_values(SYSTEMS["double_pendulum"]())
+    for joint in (lieeuler.spherical_joint(index, 0, [0, 0, 0], [0, 0, 1]),
+                  lieeuler.spherical_joint(-1, index, [0, 0, 0], [0, 0, 1])):
+        with pytest.raises(lieeuler.ArgumentError, match=r"joints\[0\]"):
+            lieeuler.Problem(**{**fields, "joints": [joint]})
+    with pytest.raises(lieeuler.ArgumentError, match=r"forces\[0\]"):
+        lieeuler.Problem(**{**fields, "forces": [lieeuler.ConstantLoad(index)]})
+
+
+@pytest.mark.parametrize("change", [{"bodies": 5}, {"joints": None}, {"forces": 1.0}, {"bodies": []},
+                                    {"joints": ["a"]}])
+def test_groups_that_are_no_sequences_are_named(change):
+    with pytest.raises(lieeuler.ArgumentError, match=next(iter(change)).rstrip("s")[:3]):
+        lieeuler.Problem(**{**field_values(SYSTEMS["single_pendulum"]()), **change})
+
+
+@pytest.mark.parametrize("make", [
+    lambda: lieeuler.Dot("parent", "sky"), lambda: lieeuler.Dot(["parent"], "child"),
+    lambda: lieeuler.Dot("parent", "child", [0, 0]), lambda: lieeuler.Dot("parent", "child", constant=np.nan),
+    lambda: lieeuler.Joint(-1, 0, np.zeros(3), np.zeros(3), spherical=2),
+    lambda: lieeuler.Joint(-1, 0, np.zeros(3), np.zeros(3), dots=("parent",)),
+    lambda: lieeuler.LinearSpring(-1, 0, np.zeros(3), np.zeros(3), 10**400, 0.0),
+])
+def test_rows_and_springs_are_checked(make):
+    with pytest.raises(lieeuler.ArgumentError):
+        make()
+
+
+@pytest.mark.parametrize(("name", "value"), [
+    ("coordinate_map", ["exp"]), ("coordinate_map", np.array(["exp", "cayley"])), ("monitor", None), ("monitor", "yes"),
+    ("spin_free", "no"), ("t_eval", np.array([0, 1j])), ("t_eval", [-1e308, 1e308]), ("t_eval", ["0", "1"]),
+    ("t_eval", [0, 10**400]), ("t_eval", [0, 5e-324]),
+])
+def test_wrong_options_are_named(name, value):
+    with pytest.raises(lieeuler.ArgumentError, match=name):
+        lieeuler.integrate(SYSTEMS["single_pendulum"](),
+                           **{"method": "rattle2", "step": 1e-2, "t_eval": T, name: value})
+
+
+def test_an_anchor_out_of_range_does_not_hide_an_open_joint():
+    fields = field_values(SYSTEMS["single_pendulum"]())
+    open_joint = lieeuler.spherical_joint(-1, 0, [1e99, 0, 0], [0, 0, 1.0])
+    with pytest.raises(lieeuler.ArgumentError, match="violates the joints"):
+        lieeuler.Problem(**{**fields, "joints": [open_joint]})
+
+
+def test_an_inertia_turned_by_a_rotation_is_symmetric_enough():
+    R = SYSTEMS["double_pendulum"]().R[0]
+    inertia = R @ np.diag([1.0, 1.0 + 1e-14, 1.5]) @ R.T
+    inertia[0, 1] += 1e-17
+    lieeuler.Body(1.0, inertia)
+
+
+numbers = st.one_of(st.sampled_from(EXTREME), st.floats(-10, 10))
+
+
+@st.composite
+def free_bodies(draw):
+    """One body on a spring, with numbers of any size."""
+    mass, *moments = (draw(st.one_of(st.sampled_from(EXTREME), st.floats(1e-3, 10))) for _ in range(2))
+    vectors = {name: [[draw(numbers) for _ in range(3)]] for name in ("x", "v", "w")}
+    return {"mass": mass, "moment": moments[0], "gravity": [draw(numbers) for _ in range(3)], **vectors,
+            "stiffness": draw(numbers), "point": [draw(numbers) for _ in range(3)]}
+
+
+@settings(max_examples=100)
+@given(numbers=free_bodies(), method=st.sampled_from(sorted(lieeuler.METHODS)),
+       t_end=st.sampled_from((1e-99, 1e-30, 1e-3, 0.1, 1e30, 1e99)))
+def test_numbers_of_any_size(numbers, method, t_end):
+    try:
+        body = lieeuler.Body(numbers["mass"], np.diag([numbers["moment"]] * 3))
+        spring = lieeuler.LinearSpring(-1, 0, np.zeros(3), numbers["point"], numbers["stiffness"], 0.1)
+    except lieeuler.ArgumentError:
+        return
+    fields = {"bodies": [body], "joints": [], "gravity": numbers["gravity"], "R": [np.eye(3)], "forces": [spring],
+              **{name: numbers[name] for name in ("x", "v", "w")}}
+    # where steps follow a tolerance, a duration of any length is a run of any length
+    if "step" in lieeuler.METHODS[method].controls:
+        outcome(fields, method, step=t_end / 8, t_eval=[0, t_end / 2, t_end])
+    elif t_end <= 0.1 and np.abs(numbers["w"]).max() < 1e3 and np.abs(numbers["v"]).max() < 1e3:
+        outcome(fields, method, t_eval=[0, t_end / 2, t_end])
+
+
+@settings(max_examples=80)
+@given(name=st.sampled_from(("bodies", "joints", "gravity", "x", "R", "v", "w", "forces")), value=st.sampled_from(ODD),
+       method=st.sampled_from(sorted(lieeuler.METHODS)))
+def test_values_of_any_kind(name, value, method):
+    fields = {**field_values(SYSTEMS["double_pendulum"]()), name: value}
+    control = {"step": 1e-2} if "step" in lieeuler.METHODS[method].controls else {}
+    outcome(fields, method, t_eval=T, **control)
+
+
+@settings(max_examples=80)
+@given(where=st.sampled_from(("x", "R", "v", "w")), place=st.integers(0, 17), value=st.sampled_from(EXTREME),
+       method=st.sampled_from(sorted(lieeuler.METHODS)))
+def test_one_extreme_number_in_a_state(where, place, value, method):
+    fields = field_values(SYSTEMS["double_pendulum"]())
+    values = np.array(fields[where])
+    values.flat[place % values.size] = value
+    control = {"step": 1e-2} if "step" in lieeuler.METHODS[method].controls else {}
+    outcome({**fields, where: values}, method, t_eval=T, **control)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_any_call_is_refused_or_ends_with_a_name(seed, monkeypatch):
+    monkeypatch.setattr(importlib.import_module("lieeuler.integrate"), "MOST_STEPS", 1e4)
+    random = Random(seed)
+    for _ in range(100):
+        make, options = case(random)
+        if options.get("step") is not None:  # odd numbers may ask steps that follow a tolerance for any number of them
+            judged(make, **options)

@@ -208,10 +208,22 @@ inline Vec3 logarithm(const Mat3& R) {
   return sine < 1e-9 && angle < 1 ? axis : Vec3(angle / sine * axis);
 }
 
-// One Newton step towards the nearest rotation: exact to rounding for a matrix already orthogonal to rounding.
-inline Mat3 polished(const Mat3& R) {
+// One Newton step towards the nearest rotation: exact to rounding for a matrix already orthogonal to rounding. The largest
+// entry of R^T R - I before, which the step squares.
+inline double polish(Mat3& R) {
   const Mat3 defect = R.transpose() * R - Mat3::Identity();
-  return R - 0.5 * R * defect;
+  R -= 0.5 * R * defect;
+  return defect.cwiseAbs().maxCoeff();
+}
+inline Mat3 polished(Mat3 R) {
+  polish(R);
+  return R;
+}
+// The nearest rotation of a matrix farther off.
+inline Mat3 orthogonalised(Mat3 R) {
+  constexpr double kLast = 1e-8;
+  for (int k = 0; k < 8 && polish(R) >= kLast; ++k) {}
+  return R;
 }
 
 }  // namespace lieeuler

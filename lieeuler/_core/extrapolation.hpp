@@ -18,9 +18,10 @@ namespace lieeuler {
 class Extrapolation {
  public:
   explicit Extrapolation(const System& system)
-      : system_(system), euler_(system, Level::stabilised, false, {}), projection_(system), state_(system), next_(system),
+      : system_(system), euler_(system, Level::stabilised, false, {}), whole_(system, Level::stabilised, false, {}),
+        projection_(system), state_(system), next_(system),
         size_(12 * system.n()), most_turn_(most_turn(system, 2.5)), difference_(size_), rates_(system.n() + 1) {
-    euler_.polish_velocities();  // the table magnifies what errors a sub-step leaves
+    euler_.polish_velocities(), whole_.polish_velocities();  // the table magnifies what errors a sub-step leaves
     for (std::vector<double>& entry : table_) entry.assign(size_, 0.0);
     for (Node& node : nodes_) node.y.assign(size_ / 2, 0.0);
   }
@@ -125,12 +126,13 @@ class Extrapolation {
 
   // Row n of the table for the step h from `start`, into table_[1 .. n], and the difference of its last two entries.
   Status fill(int n, double h, const State& start, Counters& counters) {
+    LagrangeStepper<ExpMap>& euler = n == 1 ? whole_ : euler_;
     Counters inner;
-    Status status = euler_.start(start, h / n);
-    for (int i = 0; i < n && status == Status::success; ++i) status = euler_.step(inner);
+    Status status = euler.start(start, h / n);
+    for (int i = 0; i < n && status == Status::success; ++i) status = euler.step(inner);
     inner.add_to(counters);
     if (status != Status::success) return status;
-    if (!coordinates(start, euler_.state(), difference_)) return Status::map_domain;
+    if (!coordinates(start, euler.state(), difference_)) return Status::map_domain;
     for (size_t i = 0; i < size_; ++i) {
       double entry = difference_[i];
       for (int k = 1; k < n; ++k) {
@@ -171,7 +173,7 @@ class Extrapolation {
   // Rows until one converges, or until it is plain that none will up to the one after the target.
   Status fill_rows(double h, bool& converged, Counters& counters) {
     double error = 0, last = 0;
-    euler_.solve_to(kSolved * rtol_ / magnification(target_ + 1));
+    for (auto* euler : {&euler_, &whole_}) euler->solve_to(kSolved * rtol_ / magnification(target_ + 1));
     for (int row = 1; row <= target_ + 1; ++row) {
       if (const Status status = fill(row, h, state_, counters); status != Status::success) return status;
       if (row == 1) continue;
@@ -191,11 +193,11 @@ class Extrapolation {
     }
     return Status::success;
   }
-  // The error of the row filled last, of the velocities what outlasts a sub-step: not an oscillation of stiff springs that
-  // displaces nothing (as in code RADAU5; Hairer and Wanner IV.8).
+  // The error of the row filled last; of the velocities what outlasts an implicit step, not the oscillation of a stiff spring
+  // that displaces nothing (as in code RADAU5; Hairer and Wanner IV.8).
   double estimate() {
     for (int b = 0; b < system_.n(); ++b) rates_[b] = load(&difference_[12 * b + 6]);
-    if (euler_.filter(rates_))
+    if (whole_.filter(rates_))
       for (int b = 0; b < system_.n(); ++b) store(rates_[b], &difference_[12 * b + 6]);
     return scales_.norm(difference_);
   }
@@ -269,7 +271,7 @@ class Extrapolation {
   }
 
   const System& system_;
-  LagrangeStepper<ExpMap> euler_;
+  LagrangeStepper<ExpMap> euler_, whole_;  // whole_: of row 1, its matrix kept for the error estimate
   Projection projection_;
   State state_, next_;  // after a step next_ is its start
   Scales scales_;

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from pathlib import Path
 
 
 def square_or_die(number: int) -> int:
@@ -26,3 +27,9 @@ def sleep_for(seconds: float) -> float:
     """The seconds, after that many."""
     time.sleep(seconds)
     return seconds
+
+
+def tell_and_sleep(path: Path) -> None:
+    """Writes which process this is, and is busy for long."""
+    path.write_text(str(os.getpid()))
+    time.sleep(600)

@@ -13,6 +13,7 @@ import pickle
 import signal
 import sys
 import threading
+import time
 import traceback
 import warnings
 from typing import Any, BinaryIO
@@ -20,7 +21,10 @@ from typing import Any, BinaryIO
 from crosscheck.workers import output
 
 GRACE = 30.0
-"""s beyond the time limit after which a worker whose parent has vanished ends itself."""
+"""s beyond the time limit after which a worker whose parent has vanished ends itself, whatever it is at."""
+
+GLANCE = 1.0
+"""s between two looks whether the parent still lives."""
 
 
 def main() -> None:
@@ -29,6 +33,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     requests, answers = _take_streams()
     faulthandler.enable()  # a crash inside an engine then prints where Python was
+    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     output.listen(lambda label: _send(answers, pickle.dumps(("at", label))))
     said: list[str] = []
     with contextlib.suppress(EOFError, BrokenPipeError):
@@ -37,12 +42,19 @@ def main() -> None:
             sys.path[:] = path
         while True:
             seconds, payload = pickle.load(requests)
-            # Not the parent's watch, which comes first; this one ends orphans, even inside a C loop that never returns.
+            # Not the parent's watch, which comes first; this one ends orphans inside a C loop that never returns.
             if seconds is not None:
                 faulthandler.dump_traceback_later(min(seconds + GRACE, threading.TIMEOUT_MAX), exit=True)
             answer = _answer(payload, said)
             faulthandler.cancel_dump_traceback_later()
             _send(answers, answer)
+
+
+def _end_with_parent(parent: int) -> None:
+    """Nobody reads an orphan's answer: a killed night leaves no run behind that takes the machine from the next."""
+    while os.getppid() == parent:
+        time.sleep(GLANCE)
+    os._exit(1)
 
 
 def _send(answers: BinaryIO, answer: bytes) -> None:

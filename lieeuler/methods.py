@@ -70,8 +70,8 @@ def _symmetric(*half: float) -> tuple[float, ...]:
 
 
 # Published weights; they sum to one, and their middle one follows from that. Of each order the one of least error at an
-# equal number of stages is in use: rattle4 has a tenth of FOREST_RUTH_4's error and half of MCLACHLAN_4's, rattle6 0.3 of
-# YOSHIDA_6's, rattle8 0.8 of KAHAN_LI_8's (docs/theory.md, section 9).
+# equal number of stages is in use: rattle4 has a tenth of FOREST_RUTH_4's error and half of MCLACHLAN_4's, rattle6 0.3
+# of YOSHIDA_6's, rattle8 0.8 of KAHAN_LI_8's (docs/theory.md, section 9).
 FOREST_RUTH_4 = _symmetric(1 / (2 - 2 ** (1 / 3)))
 """Order 4, 3 stages; Forest and Ruth, doi:10.1016/0167-2789(90)90019-L."""
 SUZUKI_4 = _symmetric(*2 * (1 / (4 - 4 ** (1 / 3)),))

@@ -13,12 +13,8 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import re
-import shutil
 import statistics
-import subprocess
 import sys
-import sysconfig
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,6 +24,7 @@ import numpy as np
 
 import crosscheck
 import lieeuler
+from benchmarks import driver
 from crosscheck import engines, provenance
 from crosscheck.engines.base import RunSpec
 from crosscheck.engines.lieeuler import build_problem
@@ -38,7 +35,6 @@ COUNTED = (16, 64, 256, 1024)
 BESIDE = (8, 32, 128)
 ENGINES = (("mujoco", "Euler"), ("exudyn", "TrapezoidalIndex2"))
 STEP = 1e-3  # s
-DRIVER = Path(__file__).parents[1] / "tests" / "core" / "chain_driver.cpp"
 
 
 def chain(n: int) -> Scene:
@@ -80,27 +76,15 @@ def wall_times(n: int, rounds: int) -> dict[str, float]:
 
 def instructions(sizes: Sequence[int]) -> dict[str, list[float]]:
     """Instructions of one Newton iteration by method and size."""
-    include = Path(sysconfig.get_path("purelib")) / "cmeel.prefix" / "include" / "eigen3"
     counts: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        program = str(Path(folder) / "driver")
-        subprocess.run(["c++", "-std=c++20", "-O3", "-w", "-I", str(include), str(DRIVER), "-o", program], check=True)
+        program = driver.build(Path(folder))
         for method in lieeuler.EULER_METHODS:
             for n in sizes:
-                short, long = (_count(program, folder, method, n, steps) for steps in (6, 16))
-                counts.setdefault(method, []).append((long[0] - short[0]) / (long[1] - short[1]))
+                short, long = (driver.count(program, method, n, steps, STEP) for steps in (6, 16))
+                counts.setdefault(method, []).append(
+                    (long.instructions - short.instructions) / (long.iterations - short.iterations))
     return counts
-
-
-def _count(program: str, folder: str, method: str, n: int, steps: int) -> tuple[int, int]:
-    """(instructions, Newton iterations) of a run of the driver."""
-    run = subprocess.run(
-        ["valgrind", "--tool=callgrind", f"--callgrind-out-file={folder}/out", program, method, str(n), str(steps),
-         str(STEP)], capture_output=True, text=True, check=True)
-    total, iterations = re.search(r"Collected : (\d+)", run.stderr), re.search(r"iterations (\d+)", run.stdout)
-    assert total is not None, run.stderr
-    assert iterations is not None, run.stdout
-    return int(total[1]), int(iterations[1])
 
 
 def exponent(sizes: Sequence[int], costs: Sequence[float]) -> float:
@@ -132,7 +116,7 @@ def _print(result: dict[str, Any]) -> None:
                           f"{exponent(COUNTED, costs):.3f}")
         console.print(table)
     else:
-        console.print("instructions: valgrind is not installed")
+        console.print(f"instructions: not counted, {result['not_counted']}")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -144,9 +128,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if options.rounds < 1:
         parser.error("--rounds must be positive")
-    count = not options.no_instructions and shutil.which("valgrind") is not None
+    not_counted = "as asked" if options.no_instructions else driver.missing_tool("valgrind", "c++")
     result = {"step": STEP, "sizes": list(SIZES), "us_per_step": {str(n): wall_times(n, options.rounds) for n in SIZES},
-              "instructions": instructions(COUNTED) if count else {},
+              "instructions": {} if not_counted else instructions(COUNTED), "not_counted": not_counted,
               **provenance.describe(dict.fromkeys(engine for engine, _ in ENGINES))}
     if options.json:
         print(json.dumps(result, indent=1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import logging
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from lieeuler.problem import Problem
 from lieeuler.solution import Solution, Status
 from lieeuler.spin_free import spin_free_frames
 from lieeuler.types import ArrayLike
+
+log = logging.getLogger("lieeuler")
 
 MOST_STEPS = 1e12
 """More steps than this are a mistake: they would run for weeks."""
@@ -40,6 +43,8 @@ def integrate(
     monitor: bool = True,
 ) -> Solution:
     """Integrate a problem with a fixed step, or with steps that follow a tolerance.
+
+    Every run writes one line to the logger "lieeuler", at level INFO.
 
     Parameters
     ----------
@@ -110,6 +115,7 @@ def integrate(
         solution.stats.spin_free = frames.bodies
     if not monitor:
         solution.stats.maxima = {}
+    log.info("%s", solution)
     if solution.status is Status.INTERRUPTED:
         raise Interrupted(solution)
     if not solution.success:

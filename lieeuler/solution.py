@@ -89,6 +89,17 @@ class Solution:
         """Whether the run reached its last output time."""
         return self.status is Status.SUCCESS
 
+    def __str__(self) -> str:
+        """One line: how the run ended, its steps and iterations, redundant constraint rows."""
+        stats = self.stats
+        words = [f"{self.method}: {self.status.value} at {self.t_end:.6g} s", f"{stats.steps} steps"
+                 + (f" of {stats.step:.6g} s" if stats.step else f", {stats.rejected_steps} rejected")]
+        if stats.newton_iterations:
+            words.append(f"{stats.newton_iterations / max(1, stats.steps):.2f} Newton iterations a step")
+        if stats.redundant_rows:
+            words.append(f"{stats.redundant_rows} of {self.lam.shape[1]} constraint rows redundant")
+        return ", ".join([*words, f"{stats.wall_time:.3g} s of computing"])
+
     @classmethod
     def from_kernel(cls, result: dict[str, Any], t: np.ndarray, method: str, step: float | None) -> Solution:
         """Wrap the kernel's answer; arrays are cut to the samples reached."""

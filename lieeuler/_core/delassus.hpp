@@ -117,28 +117,23 @@ class Delassus {
     }
     lu_.solve(rhs);
     adjust(rhs);
-    for (const End& end : ends_) {
-      double* const y = f + 6 * end.body;
-      const double* const lam = rhs + 3 * end.part;
-      subtract(end.W, lam, y + 3);
-      if (end.translation == Translation::unit)
-        for (int i = 0; i < 3; ++i) y[i] -= end.mobility * lam[i];
-      else if (end.translation == Translation::full)
-        subtract(full_[end.full].Wv, lam, y);
-    }
-    for (const Hub& hub : hubs_) std::copy_n(rhs + 3 * hub_[hub.body], 6, f + 6 * hub.body);
+    respond(rhs, f);
     if (rhs != g) std::copy_n(rhs, 3 * parts(), g);
   }
   void solve(double* f, double* g) {
     solve(f, g, [](double*) {});
   }
-  // As solve() where f = 0 and y is not wanted.
-  void solve_multipliers(double* g) {
-    if (hubs_.empty()) return lu_.solve(g);
-    std::fill(rhs_.begin(), rhs_.end(), 0.0);
-    std::copy_n(g, 3 * parts(), rhs_.data());
-    lu_.solve(rhs_.data());
-    std::copy_n(rhs_.data(), 3 * parts(), g);
+  // As solve() where f = 0: `y` is what the multipliers do, - A^-1 Gc^T lam, whatever rows they were solved for with.
+  void solve_rows(double* g, double* y) {
+    std::fill_n(y, 6 * system_.n(), 0.0);
+    double* const rhs = hubs_.empty() ? g : rhs_.data();
+    if (rhs != g) {
+      std::fill(rhs_.begin(), rhs_.end(), 0.0);
+      std::copy_n(g, 3 * parts(), rhs);
+    }
+    lu_.solve(rhs);
+    respond(rhs, y);
+    if (rhs != g) std::copy_n(rhs, 3 * parts(), g);
   }
 
  private:
@@ -174,6 +169,20 @@ class Delassus {
   struct HubEnd : Place {
     SideBlocks blocks;
   };
+
+  // y - A^-1 Gc^T lam, and y of the hubs, out of the solution of lu_.
+  void respond(const double* solution, double* y) const {
+    for (const End& end : ends_) {
+      double* const own = y + 6 * end.body;
+      const double* const lam = solution + 3 * end.part;
+      subtract(end.W, lam, own + 3);
+      if (end.translation == Translation::unit)
+        for (int i = 0; i < 3; ++i) own[i] -= end.mobility * lam[i];
+      else if (end.translation == Translation::full)
+        subtract(full_[end.full].Wv, lam, own);
+    }
+    for (const Hub& hub : hubs_) std::copy_n(solution + 3 * hub_[hub.body], 6, y + 6 * hub.body);
+  }
 
   Hub& hub_of(int body) { return hubs_[(hub_[body] - parts()) / 2]; }
 

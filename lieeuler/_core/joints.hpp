@@ -74,6 +74,22 @@ class JointState {
     }
   }
 
+  // impulse -= (G - Gn)^T lam, Gn that of `before`: for a spherical part a matter of rotations.
+  void subtract_reaction_change(const Part& part, const JointState& before, const Vec3& lam, Twist& parent,
+                                Twist& child) const {
+    if (!part.spherical) {
+      subtract_reaction(part, lam, parent, child);
+      return before.subtract_reaction(part, -lam, parent, child);
+    }
+    for (Side side : kSides) {
+      const Vec3 torque = anchor_[side]->cross(transposed_times(frame_[side]->R - before.frame_[side]->R, lam));
+      if (side == kChild)
+        child.w -= torque;
+      else
+        parent.w += torque;
+    }
+  }
+
   // Rows of G for one side.
   Rows jacobian(const Part& part, Side side) const {
     Rows G;

@@ -29,7 +29,7 @@ class StabilisedSolve {
   StabilisedSolve(const System& system, Delassus& delassus)
       : system_(system), delassus_(delassus), slopes_(2 * delassus_.parts()), rows_(3 * delassus_.parts(), 0.0),
         target_(rows_), correction_(rows_), mu_(rows_), core_rhs_(6 * system.n() + rows_.size(), 0.0), total_(core_rhs_),
-        impulse_(system.n() + 1), velocity_(impulse_), balance_(impulse_), shift_(impulse_), position_(delassus_.parts()) {}
+        velocity_(system.n() + 1), response_(velocity_), balance_(velocity_), shift_(velocity_), position_(delassus_.parts()) {}
 
   // Where the sweeps converge by construction: no damping, and no loops, whose redundant rows need the whole matrix.
   static bool suits(const System& system) {
@@ -99,7 +99,6 @@ class StabilisedSolve {
       store(Vec3(position - rate - row_rate(k, shift_)), &rows_[3 * k]);
     }
     std::fill(mu_.begin(), mu_.end(), 0.0);
-    target_ = rows_;
     clear_correction();
     pass();
     accept_correction();
@@ -113,11 +112,10 @@ class StabilisedSolve {
     velocity_[system_.n()] = Twist{};
     for (int k = 0; k < delassus_.parts(); ++k) {
       const Vec3 rate = load3(&rows_[3 * k]) + row_rate(k, velocity_) - position_[k];
-      store(Vec3(rate + slope_rate(k)), &target_[3 * k]);
+      store(Vec3(rate + slope_rate(k)), &rows_[3 * k]);
       position_[k].setZero();
     }
     clear_correction();
-    rows_ = target_;
     double last = largest(rows_);
     for (;;) {
       pass();
@@ -146,19 +144,14 @@ class StabilisedSolve {
     return rate;
   }
 
-  // Solves - S dmu = rows_ once more and adds it to the correction; rows_ becomes what is left of target_.
+  // Solves - S dmu = rows_ and adds it to the correction; rows_ becomes what that leaves of it.
   void pass() {
-    delassus_.solve_multipliers(rows_.data());
-    for (int k = 0; k < delassus_.parts(); ++k) {
-      const Joint& joint = joint_of(k);
-      (*before_)[delassus_.index(k).joint].subtract_reaction(delassus_.part(k), load3(&rows_[3 * k]),
-                                                             impulse_[joint.parent], impulse_[joint.child]);
-    }
+    target_ = rows_;
+    delassus_.solve_rows(rows_.data(), flat(response_));
     for (size_t i = 0; i < rows_.size(); ++i) correction_[i] += rows_[i];
-    for (int b = 0; b < system_.n(); ++b) velocity_[b] = velocity(system_.bodies[b], impulse_[b]);
-    velocity_[system_.n()] = Twist{};
+    for (int b = 0; b < system_.n(); ++b) velocity_[b].v += response_[b].v, velocity_[b].w += response_[b].w;
     for (int k = 0; k < delassus_.parts(); ++k)
-      store(Vec3(load3(&target_[3 * k]) - row_rate(k, velocity_)), &rows_[3 * k]);
+      store(Vec3(load3(&target_[3 * k]) - row_rate(k, response_)), &rows_[3 * k]);
   }
   bool renew() {
     delassus_.assemble(*joints_, *before_);
@@ -167,9 +160,9 @@ class StabilisedSolve {
   }
   void clear_correction() {
     std::fill(correction_.begin(), correction_.end(), 0.0);
-    std::fill(impulse_.begin(), impulse_.end(), Twist{});
+    std::fill(velocity_.begin(), velocity_.end(), Twist{});
   }
-  // correction_ is a change of dmu, impulse_ its - Gn^T dmu, velocity_ that over M.
+  // correction_ is a change of dmu, velocity_ its - M^-1 Gn^T dmu.
   void accept_correction() {
     for (size_t i = 0; i < mu_.size(); ++i) mu_[i] += correction_[i];
     for (int b = 0; b < system_.n(); ++b) shift_[b].v += velocity_[b].v, shift_[b].w += velocity_[b].w;
@@ -179,14 +172,14 @@ class StabilisedSolve {
     std::fill(balance_.begin(), balance_.end(), Twist{});
     for (int k = 0; k < delassus_.parts(); ++k) {
       const Joint& joint = joint_of(k);
-      state_of(k).subtract_reaction(delassus_.part(k), load3(&correction_[3 * k]), balance_[joint.parent],
-                                    balance_[joint.child]);
+      state_of(k).subtract_reaction_change(delassus_.part(k), (*before_)[delassus_.index(k).joint],
+                                           load3(&correction_[3 * k]), balance_[joint.parent], balance_[joint.child]);
     }
     double size = 0;
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
-      const Vec3 v = impulse_[b].v - balance_[b].v;
-      const Vec3 w = impulse_[b].w - balance_[b].w + gyroscopic(b, impulse_[b].w, velocity_[b].w);
+      const Vec3 v = -balance_[b].v;
+      const Vec3 w = gyroscopic(b, times(body.inertia, velocity_[b].w), velocity_[b].w) - balance_[b].w;
       size = std::max({size, v.cwiseAbs().maxCoeff() / (body.mass * length),
                        times(body.inertia_inverse, w).cwiseAbs().maxCoeff()});
       for (int i = 0; i < 3; ++i) core_rhs_[6 * b + i] += v[i], core_rhs_[6 * b + 3 + i] += w[i];
@@ -223,9 +216,9 @@ class StabilisedSolve {
   double h_ = 0;
   bool fresh_ = false;  // S is that of this iteration
   std::vector<Rows> slopes_;
-  std::vector<double> rows_, target_;  // of - S dmu: what is left, and the whole
+  std::vector<double> rows_, target_;  // of - S dmu: what is left now, and before the last pass
   std::vector<double> correction_, mu_, core_rhs_, total_;
-  std::vector<Twist> impulse_, velocity_, balance_;
+  std::vector<Twist> velocity_, response_, balance_;
   std::vector<Twist> shift_;  // dxi - du = M^-1 (r_xi - Gn^T dmu)
   std::vector<Vec3> position_;  // r_mu, until the first sweep has used it
 };

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import lieeuler
 from lieeuler import _kernel
+from tests.lieeuler.systems import SYSTEMS
 
 EPS = np.finfo(float).eps
 Y = np.array([0.0, 1.0, 0.0])
@@ -94,3 +96,13 @@ def test_start_in_a_singular_position_is_named():
         lieeuler.integrate(problem, "DAE1L_LSE", 1e-3, [0, 0.1])
     assert caught.value.status is lieeuler.Status.SINGULAR_MATRIX
     assert "singular position" in caught.value.advice
+
+
+def test_a_run_writes_a_line_to_the_log(caplog):
+    with caplog.at_level("INFO", logger="lieeuler"):
+        lieeuler.integrate(linkage(FOUR_BAR), "DAE1L_LSE", 1e-3, [0, 0.01])
+        lieeuler.integrate(SYSTEMS["single_pendulum"](), "taylor", t_eval=[0, 0.01])
+    loop, series = caplog.messages
+    assert re.match(r"DAE1L_LSE: success at 0\.01 s, 10 steps of 0\.001 s, \d\.\d\d Newton iterations a step, "
+                    r"3 of 20 constraint rows redundant, ", loop)
+    assert re.match(r"taylor: success at 0\.01 s, \d+ steps, 0 rejected, [^,]+ s of computing$", series)

@@ -1,0 +1,50 @@
+"""The kernel without Python, tests/core/chain_driver.cpp, under callgrind: counts that no other load moves."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import shutil
+import subprocess
+import sysconfig
+from pathlib import Path
+
+__all__ = ["Run", "build", "count", "missing_tool"]
+
+SOURCE = Path(__file__).parents[1] / "tests" / "core" / "chain_driver.cpp"
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """A counted run: instructions, Newton iterations, and callgrind's file."""
+
+    instructions: int
+    iterations: int
+    profile: Path
+
+
+def missing_tool(*tools: str) -> str | None:
+    """Why nothing can be counted here, or None."""
+    absent = [tool for tool in tools if shutil.which(tool) is None]
+    return f"{' and '.join(absent)} not installed" if absent else None
+
+
+def build(folder: Path, *flags: str) -> Path:
+    """The driver, compiled as the kernel is."""
+    program = folder / "driver"
+    include = Path(sysconfig.get_path("purelib")) / "cmeel.prefix" / "include" / "eigen3"
+    subprocess.run(["c++", "-std=c++20", "-O3", "-fno-math-errno", "-w", *flags, "-I", str(include), str(SOURCE), "-o",
+                    str(program)], check=True)
+    return program
+
+
+def count(program: Path, method: str, bodies: int, steps: int, step: float, *options: str) -> Run:
+    """Runs the driver under callgrind; `options` are callgrind's own."""
+    profile = program.with_name("callgrind.out")
+    command = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={profile}", *options,
+               str(program), method, str(bodies), str(steps), str(step)]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    total, iterations = re.search(r"Collected : (\d+)", run.stderr), re.search(r"iterations (\d+)", run.stdout)
+    if total is None or iterations is None:
+        raise RuntimeError(f"callgrind did not say what it counted: {run.stderr or run.stdout}")
+    return Run(int(total[1]), int(iterations[1]), profile)

@@ -19,6 +19,7 @@ void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
 #include "../../lieeuler/_core/loop.hpp"
 #include "../../lieeuler/_core/rkmk.hpp"
+#include "../../lieeuler/_core/taylor.hpp"
 
 using namespace lieeuler;
 
@@ -45,10 +46,19 @@ static State hanging_sideways(const System& system) {
 }
 
 template <class Stepper>
-static int drive(Stepper stepper, const System& system, int steps, double h) {
+static Status start(Stepper& stepper, const State& initial, double h) {
+  return stepper.start(initial, h);
+}
+// Its steps are its own: as many as asked for fit into the time.
+static Status start(TaylorStepper& stepper, const State& initial, double) {
+  return stepper.start(initial, 0, 1e6, 1e-12);
+}
+
+template <class Stepper>
+static int drive(Stepper&& stepper, const System& system, int steps, double h) {
   const FlushDenormals flush;
   Counters counters;
-  if (stepper.start(hanging_sideways(system), h) != Status::success) return 2;
+  if (start(stepper, hanging_sideways(system), h) != Status::success) return 2;
   if (stepper.step(counters) != Status::success) return 2;
   const long before = allocations;
   Eigen::internal::set_is_malloc_allowed(false);
@@ -72,6 +82,14 @@ int main(int argc, char** argv) {
     const Tableau kutta{{{0.5}, {0, 0.5}, {0, 0, 1}}, {1. / 6, 1. / 3, 1. / 3, 1. / 6}, 4, {}, {}, {}};
     return drive(FixedMuntheKaas(system, kutta), system, steps, h);
   }
+  if (method == "taylor") return drive(TaylorStepper(system), system, steps, h);
+  if (method == "rattle4") {
+    const double a = 1 / (4 - std::cbrt(4.0));
+    return drive(CompositionStepper<ExpMap>(system, {a, a, 1 - 4 * a, a, a}), system, steps, h);
+  }
+  if (method == "INDEX1_LE") return drive(LagrangeStepper<ExpMap>(system, Level::acceleration, false, {}), system, steps, h);
+  if (method == "BAUMGARTE_LE")
+    return drive(LagrangeStepper<ExpMap>(system, Level::acceleration, false, {5, 5}), system, steps, h);
   const Level level = method[3] == '3' ? Level::position : (method.ends_with("LSE") ? Level::stabilised : Level::velocity);
   const bool index1 = method[3] == '1';
   if (method[4] == 'H') return drive(HamiltonStepper<ExpMap>(system, level, index1), system, steps, h);

@@ -69,9 +69,15 @@ def _symmetric(*half: float) -> tuple[float, ...]:
     return (*half, 1 - 2 * sum(half), *reversed(half))
 
 
-# Published weights; they sum to one, and their middle one follows from that.
+# Published weights; they sum to one, and their middle one follows from that. Of each order the one of least error at an
+# equal number of stages is in use: rattle4 has a tenth of FOREST_RUTH_4's error and half of MCLACHLAN_4's, rattle6 0.3 of
+# YOSHIDA_6's, rattle8 0.8 of KAHAN_LI_8's (docs/theory.md, section 9).
+FOREST_RUTH_4 = _symmetric(1 / (2 - 2 ** (1 / 3)))
+"""Order 4, 3 stages; Forest and Ruth, doi:10.1016/0167-2789(90)90019-L."""
 SUZUKI_4 = _symmetric(*2 * (1 / (4 - 4 ** (1 / 3)),))
 """Order 4, 5 stages; Suzuki, doi:10.1016/0375-9601(90)90962-N."""
+MCLACHLAN_4 = _symmetric(0.28, 0.62546642846767004501)
+"""Order 4, 5 stages; McLachlan, doi:10.1137/0916010."""
 YOSHIDA_6 = _symmetric(0.784513610477560, 0.235573213359357, -1.17767998417887)
 """Order 6, 7 stages, solution A; Yoshida, doi:10.1016/0375-9601(90)90092-3."""
 KAHAN_LI_6 = _symmetric(0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981,

@@ -262,7 +262,7 @@ NB_MODULE(_kernel, m) {
   m.def("integrate", &integrate);
   m.def("integrate_runge_kutta", &integrate_runge_kutta);
   m.def("integrate_adaptive_runge_kutta", &integrate_adaptive_runge_kutta);
-  m.def("integrate_seulex", &integrate_adaptive_by<Extrapolation>);
+  m.def("integrate_seulex", &integrate_adaptive_by<AdaptiveExtrapolation>);
   m.def("integrate_taylor", &integrate_adaptive_by<TaylorStepper>);
   m.def("taylor_coefficients", &taylor_coefficients);
   m.def("constraints", &constraints);

@@ -6,6 +6,7 @@
 
 #include "newton.hpp"
 #include "saddle_point.hpp"
+#include "scales.hpp"
 
 namespace lieeuler {
 
@@ -97,6 +98,8 @@ class EulerStepper {
 
   // Velocities to rounding level as well, not h times them.
   void polish_velocities() { newton_.polishes = true; }
+  // Solves steps to this error, relative to the sizes of the system, in place of rounding level.
+  void solve_to(double accuracy) { accuracy_ = std::max(accuracy, std::numeric_limits<double>::epsilon()); }
 
   size_t unknowns() const { return z_.size(); }
   int redundant_rows() const { return saddle_.redundant(); }
@@ -224,13 +227,13 @@ class EulerStepper {
   std::vector<std::array<double*, 2>> padding_;  // diagonal blocks of lam and mu, per part
   std::vector<PairBlocks> force_blocks_;  // against (v, w), per force, row side, column side
 
-  // Rounding level of h u: that of the configuration, or that of the velocity where Newton solves velocity rows.
+  // Of h u, rounding level unless set otherwise: that of the configuration, or that of the velocity where Newton solves velocity rows.
   double target() const {
-    const double eps = std::numeric_limits<double>::epsilon();
-    return Equations::has_velocity_rows(level_) ? eps * std::min(1.0, std::abs(h_) * speed_) : eps;
+    return Equations::has_velocity_rows(level_) ? accuracy_ * std::min(1.0, std::abs(h_) * speed_) : accuracy_;
   }
 
   double length_ = 1, speed_ = 1;
+  double accuracy_ = std::numeric_limits<double>::epsilon();
   double mobility_ = 0;  // angular velocity a unit impulse at an anchor can give, at most
 
  private:
@@ -271,12 +274,8 @@ class EulerStepper {
   }
 
   void measure_scales() {
-    length_ = system_.length;
-    speed_ = 1;
-    for (int b = 0; b < system_.n(); ++b) {
-      length_ = std::max(length_, start_.frames[b].x.cwiseAbs().maxCoeff());
-      speed_ = std::max({speed_, start_.u[b].v.cwiseAbs().maxCoeff() / length_, start_.u[b].w.cwiseAbs().maxCoeff()});
-    }
+    const Scales scales = Scales::of(system_, start_);
+    length_ = scales.length, speed_ = scales.rate;
     // Velocities are sums of the joints' impulses, which are large in a long chain, and round with them.
     double impulse = 0;
     for (size_t i = 3 * nodes_.lam(0); i < z_.size(); ++i) impulse = std::max(impulse, std::abs(z_[i]));

@@ -99,11 +99,12 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   void add_damper_blocks(size_t k) {
     const Force& force = system_.forces[k];
     if (force.damping == 0) return;
-    const Linearised slopes = ForceState(force, start_.frames, xi_, start_.angles[k]).linearised();
+    const ForceState here(force, start_.frames, xi_, start_.angles[k]);
     for (Side row : kSides)
-      for (Side column : kSides)
-        this->force_blocks_[4 * k + 2 * row + column].add(-impulse_time(), slopes.u[row][column],
-                                                                Mat3::Identity());
+      for (Side column : kSides) {
+        const PairBlocks& blocks = this->force_blocks_[4 * k + 2 * row + column];
+        if (blocks.ww) blocks.add(-impulse_time(), here.by_velocity(row, column), Mat3::Identity());
+      }
   }
 
   // Where only the rows of joints couple bodies: no dampers, no loops.

@@ -53,6 +53,16 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     return true;
   }
 
+  // What an implicit step, with the matrix factored last, leaves of a change of the velocities: forces that answer to it
+  // within the step have let it decay. False where the matrix cannot be solved with.
+  bool filter(std::vector<Twist>& change) {
+    filtered_.assign(this->unknowns(), 0.0);
+    for (int b = 0; b < system_.n(); ++b) store(momentum(system_.bodies[b], change[b]), &filtered_[3 * nodes_.v(b)]);
+    if (!solve_linear(filtered_)) return false;
+    for (int b = 0; b < system_.n(); ++b) change[b] = load(&filtered_[3 * nodes_.v(b)]);
+    return true;
+  }
+
   Status residual(const std::vector<double>& z, std::vector<double>& r) {
     if (!configure(z)) return Status::map_domain;
     joints_.update(state_.frames);
@@ -232,12 +242,15 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   // - h df/du onto the columns of u, - h^2 df/dq T onto those of xi.
   void add_force_blocks(size_t k) {
     const Force& force = system_.forces[k];
-    const Linearised slopes = ForceState(force, state_.frames, state_.u, start_.angles[k]).linearised();
+    const ForceState here(force, state_.frames, state_.u, start_.angles[k]);
     for (Side row : kSides)
       for (Side column : kSides) {
+        const PairBlocks& by_position = spring_blocks_[4 * k + 2 * row + column];
+        if (!by_position.ww) continue;  // the ground
         const Mat3& T = tangents_[column == kChild ? force.child : force.parent];
-        this->force_blocks_[4 * k + 2 * row + column].add(-h_, slopes.u[row][column], Mat3::Identity());
-        spring_blocks_[4 * k + 2 * row + column].add(-h_ * h_, slopes.q[row][column], T);
+        by_position.add(-h_ * h_, here.by_position(row, column), T);
+        if (force.damping == 0) continue;
+        this->force_blocks_[4 * k + 2 * row + column].add(-h_, here.by_velocity(row, column), Mat3::Identity());
       }
   }
 
@@ -290,6 +303,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   std::optional<StabilisedSolve> split_;
   std::vector<Mat3> tangents_, stiffness_of_;
   std::vector<Twist> balance_, drift_;  // residuals of the dynamics and of M xi = M u - G_n^T mu
+  std::vector<double> filtered_;
   std::vector<BodyBlocks> bodies_;
   std::vector<PairBlocks> stiffness_, spring_blocks_;   // against xi, per part or force, row side, column side
   std::vector<SideBlocks> rate_blocks_, drift_blocks_;  // velocity rows against xi; position rows and mu against xi

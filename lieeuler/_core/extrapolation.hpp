@@ -10,32 +10,29 @@
 
 #include <array>
 
+#include "adaptive_steps.hpp"
 #include "euler_lagrange.hpp"
-#include "projection.hpp"
-#include "step_control.hpp"
 
 namespace lieeuler {
 
 class Extrapolation {
  public:
   explicit Extrapolation(const System& system)
-      : system_(system), euler_(system, Level::stabilised, false, {}), projection_(system), state_(system), next_(system),
-        size_(12 * system.n()), difference_(size_) {
-    euler_.polish_velocities();  // the table magnifies what errors a sub-step leaves
+      : system_(system), euler_(system, Level::stabilised, false, {}), whole_(system, Level::stabilised, false, {}),
+        projection_(system), state_(system), next_(system),
+        size_(12 * system.n()), most_turn_(most_turn(system, 2.5)), difference_(size_), rates_(system.n() + 1) {
+    euler_.polish_velocities(), whole_.polish_velocities();  // the table magnifies what errors a sub-step leaves
     for (std::vector<double>& entry : table_) entry.assign(size_, 0.0);
     for (Node& node : nodes_) node.y.assign(size_ / 2, 0.0);
-    for (const Force& force : system.forces)
-      if (force.kind == Force::Kind::torsional_spring) most_turn_ = 0.5 * std::numbers::pi;
   }
 
-  Status start(const State& initial, double t, double t_end, double rtol) {
-    time_ = previous_ = t, end_ = t_end, rtol_ = rtol;
-    smallest_ = smallest_step(t, t_end);
+  Status start(const State& initial, double rtol, Counters& counters) {
+    rtol_ = rtol;
     state_ = initial;
     update_angles(system_, state_.frames, state_.u, state_.angles);
     if (const Status status = projection_.start(state_); status != Status::success) return status;
     scales_ = Scales::of(system_, state_);
-    if (const Status status = projection_.settle(state_, scales_, pending_); status != Status::success) return status;
+    if (const Status status = projection_.settle(state_, scales_, counters); status != Status::success) return status;
     rank_confirmed_ = projection_.redundant_rows() == 0;
     for (most_rows_ = 4; most_rows_ < kMostRows && magnification(most_rows_ + 1) < kRounding * rtol; ++most_rows_) {}
     step_ = 1e-2 / scales_.rate;  // the first steps mend it
@@ -43,70 +40,65 @@ class Extrapolation {
     return Status::success;
   }
 
-  Status step(Counters& counters) {
-    add_up(pending_, counters);
-    for (bool refused = false;; refused = true) {
-      step_ = std::min(step_, longest_step());
-      const bool last = time_ + 1.01 * step_ >= end_;  // no crumb of a step at the end
-      const double h = last ? end_ - time_ : step_;
-      bool converged = false;
-      Status status = attempt(h, converged, counters);
-      if (converged) {
-        extrapolate(state_, next_);
-        status = projection_.project(next_, scales_, counters);
-      }
-      if (converged && status == Status::success) {
-        ++counters.steps;
-        previous_ = time_;
-        time_ = last ? end_ : time_ + h;
-        plan_next(h, refused);
-        return accept();
-      }
-      ++counters.rejected_steps;
-      if (status == Status::success)
-        plan_again(h);
-      else
-        step_ = 0.3 * h, target_ = std::max(3, target_ - 1);
-      if (step_ < smallest_)
-        return status == Status::singular_matrix || projection_.smallest_pivot() < kNearlySingular
-                   ? Status::singular_matrix
-                   : Status::step_too_small;
-    }
+  double proposed() const { return std::min(step_, longest_step()); }
+
+  Status attempt(double h, bool& stands, Counters& counters) {
+    if (const Status status = fill_rows(h, stands, counters); status != Status::success || !stands) return status;
+    extrapolate(state_, next_);
+    return projection_.project(next_, scales_, counters);
+  }
+
+  void refuse(double h, Status status) {
+    refused_ = true;
+    if (status == Status::success)
+      plan_again(h);
+    else
+      step_ = 0.3 * h, target_ = std::max(3, target_ - 1);
+  }
+
+  Status accept(double h) {
+    plan_next(h);
+    h_ = h, refused_ = false;
+    std::swap(state_, next_);
+    scales_ = Scales::of(system_, state_);
+    node_count_ = 0;
+    if (rank_confirmed_) return Status::success;
+    rank_confirmed_ = true;
+    return projection_.confirm_rank();
   }
 
   // By Hermite interpolation of (x, theta) and their rates at the ends of the step and at points inside it, extrapolated
   // like the step itself: of the order of the step at least.
-  Status dense(double t, State& out, Counters& counters) {
-    const double h = time_ - previous_, s = (t - previous_) / h;
+  Status dense(double fraction, State& out, Counters& counters) {
     if (node_count_ == 0)
-      if (const Status status = interpolate(h, counters); status != Status::success) return status;
+      if (const Status status = interpolate(h_, counters); status != Status::success) return status;
     ExpMap map;
     for (int b = 0; b < system_.n(); ++b) {
       Twist value, rate;  // of x and theta
       for (int k = node_count_; k-- > 0;) {
         const Twist term = load(&nodes_[k].y[6 * b]);
-        const double lever = s - nodes_[k].s;
+        const double lever = fraction - nodes_[k].s;
         rate = {value.v + lever * rate.v, value.w + lever * rate.w};
         value = {term.v + lever * value.v, term.w + lever * value.w};
       }
       map.set(value.w);
       out.frames[b].x = next_.frames[b].x + value.v;
       out.frames[b].R = next_.frames[b].R * map.rotation();
-      out.u[b] = {rate.v / h, map.left_tangent() * rate.w / h};
+      out.u[b] = {rate.v / h_, map.left_tangent() * rate.w / h_};
     }
     out.angles = next_.angles;
     return Status::success;
   }
 
-  double time() const { return time_; }
-  double previous_time() const { return previous_; }
   const State& state() const { return state_; }
   const Constraints& joints() const { return projection_.joints(); }
   int redundant_rows() const { return projection_.redundant_rows(); }
+  double smallest_pivot() { return projection_.smallest_pivot(); }
 
  private:
   static constexpr int kMostRows = 12;
   static constexpr double kRounding = 1e15;  // of a row's result over the tolerance: 0.1 / rounding of a sub-step's result
+  static constexpr double kSolved = 0.1;    // of the tolerance, for what the iterations of all sub-steps leave
   static constexpr int kMostInner = (kMostRows - 1) / 2;
 
   // A term of Newton's interpolation formula: 3 + 3 numbers a body.
@@ -132,22 +124,15 @@ class Extrapolation {
   static double work(int row) { return 0.5 * row * (row + 1) + 1; }
   double work_per_time(int row) const { return work(row) / best_[row]; }
 
-  static void add_up(Counters& from, Counters& to) {
-    to.force_evaluations += from.force_evaluations;
-    to.newton_iterations += from.newton_iterations;
-    to.factorizations += from.factorizations;
-    to.most_iterations = std::max(to.most_iterations, from.most_iterations);
-    from = Counters{};
-  }
-
   // Row n of the table for the step h from `start`, into table_[1 .. n], and the difference of its last two entries.
   Status fill(int n, double h, const State& start, Counters& counters) {
+    LagrangeStepper<ExpMap>& euler = n == 1 ? whole_ : euler_;
     Counters inner;
-    Status status = euler_.start(start, h / n);
-    for (int i = 0; i < n && status == Status::success; ++i) status = euler_.step(inner);
-    add_up(inner, counters);
+    Status status = euler.start(start, h / n);
+    for (int i = 0; i < n && status == Status::success; ++i) status = euler.step(inner);
+    inner.add_to(counters);
     if (status != Status::success) return status;
-    if (!coordinates(start, euler_.state(), difference_)) return Status::map_domain;
+    if (!coordinates(start, euler.state(), difference_)) return Status::map_domain;
     for (size_t i = 0; i < size_; ++i) {
       double entry = difference_[i];
       for (int k = 1; k < n; ++k) {
@@ -186,12 +171,13 @@ class Extrapolation {
   }
 
   // Rows until one converges, or until it is plain that none will up to the one after the target.
-  Status attempt(double h, bool& converged, Counters& counters) {
+  Status fill_rows(double h, bool& converged, Counters& counters) {
     double error = 0, last = 0;
+    for (auto* euler : {&euler_, &whole_}) euler->solve_to(kSolved * rtol_ / magnification(target_ + 1));
     for (int row = 1; row <= target_ + 1; ++row) {
       if (const Status status = fill(row, h, state_, counters); status != Status::success) return status;
       if (row == 1) continue;
-      last = std::exchange(error, scales_.norm(difference_) / rtol_);
+      last = std::exchange(error, estimate() / rtol_);
       if (!std::isfinite(error)) return Status::non_finite;
       best_[row] = longest(row, h, error);
       if (row + 1 < target_) continue;
@@ -207,6 +193,14 @@ class Extrapolation {
     }
     return Status::success;
   }
+  // The error of the row filled last; of the velocities what outlasts an implicit step, not the oscillation of a stiff spring
+  // that displaces nothing (as in code RADAU5; Hairer and Wanner IV.8).
+  double estimate() {
+    for (int b = 0; b < system_.n(); ++b) rates_[b] = load(&difference_[12 * b + 6]);
+    if (whole_.filter(rates_))
+      for (int b = 0; b < system_.n(); ++b) store(rates_[b], &difference_[12 * b + 6]);
+    return scales_.norm(difference_);
+  }
   // The step that row would take, from its error over the tolerance.
   static double longest(int row, double h, double error) {
     return h * std::clamp(0.94 * std::pow(0.65 / std::max(error, 1e-12), 1.0 / row), 0.1, 4.0);
@@ -217,7 +211,7 @@ class Extrapolation {
     step_ = std::min(best_[target_], 0.9 * h);
   }
   // Order and step of least work per unit of time, as in code SEULEX.
-  void plan_next(double h, bool refused) {
+  void plan_next(double h) {
     const int used = rows_;
     int order = std::max(used <= target_ ? used : used - 1, 2);
     if (order > 2 && work_per_time(order - 1) < 0.8 * work_per_time(order))
@@ -227,22 +221,13 @@ class Extrapolation {
     else if (used > target_ && work_per_time(used) < 0.9 * work_per_time(order))
       order = used;
     order = std::clamp(order, 3, most_rows_ - 1);
-    if (refused) {
+    if (refused_) {
       target_ = std::max(3, std::min(order, used));
       step_ = std::min(h, best_[std::min(target_, used)]);
       return;
     }
     step_ = order <= used ? best_[order] : best_[used] * work(order) / work(used);
     target_ = order;
-  }
-
-  Status accept() {
-    std::swap(state_, next_);
-    scales_ = Scales::of(system_, state_);
-    node_count_ = 0;
-    if (rank_confirmed_) return Status::success;
-    rank_confirmed_ = true;
-    return projection_.confirm_rank();
   }
 
   Status interpolate(double h, Counters& counters) {
@@ -286,20 +271,21 @@ class Extrapolation {
   }
 
   const System& system_;
-  LagrangeStepper<ExpMap> euler_;
+  LagrangeStepper<ExpMap> euler_, whole_;  // whole_: of row 1, its matrix kept for the error estimate
   Projection projection_;
   State state_, next_;  // after a step next_ is its start
   Scales scales_;
   const size_t size_;
+  const double most_turn_;  // of a body in a step: log is smooth below half a turn
   std::array<std::vector<double>, kMostRows + 1> table_;
   std::vector<double> difference_;
+  std::vector<Twist> rates_;
   std::array<double, kMostRows + 1> best_{};  // the step each row could take
   std::array<Node, 2 * (kMostInner + 2)> nodes_;
-  Counters pending_;
   int rows_ = 0, target_ = 0, node_count_ = 0, most_rows_ = kMostRows;
-  double time_ = 0, previous_ = 0, end_ = 0, rtol_ = 0, smallest_ = 0, step_ = 0;
-  double most_turn_ = 2.5;  // per body and step, rad: log is smooth below pi; less where angles are unwrapped
-  bool rank_confirmed_ = false;
+  double rtol_ = 0, step_ = 0, h_ = 0;  // h_: of the step accepted last
+  bool rank_confirmed_ = false, refused_ = false;
 };
+using AdaptiveExtrapolation = AdaptiveSteps<Extrapolation>;
 
 }  // namespace lieeuler

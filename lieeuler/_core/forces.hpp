@@ -7,19 +7,19 @@
 
 namespace lieeuler {
 
-// Derivatives of the force on one side of a pair with respect to q and u of another side.
+// Derivatives of the force on one side of a pair with respect to q and u of another.
 struct Linearised {
   Stiffness q[2][2], u[2][2];
 };
 
-// One force at one configuration. `last_angle`: of a torsional spring at the last accepted step, to unwrap against.
+// One force at one configuration; its derivatives are worked out when asked for.
 class ForceState {
  public:
+  // `last_angle`: of a torsional spring at the last accepted step, to unwrap against.
   ForceState(const Force& force, const std::vector<Frame>& frames, const std::vector<Twist>& u, double last_angle)
-      : force_(force), parent_(frames[force.parent]), child_(frames[force.child]),
-        u_{&u[force.parent], &u[force.child]} {
+      : force_(force), frame_{&frames[force.parent], &frames[force.child]}, u_{&u[force.parent], &u[force.child]} {
     switch (force.kind) {
-      case Force::Kind::linear_spring: stretch(frames); break;
+      case Force::Kind::linear_spring: stretch(); break;
       case Force::Kind::torsional_spring: twist(last_angle); break;
       case Force::Kind::load: break;
     }
@@ -38,7 +38,7 @@ class ForceState {
     if (force_.kind == Force::Kind::load) {
       const Vec3 F = world_force();
       child.v += F;
-      child.w += force_.child_point.cross(child_.R.transpose() * F) + body_torque();
+      child.w += force_.child_point.cross(transposed_times(attitude(kChild), F)) + body_torque();
       return;
     }
     const double size = tension();
@@ -46,97 +46,118 @@ class ForceState {
     child.v -= size * gradient_[kChild].v, child.w -= size * gradient_[kChild].w;
   }
 
-  Linearised linearised() const {
-    Linearised out;
-    if (force_.kind == Force::Kind::load) {
-      linearise_load(out.q[kChild][kChild]);
-      return out;
+  // Derivatives of the force on one side with respect to q and u of another; those of f = -F g with F = k (extent - rest)
+  // + c rate, g = d extent/dq, rate = g u.
+  Stiffness by_position(Side row, Side column) const {
+    switch (force_.kind) {
+      case Force::Kind::linear_spring: return line_stiffness(row, column);
+      case Force::Kind::torsional_spring: return {.ww = twist_stiffness(row, column)};
+      case Force::Kind::load: break;
     }
-    // f = -F g with F = k (extent - rest) + c rate, g = d extent/dq, rate = g u.
-    const double size = tension();
+    return row == kChild && column == kChild ? load_stiffness() : Stiffness{};
+  }
+  Stiffness by_velocity(Side row, Side column) const {
+    if (force_.kind == Force::Kind::linear_spring)
+      return between_points(row, column, (force_.damping * line_) * line_.transpose());
+    return {.ww = -force_.damping * gradient_[row].w * gradient_[column].w.transpose()};
+  }
+  Linearised linearised() const {
+    Linearised all;
     for (Side row : kSides)
-      for (Side column : kSides) {
-        const Twist& g = gradient_[row];
-        const Twist slope{force_.stiffness * gradient_[column].v + force_.damping * rate_slope_[column].v,
-                          force_.stiffness * gradient_[column].w + force_.damping * rate_slope_[column].w};
-        subtract_outer(out.q[row][column], g, slope);
-        subtract(out.q[row][column], size, curvature_[row][column]);
-        subtract_outer(out.u[row][column], g,
-                       {force_.damping * gradient_[column].v, force_.damping * gradient_[column].w});
-      }
-    return out;
+      for (Side column : kSides)
+        all.q[row][column] = by_position(row, column), all.u[row][column] = by_velocity(row, column);
+    return all;
   }
 
  private:
+  const Mat3& attitude(Side side) const { return frame_[side]->R; }
+  const Vec3& point(Side side) const { return side == kChild ? force_.child_point : force_.parent_point; }
+  static double sign(Side side) { return side == kChild ? 1 : -1; }
   double tension() const { return force_.stiffness * (extent_ - force_.rest) + force_.damping * rate_; }
-  Vec3 world_force() const { return force_.in_world ? force_.force : Vec3(child_.R * force_.force); }
-  Vec3 body_torque() const { return force_.in_world ? Vec3(child_.R.transpose() * force_.torque) : force_.torque; }
-
-  void linearise_load(Stiffness& K) const {
-    if (!force_.in_world) {
-      K.vw = -child_.R * hat(force_.force);
-      return;
-    }
-    K.ww = hat(force_.child_point) * hat(child_.R.transpose() * force_.force) + hat(child_.R.transpose() * force_.torque);
+  Vec3 world_force() const { return force_.in_world ? force_.force : Vec3(attitude(kChild) * force_.force); }
+  Vec3 body_torque() const {
+    return force_.in_world ? Vec3(transposed_times(attitude(kChild), force_.torque)) : force_.torque;
   }
 
-  // Length of a linear spring: from half its square, a distance row. A spring of zero length exerts no force.
-  void stretch(const std::vector<Frame>& frames) {
-    static const Part half_square{false, {{Carrier::difference, Carrier::difference, Vec3::Zero(), Vec3::Zero(), 0, 0.5}}, 0};
-    const Joint ends{force_.parent, force_.child, force_.parent_point, force_.child_point, {}};
-    JointState line;
-    line.update(ends, frames);
-    extent_ = std::sqrt(2 * line.position(half_square)[0]);
+  Stiffness load_stiffness() const {
+    const Mat3& R = attitude(kChild);
+    if (!force_.in_world) return {.vw = -R * hat(force_.force)};
+    return {.ww = hat(force_.child_point) * hat(transposed_times(R, force_.force)) +
+                  hat(transposed_times(R, force_.torque))};
+  }
+
+  // Along the line between the two points. A spring of zero length exerts no force.
+  void stretch() {
+    Vec3 arm[2];
+    for (Side side : kSides) {
+      swing_[side] = u_[side]->w.cross(point(side));
+      arm[side] = times(attitude(side), point(side));
+    }
+    line_ = (frame_[kChild]->x - frame_[kParent]->x) + (arm[kChild] - arm[kParent]);
+    extent_ = line_.norm();
     if (extent_ == 0) {
       extent_ = force_.rest;  // no tension
       return;
     }
-    const double inverse = 1 / extent_;
-    rate_ = inverse * line.velocity(half_square, *u_[kParent], *u_[kChild])[0];
+    inverse_ = 1 / extent_;
+    line_ *= inverse_;
+    speed_ = (u_[kChild]->v - u_[kParent]->v) +
+             (times(attitude(kChild), swing_[kChild]) - times(attitude(kParent), swing_[kParent]));
+    rate_ = line_.dot(speed_);
     for (Side side : kSides) {
-      const Rows G = line.jacobian(half_square, side);
-      const Rows N = line.velocity_slope(half_square, side, *u_[kParent], *u_[kChild], false);
-      gradient_[side] = {inverse * G.v.row(0).transpose(), inverse * G.w.row(0).transpose()};
-      rate_slope_[side] = {inverse * (N.v.row(0).transpose() - rate_ * gradient_[side].v),
-                           inverse * (N.w.row(0).transpose() - rate_ * gradient_[side].w)};
+      seen_[side] = transposed_times(attitude(side), line_);
+      gradient_[side] = {sign(side) * line_, sign(side) * point(side).cross(seen_[side])};
     }
-    for (Side row : kSides)
-      for (Side column : kSides) {
-        Stiffness& K = curvature_[row][column];
-        K = line.geometric_stiffness(half_square, row, column, Vec3(inverse, 0, 0));
-        subtract_outer(K, {inverse * gradient_[row].v, inverse * gradient_[row].w}, gradient_[column]);
-      }
+  }
+  // Minus the force at one point by the displacement of another, K, as seen by the bodies: a point moves with its body by
+  // v + R (w x s), with a minus for the parent's.
+  Stiffness between_points(Side row, Side column, const Mat3& K) const {
+    const double both = -sign(row) * sign(column);
+    const Mat3 turned = K * (attitude(column) * hat(point(column)));
+    const Mat3 lever = hat(point(row)) * attitude(row).transpose();
+    return {both * K, -both * turned, both * lever * K, -both * lever * turned};
+  }
+  Stiffness line_stiffness(Side row, Side column) const {
+    const double k = force_.stiffness, c = force_.damping, F = tension();
+    const Mat3 across = inverse_ * (Mat3::Identity() - line_ * line_.transpose());  // how the line turns
+    Stiffness K = between_points(row, column, line_ * (k * line_ + c * across * speed_).transpose() + F * across);
+    if (c != 0) {
+      const Eigen::RowVector3d turn = c * sign(column) * swing_[column].cross(seen_[column]).transpose();
+      K.vw -= gradient_[row].v * turn, K.ww -= gradient_[row].w * turn;
+    }
+    if (row == column) K.ww -= sign(row) * F * hat(point(row)) * hat(seen_[row]);
+    return K;
   }
 
   // Angle of the child about the parent's axis, and its derivatives where the axes coincide, as the joint keeps them.
   void twist(double last_angle) {
-    const Mat3 relative = parent_.R.transpose() * child_.R;
+    const Mat3 relative = attitude(kParent).transpose() * attitude(kChild);
     const Vec3 pointer = relative * force_.pointer;
     const double wrapped = std::atan2(force_.second_normal.dot(pointer), force_.normal.dot(pointer));
     extent_ = last_angle + std::remainder(wrapped - last_angle, 2 * std::numbers::pi);
-    const Vec3 seen = relative.transpose() * force_.axis;  // the axis in the child
-    gradient_[kParent].w = -force_.axis, gradient_[kChild].w = seen;
-    rate_ = seen.dot(u_[kChild]->w) - force_.axis.dot(u_[kParent]->w);
-    const Mat3 by_child = hat(seen), by_parent = -relative.transpose() * hat(force_.axis);  // derivatives of `seen`
-    curvature_[kChild][kChild].ww = by_child, curvature_[kChild][kParent].ww = by_parent;
-    rate_slope_[kChild].w = by_child.transpose() * u_[kChild]->w;
-    rate_slope_[kParent].w = by_parent.transpose() * u_[kChild]->w;
+    gradient_[kParent].w = -force_.axis;
+    gradient_[kChild].w = transposed_times(relative, force_.axis);  // the axis in the child
+    rate_ = gradient_[kChild].w.dot(u_[kChild]->w) + gradient_[kParent].w.dot(u_[kParent]->w);
   }
-
-  static void subtract_outer(Stiffness& K, const Twist& a, const Twist& b) {
-    K.vv -= a.v * b.v.transpose(), K.vw -= a.v * b.w.transpose();
-    K.wv -= a.w * b.v.transpose(), K.ww -= a.w * b.w.transpose();
-  }
-  static void subtract(Stiffness& K, double factor, const Stiffness& other) {
-    K.vv -= factor * other.vv, K.vw -= factor * other.vw, K.wv -= factor * other.wv, K.ww -= factor * other.ww;
+  Mat3 twist_stiffness(Side row, Side column) const {
+    // Of the axis in the child, which is all that turns.
+    const Mat3 slope = column == kChild ? hat(gradient_[kChild].w)
+                                        : Mat3(-attitude(kChild).transpose() * attitude(kParent) * hat(force_.axis));
+    const Vec3 rate_slope = slope.transpose() * u_[kChild]->w;
+    Mat3 K = -gradient_[row].w * (force_.stiffness * gradient_[column].w + force_.damping * rate_slope).transpose();
+    if (row == kChild) K -= tension() * slope;
+    return K;
   }
 
   const Force& force_;
-  const Frame &parent_, &child_;
+  const Frame* frame_[2];
   const Twist* u_[2];
   double extent_ = 0, rate_ = 0;
-  Twist gradient_[2], rate_slope_[2];  // d extent/dq, d rate/dq
-  Stiffness curvature_[2][2];          // d gradient/dq
+  Twist gradient_[2];  // d extent/dq
+  // Of a linear spring: direction from parent to child, velocity of the child's point seen from the parent's (world);
+  // w x s and the direction in body axes; 1 / length.
+  Vec3 line_ = Vec3::Zero(), speed_ = Vec3::Zero(), swing_[2], seen_[2] = {Vec3::Zero(), Vec3::Zero()};
+  double inverse_ = 0;
 };
 
 // Force and torque on every body without -w x J w: what the Hamiltonian methods use.
@@ -148,6 +169,13 @@ inline void applied_forces(const System& system, const std::vector<Frame>& frame
     const Force& force = system.forces[k];
     ForceState(force, frames, u, last_angles[k]).add_to(f[force.parent], f[force.child]);
   }
+}
+
+// rad a body may turn in a step: `elsewhere`, or half a turn between two bodies where angles are unwrapped step by step.
+inline double most_turn(const System& system, double elsewhere) {
+  const bool unwraps = std::any_of(system.forces.begin(), system.forces.end(),
+                                   [](const Force& force) { return force.kind == Force::Kind::torsional_spring; });
+  return unwraps ? 0.5 * std::numbers::pi : elsewhere;
 }
 
 // The right-hand side f(q, u) of the Lagrangian equations.

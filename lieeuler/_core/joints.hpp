@@ -46,6 +46,20 @@ class JointState {
     return phi;
   }
 
+  // Sizes of the terms whose differences the rows of Phi are.
+  Vec3 terms(const Part& part) const {
+    double ends = 0;
+    for (Side side : kSides) ends = std::max(ends, frame_[side]->x.norm() + arm_[side].norm());
+    Vec3 sizes = Vec3::Constant(part.spherical ? ends : 0.0);
+    for (size_t r = 0; r < part.dots.size(); ++r) {
+      const DotRow& dot = part.dots[r];
+      const double first = dot.a == Carrier::difference ? ends : a(dot).value.norm();
+      const double second = dot.b == Carrier::difference ? ends : b(dot).value.norm();
+      sizes[r] = std::abs(dot.scale) * first * second + std::abs(dot.constant);
+    }
+    return sizes;
+  }
+
   // G u
   Vec3 velocity(const Part& part, const Twist& parent, const Twist& child) const {
     const Twist* u[2] = {&parent, &child};

@@ -14,6 +14,14 @@ enum class Status { success, newton_failed, singular_matrix, map_domain, non_fin
 struct Counters {
   long steps = 0, rejected_steps = 0, force_evaluations = 0, newton_iterations = 0, factorizations = 0,
        most_iterations = 0;
+
+  // Work only: steps are counted where they are accepted.
+  void add_to(Counters& total) const {
+    total.force_evaluations += force_evaluations;
+    total.newton_iterations += newton_iterations;
+    total.factorizations += factorizations;
+    total.most_iterations = std::max(total.most_iterations, most_iterations);
+  }
 };
 
 // Guesses for the unknowns of the next step: polynomial extrapolation of the last steps' solutions, up to quartic.
@@ -58,7 +66,7 @@ class Newton {
   template <class Equations>
   Status solve(Equations& equations, std::vector<double>& z, double target, Counters& counters) {
     const Status status = iterate(equations, z, target, counters);
-    return status == Status::success && polishes ? polish(equations, z, counters) : status;
+    return status == Status::success && polishes && target < kNoise ? polish(equations, z, counters) : status;
   }
 
   // One more correction at the end: the stopping test sees h u, and leaves u an error of rounding / h.

@@ -9,36 +9,10 @@
 #include <variant>
 
 #include "newton.hpp"
+#include "scales.hpp"
 #include "schur.hpp"
 
 namespace lieeuler {
-
-// Sizes that make errors of translations and rotations, and of their rates, comparable: m, 1/s.
-struct Scales {
-  double length = 1, rate = 1;
-
-  static Scales of(const System& system, const State& state) {
-    Scales scales{system.length, 1};
-    for (int b = 0; b < system.n(); ++b)
-      scales.length = std::max(scales.length, state.frames[b].x.cwiseAbs().maxCoeff());
-    for (int b = 0; b < system.n(); ++b)
-      scales.rate = std::max({scales.rate, state.u[b].v.cwiseAbs().maxCoeff() / scales.length,
-                              state.u[b].w.cwiseAbs().maxCoeff()});
-    return scales;
-  }
-
-  // The largest of position / length, angle, and their rates, over twelve numbers a body: x, theta, v, w.
-  double norm(const std::vector<double>& y) const {
-    double most = 0, sum = 0;
-    for (size_t at = 0; at < y.size(); at += 12) {
-      const double x = load3(&y[at]).norm() / length, theta = load3(&y[at + 3]).norm();
-      const double v = load3(&y[at + 6]).norm() / (length * rate), w = load3(&y[at + 9]).norm() / rate;
-      most = std::max({most, x, theta, v, w});
-      sum += x + theta + v + w;
-    }
-    return std::isfinite(sum) ? most : sum;  // max() would hide a NaN
-  }
-};
 
 // Scaled pivots below this say why a method came to a halt: within 1e-3 of a singular position.
 inline constexpr double kNearlySingular = 1e-6;
@@ -122,6 +96,7 @@ class Projection {
   static constexpr double kEps = std::numeric_limits<double>::epsilon();
   static constexpr double kFloor = 4 * kEps;    // a correction of this size is rounding
   static constexpr double kNoise = 1e3 * kEps;  // below this, corrections that no longer shrink are rounding
+  static constexpr double kNoisyTerms = 8;      // roundings in a row of Phi: of x, R s, their differences and products
   static constexpr int kMostIterations = 12;
 
   void project_velocities(SchurComplement& solver, State& state) { solver.project(state.u); }
@@ -142,7 +117,10 @@ class Projection {
         sum += change_[b].v.sum() + change_[b].w.sum();
       }
       if (!std::isfinite(sum)) return Status::non_finite;  // max() above would hide a NaN
-      if (k > 0 && size > kNoise && size > 0.5 * last) return Status::newton_failed;
+      if (k > 0 && size > kNoise && size > 0.5 * last) {
+        if (!closed()) return Status::newton_failed;
+        break;  // near a singular position the correction is rounding of Phi, magnified
+      }
       apply(state);
       if (size <= kFloor || (k > 0 && (size * size <= kFloor * last || size <= kNoise))) break;
       if (k + 1 == kMostIterations) return Status::newton_failed;
@@ -150,6 +128,15 @@ class Projection {
     }
     move_to(state);
     return Status::success;
+  }
+  // Whether Phi is rounding of the positions and axes it is made of.
+  bool closed() const {
+    for (size_t j = 0; j < system_.joints.size(); ++j) {
+      const JointState& here = joints_[static_cast<int>(j)];
+      for (const Part& part : system_.joints[j].parts)
+        if ((here.position(part).cwiseAbs() - kNoisyTerms * kEps * here.terms(part)).maxCoeff() > 0) return false;
+    }
+    return true;
   }
   // The correction to first order: what that leaves of R^T R - I, its square, goes with the next one's polish.
   void apply(State& state) {

@@ -7,8 +7,7 @@
 // One projection onto Phi = 0 and G u = 0 ends the step; the matrix factored there is that of the next first stage.
 #pragma once
 
-#include "projection.hpp"
-#include "step_control.hpp"
+#include "adaptive_steps.hpp"
 
 namespace lieeuler {
 
@@ -26,12 +25,11 @@ class MuntheKaas {
   MuntheKaas(const System& system, const Tableau& tableau)
       : system_(system), projection_(system), state_(system), next_(system), trial_(system), size_(kPerBody * system.n()),
         stages_(sparse(tableau.stages)), weights_(sparse({tableau.weights})), errors_(sparse(tableau.errors)),
-        extra_(sparse(tableau.extra)), dense_(sparse(tableau.dense)) {
+        extra_(sparse(tableau.extra)), dense_(sparse(tableau.dense)),
+        most_turn_(most_turn(system, 2 * std::numbers::pi)) {
     slopes_.assign((stages_.size() + 2 + extra_.size()) * size_, 0.0);
     y_.assign(size_, 0.0), step_.assign(size_, 0.0);
     dense_terms_.assign((3 + dense_.size()) * size_, 0.0);
-    for (const Force& force : system.forces)
-      if (force.kind == Force::Kind::torsional_spring) most_turn_ = 0.5 * std::numbers::pi;
   }
 
   Status start(const State& state, Counters& counters) {
@@ -206,10 +204,10 @@ class MuntheKaas {
   Scales scales_;
   const size_t size_;
   const std::vector<Terms> stages_, weights_, errors_, extra_, dense_;
+  const double most_turn_;  // of a body in a step: dexp^-1 is singular at a whole turn
   std::vector<double> slopes_;  // of the stages, of the end of the step, of the extra stages
   std::vector<double> y_, step_, dense_terms_;
   double h_ = 0;
-  double most_turn_ = std::numbers::pi;  // per body and step; half as much where angles between bodies are unwrapped
   bool interpolates_ = false, rank_confirmed_ = false;
 };
 
@@ -233,55 +231,33 @@ class FixedMuntheKaas : public MuntheKaas {
   double h_ = 0;
 };
 
-// Steps chosen by the error estimate, for `run_adaptive`.
-class AdaptiveMuntheKaas {
+// Steps chosen by the error estimate.
+class ControlledMuntheKaas : public MuntheKaas {
  public:
-  AdaptiveMuntheKaas(const System& system, const Tableau& tableau) : method_(system, tableau), order_(tableau.order) {}
+  ControlledMuntheKaas(const System& system, const Tableau& tableau) : MuntheKaas(system, tableau), order_(tableau.order) {}
 
-  Status start(const State& initial, double t, double t_end, double rtol) {
-    time_ = previous_ = t, end_ = t_end, rtol_ = rtol;
-    smallest_ = smallest_step(t, t_end);
-    if (const Status status = method_.start(initial, pending_); status != Status::success) return status;
-    control_ = StepControl(order_, method_.first_step(order_, rtol, pending_));
+  Status start(const State& initial, double rtol, Counters& counters) {
+    rtol_ = rtol;
+    if (const Status status = MuntheKaas::start(initial, counters); status != Status::success) return status;
+    control_ = StepControl(order_, first_step(order_, rtol, counters));
     return Status::success;
   }
-
-  Status step(Counters& counters) {
-    counters.force_evaluations += std::exchange(pending_.force_evaluations, 0);
-    counters.factorizations += std::exchange(pending_.factorizations, 0);
-    for (;;) {
-      const bool last = time_ + 1.01 * control_.step() >= end_;  // no crumb of a step at the end
-      const double h = last ? end_ - time_ : control_.step();
-      const Status status = method_.attempt(h, counters);
-      if (status == Status::success && control_.accept(method_.error() / rtol_)) {
-        previous_ = time_;
-        time_ = last ? end_ : time_ + h;
-        ++counters.steps;
-        return method_.accept();
-      }
-      ++counters.rejected_steps;
-      if (status != Status::success) control_.refuse(0.25);
-      if (control_.step() < smallest_)
-        return status == Status::singular_matrix || method_.smallest_pivot() < kNearlySingular ? Status::singular_matrix
-                                                                                               : Status::step_too_small;
-    }
+  double proposed() const { return control_.step(); }
+  Status attempt(double h, bool& stands, Counters& counters) {
+    const Status status = MuntheKaas::attempt(h, counters);
+    if (status == Status::success) stands = control_.accept(error() / rtol_);
+    return status;
   }
-
-  Status dense(double t, State& out, Counters& counters) {
-    return method_.dense((t - previous_) / (time_ - previous_), out, counters);
+  void refuse(double, Status status) {
+    if (status != Status::success) control_.refuse(0.25);
   }
-  double time() const { return time_; }
-  double previous_time() const { return previous_; }
-  const State& state() const { return method_.state(); }
-  const Constraints& joints() const { return method_.joints(); }
-  int redundant_rows() const { return method_.redundant_rows(); }
+  Status accept(double) { return MuntheKaas::accept(); }
 
  private:
-  MuntheKaas method_;
   StepControl control_;
-  Counters pending_;  // evaluations before the first step
   int order_;
-  double time_ = 0, previous_ = 0, end_ = 0, rtol_ = 0, smallest_ = 0;
+  double rtol_ = 0;
 };
+using AdaptiveMuntheKaas = AdaptiveSteps<ControlledMuntheKaas>;
 
 }  // namespace lieeuler

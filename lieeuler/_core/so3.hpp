@@ -11,6 +11,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -208,16 +209,26 @@ inline Vec3 logarithm(const Mat3& R) {
   return sine < 1e-9 && angle < 1 ? axis : Vec3(angle / sine * axis);
 }
 
-// One Newton step towards the nearest rotation: exact to rounding for a matrix already orthogonal to rounding.
-inline Mat3 polished(const Mat3& R) {
+// One Newton step towards the nearest rotation: exact to rounding for a matrix already orthogonal to rounding. The largest
+// entry of R^T R - I before, which the step squares.
+inline double polish(Mat3& R) {
   const Vec3 a = R.col(0), b = R.col(1), c = R.col(2);
   const double aa = 0.5 * (1 - a.dot(a)), bb = 0.5 * (1 - b.dot(b)), cc = 0.5 * (1 - c.dot(c));
   const double ab = -0.5 * a.dot(b), bc = -0.5 * b.dot(c), ca = -0.5 * c.dot(a);
-  Mat3 out;
-  out.col(0) = a + (aa * a + ab * b + ca * c);
-  out.col(1) = b + (ab * a + bb * b + bc * c);
-  out.col(2) = c + (ca * a + bc * b + cc * c);
-  return out;
+  R.col(0) += aa * a + ab * b + ca * c;
+  R.col(1) += ab * a + bb * b + bc * c;
+  R.col(2) += ca * a + bc * b + cc * c;
+  return 2 * std::max({std::abs(aa), std::abs(bb), std::abs(cc), std::abs(ab), std::abs(bc), std::abs(ca)});
+}
+inline Mat3 polished(Mat3 R) {
+  polish(R);
+  return R;
+}
+// The nearest rotation of a matrix farther off.
+inline Mat3 orthogonalised(Mat3 R) {
+  constexpr double kLast = 1e-8;
+  for (int k = 0; k < 8 && polish(R) >= kLast; ++k) {}
+  return R;
 }
 
 }  // namespace lieeuler

@@ -98,7 +98,7 @@ class TaylorStepper {
   }
   void evaluate(double t, State& out) const {
     series_.evaluate(t - previous_time_, order_, tree_, out);
-    for (int b = 0; b < system_.n(); ++b) orthogonalise(out.frames[b].R);
+    for (int b = 0; b < system_.n(); ++b) out.frames[b].R = orthogonalised(out.frames[b].R);
     if (tree_.complete) tree_.settle(out);
   }
   // Onto both constraint levels, and the matrix of the next expansion.
@@ -124,16 +124,11 @@ class TaylorStepper {
 
   // A system at rest has the rate at which it starts to move.
   void measure_scales() {
-    length_ = system_.length, rate_ = 0;
-    for (int b = 0; b < system_.n(); ++b) length_ = std::max(length_, state_.frames[b].x.cwiseAbs().maxCoeff());
+    scales_ = Scales::of(system_, state_, 0);
     double square = 0;
-    for (int b = 0; b < system_.n(); ++b) {
-      const Twist& u = state_.u[b];
-      rate_ = std::max({rate_, u.v.cwiseAbs().maxCoeff() / length_, u.w.cwiseAbs().maxCoeff()});
-      const Vec3 vdot = 2 * vector(series_.bodies().x[b][2]), wdot = vector(series_.bodies().w[b][1]);
-      square = std::max({square, vdot.cwiseAbs().maxCoeff() / length_, wdot.cwiseAbs().maxCoeff()});
-    }
-    rate_ = std::max(rate_, std::sqrt(square));
+    for (int b = 0; b < system_.n(); ++b)
+      square = std::max(square, scales_.rate_of({2 * vector(series_.bodies().x[b][2]), vector(series_.bodies().w[b][1])}));
+    scales_.rate = std::max(scales_.rate, std::sqrt(square));
   }
 
   // So that the last two terms of all velocities are rtol of their size at most: of w, v, and dR/dt, which is the one
@@ -144,7 +139,7 @@ class TaylorStepper {
       for (int i = 0; i < 2; ++i) {
         const int k = order_ - 1 + i;
         const Vec3 w = vector(series_.bodies().w[b][k]);
-        const Vec3 v = (k + 1) / length_ * vector(series_.bodies().x[b][k + 1]);
+        const Vec3 v = (k + 1) / scales_.length * vector(series_.bodies().x[b][k + 1]);
         const Mat3 turn = (k + 1) * upper(series_.bodies().R[b][k + 1]);
         largest[i] =
             std::max({largest[i], w.cwiseAbs().maxCoeff(), v.cwiseAbs().maxCoeff(), turn.cwiseAbs().maxCoeff()});
@@ -153,17 +148,8 @@ class TaylorStepper {
     if (!std::isfinite(sum)) return sum;
     double h = end_ - time_;
     for (int i = 0; i < 2; ++i)
-      if (largest[i] > 0) h = std::min(h, std::pow(rtol_ * rate_ / largest[i], 1.0 / (order_ - 1 + i)));
+      if (largest[i] > 0) h = std::min(h, std::pow(rtol_ * scales_.rate / largest[i], 1.0 / (order_ - 1 + i)));
     return h;
-  }
-
-  static void orthogonalise(Mat3& R) {
-    constexpr double kOnceIsEnough = 1e-8;
-    for (int k = 0; k < 8; ++k) {
-      const Mat3 defect = R.transpose() * R - Mat3::Identity();
-      R -= 0.5 * R * defect;
-      if (defect.cwiseAbs().maxCoeff() < kOnceIsEnough) return;
-    }
   }
 
   const System& system_;
@@ -175,7 +161,8 @@ class TaylorStepper {
   SaddlePoint saddle_;
   SmallSaddle small_saddle_;
   MotionSeries series_;
-  double time_ = 0, previous_time_ = 0, end_ = 0, rtol_ = 1e-8, length_ = 1, rate_ = 1;
+  Scales scales_;
+  double time_ = 0, previous_time_ = 0, end_ = 0, rtol_ = 1e-8;
   int order_ = 16;
   bool rank_confirmed_ = false, accelerated_ = false;
 };

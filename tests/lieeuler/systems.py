@@ -41,11 +41,11 @@ def heavy_top():
                  [np.eye(3)], [np.array([0.0, 150.0, -4.61538])])
 
 
-def spring_chain(n):
+def spring_chain(n, damping=0.1):
     """n bodies hung sideways one below the other, the last on a spring to the ground."""
     rates = [np.zeros(3)] * n
     p = chain([1.0] * n, [INERTIA] * n, [(np.zeros(3), UP)] + [(DOWN, UP)] * (n - 1), [TILT_Y] * n, rates)
-    spring = lieeuler.LinearSpring(lieeuler.types.GROUND, n - 1, p.x[-1] + [0, 0, 1.0], np.zeros(3), 10.0, 0.5, 0.1)
+    spring = lieeuler.LinearSpring(lieeuler.types.GROUND, n - 1, p.x[-1] + [0, 0, 1.0], np.zeros(3), 10.0, 0.5, damping)
     return lieeuler.Problem(p.bodies, p.joints, p.gravity, p.x, p.R, p.v, p.w, (spring,))
 
 

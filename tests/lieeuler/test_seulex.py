@@ -53,6 +53,20 @@ def test_samples_leave_the_steps_alone():
     assert np.array_equal(few.x[-1], many.x[-1])
 
 
+@pytest.mark.parametrize(("name", "rate"), [("stiff_spring", 1500.0), ("stiff_damped", 2e4)])
+def test_stiff_motion_below_the_tolerance_is_stepped_over(name, rate):
+    """1e-6 over a second with steps far above 1/rate, which is what an explicit method is held to; against rkmk853."""
+    s = crosscheck.load_scene(name)
+    problem = build_problem(s)
+    run, exact = (lieeuler.integrate(problem, method, None, s.t[[0, -1]], rtol=rtol)
+                  for method, rtol in (("seulex", 1e-6), ("rkmk853", 1e-10)))
+    # the tolerance is of one step; errors add up over the second
+    assert np.abs(run.x[-1] - exact.x[-1]).max() < 1e-5
+    assert np.abs(run.R[-1] - exact.R[-1]).max() < 1e-5
+    assert run.stats.steps < 0.05 * rate * s.duration
+    assert exact.stats.steps > 0.2 * rate * s.duration
+
+
 @functools.cache
 def stiff_truth(name):
     """The stiff scenes by DOP853 in world axes: x, the nine entries of R, v, w; and the times."""

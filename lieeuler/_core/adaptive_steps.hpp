@@ -1,0 +1,66 @@
+// Steps that a method proposes and may refuse: one after the other to the end of a run.
+#pragma once
+
+#include "projection.hpp"
+#include "step_control.hpp"
+
+namespace lieeuler {
+
+// The stepper of `run_adaptive` for a Method that supplies, beside state(), joints(), redundant_rows():
+//
+//   Status start(const State& initial, double rtol, Counters&)    proposes the first step
+//   double proposed()                                             the next step, s
+//   Status attempt(double h, bool& stands, Counters&)             a step from state(); whether its error is small enough
+//   void refuse(double h, Status)                                 proposes a shorter one
+//   Status accept(double h)                                       the step attempted last becomes state()
+//   Status dense(double fraction, State& out, Counters&)          within the step accepted last
+//   double smallest_pivot()                                       of Projection
+template <class Method>
+class AdaptiveSteps {
+ public:
+  template <class... Arguments>
+  explicit AdaptiveSteps(const Arguments&... arguments) : method_(arguments...) {}
+
+  Status start(const State& initial, double t, double t_end, double rtol) {
+    time_ = previous_ = t, end_ = t_end;
+    smallest_ = smallest_step(t, t_end);
+    return method_.start(initial, rtol, at_start_);
+  }
+
+  Status step(Counters& counters) {
+    std::exchange(at_start_, Counters{}).add_to(counters);
+    for (;;) {
+      const bool last = time_ + 1.01 * method_.proposed() >= end_;  // no crumb of a step at the end
+      const double h = last ? end_ - time_ : method_.proposed();
+      bool stands = false;
+      const Status status = method_.attempt(h, stands, counters);
+      if (status == Status::success && stands) {
+        ++counters.steps;
+        previous_ = time_;
+        time_ = last ? end_ : time_ + h;
+        return method_.accept(h);
+      }
+      ++counters.rejected_steps;
+      method_.refuse(h, status);
+      if (method_.proposed() < smallest_)
+        return status == Status::singular_matrix || method_.smallest_pivot() < kNearlySingular ? Status::singular_matrix
+                                                                                               : Status::step_too_small;
+    }
+  }
+
+  Status dense(double t, State& out, Counters& counters) {
+    return method_.dense((t - previous_) / (time_ - previous_), out, counters);
+  }
+  double time() const { return time_; }
+  double previous_time() const { return previous_; }
+  const State& state() const { return method_.state(); }
+  const Constraints& joints() const { return method_.joints(); }
+  int redundant_rows() const { return method_.redundant_rows(); }
+
+ private:
+  Method method_;
+  Counters at_start_;  // work before the first step
+  double time_ = 0, previous_ = 0, end_ = 0, smallest_ = 0;
+};
+
+}  // namespace lieeuler

@@ -47,8 +47,8 @@ class StabilisedSolve {
   Rows& slope(int part, Side side) { return slopes_[2 * part + side]; }
 
   // Solves for the corrections r -> (du, dLam, dxi, dmu), laid out as in `nodes`. core(x) solves with the first matrix;
-  // `tolerance` is the error wanted of dxi, translations over `length`. False where the sweeps do not converge. The
-  // velocity rows hold in any case: dmu is solved last.
+  // `tolerance` is the rounding of dxi, translations over `length`. False where the sweeps do not converge. Rows of
+  // position and velocity hold in any case: the former are rows of the first system, and dmu is solved last.
   template <class Core>
   bool solve(std::vector<double>& r, const Nodes& nodes, const Core& core, double length, double tolerance) {
     const double coupling = kCaution * start(r, nodes, length);
@@ -57,10 +57,10 @@ class StabilisedSolve {
       core(core_rhs_.data());
       for (size_t i = 0; i < total_.size(); ++i) total_[i] = sweep == 0 ? core_rhs_[i] : total_[i] + core_rhs_[i];
       if (!follow(tolerance * length)) return false;
-      if (sweep == 0 && coupling * largest(correction_) <= tolerance) return finish(r, nodes);
+      if (sweep == 0 && coupling * largest(correction_) <= kRounding * tolerance) return finish(r, nodes);
       std::fill(core_rhs_.begin(), core_rhs_.end(), 0.0);
       const double left = couple(length);
-      if (left <= tolerance) return finish(r, nodes);
+      if (left <= kRounding * tolerance) return finish(r, nodes);
       if (!(left < kSlow * last)) return left <= kNoise * tolerance && finish(r, nodes);
       last = left;
     }
@@ -73,7 +73,7 @@ class StabilisedSolve {
   static constexpr double kNoise = 1e3;  // times the tolerance: what no longer shrinks there is rounding
   static constexpr double kCaution = 10;  // on the size of E, seen along one direction
   static constexpr double kStale = 0.01;  // ratio of what a pass leaves above which S is renewed
-  static constexpr double kRounding = 4;  // times what is wanted of the rows: what no longer shrinks there is rounding
+  static constexpr double kRounding = 4;  // times the tolerance: what the products of a sweep round to
 
   // A M^-1 y - y for one body, h times the slope of the gyroscopic torque: rotations only. `rate` is M^-1 y.
   Vec3 gyroscopic(int b, const Vec3& y, const Vec3& rate) const {

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crosscheck import assembly
 from crosscheck.scene import GROUND, Body, Force, Joint, Scene
 from crosscheck.scene_checks import Draft
+from crosscheck.scene_schema import EntryError
 
 JOINT_TYPES = ("spherical", "universal", "revolute", "cylindrical", "prismatic", "planar", "fixed", "distance",
                "point_on_line", "point_on_plane")
@@ -55,6 +58,16 @@ def closed(scene: Scene) -> Scene:
     """The scene with its joints closed by the least change of its state."""
     given = (True,) * scene.n
     return assembly.completed(Draft(scene, given, given, assemble=True))
+
+
+def drawn(draw: Callable[[], Scene]) -> Scene:
+    """The first scene of `draw()` that closes; from some states a joint closes with its axes opposite: no scene."""
+    while True:
+        try:
+            return closed(draw())
+        except EntryError as error:
+            if "opposite" not in error.problem:
+                raise
 
 
 def moved(x: np.ndarray, R: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,7 @@ from tests.scene_making import (
     JOINT_TYPES,
     closed,
     derivative,
+    drawn,
     jointed_pair,
     make_scene,
     moved,
@@ -112,7 +113,8 @@ def path_energy(scene, u, rates):
 def test_power_of_dampers_and_loads_is_all_that_changes_the_energy(kind, seed):
     rng = np.random.default_rng(seed)
     torsion = kind in ("revolute", "cylindrical")
-    scene = closed(jointed_pair(rng, kind, springs(rng, GROUND, torsion, damping=0.3, loads=True)))
+    forces = springs(rng, GROUND, torsion, damping=0.3, loads=True)
+    scene = drawn(lambda: jointed_pair(rng, kind, forces))
     x, R, v, w = start(scene)
     a, alpha, _ = mechanics.index1(scene, x, R, v, w)
     u, rates = np.concatenate([v, w], -1)[0], np.concatenate([a, alpha], -1)[0]

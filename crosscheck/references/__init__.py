@@ -1,8 +1,8 @@
 """Independent truth: two formulations that share no equation, compared with each other before either is believed.
 
-Nothing here imports `lieeuler` or an adapter. A Lagrange top: elliptic functions against Taylor series; everything
-else, trees and loops of all joints under all forces: Taylor series in minimal coordinates against DOP853 in maximal
-ones.
+Nothing here imports `lieeuler` or an adapter. A free body and a Lagrange top: elliptic functions against Taylor series;
+everything else, trees and loops of all joints under all forces: Taylor series in minimal coordinates against DOP853 in
+maximal ones.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ def compute(scene: Scene) -> Reference:
     except Unsupported:
         from crosscheck.references import maximal
 
-        first, second, sources = series, maximal.Maximal(scene).run(scene.t[:compared]), (taylor.SOURCE, maximal.SOURCE)
+        other = maximal.Maximal(scene)
+        first, second, sources = series, other.run(scene.t[:compared]), (taylor.SOURCE, other.source)
     allowed = max(FLOOR, ROUNDOFF * conditions.within_horizon)
     disagreement = compare(scene, first, second, compared, sources, allowed)
     position, attitude = integrator.derivative_maxima(coefficients)

@@ -47,8 +47,14 @@ NONE = [ZERO, ZERO, ZERO]
 
 
 def gyroscopic(inertia, w):
-    """w x J w, body axes."""
-    return cross(w, apply(inertia, w))
+    """w x J w, body axes.
+
+    As w x (J - s) w, s the middle one of the entries on the diagonal: equal moments then leave exactly nothing, where
+    their rounding would spin up a needle, whose third moment is a millionth of theirs.
+    """
+    middle = sorted(inertia[k][k] for k in range(3))[1]
+    return cross(w, apply([[entry - middle if i == j else entry for j, entry in enumerate(row)]
+                           for i, row in enumerate(inertia)], w))
 
 
 def centripetal(w, lever):

@@ -8,9 +8,8 @@ u1 <= u <= u2 <= u3, hence
     u = u1 + (u2 - u1) sn^2(nu (t - t0), k),   nu^2 = m g l (u3 - u1) / (2 A),   k^2 = (u2 - u1) / (u3 - u1),
 
 and the precession and spin angles are elliptic integrals of the third kind in the amplitude of sn (E. T. Whittaker,
-A Treatise on the Analytical Dynamics of Particles and Rigid Bodies, sections 71-73). Evaluated with DIGITS digits:
-at a turning point the phase of sn carries the square root of the precision, and near the vertical (the Bruels-Cardona
-top comes within 7e-7 rad of it) precession and spin are large numbers of opposite sign.
+A Treatise on the Analytical Dynamics of Particles and Rigid Bodies, sections 71-73). Evaluated in multiprecision: the
+Bruels-Cardona top comes within 7e-7 rad of the vertical.
 """
 
 from __future__ import annotations
@@ -18,15 +17,13 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from mpmath.ctx_mp import MPContext
 
 from crosscheck.errors import Unsupported
-from crosscheck.references import generic
+from crosscheck.references import elliptic, free_body
 from crosscheck.scene import GROUND, Scene
 from crosscheck.states import States
 
 SOURCE = "closed form (Jacobi elliptic functions)"
-DIGITS = 50
 SYMMETRY = 4 * np.finfo(float).eps  # a body of revolution up to rounding of its inertia, relative
 POLE = 1e-20  # the angles lose this factor in precision near the vertical; below it they jump by pi
 
@@ -78,19 +75,15 @@ class Solution:
 
     theta is the angle of the axis from the vertical, phi the precession about it, psi the spin:
     world^T R axes = Rz(phi) Rx(theta) Rz(psi) with `axes` = (b1, b2, e) of the body, `world` = (n1, n2, z).
-    The initial attitude is made a rotation in all digits: a defect of 1e-16 there would be one of 1e-8 in the phase.
     """
 
     def __init__(self, top: Top) -> None:
-        self.mp = mp = MPContext()
-        mp.dps = DIGITS
+        self.mp = mp = elliptic.context()
         self.top = top
         self.length = mp.norm(mp.matrix(top.axis.tolist()))
         self.g = mp.norm(mp.matrix(top.gravity.tolist()))
-        self.axes, self.world = self._frame(top.axis), self._frame(-top.gravity)
-        q = mp.matrix(top.attitude.tolist())
-        R0 = mp.matrix(generic.rotation([component / mp.norm(q) for component in q]))
-        E = self.world.T * R0 * self.axes
+        self.axes, self.world = (elliptic.frame(mp, along.tolist()) for along in (top.axis, -top.gravity))
+        E = self.world.T * elliptic.attitude(mp, top.attitude) * self.axes
         w = self.axes.T * mp.matrix(top.angular_velocity.tolist())
         self.A = mp.mpf(top.across) + mp.mpf(top.mass) * self.length**2
         self.C, self.w3, u0 = mp.mpf(top.along), w[2], E[2, 2]
@@ -100,17 +93,6 @@ class Solution:
         self.phi0, self.psi0 = mp.atan2(E[0, 2], -E[1, 2]), mp.atan2(E[2, 0], E[2, 1])
         self._roots(u0, w[0] ** 2 + w[1] ** 2)
         self._phase(u0, E[2, 0] * w[1] - E[2, 1] * w[0])  # du/dt = z . R (w x e)
-
-    def _frame(self, along: np.ndarray):
-        """A right-handed orthonormal frame (columns) whose third vector points along the given one."""
-        mp = self.mp
-        norm = mp.norm(mp.matrix(along.tolist()))
-        third = [entry / norm for entry in map(mp.mpf, along.tolist())]
-        least = int(np.argmin(np.abs(along)))
-        second = generic.cross(third, [float(k == least) for k in range(3)])
-        size = mp.sqrt(generic.dot(second, second))
-        second = [entry / size for entry in second]
-        return mp.matrix([generic.cross(second, third), second, third]).T
 
     def _roots(self, u0, transverse) -> None:
         """u1, u2, u3 of du/dt^2 = (1 - u^2)(h - b u) - (l - c u)^2, by Viete's formula: all three are real."""
@@ -135,26 +117,16 @@ class Solution:
         square = (u0 - self.u1) / span if span > 0 else mp.mpf(0)
         amplitude = mp.asin(mp.sqrt(max(mp.mpf(0), min(mp.mpf(1), square))))
         start = mp.ellipf(amplitude, self.m)
-        self.tau0 = start if rate >= 0 else -start
-        self.quarter = mp.ellipk(self.m)
         self.n_minus, self.n_plus = span / (1 - self.u1), -span / (1 + self.u1)
-        self.complete = {n: mp.ellippi(n, self.m) for n in (self.n_minus, self.n_plus)}
-        self.at_start = {n: self._third_kind(n, self.tau0) for n in (self.n_minus, self.n_plus)}
-
-    def _third_kind(self, n, tau):
-        """Integral of 1 / (1 - n sn^2) from 0 to tau, followed over any number of half periods of sn^2."""
-        mp = self.mp
-        turns = mp.nint(tau / (2 * self.quarter))
-        within = tau - 2 * self.quarter * turns
-        return 2 * turns * self.complete[n] + mp.ellippi(n, mp.asin(mp.ellipfun("sn", within, m=self.m)), self.m)
+        self.jacobi = elliptic.Jacobi(mp, self.m, start if rate >= 0 else -start, [self.n_minus, self.n_plus])
 
     def angles(self, t: float) -> tuple:
         """theta, phi, psi and dtheta/dt, dphi/dt at t; dpsi/dt follows from the constant spin."""
         mp = self.mp
-        tau = self.tau0 + self.nu * mp.mpf(t)
-        sn, cn, dn = (mp.ellipfun(kind, tau, m=self.m) for kind in ("sn", "cn", "dn"))
+        tau = self.jacobi.start + self.nu * mp.mpf(t)
+        sn, cn, dn = self.jacobi.functions(tau)
         u = self.u1 + (self.u2 - self.u1) * sn**2
-        minus, plus = ((self._third_kind(n, tau) - self.at_start[n]) / (scale * self.nu)
+        minus, plus = (self.jacobi.third_kind(n, tau) / (scale * self.nu)
                        for n, scale in ((self.n_minus, 1 - self.u1), (self.n_plus, 1 + self.u1)))
         spin = self.C * self.w3
         phi = self.phi0 + ((self.Lz - spin) * minus + (self.Lz + spin) * plus) / (2 * self.A)
@@ -168,23 +140,24 @@ class Solution:
         """R (3, 3) and the angular velocity in body axes (3,), rounded to doubles."""
         mp = self.mp
         theta, phi, psi, theta_rate, phi_rate = self.angles(t)
-        (st, ct), (sf, cf), (sp, cp) = ((mp.sin(angle), mp.cos(angle)) for angle in (theta, phi, psi))
-        E = mp.matrix([[cf * cp - sf * ct * sp, -cf * sp - sf * ct * cp, sf * st],
-                       [sf * cp + cf * ct * sp, -sf * sp + cf * ct * cp, -cf * st],
-                       [st * sp, st * cp, ct]])
+        (st, _), (sp, cp) = ((mp.sin(angle), mp.cos(angle)) for angle in (theta, psi))
+        E = elliptic.euler(mp, theta, phi, psi)
         w = mp.matrix([theta_rate * cp + phi_rate * st * sp, -theta_rate * sp + phi_rate * st * cp, self.w3])
         return (np.array((self.world * E * self.axes.T).tolist(), dtype=float),
                 np.array((self.axes * w).T.tolist()[0], dtype=float))
 
 
 def solve(scene: Scene) -> States:
-    """Exact states of a Lagrange top at the scene's output times, to rounding.
+    """Exact states of a free body or a Lagrange top at the scene's output times, to rounding.
 
     Raises
     ------
     Unsupported
-        The scene is not a Lagrange top, or its axis passes through the vertical, where Euler angles jump.
+        The scene is neither, or the rotation is steady, or a top's axis passes through the vertical, where Euler angles
+        jump.
     """
+    if not scene.joints:
+        return free_body.solve(scene)
     top = lagrange_top(scene)
     body, joint = scene.bodies[0], scene.joints[0]
     solution = Solution(top)

@@ -1,20 +1,22 @@
-"""Second formulation of the truth: maximal coordinates, DOP853 (SciPy).
+"""Second formulation of the truth: maximal coordinates, DOP853 (SciPy), Radau IIA where dampers are stiff.
 
-Newton-Euler equations of every body in world axes, M du = f - G^T lam with u = (v, omega), omega the WORLD angular
-velocity and M = diag(m, R J R^T); lam from the constraints at acceleration level (index 1), damped towards their
-position and velocity levels after Baumgarte, which moves nothing on the constraint manifold: a wrong row still shows,
-by its error over DAMPING^2. Where rows depend on others, the accelerations are the least-norm correction of the free
-ones in the metric of M, with the rank found once at the start. Attitudes are quaternions; the angle of a torsional
-spring is a state. The ground is one more body at the end of every array, with no columns in the Jacobian.
+Newton-Euler equations of every body, M du = f - G^T lam with u = (v, w), v in world and w in body axes, so that M is
+constant; lam from the constraints at acceleration level (index 1), damped towards their position and velocity levels
+after Baumgarte, which moves nothing on the constraint manifold: a wrong row still shows, by its error over DAMPING^2.
+Where rows depend on others, the accelerations are the least-norm correction of the free ones in the metric of M, with
+the rank found once at the start. Attitudes are quaternions; the angle of a torsional spring is a state. The ground is
+one more body at the end of every array, with no columns in the Jacobian.
 """
 
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 from scipy.integrate import DOP853
 
+from crosscheck.references import stiffness
 from crosscheck.references.base import TruthError
 from crosscheck.references.world import Motion, cross, rotation, turned
 from crosscheck.references.world_loads import ConstantLoad, LinearSpring, TorsionalSpring
@@ -22,18 +24,26 @@ from crosscheck.references.world_rows import Relations, kinds
 from crosscheck.scene import Scene
 from crosscheck.states import States
 
-SOURCE = "DOP853 (SciPy), maximal coordinates"
 RTOL = 3e-15  # a thousand steps of this stay near 1e-12; looser runs cost 15 % less and are off by several times more
 RTOL_DEPENDENT = 1e-15  # of loops with dependent rows, which pass flat positions fast and dead points slowly: an error
 # of the energy made in the one grows in the other, by more than any perturbation of the start does
 ATOL = 1e-15  # components that pass through zero are O(1) elsewhere
 DAMPING = 5.0  # 1/s; Baumgarte, far slower than a step, far faster than the growth of drift from round-off
+GRADED = 1e3
+"""Ratio of the largest mass to the smallest beyond which accelerations and multipliers are solved for together:
+G M^-1 G^T adds what light and heavy bodies answer and loses as many digits as this ratio has. With three of them lost a
+step of 1e-2 is still off by no more than a rounding of its end."""
 DEPENDENT = 1e-9  # singular values below this part of the largest belong to rows that depend on others
 
 
-def gyroscopic(inertia: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """omega x (I omega), world axes; inertia (n, 3, 3) world."""
-    return cross(omega, turned(inertia, omega))
+def gyroscopic(inertia: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """w x J w, body axes; inertia (n, 3, 3).
+
+    As w x (J - s) w, s the middle one of the entries on the diagonal: without the cancellation of equal moments, whose
+    rounding would spin a needle up.
+    """
+    middle = np.sort(np.diagonal(inertia, axis1=1, axis2=2), axis=1)[:, 1]
+    return cross(w, turned(inertia - middle[:, None, None] * np.eye(3), w))
 
 
 def weight(masses: np.ndarray, gravity: np.ndarray) -> np.ndarray:
@@ -57,11 +67,30 @@ class Maximal:
         self.rank: int | None = None  # of the rows where some depend on others; None is quicker
         if self.constraints:
             self._find_rank()
+        self.graded = self._graded()
+        self.integrator: tuple[type[Any], float] = DOP853, RTOL if self.rank is None else RTOL_DEPENDENT
+        if self.springs or self.torsions:
+            self.integrator = stiffness.integrator(stiffness.eigenvalues(self.rates, self.initial()), scene.duration,
+                                                   self.integrator[1])
+        self.source = f"{self.integrator[0].__name__} (SciPy), maximal coordinates"
+
+    def _graded(self) -> np.ndarray | None:
+        """Matrix of `_together` with M over the largest mass, where masses differ too much for anything quicker."""
+        masses, n = self.scene.masses, self.scene.n
+        if not self.constraints or masses.max() <= GRADED * masses.min():
+            return None
+        size = 6 * n + len(self._constraint_terms(self.motion(self.initial())[0])[0])
+        matrix = np.zeros((size, size))
+        for body, inertia in enumerate(self.scene.inertias):
+            at = slice(6 * body + 3, 6 * body + 6)
+            matrix[range(6 * body, at.start), range(6 * body, at.start)] = masses[body] / masses.max()
+            matrix[at, at] = inertia / masses.max()
+        return matrix
 
     def _find_rank(self) -> None:
         """Number of independent rows at the start, with the relations of hinges that hold in every position."""
         motion, _ = self.motion(self.initial())
-        scaled = self._scaled(self._constraint_terms(motion)[0], motion)
+        scaled = self._scaled(self._constraint_terms(motion)[0])
         _, singular, V = np.linalg.svd(scaled)
         rank = int(np.count_nonzero(singular > DEPENDENT * singular[0]))
         if rank == len(scaled):
@@ -78,18 +107,18 @@ class Maximal:
         accelerations that belong to each of these motions keep them too.
         """
         n, count = self.scene.n, len(self.scene.joints)
-        rates = self._scaled(Relations(self.scene, np.eye(count)).jacobian(motion)[:, :-1], motion) @ free.T
+        rates = self._scaled(Relations(self.scene, np.eye(count)).jacobian(motion)[:, :-1]) @ free.T
         U, sigma, _ = np.linalg.svd(rates)
         kept = int(np.count_nonzero(sigma > DEPENDENT * sigma[0]))
         relations = Relations(self.scene, U[:, kept:].T)
         for direction in (*free, *(one + other for one, other in itertools.combinations(free, 2))):
             step = direction.reshape(n, 6)
-            v, omega = np.zeros((2, n + 1, 3))
+            v, w = np.zeros((2, n + 1, 3))
             v[:n] = step[:, :3] / np.sqrt(self.scene.masses)[:, None]
-            omega[:n] = turned(motion.R[:-1] @ self.root, step[:, 3:])
-            moving = Motion(motion.x, motion.R, v, omega, np.zeros(count))
+            w[:n] = turned(self.root, step[:, 3:])
+            moving = Motion(motion.x, motion.R, v, w, np.zeros(count))
             terms = [kind.terms(moving) for kind in (*self.constraints, relations)]
-            G = self._scaled(np.concatenate([G[:, :-1] for _, G, _ in terms]), moving)
+            G = self._scaled(np.concatenate([G[:, :-1] for _, G, _ in terms]))
             drift = np.concatenate([drift for _, _, drift in terms])
             left = drift - G @ (np.linalg.pinv(G, rcond=DEPENDENT) @ drift)
             if np.max(np.abs(left)) > DEPENDENT * np.max(np.abs(drift), initial=1.0):
@@ -97,26 +126,26 @@ class Maximal:
         self.constraints.append(relations)
         self.relations = relations
 
-    def _scaled(self, G: np.ndarray, motion: Motion) -> np.ndarray:
+    def _scaled(self, G: np.ndarray) -> np.ndarray:
         """G M^-1/2, (m, 6 n)."""
         scaled = G / np.sqrt(self.scene.masses)[:, None]
-        scaled[:, :, 3:] = np.matmul(G[:, :, 3:].transpose(1, 0, 2), motion.R[:-1] @ self.root).transpose(1, 0, 2)
+        scaled[:, :, 3:] = np.matmul(G[:, :, 3:].transpose(1, 0, 2), self.root).transpose(1, 0, 2)
         return scaled.reshape(len(G), -1)
 
     def motion(self, y: np.ndarray) -> tuple[Motion, np.ndarray]:
-        """Unpack x (n, 3), q (n, 4), v (n, 3), omega (n, 3), and angles of torsional springs and of hinges."""
+        """Unpack x (n, 3), q (n, 4), v (n, 3), w (n, 3), and angles of torsional springs and of hinges."""
         n = self.scene.n
-        x, v, omega = (np.zeros((n + 1, 3)) for _ in range(3))
+        x, v, w = (np.zeros((n + 1, 3)) for _ in range(3))
         R = np.empty((n + 1, 3, 3))
-        x[:n], v[:n], omega[:n] = (y[k * n:(k + 3) * n].reshape(n, 3) for k in (0, 7, 10))
+        x[:n], v[:n], w[:n] = (y[k * n:(k + 3) * n].reshape(n, 3) for k in (0, 7, 10))
         q = y[3 * n:7 * n].reshape(n, 4)
         R[:n] = rotation(q)
         R[n] = np.eye(3)
         end = 13 * n + len(self.torsions)
-        return Motion(x, R, v, omega, y[end:]), y[13 * n:end]
+        return Motion(x, R, v, w, y[end:]), y[13 * n:end]
 
     def _applied(self, motion: Motion, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Applied forces and torques about the centres of mass, (n, 3) each."""
+        """Applied forces (world) and torques about the centres of mass (body axes), (n, 3) each."""
         if not (self.springs or self.torsions or self.loads):
             return self.force, np.zeros_like(self.force)
         force, torque = np.zeros((2, self.scene.n + 1, 3))
@@ -130,30 +159,42 @@ class Maximal:
         return force[:-1], torque[:-1]
 
     def accelerations(self, motion: Motion, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Accelerations of the centres of mass and angular accelerations, (n, 3) each, world."""
-        n, R = self.scene.n, motion.R[:-1]
-        back = R.transpose(0, 2, 1)
+        """Accelerations of the centres of mass (world) and angular accelerations (body axes), (n, 3) each."""
+        n = self.scene.n
         force, torque = self._applied(motion, angles)
-        torque = torque - gyroscopic(R @ self.scene.inertias @ back, motion.omega[:-1])
-        inverse = R @ self.inverse_inertia @ back
+        torque = torque - gyroscopic(self.scene.inertias, motion.w[:-1])
         free = np.empty((n, 6))
         free[:, :3] = force / self.scene.masses[:, None]
-        free[:, 3:] = turned(inverse, torque)
+        free[:, 3:] = turned(self.inverse_inertia, torque)
         if not self.constraints:
             return free[:, :3], free[:, 3:]
         G, target = self._constraint_terms(motion)
         flat = G.reshape(len(G), -1)
         if self.rank is not None:
-            return self._least_norm(free, motion, self._scaled(G, motion), flat @ free.ravel() + target)
+            return self._least_norm(free, self._scaled(G), flat @ free.ravel() + target)
+        if self.graded is not None:
+            return self._together(flat, np.concatenate([force, torque], axis=1).ravel(), target)
         W = np.empty_like(G)  # G M^-1; the two blocks of M are scaled apart
         W[:, :, :3] = G[:, :, :3] / self.scene.masses[:, None]
-        W[:, :, 3:] = np.matmul(G[:, :, 3:].transpose(1, 0, 2), inverse).transpose(1, 0, 2)
+        W[:, :, 3:] = np.matmul(G[:, :, 3:].transpose(1, 0, 2), self.inverse_inertia).transpose(1, 0, 2)
         W = W.reshape(len(G), -1)
         lam = np.linalg.solve(W @ flat.T, flat @ free.ravel() + target)
         free -= (W.T @ lam).reshape(n, 6)
         return free[:, :3], free[:, 3:]
 
-    def _least_norm(self, free: np.ndarray, motion: Motion, scaled: np.ndarray,
+    def _together(self, G: np.ndarray, effort: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Accelerations and multipliers by one elimination with pivots.
+
+        Both sides are divided by the largest mass: pivots of light bodies then come from G, as if they had no mass.
+        """
+        assert self.graded is not None
+        size = len(effort)
+        self.graded[:size, size:], self.graded[size:, :size] = G.T, G
+        heaviest = self.scene.masses.max()
+        u = np.linalg.solve(self.graded, np.concatenate([effort / heaviest, -target]))[:size].reshape(-1, 6)
+        return u[:, :3], u[:, 3:]
+
+    def _least_norm(self, free: np.ndarray, scaled: np.ndarray,
                     defect: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations nearest to the free ones in the metric of M that take the defect away, at the fixed rank."""
         U, sigma, V = np.linalg.svd(scaled, full_matrices=False)
@@ -162,11 +203,11 @@ class Maximal:
         change += V[:r].T @ (U[:, :r].T @ (defect - scaled @ change) / sigma[:r])  # the rounding of the first
         change = change.reshape(len(free), 6)
         a = free[:, :3] - change[:, :3] / np.sqrt(self.scene.masses)[:, None]
-        return a, free[:, 3:] - turned(motion.R[:-1] @ self.root, change[:, 3:])
+        return a, free[:, 3:] - turned(self.root, change[:, 3:])
 
     def _constraint_terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         """Jacobian (m, n, 6) and drift plus Baumgarte terms (m)."""
-        u = np.concatenate([motion.v, motion.omega], axis=1).ravel()
+        u = np.concatenate([motion.v, motion.w], axis=1).ravel()
         jacobians, targets = [], []
         for kind in self.constraints:
             gap, G, drift = kind.terms(motion)
@@ -179,10 +220,10 @@ class Maximal:
         n = self.scene.n
         motion, angles = self.motion(y)
         a, alpha = self.accelerations(motion, angles)
-        q, omega = y[3 * n:7 * n].reshape(n, 4), motion.omega[:-1]
-        rate = np.empty((n, 4))  # dq/dt = (0, omega) q / 2 for the world angular velocity
-        rate[:, 0] = -0.5 * np.sum(omega * q[:, 1:], axis=1)
-        rate[:, 1:] = 0.5 * (omega * q[:, :1] + cross(omega, q[:, 1:]))
+        q, w = y[3 * n:7 * n].reshape(n, 4), motion.w[:-1]
+        rate = np.empty((n, 4))  # dq/dt = q (0, w) / 2
+        rate[:, 0] = -0.5 * np.sum(w * q[:, 1:], axis=1)
+        rate[:, 1:] = 0.5 * (w * q[:, :1] - cross(w, q[:, 1:]))
         turning = [spring.rate(motion) for spring in self.torsions]
         if self.relations is not None:
             turning.extend(self.relations.rates(motion))
@@ -192,11 +233,10 @@ class Maximal:
         """State vector of the scene's start."""
         bodies, scene = self.scene.bodies, self.scene
         q = np.array([body.attitude / np.linalg.norm(body.attitude) for body in bodies])
-        omega = turned(scene.R0, scene.w0)
         angles = [spring.start for spring in self.torsions]
         if self.relations is not None:
             angles += [0.0] * len(scene.joints)
-        return np.concatenate([scene.x0.ravel(), q.ravel(), scene.v0.ravel(), omega.ravel(), angles])
+        return np.concatenate([scene.x0.ravel(), q.ravel(), scene.v0.ravel(), scene.w0.ravel(), angles])
 
     def run(self, times: np.ndarray | None = None) -> States:
         """States at `times`, by default the scene's output times, from the scene's start.
@@ -209,14 +249,14 @@ class Maximal:
         for start, end in itertools.pairwise(times):
             rows.append(self._row(y))
             first = None if step is None else min(step, end - start)
-            solver = DOP853(self.rates, start, y, end, first_step=first, rtol=1e-13, atol=ATOL)
-            # the constructor refuses less than 100 roundings, the error estimate resolves it
-            solver.rtol = RTOL if self.rank is None else RTOL_DEPENDENT
+            kind, rtol = self.integrator
+            solver = kind(self.rates, start, y, end, first_step=first, rtol=max(rtol, 1e-13), atol=ATOL)
+            solver.rtol = rtol  # the constructor refuses less than 100 roundings, the error estimate resolves it
             proposals = []
             while solver.status == "running":
                 message = solver.step()
                 if solver.status == "failed":
-                    raise TruthError(f"{SOURCE}: {self.scene.name!r} at t = {solver.t:.6g} s: {message}")
+                    raise TruthError(f"{self.source}: {self.scene.name!r} at t = {solver.t:.6g} s: {message}")
                 proposals.append(solver.h_abs)
             y, step = solver.y, max(proposals)  # the last proposal follows a step that the interval's end cut short
         rows.append(self._row(y))
@@ -226,6 +266,4 @@ class Maximal:
         """x, R, v, w, a, alpha at one instant, in the common convention."""
         motion, angles = self.motion(y)
         a, alpha = self.accelerations(motion, angles)
-        R = motion.R[:-1]
-        w, alpha = (turned(R.transpose(0, 2, 1), vector) for vector in (motion.omega[:-1], alpha))
-        return motion.x[:-1], R, motion.v[:-1], w, a, alpha
+        return motion.x[:-1], motion.R[:-1], motion.v[:-1], motion.w[:-1], a, alpha

@@ -1,4 +1,4 @@
-"""World-frame vector algebra of the maximal formulation, over all bodies at once.
+"""Vector algebra of the maximal formulation, over all bodies at once.
 
 Constant tensors keep the count of NumPy calls low, which is what a right-hand side of a few bodies costs.
 """
@@ -24,13 +24,21 @@ HAT, QUADRATIC = _EPSILON.reshape(3, 9), _FORM.reshape(16, 9)  # a @ HAT is the 
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """World state with the ground appended: x, v, omega (n + 1, 3), R (n + 1, 3, 3), and angles of hinges if needed."""
+    """State with the ground appended: x, v, w (n + 1, 3), R (n + 1, 3, 3), and angles of hinges if needed.
+
+    Angular velocities: w in body axes, omega in the world's.
+    """
 
     x: np.ndarray
     R: np.ndarray
     v: np.ndarray
-    omega: np.ndarray
+    w: np.ndarray
     hinges: np.ndarray | None = None  # from the start, over any number of turns
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "omega", turned(self.R, self.w))
+
+    omega: np.ndarray = dataclasses.field(init=False)
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -46,6 +54,11 @@ def dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def turned(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """R s of arrays (k, 3, 3) and (k, 3)."""
     return np.matmul(R, vectors[:, :, None])[:, :, 0]
+
+
+def back(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """R^T s of arrays (k, 3, 3) and (k, 3)."""
+    return np.matmul(vectors[:, None, :], R)[:, 0]
 
 
 def rotation(q: np.ndarray) -> np.ndarray:

@@ -1,4 +1,7 @@
-"""Springs, dampers and constant loads of the maximal formulation: forces and torques on bodies, in world axes.
+"""Springs, dampers and constant loads of the maximal formulation: forces in world axes, torques in body axes.
+
+A torque turned into body axes as a whole would leave its rounding about the thin axis of a needle, where nothing acts;
+cross products of what is exact in body axes leave none.
 
 The angle of a torsional spring is a state of its own, integrated from the relative rate about the axis, hence
 continuous over any number of turns.
@@ -24,7 +27,7 @@ class LinearSpring:
         self.stiffness, self.free_length, self.damping = p["stiffness"], p["free_length"], p["damping"]
 
     def add(self, motion: Motion, force: np.ndarray, torque: np.ndarray) -> None:
-        """Add to force and torque about the centres of mass, (n + 1, 3) each."""
+        """Add to forces (world axes) and torques about the centres of mass (body axes), (n + 1, 3) each."""
         levers = turned(motion.R[self.ends], self.points)
         parent, child = motion.x[self.ends] + levers
         parent_rate, child_rate = motion.v[self.ends] + cross(motion.omega[self.ends], levers)
@@ -36,7 +39,8 @@ class LinearSpring:
                            along @ (child_rate - parent_rate))
         for end, sign in ((0, 1.0), (1, -1.0)):
             force[self.ends[end]] += sign * pull * along
-            torque[self.ends[end]] += sign * pull * cross(levers[end:end + 1], along[None])[0]
+            torque[self.ends[end]] += sign * pull * cross(self.points[end:end + 1],
+                                                          (along @ motion.R[self.ends[end]])[None])[0]
 
 
 class TorsionalSpring:
@@ -57,8 +61,8 @@ class TorsionalSpring:
     def add(self, motion: Motion, angle: float, torque: np.ndarray) -> None:
         """Add to the torques (n + 1, 3)."""
         size = torsion(self.stiffness, angle - self.rest_angle, self.damping, self.rate(motion))
-        torque[self.child] += size * (motion.R[self.parent] @ self.axis)
-        torque[self.parent] -= size * (motion.R[self.parent] @ self.axis)
+        torque[self.child] += size * (motion.R[self.parent] @ self.axis @ motion.R[self.child])
+        torque[self.parent] -= size * self.axis
 
 
 class ConstantLoad:
@@ -71,14 +75,14 @@ class ConstantLoad:
         self.point = np.array(p.get("child_point", AT_CENTRE))
 
     def add(self, motion: Motion, force: np.ndarray, torque: np.ndarray) -> None:
-        """Add to force and torque about the centres of mass, (n + 1, 3) each."""
+        """Add to forces (world axes) and torques about the centres of mass (body axes), (n + 1, 3) each."""
         R = motion.R[self.body]
-        vector = R @ self.vector if self.in_body else self.vector
+        own = self.vector if self.in_body else self.vector @ R
         if self.turns:
-            torque[self.body] += vector
+            torque[self.body] += own
         else:
-            force[self.body] += vector
-            torque[self.body] += cross((R @ self.point)[None], vector[None])[0]
+            force[self.body] += R @ self.vector if self.in_body else self.vector
+            torque[self.body] += cross(self.point[None], own[None])[0]
 
 
 def spring_pull(stiffness: float, extension: float, damping: float, rate: float) -> float:

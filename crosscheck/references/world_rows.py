@@ -1,8 +1,9 @@
-"""Rows of the joints in the maximal formulation: their value, Jacobian and acceleration at du = 0, in world axes.
+"""Rows of the joints in the maximal formulation: their value, Jacobian and acceleration at du = 0.
 
 A joint is put together from four kinds of rows, each a record over all joints that use it: points that coincide,
 directions that stay perpendicular, a separation that stays across a direction of the parent, and a rod. Body i is the
-parent, j the child, d = x_j + R_j s_j - x_i - R_i s_i. The ground is the last body of every array.
+parent, j the child, d = x_j + R_j s_j - x_i - R_i s_i. The ground is the last body of every array. Columns of the
+Jacobian belong to v in world axes and w in body axes: R s^ has an exact zero about an axis that its anchor lies on.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import dataclasses
 
 import numpy as np
 
-from crosscheck.references.world import Motion, centripetal, cross, dots, turned
+from crosscheck.references.world import HAT, Motion, back, centripetal, cross, dots, turned
 from crosscheck.scene import Joint, Scene
 
 
@@ -34,22 +35,21 @@ class Coincidence:
         self.both = np.concatenate([self.i, self.j])
         self.s = np.array([joint.parent_anchor for joint in joints] + [joint.child_anchor for joint in joints])
         self.template = np.zeros((3 * k, n + 1, 6))
-        # -d(R s) along omega is s x (.), so an entry of lever s sits at (row, column) with a sign, twice
-        self.row, self.column = np.array([[1, 0, 2, 1, 0, 2], [0, 1, 1, 2, 2, 0]])
-        self.entry, self.sign = np.array([2, 2, 0, 0, 1, 1]), np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+        self.hat = (self.s @ HAT).reshape(-1, 3, 3)  # d(R s) = -R s^ along w
         joint_rows = 3 * np.arange(k)[:, None]
         for body, direction in ((self.i, -1.0), (self.j, 1.0)):
             self.template[joint_rows + np.arange(3), body[:, None], np.arange(3)] = direction
-        self.at_i = joint_rows + self.row, self.i[:, None], 3 + self.column
-        self.at_j = joint_rows + self.row, self.j[:, None], 3 + self.column
+        joint_rows, rows, columns = joint_rows[:, :, None], np.arange(3)[:, None], 3 + np.arange(3)
+        self.at_i = joint_rows + rows, self.i[:, None, None], columns
+        self.at_j = joint_rows + rows, self.j[:, None, None], columns
 
     def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gaps d (3 k), Jacobian (3 k, n + 1, 6) and second derivative of d at zero accelerations (3 k)."""
         levers = turned(motion.R[self.both], self.s)
         G = self.template.copy()
-        entries = self.sign * levers[:, self.entry]
-        G[self.at_i] = entries[:len(self.i)]
-        G[self.at_j] = -entries[len(self.i):]
+        slopes = np.matmul(motion.R[self.both], self.hat)
+        G[self.at_i] = slopes[:len(self.i)]
+        G[self.at_j] = -slopes[len(self.i):]
         return (self._difference(motion.x[self.both] + levers), G,
                 self._difference(centripetal(motion.omega[self.both], levers)))
 
@@ -70,16 +70,16 @@ class Perpendicular:
         """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
         p, b = turned(motion.R[self.i], self.p), turned(motion.R[self.j], self.b)
         omega_i, omega_j = motion.omega[self.i], motion.omega[self.j]
-        G, rows, normal = np.zeros(self.shape), np.arange(len(p)), cross(p, b)
-        G[rows, self.i, 3:] = normal
-        G[rows, self.j, 3:] = -normal
+        G, rows = np.zeros(self.shape), np.arange(len(p))
+        G[rows, self.i, 3:] = cross(self.p, back(motion.R[self.i], b))
+        G[rows, self.j, 3:] = cross(self.b, back(motion.R[self.j], p))
         drift = (dots(centripetal(omega_i, p), b) + dots(p, centripetal(omega_j, b))
                  + 2 * dots(cross(omega_i, p), cross(omega_j, b)))
         return dots(p, b), G, drift
 
 
 class _Separation:
-    """What rows along and across d share: levers, d and its rate."""
+    """What rows along and across d share: d and its rates."""
 
     def __init__(self, uses: list[Row], n: int) -> None:
         joints = [use.joint for use in uses]
@@ -90,12 +90,12 @@ class _Separation:
         self.length = np.array([joint.length for joint in joints], dtype=float)
 
     def separation(self, motion: Motion) -> tuple[np.ndarray, ...]:
-        """Levers of i and j, d, its rate, and its second derivative at zero accelerations, (k, 3) each."""
+        """d, its rate, and its second derivative at zero accelerations, (k, 3) each."""
         i, j = self.i, self.j
         l_i, l_j = turned(motion.R[i], self.s_i), turned(motion.R[j], self.s_j)
         rate = motion.v[j] - motion.v[i] + cross(motion.omega[j], l_j) - cross(motion.omega[i], l_i)
         bend = centripetal(motion.omega[j], l_j) - centripetal(motion.omega[i], l_i)
-        return l_i, l_j, motion.x[j] + l_j - motion.x[i] - l_i, rate, bend
+        return motion.x[j] + l_j - motion.x[i] - l_i, rate, bend
 
 
 class Across(_Separation):
@@ -103,11 +103,12 @@ class Across(_Separation):
 
     def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
-        l_i, l_j, d, rate, bend = self.separation(motion)
+        d, rate, bend = self.separation(motion)
         n, omega = turned(motion.R[self.i], self.n), motion.omega[self.i]
         G, rows = np.zeros(self.shape), np.arange(len(d))
         G[rows, self.i, :3], G[rows, self.j, :3] = -n, n
-        G[rows, self.i, 3:], G[rows, self.j, 3:] = cross(n, d + l_i), cross(l_j, n)
+        G[rows, self.i, 3:] = cross(self.n, back(motion.R[self.i], d) + self.s_i)
+        G[rows, self.j, 3:] = cross(self.s_j, back(motion.R[self.j], n))
         drift = dots(centripetal(omega, n), d) + 2 * dots(cross(omega, n), rate) + dots(n, bend)
         return dots(n, d), G, drift
 
@@ -117,11 +118,12 @@ class Rod(_Separation):
 
     def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
-        l_i, l_j, d, rate, bend = self.separation(motion)
+        d, rate, bend = self.separation(motion)
         e = d / self.length[:, None]
         G, rows = np.zeros(self.shape), np.arange(len(d))
         G[rows, self.i, :3], G[rows, self.j, :3] = -e, e
-        G[rows, self.i, 3:], G[rows, self.j, 3:] = cross(e, l_i), cross(l_j, e)
+        G[rows, self.i, 3:] = cross(back(motion.R[self.i], e), self.s_i)
+        G[rows, self.j, 3:] = cross(self.s_j, back(motion.R[self.j], e))
         return (dots(d, d) - self.length**2) / (2 * self.length), G, dots(rate, rate) / self.length + dots(e, bend)
 
 
@@ -139,9 +141,8 @@ class Relations:
     def jacobian(self, motion: Motion) -> np.ndarray:
         """d rates / d u, (hinges, n + 1, 6)."""
         G, rows = np.zeros((len(self.i), self.n + 1, 6)), np.arange(len(self.i))
-        axis = turned(motion.R[self.i], self.axis)
-        G[rows, self.j, 3:] = axis
-        G[rows, self.i, 3:] = -axis
+        G[rows, self.j, 3:] = back(motion.R[self.j], turned(motion.R[self.i], self.axis))
+        G[rows, self.i, 3:] = -self.axis
         return G
 
     def rates(self, motion: Motion) -> np.ndarray:

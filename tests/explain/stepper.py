@@ -58,7 +58,7 @@ class Equations(Maximal):
         super().__init__(scene)
 
     def _constraint_terms(self, motion):
-        u = np.concatenate([motion.v, motion.omega], axis=1).ravel()
+        u = np.concatenate([motion.v, motion.w], axis=1).ravel()
         alpha, beta = self.flaws.gain
         jacobians, targets = [], []
         for kind in self.constraints:
@@ -69,34 +69,32 @@ class Equations(Maximal):
 
     def _applied(self, motion, angles):
         force, torque = (part.copy() for part in super()._applied(motion, angles))
-        flaws, R = self.flaws, motion.R[:-1]
-        spin = turned(R @ self.scene.inertias @ R.transpose(0, 2, 1), motion.omega[:-1])
+        flaws, R = self.flaws, motion.R
+        spin = turned(self.scene.inertias, motion.w[:-1])
         force -= flaws.drag * self.scene.masses[:, None] * motion.v[:-1]
         torque -= flaws.drag * spin
-        torque += (1 - flaws.gyroscopic) * np.cross(motion.omega[:-1], spin)
+        torque += (1 - flaws.gyroscopic) * np.cross(motion.w[:-1], spin)
         for joint in self.scene.joints if flaws.joint_damping else ():
             relative = motion.omega[joint.child] - motion.omega[joint.parent]
-            torque[joint.child] -= flaws.joint_damping * relative
+            torque[joint.child] -= flaws.joint_damping * relative @ R[joint.child]
             if joint.parent >= 0:
-                torque[joint.parent] += flaws.joint_damping * relative
+                torque[joint.parent] += flaws.joint_damping * relative @ R[joint.parent]
         return force, torque
 
     def accelerations(self, motion, angles):
         if self.flaws.softness is None:
             return super().accelerations(motion, angles)
         stiffness, damping = self.flaws.softness
-        R = motion.R[:-1]
         force, torque = (part.copy() for part in self._applied(motion, angles))
-        torque -= gyroscopic(R @ self.scene.inertias @ R.transpose(0, 2, 1), motion.omega[:-1])
-        u = np.concatenate([motion.v, motion.omega], axis=1).ravel()
+        torque -= gyroscopic(self.scene.inertias, motion.w[:-1])
+        u = np.concatenate([motion.v, motion.w], axis=1).ravel()
         for kind in self.constraints:
             gap, G, _ = kind.terms(motion)
             pull = stiffness * gap + damping * (G.reshape(len(G), -1) @ u)
             push = np.einsum("mnk,m->nk", G[:, :-1], pull)
             force -= push[:, :3]
             torque -= push[:, 3:]
-        inverse = R @ self.inverse_inertia @ R.transpose(0, 2, 1)
-        return force / self.scene.masses[:, None], turned(inverse, torque)
+        return force / self.scene.masses[:, None], turned(self.inverse_inertia, torque)
 
 
 class Stepper:
@@ -146,15 +144,14 @@ def _rates(equations, state):
     x, R, v, w = state
     zero = np.zeros((1, 3))
     motion = Motion(np.concatenate([x, zero]), np.concatenate([R, np.eye(3)[None]]), np.concatenate([v, zero]),
-                    np.concatenate([turned(R, w), zero]), np.zeros(0))
+                    np.concatenate([w, zero]), np.zeros(0))
     angles = np.zeros(0)
     if equations.torsions:
         found = torsion_angles(equations.scene, R[None], previous=equations.angles)
         equations.angles = {joint: float(value[0]) for joint, value in found.items()}
         angles = np.array([equations.angles[force.joint] for force in equations.scene.forces
                            if force.type == "torsional_spring"])
-    a, alpha = equations.accelerations(motion, angles)
-    return a, turned(R.transpose(0, 2, 1), alpha)
+    return equations.accelerations(motion, angles)
 
 
 def _step(equations, state, h, flaws):

@@ -78,6 +78,8 @@ def run(
     coordinate_map: Annotated[str | None, typer.Option("--map", help="exp, cayley or ccsk (lieeuler)")] = None,
     softness: Annotated[str | None, typer.Option(help="tight or default: MuJoCo's equality constraints")] = None,
     node: Annotated[str | None, typer.Option(help="lie or euler_parameters: Exudyn's rigid bodies")] = None,
+    alpha: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")] = None,
+    beta: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of positions, not squared")] = None,
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
     duration: Annotated[float | None, typer.Option(help="s; default: the scene's")] = None,
 ) -> None:
@@ -85,8 +87,8 @@ def run(
     from crosscheck.running import run as run_scene
     from crosscheck.scene_file import load_scene
 
-    given = {"form": form, "coordinate_map": coordinate_map, "softness": softness, "node": node, "samples": samples,
-             "duration": duration}
+    given = {"form": form, "coordinate_map": coordinate_map, "softness": softness, "node": node, "alpha": alpha,
+             "beta": beta, "samples": samples, "duration": duration}
     options = {key: value for key, value in given.items() if value is not None}
     loaded = load_scene(scene)
     traj = run_scene(loaded, engine, method, step=step, rtol=rtol, **options)
@@ -302,6 +304,8 @@ def _print_run(traj: Any, csv_file: str | None) -> None:
     levels = [(name, getattr(traj, f"constraint_{name}")) for name in ("position", "velocity", "acceleration")]
     shown = ", ".join(f"{name} {abs(series).max():.1e}" for name, series in levels if series is not None)
     typer.echo(f"constraints, at the samples: {shown}; orthogonality {traj.orthogonality.max():.1e}")
+    if redundant := traj.stats.get("redundant_rows"):
+        typer.echo(f"{redundant} constraint rows depend on the others; multipliers are those of least norm")
     if csv_file is not None:
         typer.echo(f"written: {csv_file}")
 

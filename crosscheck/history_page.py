@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.errors import ArgumentError
+from crosscheck.files import put
 from crosscheck.history import change_points
 from crosscheck.store import StoredRun
 from crosscheck.store.figures import SPEED, Figure
@@ -18,16 +19,12 @@ WIDTH, HEIGHT, LEFT, TOP, BOTTOM = 900, 360, 80, 30, 320
 
 def write_page(path: Path, series: Sequence[tuple[StoredRun, Figure]], scene: str, engine: str, label: str) -> None:
     """Write the page of a series that is not empty; `label` names engine and method. Replaces a file as a whole."""
-    import os
-
-    from crosscheck.report.pages import _environment as environment
+    from crosscheck.report.pages import environment
 
     text = environment().get_template("history.html.j2").render(_content(series, scene, engine, label))
-    aside = path.with_name(f".{path.name}.new")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        aside.write_text(text, encoding="utf-8")
-        os.replace(aside, path)
+        put(path, text)
     except OSError as error:
         raise ArgumentError(f"--page {path}: {error.strerror or error}; choose another place") from None
 

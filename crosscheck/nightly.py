@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
-import hashlib
 import json
 import os
 import re
@@ -184,12 +183,7 @@ def _begin(out: Path, wanted: Wanted) -> tuple[dict[str, str], bool]:
 
 
 def fingerprint_of(wanted: Wanted) -> str:
-    """Digest of all that results depend on: scenes, versions, our code and kernel, what is asked for.
-
-    Results of one run have to come from one state of all these.
-    """
-    import importlib.util
-
+    """Digest of all that results depend on: scenes, versions, our code and kernel, what is asked for."""
     from crosscheck import verify
     from crosscheck.scene_file import load_scene
     from crosscheck.studies.plan import profile
@@ -197,21 +191,7 @@ def fingerprint_of(wanted: Wanted) -> str:
     settings = profile(wanted.profile)
     names = verify.select_scenes(wanted.scenes, settings.every_scene)
     engines = verify.select_engines(wanted.engines, wanted.limits)
-    versions = {key: value for key, value in provenance.describe(engines).items()
-                if key in ("engines", "packages", "python", "machine")}
-    digest = hashlib.sha256(json.dumps([wanted.command, versions, [[name, load_scene(name).hash] for name in names]],
-                                       sort_keys=True).encode())
-    kernel = importlib.util.find_spec("lieeuler._kernel")
-    package = importlib.util.find_spec("lieeuler")
-    sources = [*sorted(Path(__file__).parent.rglob("*.py"))]
-    if package is not None and package.origin:
-        sources += sorted(Path(package.origin).parent.glob("*.py"))
-    if kernel is not None and kernel.origin:
-        sources.append(Path(kernel.origin))
-    sources += [path for path in (Path(name.rpartition(":")[0]) for name in engines) if path.suffix == ".py"]
-    for source in sources:
-        digest.update(source.read_bytes())
-    return digest.hexdigest()
+    return provenance.code_digest(engines, [wanted.command, [[name, load_scene(name).hash] for name in names]])
 
 
 def _compared(results: Results, name: str, history_store: Engine, journal: Journal, limits: Limits | None

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import datetime
+import hashlib
 import importlib.metadata
+import importlib.util
+import json
 import os
 import platform
 import subprocess
@@ -26,6 +29,28 @@ def describe(engine_names: Iterable[str]) -> dict[str, Any]:
                     "cores": os.cpu_count()},
         "commit": _commit(Path(__file__).resolve().parent.parent),
     }
+
+
+def code_digest(engine_names: Iterable[str], more: Any) -> str:
+    """Digest of all that results depend on: versions, machine, our code and kernel, and `more` that JSON knows.
+
+    Results of one study have to come from one state of all these.
+    """
+    names = list(engine_names)
+    versions = {key: value for key, value in describe(names).items()
+                if key in ("engines", "packages", "python", "machine")}
+    digest = hashlib.sha256(json.dumps([more, versions], sort_keys=True).encode())
+    kernel = importlib.util.find_spec("lieeuler._kernel")
+    package = importlib.util.find_spec("lieeuler")
+    sources = [*sorted(Path(__file__).parent.rglob("*.py"))]
+    if package is not None and package.origin:
+        sources += sorted(Path(package.origin).parent.glob("*.py"))
+    if kernel is not None and kernel.origin:
+        sources.append(Path(kernel.origin))
+    sources += [path for path in (Path(name.rpartition(":")[0]) for name in names) if path.suffix == ".py"]
+    for source in sources:
+        digest.update(source.read_bytes())
+    return digest.hexdigest()
 
 
 def engine_version(name: str) -> str:

@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from crosscheck.commands import options
+from crosscheck.commands.options import Engines, chosen
+
 
 def drift(
-    scene: Annotated[list[str] | None, typer.Argument(help="names or paths; default: single_pendulum double_pendulum")
-                     ] = None,
-    engine: Annotated[list[str] | None, typer.Option("--engine", help="may be repeated; default: all")] = None,
-    method: Annotated[list[str] | None, typer.Option("--method", help="may be repeated; default: rattle2 rattle4 "
-                                                     "DAE1H_LSE RK4 RK44 RKMK4")] = None,
+    scene: Annotated[list[str] | None, options.scenes("single_pendulum double_pendulum")] = None,
+    engine: Engines = None,
+    method: Annotated[list[str] | None, options.methods("rattle2 rattle4 DAE1H_LSE RK4 RK44 RKMK4")] = None,
     step: Annotated[float, typer.Option(min=1e-9, help="s; clocks that add it up stay exact where it is a power of 2, "
                                          "as the default is")] = 2.0**-10,
     steps: Annotated[int, typer.Option(min=2, help="of each run")] = 1_000_000,
-    time_limit: Annotated[float, typer.Option(min=1e-3, help="s of one run; longer ones are left out")] = 120.0,
+    time_limit: Annotated[float, options.time_limit("longer ones are left out")] = 120.0,
     out: Annotated[Path, typer.Option(help="folder of the JSON and CSV")] = Path("reports/drift"),
 ) -> None:
     """Long runs: is the energy error a band, does the momentum hold, do constraints and attitudes?"""
     from crosscheck.cli import progress_bar
     from crosscheck.studies import drift_job as job
 
-    request = job.Request(tuple(scene or job.SCENES), tuple(engine) if engine else None,
-                          tuple(method) if method else None, step, steps, time_limit)
+    request = job.Request(chosen(scene) or job.SCENES, chosen(engine), chosen(method), step, steps, time_limit)
     with progress_bar() as progress:
         document = job.study(request, out, progress)
     _print(document)
@@ -34,10 +33,9 @@ def drift(
 
 
 def _print(document: dict[str, Any]) -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(width=None if sys.stdout.isatty() else 220, highlight=False)
+    console = options.console(220)
     table = Table("scene", "run", "steps", "s", "energy band", "slope, 1/s", "slope T / band", "growth", "energy",
                   "momentum band", "momentum", "position, m", "velocity, m/s", "orthogonality", box=None)
     for run in document["runs"]:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from typing import Annotated, Any
 
 import typer
+
+from crosscheck.commands.options import console as terminal
+from crosscheck.commands.options import figure
+from crosscheck.files import finite
 
 
 def explain(
@@ -16,6 +19,8 @@ def explain(
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the engine's choice")] = None,
     softness: Annotated[str | None, typer.Option(help="tight or default (mujoco, maximal)")] = None,
     node: Annotated[str | None, typer.Option(help="lie or euler_parameters (exudyn)")] = None,
+    alpha: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")] = None,
+    beta: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of positions, not squared")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print everything as JSON")] = False,
 ) -> None:
     """Name the likely cause where an engine differs from truth, with the evidence.
@@ -24,9 +29,9 @@ def explain(
     """
     from crosscheck.explain import explain as find
 
-    answer = find(scene, engine, method, form, softness=softness, node=node)
+    answer = find(scene, engine, method, form, softness=softness, node=node, alpha=alpha, beta=beta)
     if as_json:
-        typer.echo(json.dumps(_finite(answer.plain()), indent=1))
+        typer.echo(json.dumps(finite(answer.plain()), indent=1))
     else:
         _print(answer)
     raise typer.Exit(answer.exit_code)
@@ -34,10 +39,9 @@ def explain(
 
 def _print(answer: Any) -> None:
     """The page: verdict, what was seen, evidence, what to change."""
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(width=None if sys.stdout.isatty() else 160, highlight=False)
+    console = terminal(160)
     mark = {"agrees": "✓", "named": "✗", "unknown": "?"}[answer.outcome]
     console.print(f"{mark} {answer.sentence}", style={"agrees": "green", "named": "bold red"}.get(answer.outcome,
                                                                                                  "bold yellow"))
@@ -55,23 +59,8 @@ def _print(answer: Any) -> None:
         table = Table("", "hypothesis", "residual before", "after", "fitted", "residual of", box=None, pad_edge=False,
                       title=f"evidence, {answer.tried} hypotheses tried", title_justify="left")
         for each in answer.evidence:
-            table.add_row("✓" if each.holds else "·", each.hypothesis, _number(each.before), _number(each.after),
+            table.add_row("✓" if each.holds else "·", each.hypothesis, figure(each.before), figure(each.after),
                           "; ".join(text for text in (each.magnitude, each.note) if text), each.quantity)
         console.print(table)
     for cause in answer.causes:
         console.print(f"what to change: {cause.mend} ({cause.name})")
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.3g}"
-
-
-def _finite(value: Any) -> Any:
-    """The same with None for every number that is not finite: JSON has no infinity."""
-    import math
-
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import typer
 
+from crosscheck.commands.chaos import chaos
 from crosscheck.commands.drift import drift
 from crosscheck.commands.stability import stability
 from crosscheck.commands.work_precision import work_precision
 
 app = typer.Typer(name="study", no_args_is_help=True,
-                  help="Work against precision, drift over long runs, largest usable steps.")
+                  help="Work against precision, drift over long runs, largest usable steps, chaos.")
 app.command("work-precision")(work_precision)
 app.command("drift")(drift)
 app.command("stability")(stability)
+app.command("chaos")(chaos)

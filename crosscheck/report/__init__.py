@@ -7,11 +7,11 @@ script of Plotly beside them, data in script files, nothing from a network.
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 from crosscheck.errors import ArgumentError
+from crosscheck.files import put
 from crosscheck.report import data, exports, names, pages
 
 STATIC = ("report.css", "theme.js", "tables.js", "plots.js", "study.js", "scene.js", "playback.js")
@@ -27,7 +27,7 @@ def write_report(document: dict[str, Any], folder: Path) -> None:
     """
     folder.mkdir(parents=True)
     for name, content in _files(document):
-        _put(folder / name, content)
+        put(folder / name, content)
     exports.write_parquet(document, folder / "results.parquet")
 
 
@@ -40,7 +40,7 @@ def render_again(folder: Path) -> Path:
     kept = {path.name for path in folder.iterdir()}
     for name, content in _files(document):
         if name != "results.json":
-            _put(folder / name, content)
+            put(folder / name, content)
             kept.discard(name)
     exports.write_parquet(document, folder / "results.parquet")
     # Pages of a former layout would lead nowhere.
@@ -101,13 +101,6 @@ def _files(document: dict[str, Any]) -> Any:
     yield "results.csv", exports.table(document)
     yield "junit.xml", exports.junit(document)
     yield "results.json", json.dumps(exports.without_curves(document), separators=(",", ":"), allow_nan=False)
-
-
-def _put(path: Path, text: str) -> None:
-    """Write a file such that a reader sees the old one or the new one, never a part."""
-    aside = path.with_name(f".{path.name}.new")
-    aside.write_text(text, encoding="utf-8")
-    os.replace(aside, path)
 
 
 FILES = frozenset({"index.html", "plotly.min.js", "runs.js", "summary.md", "results.csv", "results.parquet",

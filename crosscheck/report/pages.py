@@ -25,19 +25,20 @@ FORCE_UNITS = {
 """Units of the parameters of forces, where they depend on the type of force by type."""
 
 
-def _environment() -> Any:
+def environment() -> Any:
+    """Jinja's environment with the templates, filters and words of the pages."""
     import jinja2
 
-    environment = jinja2.Environment(
+    made = jinja2.Environment(
         loader=jinja2.FileSystemLoader(HERE / "templates"), undefined=jinja2.StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
-    environment.filters |= {"number": number, "sentence": sentence, "anchor": anchor, "span": span, "spoken": spoken,
+    made.filters |= {"number": number, "sentence": sentence, "anchor": anchor, "span": span, "spoken": spoken,
                             "sortable": plain_number, "query": urllib.parse.quote, "slug": slug}
-    environment.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": LEVELS, "QUANTITIES": QUANTITIES, "UNITS": UNITS,
+    made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": LEVELS, "QUANTITIES": QUANTITIES, "UNITS": UNITS,
                             "scene_file": scene_file, "engine_file": engine_file, "study_file": study_file,
                             "FORCE_UNITS": FORCE_UNITS}
-    return environment
+    return made
 
 
 def studies(document: dict[str, Any]) -> dict[str, str]:
@@ -51,7 +52,7 @@ def studies(document: dict[str, Any]) -> dict[str, str]:
 
 
 def _render(template: str, document: dict[str, Any], here: str, **more: Any) -> str:
-    return _environment().get_template(template).render(
+    return environment().get_template(template).render(
         document=document, meta=document["meta"], scenes=document["scenes"], engines=document["meta"]["engines"],
         studies=studies(document), here=here, changes=document.get("changes"),
         pages={scene["name"]: scene_file(scene) for scene in document["scenes"] if "failure" not in scene}, **more)

@@ -129,27 +129,33 @@ def measure(scene: Scene, selected: Sequence[Way], step: float, steps: int, time
         drift = Drift(scene.name, way.engine, way.method, way.form, way.label, step, steps, long.duration)
         done.append(drift)
         try:
-            _run_into(drift, scene, long, time_limit)
+            _run_into(drift, way, long, time_limit)
         except Exception as error:  # whatever an engine raises is a row of the study
             drift.status, drift.reason = "error", " ".join(str(error).split()) or type(error).__name__
         keep(done)
     return done
 
 
-def _run_into(drift: Drift, scene: Scene, long: Scene, time_limit: float) -> None:
+def too_long(scene: Scene, way: Way, step: float, steps: int, time_limit: float) -> str:
+    """Why a run would take too long by what its first steps take, or nothing. Times in s, of stepping."""
     from crosscheck.running import run
 
-    def go(over: Scene) -> Any:
-        return run(over, drift.engine, drift.method, step=drift.step, form=drift.form, monitor=False)
+    if steps <= 2 * PROBE:
+        return ""
+    short = scene.replace(duration=PROBE * step, samples=2)
+    probe = run(short, way.engine, way.method, step=step, form=way.form, monitor=False)
+    expected = probe.wall_time / PROBE * steps
+    return f"it would take about {expected:.0f} s, the limit is {time_limit:g} s" if expected > time_limit else ""
 
-    if drift.steps > 2 * PROBE:
-        probe = go(scene.replace(duration=PROBE * drift.step, samples=2))
-        expected = probe.wall_time / PROBE * drift.steps
-        if expected > time_limit:
-            drift.status = "skipped"
-            drift.reason = f"it would take about {expected:.0f} s, the limit is {time_limit:g} s"
-            return
-    traj = go(long)
+
+def _run_into(drift: Drift, way: Way, long: Scene, time_limit: float) -> None:
+    from crosscheck.running import run
+
+    drift.reason = too_long(long, way, drift.step, drift.steps, time_limit)
+    if drift.reason:
+        drift.status = "skipped"
+        return
+    traj = run(long, drift.engine, drift.method, step=drift.step, form=drift.form, monitor=False)
     drift.wall_time = traj.wall_time
     fill_in(drift, traj)
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
-import math
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from crosscheck.errors import ArgumentError
+from crosscheck.files import finite, put
+
+if TYPE_CHECKING:
+    from crosscheck.journal import Journal
 
 
 def check(out: Path, study: str) -> None:
@@ -23,49 +26,62 @@ def check(out: Path, study: str) -> None:
     study : name of the study, which is that of its files
     """
     try:
-        if out.is_dir() and any(out.iterdir()) and not (out / f"{study}.json").is_file():
+        if out.is_dir() and not (out / f"{study}.json").is_file() and any(
+                not path.name.startswith(f".{study}-") for path in out.iterdir()):
             raise ArgumentError(f"--out {out}: this folder holds something else than a study {study}; choose an empty "
                                 "folder or one that does not exist yet")
         out.mkdir(parents=True, exist_ok=True)
-        _put(out / ".writable", "")
+        put(out / ".writable", "")
         (out / ".writable").unlink()
     except OSError as error:
         raise ArgumentError(f"--out {out}: {error.strerror or error}; choose another folder") from None
 
 
-def write(out: Path, document: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], page: str | None = None) -> None:
-    """Write <study>.json, <study>.csv of its rows and, with a page, index.html and plotly.min.js beside it.
+@contextlib.contextmanager
+def journal(out: Path, study: str, state: str, types: dict[str, Any]) -> Iterator[Journal]:
+    """The journal of a study under way; one that a kill left is gone on with where its state was the same.
 
-    Numbers that are not finite become null, and empty cells.
+    Parameters
+    ----------
+    out, study : as in `check`
+    state : digest of all that results depend on; what another state left is removed
+    types : as of `Journal`
+    """
+    from crosscheck.journal import Journal
+
+    path = out / f".{study}-{state[:16]}.journal"
+    for other in out.glob(f".{study}-*.journal"):
+        if other != path:
+            other.unlink()
+    kept = Journal(path, types)
+    try:
+        yield kept
+    finally:
+        kept.close()
+    path.unlink()
+
+
+def write(out: Path, document: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], page: str | None = None,
+          static: Sequence[str] = ()) -> None:
+    """Write <study>.json, <study>.csv of its rows and, with a page, index.html and what it needs beside it.
+
+    Numbers that are not finite become null, and empty cells. `static` are files of the report's pages.
     """
     study = document["study"]
-    document = _finite(document)
-    _put(out / f"{study}.json", json.dumps(document, indent=1, allow_nan=False))
+    document = finite(document)
+    put(out / f"{study}.json", json.dumps(document, indent=1, allow_nan=False))
     table = io.StringIO()
     if rows:
         writer = csv.DictWriter(table, list(rows[0]), lineterminator="\n")
         writer.writeheader()
-        writer.writerows(_finite(list(rows)))
-    _put(out / f"{study}.csv", table.getvalue())
+        writer.writerows(finite(list(rows)))
+    put(out / f"{study}.csv", table.getvalue())
     if page is not None:
         import plotly.offline
 
-        from crosscheck.report.pages import _environment as environment
+        from crosscheck.report.pages import HERE, environment
 
-        text = environment().get_template(page).render(document=document)
-        _put(out / "plotly.min.js", plotly.offline.get_plotlyjs())
-        _put(out / "index.html", text)
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _put(path: Path, text: str) -> None:
-    aside = path.with_name(f".{path.name}.new")
-    aside.write_text(text, encoding="utf-8")
-    os.replace(aside, path)
+        put(out / "plotly.min.js", plotly.offline.get_plotlyjs())
+        for name in static:
+            put(out / name, (HERE / "static" / name).read_text(encoding="utf-8"))
+        put(out / "index.html", environment().get_template(page).render(document=document))

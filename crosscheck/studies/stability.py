@@ -20,7 +20,7 @@ from crosscheck.references.base import Reference
 from crosscheck.scene import Scene
 
 USABLE = 0.1
-"""End error, as a share of the scene's size or in rad, up to which a run says something."""
+"""End error, as a share of how far the scene's bodies move or in rad, up to which a run says something."""
 
 CLOSE = 1.05
 """The bisection ends where the step found and the next unusable one differ by less than this factor, or by one step."""
@@ -38,19 +38,19 @@ class Attempt:
 
     steps: int
     outcome: str
-    error: float | None  # share of the scene's size, or rad
+    error: float | None  # share of the motion, or rad
     wall_time: float  # s, of stepping; of the whole run where it failed
     message: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
 class Target:
-    """What runs of one scene are compared with: the true end, and the size in m that makes position errors shares."""
+    """What runs of one scene are compared with: the true end, and the motion in m that makes position errors shares."""
 
     scene: Scene  # two samples
     x: np.ndarray  # (n, 3) true positions at the end
     R: np.ndarray  # (n, 3, 3) true attitudes at the end
-    size: float
+    moved: float  # how far a body gets from its start at most: of a sleeping top that stays up this is little
     attitudes: bool  # positions do not depend on attitudes here, so that these count
 
 
@@ -72,10 +72,11 @@ def target(scene: Scene, truth: Reference) -> Target:
     last = int(np.count_nonzero(truth.t <= truth.horizon * (1 + 1e-12))) - 1
     if last < 1:
         raise ArgumentError(f"scene {scene.name!r}: chaotic from its first sample on; give it more samples")
-    size = tolerances.scales(scene, truth).of("position")
+    moved = float(np.linalg.norm(truth.states.x[:last + 1] - truth.states.x[0], axis=-1).max())
+    moved = moved or tolerances.scales(scene, truth).of("position")  # where nothing moves, anything is an error
     tied = scene.joints or any(force.type in ("linear_spring", "constant_force") for force in scene.forces)
     short = scene.replace(duration=float(truth.t[last]), samples=2)
-    return Target(short, truth.states.x[last], truth.states.R[last], size, not tied)
+    return Target(short, truth.states.x[last], truth.states.R[last], moved, not tied)
 
 
 def attempt(goal: Target, engine: str, method: str, steps: int) -> Attempt:
@@ -108,10 +109,10 @@ def _failure(error: Exception) -> str:
 
 
 def end_error(goal: Target, x: np.ndarray, R: np.ndarray) -> float:
-    """Largest position error over the scene's size; where positions do not depend on attitudes, also their angle."""
+    """Largest position error over the motion; where positions do not depend on attitudes, also their angle."""
     from crosscheck.metrics import attitude_angle
 
-    found = float(np.linalg.norm(x - goal.x, axis=-1).max()) / goal.size
+    found = float(np.linalg.norm(x - goal.x, axis=-1).max()) / goal.moved
     if goal.attitudes:
         found = max(found, float(attitude_angle(R, goal.R).max()))
     return found if math.isfinite(found) else math.inf

@@ -1,8 +1,9 @@
-"""The stability study of several scenes, every way in a worker process, written after every way."""
+"""The stability study of several scenes: every way in a worker process, kept in a journal, written as ways end."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,12 +12,16 @@ from typing import Any
 from crosscheck import engines as all_engines
 from crosscheck import provenance
 from crosscheck.grid import Crash, Limits, run_tasks
+from crosscheck.journal import Journal
 from crosscheck.studies import results_folder
 from crosscheck.studies.stability import COMMON, USABLE, Way, blank, search
 from crosscheck.workers.process import GIGABYTE
 
 STUDY = "stability"
 TAG = "hard"
+ALSO = ("single_pendulum", "double_pendulum", "heavy_top")
+"""What the hard scenes are compared with: everyday ones."""
+
 OWN = "lieeuler"
 
 ADDED = ("pinocchio",)
@@ -25,24 +30,38 @@ ADDED = ("pinocchio",)
 WAYS = 60
 """A way may take this many times the limit of one run; its search makes some forty runs, most of them short."""
 
-TRUTH_LIMIT = 600.0
-"""s that the truth of one scene may take."""
+PATIENCE = 900.0
+"""s that a way may take in any case: on a crowded machine, loading an engine alone takes a minute."""
+
+TRUTH_LIMIT = 1800.0
+"""s that the truth of one scene may take; that of stiff_damped takes a hundred on a machine that is free."""
 
 MEMORY = 4.0 * GIGABYTE
+
+PAUSE = 10.0
+"""s between two writings of the folder: the journal keeps every way as it ends, the page may lag behind."""
+
+STATIC = ("report.css", "theme.js", "tables.js")
+
+SHADES = (0.95, 0.5, 0.1, 0.01)
+"""Shares of the largest step of a scene that bound the shades of the map, the first of which is as good as the best."""
+
+TYPES = {"truth": dict[str, Any], "way": dict[str, Any]}
 
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """What to measure; None: the scenes tagged "hard", all engines, all methods that take a fixed step."""
+    """What to measure; None: the hard scenes and `ALSO`, all engines, all methods that take a fixed step."""
 
     scenes: tuple[str, ...] | None = None
     engines: tuple[str, ...] | None = None
     methods: tuple[str, ...] | None = None
     time_limit: float = 2.0  # s of one run
+    jobs: int = 2
 
 
 def study(request: Request, out: Path, progress: Callable[[int, int | None, str], Any]) -> dict[str, Any]:
-    """Measure, write into `out` after every way, and return the document.
+    """Measure, write into `out` on the way, and return the document. A study that was killed goes on where it was.
 
     Raises `ArgumentError` for wrong names or a folder that must not be replaced; a failed way is a row.
     """
@@ -51,41 +70,96 @@ def study(request: Request, out: Path, progress: Callable[[int, int | None, str]
 
     engines = request.engines or all_engines.names()
     check_names(engines, request.methods)
-    scenes = request.scenes or hard_scenes()
-    for name in scenes:
-        load_scene(name)
+    scenes = request.scenes or (*ALSO, *hard_scenes())
+    hashes = [load_scene(name).hash for name in scenes]
     results_folder.check(out, STUDY)
     ways = [Way(scene, engine, method, request.time_limit) for scene in scenes for engine in engines
             for method in fixed_step_methods(engine) if request.methods is None or method in request.methods]
-    total = len(ways)
-    began = time.perf_counter()
-    untrue = _without_truth(scenes)
-    document: dict[str, Any] = {"study": STUDY, "meta": provenance.describe(engines), "usable": USABLE,
-                                "common": COMMON, "scenes": [], "rows": []}
+    state = provenance.code_digest(engines, [dataclasses.asdict(request), hashes])
+    found: list[dict[str, Any] | None] = [None] * len(ways)
+    with results_folder.journal(out, STUDY, state, TYPES) as journal:
+        sheet = _Sheet(out, engines, request, journal)
 
-    def keep(index: int, found: Any) -> None:
-        way = ways[index]
-        if isinstance(found, Crash):
-            found = blank(load_scene(way.scene).name, way) | {"outcome": "failed", "reason": found.message}
-        document["rows"].append(found)
-        document["scenes"] = summary(document["rows"])
-        document["meta"]["seconds"] = time.perf_counter() - began
-        results_folder.write(out, document, [{key: value for key, value in row.items() if key != "runs"}
-                                             for row in document["rows"]])
-        progress(len(document["rows"]), total, f"{found['scene']} {way.engine} {way.method}")
+        def keep(index: int, row: dict[str, Any]) -> None:
+            found[index] = row
+            rows = [each for each in found if each is not None]
+            sheet.write(rows, last=len(rows) == len(ways))
+            progress(len(rows), len(ways), f"{row['scene']} {row['engine']} {row['method']}")
 
+        _measure(ways, request, journal, keep, progress)
+    return sheet.document
+
+
+class _Sheet:
+    """The document, and when it was last written."""
+
+    def __init__(self, out: Path, engines: tuple[str, ...], request: Request, journal: Journal) -> None:
+        self._out, self._journal, self._written = out, journal, -math.inf
+        self.document: dict[str, Any] = {
+            "study": STUDY, "usable": USABLE, "common": COMMON, "scenes": [], "map": [], "rows": [],
+            "meta": provenance.describe(engines) | {"time_limit": request.time_limit, "jobs": request.jobs}}
+
+    def write(self, rows: list[dict[str, Any]], last: bool) -> None:
+        """Write the folder, unless it was written just now."""
+        if not last and time.perf_counter() - self._written < PAUSE:
+            return
+        self.document |= {"rows": rows, "scenes": summary(rows), "map": shaded(rows)}
+        self.document["meta"]["seconds"] = self._journal.seconds
+        table = [{key: value for key, value in row.items() if key != "runs"} for row in rows]
+        results_folder.write(self._out, self.document, table, "stability.html.j2", STATIC)
+        self._written = time.perf_counter()
+
+
+def _measure(ways: list[Way], request: Request, journal: Journal, keep: Callable[[int, dict[str, Any]], None],
+             progress: Callable[[int, int | None, str], Any]) -> None:
+    """Hand the row of every way to `keep`, from the journal where it is there."""
+    untrue = _without_truth(list(dict.fromkeys(way.scene for way in ways)), request.jobs, journal, progress)
+    open_ways = []
     for index, way in enumerate(ways):
-        if way.scene in untrue:
-            keep(index, untrue[way.scene])
-    ways = [way for way in ways if way.scene not in untrue]
-    run_tasks(search, ways, 1, keep, Limits(WAYS * request.time_limit, MEMORY))
-    return document
+        row = journal.get("way", _key(way))
+        if row is None and way.scene in untrue:
+            row = _failed(way, untrue[way.scene])
+        if row is None:
+            open_ways.append(index)
+        else:
+            keep(index, row)
+
+    def done(place: int, row: Any) -> None:
+        way = ways[open_ways[place]]
+        if isinstance(row, Crash):  # not into the journal: what a crowded machine stopped may end the next time
+            keep(open_ways[place], _failed(way, row.message))
+        else:
+            keep(open_ways[place], journal.put("way", _key(way), row))
+
+    run_tasks(search, [ways[index] for index in open_ways], request.jobs, done,
+              Limits(max(PATIENCE, WAYS * request.time_limit), MEMORY))
 
 
-def _without_truth(scenes: tuple[str, ...]) -> dict[str, Crash]:
+def _key(way: Way) -> str:
+    return f"{way.scene} {way.engine} {way.method}"
+
+
+def _failed(way: Way, reason: str) -> dict[str, Any]:
+    from crosscheck.scene_file import load_scene
+
+    return blank(load_scene(way.scene).name, way) | {"outcome": "failed", "reason": reason}
+
+
+def _without_truth(scenes: list[str], jobs: int, journal: Journal,
+                   progress: Callable[[int, int | None, str], Any]) -> dict[str, str]:
     """Why some scenes have no truth. That of the others is in the cache then, and costs their ways no time."""
-    found = run_tasks(prepare, scenes, 1, limits=Limits(TRUTH_LIMIT, MEMORY))
-    return {scene: crash for scene, crash in zip(scenes, found, strict=True) if crash is not None}
+    kept = {scene: journal.get("truth", scene) for scene in scenes}
+    missing = [scene for scene, entry in kept.items() if entry is None]
+
+    def done(place: int, result: Any) -> None:
+        if isinstance(result, Crash):
+            kept[missing[place]] = {"reason": result.message}
+        else:
+            kept[missing[place]] = journal.put("truth", missing[place], {"reason": ""})
+        progress(place + 1, len(missing), f"truth of {missing[place]}")
+
+    run_tasks(prepare, missing, jobs, done, Limits(TRUTH_LIMIT, MEMORY))
+    return {scene: entry["reason"] for scene, entry in kept.items() if entry["reason"]}
 
 
 def prepare(scene: str) -> None:
@@ -128,6 +202,29 @@ def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
                       "stock_h_max": _step(stock), "ratio": _ratio(own, stock), "any": _label(other),
                       "any_h_max": _step(other), "ratio_any": _ratio(own, other)})
     return found
+
+
+def shaded(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The map: for every engine and method a cell per scene, shaded from 0, the scene's largest step, to `SHADES`."""
+    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    largest = {scene: max((row["h_max"] for row in rows if row["scene"] == scene and row["h_max"]), default=0.0)
+               for scene in scenes}
+    by_way: dict[tuple[str, str], dict[str, dict[str, Any]]] = {}
+    for row in rows:
+        by_way.setdefault((row["engine"], row["method"]), {})[row["scene"]] = row
+    return [{"engine": engine, "method": method, "cells": [_cell(cells.get(scene), scene, largest[scene])
+                                                           for scene in scenes]}
+            for (engine, method), cells in by_way.items()]
+
+
+def _cell(row: dict[str, Any] | None, scene: str, largest: float) -> dict[str, Any]:
+    """A cell of the map; `row` is None where this way was not measured."""
+    if row is None:
+        return {"scene": scene, "h_max": None, "shade": None, "common_error": None, "outcome": "", "reason": ""}
+    step = row["h_max"]
+    return {"scene": scene, "h_max": step, "common_error": row["common_error"], "outcome": row["outcome"],
+            "shade": None if step is None else sum(step < share * largest for share in SHADES),
+            "reason": row["failures"] or row["reason"]}
 
 
 def _largest(rows: list[dict[str, Any]]) -> dict[str, Any] | None:

@@ -1,5 +1,7 @@
 """Attitudes at the worst places, each with an exact property."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -122,3 +124,45 @@ def test_a_thousand_flips_keep_energy_and_momentum(method):
     error = (traj.energy - traj.energy[0]) / traj.energy[0]
     band = np.ptp(error) + 50 * EPS * steps**0.6
     assert abs(np.polyfit(traj.t, error, 1)[0]) * traj.t[-1] < 0.05 * band
+
+
+def in_body_axes(scene, turn):
+    """The same body with other axes drawn on it: nothing that the world sees changes."""
+    (old,), (joint,) = scene.bodies, scene.joints
+    attitude = Rotation.from_matrix(scene.R0[0] @ turn).as_quat(scalar_first=True)
+    fresh = dataclasses.replace(old, inertia=turn.T @ old.inertia @ turn, attitude=attitude,
+                                angular_velocity=turn.T @ old.angular_velocity)
+    moved = dataclasses.replace(joint, child_anchor=turn.T @ joint.child_anchor)
+    return scene.replace(bodies=(fresh,), joints=(moved,))
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(("engine", "method"), [("lieeuler", "rkmk4"), ("mujoco", "RK4"), ("pinocchio", "RKMK4"),
+                                                ("exudyn", "RK44")])
+def test_an_engine_starts_well_from_a_gimbal_lock_of_any_axis(engine, method, axis):
+    """A quarter turn about an axis of the body is the lock of some order of angles: with axes drawn such that the body
+    starts there, no digit may be lost."""
+    scene = crosscheck.load_scene("single_pendulum").replace(duration=0.5, samples=6)
+    lock = Rotation.from_rotvec(np.pi / 2 * np.eye(3)[axis]).as_matrix()
+    turned = in_body_axes(scene, scene.R0[0].T @ lock)
+    plain, locked = (crosscheck.run(each, engine, method, step=1e-3) for each in (scene, turned))
+    exact = crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-13)
+    error = np.abs(plain.x - exact.x).max()
+    # other angles, other constants of the same order: more than tenfold would be a lock, and below 1e-12 is rounding
+    assert np.abs(locked.x - exact.x).max() < 10 * error + 1e-12
+
+
+NEARLY_A_SPHERE = np.diag([0.1, 0.1 + 1e-7, 0.1 + 2e-7])
+
+
+@pytest.mark.parametrize("method", FIXED)
+def test_a_body_that_is_nearly_a_sphere_turns_steadily(method):
+    """Moments differ by a millionth: so may the angular velocity change a radian, and no faster."""
+    rate = np.array([1.0, -2.0, 0.5])
+    scene = make_scene([body(NEARLY_A_SPHERE, rate=rate)], [], gravity=np.zeros(3), duration=2.0, samples=11)
+    traj = crosscheck.run(scene, "lieeuler", method, step=STEP)
+    speed = np.linalg.norm(rate)
+    change = 2e-6 * speed**2 * scene.duration  # |J^-1 (w x J w)| is at most w^2 times the share by which moments differ
+    assert np.abs(traj.w[:, 0] - rate).max() < change
+    exact = scene.R0[0] @ Rotation.from_rotvec(np.outer(scene.t, rate)).as_matrix()
+    assert np.abs(traj.R[:, 0] - exact).max() < change * scene.duration

@@ -86,3 +86,30 @@ def test_joints_that_contradict_each_other_are_a_scene_error(tmp_path, change, w
     with pytest.raises(crosscheck.SceneError, match=words) as caught:
         crosscheck.load_scene(written(tmp_path, change))
     assert "held.json" in str(caught.value)
+
+
+@pytest.mark.parametrize("method", [name for name in FIXED if "position" in lieeuler.METHODS[name].held])
+def test_a_chain_almost_fully_stretched_stays_closed_and_symmetric(method):
+    """It starts as its own mirror image, and nothing tells left from right afterwards."""
+    scene = crosscheck.load_scene("taut_chain").replace(duration=0.3, samples=4)
+    step = 5e-4
+    traj, failure = outcome(scene, method, step)
+    assert failure is None, failure
+    # of 1 m, a rounding per step, magnified by 1 / 0.02: the angle of the outer rods makes up for their length
+    bound = 50 * np.finfo(float).eps * np.sqrt(0.3 / step) / 0.02
+    assert np.abs(traj.x[:, 0, 1:] - traj.x[:, 2, 1:]).max() < bound
+    assert np.abs(traj.x[:, 1, 0] - scene.x0[1, 0]).max() < bound
+    # it swings on a lever of 0.013 m, 27 rad/s: 1 rad/s at the start takes the middle 7e-4 m aside
+    assert np.abs(traj.x[-1, 1] - traj.x[0, 1]).max() > 5e-4
+
+
+def test_a_slider_crank_passes_its_dead_centres():
+    """The slider turns round at each; energy and joints know nothing of it."""
+    scene = crosscheck.load_scene("slider_crank")
+    traj = crosscheck.run(scene, "lieeuler", "rattle4", step=1e-3)
+    along = traj.x[:, 2] - traj.x[:, 2].mean(axis=0)
+    stroke = along @ np.linalg.svd(along)[2][0]
+    assert np.count_nonzero(np.diff(np.sign(np.diff(stroke)))) >= 4
+    assert traj.stats["constraint_position"] < 50 * np.finfo(float).eps  # lengths below 1 m
+    # symmetric, of order 4: a band of some (w h)^4 with the crank's 10 rad/s, no jump at a dead centre
+    assert np.ptp(traj.energy) < 1e2 * (10 * 1e-3) ** 4 * np.abs(traj.energy).max()

@@ -16,6 +16,7 @@ import numpy as np
 from crosscheck import engines
 from crosscheck.engines.base import RunSpec
 from crosscheck.engines.links import IDENTITY
+from crosscheck.grid import Crash, Limits, run_tasks
 from crosscheck.scene import GROUND, Body, Force, Joint, Scene, rotation_from_quaternion
 from crosscheck.scene_schema import JointType
 
@@ -51,9 +52,42 @@ def matrix(names: Iterable[str] | None = None) -> tuple[Support, ...]:
     found = []
     for name in engines.names() if names is None else names:
         adapter = engines.get(name)
-        for form in getattr(adapter, "forms", (None,)):
+        for form in _forms(adapter):
             found += [_support(adapter, form, minimal) for minimal in minimal_scenes()]
     return tuple(found)
+
+
+def of_scenes(scenes: Iterable[str], names: Iterable[str], within: Limits | None = None) -> list[dict[str, Any]]:
+    """Which engine and form can model which scene: rows for the key "support" of a report's document.
+
+    Each has `scene`, `engine`, `form`, `methods` (those that can) and `reason` (why the others cannot; None where all
+    can). Engines that are not installed have no rows. Those of the user's own are asked in a worker process; where one
+    fails there, that is the reason.
+    """
+    from crosscheck.provenance import NOT_INSTALLED, engine_version
+
+    tasks = [(scene, name) for scene in scenes for name in names if engine_version(name) != NOT_INSTALLED]
+    risky = [task for task in tasks if engines.is_own(task[1])]
+    told = dict(zip(risky, run_tasks(_rows, risky, 1, limits=within), strict=True))
+    rows: list[dict[str, Any]] = []
+    for scene, name in tasks:
+        found = told[scene, name] if (scene, name) in told else _rows((scene, name))
+        rows += found if not isinstance(found, Crash) else [
+            {"scene": scene, "engine": name, "form": None, "methods": [], "reason": found.message}]
+    return rows
+
+
+def _rows(task: tuple[str, str]) -> list[dict[str, Any]]:
+    from crosscheck.scene_file import load_scene
+
+    scene, adapter = load_scene(task[0]), engines.get(task[1])
+    found = [_support(adapter, form, Minimal("scene", task[0], scene)) for form in _forms(adapter)]
+    return [{"scene": task[0], "engine": task[1], "form": each.form, "methods": list(each.methods),
+             "reason": each.reason} for each in found]
+
+
+def _forms(adapter: Any) -> tuple[str | None, ...]:
+    return getattr(adapter, "forms", ()) or (None,)
 
 
 def spec(adapter: Any, method: str, form: str | None) -> RunSpec:

@@ -131,9 +131,14 @@ class Exudyn:
     def _linear_solver(self, scene: Scene, spec: RunSpec, form: str) -> str | None:
         if spec.method not in IMPLICIT or not self._constrained(scene, form):
             return None
-        if redundant_rows(scene):
-            return "EigenDense"
-        return "EigenSparse" if scene.n >= exudyn_solving.SPARSE_FROM and form == "maximal" else None
+        return _solver_for(scene, form)
+
+
+def _solver_for(scene: Scene, form: str) -> str | None:
+    """Linear solver of a constrained model; None: Exudyn's own choice."""
+    if redundant_rows(scene):
+        return "EigenDense"
+    return "EigenSparse" if scene.n >= exudyn_solving.SPARSE_FROM and form == "maximal" else None
 
 
 def _drop_unknown_accelerations(states: States, every: int) -> None:
@@ -168,17 +173,28 @@ def _turns_about_ground(scene: Scene) -> bool:
         scene.joints[0].type == "spherical" and GROUND in (scene.joints[0].parent, scene.joints[0].child))
 
 
+_ORDERS: dict[str, str] = {}
+"""Cardan orders by the hash of the scene: an order study and a timing run the same scene many times."""
+
+
 def cardan_order(scene: Scene) -> str:
     """A Cardan order whose middle angle stays clear of a quarter turn on this scene.
 
     Watched on a run in the maximal form, which has no gimbal lock: XYZ where |cos| of every middle angle stays above
     `CLEARANCE`, else the order with the largest clearance.
     """
+    if scene.hash not in _ORDERS:
+        _ORDERS[scene.hash] = _clear_order(scene)
+    return _ORDERS[scene.hash]
+
+
+def _clear_order(scene: Scene) -> str:
     from scipy.spatial.transform import Rotation
 
     build = functools.partial(exudyn_models.maximal, scene)
     try:
-        scout = solve(build, "GeneralizedAlpha", scene.duration, SCOUT_STEPS, 1)
+        linear = _solver_for(scene, "maximal") if scene.joints else None
+        scout = solve(build, "GeneralizedAlpha", scene.duration, SCOUT_STEPS, 1, linear)
     except EngineError:  # too coarse for this scene: nothing learnt, and the run itself will show its clearance
         return PREFERRED_ORDER
     states = scout.model.convert(scout.t, scout.data)

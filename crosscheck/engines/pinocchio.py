@@ -88,7 +88,7 @@ class Pinocchio:
         raw.stats["forward_dynamics"] = dynamics.algorithm
         if dynamics.closure is not None:
             raw.stats["constraint_models"] = len(dynamics.closure.joints)
-            raw.stats["proximal_mu"] = float(dynamics.closure.settings.mu)
+            raw.stats["constraint_rank"] = dynamics.closure.rank
         return raw
 
 

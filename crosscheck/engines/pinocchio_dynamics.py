@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.engines import pinocchio_redundant
 from crosscheck.engines.pinocchio_models import Model, closure, with_movable_joints
 from crosscheck.scene import GROUND, Force, Joint
 
@@ -45,7 +46,9 @@ class Dynamics:
     @property
     def algorithm(self) -> str:
         """Pinocchio's algorithm in use."""
-        return "constraintDynamics" if self.closure else "crba, Cholesky" if self.factorizes else "aba"
+        if self.closure is not None:
+            return "least norm" if self.closure.redundant else "constraintDynamics"
+        return "crba, Cholesky" if self.factorizes else "aba"
 
     def _aba_is_off(self) -> bool:
         """Whether inverse dynamics does not confirm the accelerations that aba finds at the start."""
@@ -82,6 +85,8 @@ class Dynamics:
                 J = pin.getJointJacobian(self._model, self.data, joint, pin.ReferenceFrame.LOCAL)
                 torque += J.T @ wrenches[joint].vector
         c = self.closure
+        if c.redundant:
+            return pinocchio_redundant.accelerations(self._model, self.data, c, q, v, torque)
         return pin.constraintDynamics(self._model, self.data, q, v, torque, c.models, c.workspaces, c.settings).copy()
 
     def applied(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -146,13 +151,13 @@ class Dynamics:
         if body == GROUND:
             return local, np.zeros(3)
         twist = self.data.v[joint]
-        return carrier.act(local), carrier.rotation @ (twist.linear + np.cross(twist.angular, local))
+        return carrier.act(local), carrier.rotation @ (twist.linear + self._pin.skew(twist.angular) @ local)
 
     def _push(self, wrenches: Any, body: int, point: np.ndarray, push: np.ndarray) -> None:
         """Add a force, world axes, at a point given in the body's frame."""
         joint, frame = self.model.frames[body]
         local = self.data.oMi[joint].rotation.T @ push
-        wrenches[joint] += self._pin.Force(local, np.cross(frame.act(point), local))
+        wrenches[joint] += self._pin.Force(local, self._pin.skew(frame.act(point)) @ local)
 
     def _wring(self, wrenches: Any, body: int, torque: np.ndarray) -> None:
         joint, _ = self.model.frames[body]

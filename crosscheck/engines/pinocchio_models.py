@@ -26,9 +26,6 @@ from crosscheck.states import States
 RANK_TOLERANCE = 1e-9
 """Singular values of the constraint Jacobian below this fraction of the largest count as redundant rows."""
 
-REDUNDANT = (1e-16, 1e-10, 20)
-"""Accuracy, mu and iterations of the proximal solver where rows are redundant: mu = 0 gives NaN there."""
-
 
 @dataclasses.dataclass
 class Model:
@@ -156,13 +153,18 @@ def _rolled(link: Link, q: np.ndarray, shift: int) -> np.ndarray:
 
 @dataclasses.dataclass
 class Closure:
-    """Constraint models in the form `constraintDynamics` takes; of each, the joint it closes or None for a weld."""
+    """Constraint models in the form `constraintDynamics` takes; of each, the joint it closes or None for a weld.
+
+    `rank` is that of their rows at t = 0, `redundant` whether it is less than their number.
+    """
 
     models: Any
     workspaces: Any
     settings: Any
     joints: list[Joint | None]
     bodies: list[tuple[int, int]]  # of the first and second end; a second part counts as a body
+    rank: int
+    redundant: bool
 
 
 def closure(model: Model, alpha: float, beta: float) -> Closure:
@@ -184,9 +186,8 @@ def closure(model: Model, alpha: float, beta: float) -> Closure:
     workspaces = pinocchio.StdVec_RigidConstraintData()
     for held in models:
         workspaces.append(held.createData())
-    settings = pinocchio.ProximalSettings(*REDUNDANT) if _redundant(model, models, workspaces) else (
-        pinocchio.ProximalSettings(1e-16, 0.0, 1))
-    return Closure(models, workspaces, settings, joints, bodies)
+    rank, rows = _rank(model, models, workspaces)
+    return Closure(models, workspaces, pinocchio.ProximalSettings(1e-16, 0.0, 1), joints, bodies, rank, rank < rows)
 
 
 def _held(model: Model) -> list[tuple[Joint | None, str, list[tuple[int, Any]]]]:
@@ -205,12 +206,15 @@ def _held(model: Model) -> list[tuple[Joint | None, str, list[tuple[int, Any]]]]
     return found + [(None, "CONTACT_6D", [(body, here), (part, here)]) for part, body in model.parts.items()]
 
 
-def _redundant(model: Model, models: Any, workspaces: Any) -> bool:
+def _rank(model: Model, models: Any, workspaces: Any) -> tuple[int, int]:
+    """(rank, number) of the constraints' rows at t = 0."""
     import pinocchio
 
     data = model.model.createData()
     q, _ = model.initial_state()
     pinocchio.computeJointJacobians(model.model, data, q)
+    for held, workspace in zip(models, workspaces, strict=True):  # the Jacobian takes the points' places from there
+        held.calc(model.model, data, workspace)
     jacobian = np.atleast_2d(pinocchio.getConstraintsJacobian(model.model, data, models, workspaces))
     sizes = np.linalg.svd(jacobian, compute_uv=False)
-    return len(sizes) < len(jacobian) or bool(sizes[-1] < RANK_TOLERANCE * sizes[0])
+    return int(np.count_nonzero(sizes > RANK_TOLERANCE * sizes[0])), len(jacobian)

@@ -13,9 +13,10 @@ import lieeuler
 from crosscheck import mechanics
 from crosscheck.constraints import Constraints
 from crosscheck.engines.lieeuler import build_problem
-from crosscheck.scene import GROUND, Force
+from crosscheck.scene import GROUND
 from lieeuler import _kernel
-from tests.scene_making import JOINT_TYPES, closed, jointed_pair, make_scene, moved, random_body, random_joint, unit
+from tests.engines import pairs
+from tests.scene_making import JOINT_TYPES, drawn, jointed_pair, make_scene, moved, random_body, random_joint, unit
 from tests.test_mechanics import aligned_pair, springs
 
 seeds = st.integers(0, 2**31)
@@ -112,19 +113,8 @@ def moving():
     made = {}
     for number, kind in enumerate(JOINT_TYPES):
         rng = np.random.default_rng(100 + number)
-        forces = [
-            Force("linear_spring", GROUND, 1, None, {"parent_point": (0.5, -1.0, 2.0), "child_point": (0.3, 0.1, 0.2),
-                                                     "stiffness": 20.0, "free_length": 0.4, "damping": 0.5}),
-            Force("linear_spring", 0, 1, None, {"parent_point": (1.5, 1.0, 2.0), "child_point": (-0.3, 2.1, 0.2),
-                                                "stiffness": 10.0, "free_length": 0.7, "damping": 0.3}),
-            Force("constant_force", None, 1, None, {"child_point": (0.1, 0.2, 0.3), "frame": "body",
-                                                    "force": (1.0, -2.0, 0.5)}),
-            Force("constant_torque", None, 0, None, {"frame": "world", "torque": (0.4, 0.1, -0.3)}),
-        ]
-        if kind in ("revolute", "cylindrical"):
-            forces.append(Force("torsional_spring", None, None, "joint", {"stiffness": 3.0, "rest_angle": 0.4,
-                                                                         "damping": 0.2}))
-        scene = closed(jointed_pair(rng, kind, forces))
+        forces = [*pairs.loads(), *([pairs.torsion()] if kind in pairs.SPRUNG else [])]
+        scene = drawn(lambda rng=rng, kind=kind, forces=forces: jointed_pair(rng, kind, forces))
         made[kind] = scene, exact(scene, 0.2)
     return made
 

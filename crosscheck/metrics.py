@@ -22,6 +22,9 @@ PLATEAU = 8.0
 """An error below this many rounding floors carries too much noise to take part in an order fit: at 8 floors the
 noise moves one error by 1/8, which moves the order fitted over three halvings by at most 0.05."""
 
+SETTLED = 0.05
+"""Orders between neighbouring steps that differ by no more, as noise alone may move them, do not change any more."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Error:
@@ -44,6 +47,8 @@ class Order:
     used: int  # steps that took part
     pairs: tuple[float, ...]  # orders between neighbouring steps, all of them, coarse to fine
     note: str = ""
+    settled: bool = True  # the last three orders between neighbouring steps above the plateau agree within `SETTLED`
+    exhausted: bool = False  # the finest step lies on the plateau, a finer one would show nothing but rounding
 
 
 def attitude_angle(R: np.ndarray, S: np.ndarray) -> np.ndarray:
@@ -87,7 +92,8 @@ def errors(scene: Scene, run: States, truth: States, until: float = np.inf) -> d
     return result
 
 
-def observed_order(steps: Sequence[float], values: Sequence[float], floor: float = 0.0) -> Order:
+def observed_order(steps: Sequence[float], values: Sequence[float], floor: float = 0.0,
+                   finest: int | None = None) -> Order:
     """Order p of errors ~ h^p by least squares in the logarithms, over the steps above the rounding plateau.
 
     Parameters
@@ -95,6 +101,7 @@ def observed_order(steps: Sequence[float], values: Sequence[float], floor: float
     steps : step sizes (s), any order
     values : the error at each step, against truth
     floor : rounding level of the error; errors below `PLATEAU` floors, and all at finer steps, do not take part
+    finest : how many take part at most, the finest of those above the plateau; None: all
     """
     pairs = sorted(zip(steps, values, strict=True), reverse=True)
     h = np.array([step for step, _ in pairs])
@@ -107,8 +114,12 @@ def observed_order(steps: Sequence[float], values: Sequence[float], floor: float
     last = first
     while last < len(h) and good[last]:
         last += 1
+    recent = slopes[first:last - 1][-3:]
+    settled, exhausted = len(recent) == 3 and bool(np.ptp(recent) <= SETTLED), last < len(h)
+    first = max(first, last - (finest or last))
     used = last - first if good.any() else 0
     if used < 3:
-        return Order(None, used, neighbours, f"only {used} of {len(h)} steps lie above the rounding plateau")
+        return Order(None, used, neighbours, f"only {used} of {len(h)} steps lie above the rounding plateau", settled,
+                     exhausted)
     slope = np.polyfit(np.log(h[first:last]), np.log(e[first:last]), 1)[0]
-    return Order(float(slope), used, neighbours)
+    return Order(float(slope), used, neighbours, settled=settled, exhausted=exhausted)

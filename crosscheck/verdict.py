@@ -86,6 +86,7 @@ class Record:
     speed: dict[str, Any] = dataclasses.field(default_factory=dict)  # `crosscheck.studies.speed.Speed`, where measured
     orders: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
     ladder: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    ladder_cut: str = ""  # why the order study has fewer steps than planned, where the bound of its time cut it
     timing: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     curves: dict[str, Any] = dataclasses.field(default_factory=dict)
 
@@ -249,26 +250,44 @@ def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bound
     return findings
 
 
-def judge_orders(order: int, ladder: list[dict[str, Any]], floors: dict[str, float]) -> tuple[list[Finding],
-                                                                                            dict[str, Order]]:
-    """Observed order of every quantity against the documented one; a higher one is no fault."""
+def judge_orders(order: int, ladder: list[dict[str, Any]], floors: dict[str, float],
+                 rungs: int | None = None) -> tuple[list[Finding], dict[str, Order]]:
+    """Observed order of every quantity against the documented one; a higher one is no fault.
+
+    An order is a property of vanishing steps: where that of the first `rungs` steps (None: of all) is low, the same
+    number of finest ones above the rounding plateau decides. Where rounding sets in before the order has settled, it is
+    known to the nearest whole number only, which orders are.
+    """
     findings, orders = [], {}
     steps = [rung["step"] for rung in ladder]
     for quantity in QUANTITIES:
         values = [rung["errors"].get(quantity, math.inf) for rung in ladder]
-        result = observed_order(steps, values, floors[quantity])
-        orders[quantity] = result
         lowest = order - tolerances.order_margin(order)
+        result = observed_order(steps[:rungs], values[:rungs], floors[quantity])
+        if result.observed is not None and result.observed < lowest:
+            result = observed_order(steps, values, floors[quantity], rungs)
+        orders[quantity] = result
         why = f"documented order {order}, least squares over {result.used} steps of {len(steps)}"
-        kind = f"order {quantity}"
-        if not np.isfinite(values).all():
-            findings.append(Finding(kind, "fail", None, lowest, "1", why, "a run of the order study was not finite"))
-        elif result.observed is None:
-            findings.append(Finding(kind, "unjudged", None, lowest, "1", why, result.note))
-        else:
-            status = "ok" if result.observed >= lowest else "fail"
-            findings.append(Finding(kind, status, result.observed, lowest, "1", why))
+        if result.observed is not None and result.observed < lowest and result.exhausted and not result.settled:
+            lowest = order - tolerances.CONSTANTS["order_margin_coarse"]
+            why += "; it still changes where rounding sets in, so that the nearest whole number counts"
+        findings.append(_order_finding(f"order {quantity}", values, result, lowest, why))
     return findings, orders
+
+
+def _order_finding(kind: str, values: list[float], result: Order, lowest: float, why: str) -> Finding:
+    if not np.isfinite(values).all():
+        return Finding(kind, "fail", None, lowest, "1", why, "a run of the order study was not finite")
+    if result.observed is None:
+        return Finding(kind, "unjudged", None, lowest, "1", why, result.note)
+    return Finding(kind, "ok" if result.observed >= lowest else "fail", result.observed, lowest, "1", why)
+
+
+def undecided(findings: list[Finding], orders: dict[str, Order]) -> bool:
+    """Whether finer steps may lift an order that is low so far, see `judge_orders`."""
+    low = {finding.kind.removeprefix("order ") for finding in findings
+           if finding.status == "fail" and finding.value is not None}
+    return any(not orders[quantity].settled and not orders[quantity].exhausted for quantity in low)
 
 
 def settle(record: Record) -> Record:
@@ -283,7 +302,7 @@ def settle(record: Record) -> Record:
         for finding in failing:
             finding.status, finding.detail = "known", entry.reason
         # Vanished means looked for and not found: a profile without an order study says nothing about orders.
-        if not failing and set(entry.kinds) <= {finding.kind for finding in seen} | {"run"}:
+        if entry.always and not failing and set(entry.kinds) <= {finding.kind for finding in seen} | {"run"}:
             record.findings.append(Finding("vanished", "fail", None, None, "", f"a known defect no longer shows: "
                                            f"{entry.reason}", "if the engine was mended, remove the entry"))
     statuses = {finding.status for finding in record.findings}

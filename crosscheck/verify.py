@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import os
 import shlex
 import time
@@ -12,8 +11,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from crosscheck import provenance, trust
+from crosscheck import provenance, support, trust
 from crosscheck.errors import ArgumentError
+from crosscheck.files import finite
 from crosscheck.grid import Crash, Limits
 from crosscheck.journal import Journal
 from crosscheck.overrides import Overrides
@@ -38,6 +38,7 @@ class Results:
     meta: dict[str, Any]
     scenes: list[dict[str, Any]]
     records: list[Record]
+    support: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # as `crosscheck.support.of_scenes` has it
 
     @property
     def exit_code(self) -> int:
@@ -53,16 +54,8 @@ class Results:
             worst = record.worst
             records.append(dataclasses.asdict(record) | {"word": record.word, "partly": record.partly,
                                                          "worst": dataclasses.asdict(worst) if worst else None})
-        return _finite({"meta": self.meta, "scenes": self.scenes, "records": records, "exit_code": self.exit_code})
-
-
-def _finite(value: Any) -> Any:
-    """The same with None for every number that is not finite: JSON has no infinity, and no plot shows one."""
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        return finite({"meta": self.meta, "scenes": self.scenes, "records": records, "exit_code": self.exit_code,
+                       "support": self.support})
 
 
 JOURNAL_TYPES = {"truth": dict[str, Any], "cell": Record, "speed": list[list[tuple[float, float]]]}
@@ -123,7 +116,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     described, plans = _truths(stages, scene_names, settings)
     without = {scene["name"]: scene["no_truth"] for scene in described if "no_truth" in scene}
     cells = [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
-                                 overrides=overrides)
+                                 overrides=overrides, most_seconds=settings.most_seconds)
              for cell in cells if not (cell.practical and cell.scene in without)]
     records = _records(stages, cells, plans, described, within)
     if settings.timing:
@@ -135,7 +128,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     meta["seconds"] = journal.seconds if journal else time.perf_counter() - started
     for scene in described:
         scene["plan"] = dataclasses.asdict(plans[scene["name"]]) if scene["name"] in plans else None
-    results = Results(meta, described, records)
+    results = Results(meta, described, records, support.of_scenes(scene_names, engine_names, within))
     recommend(results)
     return results
 
@@ -165,9 +158,10 @@ def _truths(stages: Stages, names: list[str], settings: Profile) -> tuple[list[d
 def _records(stages: Stages, cells: list[Cell], plans: dict[str, Any], described: list[dict[str, Any]],
              within: Limits) -> list[Record]:
     """The records of all cells, in their order."""
-    # The slowest kind first, so that no worker is left alone with one at the end.
+    bodies = {scene["name"]: len(scene["bodies"]) for scene in described if scene["name"] in plans}
+    # The longest first, so that no worker is left alone with one at the end.
     ready = sorted((index for index, cell in enumerate(cells) if cell.scene in plans),
-                   key=lambda index: cells[index].engine != "pinocchio")
+                   key=lambda index: (_pace(cells[index]), -bodies[cells[index].scene] * cells[index].plan.most_steps))
     chosen = [cells[index] for index in ready]
     found = stages.run("cell", guarded_cell, chosen, [_key(cell) for cell in chosen],
                        [f"{cell.scene}: {cell.label}" for cell in chosen], limits=within)
@@ -177,6 +171,14 @@ def _records(stages: Stages, cells: list[Cell], plans: dict[str, Any], described
         record.default_form = cell.default_form
     _label(records)
     return records
+
+
+PACES = ("pinocchio", "exudyn")
+"""Engines whose runs take longest, the slowest first: our own loops in Python step through Pinocchio's equations."""
+
+
+def _pace(cell: Cell) -> int:
+    return PACES.index(cell.engine) if cell.engine in PACES else len(PACES)
 
 
 def _key(cell: Cell) -> str:

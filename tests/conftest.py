@@ -2,8 +2,15 @@
 
 import os
 
+import pytest
 from hypothesis import settings
 
 # Shared machines stall: an example is never late. CI draws the same examples every time, a developer new ones.
 settings.register_profile("house", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("house")
+
+
+@pytest.fixture(scope="module")
+def truth(scene, crosscheck_truth):
+    """Truth of the scene of a test module that has a fixture `scene`."""
+    return crosscheck_truth(scene)

@@ -13,11 +13,12 @@ from crosscheck.states import States
 
 @dataclasses.dataclass
 class FakeEngine:
-    """Errors of `size` h^`real_order` t in every quantity; claims `claimed_order`."""
+    """Errors of `size` h^p (1 + `further` h) t in every quantity, p = `real_order`; claims `claimed_order`."""
 
     claimed_order: int | None = 2
     real_order: int = 2
     size: float = 0.1
+    further: float = 0.0  # 1/s
     held: frozenset = frozenset()
     refuses: str | None = None
     breaks: str | None = None
@@ -51,7 +52,7 @@ class FakeEngine:
         # Two output times make a timing run; truth wants more of them, so it is taken from a finer grid.
         exact = truth(scene.replace(samples=6) if scene.samples == 2 else scene).states
         pick = [0, -1] if scene.samples == 2 else slice(None)
-        error = self.size * h**self.real_order * exact.t[pick]
+        error = self.size * h**self.real_order * (1 + self.further * h) * exact.t[pick]
         turn = np.broadcast_to(np.eye(3), (len(error), 3, 3)).copy()
         turn[:, 0, 0] = turn[:, 1, 1] = np.cos(error)
         turn[:, 1, 0], turn[:, 0, 1] = np.sin(error), -np.sin(error)

@@ -14,11 +14,6 @@ def scene():
     return load_scene("double_pendulum").replace(duration=1.0, samples=51)
 
 
-@pytest.fixture(scope="module")
-def truth(scene, crosscheck_truth):
-    return crosscheck_truth(scene)
-
-
 def judged(scene, states, truth):
     return {finding.kind: finding for finding in judge_continuity(scene, states, truth)}
 

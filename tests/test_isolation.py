@@ -1,6 +1,10 @@
 """Engines that crash, hang, return NaN, eat memory or print: each costs one verdict, and the report is complete."""
 
 import json
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
 
@@ -129,3 +133,22 @@ def test_what_cannot_travel_is_told():
     lost = grid.run_tasks(lambda task: task, [1], 1)[0]
     assert "cannot be sent to a worker" in lost.message
     assert "cannot be sent" in grid.run_tasks(square_or_die, [lambda: None], 1)[0].message
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="reads /proc")
+def test_a_worker_ends_with_its_parent(tmp_path):
+    told = tmp_path / "pid"
+    program = ("import pathlib, sys; from crosscheck import grid; from tests.grid_tasks import tell_and_sleep; "
+               "grid.run_tasks(tell_and_sleep, [pathlib.Path(sys.argv[1])], 1)")
+    parent = subprocess.Popen([sys.executable, "-c", program, str(told)], cwd=Path(__file__).parents[1])
+    await_true(lambda: told.exists() and told.read_text())
+    parent.kill()
+    parent.wait()
+    await_true(lambda: not Path(f"/proc/{told.read_text()}").exists())
+
+
+def await_true(condition, watchdog=120.0):
+    began = time.monotonic()
+    while not condition():
+        assert time.monotonic() - began < watchdog
+        time.sleep(0.1)

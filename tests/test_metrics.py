@@ -89,6 +89,26 @@ def test_steps_on_the_rounding_plateau_do_not_count():
     assert observed_order(steps[2:], values[2:], floor).observed is None
 
 
+def test_finer_steps_show_an_order_that_the_next_term_hides():
+    steps = [4e-3 / 2**k for k in range(8)]
+    errors = [h * (1 - 200 * h) for h in steps]  # at 4 ms the next term takes 0.8 of the first one away
+    coarse = observed_order(steps[:4], errors[:4])
+    assert coarse.observed < 0.7
+    assert not coarse.settled
+    fine = observed_order(steps, errors, finest=4)
+    assert fine.used == 4
+    assert fine.observed == pytest.approx(1.0, abs=0.03)
+    assert fine.settled
+
+
+def test_an_order_settles_where_three_slopes_agree_and_is_exhausted_on_the_plateau():
+    steps = [1e-2 / 2**k for k in range(5)]
+    assert observed_order(steps[:4], [h**2 for h in steps[:4]]).settled
+    assert not observed_order(steps[:3], [h**2 for h in steps[:3]]).settled
+    assert not observed_order(steps, [h**2 for h in steps], 1e-9).exhausted
+    assert observed_order(steps, [h**2 for h in steps], 1e-6).exhausted
+
+
 def test_order_is_not_fitted_across_a_failed_step():
     assert observed_order([0.4, 0.2, 0.1, 0.05], [np.inf, 0.2, 0.1, 0.05]).used == 3
     assert observed_order([0.4, 0.2, 0.1, 0.05], [0.4, np.inf, 0.1, 0.05]).observed is None

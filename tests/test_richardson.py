@@ -20,11 +20,6 @@ def scene():
     return load_scene("single_pendulum").replace(duration=0.5, samples=6)
 
 
-@pytest.fixture(scope="module")
-def truth(scene, crosscheck_truth):
-    return crosscheck_truth(scene)
-
-
 def off(truth, size):
     """Truth pushed by `size` t metres."""
     push = size * truth.t[:, None, None] * np.array([1.0, 0.0, 0.0])

@@ -69,7 +69,7 @@ SPINS = (
 )
 
 
-MODES = ("bodies", "joints", "before")
+MODES = ("bodies", "joints", "before", "joints before")
 """What a misread attitude leaves: angular velocities of the bodies, or those across the joints; "before": frames of
 velocities turn by the right attitudes."""
 
@@ -79,6 +79,11 @@ def misread(scene: Scene, attitude: Misreading | None, spin: Misreading | None, 
 
     A body on a hinge keeps its angle and its rate: an engine that misreads quaternions has none there.
     """
+    if mode == "joints before":
+        _, read = misread(scene, None, spin)
+        spun = tuple(dataclasses.replace(body, angular_velocity=w)
+                     for body, w in zip(scene.bodies, read, strict=True))
+        return misread(scene.replace(bodies=spun), attitude, None, "joints")
     joints = {joint.child: joint for joint in scene.joints}
     R, w = scene.R0.copy(), scene.w0.copy()
     for body in parents_first(scene):

@@ -218,6 +218,7 @@ class Record(msgspec.Struct):
     word: str
     partly: bool
     worst: Finding | None
+    ladder_cut: str = ""
 
 
 class Change(msgspec.Struct):
@@ -235,12 +236,13 @@ class Change(msgspec.Struct):
 
 
 class Support(msgspec.Struct):
-    """Whether an engine can model a scene in one form."""
+    """Which methods of an engine can run a scene in one form."""
 
     scene: str
     engine: str
     form: str | None
-    reason: str | None  # why not; null where it can
+    reason: str | None  # why those that cannot do not; null where all can
+    methods: list[str] = msgspec.field(default_factory=list)  # those that can
 
 
 class Document(msgspec.Struct):

@@ -67,6 +67,8 @@ def _says_nothing(error: float | None, quantity: str, scene: dict[str, Any]) -> 
 
 def _order_rounding(record: dict[str, Any], quantity: str, scene: dict[str, Any]) -> float | None:
     """How far rounding in the errors of the order study moves the slope through them."""
+    if record.get("ladder_cut"):  # where it was cut is a matter of time
+        return None
     share = 0.0
     for rung in record["ladder"]:
         error = rung["errors"].get(quantity)

@@ -26,6 +26,9 @@ EXTENTS: dict[str, tuple[float, float | None]] = {
     # Joint angles that whip: at first order only the beginning can be judged, and longer windows need not be tried.
     "chain_8": (0.2, None),
     "slider_crank": (0.1, None),
+    "stiff_spring": (0.5, None),
+    # The fast decay is over at once and the slow one in 0.1 s; what follows is a pendulum in steps of 5e-5 s.
+    "stiff_damped": (0.1, 0.2),
     # At its own length the budget leaves steps too coarse for first order.
     "double_four_bar": (1.0, 5.0),
 }
@@ -45,28 +48,51 @@ def plan_within(scene: Scene, name: str, most_steps: int) -> ScenePlan:
         return PLANS[name]
     first, duration = EXTENTS.get(name, (WINDOWS[0], None))
     shortest = (duration or scene.duration) * math.sqrt(scene.n) / most_steps
+    longest = _longest_step(scene)
     samples = max(26, 251 // max(1, scene.n // 2))
-    for window in (length for length in WINDOWS if length <= first):
+    affordable = most_steps / math.sqrt(scene.n)
+    # A stiff scene would be stepped through many times by every order study: its ladders end at an eighth of `longest`.
+    lengths = [length for length in WINDOWS if length <= first and 8 * length / longest <= affordable]
+    for window in lengths or WINDOWS[-1:]:
         short = windowed(scene, window)
         found = plan_from_truth(short, truth(short))
-        steps = {order: max(step, _readable_above(shortest)) for order, step in found.steps.items()}
-        if all(SHARE * (steps[order] / step) ** order <= WIDEST for order, step in found.steps.items()):
+        steps = {order: min(max(step, _readable_above(shortest)), longest) for order, step in found.steps.items()}
+        ladders = {order: _ladder(order, step, found.window / (STUDY_SAMPLES - 1), longest)
+                   for order, step in steps.items()}
+        plan = dataclasses.replace(found, steps=steps, ladders=ladders, samples=samples, duration=duration)
+        if plan.most_steps <= affordable and all(
+                SHARE * (steps[order] / step) ** order <= WIDEST for order, step in found.steps.items()):
             break
-    ladders = {order: _ladder(order, step, found.window / (STUDY_SAMPLES - 1)) for order, step in steps.items()}
-    return dataclasses.replace(found, steps=steps, ladders=ladders, samples=samples, duration=duration)
+    return plan
 
 
-def _ladder(order: int, step: float, interval: float) -> tuple[float, ...]:
-    """Steps (s) of the order study, from that of the main run; all have to fit between two output times, `interval`.
+def _longest_step(scene: Scene) -> float:
+    """One over the fastest decay or oscillation (1/s) of a scene with springs, at its start; s.
+
+    Much longer steps are unstable with every explicit method, and show the order of no other.
+    """
+    if not any(force.type.endswith("spring") for force in scene.forces):
+        return math.inf
+    from crosscheck.references.maximal import Maximal
+    from crosscheck.references.stiffness import eigenvalues
+
+    equations = Maximal(scene)
+    # Two digits: the step is written into commands.
+    return float(f"{1.0 / max(abs(eigenvalues(equations.rates, equations.initial()))):.1e}")
+
+
+def _ladder(order: int, step: float, interval: float, longest: float) -> tuple[float, ...]:
+    """Steps (s) of the order study, from that of the main run, none above `longest`; all have to fit between two output
+    times, `interval`.
 
     From order 4 on four times the step lies before the asymptotic range: pairs of steps of a Runge-Kutta method show
     3.5 there, then 3.8 and 3.9. From order 6 on halves are too far apart: four of them end in rounding.
     """
     if order < 4:
-        return halved(min(4 * step, interval))
+        return halved(min(4 * step, interval, longest))
     if order < 6:
-        return halved(min(2 * step, interval))
-    count = max(1, math.ceil(interval / (4 * step) - 1e-9))
+        return halved(min(2 * step, interval, longest))
+    count = max(1, math.ceil(interval / min(4 * step, longest) - 1e-9))
     counts = [count]
     for factor in (4 / 3, 5 / 3, 2):
         counts.append(max(counts[-1] + 1, round(factor * count)))

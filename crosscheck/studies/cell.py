@@ -5,29 +5,28 @@ from __future__ import annotations
 import dataclasses
 import shlex
 import statistics
-import traceback
 from typing import Any
 
 import numpy as np
 
 from crosscheck import tolerances
 from crosscheck.continuity import judge_continuity
-from crosscheck.errors import EngineError, Unsupported
-from crosscheck.metrics import QUANTITIES, errors
+from crosscheck.errors import Unsupported
+from crosscheck.metrics import errors
 from crosscheck.overrides import override
 from crosscheck.provenance import NOT_INSTALLED, engine_version
 from crosscheck.references.base import Reference
-from crosscheck.richardson import judge_limit
 from crosscheck.rounding import rounding_levels
 from crosscheck.scene import Scene
+from crosscheck.studies.attempts import attempt
 from crosscheck.studies.curves import run_curves, scene_curves
+from crosscheck.studies.order_study import order_study
 from crosscheck.studies.plan import PLANS, RTOLS, STUDY_SAMPLES, ScenePlan, plan_from_truth, plan_without_truth
 from crosscheck.verdict import (
     Finding,
     Record,
     judge_invariants,
     judge_levels,
-    judge_orders,
     judge_practical,
     judge_states,
     judge_without_truth,
@@ -52,6 +51,7 @@ class Cell:
     no_truth: str = ""  # why the scene has none; then only what needs none is judged
     practical: bool = False  # runs at the plan's practical step, far too coarse for bounds of states
     overrides: tuple[tuple[str, float, str], ...] = ()  # bounds set by the user, see `crosscheck.overrides`
+    most_seconds: float | None = None  # of processor time that the order study may take
 
     @property
     def label(self) -> str:
@@ -155,7 +155,7 @@ def run_cell(cell: Cell) -> Record:
     reference, window = truth(scene), truth(windowed(scene, cell.plan.window))
     _main_run(record, scene, reference, window, engine.held_levels(scene, spec))
     if cell.study and record.outcome != "unsupported":
-        _order_study(record, cell, windowed(scene, cell.plan.window), window)
+        order_study(record, cell, windowed(scene, cell.plan.window), window)
     if record.outcome == "unsupported":
         return record
     override(record, cell.overrides)
@@ -170,24 +170,6 @@ def command(cell: Cell, step: float | None, rtol: float | None) -> str:
     if not cell.whole or cell.plan.duration:
         words += ["--duration", repr(cell.plan.duration if cell.whole else cell.plan.window)]
     return shlex.join([*words, "--samples", str(cell.plan.samples), "--csv", "run.csv"])
-
-
-def _attempt(scene: Scene, record: Record, form: str | None, step: float | None, rtol: float | None,
-             **options: Any) -> Any:
-    """A trajectory, or the one-line reason why there is none."""
-    from crosscheck.running import run
-
-    try:
-        return run(scene, record.engine, record.method, step=step, rtol=rtol, form=form, **options)
-    except Unsupported as error:
-        record.outcome, record.message = "unsupported", str(error)
-    except EngineError as error:
-        return str(error)
-    except Exception as error:
-        # An adapter may meet anything inside a foreign engine; the record keeps it and the verdict fails.
-        record.message = f"{type(error).__name__}: {error}"
-        return record.message + "\n" + traceback.format_exc()
-    return record.message
 
 
 def _main_run(record: Record, scene: Scene, reference: Reference, window: Reference,
@@ -225,7 +207,7 @@ def _main_run(record: Record, scene: Scene, reference: Reference, window: Refere
 def _whole_run(record: Record, scene: Scene) -> Any:
     """The main run, or None where there is none; the record says why."""
     record.duration = scene.duration
-    traj = _attempt(scene, record, record.form, record.step, record.rtol)
+    traj = attempt(scene, record, record.form, record.step, record.rtol)
     if record.outcome == "unsupported":
         return None
     if isinstance(traj, str):
@@ -288,40 +270,6 @@ def _totals(record: Record, scene: Scene, traj: Any, reference: Reference | None
     record.momentum_error = float(np.abs(traj.momentum_vertical - exact).max())
 
 
-def _order_study(record: Record, cell: Cell, scene: Scene, reference: Reference) -> None:
-    """Errors at halved steps (or tightened tolerances) over the window, and the orders they show."""
-    order = record.documented_order
-    sizes = cell.plan.ladder(order, cell.rungs) if order is not None else RTOLS[:cell.rungs]
-    runs: list[tuple[float, Any]] = []
-    for size in sizes:
-        step, rtol = (size, None) if order is not None else (None, size)
-        traj = _attempt(scene, record, cell.form, step, rtol, monitor=False)
-        rung: dict[str, Any] = {"step": step, "rtol": rtol, "errors": {}, "end": {}, "wall_time": None, "steps": None}
-        if isinstance(traj, str):
-            rung["message"] = traj.splitlines()[0] if traj else record.message
-        else:
-            found = errors(scene, traj, reference.states, reference.horizon)
-            runs.append((traj.stats.get("step") or size, traj))
-            rung |= {"step": traj.stats.get("step") or step, "wall_time": float(traj.wall_time),
-                     "steps": int(traj.steps), "errors": {name: error.max for name, error in found.items()},
-                     "end": {name: error.end for name, error in found.items()}}
-        record.ladder.append(rung)
-    if order is None:
-        return
-    scale = tolerances.scales(scene, reference)
-    floors = {quantity: tolerances.noise(reference, scale.of(quantity)) for quantity in QUANTITIES}
-    findings, orders = judge_orders(order, record.ladder, floors)
-    # A guide of the documented slope through the coarsest point, for the eye.
-    first = record.ladder[0]
-    for rung in record.ladder:
-        start = first["errors"].get("position")
-        rung["guide"] = None if start is None else start * (rung["step"] / first["step"]) ** order
-    low = frozenset(each.kind.removeprefix("order ") for each in findings if each.status == "fail")
-    record.findings += [*findings, *judge_limit(scene, runs, reference, order, orders, low)]
-    record.orders = {name: {"observed": result.observed, "documented": order, "used": result.used,
-                            "pairs": list(result.pairs), "note": result.note} for name, result in orders.items()}
-
-
 @dataclasses.dataclass(frozen=True)
 class Timing:
     """The cells of one scene that a timing study compares, and how often."""
@@ -353,7 +301,7 @@ def time_cells(timing: Timing) -> list[list[dict[str, Any]]]:
             sizes = cell.plan.ladder(order) if order is not None else RTOLS
             for rung, size in enumerate((*sizes, *timing.main[index:index + 1])):
                 step, rtol = (size, None) if order is not None else (None, size)
-                traj = _attempt(brief, record, cell.form, step, rtol, monitor=False)
+                traj = attempt(brief, record, cell.form, step, rtol, monitor=False)
                 if not isinstance(traj, str):
                     points[index].setdefault((rung, size), []).append(traj)
     result = []

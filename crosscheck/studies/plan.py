@@ -32,6 +32,11 @@ class ScenePlan:
     samples: int = 251  # output times of the main run: smooth curves on a screen, and no more
     duration: float | None = None  # s; main runs end here where the scene itself is longer
 
+    @property
+    def most_steps(self) -> float:
+        """Steps of the finest run of the order studies, over the window."""
+        return max((self.window / ladder[-1] for ladder in self.ladders.values()), default=0.0)
+
     def step(self, order: int) -> float:
         """Step (s) of the main run of a method of this order."""
         return self.steps[max(key for key in self.steps if key <= order)]
@@ -134,13 +139,15 @@ class Profile:
     timing: int  # repeats of the timing study; 0: none
     most_steps: int | None = None  # of a main run of one body; None: as many as the bounds ask for
     every_scene: bool = False  # all scenes of the library, not only those with a plan
+    most_seconds: float | None = None  # of processor time of one order study; None: any
     speed: int = 0  # rounds of the speed study, which compares with a calibration kernel; 0: none
 
 
 PROFILES = {
     "default": Profile("default", None, True, True, 3),
     "smoke": Profile("smoke", 3, False, False, 0),
-    "full": Profile("full", None, True, True, 0, most_steps=20_000, every_scene=True, speed=3),
+    "full": Profile("full", None, True, True, 0, most_steps=20_000, every_scene=True,
+                    most_seconds=20.0, speed=3),
 }
 
 

@@ -26,6 +26,9 @@ STEPS, FEWEST = 100, 20
 TRIES, PATIENCE = 3, 12
 """A turn is the fastest of so many undisturbed tries, out of so many tries at most."""
 
+LONG = 0.01
+"""Time (s), with the making of models, after which one undisturbed try is enough: it averages over what is short."""
+
 WAITED = 0.03
 """Share of a try that the process may have waited; beyond it the try was disturbed."""
 
@@ -39,6 +42,7 @@ class Burst:
     form: str | None
     step: float | None  # s
     rtol: float | None
+    duration: float | None = None  # s, of an adaptive run: as long as `STEPS` steps are, None: the whole scene
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,7 +82,7 @@ def time_round(task: Round) -> list[list[tuple[float, float]]]:
             if index in broken:
                 continue
             output.at(str(index))
-            seconds = _seconds_per_step(scene, burst)
+            seconds = _seconds_per_step(scene, burst, warming=not turn)
             after = kernel()
             if seconds is None:
                 broken.add(index)
@@ -88,13 +92,12 @@ def time_round(task: Round) -> list[list[tuple[float, float]]]:
     return samples
 
 
-def _seconds_per_step(scene: Any, burst: Burst) -> float | None:
-    """Seconds per step in an undisturbed run of `STEPS` steps; None where the run fails."""
+def _seconds_per_step(scene: Any, burst: Burst, warming: bool) -> float | None:
+    """Seconds per step in an undisturbed run of `STEPS` steps, or `warming` in any; None where the run fails."""
     from crosscheck.running import run
 
-    duration = scene.duration if burst.step is None else min(
-        scene.duration, burst.step * max(FEWEST, STEPS // scene.n))
-    brief = scene.replace(duration=duration, samples=2)
+    wanted = burst.duration if burst.step is None else burst.step * max(FEWEST, STEPS // scene.n)
+    brief = scene.replace(duration=min(scene.duration, wanted or scene.duration), samples=2)
     steps = 1
 
     def once() -> float:
@@ -104,7 +107,7 @@ def _seconds_per_step(scene: Any, burst: Burst) -> float | None:
         return traj.wall_time
 
     try:
-        return _undisturbed(once) / steps
+        return (once() if warming else _undisturbed(once)) / steps
     except Exception:  # whatever an engine raises: the main run of the same cell is where failures are recorded
         return None
 
@@ -113,7 +116,10 @@ def _undisturbed(once: Callable[[], float]) -> float:
     """The fastest of a few tries of `once`, which returns seconds, in which the process hardly had to wait."""
     clean: list[float] = []
     others: list[float] = []
+    began = time.perf_counter()
     while len(clean) < TRIES and len(clean) + len(others) < PATIENCE:
+        if clean and time.perf_counter() - began > LONG:
+            break
         wall, worked = time.perf_counter(), time.process_time()
         seconds = once()
         waited = time.perf_counter() - wall - (time.process_time() - worked)

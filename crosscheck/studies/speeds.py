@@ -49,7 +49,9 @@ def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within
 
 def _burst(record: Record) -> speed.Burst:
     form = None if record.default_form else record.form
-    return speed.Burst(record.engine, record.method, form, record.step, record.rtol)
+    share = None if record.rtol is None or not record.steps else speed.STEPS / record.steps
+    return speed.Burst(record.engine, record.method, form, record.step, record.rtol,
+                       None if share is None or record.duration is None else share * record.duration)
 
 
 def _round(stages: Stages, tasks: list[speed.Round], name: str, within: Limits | None) -> list[Any]:

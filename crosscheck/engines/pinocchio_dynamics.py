@@ -37,7 +37,7 @@ class Dynamics:
         self._forces = [force for force in scene.forces if force.type != "torsional_spring"]
         springs = [(force, joints[force.joint]) for force in scene.forces if force.type == "torsional_spring"]
         self._turns = [(force, *self._turn(joint)) for force, joint in springs]
-        self.closure = closure(model, alpha, beta) if (model.cut or model.parts) and closed else None
+        self.closure = closure(model, self.data, alpha, beta) if (model.cut or model.parts) and closed else None
         self._reactions: _Reactions | None = None
         self.factorizes = self.closure is None and closed and self._aba_is_off()
         if self.closure is not None:

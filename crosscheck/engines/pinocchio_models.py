@@ -167,8 +167,11 @@ class Closure:
     redundant: bool
 
 
-def closure(model: Model, alpha: float, beta: float) -> Closure:
-    """Constraints of what is cut with Baumgarte's G a + gamma + 2 alpha G u + beta^2 Phi = 0."""
+def closure(model: Model, data: Any, alpha: float, beta: float) -> Closure:
+    """Constraints of what is cut with Baumgarte's G a + gamma + 2 alpha G u + beta^2 Phi = 0.
+
+    `data`, a workspace of the model, is written to: another one of a long chain would take gigabytes.
+    """
     import pinocchio
 
     models, joints, bodies = pinocchio.StdVec_RigidConstraintModel(), [], []
@@ -186,7 +189,7 @@ def closure(model: Model, alpha: float, beta: float) -> Closure:
     workspaces = pinocchio.StdVec_RigidConstraintData()
     for held in models:
         workspaces.append(held.createData())
-    rank, rows = _rank(model, models, workspaces)
+    rank, rows = _rank(model, data, models, workspaces)
     return Closure(models, workspaces, pinocchio.ProximalSettings(1e-16, 0.0, 1), joints, bodies, rank, rank < rows)
 
 
@@ -206,11 +209,10 @@ def _held(model: Model) -> list[tuple[Joint | None, str, list[tuple[int, Any]]]]
     return found + [(None, "CONTACT_6D", [(body, here), (part, here)]) for part, body in model.parts.items()]
 
 
-def _rank(model: Model, models: Any, workspaces: Any) -> tuple[int, int]:
+def _rank(model: Model, data: Any, models: Any, workspaces: Any) -> tuple[int, int]:
     """(rank, number) of the constraints' rows at t = 0."""
     import pinocchio
 
-    data = model.model.createData()
     q, _ = model.initial_state()
     pinocchio.computeJointJacobians(model.model, data, q)
     for held, workspace in zip(models, workspaces, strict=True):  # the Jacobian takes the points' places from there

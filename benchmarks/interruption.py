@@ -54,6 +54,7 @@ def main() -> int:
     parser.add_argument("--bodies", type=int, default=1)
     parser.add_argument("--closed", action="store_true", help="both ends of the chain on joints")
     options = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts background jobs with it ignored
     seconds, solution = interrupted(*long_run(options.method, options.bodies, options.closed))
     print(f"{options.method}, {options.bodies} bodies: {seconds:.3f} s after the signal, {len(solution.t)} samples, "
           f"run to {solution.t_end:.6g} s: {solution.status.value}")

@@ -90,7 +90,9 @@ def solve(scene: Scene) -> States:
     body = scene.bodies[0]
     rotation = Rotation(body.inertia, body.attitude, body.angular_velocity)
     R, w = (np.array(column) for column in zip(*[rotation.pose(t) for t in scene.t], strict=True))
-    alpha = np.linalg.solve(body.inertia, -np.cross(w, w @ body.inertia).T).T
+    # w x (J - s) w is w x J w, and leaves exactly nothing of two equal moments
+    spread = body.inertia - np.sort(np.diag(body.inertia))[1] * np.eye(3)
+    alpha = np.linalg.solve(body.inertia, -np.cross(w, w @ spread).T).T
     t = scene.t[:, None]
     x = body.position + t * body.velocity + t**2 / 2 * scene.gravity
     v, a = body.velocity + t * scene.gravity, np.broadcast_to(scene.gravity, x.shape)

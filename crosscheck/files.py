@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,15 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def put(path: Path, text: str) -> None:
-    """Write a file such that a reader sees the old one or the new one, never a part."""
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Where to write what replaces a file once it is whole: a reader sees the old one or the new one, never a part."""
     aside = path.with_name(f".{path.name}.new")
-    aside.write_text(text, encoding="utf-8")
+    yield aside
     os.replace(aside, path)
+
+
+def put(path: Path, text: str) -> None:
+    """Replace a file by a text."""
+    with replacing(path) as aside:
+        aside.write_text(text, encoding="utf-8")

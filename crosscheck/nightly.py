@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from crosscheck import history, provenance, store
 from crosscheck.errors import ArgumentError
+from crosscheck.files import replacing
 from crosscheck.journal import Journal
 from crosscheck.nightly_summary import summary
 from crosscheck.store.figures import SPEED
@@ -291,10 +292,9 @@ def _discard(path: Path) -> None:
 
 
 def _write_whole(path: Path, text: str) -> None:
-    aside = path.with_name(f"{path.name}.new")
-    aside.write_text(text, encoding="utf-8")
-    _sync(aside)
-    os.replace(aside, path)
+    with replacing(path) as aside:
+        aside.write_text(text, encoding="utf-8")
+        _sync(aside)
     _sync(path.parent)
 
 

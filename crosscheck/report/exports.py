@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
 
+from crosscheck.files import replacing
 from crosscheck.report.words import number, sentence
 
 QUANTITIES = ("position", "attitude", "velocity", "angular velocity")
@@ -77,9 +77,8 @@ def write_parquet(document: dict[str, Any], path: Path) -> None:
     # A column without any figure would be one of objects, which has no type of its own in Parquet.
     empty = [title for title in frame if frame[title].isna().all()]
     frame = frame.astype(dict.fromkeys(empty, "float64"))
-    aside = path.with_name(f".{path.name}.new")
-    frame.to_parquet(aside, index=False)
-    os.replace(aside, path)
+    with replacing(path) as aside:
+        frame.to_parquet(aside, index=False)
 
 
 def junit(document: dict[str, Any]) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from crosscheck.errors import ArgumentError
+from crosscheck.files import replacing
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 PATIENCE = 180.0
@@ -43,10 +44,8 @@ def write_pdf(pages: Sequence[Path], target: Path, browser: str | None = None) -
             _print(program, page, printed, Path(folder) / "profile")
             with printed.open("rb") as stream:
                 writer.append(PdfReader(stream), outline_item=page.stem)
-        aside = target.with_name(f".{target.name}.new")
-        with aside.open("wb") as stream:
+        with replacing(target) as aside, aside.open("wb") as stream:
             writer.write(stream)
-    os.replace(aside, target)
     return target
 
 

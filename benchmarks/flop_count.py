@@ -67,7 +67,8 @@ def per_step(program: Path, method: str, bodies: int) -> tuple[float, float]:
         run = driver.count(program, method, bodies, steps, STEP, "--dump-instr=yes")
         ran = executions(run.profile, program)
         totals.append((sum(ran.get(address, 0) * flops for address, flops in arithmetic.items()), run.instructions))
-    return tuple((b - a) / (LONG - SHORT) for a, b in zip(*totals, strict=True))  # type: ignore[return-value]
+    (few_flops, few), (many_flops, many) = totals
+    return (many_flops - few_flops) / (LONG - SHORT), (many - few) / (LONG - SHORT)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -27,7 +27,8 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
 
   HamiltonStepper(const System& system, Level level, bool index1_output, Kind kind = Kind::euler)
       : Base(system, level, index1_output, false, false, level == Level::velocity, eliminates(system)),
-        rattle_(kind == Kind::rattle), rotations_(system.n() + 1), slopes_(system.n()), momentum_(system.n() + 1),
+        rattle_(kind == Kind::rattle), rotations_(system.n() + 1), slopes_(system.n()), tangents_(slopes_),
+        velocity_slopes_(level == Level::velocity ? system.n() : 0), momentum_(system.n() + 1),
         impulse_(system.n() + 1), mu_(system.rows(), 0.0) {
     if (this->core_) return;
     for (int b = 0; b < system.n(); ++b)
@@ -59,6 +60,8 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
       slopes_[b] = maps_[b].momentum_slope(xi_[b].w, angular_momentum(body, xi_[b].w), body.inertia, h_);
+      tangents_[b] = maps_[b].left_tangent();
+      if (by_velocity()) velocity_slopes_[b] = velocity_slope(b);
     }
     return (this->core_ ? fill_core() : fill_matrix()) && this->factor_matrix();
   }
@@ -148,25 +151,25 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   Rows row_slope(int k, Side side) const {
     const Part& part = this->part_of(k);
     const int b = this->body_of(k, side);
-    const Mat3 T = maps_[b].left_tangent();
+    const Mat3& T = tangents_[b];
     const Rows G = this->here(k).jacobian(part, side);
     if (!by_velocity()) return {G.v, G.w * T};
     const Rows N = this->here(k).velocity_slope(part, side, state_.u[this->body_of(k, kParent)],
                                                 state_.u[this->body_of(k, kChild)], false);
-    return {G.v + h_ * N.v, G.w * velocity_slope(b, T) + h_ * N.w * T};
+    return {G.v + h_ * N.v, G.w * velocity_slopes_[b] + h_ * N.w * T};
   }
   // The same of a spherical part, against rotations.
   Mat3 anchor_rows(const Delassus::Place& place) const {
     const JointState& joint = joints_[place.joint];
-    const Mat3 G = joint.anchor_jacobian(place.side), T = maps_[place.body].left_tangent();
+    const Mat3 G = joint.anchor_jacobian(place.side), &T = tangents_[place.body];
     if (!by_velocity()) return G * T;
-    return G * velocity_slope(place.body, T) + h_ * joint.anchor_rate_slope(place.side, state_.u[place.body].w) * T;
+    return G * velocity_slopes_[place.body] + h_ * joint.anchor_rate_slope(place.side, state_.u[place.body].w) * T;
   }
   // d(w)/dxi, w = J^-1 (E^T y - spin).
-  Mat3 velocity_slope(int b, const Mat3& T) const {
+  Mat3 velocity_slope(int b) const {
     const Body& body = system_.bodies[b];
     return body.inertia_inverse *
-           (rotations_[b].transpose() * slopes_[b] + h_ * hat(angular_momentum(body, state_.u[b].w)) * T);
+           (rotations_[b].transpose() * slopes_[b] + h_ * hat(angular_momentum(body, state_.u[b].w)) * tangents_[b]);
   }
 
   Status finish() {
@@ -193,7 +196,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   }
 
   const bool rattle_;
-  std::vector<Mat3> rotations_, slopes_;  // E, and d(D* L)/dxi
+  std::vector<Mat3> rotations_, slopes_, tangents_, velocity_slopes_;  // E, d(D* L)/dxi, T, dw/dxi
   // p is carried from step to step: M (M^-1 p) would lose the same rounding every time, a drift that grows with n.
   std::vector<Twist> momentum_, impulse_;
   std::vector<double> mu_;

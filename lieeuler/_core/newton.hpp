@@ -1,11 +1,10 @@
 // Newton's iteration for the equations of one step, to rounding level.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <vector>
-
-#include "block_lu.hpp"
 
 namespace lieeuler {
 

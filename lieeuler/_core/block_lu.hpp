@@ -18,33 +18,48 @@
 
 namespace lieeuler {
 
-// A block is stored by rows of four, the last entry unused: rows then fit the vector registers.
-inline constexpr int kRow = 4, kBlock = 3 * kRow;
+// A block is stored by columns of four, the last entry unused: columns then fit the vector registers.
+inline constexpr int kColumn = 4, kBlock = 3 * kColumn;
 
 inline void put(double* block, const Mat3& m) {
-  for (int i = 0; i < 3; ++i)
-    for (int k = 0; k < 3; ++k) block[kRow * i + k] = m(i, k);
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i) block[kColumn * j + i] = m(i, j);
 }
 inline void add(double* block, const Mat3& m) {
-  for (int i = 0; i < 3; ++i)
-    for (int k = 0; k < 3; ++k) block[kRow * i + k] += m(i, k);
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i) block[kColumn * j + i] += m(i, j);
 }
 inline void put_diagonal(double* block, double value) {
-  for (int i = 0; i < 3; ++i) block[(kRow + 1) * i] = value;
+  for (int i = 0; i < 3; ++i) block[(kColumn + 1) * i] = value;
 }
 
-// c -= a b
-inline void subtract_product(const double* __restrict a, const double* __restrict b, double* __restrict c) {
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < kRow; ++j)
-      c[kRow * i + j] -= a[kRow * i] * b[j] + a[kRow * i + 1] * b[kRow + j] + a[kRow * i + 2] * b[2 * kRow + j];
+// a x, two rows at a time.
+struct Product {
+  Eigen::Vector2d head;
+  double last;
+};
+EIGEN_ALWAYS_INLINE Product product(const double* a, const double* x) {
+  using Head = Eigen::Map<const Eigen::Vector2d>;
+  const double *b = a + kColumn, *c = b + kColumn;
+  return {x[0] * Head(a) + x[1] * Head(b) + x[2] * Head(c), a[2] * x[0] + b[2] * x[1] + c[2] * x[2]};
 }
 // y -= a x
-inline void subtract(const double* a, const double* x, double* y) {
-  for (int i = 0; i < 3; ++i) y[i] -= a[kRow * i] * x[0] + a[kRow * i + 1] * x[1] + a[kRow * i + 2] * x[2];
+EIGEN_ALWAYS_INLINE void subtract(const double* a, const double* x, double* y) {
+  const Product ax = product(a, x);
+  Eigen::Map<Eigen::Vector2d>(y) -= ax.head;
+  y[2] -= ax.last;
+}
+// a b_j, one column.
+EIGEN_ALWAYS_INLINE Eigen::Vector4d column(const double* a, const double* b) {
+  using Column = Eigen::Map<const Eigen::Vector4d>;
+  return b[0] * Column(a) + b[1] * Column(a + kColumn) + b[2] * Column(a + 2 * kColumn);
+}
+// c -= a b
+inline void subtract_product(const double* __restrict a, const double* __restrict b, double* __restrict c) {
+  for (int j = 0; j < kBlock; j += kColumn) Eigen::Map<Eigen::Vector4d>(c + j) -= column(a, b + j);
 }
 
-// The inverse by cofactors of a matrix with rows of `stride`; false where the volume of the rows is rounding against the
+// The inverse by cofactors of a matrix with rows, or columns, of `stride`; false where the volume of the rows is rounding against the
 // product of their lengths.
 template <int stride>
 bool invert_by_cofactors(const double* a, double* out) {
@@ -141,9 +156,9 @@ class BlockLU {
     int lower = 0;
     for (const Pivot& pivot : pivots_) {
       double* const x = b + pivot.unknown;
-      const double x0 = x[0], x1 = x[1], x2 = x[2];
-      const double* const d = values + pivot.block;
-      for (int i = 0; i < 3; ++i) x[i] = d[kRow * i] * x0 + d[kRow * i + 1] * x1 + d[kRow * i + 2] * x2;
+      const Product solved = product(values + pivot.block, x);
+      Eigen::Map<Eigen::Vector2d>{x} = solved.head;
+      x[2] = solved.last;
       for (; lower < pivot.last_lower; ++lower) subtract(values + lowers_[lower].block, x, b + lowers_[lower].unknown);
     }
     if (!tail_.empty()) {
@@ -170,7 +185,7 @@ class BlockLU {
     int upper = 0, update = 0;
     for (const Pivot& pivot : pivots_) {
       double* const diagonal = values + pivot.block;
-      if (!invert_by_cofactors<kRow>(diagonal, diagonal)) return false;
+      if (!invert_by_cofactors<kColumn>(diagonal, diagonal)) return false;
       for (; upper < pivot.last_upper; ++upper) multiply(diagonal, values + uppers_[upper].block);
       for (; update < pivot.last_update; ++update)
         subtract_product(values + updates_[update].lower, values + updates_[update].upper,
@@ -180,7 +195,7 @@ class BlockLU {
     for (int i = 0; i < 3 * tail; ++i)
       for (int j = 0; j < 3 * tail; ++j)
         dense_(i, j) = tail_scale_[i] * tail_scale_[j] *
-                       values[tail_blocks_[tail * (i / 3) + j / 3] + kRow * (i % 3) + j % 3];
+                       values[tail_blocks_[tail * (i / 3) + j / 3] + kColumn * (j % 3) + i % 3];
     return true;
   }
   void scatter_tail(double* b) const {
@@ -200,12 +215,10 @@ class BlockLU {
 
   // b <- a b
   static void multiply(const double* __restrict a, double* __restrict b) {
-    double row[3][kRow];
-    for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < kRow; ++j)
-        row[i][j] = a[kRow * i] * b[j] + a[kRow * i + 1] * b[kRow + j] + a[kRow * i + 2] * b[2 * kRow + j];
-    for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < kRow; ++j) b[kRow * i + j] = row[i][j];
+    for (int j = 0; j < kBlock; j += kColumn) {
+      const Eigen::Vector4d product = column(a, b + j);
+      Eigen::Map<Eigen::Vector4d>(b + j) = product;
+    }
   }
 
   std::vector<Pivot> pivots_;

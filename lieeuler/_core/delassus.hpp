@@ -253,7 +253,7 @@ class Delassus {
   void fill(const RowsOf& rows, const Jacobians& columns) {
     lu_.set_zero();
     for (int k = 0; k < parts(); ++k)
-      for (int r = part(k).rows(); r < 3; ++r) padding_[k][(kRow + 1) * r] = 1;
+      for (int r = part(k).rows(); r < 3; ++r) padding_[k][(kColumn + 1) * r] = 1;
     for (End& end : ends_) {
       const Mobility& body = bodies_[end.body];
       if (end.part_data->spherical) {
@@ -274,7 +274,7 @@ class Delassus {
       subtract_product(row.G, column.W, pair.block);
       if (row.translation == Translation::none || column.translation == Translation::none) continue;
       if (row.translation == Translation::unit && column.translation == Translation::unit)
-        for (int i = 0; i < 3; ++i) pair.block[(kRow + 1) * i] -= row.sign * column.mobility;
+        for (int i = 0; i < 3; ++i) pair.block[(kColumn + 1) * i] -= row.sign * column.mobility;
       else
         subtract_product(full_[row.full].Gv, full_[column.full].Wv, pair.block);
     }

@@ -175,7 +175,7 @@ class EulerStepper {
   // The identity where a part has fewer than three rows.
   void pad(int k) {
     for (double* block : padding_[k])
-      for (int r = part_of(k).rows(); r < 3; ++r) block[(kRow + 1) * r] = 1;
+      for (int r = part_of(k).rows(); r < 3; ++r) block[(kColumn + 1) * r] = 1;
   }
 
   // q = q_n * (h xi); false outside the map's domain.

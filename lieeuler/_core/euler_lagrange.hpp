@@ -134,7 +134,9 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     return PairBlocks::of(lu_, columns_.v(row), columns_.w(row), columns_.xi_v(column), columns_.xi_w(column));
   }
 
-  void begin() {}
+  void begin() {
+    if (split_) split_->forget();
+  }
   void guess(std::vector<double>& z) const {
     for (int b = 0; b < system_.n(); ++b) {
       store(state_.u[b], &z[3 * nodes_.v(b)]);

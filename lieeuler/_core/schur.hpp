@@ -153,7 +153,7 @@ class SchurComplement {
     lu_.set_zero();
     for (int k = 0; k < parts(); ++k) {
       axes_[k] = &joint_of(k, joints).attitude(kChild);
-      for (int r = part(k).rows(); r < 3; ++r) diagonal_[k][(kRow + 1) * r] = 1;
+      for (int r = part(k).rows(); r < 3; ++r) diagonal_[k][(kColumn + 1) * r] = 1;
     }
     for (End& end : ends_) update(end, joint_of(end.part, joints));
     for (const Pair& pair : pairs_) {

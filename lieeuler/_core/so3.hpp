@@ -34,17 +34,20 @@ EIGEN_ALWAYS_INLINE Vec3 transposed_times(const Mat3& m, const Vec3& x) {
           m(0, 2) * x[0] + m(1, 2) * x[1] + m(2, 2) * x[2]};
 }
 
-// sum_k coefficients[k] s^k, highest power first in the loop (Horner).
-template <int N>
+// The first `Terms` of sum_k coefficients[k] s^k, highest power first in the loop (Horner).
+template <int Terms, int N>
 double polynomial(const double (&coefficients)[N], double s) {
-  double value = coefficients[N - 1];
-  for (int k = N - 2; k >= 0; --k) value = value * s + coefficients[k];
+  static_assert(Terms <= N);
+  double value = coefficients[Terms - 1];
+  for (int k = Terms - 2; k >= 0; --k) value = value * s + coefficients[k];
   return value;
 }
 
 // Below this angle squared the series reach rounding level with the terms given and need no trigonometric function;
 // above it the closed forms have lost at most one digit to cancellation.
 inline constexpr double kSeriesLimit = 0.25;
+// And below this half of them do: the rotation of one small step.
+inline constexpr double kShortSeriesLimit = 1e-3;
 
 // The even functions of |theta| the exponential map is made of, as functions of s = |theta|^2.
 struct ExpCoefficients {
@@ -53,16 +56,19 @@ struct ExpCoefficients {
   double cubic;  // (t - sin t) / t^3
 };
 
+template <int Terms>
+ExpCoefficients exp_series(double s) {
+  static constexpr double sinc[] = {1.,           -1. / 6,         1. / 120,          -1. / 5040,
+                                    1. / 362880,  -1. / 39916800,  1. / 6227020800.,  -1. / 1307674368000.};
+  static constexpr double cosc[] = {1. / 2,         -1. / 24,         1. / 720,           -1. / 40320,
+                                    1. / 3628800,   -1. / 479001600., 1. / 87178291200.,  -1. / 20922789888000.};
+  static constexpr double cubic[] = {1. / 6,          -1. / 120,         1. / 5040,            -1. / 362880,
+                                     1. / 39916800,   -1. / 6227020800., 1. / 1307674368000.,  -1. / 355687428096000.};
+  return {polynomial<Terms>(sinc, s), polynomial<Terms>(cosc, s), polynomial<Terms>(cubic, s)};
+}
 inline ExpCoefficients exp_coefficients(double s) {
-  if (s < kSeriesLimit) {
-    static constexpr double sinc[] = {1.,           -1. / 6,         1. / 120,          -1. / 5040,
-                                      1. / 362880,  -1. / 39916800,  1. / 6227020800.,  -1. / 1307674368000.};
-    static constexpr double cosc[] = {1. / 2,         -1. / 24,         1. / 720,           -1. / 40320,
-                                      1. / 3628800,   -1. / 479001600., 1. / 87178291200.,  -1. / 20922789888000.};
-    static constexpr double cubic[] = {1. / 6,          -1. / 120,         1. / 5040,            -1. / 362880,
-                                       1. / 39916800,   -1. / 6227020800., 1. / 1307674368000.,  -1. / 355687428096000.};
-    return {polynomial(sinc, s), polynomial(cosc, s), polynomial(cubic, s)};
-  }
+  if (s < kShortSeriesLimit) return exp_series<4>(s);
+  if (s < kSeriesLimit) return exp_series<8>(s);
   const double t = std::sqrt(s), sine = std::sin(t), half = std::sin(0.5 * t);
   return {sine / t, 2 * half * half / s, (t - sine) / (t * s)};
 }
@@ -81,8 +87,10 @@ inline void inverse_tangent_coefficient(double s, double& c, double& slope) {
                                           3617. / 10670622842880000.};
     static constexpr double slope_series[] = {c_series[1],     2 * c_series[2], 3 * c_series[3], 4 * c_series[4],
                                               5 * c_series[5], 6 * c_series[6], 7 * c_series[7]};
-    c = polynomial(c_series, s);
-    slope = polynomial(slope_series, s);
+    if (s < kShortSeriesLimit)
+      c = polynomial<4>(c_series, s), slope = polynomial<4>(slope_series, s);
+    else
+      c = polynomial<8>(c_series, s), slope = polynomial<7>(slope_series, s);
     return;
   }
   const double t = std::sqrt(s), sine = std::sin(0.5 * t), cotangent = std::cos(0.5 * t) / sine;

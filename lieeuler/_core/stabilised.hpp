@@ -12,8 +12,8 @@
 //   [A + h K, G^T; G T, 0] (dxi, c) = (r_u + A M^-1 r_xi - E dmu, r_mu)
 //   G M^-1 Gn^T dmu                 = r_lam + G M^-1 r_xi - (G + h N) dxi
 //
-// and since (G + h N) dxi is r_mu but for O(h) dxi, dmu is known to O(h) beforehand, and a sweep over the two shrinks the
-// error by O(h^2).
+// and since (G + h N) dxi is r_mu but for O(h) dxi, which changes little from one step to the next, dmu is known well
+// beforehand, and a sweep over the two shrinks the error by O(h^2).
 //
 // In place of S = G M^-1 Gn^T stands the one of q_n, O(h) away, as long as a pass over what that leaves of the rows shrinks
 // them well.
@@ -29,7 +29,8 @@ class StabilisedSolve {
   StabilisedSolve(const System& system, Delassus& delassus)
       : system_(system), delassus_(delassus), slopes_(2 * delassus_.parts()), rows_(3 * delassus_.parts(), 0.0),
         target_(rows_), correction_(rows_), mu_(rows_), core_rhs_(6 * system.n() + rows_.size(), 0.0), total_(core_rhs_),
-        velocity_(system.n() + 1), response_(velocity_), balance_(velocity_), shift_(velocity_), position_(delassus_.parts()) {}
+        velocity_(system.n() + 1), response_(velocity_), balance_(velocity_), shift_(velocity_),
+        guessed_(delassus_.parts()), excess_(delassus_.parts(), Vec3::Zero()) {}
 
   // Where the sweeps converge by construction: no damping, and no loops, whose redundant rows need the whole matrix.
   static bool suits(const System& system) {
@@ -40,9 +41,12 @@ class StabilisedSolve {
   // Rows at the guess, columns of the multipliers at q_n; u and T there.
   void linearise(const Constraints& joints, const Constraints& before, const std::vector<Twist>& u,
                  const std::vector<Mat3>& tangents, double h) {
+    if (h != h_) forget();
     joints_ = &joints, before_ = &before, u_ = &u, tangents_ = &tangents, h_ = h;
     fresh_ = false;
   }
+  // What one step leaves for the next to guess by.
+  void forget() { std::fill(excess_.begin(), excess_.end(), Vec3::Zero()); }
   // h N T of one side of a part that is not spherical.
   Rows& slope(int part, Side side) { return slopes_[2 * part + side]; }
 
@@ -51,15 +55,17 @@ class StabilisedSolve {
   // position and velocity hold in any case: the former are rows of the first system, and dmu is solved last.
   template <class Core>
   bool solve(std::vector<double>& r, const Nodes& nodes, const Core& core, double length, double tolerance) {
-    const double coupling = kCaution * start(r, nodes, length);
+    double coupling = kCaution * start(r, nodes, length);
     double last = std::numeric_limits<double>::infinity();
     for (int sweep = 0; sweep < kMostSweeps; ++sweep) {
       core(core_rhs_.data());
       for (size_t i = 0; i < total_.size(); ++i) total_[i] = sweep == 0 ? core_rhs_[i] : total_[i] + core_rhs_[i];
       if (!follow(tolerance * length)) return false;
-      if (sweep == 0 && coupling * largest(correction_) <= kRounding * tolerance) return finish(r, nodes);
+      const double change = largest(correction_);
+      if (coupling * change <= kRounding * tolerance) return finish(r, nodes);
       std::fill(core_rhs_.begin(), core_rhs_.end(), 0.0);
       const double left = couple(length);
+      coupling = std::max(coupling, kCaution * left / change);
       if (left <= kRounding * tolerance) return finish(r, nodes);
       if (!(left < kSlow * last)) return left <= kNoise * tolerance && finish(r, nodes);
       last = left;
@@ -85,7 +91,8 @@ class StabilisedSolve {
     for (double value : values) size = std::max(size, std::abs(value));
     return size;
   }
-  // The first right-hand sides, with dmu as if (G + h N) dxi were r_mu. Returns the size of E, of M^-1 E dmu over dmu.
+  // The first right-hand sides, with dmu as if (G + h N) dxi - r_mu were that of the last solve. Returns the size of E, of
+  // M^-1 E dmu over dmu.
   double start(const std::vector<double>& r, const Nodes& nodes, double length) {
     for (int b = 0; b < system_.n(); ++b) {
       const Twist own = load(&r[3 * nodes.v(b)]), drift = load(&r[3 * nodes.xi_v(b)]);
@@ -95,8 +102,9 @@ class StabilisedSolve {
     for (int k = 0; k < delassus_.parts(); ++k) {
       const Vec3 position = load3(&r[3 * nodes.mu(k)]), rate = load3(&r[3 * nodes.lam(k)]);
       store(position, &core_rhs_[6 * system_.n() + 3 * k]);
-      position_[k] = position;
-      store(Vec3(position - rate - row_rate(k, shift_)), &rows_[3 * k]);
+      guessed_[k] = position + excess_[k];
+      store(Vec3(guessed_[k] - rate - row_rate(k, shift_)), &rows_[3 * k]);
+      excess_[k] = -position;
     }
     std::fill(mu_.begin(), mu_.end(), 0.0);
     clear_correction();
@@ -111,9 +119,10 @@ class StabilisedSolve {
     for (int b = 0; b < system_.n(); ++b) velocity_[b] = load(&core_rhs_[6 * b]);
     velocity_[system_.n()] = Twist{};
     for (int k = 0; k < delassus_.parts(); ++k) {
-      const Vec3 rate = load3(&rows_[3 * k]) + row_rate(k, velocity_) - position_[k];
-      store(Vec3(rate + slope_rate(k)), &rows_[3 * k]);
-      position_[k].setZero();
+      const Vec3 rate = row_rate(k, velocity_) + slope_rate(k);
+      store(Vec3(load3(&rows_[3 * k]) + rate - guessed_[k]), &rows_[3 * k]);
+      excess_[k] += rate;
+      guessed_[k].setZero();
     }
     clear_correction();
     double last = largest(rows_);
@@ -220,7 +229,8 @@ class StabilisedSolve {
   std::vector<double> correction_, mu_, core_rhs_, total_;
   std::vector<Twist> velocity_, response_, balance_;
   std::vector<Twist> shift_;  // dxi - du = M^-1 (r_xi - Gn^T dmu)
-  std::vector<Vec3> position_;  // r_mu, until the first sweep has used it
+  std::vector<Vec3> guessed_;   // of (G + h N) dxi, until the first sweep has found it
+  std::vector<Vec3> excess_;    // (G + h N) dxi - r_mu
 };
 
 }  // namespace lieeuler

@@ -178,3 +178,14 @@ def test_the_documented_adapter_works(tmp_path):
     crosscheck.assert_agree(brief, [(f"{path}:SciPy", "DOP853", {"rtol": 1e-8})])
     with pytest.raises(crosscheck.Unsupported, match="DOP853 is adaptive here"):
         crosscheck.run(brief, f"{path}:SciPy", "DOP853", step=1e-3)
+
+
+@pytest.mark.slow  # two minutes of compiling
+@pytest.mark.parametrize("method", ["SymplecticEuler", "RKMK4", "RKMK8"])
+def test_compiled_pinocchio_takes_the_steps_of_its_adapter(method):
+    compiled, plain = (crosscheck.run("double_pendulum", engine, method, step=0.01, samples=11)
+                       for engine in ("examples/pinocchio_compiled.py:Compiled", "pinocchio"))
+
+    for quantity in ("x", "R", "v", "w", "a"):
+        ours, theirs = getattr(compiled, quantity), getattr(plain, quantity)
+        assert np.abs(ours - theirs).max() <= 1e-9 * np.abs(theirs).max()

@@ -25,7 +25,7 @@ from crosscheck.studies.plan import natural_time
 INTERVALS = 64
 """Of the samples for the largest errors. A power of two, as the step counts of ladders are up to a factor 3."""
 
-RTOLS = tuple(10.0**-power for power in range(2, 15))
+RTOLS = tuple(10.0**-power for power in range(1, 15))
 """Relative tolerances of the adaptive methods."""
 
 GOOD, LEAST_GAIN = 1e-9, 1.3

@@ -16,7 +16,7 @@ class TaylorStepper {
 
   Status start(const State& initial, double t, double t_end, double rtol) {
     state_ = initial;
-    time_ = previous_time_ = t, end_ = t_end, rtol_ = std::min(rtol, kLoosest);
+    time_ = previous_time_ = t, end_ = t_end, rtol_ = rtol;
     order_ = order_for(rtol_);
     rank_confirmed_ = accelerated_ = false;
     update_angles(system_, state_.frames, state_.u, state_.angles);
@@ -72,9 +72,6 @@ class TaylorStepper {
   // A step that would end in or next to a singular position, where nothing can be projected, ends before it.
   static constexpr int kMostAttempts = 4;
   static constexpr double kShorter = 0.7;
-
-  // A series is of use well inside its radius of convergence only.
-  static constexpr double kLoosest = 1e-3;
 
   // Where an order less and an order more cost the same: with products alone it would be -ln(rtol) / 2 + 1, what each
   // order and each step cost besides asks for more. Measured on one and two bodies.

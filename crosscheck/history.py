@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import statistics
 from collections.abc import Sequence
 from typing import Any
@@ -64,7 +65,7 @@ def compare(before: StoredRun, after: StoredRun, usual: dict[CellKey, float] | N
         else:
             changes += _outcome(old, new) + _accuracy(old, new)
             changes += _speed(old, new, (usual or {}).get(key, 0.0), common or 1.0)
-    changes = _once_a_scene(changes) + _engine_speeds(before, after, common or 1.0)
+    changes = _once_a_scene(changes) + _engine_speeds(before, after, common or 1.0, usual or {})
     return sorted(changes, key=lambda each: (not each.bad, KINDS.index(each.kind), each.engine, each.method,
                                              each.scene))
 
@@ -170,22 +171,29 @@ def _spread(former: Figure, figure: Figure, usual: float) -> float:
     return max(former.deviation or 0.0, figure.deviation or 0.0, usual) / former.value
 
 
-def _engine_speeds(before: StoredRun, after: StoredRun, common: float) -> list[Change]:
+def _engine_speeds(before: StoredRun, after: StoredRun, common: float, usual: dict[CellKey, float]) -> list[Change]:
     """Engines whose runs became slower or faster together, which shows through noise that hides it in each of them.
 
-    The rule is that of a single run, with the runs of the engine in the place of the repeats.
+    The rule is that of a single run: with the deviation of the median of its runs, or between runs that did not change
+    that of a typical one of them, where this is larger: one night may stretch them all alike.
     """
     changes = []
-    for engine, factors in _factors(before, after).items():
+    for engine, by_cell in _factors(before, after).items():
+        factors = list(by_cell.values())
         middle = statistics.median(factors) / common
         deviation = statistics.median(abs(factor / common - middle) for factor in factors)
+        between = [usual[key] / before.results[key].figures[SPEED].value for key in by_cell if key in usual]
+        noise = max(MEDIAN_STRAYS * deviation / math.sqrt(len(factors)), statistics.median(between or [0.0]))
         if (len(factors) >= FEWEST and not 1 / NOISE_RATIO <= middle <= NOISE_RATIO
-                and abs(middle - 1.0) > NOISE_DEVIATIONS * deviation):
+                and abs(middle - 1.0) > NOISE_DEVIATIONS * noise):
             text = (f"{middle:.2f} times the time per step, the median of its {len(factors)} runs; spread between them "
                     f"{deviation:.0%}")
             changes.append(Change("speed", "", engine, "", SPEED, 1.0, middle, text, middle > 1))
     return changes
 
+
+MEDIAN_STRAYS = 1.25
+"""A median of n normal draws strays sqrt(pi / 2) / sqrt(n) times as far as one draw."""
 
 FEWEST = 5
 """Runs of an engine that it takes to speak of all of them."""
@@ -199,18 +207,19 @@ def machine_factor(before: StoredRun, after: StoredRun) -> float | None:
     by_engine = _factors(before, after)
     if len(by_engine) < 3:
         return None
-    return statistics.median(statistics.median(factors) for factors in by_engine.values())
+    return statistics.median(statistics.median(by_cell.values()) for by_cell in by_engine.values())
 
 
-def _factors(before: StoredRun, after: StoredRun) -> dict[str, list[float]]:
-    """By engine, the speed ratios after over those before, of the runs that are the same in both."""
-    by_engine: dict[str, list[float]] = {}
+def _factors(before: StoredRun, after: StoredRun) -> dict[str, dict[CellKey, float]]:
+    """By engine and cell, the speed ratio after over that before, of the runs that are the same in both."""
+    by_engine: dict[str, dict[CellKey, float]] = {}
     for key, result in after.results.items():
         old = before.results.get(key)
         if old is None or (old.scene_hash, old.step, old.rtol) != (result.scene_hash, result.step, result.rtol):
             continue
         if SPEED in old.figures and SPEED in result.figures:
-            by_engine.setdefault(key[1], []).append(result.figures[SPEED].value / old.figures[SPEED].value)
+            factor = result.figures[SPEED].value / old.figures[SPEED].value
+            by_engine.setdefault(key[1], {})[key] = factor
     return by_engine
 
 
@@ -245,8 +254,6 @@ BARS = "▁▂▃▄▅▆▇█"
 
 def sparkline(values: Sequence[float]) -> str:
     """One bar a value, on a log scale where the values are positive and differ more than tenfold."""
-    import math
-
     if not values:
         return ""
     if min(values) > 0 and max(values) > 10 * min(values):

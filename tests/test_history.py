@@ -87,6 +87,13 @@ def test_an_engine_that_slows_down_as_a_whole_shows_through_the_noise_of_its_run
     assert told(noisy(1.0, 14, 1), noisy(1.4, 14, 3)) == [("speed", "mujoco", True)]
     assert told(noisy(1.4, 14, 1), noisy(1.0, 14, 3)) == [("speed", "mujoco", False)]
     assert told(noisy(1.0, 4, 1), noisy(1.4, 4, 3)) == []  # too few to speak of all
+    pairs = range(0, 400, 2)
+    alarms, found = (sum(bool(told(noisy(1.0, 14, seed), noisy(factor, 14, seed + 1))) for seed in pairs)
+                     for factor in (1.0, 1.3))
+    assert alarms <= 4  # of 200; a nightly run measures a suspect twice more
+    assert found >= 190
+    cells = {("single_pendulum", "mujoco", f"M{number}", "", False): 1.2e-3 for number in range(14)}
+    assert told(noisy(1.0, 14, 1), noisy(1.35, 14, 3), usual=cells) == []  # nights differ as much
 
 
 def test_outcomes_cells_scenes_and_settings():

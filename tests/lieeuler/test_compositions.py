@@ -166,3 +166,17 @@ def test_damping_keeps_the_order():
 def test_ccsk_is_refused():
     with pytest.raises(lieeuler.ArgumentError, match="not symmetric"):
         lieeuler.integrate(SYSTEMS["single_pendulum"](), "rattle4", 1e-2, [0, 1.0], coordinate_map="ccsk")
+
+
+@pytest.mark.slow
+def test_a_million_steps_lose_no_digits():
+    """Energy where the method's own error is below rounding: within a random walk of one rounding a step throughout."""
+    problem = SYSTEMS["single_pendulum"]()
+    step, steps = 2.0**-9, 1_000_000
+    run = lieeuler.integrate(problem, "rattle8", step, np.arange(0, steps + 1, 500) * step, monitor=False)
+    inertia = problem.bodies[0].inertia
+    kinetic = 0.5 * np.einsum("tbi,tbi->t", run.v, run.v) + 0.5 * np.einsum("tbi,ij,tbj->t", run.w, inertia, run.w)
+    error = np.abs(kinetic + 9.81 * run.x[:, 0, 2] - kinetic[0] - 9.81 * run.x[0, 0, 2]) / kinetic.max()
+    taken = np.maximum(1, np.arange(len(error)) * 500)
+    # the energies compared are themselves known to a few roundings of their terms
+    assert (error < EPS * (10 + np.sqrt(taken))).all()

@@ -183,8 +183,10 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     this->store_multipliers(impulse_time());
     if (level_ == Level::stabilised) {
       if (!this->saddle_.factor(joints_)) return Status::singular_matrix;
-      this->saddle_.project(joints_, rattle_ ? impulse_ : momentum_, state_.u, mu_.data());
-      if (rattle_) add_changes();
+      if (rattle_)
+        end_with_projection();
+      else
+        this->saddle_.project(joints_, momentum_, state_.u, mu_.data());
       for (size_t r = 0; r < mu_.size(); ++r) state_.lam[r] += mu_[r] / h_;
     }
     if (this->index1_output_)
@@ -227,13 +229,8 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     }
     this->evaluate_joints();
   }
-  void add_changes() {
-    for (int k = 0; k < nodes_.parts(); ++k) {
-      const Part& part = this->part_of(k);
-      Vec3 mu = Vec3::Zero();
-      std::copy_n(&mu_[part.row], part.rows(), mu.data());
-      this->subtract_reaction(k, this->here(k), mu, change_);
-    }
+  void end_with_projection() {
+    this->saddle_.project(joints_, impulse_, state_.u, mu_.data(), change_);
     for (int b = 0; b < system_.n(); ++b) add_compensated(momentum_[b], change_[b], carried_[b].momentum);
   }
 

@@ -188,6 +188,9 @@ class EulerStepper {
   // The new configuration is final: attitudes back to rounding level, joints evaluated there.
   void settle() {
     for (int b = 0; b < system_.n(); ++b) state_.frames[b].R = polished(state_.frames[b].R);
+    evaluate_joints();
+  }
+  void evaluate_joints() {
     joints_.update(state_.frames);
     state_.angles = start_.angles;
     update_angles(system_, state_.frames, state_.u, state_.angles);

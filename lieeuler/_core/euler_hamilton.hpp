@@ -13,6 +13,7 @@
 // Unknowns: xi of each body, Lam of each joint.
 #pragma once
 
+#include "compensated.hpp"
 #include "euler.hpp"
 
 namespace lieeuler {
@@ -29,7 +30,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       : Base(system, level, index1_output, false, false, level == Level::velocity, eliminates(system)),
         rattle_(kind == Kind::rattle), rotations_(system.n() + 1), slopes_(system.n()), tangents_(slopes_),
         velocity_slopes_(level == Level::velocity ? system.n() : 0), momentum_(system.n() + 1),
-        impulse_(system.n() + 1), mu_(system.rows(), 0.0) {
+        impulse_(system.n() + 1), change_(rattle_ ? system.n() + 1 : 0), mu_(system.rows(), 0.0) {
     if (this->core_) return;
     for (int b = 0; b < system.n(); ++b)
       bodies_.push_back({lu_.block(nodes_.v(b), nodes_.v(b)), lu_.block(nodes_.w(b), nodes_.w(b))});
@@ -75,6 +76,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
 
   void begin() {
     for (int b = 0; b < system_.n(); ++b) momentum_[b] = canonical_momentum(system_.bodies[b], state_.u[b]);
+    if (rattle_) carried_.assign(system_.n(), {});
   }
   void guess(std::vector<double>& z) const {
     for (int b = 0; b < system_.n(); ++b) store(state_.u[b], &z[3 * nodes_.v(b)]);
@@ -174,18 +176,17 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
 
   Status finish() {
     if (!configure(z_)) return Status::map_domain;
-    if (rattle_) applied_forces(system_, state_.frames, xi_, start_.angles, force_);
-    for (int b = 0; b < system_.n(); ++b) {
-      Twist& p = momentum_[b];
-      p = {impulse_[b].v, transposed_times(rotations_[b], impulse_[b].w)};
-      if (rattle_) p.v += impulse_time() * force_[b].v, p.w += impulse_time() * force_[b].w;
-      state_.u[b] = velocity_of(system_.bodies[b], p);
-    }
-    this->settle();
+    if (rattle_)
+      carry_on();
+    else
+      turn_impulses();
     this->store_multipliers(impulse_time());
     if (level_ == Level::stabilised) {
       if (!this->saddle_.factor(joints_)) return Status::singular_matrix;
-      this->saddle_.project(joints_, momentum_, state_.u, mu_.data());
+      if (rattle_)
+        end_with_projection();
+      else
+        this->saddle_.project(joints_, momentum_, state_.u, mu_.data());
       for (size_t r = 0; r < mu_.size(); ++r) state_.lam[r] += mu_[r] / h_;
     }
     if (this->index1_output_)
@@ -195,10 +196,54 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     return Status::success;
   }
 
+  void turn_impulses() {
+    for (int b = 0; b < system_.n(); ++b) {
+      Twist& p = momentum_[b];
+      p = {impulse_[b].v, transposed_times(rotations_[b], impulse_[b].w)};
+      state_.u[b] = velocity_of(system_.bodies[b], p);
+    }
+    this->settle();
+  }
+
+  // RATTLE's, where the steps of a composition have up to fifteen stages: frames and momenta are added to without what
+  // rounding takes. The momentum's change, but for the projection's, and with it the momentum to be projected.
+  void carry_on() {
+    std::fill(change_.begin(), change_.end(), Twist{});
+    for (int k = 0; k < nodes_.parts(); ++k)
+      this->subtract_reaction(k, this->before(k), load3(&z_[3 * nodes_.lam(k)]), change_);
+    for (int b = 0; b < system_.n(); ++b) {
+      const Mat3 turn = maps_[b].turn();
+      state_.frames[b] = start_.frames[b];
+      carried_[b].frame.move(state_.frames[b], h_ * xi_[b].v, turn);
+      Vec3& lost = carried_[b].momentum.w;
+      lost += transposed_times(turn, lost);
+      change_[b].v += impulse_time() * force_[b].v;
+      change_[b].w += impulse_time() * force_[b].w + transposed_times(turn, impulse_[b].w);
+    }
+    applied_forces(system_, state_.frames, xi_, start_.angles, force_);
+    for (int b = 0; b < system_.n(); ++b) {
+      Twist &change = change_[b], &p = impulse_[b];
+      change.v += impulse_time() * force_[b].v, change.w += impulse_time() * force_[b].w;
+      p = {momentum_[b].v + change.v, momentum_[b].w + change.w};
+      state_.u[b] = velocity_of(system_.bodies[b], p);
+    }
+    this->evaluate_joints();
+  }
+  void end_with_projection() {
+    this->saddle_.project(joints_, impulse_, state_.u, mu_.data(), change_);
+    for (int b = 0; b < system_.n(); ++b) add_compensated(momentum_[b], change_[b], carried_[b].momentum);
+  }
+
   const bool rattle_;
   std::vector<Mat3> rotations_, slopes_, tangents_, velocity_slopes_;  // E, d(D* L)/dxi, T, dw/dxi
   // p is carried from step to step: M (M^-1 p) would lose the same rounding every time, a drift that grows with n.
-  std::vector<Twist> momentum_, impulse_;
+  std::vector<Twist> momentum_, impulse_, change_;
+  // What rounding took of a body's position, attitude and momentum.
+  struct Carried {
+    CompensatedFrame frame;
+    Twist momentum;
+  };
+  std::vector<Carried> carried_;
   std::vector<double> mu_;
   std::vector<std::pair<double*, double*>> bodies_;  // diagonal blocks of v and w
 };

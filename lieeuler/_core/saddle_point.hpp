@@ -76,10 +76,15 @@ class SaddlePoint {
   // Takes from the momentum p what violates the velocity constraints: p <- p - G^T mu and u = M^-1 p with
   // G u = 0, p with the bodies' spin.
   void project(const Constraints& joints, std::vector<Twist>& p, std::vector<Twist>& u, double* mu) {
+    project(joints, p, u, mu, p);
+  }
+  // The same with -G^T mu added to `change` in place of p.
+  void project(const Constraints& joints, const std::vector<Twist>& p, std::vector<Twist>& u, double* mu,
+               std::vector<Twist>& change) {
     for (int b = 0; b < system_.n(); ++b) force_[b] = {p[b].v, p[b].w - system_.bodies[b].spin};
     std::fill(rows_.begin(), rows_.end(), 0.0);
     solve(joints, u, mu);
-    subtract_reactions(joints, rows_, p);
+    subtract_reactions(joints, rows_, change);
   }
 
   // The least displacement that closes the joints to first order: M d + G^T mu = 0, G d = -Phi.

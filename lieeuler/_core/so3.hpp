@@ -1,7 +1,7 @@
 // Coordinate maps from R^3 onto SO(3): the exponential, the Cayley map and canonical coordinates of the second kind.
 //
 // Each map m gives, at theta:
-//   rotation()       E = m(theta)
+//   rotation()       E = m(theta); turn() = E - I, to rounding of its own size (but for ccsk)
 //   left_tangent()   T with  m(theta + d) = E exp(hat(T d)) + O(d^2)
 //   momentum(L)      y = D* L, D* = inverse transpose of the right-trivialised tangent (Hamilton-Pontryagin equations)
 //   momentum_slope   dy/dxi for theta = h xi, L = J xi
@@ -135,6 +135,7 @@ class ExpMap {
     return s_ < 4 * std::numbers::pi * std::numbers::pi;
   }
   Mat3 rotation() const { return quadratic(theta_, 1 - k_.cosc * s_, k_.sinc, k_.cosc); }
+  Mat3 turn() const { return quadratic(theta_, -k_.cosc * s_, k_.sinc, k_.cosc); }
   Mat3 left_tangent() const { return quadratic(theta_, 1 - k_.cubic * s_, -k_.cosc, k_.cubic); }
   Vec3 momentum(const Vec3& L) const {
     double c, slope;
@@ -164,9 +165,10 @@ class CayleyMap {
     scale_ = 1 / (1 + 0.25 * theta.squaredNorm());
     return std::isfinite(scale_);
   }
-  Mat3 rotation() const {
+  Mat3 rotation() const { return Mat3::Identity() + turn(); }
+  Mat3 turn() const {
     const Mat3 X = hat(theta_);
-    return Mat3::Identity() + scale_ * (X + 0.5 * X * X);
+    return scale_ * (X + 0.5 * X * X);
   }
   Mat3 left_tangent() const { return scale_ * (Mat3::Identity() - 0.5 * hat(theta_)); }
   Vec3 momentum(const Vec3& L) const { return L + 0.5 * theta_.cross(L) + (0.25 * theta_.dot(L)) * theta_; }
@@ -193,6 +195,7 @@ class CcskMap {
     return std::abs(theta.y()) < 0.5 * std::numbers::pi;
   }
   Mat3 rotation() const { return first_ * second_ * third_; }
+  Mat3 turn() const { return rotation() - Mat3::Identity(); }
   Mat3 left_tangent() const { return rotation().transpose() * right_; }
   Vec3 momentum(const Vec3& L) const { return right_.transpose().inverse() * L; }
   Mat3 momentum_slope(const Vec3&, const Vec3& L, const Mat3& J, double h) const {

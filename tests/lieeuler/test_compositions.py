@@ -166,3 +166,20 @@ def test_damping_keeps_the_order():
 def test_ccsk_is_refused():
     with pytest.raises(lieeuler.ArgumentError, match="not symmetric"):
         lieeuler.integrate(SYSTEMS["single_pendulum"](), "rattle4", 1e-2, [0, 1.0], coordinate_map="ccsk")
+
+
+@pytest.mark.slow
+def test_a_million_steps_lose_no_digits():
+    """The momentum about the vertical and, at a step whose own error is below rounding, the energy: at rounding level
+    throughout."""
+    problem = SYSTEMS["single_pendulum"]()
+    run = lieeuler.integrate(problem, "rattle8", 2.0**-9, np.arange(0, 1_000_001, 500) * 2.0**-9, monitor=False)
+    body = problem.bodies[0]
+    x, R, v, w = run.x[:, 0], run.R[:, 0], run.v[:, 0], run.w[:, 0]
+    turning = w @ body.inertia
+    momentum = body.mass * np.cross(x, v)[:, 2] + (R[:, 2] * turning).sum(axis=1)
+    size = (body.mass * np.linalg.norm(x, axis=1) * np.linalg.norm(v, axis=1) + np.linalg.norm(turning, axis=1)).max()
+    assert np.abs(momentum - momentum[0]).max() < 50 * EPS * size
+    kinetic = 0.5 * body.mass * (v**2).sum(axis=1) + 0.5 * (w * turning).sum(axis=1)
+    energy = kinetic + 9.81 * body.mass * x[:, 2]
+    assert np.abs(energy - energy[0]).max() < 50 * EPS * kinetic.max()

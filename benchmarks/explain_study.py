@@ -70,7 +70,7 @@ def _same(one: str, other: str) -> bool:
     return any(one in group and other in group for group in groups)
 
 
-def effect(scene, cases, case, base) -> float:
+def effect(scene, cases, case, base, method) -> float:
     """What one of the cases changes in a coarse run of the engine that has them all, normalised.
 
     A stabilisation gain is looked for in the limit, where the joints are violated; an engine that closes them itself
@@ -81,7 +81,7 @@ def effect(scene, cases, case, base) -> float:
     gain = case.name == "stabilisation gain"
     runs = []
     for kept in (cases, [other for other in cases if other is not case]):
-        subject = Subject(misbuilt.build(kept, base), base.methods[-1] if base else "RK4")
+        subject = Subject(misbuilt.build(kept, base), method)
         try:
             runs.append(observe(subject, pushed(brief, scale), scale).y if gain else scale.flat(
                 subject.run(brief, brief.duration / (brief.samples - 1)).states))
@@ -95,7 +95,7 @@ def one(seed: int, count: int) -> dict:
     scene, cases, choice = drawn(seed, count)
     base = None if choice is None else engines.get(choice[0])
     method = "RK4" if choice is None else choice[1]
-    seen = {case.name for case in cases if effect(scene, cases, case, base) > EFFECT}
+    seen = {case.name for case in cases if effect(scene, cases, case, base, method) > EFFECT}
     result = {"seed": seed, "count": count, "causes": [[case.name, case.magnitude] for case in cases],
               "scene": [joint.type for joint in scene.joints], "engine": choice[0] if choice else "stepper"}
     began = time.perf_counter()

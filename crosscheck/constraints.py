@@ -27,22 +27,109 @@ _ZERO = np.zeros(3)
 
 
 @dataclasses.dataclass(frozen=True)
-class Basic:
-    """A basic constraint of METHODS section 2; `kind` is spherical, dot1, dot2 or distance."""
+class BodyVector:
+    """The vector R s of a body; every method returns world components, (T, 3)."""
 
-    kind: str
-    i: int
-    j: int
-    s_i: np.ndarray = dataclasses.field(default_factory=lambda: _ZERO)
-    s_j: np.ndarray = dataclasses.field(default_factory=lambda: _ZERO)
-    a_i: np.ndarray = dataclasses.field(default_factory=lambda: _ZERO)
-    a_j: np.ndarray = dataclasses.field(default_factory=lambda: _ZERO)
-    length: float = 1.0
+    body: int
+    s: np.ndarray  # (3,) body axes
+
+    def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """The vector itself; `x` is not looked at."""
+        return R[:, self.body] @ self.s
+
+    def rate(self, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Its time derivative; `v` is not looked at."""
+        return np.einsum("tij,tj->ti", R[:, self.body], cross(w[:, self.body], self.s))
+
+    def centripetal(self, R: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """The part of its second derivative that is quadratic in w."""
+        spin = w[:, self.body]
+        return np.einsum("tij,tj->ti", R[:, self.body], cross(spin, cross(spin, self.s)))
+
+    def add_rows(self, G: np.ndarray, R: np.ndarray, directions: np.ndarray) -> None:
+        """Add the rows of `directions` (T, r, 3) times the Jacobian of the vector to G (T, r, n + 1, 6)."""
+        # e . d(R s) = (s x R^T e) . w
+        G[:, :, self.body, 3:] += cross(self.s, directions @ R[:, self.body])
+
+
+@dataclasses.dataclass(frozen=True)
+class Separation:
+    """The vector d from the parent's point to the child's, with the methods of `BodyVector`."""
+
+    parent: BodyVector  # from its centre of mass to its point
+    child: BodyVector
+
+    def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """d."""
+        return (x[:, self.child.body] + self.child.value(x, R)
+                - x[:, self.parent.body] - self.parent.value(x, R))
+
+    def rate(self, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Its time derivative."""
+        return (v[:, self.child.body] + self.child.rate(R, v, w)
+                - v[:, self.parent.body] - self.parent.rate(R, v, w))
+
+    def centripetal(self, R: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """The part of its second derivative that is quadratic in w."""
+        return self.child.centripetal(R, w) - self.parent.centripetal(R, w)
+
+    def add_rows(self, G: np.ndarray, R: np.ndarray, directions: np.ndarray) -> None:
+        """As with `BodyVector`."""
+        for end, signed in ((self.child, directions), (self.parent, -directions)):
+            G[:, :, end.body, :3] += signed
+            end.add_rows(G, R, signed)
+
+
+@dataclasses.dataclass(frozen=True)
+class Basic:
+    """A basic constraint of METHODS section 2: (left . right - offset) / unit, or all of `right` where `left` is None.
+
+    dot-1 multiplies two axes, dot-2 an axis and a separation, distance a separation by itself; spherical is a
+    separation alone. Every derivative follows from those of the factors by the product rule.
+    """
+
+    left: BodyVector | Separation | None
+    right: BodyVector | Separation
+    offset: float = 0.0
+    unit: float = 1.0
 
     @property
     def rows(self) -> int:
         """Number of scalar equations."""
-        return 3 if self.kind == "spherical" else 1
+        return 3 if self.left is None else 1
+
+    @property
+    def dimensionless(self) -> bool:
+        """Whether its rows are pure numbers, not metres."""
+        return isinstance(self.right, BodyVector)
+
+    def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """Its rows of Phi, (T, rows)."""
+        q = self.right.value(x, R)
+        return q if self.left is None else (_dot(self.left.value(x, R), q) - self.offset) / self.unit
+
+    def rate(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Its rows of G u, (T, rows)."""
+        dq = self.right.rate(R, v, w)
+        if self.left is None:
+            return dq
+        return (_dot(self.left.rate(R, v, w), self.right.value(x, R)) + _dot(self.left.value(x, R), dq)) / self.unit
+
+    def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Its rows of gamma, (T, rows)."""
+        ddq = self.right.centripetal(R, w)
+        if self.left is None:
+            return ddq
+        return (_dot(self.left.centripetal(R, w), self.right.value(x, R)) + _dot(self.left.value(x, R), ddq)
+                + 2 * _dot(self.left.rate(R, v, w), self.right.rate(R, v, w))) / self.unit
+
+    def add_rows(self, G: np.ndarray, x: np.ndarray, R: np.ndarray) -> None:
+        """Add its rows of the Jacobian to G (T, rows, n + 1, 6)."""
+        if self.left is None:
+            self.right.add_rows(G, R, np.broadcast_to(np.eye(3), (len(x), 3, 3)))
+            return
+        self.right.add_rows(G, R, self.left.value(x, R)[:, None] / self.unit)
+        self.left.add_rows(G, R, self.right.value(x, R)[:, None] / self.unit)
 
 
 def cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -69,20 +156,20 @@ def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray
     `parent_attitude` and `child_attitude` (3, 3), body to world, are the initial ones: prismatic and fixed joints
     keep the relative attitude they find there.
     """
-    i, j, s_i, s_j = joint.parent, joint.child, joint.parent_anchor, joint.child_anchor
+    d = Separation(BodyVector(joint.parent, joint.parent_anchor), BodyVector(joint.child, joint.child_anchor))
     relative = child_attitude.T @ parent_attitude
 
     def dot1(a_i: np.ndarray, a_j: np.ndarray) -> Basic:
-        return Basic("dot1", i, j, a_i=a_i, a_j=a_j)
+        return Basic(BodyVector(joint.parent, a_i), BodyVector(joint.child, a_j))
 
     def dot2(a_i: np.ndarray) -> Basic:
-        return Basic("dot2", i, j, s_i, s_j, a_i)
+        return Basic(BodyVector(joint.parent, a_i), d)
 
-    point = [Basic("spherical", i, j, s_i, s_j)]
+    point = [Basic(None, d)]
     if joint.type == "spherical":
         return point
     if joint.type == "distance":
-        return [Basic("distance", i, j, s_i, s_j, length=joint.length)]
+        return [Basic(d, d, joint.length**2, 2 * joint.length)]
     if joint.type == "fixed":
         return point + [dot1(np.eye(3)[k], relative[:, (k + 1) % 3]) for k in range(3)]
     a = joint.parent_axis
@@ -131,65 +218,31 @@ class Constraints:
                 self._basics.append((slice(self.m, self.m + basic.rows), basic))
                 self.m += basic.rows
             self.rows[joint.name] = slice(first, self.m)
-        kinds = [basic.kind for _, basic in self._basics for _ in range(basic.rows)]
-        self.dimensionless = np.array([kind == "dot1" for kind in kinds], dtype=bool)
+        self.dimensionless = np.array([basic.dimensionless for _, basic in self._basics for _ in range(basic.rows)],
+                                      dtype=bool)
 
     def position(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
         """Phi, (T, m)."""
         x, R = _with_ground(x), _with_ground(R, np.eye(3))
         phi = np.empty((len(x), self.m))
-        for rows, b in self._basics:
-            if b.kind == "dot1":
-                phi[:, rows] = _dot(R[:, b.i] @ b.a_i, R[:, b.j] @ b.a_j)
-                continue
-            d = _separation(b, x, R)
-            if b.kind == "spherical":
-                phi[:, rows] = d
-            elif b.kind == "dot2":
-                phi[:, rows] = _dot(R[:, b.i] @ b.a_i, d)
-            else:
-                phi[:, rows] = (_dot(d, d) - b.length**2) / (2 * b.length)
+        for rows, basic in self._basics:
+            phi[:, rows] = basic.value(x, R)
         return phi
 
     def velocity(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """G u, (T, m)."""
         x, R, v, w = _with_ground(x), _with_ground(R, np.eye(3)), _with_ground(v), _with_ground(w)
         rate = np.empty((len(x), self.m))
-        for rows, b in self._basics:
-            if b.kind == "dot1":
-                rate[:, rows] = (_dot(_turning(R, w, b.i, b.a_i), R[:, b.j] @ b.a_j)
-                                 + _dot(R[:, b.i] @ b.a_i, _turning(R, w, b.j, b.a_j)))
-                continue
-            ddot = _separation_rate(b, R, v, w)
-            if b.kind == "spherical":
-                rate[:, rows] = ddot
-            elif b.kind == "dot2":
-                rate[:, rows] = (_dot(_turning(R, w, b.i, b.a_i), _separation(b, x, R))
-                                 + _dot(R[:, b.i] @ b.a_i, ddot))
-            else:
-                rate[:, rows] = _dot(_separation(b, x, R), ddot) / b.length
+        for rows, basic in self._basics:
+            rate[:, rows] = basic.rate(x, R, v, w)
         return rate
 
     def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """gamma = d2Phi/dt2 - G du/dt, (T, m)."""
         x, R, v, w = _with_ground(x), _with_ground(R, np.eye(3)), _with_ground(v), _with_ground(w)
         gamma = np.empty((len(x), self.m))
-        for rows, b in self._basics:
-            if b.kind == "dot1":
-                gamma[:, rows] = (_dot(_centripetal(R, w, b.i, b.a_i), R[:, b.j] @ b.a_j)
-                                  + _dot(R[:, b.i] @ b.a_i, _centripetal(R, w, b.j, b.a_j))
-                                  + 2 * _dot(_turning(R, w, b.i, b.a_i), _turning(R, w, b.j, b.a_j)))
-                continue
-            curvature = _centripetal(R, w, b.j, b.s_j) - _centripetal(R, w, b.i, b.s_i)
-            if b.kind == "spherical":
-                gamma[:, rows] = curvature
-                continue
-            d, ddot = _separation(b, x, R), _separation_rate(b, R, v, w)
-            if b.kind == "dot2":
-                gamma[:, rows] = (_dot(_centripetal(R, w, b.i, b.a_i), d) + _dot(R[:, b.i] @ b.a_i, curvature)
-                                  + 2 * _dot(_turning(R, w, b.i, b.a_i), ddot))
-            else:
-                gamma[:, rows] = (_dot(ddot, ddot) + _dot(d, curvature)) / b.length
+        for rows, basic in self._basics:
+            gamma[:, rows] = basic.gamma(x, R, v, w)
         return gamma
 
     def acceleration(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray,
@@ -202,25 +255,8 @@ class Constraints:
         n = self.scene.n
         x, R = _with_ground(x), _with_ground(R, np.eye(3))
         G = np.zeros((len(x), self.m, n + 1, 6))
-        for rows, b in self._basics:
-            Ri, Rj = R[:, b.i], R[:, b.j]
-            if b.kind == "dot1":
-                G[:, rows, b.i, 3:] = cross(b.a_i, _to_body(Ri, Rj @ b.a_j))[:, None]
-                G[:, rows, b.j, 3:] = cross(b.a_j, _to_body(Rj, Ri @ b.a_i))[:, None]
-                continue
-            if b.kind == "spherical":
-                direction = np.broadcast_to(np.eye(3), (len(x), 3, 3))
-            elif b.kind == "dot2":
-                direction = (Ri @ b.a_i)[:, None]
-            else:
-                direction = _separation(b, x, R)[:, None] / b.length
-            G[:, rows, b.j, :3] = direction
-            G[:, rows, b.i, :3] = -direction
-            # e . d(R s) = (s x R^T e) . w; d itself turns with the axis of a dot-2 row
-            G[:, rows, b.j, 3:] = cross(b.s_j, direction @ Rj)
-            G[:, rows, b.i, 3:] = -cross(b.s_i, direction @ Ri)
-            if b.kind == "dot2":
-                G[:, rows, b.i, 3:] += cross(b.a_i, _to_body(Ri, _separation(b, x, R)))[:, None]
+        for rows, basic in self._basics:
+            basic.add_rows(G[:, rows], x, R)
         return G[:, :, :n].reshape(len(x), self.m, 6 * n)
 
     def reactions(self, x: np.ndarray, R: np.ndarray, lam: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -244,26 +280,3 @@ def _with_ground(values: np.ndarray, ground: np.ndarray = _ZERO) -> np.ndarray:
 
 def _dot(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     return np.einsum("tk,tk->t", p, q)[:, None]
-
-
-def _to_body(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    return np.einsum("tji,tj->ti", R, vectors)
-
-
-def _turning(R: np.ndarray, w: np.ndarray, body: int, s: np.ndarray) -> np.ndarray:
-    """Rate of R s, world, (T, 3)."""
-    return np.einsum("tij,tj->ti", R[:, body], cross(w[:, body], s))
-
-
-def _centripetal(R: np.ndarray, w: np.ndarray, body: int, s: np.ndarray) -> np.ndarray:
-    """The part of the second derivative of R s that is quadratic in w, world, (T, 3)."""
-    spin = w[:, body]
-    return np.einsum("tij,tj->ti", R[:, body], cross(spin, cross(spin, s)))
-
-
-def _separation(b: Basic, x: np.ndarray, R: np.ndarray) -> np.ndarray:
-    return x[:, b.j] + R[:, b.j] @ b.s_j - x[:, b.i] - R[:, b.i] @ b.s_i
-
-
-def _separation_rate(b: Basic, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-    return v[:, b.j] + _turning(R, w, b.j, b.s_j) - v[:, b.i] - _turning(R, w, b.i, b.s_i)

@@ -8,7 +8,7 @@ import pytest
 from crosscheck import known
 from crosscheck.known import Known
 from crosscheck.metrics import QUANTITIES
-from crosscheck.studies.cell import Cell, Timing, run_cell, time_cells
+from crosscheck.studies.cell import MAIN_STEPS, Cell, Timing, run_cell, time_cells
 from crosscheck.studies.plan import ScenePlan, halved
 from crosscheck.verdict import judge_orders
 from tests.fake_engine import FakeEngine, install
@@ -161,6 +161,27 @@ def test_timing_gives_stepping_time_and_end_error(monkeypatch):
         # 0.1 h^2 t at t = 0.5 s, on numbers of size one
         assert point["error"] == pytest.approx(0.1 * point["step"] ** 2 * 0.5, rel=1e-6)
         assert point["us_per_step"] == pytest.approx(1.0)
+
+
+def test_timing_repeats_short_runs_more_often_and_ends_that_of_the_main_step_early(monkeypatch):
+    started = []
+
+    class Slow(FakeEngine):
+        def run(self, scene, spec):
+            started.append((spec.step, round(scene.duration / spec.step)))
+            raw = super().run(scene, spec)
+            return dataclasses.replace(raw, wall_time=1.0 if spec.step == PLAN.ladder(2)[-1] else raw.wall_time)
+
+    install(monkeypatch, Slow())
+    cell, main = Cell("single_pendulum", "fake", "Plain", None, PLAN, True), PLAN.window / 10_000
+    (points,) = time_cells(Timing((cell,), (2,), 3, (main,)))
+    counts = [sum(step == size for step, _ in started) for size in (*PLAN.ladder(2), main)]
+    assert counts == [3] * (len(counts) - 2) + [2, 3]
+    assert {steps for step, steps in started if step == main} == {MAIN_STEPS}
+    assert points[-1]["main"]
+    assert points[-1]["error"] is None
+    assert points[-1]["us_per_step"] == pytest.approx(1.0)
+    assert points[-1]["seconds_per_second"] == pytest.approx(1e-6 / main)
 
 
 @pytest.mark.parametrize("profile", ["default", "smoke"])

@@ -43,6 +43,14 @@ one and the same lower whole number: at coarse steps slopes of high orders climb
 FLOOR = 1e-11
 """Of y: errors below it may be rounding or the tolerance of an engine's own solver."""
 
+REFINEMENTS, REFINED = (1, 4, 16, 64, 256), 1e-9
+"""So many times as fine steps are tried, one after the other, where those before explode, or show no whole number
+although their errors are still this large: a soft joint's own error, of the documented order, covers that of a lower
+order until its oscillation is resolved."""
+
+EXPLODED = 1.0
+"""Of y: a run off by more than the size of what it computes says nothing about its order."""
+
 ALIKE = 0.02
 """Part of its error by which two runs of one method may differ: roundings, and maps of the group that are truncated."""
 
@@ -108,33 +116,38 @@ def diagnose(subject: Subject, first: Observation, known: Known) -> NumericsFind
 
 
 def _ordered(subject: Subject, scene: Scene, scale: Scale, order: int) -> Order | None:
-    """Observed order against the method's own limit; None where a run failed."""
+    """Observed order against the method's own limit; None where runs failed at all steps that are tried."""
     brief = scene.replace(duration=1.0 / scale.rate, samples=2)
     counts = COUNTS[max(key for key in COUNTS if key <= order)]
-    try:
-        runs = [scale.flat(subject.run(brief, brief.duration / count).states)[1:] for count in counts]
-        finest = counts[-1] * 2
-        runs.append(scale.flat(subject.run(brief, brief.duration / finest).states)[1:])
-    except Silent:
-        return None
-    ladder = (*counts, finest)
-    steps = tuple(brief.duration / count for count in ladder)
-    slope = _slope(runs, ladder, order)
-    limit = extrapolated(runs, ladder, int(np.clip(round(slope), 1, order)))
-    errors = [float(np.abs(run - limit).max()) for run in runs[:-1]]
-    observed = observed_order(steps[:-1], errors, FLOOR / PLATEAU).observed
-    return Order(observed, _lower(steps, errors, order))
+    result = None
+    for finer in REFINEMENTS:
+        ladder = tuple(finer * count for count in (*counts, 2 * counts[-1]))
+        try:
+            runs = [scale.flat(subject.run(brief, brief.duration / count).states)[1:] for count in ladder]
+        except Silent:
+            continue
+        if np.abs(runs[0] - runs[-1]).max() > EXPLODED:
+            continue
+        slope = _slope(runs, ladder, order)
+        limit = extrapolated(runs, ladder, int(np.clip(round(slope), 1, order)))
+        steps = tuple(brief.duration / count for count in ladder[:-1])
+        errors = [float(np.abs(run - limit).max()) for run in runs[:-1]]
+        whole = _whole(steps, errors)
+        result = Order(observed_order(steps, errors, FLOOR / PLATEAU).observed,
+                       whole if whole is not None and whole < order else None)
+        if whole is not None or errors[-1] < REFINED:
+            break
+    return result
 
 
-def _lower(steps: tuple[float, ...], errors: list[float], order: int) -> int | None:
-    """The whole number below `order` that errors at these steps clearly show; None where they show none."""
-    used = [(np.log(h), np.log(e)) for h, e in zip(steps, errors, strict=False) if e > FLOOR]
+def _whole(steps: tuple[float, ...], errors: list[float]) -> int | None:
+    """The whole number, 1 at least, that the two finest slopes of errors above rounding clearly show; None: none."""
+    used = [(np.log(h), np.log(e)) for h, e in zip(steps, errors, strict=True) if e > FLOOR]
     slopes = [(one[1] - two[1]) / (one[0] - two[0]) for one, two in itertools.pairwise(used)][-2:]
     if len(slopes) < 2:
         return None
-    lower = round(float(slopes[-1]))
-    clear = all(abs(slope - lower) <= CLEAR for slope in slopes)
-    return lower if clear and 1 <= lower < order else None
+    whole = round(float(slopes[-1]))
+    return whole if whole >= 1 and all(abs(slope - whole) <= CLEAR for slope in slopes) else None
 
 
 def _slope(runs: list[np.ndarray], counts: tuple[int, ...], order: int) -> float:

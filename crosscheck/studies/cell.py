@@ -272,7 +272,7 @@ def _totals(record: Record, scene: Scene, traj: Any, reference: Reference | None
 
 @dataclasses.dataclass(frozen=True)
 class Timing:
-    """The cells of one scene that a timing study compares, and how often."""
+    """The cells of one scene that a timing study compares, and how often at most."""
 
     cells: tuple[Cell, ...]
     orders: tuple[int | None, ...]
@@ -280,10 +280,18 @@ class Timing:
     main: tuple[float, ...] = ()  # step (s) or rtol of each cell's main run, timed like the others
 
 
+ENOUGH = 0.1
+"""Stepping time (s) of two runs after which there is no third: they average over what is short."""
+
+MAIN_STEPS = 2000
+"""Steps of the runs that time the step of the main run: enough for the time per step, which is all they are for."""
+
+
 def time_cells(timing: Timing) -> list[list[dict[str, Any]]]:
     """Stepping time against end error of every cell, all in this one process, serially and interleaved.
 
     Two samples only, so that no engine pays for output; medians over the repeats. A run that fails gives no point.
+    The last point of a cell, "main", is at the step of its main run and stops after `MAIN_STEPS`; it has no error.
     """
     from crosscheck.references import truth
 
@@ -300,24 +308,31 @@ def time_cells(timing: Timing) -> list[list[dict[str, Any]]]:
             record = Record(cell.scene, cell.engine, "", cell.method, cell.form, None, None, order, "")
             sizes = cell.plan.ladder(order) if order is not None else RTOLS
             for rung, size in enumerate((*sizes, *timing.main[index:index + 1])):
+                before = points[index].get((rung, size), [])
+                main = rung == len(sizes)
+                if not main and len(before) > 1 and sum(traj.wall_time for traj in before) > ENOUGH:
+                    continue
                 step, rtol = (size, None) if order is not None else (None, size)
-                traj = attempt(brief, record, cell.form, step, rtol, monitor=False)
+                timed = brief
+                if main and step is not None:
+                    timed = brief.replace(duration=min(brief.duration, MAIN_STEPS * step))
+                traj = attempt(timed, record, cell.form, step, rtol, monitor=False)
                 if not isinstance(traj, str):
                     points[index].setdefault((rung, size), []).append(traj)
     result = []
     for cell, each, order in zip(timing.cells, points, timing.orders, strict=True):
         rungs = len(cell.plan.ladder(order) if order is not None else RTOLS)
-        result.append([_timed(brief, size, order, trajs, end) | {"main": rung == rungs}
+        result.append([_timed(brief, size, order, trajs, None if rung == rungs else end) | {"main": rung == rungs}
                        for (rung, size), trajs in sorted(each.items())])
     return result
 
 
 def _timed(scene: Scene, size: float, order: int | None, trajs: list[Any], end: Any) -> dict[str, Any]:
+    """One point; its error is None where there is no truth `end` for the time at which the runs stop."""
     walls = [traj.wall_time for traj in trajs]
-    wall = statistics.median(walls)
-    found = errors(scene, trajs[0], end)
+    wall, simulated = statistics.median(walls), float(trajs[0].t[-1])
     return {"step": size if order is not None else None, "rtol": size if order is None else None,
             "wall_time": wall, "steps": int(trajs[0].steps), "us_per_step": 1e6 * wall / max(1, trajs[0].steps),
-            "seconds_per_second": wall / scene.duration,
-            "seconds_deviation": statistics.median(abs(each - wall) for each in walls) / scene.duration,
-            "error": found["position"].end}
+            "seconds_per_second": wall / simulated,
+            "seconds_deviation": statistics.median(abs(each - wall) for each in walls) / simulated,
+            "error": None if end is None else errors(scene, trajs[0], end)["position"].end}

@@ -131,11 +131,12 @@ def test_misreadings_are_what_they_say():
     assert starts.gap(seen, scene.R0, scene.w0) > 0.1
 
 
-@pytest.mark.parametrize(("errors", "lower"), [
+@pytest.mark.parametrize(("errors", "whole"), [
     ([2.0**(-2 * k) for k in range(4)], 2),
-    ([2.0**(-4 * k) for k in range(4)], None),
+    ([2.0**(-4 * k) for k in range(4)], 4),
     ([1e-4, 1e-5, 3e-12, 3e-12], None),  # rounding
+    ([1e-4, 1e-5, 1e-5, 1e-5], None),  # noise, which has no order
     ([1.0, 2**-2.4, 2**-5.8, 2**-9.6], None),  # slopes 2.4, 3.4, 3.8 climb to four
 ])
-def test_a_lower_order_is_named_only_where_it_is_clear(errors, lower):
-    assert numerics._lower((1.0, 0.5, 0.25, 0.125), errors, 4) == lower
+def test_an_order_is_named_only_where_it_is_clear(errors, whole):
+    assert numerics._whole((1.0, 0.5, 0.25, 0.125), errors) == whole

@@ -80,7 +80,7 @@ def test_two_causes_at_once_are_both_named(pendulum):
     assert answer.names == ("gravity size", "inertia frame"), answer.sentence
 
 
-@pytest.mark.parametrize("naive", [True, False])
+@pytest.mark.parametrize("naive", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_a_soft_joint_does_not_cover_a_lower_order(naive):
     # At the first steps tried the runs explode, at the next the joint's own error hides that of the attitudes.
     answer = explain(load_scene("double_pendulum"), Stepper(Flaws(softness=(1.5e4, 40.0), naive=naive)), "RK4")

@@ -87,6 +87,12 @@ def test_a_soft_joint_does_not_cover_a_lower_order(naive):
     assert set(answer.names) == {"soft constraint", *(["group update"] if naive else [])}, answer.sentence
 
 
+@pytest.mark.slow
+def test_a_fitted_magnitude_is_judged_by_the_noise_it_was_fitted_in():
+    # Gravity comes out 4e-8 off, as the accelerations are: far more than the noise of the states.
+    assert one(9102, 1)["score"] == "named"
+
+
 def test_an_alteration_that_alters_nothing_counts_as_without_effect():
     # Hinges keep their angle, whatever is done to attitudes on ball joints; the engine's last method is adaptive.
     scene, cases, (engine, method) = drawn(9012, 1)

@@ -119,7 +119,9 @@ def _judged(subject: Subject, first: Observation) -> Explanation:
         if physics.absent is not None:
             after = np.delete(after, physics.absent, axis=1)
         answer.explained = float(after.max())
-        if answer.explained > max(AGREES, 10 * fit.EXPLAINED * first.noise):
+        # Magnitudes are fitted to accelerations, as sure as those are; over 1 / W that is a velocity.
+        unsure = fit.EXPLAINED * model.accelerations(first)[1]
+        if answer.explained > max(AGREES, 10 * fit.EXPLAINED * first.noise, unsure):
             unexplained.append(f"the altered model still differs by {answer.explained:.1e}")
     known = numerics.Known(physics, start, found.soft, found.reported.undo if found.reported else None)
     steps = numerics.diagnose(subject, first, known)

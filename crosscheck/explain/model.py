@@ -141,16 +141,22 @@ def _reports(observations: list[Observation], result: ModelFinding) -> starts.Re
 
 
 def _shown(observation: Observation, forces: tuple[int, ...], report: starts.Report | None) -> Shown:
-    scene, scale = observation.scene, observation.scale
+    scale = observation.scale
     states = observation.states if report is None else report.undo(observation.states)
     if report is not None:
         observation = dataclasses.replace(observation, y=scale.flat(states))
-    interval = scene.duration / (scene.samples - 1)
-    found, error = rates(observation.y[:, :, 12:], interval)
+    found, noise = accelerations(observation)
     found[:, :, :3] *= scale.length * scale.rate
     found[:, :, 3:] *= scale.rate
-    noise = (error + AMPLIFIED * observation.noise / interval) / scale.rate
-    return Shown(observation, states, found, max(noise, LEAST_NOISE), forces)
+    return Shown(observation, states, found, noise, forces)
+
+
+def accelerations(observation: Observation) -> tuple[np.ndarray, float]:
+    """Time derivatives of the velocities in y (1/s), (T - 8, n, 6), and their noise in units of 1 / W."""
+    interval = observation.scene.duration / (observation.scene.samples - 1)
+    found, error = rates(observation.y[:, :, 12:], interval)
+    noise = (error + AMPLIFIED * observation.noise / interval) / observation.scale.rate
+    return found, max(noise, LEAST_NOISE)
 
 
 def _frozen(shown: list[Shown], result: ModelFinding) -> None:

@@ -13,6 +13,8 @@ import lieeuler
 
 METHODS = (*lieeuler.EULER_METHODS, "INDEX1_LE", "BAUMGARTE_LE", "rattle4", "rkmk_fixed", "rkmk_adaptive", "seulex",
            "taylor")
+pytestmark = pytest.mark.slow  # the program takes a minute of a core to compile
+
 WATCHED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O0")
 
 

@@ -1,6 +1,6 @@
 // Every family of steppers on systems that reach every part of the kernel, without Python: for the sanitizers.
 //
-//   watched_driver SYSTEM METHOD   prints   "status S  steps N  sum X", X of all sampled positions
+//   watched_driver SYSTEM METHOD [STEP]   prints   "status S  steps N  sum X", X of all sampled positions
 #include <cstdio>
 #include <string>
 
@@ -90,10 +90,11 @@ Machine sprung() {
   return m;
 }
 
-Outcome drive(const Machine& m, const std::string& method, const Record& record) {
+// `step`: of the methods with a fixed one, s.
+Outcome drive(const Machine& m, const std::string& method, double step, const Record& record) {
   const System& system = m.system;
   const State start = m.start();
-  const std::vector<double> steps{1e-3, 2e-3}, t_eval{0, 0.007, 0.013, 0.05};
+  const std::vector<double> steps{step, 2 * step}, t_eval{0, 0.007, 0.013, 0.05};
   const std::vector<std::int64_t> counts{10, 5};
   const Interrupted interrupted = [] { return false; };
   if (method == "seulex") {
@@ -127,7 +128,7 @@ Outcome drive(const Machine& m, const std::string& method, const Record& record)
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 3) return 1;
+  if (argc < 3 || argc > 4) return 1;
   const std::string system = argv[1], method = argv[2];
   const Machine machine = system == "parallelogram" ? parallelogram()
                           : system == "sprung"      ? sprung()
@@ -136,6 +137,6 @@ int main(int argc, char** argv) {
   const Record record = [&](int, const State& state) {
     for (const Frame& frame : state.frames) sum += frame.x.sum();
   };
-  const Outcome outcome = drive(machine, method, record);
+  const Outcome outcome = drive(machine, method, argc == 4 ? std::stod(argv[3]) : 1e-3, record);
   std::printf("status %d  steps %ld  sum %.9g\n", static_cast<int>(outcome.status), outcome.counters.steps, sum);
 }

@@ -286,8 +286,8 @@ class EulerStepper {
   }
 
   void measure_scales() {
-    const Scales scales = Scales::of(system_, start_);
-    length_ = scales.length, speed_ = scales.rate;
+    const Scales scales = Scales::of_motion(system_, start_);
+    length_ = scales.length, speed_ = std::max(scales.rate, scales.natural(system_));
     // Velocities are sums of the joints' impulses, which are large in a long chain, and round with them.
     double impulse = 0;
     for (size_t i = 3 * nodes_.lam(0); i < z_.size(); ++i) impulse = std::max(impulse, std::abs(z_[i]));

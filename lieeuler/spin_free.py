@@ -94,8 +94,10 @@ def _axis(problem: Problem, body: int) -> np.ndarray | None:
 
 
 def _attached(problem: Problem, body: int) -> list[np.ndarray] | None:
-    """Anchors in lengths of the system, axes and directions of loads, in the body's frame; None where something acts about
-    every axis."""
+    """Anchors over the length of the system, axes and directions of loads, in the body's frame.
+
+    None where something acts about every axis.
+    """
     found = []
     length = problem.kernel.length
     for joint in problem.joints:

@@ -1,4 +1,4 @@
-"""The units of length, mass and time are the user's choice: in other units runs take the same steps and agree to rounding.
+"""The units of length, mass and time are the user's choice: in others runs take the same steps and agree to rounding.
 
 Powers of two change no digit of any number, so that a run in other units can differ only where a threshold has units;
 millimetres, kilometres and milliseconds round every number anew.
@@ -30,8 +30,8 @@ SCENES = (("double_pendulum", 0.2), ("heavy_top", 0.05), ("stiff_spring", 0.1), 
 ADAPTIVE = tuple(name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls)
 
 TOUCHY = ("stiff_spring", "seulex")
-"""One rounding more or less in the initial position alone makes 29 steps 40: its errors on an undamped spring are those of
-a rotation by many turns a step."""
+"""One rounding more or less in the initial position alone makes 29 steps 40: its error estimates on an undamped spring
+are those of an oscillation by several turns a step."""
 
 
 def in_other_units(scene: Scene, length: float, mass: float, time: float) -> Scene:

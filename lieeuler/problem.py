@@ -14,6 +14,9 @@ from lieeuler.forces import Force
 from lieeuler.joints import Joint
 from lieeuler.types import GROUND
 
+CLOSED = 1e-8
+"""How far joints may be open at the start, in lengths and rates of the system."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Body:
@@ -64,7 +67,7 @@ class Problem:
     ------
     ArgumentError
         A value is of the wrong shape or not physical, a joint names a body that is not there, or the state violates a
-        joint by more than 1e-8.
+        joint by more than 1e-8 of the size of the system.
     """
 
     bodies: tuple[Body, ...]
@@ -104,14 +107,11 @@ class Problem:
     def _check_constraints(self) -> None:
         if not self.joints:
             return
-        position, velocity = _kernel.constraint_levels(self.kernel, self.x, self.R, self.v, self.w)
-        length = max(1.0, *(float(np.linalg.norm(s)) for j in self.joints for s in (j.parent_anchor, j.child_anchor)))
-        speed = max(1.0, float(np.abs(self.w).max()))
-        for name, gap, bound in (("joints", position, 1e-8 * length),
-                                 ("velocity constraints", velocity, 1e-8 * length * speed)):
-            if not gap <= bound:
-                raise ArgumentError(f"the initial state violates the {name} by {gap:.3g}; "
-                                    f"project it first (bound {bound:.3g})")
+        levels = _kernel.constraint_levels(self.kernel, self.x, self.R, self.v, self.w)
+        for name, size, gap in zip(("joints", "velocity constraints"), ("length", "speed"), levels, strict=True):
+            if not gap <= CLOSED:
+                raise ArgumentError(f"the initial state violates the {name} by {gap:.3g} of the system's {size}; "
+                                    f"project it first (bound {CLOSED:g})")
 
     @property
     def n(self) -> int:

@@ -94,13 +94,17 @@ def _axis(problem: Problem, body: int) -> np.ndarray | None:
 
 
 def _attached(problem: Problem, body: int) -> list[np.ndarray] | None:
-    """Anchors, axes and load directions in the body's frame; None where something acts about every axis."""
+    """Anchors over the length of the system, axes and directions of loads, in the body's frame.
+
+    None where something acts about every axis.
+    """
     found = []
+    length = problem.kernel.length
     for joint in problem.joints:
         for end, side in ((joint.parent, "parent"), (joint.child, "child")):
             if end != body:
                 continue
-            found.append(joint.parent_anchor if side == "parent" else joint.child_anchor)
+            found.append((joint.parent_anchor if side == "parent" else joint.child_anchor) / length)
             found += [axis for dot in joint.dots for carrier, axis in ((dot.a, dot.a_axis), (dot.b, dot.b_axis))
                       if carrier == side]
     for force in problem.forces:
@@ -111,9 +115,11 @@ def _attached(problem: Problem, body: int) -> list[np.ndarray] | None:
         if isinstance(force, ConstantLoad):
             if np.any(force.torque):
                 return None
-            found += [force.point, force.force] if force.frame == "body" else [force.point]
+            found.append(force.point / length)
+            if force.frame == "body" and np.any(force.force):
+                found.append(force.force / np.linalg.norm(force.force))
         else:
-            found.append(force.parent_point if force.parent == body else force.child_point)
+            found.append((force.parent_point if force.parent == body else force.child_point) / length)
     return found
 
 

@@ -12,6 +12,7 @@
 #include "extrapolation.hpp"
 #include "probes.hpp"
 #include "rkmk.hpp"
+#include "sizes.hpp"
 #include "taylor.hpp"
 
 using namespace lieeuler;
@@ -48,8 +49,13 @@ void add_joint(System& system, int parent, int child, const Vec3& parent_anchor,
     joint.parts.back().dots.push_back({carrier(carriers[2 * k]), carrier(carriers[2 * k + 1]), axes[2 * k],
                                        axes[2 * k + 1], constants[k], scales[k]});
   }
-  for (const Vec3& s : {parent_anchor, child_anchor}) system.length = std::max(system.length, s.norm());
   system.joints.push_back(joint);
+  measure(system, joint);
+}
+
+void add_force(System& system, const Force& force) {
+  system.forces.push_back(force);
+  measure(system, force);
 }
 
 void add_linear_spring(System& system, int parent, int child, const Vec3& parent_point, const Vec3& child_point,
@@ -57,7 +63,7 @@ void add_linear_spring(System& system, int parent, int child, const Vec3& parent
   Force force{Force::Kind::linear_spring, parent_of(system, parent, child), child};
   force.parent_point = parent_point, force.child_point = child_point;
   force.stiffness = stiffness, force.rest = free_length, force.damping = damping;
-  system.forces.push_back(force);
+  add_force(system, force);
 }
 
 // axis, normal, second_normal: right-handed, in the parent; pointer: the normal in the child at angle zero.
@@ -67,13 +73,13 @@ void add_torsional_spring(System& system, int parent, int child, const Vec3& axi
   Force force{Force::Kind::torsional_spring, parent_of(system, parent, child), child};
   force.axis = axis, force.normal = normal, force.second_normal = second_normal, force.pointer = pointer;
   force.stiffness = stiffness, force.rest = rest_angle, force.damping = damping;
-  system.forces.push_back(force);
+  add_force(system, force);
 }
 
 void add_load(System& system, int child, const Vec3& point, const Vec3& value, const Vec3& torque, bool in_world) {
   Force force{Force::Kind::load, parent_of(system, -1, child), child};
   force.child_point = point, force.force = value, force.torque = torque, force.in_world = in_world;
-  system.forces.push_back(force);
+  add_force(system, force);
 }
 
 // Room for all samples is asked for, and taken sample by sample: a run that ends early fills and returns no more.
@@ -182,13 +188,17 @@ nb::dict integrate_runge_kutta(const System& system, const Tableau& tableau, con
 }
 
 // t_eval starts at zero.
-template <class Stepper>
-nb::dict integrate_adaptive(Stepper& stepper, const System& system, const Array& x, const Array& R, const Array& v,
-                            const Array& w, const std::vector<double>& t_eval, double rtol, bool monitored) {
+template <class Stepper, class... Arguments>
+nb::dict integrate_adaptive(const System& given, const Array& x, const Array& R, const Array& v, const Array& w,
+                            const std::vector<double>& t_eval, double rtol, bool monitored,
+                            const Arguments&... arguments) {
   require(t_eval.size() > 1 && std::isfinite(t_eval.front()) && std::isfinite(t_eval.back()) && rtol > 0 && rtol < 1 &&
               std::adjacent_find(t_eval.begin(), t_eval.end(), [](double a, double b) { return !(a < b); }) ==
                   t_eval.end(),
           "output times must increase, and the tolerance lie between 0 and 1");
+  System system = given;  // other runs of the same system may have another duration
+  system.slowest = 1 / (t_eval.back() - t_eval.front());
+  Stepper stepper(system, arguments...);
   const State initial = make_state(system, x, R, v, w);
   return execute(system, t_eval.size(), [&](const Record& record, const Interrupted& interrupted) {
     return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
@@ -198,43 +208,43 @@ nb::dict integrate_adaptive(Stepper& stepper, const System& system, const Array&
 nb::dict integrate_adaptive_runge_kutta(const System& system, const Tableau& tableau, const Array& x, const Array& R,
                                         const Array& v, const Array& w, const std::vector<double>& t_eval, double rtol,
                                         bool monitored) {
-  AdaptiveMuntheKaas stepper(system, tableau);
-  return integrate_adaptive(stepper, system, x, R, v, w, t_eval, rtol, monitored);
+  return integrate_adaptive<AdaptiveMuntheKaas>(system, x, R, v, w, t_eval, rtol, monitored, tableau);
 }
 
-template <class Stepper>
-nb::dict integrate_adaptive_by(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
-                               const std::vector<double>& t_eval, double rtol, bool monitored) {
-  Stepper stepper(system);
-  return integrate_adaptive(stepper, system, x, R, v, w, t_eval, rtol, monitored);
-}
-
-// Largest entries of Phi and of G u.
+// Largest entries of Phi and of G u as parts of the sizes of the system: lengths of its length, rates of its rate.
 std::pair<double, double> constraint_levels(const System& system, const Array& x, const Array& R, const Array& v,
                                             const Array& w) {
   const State state = make_state(system, x, R, v, w);
+  const Scales scales = Scales::of_motion(system, state);
+  const double rate = std::max(scales.rate, scales.natural(system));
   double position = 0, velocity = 0;
   for (const Joint& joint : system.joints) {
     JointState here;
     here.update(joint, state.frames);
     for (const Part& part : joint.parts) {
-      raise(position, here.position(part));
-      raise(velocity, here.velocity(part, state.u[joint.parent], state.u[joint.child]));
+      Vec3 gap = here.position(part), speed = here.velocity(part, state.u[joint.parent], state.u[joint.child]);
+      for (int r = 0; r < part.rows(); ++r)
+        if (part.translational(r)) gap[r] /= system.length, speed[r] /= system.length;
+      raise(position, gap), raise(velocity, speed);
     }
   }
-  return {position, velocity};
+  return {position, rate > 0 ? velocity / rate : velocity};  // without a rate nothing moves
 }
 
 }  // namespace
 
 NB_MODULE(_kernel, m) {
+  // A Problem keeps its System, and what Python has not freed when it ends is no leak: test_repeated_runs.py looks for those.
+  nb::set_leak_warnings(false);
   nb::class_<System>(m, "System")
       .def("__init__",
            [](System* self, const std::vector<double>& masses, const std::vector<Mat3>& inertias, const Vec3& gravity) {
              require(masses.size() == inertias.size(), "every body needs a mass and an inertia");
              new (self) System{{}, {}, {}, gravity};
-             for (size_t b = 0; b < masses.size(); ++b)
+             for (size_t b = 0; b < masses.size(); ++b) {
                self->bodies.push_back({masses[b], inertias[b], inertias[b].inverse()});
+               measure(*self, self->bodies.back());
+             }
            })
       .def("set_spin",
            [](System& system, int body, const Vec3& spin) {
@@ -245,7 +255,8 @@ NB_MODULE(_kernel, m) {
       .def("add_linear_spring", &add_linear_spring)
       .def("add_torsional_spring", &add_torsional_spring)
       .def("add_load", &add_load)
-      .def_prop_ro("rows", &System::rows);
+      .def_prop_ro("rows", &System::rows)
+      .def_ro("length", &System::length);
   using TableauRows = std::vector<std::vector<double>>;
   nb::class_<Tableau>(m, "Tableau")
       .def("__init__", [](Tableau* self, const TableauRows& stages, const std::vector<double>& weights, int order,
@@ -262,8 +273,8 @@ NB_MODULE(_kernel, m) {
   m.def("integrate", &integrate);
   m.def("integrate_runge_kutta", &integrate_runge_kutta);
   m.def("integrate_adaptive_runge_kutta", &integrate_adaptive_runge_kutta);
-  m.def("integrate_seulex", &integrate_adaptive_by<AdaptiveExtrapolation>);
-  m.def("integrate_taylor", &integrate_adaptive_by<TaylorStepper>);
+  m.def("integrate_seulex", &integrate_adaptive<AdaptiveExtrapolation>);
+  m.def("integrate_taylor", &integrate_adaptive<TaylorStepper>);
   m.def("taylor_coefficients", &taylor_coefficients);
   m.def("constraints", &constraints);
   m.def("constraint_levels", &constraint_levels);

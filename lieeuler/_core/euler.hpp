@@ -62,7 +62,10 @@ class EulerStepper {
       status = newton_.solve(equations(), z_, target(), counters);
     }
     if (status != Status::success && equations().fall_back()) {
-      predictor.guess(z_);
+      if (predictor.empty())
+        guess_afresh();
+      else
+        predictor.guess(z_);
       status = newton_.solve(equations(), z_, target(), counters);
     }
     if (status == Status::newton_failed && lu_.smallest_tail_pivot() < kNearlySingular) return Status::singular_matrix;
@@ -242,6 +245,15 @@ class EulerStepper {
  private:
   Equations& equations() { return static_cast<Equations&>(*this); }
 
+  // From the start of the step alone, where an attempt has left something in z_.
+  void guess_afresh() {
+    std::fill(z_.begin(), z_.end(), 0.0);
+    std::swap(start_, state_);
+    equations().guess(z_);
+    std::swap(start_, state_);
+    remove_null_space(z_);
+  }
+
   // Next step's rows and multipliers are freed of the null space at this configuration. A rank that is higher after the
   // first step was that of a singular position.
   Status follow_null_space() {
@@ -277,8 +289,8 @@ class EulerStepper {
   }
 
   void measure_scales() {
-    const Scales scales = Scales::of(system_, start_);
-    length_ = scales.length, speed_ = scales.rate;
+    const Scales scales = Scales::of_motion(system_, start_);
+    length_ = scales.length, speed_ = std::max(scales.rate, scales.natural(system_));
     // Velocities are sums of the joints' impulses, which are large in a long chain, and round with them.
     double impulse = 0;
     for (size_t i = 3 * nodes_.lam(0); i < z_.size(); ++i) impulse = std::max(impulse, std::abs(z_[i]));

@@ -81,14 +81,15 @@ class MuntheKaas {
     put_first_slope();
     std::copy_n(slope(0), size_, y_.begin());
     const double first = scales_.norm(y_);
-    const double h = 0.01 / std::max(first, 1e-6);
+    const double rate = scales_.rate, h = 0.01 / std::max(first, 1e-6 * rate);
     for (size_t i = 0; i < size_; ++i) y_[i] = h * slope(0)[i];
     const Status status = evaluate(slope(1), counters);
     projection_.move_to(state_);  // joints() are those of state()
     if (status != Status::success) return 0.01 * h;
     for (size_t i = 0; i < size_; ++i) y_[i] = slope(1)[i] - slope(0)[i];
     const double second = scales_.norm(y_) / h;
-    return std::min(100 * h, std::pow(0.01 * rtol / std::max({first, second, 1e-12}), 1.0 / order));
+    const double size = std::max({first / rate, second / (rate * rate), 1e-12});
+    return std::min(100 * h, std::pow(0.01 * rtol / size, 1.0 / order) / rate);
   }
 
   // The state at a fraction of the step accepted last, before projection. The joints then belong to no state.

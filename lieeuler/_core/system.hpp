@@ -49,11 +49,14 @@ struct Part {
   std::vector<DotRow> dots;
   int row;  // of the first, in lam
   int rows() const { return spherical ? 3 : static_cast<int>(dots.size()); }
-  // Whether the rows depend on the positions of the bodies, and not on their attitudes alone.
+  // Whether a row, or any, depends on the positions of the bodies, and not on their attitudes alone.
+  bool translational(int row) const {
+    return spherical || dots[row].a == Carrier::difference || dots[row].b == Carrier::difference;
+  }
   bool translational() const {
-    return spherical || std::any_of(dots.begin(), dots.end(), [](const DotRow& dot) {
-             return dot.a == Carrier::difference || dot.b == Carrier::difference;
-           });
+    for (int r = 0; r < rows(); ++r)
+      if (translational(r)) return true;
+    return false;
   }
 };
 
@@ -82,7 +85,11 @@ struct System {
   std::vector<Joint> joints;
   std::vector<Force> forces;
   Vec3 gravity;
-  double length = 1;  // scale of the translations in Newton's stopping test, m
+  // Sizes, that `measure` takes of the parts.
+  double length = 0;                                  // m
+  double acceleration = 0, angular_acceleration = 0;  // by loads
+  double frequency = 0;                               // of the fastest spring or damper, 1/s
+  double slowest = 0;  // 1/s: of a run with steps of its own choice, one over its duration
 
   int n() const { return static_cast<int>(bodies.size()); }
   int rows() const {

@@ -121,7 +121,7 @@ class TaylorStepper {
 
   // A system at rest has the rate at which it starts to move.
   void measure_scales() {
-    scales_ = Scales::of(system_, state_, 0);
+    scales_ = Scales::of_motion(system_, state_);
     double square = 0;
     for (int b = 0; b < system_.n(); ++b)
       square = std::max(square, scales_.rate_of({2 * vector(series_.bodies().x[b][2]), vector(series_.bodies().w[b][1])}));

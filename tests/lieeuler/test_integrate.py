@@ -140,7 +140,7 @@ def test_interrupt_carries_the_trajectory_so_far():
     timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
     with pytest.raises(lieeuler.Interrupted) as caught:
-        lieeuler.integrate(SYSTEMS["double_pendulum"](), "DAE1L_LSE", 1e-6, np.linspace(0, 1000, 100001))
+        lieeuler.integrate(SYSTEMS["double_pendulum"](), "DAE1L_LSE", 1e-6, np.linspace(0, 10, 100001))
     assert isinstance(caught.value, KeyboardInterrupt)
     assert 1 < len(caught.value.solution.t) < 100001
 

@@ -97,7 +97,8 @@ class Extrapolation {
 
  private:
   static constexpr int kMostRows = 12;
-  static constexpr double kRounding = 1e15;  // of a row's result over the tolerance: 0.1 / rounding of a sub-step's result
+  // A row may magnify rounding up to the tolerance: a fifth of that is what is left of it, measured.
+  static constexpr double kRounding = 1 / std::numeric_limits<double>::epsilon();
   static constexpr double kSolved = 0.1;    // of the tolerance, for what the iterations of all sub-steps leave
   static constexpr int kMostInner = (kMostRows - 1) / 2;
 

@@ -1,4 +1,4 @@
-"""Plans that keep to a budget of steps, for the profile that runs every scene in one night.
+"""Plans that keep to a budget of steps, for scenes without a plan of their own.
 
 The rule of `plan_from_truth` asks for a bound of a hundredth of the scene; that may take millions of steps of a
 first-order method. Within a budget the bound may be wider, as long as it says something, and where it would not

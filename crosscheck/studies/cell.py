@@ -21,7 +21,7 @@ from crosscheck.scene import Scene
 from crosscheck.studies.attempts import attempt
 from crosscheck.studies.curves import run_curves, scene_curves
 from crosscheck.studies.order_study import order_study
-from crosscheck.studies.plan import PLANS, RTOLS, STUDY_SAMPLES, ScenePlan, plan_from_truth, plan_without_truth
+from crosscheck.studies.plan import PLANS, RTOLS, STUDY_SAMPLES, ScenePlan, plan_without_truth
 from crosscheck.verdict import (
     Finding,
     Record,
@@ -100,18 +100,13 @@ def _described_without_truth(name: str, whole: bool, error: Exception) -> dict[s
             "no_truth": " ".join(str(error).split()), "disputed": not isinstance(error, Unsupported)}
 
 
-def _described(name: str, whole: bool, most_steps: int | None = None) -> dict[str, Any]:
+def _described(name: str, whole: bool, most_steps: int) -> dict[str, Any]:
     """What the report says about a scene whose truth is known."""
     from crosscheck.references import truth
     from crosscheck.scene_file import load_scene
     from crosscheck.studies.budget import plan_within
 
-    if most_steps is None:
-        short = windowed(load_scene(name), PLANS[name].window if name in PLANS else 1.0)
-        window = truth(short)
-        plan = PLANS.get(name) or plan_from_truth(short, window)
-    else:
-        plan = plan_within(load_scene(name), name, most_steps)
+    plan = plan_within(load_scene(name), name, most_steps)
     scene = load(name, plan, whole)
     reference = truth(scene)
     return {

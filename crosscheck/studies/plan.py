@@ -137,7 +137,7 @@ class Profile:
     whole: bool  # main runs over the whole scene, not only its first window
     forms: bool  # also the model forms that are not an engine's default
     timing: int  # repeats of the timing study; 0: none
-    most_steps: int | None = None  # of a main run of one body; None: as many as the bounds ask for
+    most_steps: int = 20_000  # of a main run of one body, on scenes without a plan of their own
     every_scene: bool = False  # all scenes of the library, not only those with a plan
     most_seconds: float | None = None  # of processor time of one order study; None: any
     speed: int = 0  # rounds of the speed study, which compares with a calibration kernel; 0: none
@@ -146,8 +146,7 @@ class Profile:
 PROFILES = {
     "default": Profile("default", None, True, True, 3),
     "smoke": Profile("smoke", 3, False, False, 0),
-    "full": Profile("full", None, True, True, 0, most_steps=20_000, every_scene=True,
-                    most_seconds=20.0, speed=3),
+    "full": Profile("full", None, True, True, 0, every_scene=True, most_seconds=20.0, speed=3),
 }
 
 

@@ -16,13 +16,14 @@ def rounding_levels(scene: Scene, truth: Reference) -> dict[str, tuple[float, fl
     """(a, b) per figure: rounding moves it by no more than a + b n^0.6 in n steps.
 
     Figures: the compared quantities in their units, "energy" over the largest kinetic energy, "momentum" in
-    kg m^2/s. As `crosscheck.tolerances.rounding`: the doubt of truth, and 50 eps times the size, magnified as the scene
-    magnifies a perturbation.
+    kg m^2/s. As `crosscheck.tolerances.rounding`: the doubt of truth, and 50 eps (`grading`) times the size, magnified
+    as the scene magnifies a perturbation.
     """
     scale = tolerances.scales(scene, truth)
     sizes = {quantity: scale.of(quantity) for quantity in QUANTITIES}
     fixed = {quantity: truth.allowed * max(1.0, size) for quantity, size in sizes.items()}
-    growing = {quantity: 50 * EPS * size * truth.amplification for quantity, size in sizes.items()}
+    step = tolerances.grading(scene) * EPS * truth.amplification
+    growing = {quantity: step * size for quantity, size in sizes.items()}
     levels = {quantity: (fixed[quantity], growing[quantity]) for quantity in QUANTITIES}
     for name, rule in (("energy", tolerances.energy), ("momentum", tolerances.momentum)):
         a, b = (rule(scene, truth, {quantity: Tol(value, "rounding") for quantity, value in part.items()}).value

@@ -103,14 +103,29 @@ def derivative(truth: Reference, order: int, scale: Scales) -> float:
     return max(pose(order), pose(order + 1) / scale.unit_rate)
 
 
-def rounding(truth: Reference, size: float, steps: int) -> float:
+USUAL = 50.0
+"""Roundings (eps) that a step is allowed: about the terms of an ordinary scene's accelerations over their sum."""
+
+
+def grading(scene: Scene) -> float:
+    """Roundings (eps) that a step is allowed in this scene: `USUAL`, and more where light bodies carry heavy ones.
+
+    A joint transmits what moves all bodies, and of that the lightest one is left with a difference as small as its
+    mass; about its thickest axis a needle turns by differences as small as its least inertia.
+    """
+    principal = np.linalg.eigvalsh(scene.inertias)
+    return float(max(USUAL, scene.masses.sum() / scene.masses.min(), (principal[:, -1] / principal[:, 0]).max()))
+
+
+def rounding(scene: Scene, truth: Reference, size: float, steps: int) -> float:
     """What rounding alone may do to a quantity of this size in that many steps, on top of the doubt of truth itself."""
-    return truth.allowed * max(1.0, size) + 50 * EPS * size * truth.amplification * max(1, steps) ** 0.6
+    return (truth.allowed * max(1.0, size)
+            + grading(scene) * EPS * size * truth.amplification * max(1, steps) ** 0.6)
 
 
-def noise(truth: Reference, size: float) -> float:
+def noise(scene: Scene, truth: Reference, size: float) -> float:
     """Rounding typically left in an error against truth; what lies near it is no sign of the method's order."""
-    return max(truth.disagreement, EPS * truth.amplification) * max(1.0, size)
+    return max(truth.disagreement, grading(scene) / USUAL * EPS * truth.amplification) * max(1.0, size)
 
 
 def fixed_step(scene: Scene, truth: Reference, order: int, step: float,
@@ -131,7 +146,7 @@ def fixed_step(scene: Scene, truth: Reference, order: int, step: float,
            f"h = {step:.3g} s, max|y^({order + 1})| = {largest:.3g} /s^{order + 1} from truth")
     bounds = {}
     for quantity, unit in units.items():
-        floor = rounding(truth, scale.of(quantity), steps)
+        floor = rounding(scene, truth, scale.of(quantity), steps)
         bounds[quantity] = Tol(unit * bound + floor, f"{why}; times {unit:.3g} {QUANTITIES[quantity]}; "
                                                      f"rounding floor {floor:.1e}")
     return bounds
@@ -158,7 +173,7 @@ def adaptive(scene: Scene, truth: Reference, rtol: float, steps: int,
     bounds = {}
     for quantity in QUANTITIES:
         size = scale.of(quantity)
-        value = growth * steps * rtol * size + rounding(truth, size, steps)
+        value = growth * steps * rtol * size + rounding(scene, truth, size, steps)
         bounds[quantity] = Tol(value, f"A n rtol times the size: A = {growth:.3g}, n = {steps} steps, "
                                       f"rtol = {rtol:.1e}, size {size:.3g} {QUANTITIES[quantity]}")
     return bounds
@@ -196,8 +211,10 @@ def held_level(scene: Scene, truth: Reference | None, level: str) -> Tol:
     scale = scales(scene, truth)
     size = {"position": scale.reach + scale.length, "velocity": scale.speed + scale.rate * scale.length,
             "acceleration": scale.speed**2 / scale.length + 2 * scale.rate**2 * scale.length}[level]
-    value = max(HELD[level], 50 * EPS * size)
-    return Tol(value, f"held by construction: rounding level, the larger of {HELD[level]:g} and 50 eps x {size:.3g}")
+    roundings = USUAL if level == "position" else grading(scene)
+    value = max(HELD[level], roundings * EPS * size)
+    return Tol(value, f"held by construction: rounding level, the larger of {HELD[level]:g} and {roundings:.3g} eps x "
+                      f"{size:.3g}")
 
 
 def reach(scene: Scene) -> float:

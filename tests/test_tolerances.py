@@ -23,7 +23,7 @@ def truth(pendulum, crosscheck_truth):
 @pytest.mark.parametrize("order", [1, 2, 4, 6])
 def test_bound_scales_with_the_documented_order(pendulum, truth, order):
     coarse, fine = (tolerances.fixed_step(pendulum, truth, order, step) for step in (0.1, 0.05))
-    floor = tolerances.rounding(truth, tolerances.scales(pendulum, truth).of("position"), 20)
+    floor = tolerances.rounding(pendulum, truth, tolerances.scales(pendulum, truth).of("position"), 20)
     ratio = (coarse["position"].value - floor) / (fine["position"].value - floor)
     assert ratio == pytest.approx(2.0**order, rel=1e-4)  # the floors of 10 and 20 steps differ by some 1e-12
 
@@ -92,3 +92,9 @@ def test_invariants_are_bounded_without_amplification(pendulum, truth):
     tight = tolerances.fixed_step(pendulum, truth, 1, 1e-4, amplification=1.0)
     assert tolerances.energy(pendulum, truth, tight).value < tolerances.energy(pendulum, truth, loose).value
     assert tolerances.momentum(pendulum, truth, tight).value < tolerances.momentum(pendulum, truth, loose).value
+
+
+@pytest.mark.parametrize(("name", "roundings"), [("single_pendulum", 50), ("triple_pendulum", 50), ("chain_64", 64),
+                                                 ("light_heavy", 1e6), ("heavy_light", 1e6), ("needle", 1e6)])
+def test_graded_masses_and_inertias_are_allowed_their_roundings(name, roundings):
+    assert tolerances.grading(load_scene(name)) == pytest.approx(roundings, rel=1e-5)

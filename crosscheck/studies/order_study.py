@@ -48,7 +48,7 @@ def order_study(record: Record, cell: Cell, scene: Scene, reference: Reference) 
         _not_measured(record, record.ladder_cut)
         return
     scale = tolerances.scales(scene, reference)
-    floors = {quantity: tolerances.noise(reference, scale.of(quantity)) for quantity in QUANTITIES}
+    floors = {quantity: tolerances.noise(scene, reference, scale.of(quantity)) for quantity in QUANTITIES}
     findings, orders = judge_orders(order, record.ladder, floors)
     most = len(sizes) + (0 if _hopeless(record) else REFINEMENTS)
     while undecided(findings, orders) and len(record.ladder) < most and not record.ladder_cut:

@@ -29,6 +29,9 @@ TRIES, PATIENCE = 3, 12
 LONG = 0.01
 """Time (s), with the making of models, after which one undisturbed try is enough: it averages over what is short."""
 
+ONCE = 0.5
+"""Time (s), with the making of models, of a run that has one turn a round: what the first turn loads is little."""
+
 WAITED = 0.03
 """Share of a try that the process may have waited; beyond it the try was disturbed."""
 
@@ -75,18 +78,20 @@ def time_round(task: Round) -> list[list[tuple[float, float]]]:
     kernel = calibration_kernel()
     kernel()
     samples: list[list[tuple[float, float]]] = [[] for _ in task.bursts]
-    broken: set[int] = set()
+    done: set[int] = set()
     for turn in range(task.repeats + 1):
         before = kernel()
         for index, burst in enumerate(task.bursts):
-            if index in broken:
+            if index in done:
                 continue
             output.at(str(index))
+            began = time.perf_counter()
             seconds = _seconds_per_step(scene, burst, warming=not turn)
+            long = time.perf_counter() - began > ONCE
             after = kernel()
-            if seconds is None:
-                broken.add(index)
-            elif turn:  # the first turn loads libraries and fills caches
+            if seconds is None or long:
+                done.add(index)
+            if seconds is not None and (turn or long):  # the first turn loads libraries and fills caches
                 samples[index].append((seconds, 0.5 * (before + after)))
             before = after
     return samples

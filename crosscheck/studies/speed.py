@@ -20,7 +20,7 @@ CALIBRATION = "LU solutions of 800 dense systems of 6 equations (numpy.linalg.so
 REPEATS = 3
 """Times that each run of a scene has its turn in one round."""
 
-STEPS, FEWEST = 100, 20
+STEPS, FEWEST = 100, 8
 """Steps of a timed run of one body, and of a run of many bodies at least: from a tenth of a millisecond to ten."""
 
 TRIES, PATIENCE = 3, 12
@@ -29,7 +29,7 @@ TRIES, PATIENCE = 3, 12
 LONG = 0.01
 """Time (s), with the making of models, after which one undisturbed try is enough: it averages over what is short."""
 
-ONCE = 0.5
+ONCE = 0.1
 """Time (s), with the making of models, of a run that has one turn a round: what the first turn loads is little."""
 
 WAITED = 0.03

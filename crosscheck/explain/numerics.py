@@ -307,7 +307,8 @@ def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFi
     Returns alpha (1/s) and beta^2 (1/s^2), zeros where there is no gain.
     """
     scene, scale = first.scene, first.scale
-    if not scene.joints or any(joint.type in ("prismatic", "fixed") for joint in scene.joints):
+    there = [joint for joint in scene.joints if known.physics.absent not in (joint.parent, joint.child)]
+    if not there or any(joint.type in ("prismatic", "fixed") for joint in there):
         return NO_GAIN
     try:
         seen = observe(subject, pushed(scene, scale), scale)
@@ -316,14 +317,15 @@ def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFi
     states, constraints = seen.states if known.undo is None else known.undo(seen.states), Constraints(scene)
     inner = slice(REACH, len(states.t) - REACH)
     x, R, v, w = (getattr(states, name)[inner] for name in ("x", "R", "v", "w"))
-    gaps = constraints.position(x, R) / scale.length
+    rows = np.concatenate([np.arange(constraints.m)[constraints.rows[joint.name]] for joint in there])
+    gaps = constraints.position(x, R)[:, rows] / scale.length
     if float(np.abs(gaps).max()) < 0.01 * PUSH:
         return NO_GAIN  # joint coordinates and projections close the joints at once
     interval = scene.duration / (scene.samples - 1)
     found, error = rates(scale.flat(states)[:, :, 12:], interval)
     a, alpha = found[:, :, :3] * scale.length * scale.rate, found[:, :, 3:] * scale.rate
-    left = constraints.acceleration(x, R, v, w, a, alpha) / (scale.length * scale.rate**2)
-    speeds = constraints.velocity(x, R, v, w) / (scale.length * scale.rate)
+    left = constraints.acceleration(x, R, v, w, a, alpha)[:, rows] / (scale.length * scale.rate**2)
+    speeds = constraints.velocity(x, R, v, w)[:, rows] / (scale.length * scale.rate)
     noise = (error + np.abs(STENCIL).sum() * seen.noise / interval) / scale.rate * 10
     before = float(np.abs(left).max()) / noise
     design = np.column_stack([-2 * speeds.ravel(), -gaps.ravel()])

@@ -93,6 +93,11 @@ def test_a_fitted_magnitude_is_judged_by_the_noise_it_was_fitted_in():
     assert one(9102, 1)["score"] == "named"
 
 
+def test_a_gain_shows_beside_a_missing_body():
+    result = one(9231, 2)  # the joint of the missing body hangs on nothing
+    assert tuple(result["names"]) == ("missing body", "stabilisation gain")
+
+
 def test_an_alteration_that_alters_nothing_counts_as_without_effect():
     # Hinges keep their angle, whatever is done to attitudes on ball joints; the engine's last method is adaptive.
     scene, cases, (engine, method) = drawn(9012, 1)

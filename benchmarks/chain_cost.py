@@ -35,6 +35,7 @@ COUNTED = (16, 64, 256, 1024)
 BESIDE = (8, 32, 128)
 ENGINES = (("mujoco", "Euler"), ("exudyn", "TrapezoidalIndex2"))
 STEP = 1e-3  # s
+FEWEST = 200  # steps of a run: what its start costs, planning included, is spread over as many
 
 
 def chain(n: int) -> Scene:
@@ -59,8 +60,8 @@ def chain(n: int) -> Scene:
 def wall_times(n: int, rounds: int) -> dict[str, float]:
     """Microseconds per step by contender, medians of interleaved rounds."""
     scene = chain(n)
-    steps = max(20, 20000 // n)
-    problem, few = build_problem(scene), max(20, steps // 10)
+    steps = max(FEWEST, 20000 // n)
+    problem, few = build_problem(scene), max(FEWEST // 10, steps // 10)
     times: dict[str, list[float]] = {}
     for _ in range(rounds):
         for method in lieeuler.EULER_METHODS:

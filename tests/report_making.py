@@ -4,6 +4,7 @@ import dataclasses
 
 from crosscheck import provenance, trust, verify
 from crosscheck.studies.cell import Cell, prepare_truth, run_cell
+from crosscheck.studies.plan import Profile
 
 # Methods of first order take too small steps on the spring for a test.
 RUNS = {"double_pendulum": (("lieeuler", "DAE3L_LE"), ("lieeuler", "DAE1L_LSE"), ("lieeuler", "rattle4"),
@@ -21,7 +22,7 @@ def small_results():
     """`verify.Results` of the first seconds of two scenes."""
     described, records = [], []
     for name, runs in RUNS.items():
-        scene = prepare_truth((name, False))
+        scene = prepare_truth((name, False, Profile.most_steps))
         plan = scene.pop("plan")
         own = [run_cell(Cell(name, engine, method, None, plan, rungs=3, whole=False)) for engine, method in runs]
         for record in own:

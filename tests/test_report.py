@@ -17,6 +17,7 @@ from crosscheck.cli import app
 from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.report import exports, names, pdf, schema, words
 from crosscheck.studies.cell import Cell, prepare_truth, run_cell
+from crosscheck.studies.plan import Profile
 from crosscheck.verdict import Finding, Record
 from tests.fake_engine import FakeEngine, install
 from tests.report_making import CHANGES
@@ -30,7 +31,7 @@ def results():
     """One run of each outcome on one scene, and a scene without truth."""
     with pytest.MonkeyPatch.context() as patch:
         install(patch, FakeEngine())
-        scene = prepare_truth((SCENE, True))
+        scene = prepare_truth((SCENE, True, Profile.most_steps))
         plan = scene.pop("plan")
         records = [run_cell(Cell(SCENE, "fake", "Plain", None, plan, True))]
         install(patch, FakeEngine(breaks="it broke with <b>markup</b> & a \x07 bell"))
@@ -207,7 +208,7 @@ def folder_without_truth(tmp_path_factory):
     exact = references.truth  # the engine of the tests takes its states from there
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(references, "truth", none)
-        scene = prepare_truth((SCENE, True))
+        scene = prepare_truth((SCENE, True, Profile.most_steps))
         patch.setattr(references, "truth", exact)
         plan, reason = scene.pop("plan"), scene["no_truth"]
         records = []

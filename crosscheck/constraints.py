@@ -221,6 +221,12 @@ class Constraints:
         self.dimensionless = np.array([basic.dimensionless for _, basic in self._basics for _ in range(basic.rows)],
                                       dtype=bool)
 
+    def rows_without(self, body: int | None) -> np.ndarray:
+        """Indices of the rows of all joints but those of one body."""
+        there = [np.arange(self.m)[self.rows[joint.name]] for joint in self.scene.joints
+                 if body not in (joint.parent, joint.child)]
+        return np.concatenate([*there, np.empty(0, dtype=int)])
+
     def position(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
         """Phi, (T, m)."""
         x, R = _with_ground(x), _with_ground(R, np.eye(3))

@@ -184,8 +184,7 @@ def _engine_speeds(before: StoredRun, after: StoredRun, common: float, usual: di
         deviation = statistics.median(abs(factor / common - middle) for factor in factors)
         between = [usual[key] / before.results[key].figures[SPEED].value for key in by_cell if key in usual]
         noise = max(MEDIAN_STRAYS * deviation / math.sqrt(len(factors)), statistics.median(between or [0.0]))
-        if (len(factors) >= FEWEST and not 1 / NOISE_RATIO <= middle <= NOISE_RATIO
-                and abs(middle - 1.0) > NOISE_DEVIATIONS * noise):
+        if len(factors) >= FEWEST and beyond_noise(Figure(SPEED, "1", 1.0), Figure(SPEED, "1", middle, noise)):
             text = (f"{middle:.2f} times the time per step, the median of its {len(factors)} runs; spread between them "
                     f"{deviation:.0%}")
             changes.append(Change("speed", "", engine, "", SPEED, 1.0, middle, text, middle > 1))

@@ -222,12 +222,10 @@ def _softness(shown: Shown, result: ModelFinding) -> None:
     """Whether joints are closed at the start and open in the limit of small steps: held by forces, not constraints."""
     scene, scale, states = shown.observation.scene, shown.observation.scale, shown.states
     constraints = Constraints(scene)
-    there = [rows for joint in scene.joints for rows in [constraints.rows[joint.name]]
-             if result.absent is None or result.absent not in (joint.parent, joint.child)]
-    if not there:
+    rows = constraints.rows_without(result.absent)
+    if not rows.size:
         return
-    found = constraints.position(states.x, states.R)
-    gaps = np.abs(np.concatenate([found[:, rows] for rows in there], axis=1)) / scale.length
+    gaps = np.abs(constraints.position(states.x, states.R)[:, rows]) / scale.length
     limit = FAITHFUL + fit.EXPLAINED * shown.observation.noise
     opening = float(gaps.max())
     result.soft = bool(gaps[0].max() <= limit < opening)

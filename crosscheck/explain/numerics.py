@@ -317,7 +317,7 @@ def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFi
     states, constraints = seen.states if known.undo is None else known.undo(seen.states), Constraints(scene)
     inner = slice(REACH, len(states.t) - REACH)
     x, R, v, w = (getattr(states, name)[inner] for name in ("x", "R", "v", "w"))
-    rows = np.concatenate([np.arange(constraints.m)[constraints.rows[joint.name]] for joint in there])
+    rows = constraints.rows_without(known.physics.absent)
     gaps = constraints.position(x, R)[:, rows] / scale.length
     if float(np.abs(gaps).max()) < 0.01 * PUSH:
         return NO_GAIN  # joint coordinates and projections close the joints at once

@@ -73,7 +73,6 @@ class Terms:
         self.scene, self.points, self.index = scene, points, forces
         x, R, v, w = points.x, points.R, points.v, points.w
         self.constraints = constraints = constraints or Constraints(scene)
-        self.rows = constraints.rows
         self.G = constraints.jacobian(x, R).reshape(len(x), constraints.m, scene.n, 6)
         self.gamma = constraints.gamma(x, R, v, w)
         self.springs = [_spring(scene, force, points) for force in scene.forces]
@@ -124,12 +123,12 @@ class Terms:
         """J^-1, the rows that are there, G, G M^-1 and the inverse of G M^-1 G^T."""
         key = (p.masses, p.inertias, p.absent)
         if self._kept is None or any(one is not other for one, other in zip(self._kept[0], key, strict=True)):
-            keep = self._kept_rows(p)
+            keep = self.constraints.rows_without(p.absent)
             G, inverse = self.G[:, keep], np.linalg.inv(p.inertias[self.points.copy])
             W = np.concatenate([G[..., :3] / p.masses[:, None], (G[..., None, 3:] @ inverse[:, None])[..., 0, :]], 3)
             flat, weighted = G.reshape(*G.shape[:2], -1), W.reshape(*G.shape[:2], -1)
             S = weighted @ np.swapaxes(flat, 1, 2)
-            solve = np.linalg.inv(S) if self.rank == len(keep) else self._least_norm(S, p)
+            solve = np.linalg.inv(S) if self.rank == self.constraints.m else self._least_norm(S, p)
             self._kept = key, (inverse, keep, flat, weighted, solve)
         return self._kept[1]
 
@@ -142,13 +141,6 @@ class Terms:
             rank = int(np.count_nonzero(values[0] > mechanics.RANK_TOLERANCE**2 * values[0].max(initial=0.0)))
         values, vectors = values[:, S.shape[1] - rank:], vectors[:, :, S.shape[1] - rank:]
         return (vectors / values[:, None]) @ np.swapaxes(vectors, 1, 2)
-
-    def _kept_rows(self, p: Physics) -> np.ndarray:
-        keep = np.ones(self.gamma.shape[1], dtype=bool)
-        for joint in self.scene.joints:
-            if p.absent is not None and p.absent in (joint.parent, joint.child):
-                keep[self.rows[joint.name]] = False
-        return keep
 
 
 def _rank(G: np.ndarray, masses: np.ndarray, inertias: np.ndarray) -> int:

@@ -143,8 +143,7 @@ class Solution:
         (st, _), (sp, cp) = ((mp.sin(angle), mp.cos(angle)) for angle in (theta, psi))
         E = elliptic.euler(mp, theta, phi, psi)
         w = mp.matrix([theta_rate * cp + phi_rate * st * sp, -theta_rate * sp + phi_rate * st * cp, self.w3])
-        return (np.array((self.world * E * self.axes.T).tolist(), dtype=float),
-                np.array((self.axes * w).T.tolist()[0], dtype=float))
+        return elliptic.pose_in_doubles(self.world, E, self.axes, w)
 
 
 def solve(scene: Scene) -> States:

@@ -49,6 +49,11 @@ def euler(mp: Any, theta: Any, phi: Any, psi: Any) -> Any:
                       [st * sp, st * cp, ct]])
 
 
+def pose_in_doubles(world: Any, E: Any, axes: Any, w: Any) -> tuple[np.ndarray, np.ndarray]:
+    """world E axes^T (3, 3) and axes w (3,), rounded to doubles."""
+    return (np.array((world * E * axes.T).tolist(), dtype=float), np.array((axes * w).T.tolist()[0], dtype=float))
+
+
 class Jacobi:
     """sn, cn, dn of parameter m, and the integral of 1 / (1 - n sn^2) from an argument `start` on."""
 

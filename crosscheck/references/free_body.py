@@ -73,8 +73,7 @@ class Rotation:
         phi = (self.phi0 + self.L * mp.mpf(t) / I3
                + self.L * (1 / I1 - 1 / I3) * self.jacobi.third_kind(self.n, tau) / self.nu)
         E = elliptic.euler(mp, mp.atan2(mp.hypot(l[0], l[1]), l[2]), phi, mp.atan2(l[0], l[1]))
-        return (np.array((self.world * E * self.axes.T).tolist(), dtype=float),
-                np.array((self.axes * w).T.tolist()[0], dtype=float))
+        return elliptic.pose_in_doubles(self.world, E, self.axes, w)
 
 
 def solve(scene: Scene) -> States:

@@ -76,8 +76,8 @@ def windowed(scene: Scene, window: float) -> Scene:
 def prepare_truth(task: tuple[Any, ...]) -> dict[str, Any]:
     """Compute (or find in the cache) the truths a scene's cells need, and choose its plan.
 
-    `task`: name or path, whether main runs cover the whole scene and, where the steps are to keep to a budget,
-    how many they may be, see `crosscheck.studies.budget`. Returns what the report says about the scene, and
+    `task`: name or path, whether main runs cover the whole scene, and how many steps they may take, see
+    `crosscheck.studies.budget`. Returns what the report says about the scene, and
     the plan under the key "plan"; for a scene without truth, why under "no_truth", and whether two formulations of it
     disagreed under "disputed".
     """

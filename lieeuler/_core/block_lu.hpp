@@ -59,8 +59,8 @@ inline void subtract_product(const double* __restrict a, const double* __restric
   for (int j = 0; j < kBlock; j += kColumn) Eigen::Map<Eigen::Vector4d>(c + j) -= column(a, b + j);
 }
 
-// The inverse by cofactors of a matrix with rows, or columns, of `stride`; false where the volume of the rows is rounding against the
-// product of their lengths.
+// The inverse by cofactors of a matrix with rows, or columns, of `stride`; false where their volume is rounding against
+// the product of their lengths.
 template <int stride>
 bool invert_by_cofactors(const double* a, double* out) {
   constexpr double kSingular = 1e-14;

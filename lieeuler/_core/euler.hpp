@@ -7,6 +7,7 @@
 #include "newton.hpp"
 #include "saddle_point.hpp"
 #include "scales.hpp"
+#include "sizes.hpp"
 
 namespace lieeuler {
 
@@ -126,7 +127,7 @@ class EulerStepper {
         const int b = side == kChild ? joint.child : joint.parent;
         if (b == system.n()) continue;
         const Vec3& arm = side == kChild ? joint.child_anchor : joint.parent_anchor;
-        mobility_ = std::max(mobility_, arm.norm() * system.bodies[b].inertia_inverse.diagonal().maxCoeff());
+        enlarge(mobility_, arm.norm() * largest_mobility(system.bodies[b].inertia_inverse));
       }
   }
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from crosscheck.store.figures import SPEED, Figure
-from crosscheck.store.runs import CellKey, StoredResult, StoredRun
+from crosscheck.store.runs import CellKey, StoredResult, StoredRun, Usual
 from crosscheck.trust import NOISE_DEVIATIONS, NOISE_RATIO
 
 KINDS = ("run", "outcome", "accuracy", "speed", "missing", "version", "truth", "scene", "settings", "new", "machine")
@@ -39,14 +39,17 @@ class Change:
         return f"{self.engine} {self.method}".strip()
 
 
-def compare(before: StoredRun, after: StoredRun, usual: dict[CellKey, float] | None = None) -> list[Change]:
+def compare(before: StoredRun, after: StoredRun, usual: dict[CellKey, Usual] | None = None) -> list[Change]:
     """All changes from one run to a later one, findings first.
 
     Parameters
     ----------
     before, after : with their results
-    usual : median absolute deviation of the speed ratio of a cell between runs that did not change, where it is known
+    usual : level and spread of the speed ratio of a cell over runs that did not change, where they are known: one run
+        has strayed itself, so that the level stands in its place
     """
+    usual = usual or {}
+    before = _at_level(before, usual)
     changes = _versions(before, after)
     common = machine_factor(before, after)
     if common is not None and not 1 / NOISE_RATIO <= common <= NOISE_RATIO:
@@ -64,10 +67,25 @@ def compare(before: StoredRun, after: StoredRun, usual: dict[CellKey, float] | N
                                  "it ran at another step or tolerance: figures are not compared", False))
         else:
             changes += _outcome(old, new) + _accuracy(old, new)
-            changes += _speed(old, new, (usual or {}).get(key, 0.0), common or 1.0)
-    changes = _once_a_scene(changes) + _engine_speeds(before, after, common or 1.0, usual or {})
+            changes += _speed(old, new, _stray(usual, key), common or 1.0)
+    changes = _once_a_scene(changes) + _engine_speeds(before, after, common or 1.0, usual)
     return sorted(changes, key=lambda each: (not each.bad, KINDS.index(each.kind), each.engine, each.method,
                                              each.scene))
+
+
+def _at_level(run: StoredRun, usual: dict[CellKey, Usual]) -> StoredRun:
+    """The run with the usual speeds in place of its own."""
+    def levelled(key: CellKey, result: StoredResult) -> StoredResult:
+        if key not in usual or SPEED not in result.figures:
+            return result
+        figure = result.figures[SPEED]._replace(value=usual[key].level)
+        return dataclasses.replace(result, figures=result.figures | {SPEED: figure})
+
+    return dataclasses.replace(run, results={key: levelled(key, result) for key, result in run.results.items()})
+
+
+def _stray(usual: dict[CellKey, Usual], key: CellKey) -> float:
+    return usual[key].deviation if key in usual else 0.0
 
 
 def _once_a_scene(changes: list[Change]) -> list[Change]:
@@ -171,7 +189,7 @@ def _spread(former: Figure, figure: Figure, usual: float) -> float:
     return max(former.deviation or 0.0, figure.deviation or 0.0, usual) / former.value
 
 
-def _engine_speeds(before: StoredRun, after: StoredRun, common: float, usual: dict[CellKey, float]) -> list[Change]:
+def _engine_speeds(before: StoredRun, after: StoredRun, common: float, usual: dict[CellKey, Usual]) -> list[Change]:
     """Engines whose runs became slower or faster together, which shows through noise that hides it in each of them.
 
     The rule is that of a single run: with the deviation of the median of its runs, or between runs that did not change
@@ -182,7 +200,7 @@ def _engine_speeds(before: StoredRun, after: StoredRun, common: float, usual: di
         factors = list(by_cell.values())
         middle = statistics.median(factors) / common
         deviation = statistics.median(abs(factor / common - middle) for factor in factors)
-        between = [usual[key] / before.results[key].figures[SPEED].value for key in by_cell if key in usual]
+        between = [usual[key].deviation / usual[key].level for key in by_cell if key in usual]
         noise = max(MEDIAN_STRAYS * deviation / math.sqrt(len(factors)), statistics.median(between or [0.0]))
         if len(factors) >= FEWEST and beyond_noise(Figure(SPEED, "1", 1.0), Figure(SPEED, "1", middle, noise)):
             text = (f"{middle:.2f} times the time per step, the median of its {len(factors)} runs; spread between them "

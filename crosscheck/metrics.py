@@ -123,3 +123,26 @@ def observed_order(steps: Sequence[float], values: Sequence[float], floor: float
                      exhausted)
     slope = np.polyfit(np.log(h[first:last]), np.log(e[first:last]), 1)[0]
     return Order(float(slope), used, neighbours, settled=settled, exhausted=exhausted)
+
+
+STALLED = 0.75
+"""Slopes of errors that are rounding lie below, and the order of every method that converges above: rounding of the
+states grows as the number of steps, slope -1, and that of accelerations is worth their step, slope 1/2 over a random
+walk; the lowest order is 1."""
+
+
+def stalled(steps: Sequence[float], values: Sequence[float], ceiling: float) -> bool:
+    """Whether the errors at and beyond the first step with one below `ceiling` no longer fall as a method's would.
+
+    Parameters
+    ----------
+    steps : step sizes (s), any order
+    values : the error at each step, against truth
+    ceiling : an error above it is no rounding
+    """
+    pairs = sorted(zip(steps, values, strict=True), reverse=True)
+    first = next((index for index, (_, value) in enumerate(pairs) if 0 < value < ceiling), len(pairs))
+    h, e = np.array(pairs[first:]).reshape(-1, 2).T
+    if len(h) < 3 or not (np.isfinite(e) & (e > 0) & (e < ceiling)).all():
+        return False
+    return bool(np.polyfit(np.log(h), np.log(e), 1)[0] < STALLED)

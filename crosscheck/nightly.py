@@ -202,7 +202,7 @@ def _compared(results: Results, name: str, history_store: Engine, journal: Journ
     before = store.baseline(history_store, run)
     if before is None:
         return [], None
-    usual = store.spreads(history_store, run, SPEED)
+    usual = store.usual(history_store, run, SPEED)
     changes = history.compare(before, run, usual)
     doubtful = {_cell_of(change) for change in changes if change.kind == "speed"}
     for attempt in range(1, CONFIRMATIONS + 1):

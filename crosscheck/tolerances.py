@@ -128,6 +128,11 @@ def noise(scene: Scene, truth: Reference, size: float) -> float:
     return max(truth.disagreement, grading(scene) / USUAL * EPS * truth.amplification) * max(1.0, size)
 
 
+def ceiling(size: float) -> float:
+    """Largest error that may be rounding where it falls no more: half of the digits, as bad conditioning takes them."""
+    return float(np.sqrt(EPS)) * size
+
+
 def fixed_step(scene: Scene, truth: Reference, order: int, step: float,
                amplification: float | None = None) -> dict[str, Tol]:
     """Bounds of the errors per quantity for a method of documented order with a fixed step (s).

@@ -15,7 +15,7 @@ import numpy as np
 
 from crosscheck import known, tolerances
 from crosscheck.errors import ArgumentError
-from crosscheck.metrics import QUANTITIES, Error, Order, errors, observed_order
+from crosscheck.metrics import QUANTITIES, Error, Order, errors, observed_order, stalled
 from crosscheck.references.base import Reference
 from crosscheck.scene import Scene
 from crosscheck.tolerances import Tol
@@ -250,13 +250,14 @@ def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bound
     return findings
 
 
-def judge_orders(order: int, ladder: list[dict[str, Any]], floors: dict[str, float],
+def judge_orders(order: int, ladder: list[dict[str, Any]], floors: dict[str, float], ceilings: dict[str, float],
                  rungs: int | None = None) -> tuple[list[Finding], dict[str, Order]]:
     """Observed order of every quantity against the documented one; a higher one is no fault.
 
     An order is a property of vanishing steps: where that of the first `rungs` steps (None: of all) is low, the same
     number of finest ones above the rounding plateau decides. Where rounding sets in before the order has settled, it is
-    known to the nearest whole number only, which orders are.
+    known to the nearest whole number only, which orders are. Errors so small that they may be rounding, below
+    `ceilings`, and that fall no more, show no order at all: whether their limit is that of truth is judged elsewhere.
     """
     findings, orders = [], {}
     steps = [rung["step"] for rung in ladder]
@@ -266,6 +267,9 @@ def judge_orders(order: int, ladder: list[dict[str, Any]], floors: dict[str, flo
         result = observed_order(steps[:rungs], values[:rungs], floors[quantity])
         if result.observed is not None and result.observed < lowest:
             result = observed_order(steps, values, floors[quantity], rungs)
+        if result.observed is not None and result.observed < lowest and stalled(steps, values, ceilings[quantity]):
+            result = dataclasses.replace(result, observed=None, exhausted=True, note=f"the error no longer falls, at "
+                                         f"{min(values):.1e} {QUANTITIES[quantity]}: rounding of this method")
         orders[quantity] = result
         why = f"documented order {order}, least squares over {result.used} steps of {len(steps)}"
         if result.observed is not None and result.observed < lowest and result.exhausted and not result.settled:

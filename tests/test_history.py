@@ -5,7 +5,7 @@ import pytest
 
 from crosscheck.history import change_points, compare, machine_factor, sparkline
 from crosscheck.history_page import write_page
-from crosscheck.store import run_from_document
+from crosscheck.store import Usual, run_from_document
 from crosscheck.store.figures import Figure
 from tests.store.documents import document, record
 
@@ -58,7 +58,16 @@ def test_a_change_of_speed_is_beyond_ten_per_cent_and_four_deviations(ratio, dev
 
 def test_the_usual_spread_between_runs_counts_too():
     cell = ("single_pendulum", "mujoco", "RK4", "", False)
-    assert told(run(), run(record(ratio=0.013)), usual={cell: 8e-4}) == []
+    assert told(run(), run(record(ratio=0.013)), usual={cell: Usual(0.010, 8e-4)}) == []
+
+
+def test_speeds_are_compared_with_the_usual_level_and_not_with_a_night_that_strayed():
+    usual = {("single_pendulum", "mujoco", "RK4", "", False): Usual(0.010, 2e-4)}
+    strayed, slower = run(record(ratio=0.012)), run(record(ratio=0.013))
+    assert told(strayed, slower) == []
+    assert told(strayed, slower, usual=usual) == [("speed", "mujoco RK4", True)]
+    assert told(run(record(ratio=0.008)), run(record(ratio=0.0102))) == [("speed", "mujoco RK4", True)]
+    assert told(run(record(ratio=0.008)), run(record(ratio=0.0102)), usual=usual) == []
 
 
 def engines(factors):
@@ -92,7 +101,7 @@ def test_an_engine_that_slows_down_as_a_whole_shows_through_the_noise_of_its_run
                      for factor in (1.0, 1.3))
     assert alarms <= 4  # of 200; a nightly run measures a suspect twice more
     assert found >= 190
-    cells = {("single_pendulum", "mujoco", f"M{number}", "", False): 1.2e-3 for number in range(14)}
+    cells = {("single_pendulum", "mujoco", f"M{number}", "", False): Usual(0.01, 1.2e-3) for number in range(14)}
     assert told(noisy(1.0, 14, 1), noisy(1.35, 14, 3), usual=cells) == []  # nights differ as much
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from crosscheck import known
@@ -62,12 +63,25 @@ def test_an_order_that_rounding_cuts_short_counts_to_the_nearest_whole_number():
 
     def judged(p, floor):
         rungs = [{"step": h, "errors": dict.fromkeys(QUANTITIES, h**p * (1 - 16 * h))} for h in steps]
-        return judge_orders(8, rungs, dict.fromkeys(QUANTITIES, floor), 3)[0][0]
+        return judge_orders(8, rungs, dict.fromkeys(QUANTITIES, floor), dict.fromkeys(QUANTITIES, 0.0), 3)[0][0]
 
     assert judged(8, 1e-21).status == "ok"  # the last step is rounding, and 7.8 was seen before it
     assert "nearest whole number" in judged(8, 1e-21).why
     assert judged(7, 1e-19).status == "fail"
     assert judged(7, 0.0).bound == 7.85
+
+
+@pytest.mark.parametrize(("slope", "level", "status"), [
+    (0.5, 1e-9, "unjudged"), (-1.0, 1e-11, "unjudged"), (0.5, 1e-5, "fail"), (1.0, 1e-9, "fail"), (2.0, 1e-9, "fail")])
+def test_small_errors_that_fall_no_more_show_no_order(slope, level, status):
+    """RKMK8 in joint coordinates on chain_64: 1.6e-10 rad falls by seven while the step falls by 22."""
+    generator = np.random.default_rng(7)
+    steps = 4e-3 / 2.0 ** np.arange(8)
+    rungs = [{"step": h, "errors": dict.fromkeys(QUANTITIES, level * (h / 4e-3)**slope * generator.uniform(0.8, 1.25))}
+             for h in steps]
+    judged = judge_orders(8, rungs, dict.fromkeys(QUANTITIES, 1e-14), dict.fromkeys(QUANTITIES, 1e-8), 4)[0][0]
+    assert judged.status == status
+    assert ("no longer falls" in judged.detail) == (status == "unjudged")
 
 
 def test_an_error_beyond_its_bound_fails_and_is_the_worst(verdict):

@@ -8,6 +8,7 @@ from crosscheck.store.connection import DEFAULT, open_store
 from crosscheck.store.runs import (
     StoredResult,
     StoredRun,
+    Usual,
     baseline,
     figure_names,
     find,
@@ -17,8 +18,8 @@ from crosscheck.store.runs import (
     save,
     series,
     set_good,
-    spreads,
+    usual,
 )
 
-__all__ = ["DEFAULT", "StoredResult", "StoredRun", "baseline", "figure_names", "find", "load", "open_store", "recent",
-           "run_from_document", "save", "series", "set_good", "spreads"]
+__all__ = ["DEFAULT", "StoredResult", "StoredRun", "Usual", "baseline", "figure_names", "find", "load", "open_store",
+           "recent", "run_from_document", "save", "series", "set_good", "usual"]

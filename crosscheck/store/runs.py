@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from typing import TYPE_CHECKING, Any
+import statistics
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from crosscheck.errors import ArgumentError
 from crosscheck.spelling import unknown
@@ -238,33 +239,49 @@ def series(store: Engine, metric: str, key: CellKey, limit: int = 200) -> list[t
     return found[::-1]
 
 
-def spreads(store: Engine, run: StoredRun, metric: str, limit: int = 10, fewest: int = 4) -> dict[CellKey, float]:
-    """Median absolute deviation of a figure of every cell over the last good runs like this one.
+class Usual(NamedTuple):
+    """What a figure of a cell was in the good runs before: its level, and how far runs stray from each other."""
 
-    "Like" means the same profile, scenes and engines; cells with fewer than `fewest` figures are left out.
+    level: float
+    deviation: float  # median absolute deviation
+
+
+LEVEL_RUNS = 5
+"""The newest runs whose median is the level: one odd night moves it little, and a better figure is it after three."""
+
+
+def usual(store: Engine, run: StoredRun, metric: str, limit: int = 10, fewest: int = 4) -> dict[CellKey, Usual]:
+    """Level and spread of a figure of every cell over the last good runs like this one.
+
+    "Like" means the same profile, scenes and engines, and of a cell the same scene file, step and tolerance; cells with
+    fewer than `fewest` figures are left out. A run that was accepted though it had findings begins a new level.
     """
-    import statistics
-
     import sqlalchemy
 
     t = tables()
-    last = (sqlalchemy.select(t.runs.c.id)
+    with store.connect() as connection:
+        last = connection.execute(
+            sqlalchemy.select(t.runs.c.id, t.runs.c.exit_code)
             .where(t.runs.c.profile == run.profile, t.runs.c.selection == run.selection, t.runs.c.good,
                    t.runs.c.name != run.name, t.runs.c.started <= run.started)
-            .order_by(t.runs.c.started.desc(), t.runs.c.id.desc()).limit(limit))
-    wanted = (sqlalchemy.select(t.results, t.metrics.c.value).join(t.metrics)
-              .where(t.results.c.run_id.in_(last), t.metrics.c.name == metric))
-    values: dict[CellKey, list[float]] = {}
-    with store.connect() as connection:
-        for row in connection.execute(wanted):
-            key = (row.scene, row.engine, row.method, row.form, bool(row.practical))
+            .order_by(t.runs.c.started.desc(), t.runs.c.id.desc()).limit(limit)).all()
+        accepted = next((index for index, each in enumerate(last) if each.exit_code), limit)
+        numbers = [each.id for each in last[:accepted + 1]]
+        rows = connection.execute(sqlalchemy.select(t.results, t.metrics.c.value).join(t.metrics).where(
+            t.results.c.run_id.in_(numbers), t.metrics.c.name == metric)).all()
+    values: dict[CellKey, list[float]] = {}  # the newest first
+    for row in sorted(rows, key=lambda row: numbers.index(row.run_id)):
+        key = (row.scene, row.engine, row.method, row.form, bool(row.practical))
+        now = run.results.get(key)
+        if now is not None and (row.scene_hash, row.step, row.rtol) == (now.scene_hash, now.step, now.rtol):
             values.setdefault(key, []).append(row.value)
-    found = {}
-    for key, each in values.items():
-        if len(each) >= fewest:
-            middle = statistics.median(each)
-            found[key] = statistics.median(abs(value - middle) for value in each)
-    return found
+    return {key: Usual(statistics.median(each[:LEVEL_RUNS]), _deviation(each))
+            for key, each in values.items() if len(each) >= fewest}
+
+
+def _deviation(values: list[float]) -> float:
+    middle = statistics.median(values)
+    return statistics.median(abs(value - middle) for value in values)
 
 
 def figure_names(store: Engine, key: CellKey) -> list[str]:

@@ -49,13 +49,14 @@ def order_study(record: Record, cell: Cell, scene: Scene, reference: Reference) 
         return
     scale = tolerances.scales(scene, reference)
     floors = {quantity: tolerances.noise(scene, reference, scale.of(quantity)) for quantity in QUANTITIES}
-    findings, orders = judge_orders(order, record.ladder, floors)
+    ceilings = {quantity: tolerances.ceiling(scale.of(quantity)) for quantity in QUANTITIES}
+    findings, orders = judge_orders(order, record.ladder, floors, ceilings)
     most = len(sizes) + (0 if _hopeless(record) else REFINEMENTS)
     while undecided(findings, orders) and len(record.ladder) < most and not record.ladder_cut:
         coarse, fine = (rung["step"] for rung in record.ladder[-2:])
         if _affordable(record, cell.most_seconds, fine**2 / coarse, costs):
             _add_rung(record, cell, scene, reference, fine**2 / coarse, runs, costs)
-            findings, orders = judge_orders(order, record.ladder, floors, len(sizes))
+            findings, orders = judge_orders(order, record.ladder, floors, ceilings, len(sizes))
     _tell_cut(record, findings, orders)
     # A guide of the documented slope through the coarsest point, for the eye.
     first = record.ladder[0]

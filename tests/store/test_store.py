@@ -13,6 +13,7 @@ import sqlalchemy  # noqa: TID253 - these tests are about it
 
 from crosscheck.errors import ArgumentError
 from crosscheck.store import (
+    Usual,
     baseline,
     find,
     load,
@@ -22,7 +23,7 @@ from crosscheck.store import (
     save,
     series,
     set_good,
-    spreads,
+    usual,
 )
 from crosscheck.store.migrations import STEPS, VERSION
 from crosscheck.store.schema import tables
@@ -211,8 +212,27 @@ def test_series_and_spread_of_one_cell(url):
     found = series(store, "speed ratio", CELL)
     assert [(each.name, figure.value) for each, figure in found] == [(f"run {k}", r) for k, r in enumerate(ratios, 1)]
     # 0.010 0.010 0.011 0.012: middle 0.0105, deviations 0.0005 0.0005 0.0005 0.0015
-    assert spreads(store, run, "speed ratio")[CELL] == pytest.approx(0.0005)
-    assert spreads(store, run, "speed ratio", fewest=5) == {}
+    assert usual(store, run, "speed ratio")[CELL] == pytest.approx(Usual(0.0105, 0.0005))
+    assert usual(store, run, "speed ratio", fewest=5) == {}
+
+
+def test_the_usual_level_is_that_of_the_newest_runs_and_begins_anew_where_a_change_was_accepted(url):
+    store = open_store(url)
+
+    def put(day, ratio, step=1e-3, **more):
+        content = document([record(ratio=ratio, step=step)], started=f"2026-11-{day:02d}T02:00:00+00:00", **more)
+        run = run_from_document(f"run {day}", content, good=True)
+        save(store, run)
+
+    for day, ratio in enumerate([0.05, 0.02, 0.02, 0.02, 0.01, 0.01, 0.01], 1):
+        put(day, ratio)
+    tonight = run_from_document("tonight", document([record(step=1e-3)], started="2026-11-09T02:00:00+00:00"))
+    assert usual(store, tonight, "speed ratio")[CELL].level == 0.01  # the last five: 0.02 0.02 0.01 0.01 0.01
+    elsewhere = run_from_document("other", document([record(step=2e-3)], started="2026-11-09T02:00:00+00:00"))
+    assert usual(store, elsewhere, "speed ratio") == {}
+    put(8, 0.03, exit_code=1)  # a finding that was accepted
+    assert usual(store, tonight, "speed ratio") == {}
+    assert usual(store, tonight, "speed ratio", fewest=1)[CELL] == pytest.approx(Usual(0.03, 0.0))
 
 
 def test_runs_are_found_by_their_beginning(url):

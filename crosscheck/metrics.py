@@ -49,6 +49,7 @@ class Order:
     note: str = ""
     settled: bool = True  # the last three orders between neighbouring steps above the plateau agree within `SETTLED`
     exhausted: bool = False  # the finest step lies on the plateau, a finer one would show nothing but rounding
+    finest: float | None = None  # order between the two finest steps above the plateau, where orders rise towards it
 
 
 def attitude_angle(R: np.ndarray, S: np.ndarray) -> np.ndarray:
@@ -92,7 +93,29 @@ def errors(scene: Scene, run: States, truth: States, until: float = np.inf) -> d
     return result
 
 
-def observed_order(steps: Sequence[float], values: Sequence[float], floor: float = 0.0,
+STALLED = 0.75
+"""Slopes of errors that are rounding lie below, and the order of every method that converges above: rounding of the
+states grows as the number of steps, slope -1, and that of accelerations is worth their step, slope 1/2 over a random
+walk; the lowest order is 1."""
+
+SHORT = 1.0
+"""A slope that falls short of the documented order by more may be where rounding sets in."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Plateau:
+    """What in errors at ever finer steps may be rounding."""
+
+    floor: float  # errors below `PLATEAU` of these are
+    ceiling: float = 0.0  # errors below it are where they fall no more, see `_stalled`
+    order: int = 0  # the documented one
+
+
+EXACT = Plateau(0.0)
+"""No rounding at all."""
+
+
+def observed_order(steps: Sequence[float], values: Sequence[float], plateau: Plateau = EXACT,
                    finest: int | None = None) -> Order:
     """Order p of errors ~ h^p by least squares in the logarithms, over the steps above the rounding plateau.
 
@@ -100,7 +123,7 @@ def observed_order(steps: Sequence[float], values: Sequence[float], floor: float
     ----------
     steps : step sizes (s), any order
     values : the error at each step, against truth
-    floor : rounding level of the error; errors below `PLATEAU` floors, and all at finer steps, do not take part
+    plateau : what is rounding; such errors, and all at finer steps, do not take part
     finest : how many take part at most, the finest of those above the plateau; None: all
     """
     pairs = sorted(zip(steps, values, strict=True), reverse=True)
@@ -109,40 +132,42 @@ def observed_order(steps: Sequence[float], values: Sequence[float], floor: float
     with np.errstate(divide="ignore", invalid="ignore"):
         slopes = np.diff(np.log(e)) / np.diff(np.log(h)) if len(h) > 1 else np.empty(0)
     neighbours = tuple(float(slope) for slope in slopes)
-    good = np.isfinite(e) & (e > PLATEAU * floor) & (e > 0)
+    good = np.isfinite(e) & (e > PLATEAU * plateau.floor) & (e > 0)
     first = int(np.argmax(good)) if good.any() else 0
     last = first
     while last < len(h) and good[last]:
         last += 1
+    last = min(last, _stalled(h, e, slopes, plateau))
     recent = slopes[first:last - 1][-3:]
     settled, exhausted = len(recent) == 3 and bool(np.ptp(recent) <= SETTLED), last < len(h)
     first = max(first, last - (finest or last))
-    used = last - first if good.any() else 0
+    used = max(0, last - first) if good.any() else 0
     if used < 3:
         return Order(None, used, neighbours, f"only {used} of {len(h)} steps lie above the rounding plateau", settled,
                      exhausted)
-    slope = np.polyfit(np.log(h[first:last]), np.log(e[first:last]), 1)[0]
-    return Order(float(slope), used, neighbours, settled=settled, exhausted=exhausted)
+    rising = len(recent) == 3 and bool((np.diff(recent) > 0).all())
+    return Order(_slope(h[first:last], e[first:last]), used, neighbours, settled=settled, exhausted=exhausted,
+                 finest=float(recent[-1]) if rising else None)
 
 
-STALLED = 0.75
-"""Slopes of errors that are rounding lie below, and the order of every method that converges above: rounding of the
-states grows as the number of steps, slope -1, and that of accelerations is worth their step, slope 1/2 over a random
-walk; the lowest order is 1."""
+def _slope(h: np.ndarray, e: np.ndarray) -> float:
+    return float(np.polyfit(np.log(h), np.log(e), 1)[0])
 
 
-def stalled(steps: Sequence[float], values: Sequence[float], ceiling: float) -> bool:
-    """Whether the errors at and beyond the first step with one below `ceiling` no longer fall as a method's would.
+def _stalled(h: np.ndarray, e: np.ndarray, slopes: np.ndarray, plateau: Plateau) -> int:
+    """Index of the first error, coarse to fine, from which on they fall no more; their number where they all fall.
 
-    Parameters
-    ----------
-    steps : step sizes (s), any order
-    values : the error at each step, against truth
-    ceiling : an error above it is no rounding
+    Three errors tell; one or two short slopes at the end do where those before them have shown the order.
     """
-    pairs = sorted(zip(steps, values, strict=True), reverse=True)
-    first = next((index for index, (_, value) in enumerate(pairs) if 0 < value < ceiling), len(pairs))
-    h, e = np.array(pairs[first:]).reshape(-1, 2).T
-    if len(h) < 3 or not (np.isfinite(e) & (e > 0) & (e < ceiling)).all():
-        return False
-    return bool(np.polyfit(np.log(h), np.log(e), 1)[0] < STALLED)
+    for index in range(len(h)):
+        tail = e[index:]
+        if not (np.isfinite(tail) & (tail > 0) & (tail < plateau.ceiling)).all():
+            continue
+        if index and slopes[index - 1] >= plateau.order - SHORT:
+            continue
+        if len(tail) >= 3:
+            if _slope(h[index:], tail) < STALLED:
+                return index
+        elif index >= 3 and _slope(h[:index], e[:index]) >= plateau.order - SHORT:
+            return index
+    return len(h)

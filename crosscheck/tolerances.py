@@ -15,7 +15,7 @@ import tomllib
 
 import numpy as np
 
-from crosscheck.metrics import QUANTITIES
+from crosscheck.metrics import QUANTITIES, Plateau
 from crosscheck.references.base import Reference
 from crosscheck.scene import GROUND, Scene
 
@@ -123,14 +123,13 @@ def rounding(scene: Scene, truth: Reference, size: float, steps: int) -> float:
             + grading(scene) * EPS * size * truth.amplification * max(1, steps) ** 0.6)
 
 
-def noise(scene: Scene, truth: Reference, size: float) -> float:
-    """Rounding typically left in an error against truth; what lies near it is no sign of the method's order."""
-    return max(truth.disagreement, grading(scene) / USUAL * EPS * truth.amplification) * max(1.0, size)
+def plateau(scene: Scene, truth: Reference, size: float, order: int) -> Plateau:
+    """What in errors of a quantity of this size may be rounding; a method of this order is being judged.
 
-
-def ceiling(size: float) -> float:
-    """Largest error that may be rounding where it falls no more: half of the digits, as bad conditioning takes them."""
-    return float(np.sqrt(EPS)) * size
+    Rounding is typically as large as the floor. A model that conditions it badly may lose up to half of the digits.
+    """
+    floor = max(truth.disagreement, grading(scene) / USUAL * EPS * truth.amplification) * max(1.0, size)
+    return Plateau(floor, float(np.sqrt(EPS)) * size, order)
 
 
 def fixed_step(scene: Scene, truth: Reference, order: int, step: float,

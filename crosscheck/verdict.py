@@ -2,20 +2,22 @@
 
 Outcomes: "pass", "known" (only defects listed in `crosscheck.known`; passes), "fail", "error" (it did not run to its
 end in an unforeseen way), "unsupported" (the engine cannot model the scene; passes, with the reason), "unjudged"
-(the scene has no truth: only what needs none was judged, and nothing of that failed).
+(the scene has no truth, or the step is too coarse for bounds of the motion: only the rest was judged, and nothing of
+that failed).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from crosscheck import known, tolerances
 from crosscheck.errors import ArgumentError
-from crosscheck.metrics import QUANTITIES, Error, Order, errors, observed_order, stalled
+from crosscheck.metrics import QUANTITIES, Error, Order, Plateau, errors, observed_order
 from crosscheck.references.base import Reference
 from crosscheck.scene import Scene
 from crosscheck.tolerances import Tol
@@ -138,9 +140,10 @@ def _judged(kind: str, value: float, tol: Tol, unit: str, detail: str = "", empt
 
 
 def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, order: int | None, step: float | None,
-                 rtol: float | None) -> tuple[list[Finding], dict[str, Error], Bounds]:
+                 rtol: float | None, budgeted: bool = False) -> tuple[list[Finding], dict[str, Error], Bounds]:
     """Errors against truth over the longest time a bound can judge: the whole run, or else its first window.
 
+    Where the step is too coarse even for that, the plan is to blame, or the run stays unjudged if it was `budgeted`.
     Returns the findings, the errors over the whole run, and the bounds that were used.
     """
     def bounds_for(reference: Reference, growth: float | None = None) -> dict[str, Tol]:
@@ -163,8 +166,9 @@ def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, o
                         f"body {error.body}, t = {error.time:.4g} s, judged up to {until:g} s", quantity in empty)
                 for quantity, error in judged.items()]
     if empty & {"position", "attitude"}:
-        findings.append(Finding("step", "fail", step, None, "s", "a bound of position or attitude exceeds the size of "
-                                "the scene, so that it would pass anything", "choose a smaller step"))
+        findings.append(Finding("step", "unjudged" if budgeted else "fail", step, None, "s", "a bound of position or "
+                                "attitude exceeds the size of the scene, so that it would pass anything",
+                                "the budget of steps has none smaller" if budgeted else "choose a smaller step"))
     return findings, errors(scene, traj, truth.states), bounds
 
 
@@ -250,31 +254,32 @@ def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bound
     return findings
 
 
-def judge_orders(order: int, ladder: list[dict[str, Any]], floors: dict[str, float], ceilings: dict[str, float],
-                 rungs: int | None = None) -> tuple[list[Finding], dict[str, Order]]:
+def judge_orders(order: int, ladder: list[dict[str, Any]], plateaus: Mapping[str, Plateau], rungs: int | None = None,
+                 final: bool = False) -> tuple[list[Finding], dict[str, Order]]:
     """Observed order of every quantity against the documented one; a higher one is no fault.
 
     An order is a property of vanishing steps: where that of the first `rungs` steps (None: of all) is low, the same
-    number of finest ones above the rounding plateau decides. Where rounding sets in before the order has settled, it is
-    known to the nearest whole number only, which orders are. Errors so small that they may be rounding, below
-    `ceilings`, and that fall no more, show no order at all: whether their limit is that of truth is judged elsewhere.
+    number of finest ones above the rounding plateau decides. Where it has not settled and no finer step can tell, since
+    rounding has set in or there is none (`final`), it is known to the nearest whole number only, which orders are.
     """
     findings, orders = [], {}
     steps = [rung["step"] for rung in ladder]
     for quantity in QUANTITIES:
         values = [rung["errors"].get(quantity, math.inf) for rung in ladder]
         lowest = order - tolerances.order_margin(order)
-        result = observed_order(steps[:rungs], values[:rungs], floors[quantity])
+        result = observed_order(steps[:rungs], values[:rungs], plateaus[quantity])
         if result.observed is not None and result.observed < lowest:
-            result = observed_order(steps, values, floors[quantity], rungs)
-        if result.observed is not None and result.observed < lowest and stalled(steps, values, ceilings[quantity]):
-            result = dataclasses.replace(result, observed=None, exhausted=True, note=f"the error no longer falls, at "
-                                         f"{min(values):.1e} {QUANTITIES[quantity]}: rounding of this method")
-        orders[quantity] = result
+            result = observed_order(steps, values, plateaus[quantity], rungs)
         why = f"documented order {order}, least squares over {result.used} steps of {len(steps)}"
-        if result.observed is not None and result.observed < lowest and result.exhausted and not result.settled:
+        if result.observed is not None and result.observed < lowest and not result.settled and (
+                result.exhausted or (final and result.finest is not None)):
             lowest = order - tolerances.CONSTANTS["order_margin_coarse"]
-            why += "; it still changes where rounding sets in, so that the nearest whole number counts"
+            why += "; it still changes where " + ("rounding sets in" if result.exhausted else "the study ends")
+            why += ", so that the nearest whole number counts"
+            if result.finest is not None:
+                result = dataclasses.replace(result, observed=max(result.observed, result.finest))
+                why += ", and of orders that rise that of the two finest steps"
+        orders[quantity] = result
         findings.append(_order_finding(f"order {quantity}", values, result, lowest, why))
     return findings, orders
 
@@ -310,5 +315,9 @@ def settle(record: Record) -> Record:
             record.findings.append(Finding("vanished", "fail", None, None, "", f"a known defect no longer shows: "
                                            f"{entry.reason}", "if the engine was mended, remove the entry"))
     statuses = {finding.status for finding in record.findings}
-    record.outcome = "fail" if "fail" in statuses else "known" if "known" in statuses else "pass"
+    blind = any(finding.kind == "step" and finding.status == "unjudged" for finding in record.findings)
+    record.outcome = ("fail" if "fail" in statuses else "known" if "known" in statuses else
+                      "unjudged" if blind else "pass")
+    if record.outcome == "unjudged":
+        record.message = "the step is too coarse for bounds of the motion, and the budget of steps has none smaller"
     return record

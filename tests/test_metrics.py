@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from crosscheck.errors import ArgumentError
-from crosscheck.metrics import attitude_angle, errors, observed_order
+from crosscheck.metrics import Plateau, attitude_angle, errors, observed_order
 from crosscheck.scene_file import load_scene
 from crosscheck.states import States
 
@@ -83,10 +83,10 @@ def test_steps_on_the_rounding_plateau_do_not_count():
     floor = 1e-13
     values = np.maximum(steps**4, floor)
     values[4:] = floor
-    order = observed_order(steps, values, floor)
+    order = observed_order(steps, values, Plateau(floor))
     assert order.used == 4
     assert order.observed == pytest.approx(4.0, abs=1e-12)
-    assert observed_order(steps[2:], values[2:], floor).observed is None
+    assert observed_order(steps[2:], values[2:], Plateau(floor)).observed is None
 
 
 def test_finer_steps_show_an_order_that_the_next_term_hides():
@@ -105,8 +105,8 @@ def test_an_order_settles_where_three_slopes_agree_and_is_exhausted_on_the_plate
     steps = [1e-2 / 2**k for k in range(5)]
     assert observed_order(steps[:4], [h**2 for h in steps[:4]]).settled
     assert not observed_order(steps[:3], [h**2 for h in steps[:3]]).settled
-    assert not observed_order(steps, [h**2 for h in steps], 1e-9).exhausted
-    assert observed_order(steps, [h**2 for h in steps], 1e-6).exhausted
+    assert not observed_order(steps, [h**2 for h in steps], Plateau(1e-9)).exhausted
+    assert observed_order(steps, [h**2 for h in steps], Plateau(1e-6)).exhausted
 
 
 def test_order_is_not_fitted_across_a_failed_step():

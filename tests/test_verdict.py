@@ -8,7 +8,7 @@ import pytest
 
 from crosscheck import known
 from crosscheck.known import Known
-from crosscheck.metrics import QUANTITIES
+from crosscheck.metrics import QUANTITIES, Plateau
 from crosscheck.studies.cell import MAIN_STEPS, Cell, Timing, run_cell, time_cells
 from crosscheck.studies.plan import ScenePlan, halved
 from crosscheck.verdict import judge_orders
@@ -63,7 +63,7 @@ def test_an_order_that_rounding_cuts_short_counts_to_the_nearest_whole_number():
 
     def judged(p, floor):
         rungs = [{"step": h, "errors": dict.fromkeys(QUANTITIES, h**p * (1 - 16 * h))} for h in steps]
-        return judge_orders(8, rungs, dict.fromkeys(QUANTITIES, floor), dict.fromkeys(QUANTITIES, 0.0), 3)[0][0]
+        return judge_orders(8, rungs, dict.fromkeys(QUANTITIES, Plateau(floor)), 3)[0][0]
 
     assert judged(8, 1e-21).status == "ok"  # the last step is rounding, and 7.8 was seen before it
     assert "nearest whole number" in judged(8, 1e-21).why
@@ -71,17 +71,56 @@ def test_an_order_that_rounding_cuts_short_counts_to_the_nearest_whole_number():
     assert judged(7, 0.0).bound == 7.85
 
 
+def orders_of(documented, steps, values, plateau, rungs=4, **more):
+    """The finding about positions, and the order."""
+    ladder = [{"step": h, "errors": dict.fromkeys(QUANTITIES, value)} for h, value in zip(steps, values, strict=True)]
+    findings, orders = judge_orders(documented, ladder, dict.fromkeys(QUANTITIES, plateau), rungs, **more)
+    return findings[0], orders["position"]
+
+
 @pytest.mark.parametrize(("slope", "level", "status"), [
     (0.5, 1e-9, "unjudged"), (-1.0, 1e-11, "unjudged"), (0.5, 1e-5, "fail"), (1.0, 1e-9, "fail"), (2.0, 1e-9, "fail")])
 def test_small_errors_that_fall_no_more_show_no_order(slope, level, status):
     """RKMK8 in joint coordinates on chain_64: 1.6e-10 rad falls by seven while the step falls by 22."""
-    generator = np.random.default_rng(7)
     steps = 4e-3 / 2.0 ** np.arange(8)
-    rungs = [{"step": h, "errors": dict.fromkeys(QUANTITIES, level * (h / 4e-3)**slope * generator.uniform(0.8, 1.25))}
-             for h in steps]
-    judged = judge_orders(8, rungs, dict.fromkeys(QUANTITIES, 1e-14), dict.fromkeys(QUANTITIES, 1e-8), 4)[0][0]
-    assert judged.status == status
-    assert ("no longer falls" in judged.detail) == (status == "unjudged")
+    values = level * (steps / 4e-3)**slope * np.random.default_rng(7).uniform(0.8, 1.25, 8)
+    assert orders_of(8, steps, values, Plateau(1e-14, 1e-8, 8))[0].status == status
+
+
+@pytest.mark.parametrize(("documented", "values", "used"), [
+    (4, (4.92e-7, 3.05e-8, 2.53e-9, 1.72e-9, 1.69e-9, 1.68e-9, 1.69e-9), 3),  # Exudyn RK44, needle
+    (5, (9.34e-11, 2.92e-12, 9.22e-14, 1.05e-14, 1.88e-14, 2.26e-14, 1.06e-14, 6.78e-14), 3),  # DOPRI5, bead_on_line
+    (6, (6.4e-8, 1e-9, 1.56e-11, 2.44e-13, 2.5e-14), 4)])  # the last alone falls short
+def test_an_order_that_was_shown_before_errors_stall_counts(documented, values, used):
+    finding, order = orders_of(documented, 0.02 / 2.0 ** np.arange(len(values)), values,
+                               Plateau(1e-16, 1.5e-8, documented), rungs=None)
+    assert (finding.status, order.used, order.exhausted) == ("ok", used, True)
+
+
+def test_a_lower_order_at_small_errors_is_no_plateau():
+    steps = 0.02 / 2.0 ** np.arange(6)
+    for real in (1, 2, 3):
+        finding, order = orders_of(4, steps, 1e-9 * (steps / 0.02)**real, Plateau(1e-16, 1.5e-8, 4))
+        assert (finding.status, order.observed) == ("fail", pytest.approx(real))
+
+
+def test_an_order_that_rises_where_rounding_sets_in_is_that_of_the_finest_steps():
+    """RKMK8 on cylindrical_pendulum: 7.0 7.4 7.7 down to 25 steps, and rounding at 35."""
+    finding, order = orders_of(8, 1 / np.array([10, 15, 20, 25, 35]), (3.59e-11, 2.08e-12, 2.48e-13, 4.5e-14, 1.32e-15),
+                               Plateau(1e-15))
+    assert (finding.status, finding.value) == ("ok", pytest.approx(7.65, abs=0.01))
+    assert "rounding sets in" in finding.why
+    assert order.observed == finding.value
+
+
+def test_an_order_that_still_rises_where_the_study_ends_counts_to_the_nearest_whole_number():
+    """RK67 on stiff_cable: 5.69 5.75 5.79 5.85 in steps that differ by a fifth."""
+    steps = 0.1 / np.array([250, 300, 360, 435, 530])
+    values = (1.72e-6, 6.14e-7, 2.16e-7, 7.20e-8, 2.27e-8)
+    assert orders_of(6, steps, values, Plateau(1e-15, 1e-10, 6))[0].status == "fail"
+    assert orders_of(6, steps, values, Plateau(1e-15, 1e-10, 6), final=True)[0].status == "ok"
+    lower = orders_of(7, steps, values, Plateau(1e-15, 1e-10, 7), final=True)[0]
+    assert (lower.status, lower.bound) == ("fail", 6.5)
 
 
 def test_an_error_beyond_its_bound_fails_and_is_the_worst(verdict):
@@ -116,6 +155,15 @@ def test_a_step_too_coarse_to_judge_is_a_failure_of_the_plan(monkeypatch):
     record = run_cell(Cell("single_pendulum", "fake", "Plain", None, ScenePlan(0.5, {1: 0.1}, {1: halved(0.1)},
                                                                               samples=26), False))
     assert "step" in kinds(record, "fail")
+
+
+def test_a_step_too_coarse_to_judge_leaves_a_run_unjudged_where_a_budget_chose_it(monkeypatch):
+    plan = ScenePlan(0.5, {1: 0.1}, {1: halved(0.1)}, samples=26, budgeted=True)
+    for held, outcome in ((frozenset(), "unjudged"), (frozenset({"position"}), "fail")):
+        install(monkeypatch, FakeEngine(claimed_order=1, real_order=1, size=1e-6, held=held))
+        record = run_cell(Cell("single_pendulum", "fake", "Plain", None, plan, False))
+        assert record.outcome == outcome
+        assert "step" in kinds(record, "unjudged")
 
 
 def test_a_practical_step_is_judged_by_energy_and_held_levels(monkeypatch):

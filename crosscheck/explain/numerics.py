@@ -29,7 +29,7 @@ from crosscheck.explain.observe import (
 )
 from crosscheck.explain.physics import Physics
 from crosscheck.explain.result import Evidence, NamedCause
-from crosscheck.metrics import PLATEAU, observed_order
+from crosscheck.metrics import PLATEAU, Plateau, observed_order
 from crosscheck.scene import Scene
 from crosscheck.states import States
 
@@ -133,7 +133,7 @@ def _ordered(subject: Subject, scene: Scene, scale: Scale, order: int) -> Order 
         steps = tuple(brief.duration / count for count in ladder[:-1])
         errors = [float(np.abs(run - limit).max()) for run in runs[:-1]]
         whole = _whole(steps, errors)
-        result = Order(observed_order(steps, errors, FLOOR / PLATEAU).observed,
+        result = Order(observed_order(steps, errors, Plateau(FLOOR / PLATEAU)).observed,
                        whole if whole is not None and whole < order else None)
         if whole is not None or errors[-1] < REFINED:
             break

@@ -32,6 +32,8 @@ EXTENTS: dict[str, tuple[float, float | None]] = {
     # At its own length the budget leaves steps too coarse for first order; next to its singular positions truth loses
     # digits, 1.7e-12 at 4.9 s.
     "double_four_bar": (1.0, 4.0),
+    # 24 turns of the spin, of which first order can judge five.
+    "fast_top_1500": (0.02, 0.1),
 }
 """(first window to try, duration of the main runs or None for the scene's), s, of scenes that would take too long."""
 
@@ -60,7 +62,8 @@ def plan_within(scene: Scene, name: str, most_steps: int) -> ScenePlan:
         steps = {order: min(max(step, _readable_above(shortest)), longest) for order, step in found.steps.items()}
         ladders = {order: _ladder(order, step, found.window / (STUDY_SAMPLES - 1), longest)
                    for order, step in steps.items()}
-        plan = dataclasses.replace(found, steps=steps, ladders=ladders, samples=samples, duration=duration)
+        plan = dataclasses.replace(found, steps=steps, ladders=ladders, samples=samples, duration=duration,
+                                   budgeted=True)
         if plan.most_steps <= affordable and all(
                 SHARE * (steps[order] / step) ** order <= WIDEST for order, step in found.steps.items()):
             break

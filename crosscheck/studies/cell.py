@@ -148,7 +148,7 @@ def run_cell(cell: Cell) -> Record:
         _unjudged_run(record, scene, engine.held_levels(scene, spec), cell)
         return record
     reference, window = truth(scene), truth(windowed(scene, cell.plan.window))
-    _main_run(record, scene, reference, window, engine.held_levels(scene, spec))
+    _main_run(record, scene, reference, window, engine.held_levels(scene, spec), cell.plan.budgeted)
     if cell.study and record.outcome != "unsupported":
         order_study(record, cell, windowed(scene, cell.plan.window), window)
     if record.outcome == "unsupported":
@@ -168,7 +168,7 @@ def command(cell: Cell, step: float | None, rtol: float | None) -> str:
 
 
 def _main_run(record: Record, scene: Scene, reference: Reference, window: Reference,
-              held: frozenset[str]) -> None:
+              held: frozenset[str], budgeted: bool) -> None:
     from crosscheck.trajectory import MAXIMA
 
     traj = _whole_run(record, scene)
@@ -182,7 +182,7 @@ def _main_run(record: Record, scene: Scene, reference: Reference, window: Refere
                              f"body {error.body}, t = {error.time:.4g} s") for name, error in found.items()]
     else:
         findings, found, bounds = judge_states(scene, traj, reference, window, record.documented_order,
-                                               traj.stats.get("step") or record.step, record.rtol)
+                                               traj.stats.get("step") or record.step, record.rtol, budgeted)
         findings += judge_invariants(scene, traj, reference, bounds)
         record.judged_until = bounds.until
     levels = judge_levels(scene, traj, reference, bounds, held, maxima)

@@ -48,15 +48,16 @@ def order_study(record: Record, cell: Cell, scene: Scene, reference: Reference) 
         _not_measured(record, record.ladder_cut)
         return
     scale = tolerances.scales(scene, reference)
-    floors = {quantity: tolerances.noise(scene, reference, scale.of(quantity)) for quantity in QUANTITIES}
-    ceilings = {quantity: tolerances.ceiling(scale.of(quantity)) for quantity in QUANTITIES}
-    findings, orders = judge_orders(order, record.ladder, floors, ceilings)
+    plateaus = {quantity: tolerances.plateau(scene, reference, scale.of(quantity), order) for quantity in QUANTITIES}
+    findings, orders = judge_orders(order, record.ladder, plateaus)
     most = len(sizes) + (0 if _hopeless(record) else REFINEMENTS)
     while undecided(findings, orders) and len(record.ladder) < most and not record.ladder_cut:
         coarse, fine = (rung["step"] for rung in record.ladder[-2:])
         if _affordable(record, cell.most_seconds, fine**2 / coarse, costs):
             _add_rung(record, cell, scene, reference, fine**2 / coarse, runs, costs)
-            findings, orders = judge_orders(order, record.ladder, floors, ceilings, len(sizes))
+            findings, orders = judge_orders(order, record.ladder, plateaus, len(sizes))
+    if len(record.ladder) > len(sizes):
+        findings, orders = judge_orders(order, record.ladder, plateaus, len(sizes), final=True)
     _tell_cut(record, findings, orders)
     # A guide of the documented slope through the coarsest point, for the eye.
     first = record.ladder[0]

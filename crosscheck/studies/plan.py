@@ -31,6 +31,7 @@ class ScenePlan:
     practical: float | None = None  # s; first-order methods also run at this step, for what a user meets who starts so
     samples: int = 251  # output times of the main run: smooth curves on a screen, and no more
     duration: float | None = None  # s; main runs end here where the scene itself is longer
+    budgeted: bool = False  # a budget of steps decided, so that no bound may be able to judge a run
 
     @property
     def most_steps(self) -> float:

@@ -8,7 +8,8 @@ namespace lieeuler {
 class SaddlePoint {
  public:
   explicit SaddlePoint(const System& system)
-      : system_(system), delassus_(system), rows_(3 * delassus_.parts(), 0.0), force_(system.n() + 1) {}
+      : system_(system), delassus_(system), graded_(system.graded()), rows_(3 * delassus_.parts(), 0.0),
+        force_(system.n() + 1) {}
 
   Delassus& delassus() { return delassus_; }
 
@@ -52,6 +53,7 @@ class SaddlePoint {
   double smallest_pivot() { return delassus_.lu().smallest_tail_pivot(); }
 
   bool factor(const Constraints& joints) {
+    factored_ = &joints;
     delassus_.assemble(joints);
     if (!delassus_.lu().factor()) return false;
     find_null_space(joints);
@@ -95,10 +97,13 @@ class SaddlePoint {
     solve(joints, d, nullptr);
   }
 
-  // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places.
+  // M y + G^T lam = f, G y = rows, at the joints factored last: takes f and the rows of each part, leaves y and lam in
+  // their places.
   void solve(std::vector<Twist>& f, std::vector<Vec3>& rows) {
     for (int k = 0; k < delassus_.parts(); ++k) store(rows[k], &rows_[3 * k]);
+    if (graded_) wanted_ = rows_;
     delassus_.solve(flat(f), rows_.data(), [this](double* values) { remove_null_space(values); });
+    if (graded_) refine(*factored_, f);
     for (int k = 0; k < delassus_.parts(); ++k) rows[k] = load3(&rows_[3 * k]);
   }
 
@@ -117,13 +122,15 @@ class SaddlePoint {
   // M y + G^T m = force_, G y = rows_; rows_ becomes m, in three values a part.
   void solve(const Constraints& joints, std::vector<Twist>& y, double* multipliers) {
     const auto adjust = [this](double* values) { remove_null_space(values); };
-    if (redundant() > 0) wanted_ = rows_;
+    const bool again = redundant() > 0 || graded_;
+    if (again) wanted_ = rows_;
     delassus_.solve(flat(force_), rows_.data(), adjust);
     std::copy_n(force_.begin(), system_.n(), y.begin());
-    if (redundant() > 0) refine(joints, y);
+    if (again) refine(joints, y);
     if (multipliers) for_rows([&](int row, int place) { multipliers[row] = rows_[place]; });
   }
-  // What rounding has left of G y = wanted_, solved for once more: near-dependent rows lose digits in the first pass.
+  // What rounding has left of G y = wanted_, solved for once more: near-dependent rows and graded masses lose digits in
+  // the first pass.
   void refine(const Constraints& joints, std::vector<Twist>& y) {
     y[system_.n()] = Twist{};
     first_ = rows_;
@@ -183,8 +190,10 @@ class SaddlePoint {
 
   const System& system_;
   Delassus delassus_;
+  const bool graded_;
+  const Constraints* factored_ = nullptr;
   std::vector<double> rows_;  // right-hand side, then multipliers, three values a part
-  std::vector<double> wanted_, first_;  // of a system with redundant rows, for its second pass
+  std::vector<double> wanted_, first_;  // of a second pass
   std::vector<Twist> force_;
   std::vector<std::vector<double>> null_;  // orthonormal vectors w with G^T w = 0, three values a part
 };

@@ -2,6 +2,9 @@
 //
 //   S = G M^-1 G^T,   lam = S^-1 (G M^-1 f + gamma),   udot = M^-1 (f - G^T lam)
 //
+// Where a light body carries a heavy one, S is the sum of a large and a small matrix and keeps few digits of the small
+// one: what is left of G udot + gamma is then solved for once more, which restores them.
+//
 // Bodies pinned to the ground have no translation: M is their inertia about the pin, and the pin has no multiplier.
 #pragma once
 
@@ -50,6 +53,7 @@ class SmallSaddle {
         S.noalias() += row.G.w * column.H.w;
         if (!points_.pinned(row.body)) S.noalias() += row.G.v * column.H.v;
       }
+    smallest_pivot_ = 1;
     return parts() == 1 ? invert_block() : invert();
   }
 
@@ -60,26 +64,23 @@ class SmallSaddle {
       f[b].w = Vec3(bodies_[b].inertia_inverse * f[b].w);
     }
     if (parts() == 0) return;
-    Vec3 r[kMostParts];
+    Vec3 r[kMostParts], lam[kMostParts];
     for (int p = 0; p < parts(); ++p) r[p] = -rows[parts_[p].part];
-    for (const Sided& side : sides_) {
-      r[side.place] += side.G.w * f[side.body].w;
-      if (!points_.pinned(side.body)) r[side.place] += side.G.v * f[side.body].v;
+    add_rates(f, r);
+    correct(r, lam, f);
+    if (smallest_pivot_ < kGraded) {
+      Vec3 more[kMostParts];
+      for (int p = 0; p < parts(); ++p) r[p] = -rows[parts_[p].part];
+      add_rates(f, r);
+      correct(r, more, f);
+      for (int p = 0; p < parts(); ++p) lam[p] += more[p];
     }
-    for (int p = 0; p < parts(); ++p) {
-      Vec3 lam = block(p, 0) * r[0];
-      for (int q = 1; q < parts(); ++q) lam += block(p, q) * r[q];
-      rows[parts_[p].part] = lam;
-    }
-    for (const Sided& side : sides_) {
-      const Vec3& lam = rows[parts_[side.place].part];
-      f[side.body].w -= side.H.w * lam;
-      if (!points_.pinned(side.body)) f[side.body].v -= side.H.v * lam;
-    }
+    for (int p = 0; p < parts(); ++p) rows[parts_[p].part] = lam[p];
   }
 
  private:
   static constexpr double kSingular = 1e-13;  // what rounding leaves of a pivot
+  static constexpr double kGraded = 1e-3;     // of its entry: a pivot below it has lost three digits
   struct Inertia {
     double mass_inverse;
     Mat3 inertia_inverse;
@@ -98,11 +99,32 @@ class SmallSaddle {
 
   Mat3& block(int row, int column) { return inverse_[row * parts() + column]; }
 
+  // r += G y
+  void add_rates(const std::vector<Twist>& y, Vec3* r) const {
+    for (const Sided& side : sides_) {
+      r[side.place] += side.G.w * y[side.body].w;
+      if (!points_.pinned(side.body)) r[side.place] += side.G.v * y[side.body].v;
+    }
+  }
+  // lam = S^-1 r,  y -= M^-1 G^T lam
+  void correct(const Vec3* r, Vec3* lam, std::vector<Twist>& y) {
+    for (int p = 0; p < parts(); ++p) {
+      lam[p] = block(p, 0) * r[0];
+      for (int q = 1; q < parts(); ++q) lam[p] += block(p, q) * r[q];
+    }
+    for (const Sided& side : sides_) {
+      y[side.body].w -= side.H.w * lam[side.place];
+      if (!points_.pinned(side.body)) y[side.body].v -= side.H.v * lam[side.place];
+    }
+  }
+
   bool invert_block() {
     Mat3& S = inverse_[0];
     const Vec3 a = S.col(1).cross(S.col(2));
     const double volume = S.col(0).dot(a);
-    if (!(volume > kSingular * S(0, 0) * S(1, 1) * S(2, 2))) return false;
+    const double size = S(0, 0) * S(1, 1) * S(2, 2);
+    if (!(volume > kSingular * size)) return false;
+    smallest_pivot_ = volume / size;
     Mat3 rows;
     rows << a.transpose(), S.col(2).cross(S.col(0)).transpose(), S.col(0).cross(S.col(1)).transpose();
     S = rows / volume;
@@ -118,6 +140,7 @@ class SmallSaddle {
         double sum = entry;
         for (int k = 0; k < j; ++k) sum -= L(i, k) * L(j, k);
         if (i == j && !(sum > kSingular * entry)) return false;
+        if (i == j) smallest_pivot_ = std::min(smallest_pivot_, sum / entry);
         L(i, j) = i == j ? std::sqrt(sum) : sum / L(j, j);
       }
     for (int j = 0; j < n; ++j) {
@@ -143,6 +166,7 @@ class SmallSaddle {
   std::vector<Sided> sides_;
   std::vector<Mat3> inverse_;  // S^-1 by blocks
   std::vector<double> factor_;
+  double smallest_pivot_ = 1;  // of S, over its entry
 };
 
 }  // namespace lieeuler

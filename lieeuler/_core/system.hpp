@@ -103,6 +103,12 @@ struct System {
     for (const Joint& joint : joints) total += static_cast<int>(joint.parts.size());
     return total;
   }
+  // Whether a light body may carry a heavy one, whose share in G M^-1 G^T then loses three digits or more.
+  bool graded() const {
+    const auto [least, most] = std::minmax_element(
+        bodies.begin(), bodies.end(), [](const Body& a, const Body& b) { return a.mass < b.mass; });
+    return least != bodies.end() && most->mass > 1e3 * least->mass;
+  }
 };
 
 // (m, J) times a twist, and its inverse.

@@ -23,6 +23,10 @@ ELSEWHERE = 1e-3
 """Normalised distance of truth from the initial state that is no return."""
 
 
+CALM = 1e-6
+"""What moves so much more slowly than the scene's fastest body does not jump, whatever it does between two samples."""
+
+
 def judge_continuity(scene: Scene, traj: Any, truth: Reference) -> list[Finding]:
     """Whether positions and attitudes move no faster than the run's own speeds allow, and the run was not reset; up to
     the horizon of the scene."""
@@ -34,21 +38,23 @@ def _continuity(scene: Scene, traj: Any, truth: Reference) -> Finding:
 
     In a time dt a body moves by no more than dt times its speed, which between two output times exceeds the larger one
     at the ends by dt / 2 times the largest acceleration at most: that of the true motion, times the excess of the
-    run's kinetic energy, since accelerations grow as the square of speeds.
+    run's kinetic energy, since accelerations grow as the square of speeds; and by the share `CALM` of the fastest.
     """
     count = _judged_times(truth)
     x, R, v, w = (getattr(traj, name)[:count] for name in "xRvw")
     dt = np.diff(traj.t[:count])[:, None]
     kinetic = mechanics.kinetic_energy(scene, traj)[:count]
-    largest = float(tolerances.scales(scene, truth).kinetic)
+    scale = tolerances.scales(scene, truth)
+    largest = scale.kinetic
     excess = np.maximum(1.0, np.maximum(kinetic[1:], kinetic[:-1]) / largest)[:, None]
     candidates = []
-    for moved, speeds, second, unit in (
-            (np.linalg.norm(np.diff(x, axis=0), axis=-1), np.linalg.norm(v, axis=-1),
+    for moved, speeds, fastest, second, unit in (
+            (np.linalg.norm(np.diff(x, axis=0), axis=-1), np.linalg.norm(v, axis=-1), scale.speed,
              float(truth.position_derivatives[2]), "m"),
-            (attitude_angle(R[:-1], R[1:]), np.linalg.norm(w, axis=-1),
+            (attitude_angle(R[:-1], R[1:]), np.linalg.norm(w, axis=-1), scale.rate,
              float(truth.attitude_derivatives[2] / np.sqrt(2.0)), "rad")):
-        allowed = dt * (np.maximum(speeds[1:], speeds[:-1]) + 0.5 * dt * second * excess) + 1e3 * tolerances.EPS
+        allowed = (dt * (np.maximum(speeds[1:], speeds[:-1]) + 0.5 * dt * second * excess + CALM * fastest)
+                   + 1e3 * tolerances.EPS)
         ratio = moved / allowed
         sample, body = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
         where = f"body {scene.bodies[body].name}, between t = {traj.t[sample]:.4g} and {traj.t[sample + 1]:.4g} s"

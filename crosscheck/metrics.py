@@ -50,6 +50,7 @@ class Order:
     settled: bool = True  # the last three orders between neighbouring steps above the plateau agree within `SETTLED`
     exhausted: bool = False  # the finest step lies on the plateau, a finer one would show nothing but rounding
     finest: float | None = None  # order between the two finest steps above the plateau, where orders rise towards it
+    rounding: float = 0.0  # largest error at the finer steps at which errors fall no more
 
 
 def attitude_angle(R: np.ndarray, S: np.ndarray) -> np.ndarray:
@@ -137,17 +138,19 @@ def observed_order(steps: Sequence[float], values: Sequence[float], plateau: Pla
     last = first
     while last < len(h) and good[last]:
         last += 1
-    last = min(last, _stalled(h, e, slopes, plateau))
+    stalled = _stalled(h, e, slopes, plateau)
+    rounding = float(e[stalled:].max(initial=0.0))
+    last = min(last, stalled)
     recent = slopes[first:last - 1][-3:]
     settled, exhausted = len(recent) == 3 and bool(np.ptp(recent) <= SETTLED), last < len(h)
     first = max(first, last - (finest or last))
     used = max(0, last - first) if good.any() else 0
     if used < 3:
         return Order(None, used, neighbours, f"only {used} of {len(h)} steps lie above the rounding plateau", settled,
-                     exhausted)
+                     exhausted, rounding=rounding)
     rising = len(recent) == 3 and bool((np.diff(recent) > 0).all())
     return Order(_slope(h[first:last], e[first:last]), used, neighbours, settled=settled, exhausted=exhausted,
-                 finest=float(recent[-1]) if rising else None)
+                 finest=float(recent[-1]) if rising else None, rounding=rounding)
 
 
 def _slope(h: np.ndarray, e: np.ndarray) -> float:

@@ -13,6 +13,7 @@ from crosscheck.metrics import QUANTITIES, Order, errors
 from crosscheck.references.base import Reference
 from crosscheck.scene import Scene
 from crosscheck.states import States
+from crosscheck.tolerances import Tol
 from crosscheck.verdict import Finding
 
 LEAST = 0.75
@@ -32,6 +33,11 @@ def extrapolation_order(documented: int, observed: Order, failed: bool) -> int:
     if not failed or observed.observed is None or observed.observed < LEAST:
         return documented
     return max(1, round(observed.observed))
+
+
+def _beside_rounding(tol: Tol, rounding: float) -> Tol:
+    """The bound where the errors of both runs are as small as rounding makes them, and fall no more."""
+    return Tol(tol.value + 2 * rounding, tol.why + (f"; rounding of both runs, {rounding:.1e}" if rounding else ""))
 
 
 def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Reference, order: int,
@@ -54,7 +60,7 @@ def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Referenc
         used = extrapolation_order(order, orders[name], name in failing)
         limit = extrapolated(coarse, fine, coarse_step / fine_step, used)
         error = errors(scene, limit, truth.states, truth.horizon)[name]
-        tol = tolerances.limit(scene, truth, used, coarse_step)[name]
+        tol = _beside_rounding(tolerances.limit(scene, truth, used, coarse_step)[name], orders[name].rounding)
         where = f"body {error.body}, t = {error.time:.4g} s, extrapolated with order {used}"
         if tol.value > scale.of(name) and np.isfinite(error.max):
             findings.append(Finding(f"limit {name}", "unjudged", error.max, None, unit, "at these steps the bound, "

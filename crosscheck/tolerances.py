@@ -162,8 +162,14 @@ def limit(scene: Scene, truth: Reference, order: int, step: float) -> dict[str, 
     The leading term of the error is gone; the next one is bounded like that of a method one order higher.
     """
     last = len(truth.position_derivatives) - 3  # the bound of order p needs derivatives up to p + 2
-    return {name: Tol(bound.value, f"the leading term of the error extrapolated away: {bound.why}")
-            for name, bound in fixed_step(scene, truth, min(order + 1, last), step).items()}
+    leading = fixed_step(scene, truth, order, step)
+    scale = scales(scene, truth)
+    found = {}
+    for name, bound in fixed_step(scene, truth, min(order + 1, last), step).items():
+        upon = leading[name].value**2 / max(scale.of(name), EPS)
+        found[name] = Tol(bound.value + upon, f"the leading term of the error extrapolated away: {bound.why}; and that "
+                                              f"term upon itself, {upon:.1e}")
+    return found
 
 
 def adaptive(scene: Scene, truth: Reference, rtol: float, steps: int,
@@ -208,8 +214,18 @@ def momentum(scene: Scene, truth: Reference, bounds: dict[str, Tol]) -> Tol:
     return Tol(float(value), "what the bounds of the states allow: sum of m x dv, m v dx, J dw and J w dR")
 
 
-def held_level(scene: Scene, truth: Reference | None, level: str) -> Tol:
-    """Rounding level of a constraint level that the method holds by construction; without truth, of a pendulum."""
+def held_level(scene: Scene, truth: Reference | None, level: str, newton: float = 0.0) -> Tol:
+    """Rounding level of a constraint level that the method holds by construction; without truth, of a pendulum.
+
+    `newton`: tolerance at which the engine's own iteration ends, absolute and relative.
+    """
+    tol = _held_level(scene, truth, level)
+    ended = 10 * newton
+    return tol if ended <= tol.value else Tol(ended, f"held by construction: ten times {newton:g}, the tightest "
+                                                     "tolerance at which the engine's Newton iteration converged")
+
+
+def _held_level(scene: Scene, truth: Reference | None, level: str) -> Tol:
     if truth is None:
         return Tol(HELD[level], f"held by construction: rounding level, {HELD[level]:g}; no truth tells the speeds")
     scale = scales(scene, truth)

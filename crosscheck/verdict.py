@@ -241,15 +241,16 @@ def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bound
             continue
         everywhere = max(maxima.get(f"constraint_{level}", 0.0), float(np.max(series)))
         if level in held:
-            findings.append(_judged(kind, everywhere, tolerances.held_level(scene, truth, level), unit, "every step"))
+            tol = tolerances.held_level(scene, truth, level, traj.stats.get("newton_tolerance", 0.0))
+            findings.append(_judged(kind, everywhere, tol, unit, "every step"))
             continue
-        tol = None if bounds is None or truth is None else tolerances.free_level(scene, truth, level, bounds.states)
-        if bounds is None or truth is None or tol is None:
+        free = None if bounds is None or truth is None else tolerances.free_level(scene, truth, level, bounds.states)
+        if bounds is None or truth is None or free is None:
             findings.append(Finding(kind, "unjudged", everywhere, None, unit,
                                     "the method does not enforce this level, and no bound of a state implies one"))
         else:
             keep = truth.t <= bounds.until * (1 + 1e-12)
-            findings.append(_judged(kind, float(np.max(series[keep])), tol, unit, f"up to {bounds.until:g} s",
+            findings.append(_judged(kind, float(np.max(series[keep])), free, unit, f"up to {bounds.until:g} s",
                                     kind in bounds.empty))
     return findings
 

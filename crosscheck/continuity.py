@@ -27,6 +27,10 @@ CALM = 1e-6
 """What moves so much more slowly than the scene's fastest body does not jump, whatever it does between two samples."""
 
 
+WOBBLE = 0.01
+"""Share by which a run's own speed may exceed between two output times what it is at both: errors oscillate."""
+
+
 def judge_continuity(scene: Scene, traj: Any, truth: Reference) -> list[Finding]:
     """Whether positions and attitudes move no faster than the run's own speeds allow, and the run was not reset; up to
     the horizon of the scene."""
@@ -38,7 +42,8 @@ def _continuity(scene: Scene, traj: Any, truth: Reference) -> Finding:
 
     In a time dt a body moves by no more than dt times its speed, which between two output times exceeds the larger one
     at the ends by dt / 2 times the largest acceleration at most: that of the true motion, times the excess of the
-    run's kinetic energy, since accelerations grow as the square of speeds; and by the share `CALM` of the fastest.
+    run's kinetic energy, since accelerations grow as the square of speeds; and by the shares `WOBBLE` of itself and
+    `CALM` of the fastest.
     """
     count = _judged_times(truth)
     x, R, v, w = (getattr(traj, name)[:count] for name in "xRvw")
@@ -53,8 +58,8 @@ def _continuity(scene: Scene, traj: Any, truth: Reference) -> Finding:
              float(truth.position_derivatives[2]), "m"),
             (attitude_angle(R[:-1], R[1:]), np.linalg.norm(w, axis=-1), scale.rate,
              float(truth.attitude_derivatives[2] / np.sqrt(2.0)), "rad")):
-        allowed = (dt * (np.maximum(speeds[1:], speeds[:-1]) + 0.5 * dt * second * excess + CALM * fastest)
-                   + 1e3 * tolerances.EPS)
+        speed = (1 + WOBBLE) * np.maximum(speeds[1:], speeds[:-1]) + CALM * fastest
+        allowed = dt * (speed + 0.5 * dt * second * excess) + 1e3 * tolerances.EPS
         ratio = moved / allowed
         sample, body = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
         where = f"body {scene.bodies[body].name}, between t = {traj.t[sample]:.4g} and {traj.t[sample + 1]:.4g} s"

@@ -160,17 +160,18 @@ def _slope(h: np.ndarray, e: np.ndarray) -> float:
 def _stalled(h: np.ndarray, e: np.ndarray, slopes: np.ndarray, plateau: Plateau) -> int:
     """Index of the first error, coarse to fine, from which on they fall no more; their number where they all fall.
 
-    Three errors tell; one or two short slopes at the end do where those before them have shown the order.
+    Three errors tell. Two do that do not fall themselves, and a last one, where those before them have shown the order.
     """
     for index in range(len(h)):
         tail = e[index:]
-        if not (np.isfinite(tail) & (tail > 0) & (tail < plateau.ceiling)).all():
-            continue
-        if index and slopes[index - 1] >= plateau.order - SHORT:
+        rounding = np.isfinite(tail) & (tail > 0) & (tail < plateau.ceiling)
+        if not rounding.all() or (index and slopes[index - 1] >= plateau.order - SHORT):
             continue
         if len(tail) >= 3:
-            if _slope(h[index:], tail) < STALLED:
-                return index
-        elif index >= 3 and _slope(h[:index], e[:index]) >= plateau.order - SHORT:
+            stalls = _slope(h[index:], tail) < STALLED
+        else:
+            shown = index >= 2 and _slope(h[:index], e[:index]) >= plateau.order - SHORT
+            stalls = shown and (slopes[-1] < STALLED if len(tail) == 2 else index >= 3)
+        if stalls:
             return index
     return len(h)

@@ -17,6 +17,7 @@ import numpy as np
 
 from crosscheck.metrics import QUANTITIES, Plateau
 from crosscheck.references.base import Reference
+from crosscheck.references.stiffness import fastest
 from crosscheck.scene import GROUND, Scene
 
 EPS = float(np.finfo(float).eps)
@@ -67,6 +68,12 @@ class Scales:
     reach: float  # m, farthest centre of mass from the origin
     kinetic: float  # J, largest kinetic energy
     momentum: float  # kg m^2/s, what the angular momentum could be at these speeds
+
+    @property
+    def units(self) -> dict[str, float]:
+        """What an error of one in the state y is in each compared quantity, see above."""
+        return {"position": self.length, "attitude": 1.0, "velocity": self.length * self.rate,
+                "angular velocity": self.rate}
 
     def of(self, quantity: str) -> float:
         """Size of a compared quantity, in its unit: an error beyond this says nothing any more."""
@@ -144,12 +151,10 @@ def fixed_step(scene: Scene, truth: Reference, order: int, step: float,
     largest = derivative(truth, order + 1, scale)
     growth = truth.amplification if amplification is None else amplification
     bound = growth * duration * step**order * largest
-    units = {"position": scale.length, "attitude": 1.0, "velocity": scale.length * scale.rate,
-             "angular velocity": scale.rate}
     why = (f"A T h^{order} max|y^({order + 1})| with A = {growth:.3g}, T = {duration:g} s, "
            f"h = {step:.3g} s, max|y^({order + 1})| = {largest:.3g} /s^{order + 1} from truth")
     bounds = {}
-    for quantity, unit in units.items():
+    for quantity, unit in scale.units.items():
         floor = rounding(scene, truth, scale.of(quantity), steps)
         bounds[quantity] = Tol(unit * bound + floor, f"{why}; times {unit:.3g} {QUANTITIES[quantity]}; "
                                                      f"rounding floor {floor:.1e}")
@@ -162,27 +167,40 @@ def limit(scene: Scene, truth: Reference, order: int, step: float) -> dict[str, 
     The leading term of the error is gone; the next one is bounded like that of a method one order higher.
     """
     last = len(truth.position_derivatives) - 3  # the bound of order p needs derivatives up to p + 2
-    leading = fixed_step(scene, truth, order, step)
     scale = scales(scene, truth)
-    found = {}
-    for name, bound in fixed_step(scene, truth, min(order + 1, last), step).items():
-        upon = leading[name].value**2 / max(scale.of(name), EPS)
-        found[name] = Tol(bound.value + upon, f"the leading term of the error extrapolated away: {bound.why}; and that "
-                                              f"term upon itself, {upon:.1e}")
-    return found
+    upon = _upon_itself(truth, scale, order, step)
+    return {name: Tol(bound.value + upon * scale.units[name], f"the leading term of the error extrapolated away: "
+                                                              f"{bound.why}; that term upon itself {upon:.1e}")
+            for name, bound in fixed_step(scene, truth, min(order + 1, last), step).items()}
+
+
+def _upon_itself(truth: Reference, scale: Scales, order: int, step: float) -> float:
+    """What the leading term of the error makes of itself and extrapolation leaves: (A T h^p)^2 max|y^(2p+2)| / 16.
+
+    Errors of c h^(p+1) y^(p+1) a step, c at most 1/2, act on the motion twice as half their square, of which
+    extrapolation from h and h/2 leaves half. Where truth has no derivative so high: the square of that of order p + 1,
+    as for a motion at one rate.
+    """
+    grown = truth.amplification * float(truth.t[-1]) * step**order / 4.0
+    if 2 * order + 3 < len(truth.position_derivatives):
+        return grown**2 * derivative(truth, 2 * order + 2, scale)
+    return (grown * derivative(truth, order + 1, scale)) ** 2
 
 
 def adaptive(scene: Scene, truth: Reference, rtol: float, steps: int,
              amplification: float | None = None) -> dict[str, Tol]:
-    """Bounds of the errors per quantity for a method that keeps the error of each step below rtol times the state.
+    """Bounds of the errors per quantity for a method that keeps the error of each step below rtol times the state y.
 
-    `amplification` replaces that of the truth.
+    W is the rate of the scene's fastest spring or damper where that is larger: an error e of a position that oscillates
+    at W is one of W e in its velocity. `amplification` replaces that of the truth.
     """
     growth = truth.amplification if amplification is None else amplification
     scale = scales(scene, truth)
+    rate = max(scale.rate, fastest(scene))
+    least = {"position": 0.0, "attitude": 0.0, "velocity": scale.length * rate, "angular velocity": rate}
     bounds = {}
     for quantity in QUANTITIES:
-        size = scale.of(quantity)
+        size = max(scale.of(quantity), least[quantity])
         value = growth * steps * rtol * size + rounding(scene, truth, size, steps)
         bounds[quantity] = Tol(value, f"A n rtol times the size: A = {growth:.3g}, n = {steps} steps, "
                                       f"rtol = {rtol:.1e}, size {size:.3g} {QUANTITIES[quantity]}")

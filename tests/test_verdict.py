@@ -87,6 +87,15 @@ def test_small_errors_that_fall_no_more_show_no_order(slope, level, status):
     assert orders_of(8, steps, values, Plateau(1e-14, 1e-8, 8))[0].status == status
 
 
+def test_two_errors_that_do_not_fall_are_rounding_where_the_order_was_shown_before():
+    """Exudyn TrapezoidalIndex2 on stiff_damped, rad; and an order that is lost, which is none."""
+    steps = 5e-5 / 2.0 ** np.arange(4)
+    for documented, values, status in ((2, (2.63e-10, 6.45e-11, 3.36e-11, 3.42e-11), "unjudged"),
+                                       (2, (1e-9, 2.5e-10, 6e-11, 2e-11), "ok"),
+                                       (4, (1e-9, 6.25e-11, 1.6e-11, 4e-12), "fail")):
+        assert orders_of(documented, steps, values, Plateau(1e-16, 1.5e-8, documented))[0].status == status
+
+
 @pytest.mark.parametrize(("documented", "values", "used"), [
     (4, (4.92e-7, 3.05e-8, 2.53e-9, 1.72e-9, 1.69e-9, 1.68e-9, 1.69e-9), 3),  # Exudyn RK44, needle
     (5, (9.34e-11, 2.92e-12, 9.22e-14, 1.05e-14, 1.88e-14, 2.26e-14, 1.06e-14, 6.78e-14), 3),  # DOPRI5, bead_on_line

@@ -1,4 +1,4 @@
-"""Which integrator, and how tight, the maximal formulation takes where springs and dampers are stiff."""
+"""How stiff springs and dampers are, and which integrator, how tight, the maximal formulation then takes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import DOP853, Radau
+
+from crosscheck.scene import Scene
 
 DECAYS = 5000.0
 """Rate of the fastest decay times the duration from which on the implicit method is used: an explicit one needs the
@@ -28,6 +30,16 @@ def eigenvalues(rates: Callable[[float, np.ndarray], np.ndarray], start: np.ndar
     """Eigenvalues (1/s) of the derivative of dy/dt = rates(t, y) by y at `start`."""
     columns = [rates(0.0, start + step) - rates(0.0, start - step) for step in DIFFERENCE * np.eye(len(start))]
     return np.linalg.eigvals(np.array(columns).T / (2 * DIFFERENCE))
+
+
+def fastest(scene: Scene) -> float:
+    """Rate (1/s) of the fastest decay or oscillation of a scene with springs, at its start; 0 without springs."""
+    if not any(force.type.endswith("spring") for force in scene.forces):
+        return 0.0
+    from crosscheck.references.maximal import Maximal
+
+    equations = Maximal(scene)
+    return float(max(abs(eigenvalues(equations.rates, equations.initial()))))
 
 
 def integrator(values: np.ndarray, duration: float, tightest: float) -> tuple[type[Any], float]:

@@ -10,10 +10,11 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from crosscheck.references.stiffness import fastest
 from crosscheck.scene import Scene
 from crosscheck.studies.plan import PLANS, SHARE, STUDY_SAMPLES, ScenePlan, halved, parts, plan_from_truth
 
-WINDOWS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
+WINDOWS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
 """Lengths (s) of the judged beginning that are tried, the longest first."""
 
 WIDEST = 0.5
@@ -32,7 +33,7 @@ EXTENTS: dict[str, tuple[float, float | None]] = {
     # At its own length the budget leaves steps too coarse for first order; next to its singular positions truth loses
     # digits, 1.7e-12 at 4.9 s.
     "double_four_bar": (1.0, 4.0),
-    # 24 turns of the spin, of which first order can judge five.
+    # 24 turns of the spin, of which first order can judge half a turn.
     "fast_top_1500": (0.02, 0.1),
 }
 """(first window to try, duration of the main runs or None for the scene's), s, of scenes that would take too long."""
@@ -75,14 +76,9 @@ def _longest_step(scene: Scene) -> float:
 
     Much longer steps are unstable with every explicit method, and show the order of no other.
     """
-    if not any(force.type.endswith("spring") for force in scene.forces):
-        return math.inf
-    from crosscheck.references.maximal import Maximal
-    from crosscheck.references.stiffness import eigenvalues
-
-    equations = Maximal(scene)
+    rate = fastest(scene)
     # Two digits: the step is written into commands.
-    return float(f"{1.0 / max(abs(eigenvalues(equations.rates, equations.initial()))):.1e}")
+    return float(f"{1.0 / rate:.1e}") if rate else math.inf
 
 
 def _ladder(order: int, step: float, interval: float, longest: float) -> tuple[float, ...]:

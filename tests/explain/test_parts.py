@@ -9,10 +9,11 @@ from crosscheck import mechanics
 from crosscheck.constraints import Constraints
 from crosscheck.explain import causes, clean, copies, fit, numerics, observe, physics, starts
 from crosscheck.explain.causes import Cause, Context
-from crosscheck.explain.observe import Observation, Scale
+from crosscheck.explain.observe import Observation, Scale, Subject
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene_file import load_scene
 from tests.explain import misbuilt
+from tests.explain.stepper import Flaws, Stepper
 
 SCENES = ("double_pendulum", "spring_pendulum", "torsion_wheel", "damped_pendulum", "loaded_pendulum", "four_bar",
           "hinge_pendulum", "puck_on_plane")
@@ -197,6 +198,19 @@ def test_misreadings_are_what_they_say():
     seen = Observation(scene, scale, y, 0.0, None)
     assert starts.gap(seen, R, w) < 1e-13
     assert starts.gap(seen, scene.R0, scene.w0) > 0.1
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_sub_steps_are_counted_although_the_model_is_only_known_to_its_fit(count):
+    scene = load_scene("single_pendulum")
+    scale = observe.scale_of(scene)
+    subject = Subject(Stepper(Flaws(substeps=count)), "RK4")
+    first = Observation(observe.window(scene, scale), scale, np.zeros((0, 1, 18)), 0.0, None)
+    right = physics.of_scene(scene)
+    fitted = numerics.Known(right.replace(gravity=(1 + 1e-6) * right.gravity), (scene.R0, scene.w0), soft=False)
+    result = numerics.NumericsFinding()
+    numerics._substeps(subject, first, 4, fitted, result)
+    assert [each.magnitude for each in result.evidence if each.holds] == [f"{count} sub-steps"]
 
 
 @pytest.mark.parametrize(("errors", "whole"), [

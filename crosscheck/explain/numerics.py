@@ -378,6 +378,6 @@ def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFi
     if holds:
         result.causes.append(NamedCause("stabilisation gain", gains, "the method is documented to enforce "
                                         "accelerations exactly: set the gains to zero, or document them"))
-    else:
+    elif "position" not in subject.held(scene):  # else anchors may be taken from the start, as joint coordinates do
         result.unexplained.append("constraint errors change by no law of constant gains")
     return (damping * scale.rate, stiffness * scale.rate**2) if holds else NO_GAIN

@@ -159,6 +159,16 @@ def test_no_cause_is_named_for_a_correct_engine(pendulum, engine, method):
     assert (answer.outcome, answer.exit_code) == ("agrees", 0), answer.sentence
 
 
+@pytest.mark.parametrize("name", [
+    "axis_flip",  # a body without joints
+    "double_pendulum",  # in joint coordinates, which take anchors from a start that violates the joints
+])
+def test_no_cause_is_named_for_mujoco(name):
+    pytest.importorskip("mujoco")
+    answer = explain(name, "mujoco", "RK4")
+    assert (answer.outcome, answer.exit_code) == ("agrees", 0), answer.sentence
+
+
 def test_the_naive_runge_kutta_step_of_pinocchio_is_found(pendulum):
     pytest.importorskip("pinocchio")
     answer = explain(pendulum, "pinocchio", "RK4naive")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+import itertools
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from crosscheck.scene import GROUND, Scene
 
 Apply = Callable[[Physics, np.ndarray], Physics]
 Say = Callable[[np.ndarray], str]
+Special = Callable[[np.ndarray], Sequence[tuple[float, ...]]]
 
 MASSLESS = 1e-3
 """A mass below this part of the scene's counts as no mass."""
@@ -31,7 +33,7 @@ class Cause:
     """A hypothesis: `apply` alters parameters by magnitudes theta, `starts` are where their fit begins.
 
     Pairs are made of causes of different families; `title` names a cause by its magnitude where the family's name is
-    not enough.
+    not enough, and `special` lists the magnitudes near a fitted one that have a name of their own, simplest first.
     """
 
     family: str
@@ -40,6 +42,9 @@ class Cause:
     say: Say
     mend: str
     title: Say | None = None
+    special: Special = lambda theta: ()
+    mistakes: Callable[[np.ndarray], int] = lambda theta: 1
+    """How many mistakes it takes to come to a magnitude: other things equal, fewer are likelier."""
 
     def name(self, theta: np.ndarray) -> str:
         """The cause in a few words."""
@@ -56,7 +61,8 @@ class Context:
     """The scene and its copies that the hypotheses are about."""
 
     scene: Scene
-    attitudes: np.ndarray  # (E, n, 3, 3) at the start of each copy, as the engine shows them
+    attitudes: tuple[np.ndarray, ...]
+    """(E, n, 3, 3) at the start of each copy, as the engine shows them and, where that differs, as they are given."""
     right: Physics  # the parameters as they should be
 
 
@@ -85,10 +91,21 @@ def _gravity(scene: Scene) -> Cause:
             return "gravity axis"
         return "gravity sign" if along < 0 and abs(new - size) <= GONE * size else "gravity size"
 
+    def special(theta: np.ndarray) -> list[tuple[float, ...]]:
+        if size == 0:
+            return []
+        new = float(np.linalg.norm(theta))
+        near = [0.0 * g, -g, float(theta @ g) / size**2 * g, *([size / new * theta] if new else [])]
+        return [tuple(vector.tolist()) for vector in near]
+
+    def mistakes(theta: np.ndarray) -> int:
+        other_size = size > 0 and abs(float(np.linalg.norm(theta)) - size) > GONE * size
+        return 2 if other_size and title(theta) == "gravity axis" else 1
+
     start = g if size else np.array([0.0, 0.0, -9.81])
     return Cause("gravity", lambda p, t: p.replace(gravity=np.array(t)), (tuple(start.tolist()),),
                  lambda t: f"gravity {_vector(t)} m/s^2 instead of {_vector(g)}",
-                 "check sign, size and axis of the gravity the engine is given", title)
+                 "check sign, size and axis of the gravity the engine is given", title, special, mistakes)
 
 
 def _vector(values: np.ndarray) -> str:
@@ -117,16 +134,16 @@ def _inertias(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator
                     lambda t: f"{where}: {t[0]:+.6g} m (s^2 - s s^T) added to the inertia, s from the centre of mass "
                               "to the joint",
                     "give the inertia about the point the engine expects: the centre of mass, or the joint")
-    for text, turn in TURNED:
-        yield _reframed(context, where, bodies, text, turn, axes)
+    for attitudes, (text, turn) in itertools.product(context.attitudes, TURNED):
+        yield _reframed(attitudes, where, bodies, text, turn, axes)
     yield Cause("inertia frame", rotated, ((0.1, 0.1, 0.1), (0.7, -0.5, 0.3), (-0.5, 0.8, -0.9)), angle, axes)
 
 
-def _reframed(context: Context, where: str, bodies: tuple[int, ...], text: str,
+def _reframed(attitudes: np.ndarray, where: str, bodies: tuple[int, ...], text: str,
               turn: Callable[[np.ndarray, np.ndarray], np.ndarray], mend: str) -> Cause:
     def apply(p: Physics, t: np.ndarray) -> Physics:
         return _changed(p, bodies, lambda J, k: np.array([turn(R, inertia) for R, inertia in zip(
-            context.attitudes[:, k], J, strict=True)]))
+            attitudes[:, k], J, strict=True)]))
 
     return Cause("inertia frame", apply, ((),), lambda t: f"{where}: {text}", mend)
 
@@ -181,7 +198,7 @@ def _force(scene: Scene, k: int) -> Iterator[Cause]:
 
     def entry(family: str, field: str, value: float, text: str, title: Say | None = None) -> Cause:
         return Cause(family, lambda q, t: q.replace(**{field: _with(getattr(q, field), k, t[0])}), ((value,),),
-                     lambda t: f"{where}: {text} {t[0]:.6g} instead of {value:.6g}", mend, title)
+                     lambda t: f"{where}: {text} {t[0]:.6g} instead of {value:.6g}", mend, title, _none)
 
     if force.type not in SPRINGS:
         yield entry("load", "load", 1.0, "factor of the load")
@@ -220,7 +237,12 @@ def _all_springs(context: Context) -> Iterator[Cause]:
 def _every_spring(family: str, field: str, text: str, none: str) -> Cause:
     return Cause(family, lambda p, t: p.replace(**{field: t[0] * getattr(p, field)}), ((1.0,),),
                  lambda t: f"{text} of every spring times {t[0]:.6g}", "check how springs are converted for the engine",
-                 lambda t: none if abs(t[0]) < GONE else family)
+                 lambda t: none if abs(t[0]) < GONE else family, _none)
+
+
+def _none(_theta: np.ndarray) -> list[tuple[float, ...]]:
+    """The special magnitude of what may not be there."""
+    return [(0.0,)]
 
 
 def _damping(scene: Scene) -> Iterator[Cause]:

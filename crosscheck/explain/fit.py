@@ -30,6 +30,9 @@ THIN = 3
 FAR = 1e15
 """Residual of magnitudes that make no sense."""
 
+ORDERED = {"inertia point", "inertia frame"}
+"""Families of a pair whose order matters: an inertia may be moved and then turned, or turned and then moved."""
+
 ITERATIONS, GIVE_UP, DIFFERENCE = 10, 0.97, 1e-6
 """Of the quick fits: steps at most, the gain below which they end, and the width of differences."""
 
@@ -56,6 +59,11 @@ class Fit:
     def names(self) -> tuple[str, ...]:
         """Names of the causes, sorted."""
         return tuple(sorted({cause.name(theta) for cause, theta in zip(self.causes, self.theta, strict=True)}))
+
+    @property
+    def mistakes(self) -> int:
+        """How many mistakes it takes."""
+        return sum(cause.mistakes(theta) for cause, theta in zip(self.causes, self.theta, strict=True))
 
     @property
     def explains(self) -> bool:
@@ -91,6 +99,20 @@ class Data:
         choices = [starts] if starts is not None else itertools.product(*(cause.starts for cause in causes))
         fits = [self._fit_from(causes, start) for start in choices]
         return min(fits, key=lambda fit: fit.left)
+
+    def simplest(self, found: Fit) -> Fit:
+        """The fit with special magnitudes, none or the opposite say, wherever they explain too.
+
+        A fit ends beside them by its noise, and the name of a cause hangs on them.
+        """
+        for k, cause in enumerate(found.causes):
+            for special in cause.special(found.theta[k]):
+                parts = [*found.theta[:k], np.array(special), *found.theta[k + 1:]]
+                trial = self._judged(found.causes, np.concatenate(parts))
+                if trial.explains:
+                    found = trial
+                    break
+        return found
 
     def _fit_from(self, causes: tuple[Cause, ...], starts: Sequence[tuple[float, ...]]) -> Fit:
         theta = np.concatenate([np.array(start, dtype=float) for start in starts])
@@ -169,18 +191,26 @@ def search(full: Data, thin: Data, causes: Sequence[Cause]) -> tuple[list[Fit], 
     singles = [thin.fit((cause,)) for cause in causes]
     singles = [full.fit(each.causes, tuple(tuple(part) for part in each.theta))
                if each.left <= NEAR * EXPLAINED else each for each in singles]
-    found = [fit for fit in singles if fit.explains]
+    found = [full.simplest(fit) for fit in singles if fit.explains]
     if found:
         return found, singles
     begin = {id(fit.causes[0]): fit.theta[0] for fit in singles}
-    for one, other in itertools.combinations(causes, 2):
-        if one.family == other.family:
-            continue
+    pairs = [pair for pair in itertools.combinations(causes, 2) if pair[0].family != pair[1].family]
+    pairs += [(other, one) for one, other in pairs if {one.family, other.family} == ORDERED]
+    alone: list[Fit] = []
+    for one, other in pairs:
         best = thin.fit((one, other), (tuple(begin[id(one)]), tuple(begin[id(other)])))
         if not best.left <= EXPLAINED:
             best = min(best, thin.fit((one, other), (one.starts[0], other.starts[0])), key=lambda fit: fit.left)
         if best.left <= NEAR * EXPLAINED:
             refined = full.fit((one, other), tuple(tuple(part) for part in best.theta))
             if refined.explains:
-                found.append(refined)
-    return found, singles
+                found.append(full.simplest(refined))
+                alone += _alone(full, refined)
+    return alone or found, singles
+
+
+def _alone(full: Data, pair: Fit) -> list[Fit]:
+    """Fits that explain of single causes of a pair: from its magnitudes one may get where it did not by itself."""
+    fits = [full.fit((cause,), (tuple(theta),)) for cause, theta in zip(pair.causes, pair.theta, strict=True)]
+    return [full.simplest(fit) for fit in fits if fit.explains]

@@ -238,7 +238,10 @@ def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> No
     """Fit altered models to the accelerations; `whole` is the scene with every force that any copy has."""
     scene = shown[0].observation.scene
     right = of_scene(whole, len(shown)).replace(absent=result.absent)
-    attitudes = np.array([each.states.R[0] for each in shown])
+    attitudes = [np.array([each.states.R[0] for each in shown])]
+    given = np.array([each.observation.scene.R0 for each in shown])
+    if np.abs(attitudes[0] - given).max() > FAITHFUL:  # an inertia may be converted before attitudes are misread
+        attitudes.append(given)
     full, thin = (_data(shown, right, result.soft, stride) for stride in (1, fit.THIN))
     hard = full if not result.soft else _data(shown, right, False, 1)
     wrong = float(np.abs(hard.residual(right)).max())
@@ -248,9 +251,9 @@ def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> No
         if wrong > fit.EXPLAINED:
             result.unexplained.append("accelerations differ by little more than their noise")
         return
-    candidates = causes(Context(scene, attitudes, right))
+    candidates = causes(Context(scene, tuple(attitudes), right))
     if result.soft:
-        opening = _opening(shown[0])
+        opening = _opening(shown[0], result.absent)
         result.evidence.append(Evidence("soft constraint", "constraint", wrong, remaining, quantity, opening,
                                         remaining <= fit.EXPLAINED, "with constraint forces of any law"))
         result.causes.append(NamedCause("soft constraint", opening, "tighten the joints, or use coordinates or "
@@ -267,12 +270,13 @@ def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> No
         return
     if len(found[0].causes) > 1:
         result.evidence += [_evidence(each, remaining, quantity) for each in found]
-    _name(found, full, result, remaining, quantity)
+    fewest = min(each.mistakes for each in found)
+    _name([each for each in found if each.mistakes == fewest], full, result)
 
 
-def _opening(shown: Shown) -> str:
-    scene, states = shown.observation.scene, shown.states
-    gaps = np.abs(Constraints(scene).position(states.x, states.R))
+def _opening(shown: Shown, absent: int | None) -> str:
+    scene, states, constraints = shown.observation.scene, shown.states, Constraints(shown.observation.scene)
+    gaps = np.abs(constraints.position(states.x, states.R)[:, constraints.rows_without(absent)])
     return f"joints open to {gaps.max():.3g} m within {scene.duration:.3g} s at vanishing steps"
 
 
@@ -282,7 +286,7 @@ def _evidence(found: fit.Fit, before: float, quantity: str) -> Evidence:
                     "; ".join(cause.say(theta) for cause, theta in pairs), found.explains)
 
 
-def _name(found: list[fit.Fit], data: fit.Data, result: ModelFinding, before: float, quantity: str) -> None:
+def _name(found: list[fit.Fit], data: fit.Data, result: ModelFinding) -> None:
     names = {each.names for each in found}
     if len(names) != 1:
         result.unexplained.append("more than one cause explains the accelerations")

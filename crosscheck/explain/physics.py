@@ -126,7 +126,7 @@ class Terms:
             keep = self.constraints.rows_without(p.absent)
             G, inverse = self.G[:, keep], np.linalg.inv(p.inertias[self.points.copy])
             W = np.concatenate([G[..., :3] / p.masses[:, None], (G[..., None, 3:] @ inverse[:, None])[..., 0, :]], 3)
-            flat, weighted = G.reshape(*G.shape[:2], -1), W.reshape(*G.shape[:2], -1)
+            flat, weighted = G.reshape(*G.shape[:2], 6 * G.shape[2]), W.reshape(*G.shape[:2], 6 * G.shape[2])
             S = weighted @ np.swapaxes(flat, 1, 2)
             solve = np.linalg.inv(S) if self.rank == self.constraints.m else self._least_norm(S, p)
             self._kept = key, (inverse, keep, flat, weighted, solve)

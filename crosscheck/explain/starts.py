@@ -69,9 +69,10 @@ SPINS = (
 )
 
 
-MODES = ("bodies", "joints", "before", "joints before")
+MODES = ("bodies", "joints", "before", "joints before", "joints after")
 """What a misread attitude leaves: angular velocities of the bodies, or those across the joints; "before": frames of
-velocities turn by the right attitudes."""
+velocities turn by the right attitudes; "after": those of bodies that the misread attitudes have given other
+velocities."""
 
 
 def misread(scene: Scene, attitude: Misreading | None, spin: Misreading | None, mode: str = "bodies") -> Pose:
@@ -80,10 +81,9 @@ def misread(scene: Scene, attitude: Misreading | None, spin: Misreading | None, 
     A body on a hinge keeps its angle and its rate: an engine that misreads quaternions has none there.
     """
     if mode == "joints before":
-        _, read = misread(scene, None, spin)
-        spun = tuple(dataclasses.replace(body, angular_velocity=w)
-                     for body, w in zip(scene.bodies, read, strict=True))
-        return misread(scene.replace(bodies=spun), attitude, None, "joints")
+        return misread(_started(scene, *misread(scene, None, spin)), attitude, None, "joints")
+    if mode == "joints after":
+        return misread(_started(scene, *misread(scene, attitude, None, "joints")), None, spin)
     joints = {joint.child: joint for joint in scene.joints}
     R, w = scene.R0.copy(), scene.w0.copy()
     for body in parents_first(scene):
@@ -106,6 +106,13 @@ def misread(scene: Scene, attitude: Misreading | None, spin: Misreading | None, 
             carried = np.zeros(3) if parent == GROUND else frame.T @ base @ scene.w0[parent]
             w[body] = spin.spin(scene.w0[body], frame, carried)
     return R, w
+
+
+def _started(scene: Scene, R: np.ndarray, w: np.ndarray) -> Scene:
+    """The scene with other attitudes and angular velocities; its positions stay."""
+    return scene.replace(bodies=tuple(
+        dataclasses.replace(body, attitude=quaternion(R[k]), angular_velocity=w[k])
+        for k, body in enumerate(scene.bodies)))
 
 
 def parents_first(scene: Scene) -> list[int]:

@@ -7,14 +7,17 @@ from scipy.spatial.transform import Rotation
 
 from crosscheck import mechanics
 from crosscheck.constraints import Constraints
-from crosscheck.explain import clean, copies, numerics, observe, physics, starts
-from crosscheck.explain.observe import Observation, Scale
+from crosscheck.explain import causes, clean, copies, fit, numerics, observe, physics, starts
+from crosscheck.explain.causes import Cause, Context
+from crosscheck.explain.observe import Observation, Scale, Subject
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene_file import load_scene
 from tests.explain import misbuilt
+from tests.explain.stepper import Flaws, Stepper
 
 SCENES = ("double_pendulum", "spring_pendulum", "torsion_wheel", "damped_pendulum", "loaded_pendulum", "four_bar",
           "hinge_pendulum", "puck_on_plane")
+TURN = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix()
 
 
 def points(scene, count=7):
@@ -109,13 +112,79 @@ def test_copies_close_their_joints_and_turn():
         assert np.abs(copy.R0 - scene.R0).max() > 0.05
 
 
-def test_rotations_of_the_planar_copy_commute():
+@pytest.mark.parametrize("wrong", [
+    lambda scene: scene,
+    lambda scene: scene.replace(gravity=np.array([0.0, -9.81, 0.0])),
+    lambda scene: scene.replace(gravity=np.array([3.0, -2.0, 5.0])),
+    misbuilt.inertia(lambda s, k: TURN @ s.inertias[k] @ TURN.T),
+    misbuilt.inertia(misbuilt.steiner(0.4)),
+])
+def test_rotations_of_the_planar_copy_commute(wrong):
+    """Whatever gravity and inertia an engine makes of it."""
     scene = load_scene("double_pendulum")
-    copy = numerics.planar(scene, observe.scale_of(scene))
+    copy = wrong(numerics.planar(scene, observe.scale_of(scene), wrong(scene).gravity))
     states = Maximal(copy.replace(duration=0.3, samples=4)).run()
     axis = copy.w0[0] / np.linalg.norm(copy.w0[0])
     assert np.abs(states.R @ axis - axis).max() < 1e-10
     assert np.abs(states.R[-1] - states.R[0]).max() > 0.1
+
+
+def seen(scene, wrong, noise=1e-9, seed=0):
+    """Data of one copy: the accelerations of an altered model with noise, as an engine would show them."""
+    at = points(scene, 9)
+    at.rates = physics.Terms(scene, at, ()).rates(wrong)
+    at.rates += noise * np.random.default_rng(seed).uniform(-1, 1, at.rates.shape)
+    return fit.Data([fit.Group(physics.Terms(scene, at, ()), np.full(9, noise), np.ones(6))], physics.of_scene(scene))
+
+
+def hypotheses(scene):
+    return causes.causes(Context(scene, (scene.R0[None],), physics.of_scene(scene)))
+
+
+@pytest.mark.parametrize(("turn", "name"), [(0.0, "gravity sign"), (0.3, "gravity axis")])
+def test_a_gravity_is_named_by_what_its_noise_leaves_open(turn, name):
+    scene = load_scene("single_pendulum")
+    gravity = -scene.gravity + turn * np.array([1.0, 0.0, 0.0])
+    data = seen(scene, physics.of_scene(scene).replace(gravity=gravity), noise=1e-3)
+    found, _ = fit.search(data, data, [hypotheses(scene)[0]])
+    assert [each.names for each in found] == [(name,)]
+
+
+def test_an_explanation_with_fewer_mistakes_goes_first():
+    # A single body with its inertia about another point moves as one of another mass under a gravity that differs in
+    # size too.
+    scene = load_scene("single_pendulum")
+    wrong = misbuilt.inertia(misbuilt.steiner(0.3))(misbuilt.gravity(lambda g: np.roll(g, 1))(scene))
+    data = seen(scene, physics.of_scene(wrong))
+    found, _ = fit.search(data, data, hypotheses(scene))
+    mistakes = {each.names: each.mistakes for each in found}
+    assert mistakes["gravity axis", "inertia point"] == 2
+    assert all(count > 2 for names, count in mistakes.items() if names != ("gravity axis", "inertia point"))
+    assert len(mistakes) > 1
+
+
+@pytest.mark.parametrize("turned_first", [False, True])
+def test_an_inertia_may_be_moved_before_or_after_it_is_turned(turned_first):
+    scene = load_scene("single_pendulum")
+    steps = [misbuilt.inertia(misbuilt.steiner(0.3)), misbuilt.inertia(lambda s, k: TURN @ s.inertias[k] @ TURN.T)]
+    wrong = scene
+    for step in reversed(steps) if turned_first else steps:
+        wrong = step(wrong)
+    data = seen(scene, physics.of_scene(wrong))
+    found, _ = fit.search(data, data, [each for each in hypotheses(scene) if each.family in fit.ORDERED])
+    assert {each.names for each in found} == {("inertia frame", "inertia point")}
+
+
+def test_a_pair_of_which_one_explains_by_itself_is_not_named():
+    """A search that starts far off may end beside the single cause and find it only with the help of another."""
+    class Lucky(fit.Data):
+        def fit(self, causes, starts=None):
+            good = len(causes) == 2 or starts == ((0.5,),)
+            return fit.Fit(tuple(causes), tuple(np.array([0.5]) for _ in causes), 1.0 if good else 1e9, 0.0)
+
+    data = Lucky([], None)
+    found, _ = fit.search(data, data, [Cause(name, lambda p, t: p, ((0.1,),), str, "") for name in ("one", "other")])
+    assert {each.names for each in found} == {("one",), ("other",)}
 
 
 def test_misreadings_are_what_they_say():
@@ -129,6 +198,19 @@ def test_misreadings_are_what_they_say():
     seen = Observation(scene, scale, y, 0.0, None)
     assert starts.gap(seen, R, w) < 1e-13
     assert starts.gap(seen, scene.R0, scene.w0) > 0.1
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_sub_steps_are_counted_although_the_model_is_only_known_to_its_fit(count):
+    scene = load_scene("single_pendulum")
+    scale = observe.scale_of(scene)
+    subject = Subject(Stepper(Flaws(substeps=count)), "RK4")
+    first = Observation(observe.window(scene, scale), scale, np.zeros((0, 1, 18)), 0.0, None)
+    right = physics.of_scene(scene)
+    fitted = numerics.Known(right.replace(gravity=(1 + 1e-6) * right.gravity), (scene.R0, scene.w0), soft=False)
+    result = numerics.NumericsFinding()
+    numerics._substeps(subject, first, 4, fitted, result)
+    assert [each.magnitude for each in result.evidence if each.holds] == [f"{count} sub-steps"]
 
 
 @pytest.mark.parametrize(("errors", "whole"), [

@@ -23,7 +23,8 @@ from crosscheck.commands.support import support
 from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported
 
 app = typer.Typer(name="crosscheck", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
-                  help="One multibody scene, many engines, every result measured against independent truth.")
+                  help="One multibody scene, many engines, every result measured against independent truth. Begin with "
+                       "`crosscheck list` and `crosscheck verify --scene double_pendulum --profile smoke`.")
 
 SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]
 EngineNames = Annotated[list[str] | None, typer.Option("--engine", help=(
@@ -247,8 +248,9 @@ def _print_run(scene: Any, traj: Any, csv_file: str | None) -> None:
                f"{1e6 * traj.wall_time / max(1, traj.steps):.3g} us per step")
     for body, position in zip(scene.bodies, traj.x[-1], strict=True):
         typer.echo(f"{body.name}: x({traj.t[-1]:g} s) = ({', '.join(f'{value:.12g}' for value in position)}) m")
-    levels = [(name, getattr(traj, f"constraint_{name}")) for name in ("position", "velocity", "acceleration")]
-    shown = ", ".join(f"{name} {abs(series).max():.1e}" for name, series in levels if series is not None)
+    levels = [(name, getattr(traj, f"constraint_{name}"), unit)
+              for name, unit in (("position", "m"), ("velocity", "m/s"), ("acceleration", "m/s^2"))]
+    shown = ", ".join(f"{name} {abs(series).max():.1e} {unit}" for name, series, unit in levels if series is not None)
     typer.echo(f"constraints, at the samples: {shown}; orthogonality {traj.orthogonality.max():.1e}")
     if redundant := traj.stats.get("redundant_rows"):
         typer.echo(f"{redundant} constraint rows depend on the others; multipliers are those of least norm")

@@ -40,6 +40,7 @@
   function filterable(table) {
     const rows = [...table.tBodies[0].rows];
     // Where the page shows one scene at a time, so does the table; all of them would be thousands of rows.
+    // An engine that draws nothing has no scene to choose.
     const scene = rows[0]?.dataset.scene === undefined ? null : document.querySelector('[data-choose="scene"]');
     if (rows.length < 6 && !scene) return;
     const bar = document.createElement("div");
@@ -69,6 +70,7 @@
     function apply() {
       const wanted = words.value.toLowerCase().split(/\s+/).filter(Boolean);
       let shown = 0;
+      table.classList.toggle("single", Boolean(scene) && !every.checked);
       rows.forEach((row) => {
         const text = wanted.length ? row.textContent.toLowerCase() : "";
         row.hidden = !wanted.every((word) => text.includes(word))
@@ -89,11 +91,14 @@
   function stackable(table) {
     const heads = [...table.tHead.rows[0].cells].map((head) => head.textContent.trim());
     [...table.tBodies[0].rows].forEach((row) => [...row.cells].forEach((cell, index) => {
-      if (index && cell.colSpan === 1) cell.dataset.label = heads[index];
+      if (cell.tagName === "TD" && cell.colSpan === 1) cell.dataset.label = heads[index];
     }));
   }
 
-  document.querySelectorAll("table.stack").forEach(stackable);
+  const phone = window.matchMedia("(max-width: 760px)");
+  const label = () => { if (phone.matches) document.querySelectorAll("table.stack").forEach(stackable); };
+  label();
+  phone.addEventListener("change", label);
   document.querySelectorAll("table.sortable").forEach(sortable);
   document.querySelectorAll("table[data-filter]").forEach(filterable);
 

@@ -222,13 +222,23 @@ window.Figures = (function () {
     ].filter(([, keep]) => runs.some(keep));
   }
 
+  // One figure after the other, each shown before the next is drawn.
+  const waiting = [];
+  function next() {
+    const element = waiting.shift();
+    if (waiting.length) setTimeout(next);
+    if (!drawn.has(element)) draw(element);
+  }
+
   function start(refreshed) {
     const all = [...document.querySelectorAll("[data-figure]")];
     all.forEach(addLinks);
     // A figure is drawn when it comes near the window, so that a page with many opens at once.
-    const watcher = new IntersectionObserver((entries) => entries.forEach((entry) => {
-      if (entry.isIntersecting) ready(entry.target);
-    }), {rootMargin: "400px"});
+    const watcher = new IntersectionObserver((entries) => {
+      const near = entries.filter((entry) => entry.isIntersecting && !drawn.has(entry.target));
+      if (near.length && !waiting.length) plotly().then(next);
+      waiting.push(...near.map((entry) => entry.target));
+    }, {rootMargin: "400px"});
     if (printed) all.forEach(ready);
     else window.addEventListener("load", () => {
       all.forEach((element) => watcher.observe(element));

@@ -23,7 +23,8 @@ from crosscheck.commands.support import support
 from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported
 
 app = typer.Typer(name="crosscheck", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
-                  help="One multibody scene, many engines, every result measured against independent truth.")
+                  help="One multibody scene, many engines, every result measured against independent truth. Begin with "
+                       "`crosscheck list` and `crosscheck verify --scene double_pendulum --profile smoke`.")
 
 SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]
 EngineNames = Annotated[list[str] | None, typer.Option("--engine", help=(
@@ -51,6 +52,7 @@ def verify(
     """
     from crosscheck import overrides
     from crosscheck import verify as job
+    from crosscheck.commands.verdicts import print_verdicts
     from crosscheck.studies.guarded import limits
 
     own = overrides.read(tolerance_file, tol or ())
@@ -62,15 +64,16 @@ def verify(
     if as_json:
         typer.echo(json.dumps(_brief(results.plain(), page), indent=1))
     else:
-        _print_verdicts(results, page)
+        print_verdicts(results, page)
     raise typer.Exit(results.exit_code)
 
 
 @app.command()
 def run(
     scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
-    engine: Annotated[str, typer.Option(help="see `crosscheck list`")],
-    method: Annotated[str, typer.Option(help="see `crosscheck list`")],
+    engine: Annotated[str, typer.Option(help="see `crosscheck list`")] = "lieeuler",
+    method: Annotated[str | None, typer.Option(help="see `crosscheck list`; default: lieeuler's taylor, at rtol 1e-9")
+                      ] = None,
     step: Annotated[float | None, typer.Option(help="fixed step, s")] = None,
     rtol: Annotated[float | None, typer.Option(help="relative tolerance of an adaptive method")] = None,
     csv_file: Annotated[str | None, typer.Option("--csv", help="write the trajectory here; - for the terminal")] = None,
@@ -84,9 +87,15 @@ def run(
     duration: Annotated[float | None, typer.Option(help="s; default: the scene's")] = None,
 ) -> None:
     """Run one scene with one method of one engine; print its figures, or write its trajectory as CSV."""
+    from crosscheck import engines
     from crosscheck.running import run as run_scene
     from crosscheck.scene_file import load_scene
 
+    if method is None:
+        if engine != "lieeuler":
+            raise ArgumentError(f"--method: {engine} has {', '.join(engines.get(engine).methods)}: name one of them")
+        method = "taylor"
+        rtol = 1e-9 if step is None and rtol is None else rtol
     given = {"form": form, "coordinate_map": coordinate_map, "softness": softness, "node": node, "alpha": alpha,
              "beta": beta, "samples": samples, "duration": duration}
     options = {key: value for key, value in given.items() if value is not None}
@@ -95,7 +104,7 @@ def run(
     if csv_file is not None:
         _write_csv(loaded, traj, csv_file)
     if csv_file != "-":
-        _print_run(traj, csv_file)
+        _print_run(loaded, traj, csv_file)
 
 
 @app.command("list")
@@ -225,68 +234,6 @@ def progress_bar() -> Iterator[Any]:
         yield lambda done, total, label: bar.update(task, completed=done, total=total, description=label)
 
 
-MARKS = {"pass": "✓ pass", "known": "≈ known", "fail": "✗ FAIL", "error": "‼ ERROR",
-         "unjudged": "? unjudged", "unsupported": "– n/a"}
-STYLES = {"fail": "bold red", "error": "bold red", "known": "yellow", "unsupported": "dim"}
-
-
-def _print_verdicts(results: Any, page: Path) -> None:
-    """The table of verdicts, then what failed, then where the report is."""
-    from rich.table import Table
-
-    console = _console()
-    table = Table("scene", "run", "verdict", "step", "order", "position error", "bound", "up to", "energy error",
-                  "us/step", box=None, pad_edge=False)
-    for record in results.records:
-        position = record.errors.get("position", {})
-        order = record.orders.get("position", {}).get("observed")
-        table.add_row(
-            record.scene, record.label, _mark(record), _size(record), "" if order is None else f"{order:.2f}",
-            _number(position.get("judged")), _number(position.get("bound")),
-            "" if record.judged_until is None else f"{record.judged_until:g} s", _number(record.energy_error),
-            "" if record.us_per_step is None else f"{record.us_per_step:.3g}", style=STYLES.get(record.outcome, ""))
-    console.print(table)
-    for record in results.records:
-        if record.outcome != "pass":
-            typer.echo(f"{_mark(record)}  {record.scene}, {record.label}: {describe_worst(record)}")
-    counts = {outcome: sum(record.outcome == outcome for record in results.records) for outcome in MARKS}
-    typer.echo(", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count)
-               + f" of {len(results.records)} runs in {results.meta['seconds']:.0f} s")
-    for scene in results.scenes:
-        if "failure" in scene:
-            typer.echo(f"no truth for {scene['name']}: {scene['failure']}")
-        elif scene.get("disputed"):
-            typer.echo(f"truth of {scene['name']} failed: {scene['no_truth']}")
-    # Not through Rich: a path that is folded cannot be clicked or copied.
-    typer.echo(f"report: {page}")
-
-
-def _mark(record: Any) -> str:
-    """Symbol and word of a record's outcome; failures stand out in capitals."""
-    return MARKS[record.outcome] if record.outcome in ("fail", "error") else (
-        f"{MARKS[record.outcome].split()[0]} {record.word}")
-
-
-def describe_worst(record: Any) -> str:
-    """The worst finding of a record in one line."""
-    worst = record.worst
-    if record.outcome in ("error", "unsupported", "unjudged") or worst is None:
-        return record.message
-    if worst.kind in ("run", "vanished", "step"):
-        return f"{worst.kind}: {worst.detail}"
-    relation = "below" if worst.kind.startswith("order") else "beyond"
-    return (f"{worst.kind} {_number(worst.value) or 'not finite'} {relation} {_number(worst.bound)}; "
-            f"{worst.detail or worst.why}")
-
-
-def _size(record: Any) -> str:
-    return f"{record.step:g} s" if record.step else f"rtol {record.rtol:g}" if record.rtol else ""
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.1e}" if value < 0.1 or value >= 1000 else f"{value:.2f}"
-
-
 def _brief(document: dict[str, Any], page: Path) -> dict[str, Any]:
     """The document without its curves, which only the report needs."""
     scenes = [{key: value for key, value in scene.items() if key != "curves"} for scene in document["scenes"]]
@@ -294,15 +241,16 @@ def _brief(document: dict[str, Any], page: Path) -> dict[str, Any]:
     return {**document, "scenes": scenes, "records": records, "report": str(page)}
 
 
-def _print_run(traj: Any, csv_file: str | None) -> None:
+def _print_run(scene: Any, traj: Any, csv_file: str | None) -> None:
     used = traj.stats.get("step")
     typer.echo(f"{traj.engine} {traj.method}{f' ({traj.form})' if traj.form else ''}: {traj.status}, {traj.steps} steps"
                + (f" of {used:.6g} s" if used else "") + f", {1e3 * traj.wall_time:.3g} ms of stepping, "
                f"{1e6 * traj.wall_time / max(1, traj.steps):.3g} us per step")
-    for index, position in enumerate(traj.x[-1]):
-        typer.echo(f"body {index}: x({traj.t[-1]:g} s) = ({', '.join(f'{value:.12g}' for value in position)}) m")
-    levels = [(name, getattr(traj, f"constraint_{name}")) for name in ("position", "velocity", "acceleration")]
-    shown = ", ".join(f"{name} {abs(series).max():.1e}" for name, series in levels if series is not None)
+    for body, position in zip(scene.bodies, traj.x[-1], strict=True):
+        typer.echo(f"{body.name}: x({traj.t[-1]:g} s) = ({', '.join(f'{value:.12g}' for value in position)}) m")
+    levels = [(name, getattr(traj, f"constraint_{name}"), unit)
+              for name, unit in (("position", "m"), ("velocity", "m/s"), ("acceleration", "m/s^2"))]
+    shown = ", ".join(f"{name} {abs(series).max():.1e} {unit}" for name, series, unit in levels if series is not None)
     typer.echo(f"constraints, at the samples: {shown}; orthogonality {traj.orthogonality.max():.1e}")
     if redundant := traj.stats.get("redundant_rows"):
         typer.echo(f"{redundant} constraint rows depend on the others; multipliers are those of least norm")

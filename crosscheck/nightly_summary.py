@@ -3,30 +3,36 @@
 from __future__ import annotations
 
 import datetime
+import textwrap
 from pathlib import Path
 from typing import Any
 
+from crosscheck.report.overview import worst_first
 from crosscheck.report.words import headline, sentence
 from crosscheck.store import StoredRun
 
 MOST_LINES = 12
 """Changes and failures that are listed; the report has the rest."""
 
+LONGEST = 160
+"""Letters of what an engine said of its failure."""
+
+VERDICTS = {0: "good", 1: "look at this", 2: "NOT ALL COULD BE JUDGED"}
+"""By the exit code."""
+
 
 def summary(document: dict[str, Any], name: str, before: StoredRun | None, exit_code: int, page: Path) -> str:
-    """About twenty lines; the first says all that somebody has to know who reads no further."""
+    """About twenty lines; the first says all that somebody has to know who reads no further: `headline`."""
     meta, changes = document["meta"], document["changes"] or []
     findings = [change for change in changes if change["bad"]]
     notes = [change for change in changes if not change["bad"]]
-    verdict = {0: "good", 1: "look at this", 2: "INCOMPLETE"}[exit_code]
-    changed = "first run, nothing to compare with" if before is None else _count(len(findings), "finding")
     length = datetime.timedelta(seconds=round(meta["seconds"]))
-    lines = [f"crosscheck nightly {meta['time']}: {verdict}. {changed}. {headline(document)}.",
-             f"{len(document['records'])} runs of {_count(len(document['scenes']), 'scene')} on "
+    lines = [f"crosscheck nightly {meta['time']}: {VERDICTS[exit_code]}. {headline(document)}.",
+             f"{_count(len(document['records']), 'run')} of {_count(len(document['scenes']), 'scene')} on "
              + ", ".join(f"{engine} {version}" for engine, version in meta["engines"].items())
-             + f"; {length} on {meta['machine']['cores']} cores; commit {meta['commit'] or 'unknown'}"]
-    if before is not None:
-        lines.append(f"compared with {before.name} (commit {before.environment.get('commit') or 'unknown'})")
+             + f"; {length} on {meta['machine']['cores']} cores; commit {meta['commit'] or 'unknown'}",
+             "first run, nothing to compare with" if before is None else
+             f"compared with {before.name} (commit {before.environment.get('commit') or 'unknown'})"]
     lines += _listed("Findings", grouped(findings)) + _listed("Worth knowing", grouped(notes))
     lines += _listed("Failed", _failures(document))
     return "\n".join([*lines, "", f"run {name}, report {page}", ""])
@@ -68,17 +74,15 @@ def _places(scenes: list[str]) -> str:
 
 
 def _failures(document: dict[str, Any]) -> list[str]:
+    """One line per scene without the truth it should have, and per engine and sort of failure, new ones first."""
     broken = [f"{scene['name']}: {scene.get('failure') or scene.get('no_truth')}" for scene in document["scenes"]
               if "failure" in scene or scene.get("disputed")]
-    runs: dict[str, list[dict[str, Any]]] = {}
-    for record in document["records"]:
-        if record["outcome"] in ("fail", "error"):
-            runs.setdefault(record["label"], []).append(record)
-    alike: dict[str, list[str]] = {}
-    for label, each in runs.items():
-        text = f"{_places([record['scene'] for record in each])}: {sentence(each[0])}"
-        alike.setdefault(text.replace(label, "…"), []).append(label)
-    for text, labels in alike.items():
-        several = f"{len(labels)} runs, for one " if len(labels) > 1 else ""
-        broken.append(f"{several}{labels[0]}{text.replace('…', labels[0])}")
+    lost = {scene["name"] for scene in document["scenes"] if "failure" in scene}
+    records = [record for record in document["records"] if record["outcome"] in ("fail", "error")
+               and record["scene"] not in lost]
+    for group in worst_first(records, document["changes"]):
+        worst = group["runs"][0][0]
+        several = f"{group['why']}, {len(group['runs'])} runs on {_count(group['scenes'], 'scene')}, worst "
+        broken.append(f"{group['engine']}: {several if len(group['runs']) > 1 else ''}"
+                      f"{worst['label']} on {worst['scene']}, {textwrap.shorten(sentence(worst), LONGEST)}")
     return broken

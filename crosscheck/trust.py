@@ -35,11 +35,11 @@ def recommend(scene: dict[str, Any], records: list[Record]) -> dict[str, Any] | 
             best = min(accurate, key=_seconds)
             tied = sorted((record for record in accurate if record is not best and not _slower(record, best)),
                           key=_seconds)
-            why = f"fastest below {target:.0e} of the scene's length, {_checks(best)} checks passed"
+            why = f"the fastest with an error below {target:.0e} of the scene's length, {_checks(best)} checks passed"
             break
     else:
         best, tied = min(passing, key=lambda record: record.errors["position"]["judged"]), []
-        why = f"smallest error of those that pass, {_checks(best)} checks passed"
+        why = f"the smallest error of those that pass, {_checks(best)} checks passed"
     if tied:
         why += ", times equal within noise"
     return {"runs": [record.label for record in (best, *tied)], "step": best.step, "rtol": best.rtol,

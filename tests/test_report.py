@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from crosscheck import provenance, references, report, trust, verify
+from crosscheck import nightly_summary, provenance, references, report, trust, verify
 from crosscheck.cli import app
 from crosscheck.errors import ArgumentError, Unsupported
-from crosscheck.report import exports, names, pdf, schema, words
+from crosscheck.report import exports, names, overview, pdf, schema, words
 from crosscheck.studies.cell import Cell, prepare_truth, run_cell
 from crosscheck.studies.plan import Profile
 from crosscheck.verdict import Finding, Record
@@ -186,12 +186,72 @@ def test_recommendation_names_the_fastest_passing_run(results):
 
 def test_the_headline_claims_no_more_than_was_found(results):
     passing, known = results.records[0], results.records[3]
-    assert words.headline(verify.Results({}, results.scenes[:1], [passing]).plain()).startswith("All 1 runs")
+    assert words.headline(verify.Results({}, results.scenes[:1], [passing]).plain()) == "All 1 runs pass"
     said = words.headline(verify.Results({}, results.scenes[:1], [passing, known]).plain())
-    assert said == "No unexpected finding: 1 pass, 1 known defect"
+    assert said == "1 run passes, 1 shows only known defects, none fails"
+    assert words.headline(verify.Results({}, results.scenes[:1], []).plain()) == "Nothing was run"
     short = dataclasses.replace(passing, judged_until=1.0)
     assert (short.word, passing.word) == ("pass to 1 s", "pass")
     assert dataclasses.replace(passing, practical=True).word == "stable"
+
+
+def test_the_headline_tells_passes_what_is_worse_and_what_was_not_judged_and_why(results):
+    plain = results.plain()  # one run of each outcome, beside a scene without truth
+    said = words.headline(plain | {"changes": CHANGES})
+    assert said == ("1 run passes, 1 shows only known defects, 1 fails (fake Broken on single pendulum); worse than "
+                    "before: accuracy (mujoco RK4 on double pendulum); lost could not be judged: no closed form")
+    assert "nothing is worse than before" in words.headline(plain | {"changes": CHANGES[1:]})
+    many = [results.records[0]] * 3 + [results.records[1]] * 141
+    disputed = {"no_truth": "'single_pendulum': A and B disagree by 1e-9; the rest", "disputed": True}
+    said = words.headline(verify.Results({}, [results.scenes[0] | disputed], many).plain())
+    assert said == "3 runs pass, 141 fail on 1 scene; single pendulum could not be judged: A and B disagree by 1e-9"
+    lost = [{"name": str(index), "failure": "it broke"} for index in range(4)]
+    assert words.headline(verify.Results({}, lost, many[:1]).plain()).endswith(
+        "4 scenes could not be judged: 0 (it broke), 1 (it broke) and 2 more")
+
+
+def test_the_same_words_open_the_page_the_markdown_and_the_message(results, folder, tmp_path):
+    plain = results.plain() | {"changes": None}
+    said = words.headline(plain)
+    assert f"<h1>{said}</h1>" in (folder / "index.html").read_text(encoding="utf-8")
+    assert (folder / "summary.md").read_text(encoding="utf-8").startswith(f"# {said}\n")
+    message = nightly_summary.summary(plain, "2026-11-21", None, 2, tmp_path / "index.html")
+    assert said in message.splitlines()[0]
+    assert "- fake: fake Broken on single_pendulum, it broke" in message
+    assert len(message.splitlines()) < 20
+
+
+def test_many_findings_stand_in_few_groups_the_new_ones_first(results):
+    order = Finding("order position", "fail", 1.0, 3.85, "1", "documented order 4, least squares over 4 steps of 4")
+    drift = Finding("position", "fail", 1.0, 1e-6, "m", "bound", "body rod, t = 0.3 s, judged up to 1 s")
+    records = []
+    for engine, finding in (("fake", order), ("other", drift)):
+        records += [dataclasses.replace(results.records[0], scene=f"s{index}", engine=engine, label=f"{engine} Plain",
+                                        outcome="fail", findings=[dataclasses.replace(finding, value=1.0 + index,
+                                                                                      detail=f"at {index}")])
+                    for index in range(20)]
+    plain = verify.Results({}, [], records).plain()["records"]
+    groups = overview.worst_first(plain)
+    assert [(group["engine"], group["why"], len(group["runs"]), group["scenes"]) for group in groups] == [
+        ("other", "error of the motion beyond its bound", 20, 20),
+        ("fake", "observed order below the documented one", 20, 20)]
+    assert groups[0]["runs"][0][0]["scene"] == "s19"  # the largest excess
+    new = [{"scene": "s7", "engine": "fake", "method": "Plain", "bad": True}]
+    first, second = overview.worst_first(plain, new)
+    assert (first["engine"], first["new"], second["engine"], second["new"]) == ("fake", 1, "other", 0)
+
+
+def test_scenes_share_a_line_of_advice_where_the_same_run_is_recommended_for_the_same_reason():
+    def scene(name, run, why):
+        return {"name": name, "trust": f"No recommendation: {why}. Not to be trusted here: x.",
+                "recommended": {"runs": [run], "why": why} if run else None}
+
+    groups = overview.recommended([scene("a", None, "none passed"), scene("b", "m RK4", "fastest, 3 checks passed"),
+                                   scene("c", "l taylor", "fastest, 13 checks passed"),
+                                   scene("d", "l taylor", "fastest, 12 checks passed")])
+    assert [(group["run"], group["why"], [each["name"] for each in group["scenes"]]) for group in groups] == [
+        ("l taylor", "fastest", ["c", "d"]), ("m RK4", "fastest", ["b"]),
+        (None, "No recommendation: none passed.", ["a"])]
 
 
 def test_every_scene_has_a_page_of_its_own():

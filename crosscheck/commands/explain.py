@@ -46,11 +46,11 @@ def _print(answer: Any) -> None:
     console.print(f"{mark} {answer.sentence}", style={"agrees": "green", "named": "bold red"}.get(answer.outcome,
                                                                                                  "bold yellow"))
     seen = Table(box=None, show_header=False, pad_edge=False)
-    seen.add_row("limit for vanishing steps against truth", f"{answer.deviation:.1e}", "largest of |dx|/L, |dR|, "
+    seen.add_row("difference from truth for vanishing steps", f"{answer.deviation:.1e}", "largest of |dx|/L, |dR|, "
                  f"|dv|/(L W), |dw|/W in the first {answer.window:.3g} s")
-    seen.add_row("open in the limit", f"{answer.noise:.1e}", "")
+    seen.add_row("doubt of that difference", f"{answer.noise:.1e}", "")
     if answer.explained is not None:
-        seen.add_row("left once the model is altered as named", f"{answer.explained:.1e}", "")
+        seen.add_row("left of it once truth has the cause too", f"{answer.explained:.1e}", "")
     if answer.documented_order is not None:
         observed = "at rounding" if answer.observed_order is None else f"{answer.observed_order:.2f}"
         seen.add_row("observed order", observed, f"documented {answer.documented_order}")

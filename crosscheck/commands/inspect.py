@@ -60,6 +60,8 @@ def _print(found: Inspection) -> None:
         console.print(f"{label} is left out: {reason}", markup=False)
     if found.offenders:
         console.print(f"FIRST OFFENDER: {found.offenders[0]}", markup=False, style="bold red")
+    elif found.probes:
+        console.print(f"all agree with truth: no deviation of {len(found.probes)} models is beyond its bound")
     for offender in found.offenders[1:]:
         console.print(f"  then: {offender}", markup=False)
 
@@ -70,7 +72,7 @@ def _table(found: Inspection) -> Any:
 
     from crosscheck.inspection.base import QUANTITIES
 
-    table = Table("largest deviation", *(probe.label for probe in found.probes), box=None)
+    table = Table("largest relative deviation", *(probe.label for probe in found.probes), box=None)
     by_cell = {(d.engine, d.form, d.quantity): d for d in found.deviations}
     for quantity in QUANTITIES:
         cells = [by_cell.get((probe.engine, probe.form, quantity)) for probe in found.probes]

@@ -15,7 +15,7 @@ def support(
     engine: Annotated[list[str] | None, typer.Option("--engine", help="a name; may be repeated; default: all")] = None,
     reasons: Annotated[bool, typer.Option(help="say why what is missing is missing")] = True,
 ) -> None:
-    """Engines and forms by joint, force and system: asked from the adapters on minimal scenes."""
+    """Which joints, forces and systems each engine can model, in which form, and why not the rest."""
     from rich.console import Console
     from rich.table import Table
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Any
 
-from crosscheck.report import names
 from crosscheck.studies.plan import EULER
 
 DIGITS = 5
@@ -18,11 +18,31 @@ CURVES = "window.CROSSCHECK_CURVES = "
 
 
 def runs_script(document: dict[str, Any]) -> str:
-    """runs.js: scenes and runs without curves, for every page that draws."""
-    scenes = [{"name": scene["name"], "title": scene["title"], "file": names.scene_file(scene),
-               "bodies": scene["bodies"], "window": (scene["plan"] or {}).get("window"), "truth": bool(scene["truth"])}
-              for scene in document["scenes"] if "failure" not in scene]
-    return f"window.CROSSCHECK_RUNS = {_compact({'scenes': scenes, 'runs': [_run(r) for r in document['records']]})};\n"
+    """runs.js: scenes, the methods of every engine, and runs without curves, for every page that draws.
+
+    The runs of a scene are one string of JSON: a browser skims a string, and parses only those of the scene it draws.
+    """
+    scenes: list[dict[str, Any]] = []
+    runs: list[str] = []
+    methods: dict[str, dict[str, None]] = {}
+    for record in document["records"]:
+        # A coarse run takes the colour of its method.
+        methods.setdefault(record["engine"], {}).setdefault(re.sub(r" at [^ ]+ ms$", "", record["label"]))
+    for scene in document["scenes"]:
+        if "failure" in scene:
+            continue
+        own = [record for record in document["records"] if record["scene"] == scene["name"]]
+        drawn = [record["engine"] for record in own if record["ladder"] or record["errors"].get("position")]
+        scenes.append({"name": scene["name"], "title": scene["title"], "bodies": scene["bodies"],
+                       "engines": list(dict.fromkeys(drawn))})
+        runs.append(f"{_compact(scene['name'])}:{_quoted(_compact([_run(record) for record in own]))}")
+    known = _compact({engine: list(labels) for engine, labels in methods.items()})
+    return f"window.CROSSCHECK_RUNS = {{scenes:{_compact(scenes)},methods:{known},runs:{{{','.join(runs)}}}}};\n"
+
+
+def _quoted(text: str) -> str:
+    """A string of JavaScript in single quotes, so that JSON in it keeps its own; `text`: ASCII without line breaks."""
+    return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
 
 
 def _run(record: dict[str, Any]) -> dict[str, Any]:

@@ -17,6 +17,8 @@ PENDULUMS = {"single_pendulum": "Table 1", "double_pendulum": "Table 2"}
 LEVELS = ("position", "velocity", "acceleration")
 QUANTITIES = ("position", "attitude", "velocity", "angular velocity")
 UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "angular velocity": "rad/s"}
+LISTED = 5
+"""Runs of a group of findings that summary.md names."""
 FORCE_UNITS = {
     "stiffness": {"torsional_spring": "N m/rad", "any": "N/m"},
     "damping": {"torsional_spring": "N m s/rad", "any": "N s/m"},
@@ -37,7 +39,7 @@ def environment() -> Any:
                             "sortable": plain_number, "query": urllib.parse.quote, "slug": slug}
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": LEVELS, "QUANTITIES": QUANTITIES, "UNITS": UNITS,
                             "scene_file": scene_file, "engine_file": engine_file, "study_file": study_file,
-                            "FORCE_UNITS": FORCE_UNITS}
+                            "FORCE_UNITS": FORCE_UNITS, "LISTED": LISTED}
     return made
 
 
@@ -69,11 +71,13 @@ def summary(document: dict[str, Any]) -> str:
 
 
 def _overview(document: dict[str, Any]) -> dict[str, Any]:
-    records = document["records"]
+    records, accurate = document["records"], overview.most_accurate(document)
     return {"matrix": overview.by_method(document), "cells": overview.by_scene_and_engine(document),
             "practical": overview.at_coarse_steps(document), "headline": headline(document),
             "partly": partly(document), "counts": overview.summary_counts(records),
-            "worst": overview.worst_first(records)}
+            "worst": overview.worst_first(records, document.get("changes")),
+            "advice": overview.recommended(document["scenes"]), "accurate": accurate,
+            "others": overview.leaders(accurate)}
 
 
 def scene(document: dict[str, Any], described: dict[str, Any]) -> str:

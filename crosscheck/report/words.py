@@ -13,22 +13,78 @@ OUTCOMES = {"pass": ("✓", "pass", "every check within its bound, over the time
 """Symbol, word and meaning of each outcome."""
 
 
+SPARED = 2
+"""How many failing runs, changes or scenes a headline names; of more it gives the first of these and their number."""
+
+
 def headline(document: dict[str, Any]) -> str:
-    """What the run came to, in one clause that claims no more than was found."""
-    records = document["records"]
-    def count(*outcomes: str) -> int:
-        return sum(record["outcome"] in outcomes for record in records)
-    if document["exit_code"] == 2:
-        return "The run is incomplete"
-    bad, known = count("fail", "error"), count("known")
-    defects = f"{known} known defect{'s' if known != 1 else ''}"
-    if bad:
-        return f"{bad} of {len(records)} runs failed" + (f", beside {defects}" if known else "")
-    if known:
-        return f"No unexpected finding: {count('pass')} pass, {defects}"
-    if count("unjudged"):
-        return f"No finding, but {count('unjudged')} of {len(records)} runs have no truth to be judged by"
-    return f"All {count('pass')} runs that could be made are within their bounds"
+    """What the run came to, in one sentence: what passes and fails, what became worse, what was not judged and why.
+
+    The same words open the first page, summary.md and the nightly's summary.
+    """
+    if not document["records"]:
+        return "Nothing was run"
+    clauses = (_passing(document), _worse(document.get("changes")), _not_judged(document["scenes"]))
+    return "; ".join(clause for clause in clauses if clause)
+
+
+def _passing(document: dict[str, Any]) -> str:
+    """Passes, known defects and failures; scenes whose truth failed are told apart."""
+    lost = {scene["name"] for scene in document["scenes"] if "failure" in scene}
+    records = [record for record in document["records"] if record["scene"] not in lost]
+    count = {outcome: sum(record["outcome"] == outcome for record in records) for outcome in OUTCOMES}
+    failing = [record for record in records if record["outcome"] in ("fail", "error")]
+    if count["pass"] and count["pass"] + count["unsupported"] == len(records):
+        return f"All {count['pass']} runs {'that could be made ' if count['unsupported'] else ''}pass"
+    said = [f"{_counted(count['pass'], 'run')} pass{'es' if count['pass'] == 1 else ''}"]
+    if count["known"]:
+        said.append(f"{count['known']} show{'s' if count['known'] == 1 else ''} only known defects")
+    if 0 < len(failing) <= SPARED:
+        named = " and ".join(f"{record['label']} on {spoken(record['scene'])}" for record in failing)
+        said.append(f"{len(failing)} fail{'s' if len(failing) == 1 else ''} ({named})")
+    elif failing:
+        said.append(f"{len(failing)} fail on {_counted(len({record['scene'] for record in failing}), 'scene')}")
+    elif count["pass"]:
+        said.append("none fails")
+    return ", ".join(said)
+
+
+def _worse(changes: list[dict[str, Any]] | None) -> str:
+    """What is new and bad; empty where there was no run to compare with."""
+    if changes is None:
+        return ""
+    bad = [change for change in changes if change["bad"]]
+    if not bad:
+        return "nothing is worse than before"
+    named = []
+    for change in bad[:SPARED]:
+        who = f"{change['engine']} {change['method']}".strip()
+        where = " on ".join(each for each in (who, spoken(change["scene"])) if each)
+        named.append(change["kind"] + (f" ({where})" if where else ""))
+    more = f" and {len(bad) - SPARED} more" if len(bad) > SPARED else ""
+    return f"worse than before: {', '.join(named)}{more}"
+
+
+def _not_judged(scenes: list[dict[str, Any]]) -> str:
+    """Scenes without truth, with the reason."""
+    found = [(spoken(scene.get("title", scene["name"])), reason) for scene in scenes if (reason := why_no_truth(scene))]
+    if not found:
+        return ""
+    if len(found) == 1:
+        return f"{found[0][0]} could not be judged: {found[0][1]}"
+    more = f" and {len(found) - SPARED} more" if len(found) > SPARED else ""
+    return (f"{len(found)} scenes could not be judged: "
+            + ", ".join(f"{name} ({reason})" for name, reason in found[:SPARED]) + more)
+
+
+def why_no_truth(scene: dict[str, Any]) -> str:
+    """Why nothing could be measured against truth on a scene, in its first clause; empty where there is truth."""
+    reason = scene.get("failure") or scene.get("no_truth") or ""
+    return str(reason).removeprefix(f"{scene.get('title', scene['name'])!r}: ").partition("; ")[0].rstrip(".")
+
+
+def _counted(number: int, word: str) -> str:
+    return f"{number or 'No'} {word}{'' if number == 1 else 's'}"
 
 
 def partly(document: dict[str, Any]) -> str:
@@ -66,10 +122,14 @@ def sentence(record: dict[str, Any]) -> str:
     worst = record["worst"]
     if record["outcome"] in ("error", "unsupported", "unjudged") or worst is None:
         return record["message"]
-    if worst["kind"] in ("run", "vanished", "step"):
+    if worst["kind"] == "step":
+        return f"at step {number(worst['value'])} s {worst['why']}; {worst['detail']}"
+    if worst["kind"] in ("run", "vanished"):
         return worst["detail"] or worst["why"]
     unit = "" if worst["unit"] in ("1", "") else f" {worst['unit']}"
     kind = worst["kind"].replace("level ", "constraint at level ").replace("order ", "observed order in ")
+    if worst["kind"].startswith("order") and worst["value"] is None:
+        return f"{kind}: {worst['detail']}"
     if worst["kind"].startswith("order"):
         relation = "at least" if worst["status"] == "ok" else "below"
         return f"{kind} {number(worst['value'], 3)}, {relation} {number(worst['bound'], 3)}"

@@ -55,6 +55,39 @@ def test_pages_fit_a_phone(watched):
     check_pages(watched, ["index.html", SCENE, "engine-mujoco.html", "study-conservation.html"])
 
 
+@pytest.mark.parametrize("watched", [{"viewport": {"width": 390, "height": 844}}], indirect=True)
+def test_what_to_trust_needs_no_sideways_swipe_on_a_phone(watched):
+    page = watched.open("index.html")
+    for table in ("table.trust", "table.tiles", "[data-filter=changes]"):
+        page.locator(table).evaluate("e => { const folded = e.closest('details'); if (folded) folded.open = true; }")
+        box = page.locator(".scroll", has=page.locator(table))
+        assert box.evaluate("e => [e.scrollWidth - e.clientWidth, e.clientWidth > 300]") == [0, True], table
+    shown = page.locator("table.trust tbody tr").first
+    assert "error, m" in shown.evaluate("e => getComputedStyle(e.cells[3], '::before').content")
+    assert shown.locator("th").bounding_box()["y"] < shown.locator("td").first.bounding_box()["y"]
+
+
+def test_a_page_is_there_before_the_library_of_its_plots_and_draws_what_is_near(watched):
+    watched.page.add_init_script("addEventListener('load', () => { window.early = 'Plotly' in window; })")
+    page = watched.open(SCENE)
+    assert page.evaluate("window.early") is False
+    page.wait_for_selector("[data-figure='position'] .main-svg")
+    assert page.locator("[data-figure='convergence'] .main-svg").count() == 0
+    page.locator("[data-figure='convergence']").scroll_into_view_if_needed()
+    page.wait_for_selector("[data-figure='convergence'] .main-svg")
+
+
+def test_the_table_of_a_study_shows_the_scene_of_its_figure_or_every_one(watched, document):
+    page = watched.open("study-convergence.html")
+    count = {name: sum(record["scene"] == name and bool(record["orders"]) for record in document["records"])
+             for name in ("double_pendulum", "spring_pendulum")}
+    assert set(column(page, "orders", 0)) == {"double pendulum"}
+    page.select_option("[data-choose='scene']", "spring_pendulum")
+    assert column(page, "orders", 0) == ["spring pendulum"] * count["spring_pendulum"]
+    page.get_by_label("every scene").check()
+    assert len(column(page, "orders", 0)) == sum(count.values())
+
+
 def test_figures_hold_the_curves_they_name(watched):
     page = watched.open(SCENE)
     assert page.locator("[data-figure]").count() == 20

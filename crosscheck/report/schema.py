@@ -64,6 +64,7 @@ class Plan(msgspec.Struct):
     practical: Number
     samples: int
     duration: Number = None  # s
+    budgeted: bool = False
 
 
 class Recommended(msgspec.Struct):

@@ -156,7 +156,7 @@ KNOWN: tuple[Known, ...] = (
           TREE_NEWTON, always=False),
     Known("exudyn", ("GeneralizedAlpha", "TrapezoidalIndex2"), ("chain_64",), ("maximal",),
           (*ORDERS, *(f"limit {quantity}" for quantity in STATE)), NEWTON_NOISE, always=False),
-    Known("exudyn", ("GeneralizedAlpha", "TrapezoidalIndex2", "RK44", "RK67", "DOPRI5"), ("thrown_triple",), ("tree",),
+    Known("exudyn", ("GeneralizedAlpha", "TrapezoidalIndex2", "RK44", "RK67", "DOPRI5"), ("thrown_triple",), None,
           LOST, CARDAN, always=False),
     Known("mujoco", ("Euler", "implicitfast", "discrete"), ("heavy_top",), None, EXPLODED, GYROSCOPIC, True),
     Known("pinocchio", ("SymplecticEuler",), ("heavy_top",), None, EXPLODED, GYROSCOPIC, True),

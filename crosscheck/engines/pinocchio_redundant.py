@@ -38,6 +38,8 @@ def accelerations(model: Any, data: Any, closure: Closure, q: np.ndarray, v: np.
                              for each, size in zip(closure.workspaces, sizes, strict=True)])
     jacobian = pin.getConstraintsJacobian(model, data, closure.models, closure.workspaces)
     upper = np.triu(pin.crba(model, data, q))
+    if not all(np.isfinite(values).all() for values in (damped, jacobian, upper)):  # of a state too large to square
+        return np.full(len(v), np.nan)
     root = np.linalg.cholesky(upper + np.triu(upper, 1).T)
     scaled = solve_triangular(root, jacobian.T, lower=True).T
     residual = -(scaled @ (scaled.T @ damped) + DAMPING * damped)

@@ -8,7 +8,7 @@ OUTCOMES = {"pass": ("✓", "pass", "every check within its bound, over the time
             "known": ("≈", "known", "only defects of the engine that are listed with their reason"),
             "fail": ("✗", "fail", "a figure is beyond its bound"),
             "error": ("‼", "error", "it did not run"),
-            "unjudged": ("?", "unjudged", "no truth, or steps too coarse for bounds of the motion: only the rest was judged"),
+            "unjudged": ("?", "unjudged", "no truth, or steps too coarse for bounds: only the rest was judged"),
             "unsupported": ("–", "n/a", "the engine cannot model this scene")}
 """Symbol, word and meaning of each outcome."""
 

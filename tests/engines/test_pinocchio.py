@@ -10,6 +10,7 @@ from crosscheck.engines import pinocchio_models, pinocchio_redundant
 from crosscheck.engines.base import RunSpec
 from crosscheck.engines.pinocchio import Pinocchio
 from crosscheck.engines.pinocchio_dynamics import Dynamics
+from crosscheck.errors import EngineError
 from crosscheck.scene import Scene
 from tests.engines.pairs import loaded_pair
 from tests.scene_making import JOINT_TYPES
@@ -160,3 +161,9 @@ def test_overconstrained_loops_keep_moving_although_they_drift() -> None:
         run = crosscheck.run(scene, "pinocchio", "SymplecticEuler", step=2e-3, form=form, monitor=False)
         assert run.constraint_position.max() > 1e-6  # it does drift
         assert np.abs(np.diff(run.energy)).max() < 0.01 * mechanics.kinetic_energy(scene, run).max()
+
+
+def test_a_loop_that_diverges_is_told_with_its_time():
+    scene = crosscheck.load_scene("double_four_bar").replace(duration=1.6, samples=11)
+    with pytest.raises(EngineError, match="not finite at t = "):
+        crosscheck.run(scene, "pinocchio", "RKMK8", step=0.01, form="maximal")

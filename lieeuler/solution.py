@@ -29,8 +29,9 @@ class Status(enum.Enum):
 _ADVICE = {
     Status.SUCCESS: "",
     Status.NEWTON_FAILED: "Newton's iteration did not converge within a step; take a smaller step",
-    Status.SINGULAR_MATRIX: "the constraints became dependent; the mechanism is at or near a singular "
-                            "position; start elsewhere, or take steps that do not land on it",
+    Status.SINGULAR_MATRIX: "the constraints became dependent, or all but so: the mechanism is at or near a singular "
+                            "position; start elsewhere, or pass it with another step, a larger rtol, or a method of "
+                            "fixed steps that holds all levels (DAE1H_LSE, rattle2)",
     Status.MAP_DOMAIN: "a body turned beyond the coordinate map's domain within one step; take a smaller step",
     Status.NON_FINITE: "the state became infinite or not a number; take a smaller step",
     Status.STEP_TOO_SMALL: "step control asks for steps too small to end the run; take a larger rtol, or a method for "

@@ -3,6 +3,7 @@
 
 #include "projection.hpp"
 #include "step_control.hpp"
+#include "watch.hpp"
 
 namespace lieeuler {
 
@@ -10,11 +11,12 @@ namespace lieeuler {
 //
 //   Status start(const State& initial, double rtol, Counters&)    proposes the first step
 //   double proposed()                                             the next step, s
-//   Status attempt(double h, bool& stands, Counters&)             a step from state(); whether its error is small enough
+//   Status attempt(double h, bool& stands, Counters&, Watch&)     a step from state(); whether its error is small enough
 //   void refuse(double h, Status)                                 proposes a shorter one
 //   Status accept(double h)                                       the step attempted last becomes state()
-//   Status dense(double fraction, State& out, Counters&)          within the step accepted last
+//   Status dense(double fraction, State& out, Counters&, Watch&)  within the step accepted last
 //   double smallest_pivot()                                       of Projection
+//   double rate()                                                 of Scales, 1/s
 template <class Method>
 class AdaptiveSteps {
  public:
@@ -27,29 +29,31 @@ class AdaptiveSteps {
     return method_.start(initial, rtol, at_start_);
   }
 
-  Status step(Counters& counters) {
+  Status step(Counters& counters, Watch& watch) {
     std::exchange(at_start_, Counters{}).add_to(counters);
     for (;;) {
       const bool last = time_ + 1.01 * method_.proposed() >= end_;  // no crumb of a step at the end
       const double h = last ? end_ - time_ : method_.proposed();
       bool stands = false;
-      const Status status = method_.attempt(h, stands, counters);
+      const Status status = method_.attempt(h, stands, counters, watch);
       if (status == Status::success && stands) {
         ++counters.steps;
         previous_ = time_;
         time_ = last ? end_ : time_ + h;
         return method_.accept(h);
       }
+      if (status == Status::interrupted || watch.ends()) return Status::interrupted;
       ++counters.rejected_steps;
       method_.refuse(h, status);
+      const bool near = method_.smallest_pivot() < kNearlySingular;
+      if (near && creeps()) return Status::singular_matrix;
       if (method_.proposed() < smallest_)
-        return status == Status::singular_matrix || method_.smallest_pivot() < kNearlySingular ? Status::singular_matrix
-                                                                                               : Status::step_too_small;
+        return status == Status::singular_matrix || near ? Status::singular_matrix : Status::step_too_small;
     }
   }
 
-  Status dense(double t, State& out, Counters& counters) {
-    return method_.dense((t - previous_) / (time_ - previous_), out, counters);
+  Status dense(double t, State& out, Counters& counters, Watch& watch) {
+    return method_.dense((t - previous_) / (time_ - previous_), out, counters, watch);
   }
   double time() const { return time_; }
   double previous_time() const { return previous_; }
@@ -58,6 +62,12 @@ class AdaptiveSteps {
   int redundant_rows() const { return method_.redundant_rows(); }
 
  private:
+  static constexpr double kCreeping = 1e-3;
+
+  // Whether steps are a small part of the way to the singular position: it is approached in more and more of them and
+  // never passed, since its estimates are rounding over a pivot. The way is the root of the pivot.
+  bool creeps() { return method_.proposed() * method_.rate() < kCreeping * std::sqrt(method_.smallest_pivot()); }
+
   Method method_;
   Counters at_start_;  // work before the first step
   double time_ = 0, previous_ = 0, end_ = 0, smallest_ = 0;

@@ -276,6 +276,7 @@ NB_MODULE(_kernel, m) {
   m.def("integrate_seulex", &integrate_adaptive<AdaptiveExtrapolation>);
   m.def("integrate_taylor", &integrate_adaptive<TaylorStepper>);
   m.def("taylor_coefficients", &taylor_coefficients);
+  m.def("project", &project);
   m.def("constraints", &constraints);
   m.def("constraint_levels", &constraint_levels);
   m.def("forces", &forces);

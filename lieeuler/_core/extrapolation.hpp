@@ -42,8 +42,8 @@ class Extrapolation {
 
   double proposed() const { return std::min(step_, longest_step()); }
 
-  Status attempt(double h, bool& stands, Counters& counters) {
-    if (const Status status = fill_rows(h, stands, counters); status != Status::success || !stands) return status;
+  Status attempt(double h, bool& stands, Counters& counters, Watch& watch) {
+    if (const Status status = fill_rows(h, stands, counters, watch); status != Status::success || !stands) return status;
     extrapolate(state_, next_);
     return projection_.project(next_, scales_, counters);
   }
@@ -69,9 +69,9 @@ class Extrapolation {
 
   // By Hermite interpolation of (x, theta) and their rates at the ends of the step and at points inside it, extrapolated
   // like the step itself: of the order of the step at least.
-  Status dense(double fraction, State& out, Counters& counters) {
+  Status dense(double fraction, State& out, Counters& counters, Watch& watch) {
     if (node_count_ == 0)
-      if (const Status status = interpolate(h_, counters); status != Status::success) return status;
+      if (const Status status = interpolate(h_, counters, watch); status != Status::success) return status;
     ExpMap map;
     for (int b = 0; b < system_.n(); ++b) {
       Twist value, rate;  // of x and theta
@@ -94,6 +94,7 @@ class Extrapolation {
   const Constraints& joints() const { return projection_.joints(); }
   int redundant_rows() const { return projection_.redundant_rows(); }
   double smallest_pivot() { return projection_.smallest_pivot(); }
+  double rate() const { return scales_.rate; }
 
  private:
   static constexpr int kMostRows = 12;
@@ -126,11 +127,12 @@ class Extrapolation {
   double work_per_time(int row) const { return work(row) / best_[row]; }
 
   // Row n of the table for the step h from `start`, into table_[1 .. n], and the difference of its last two entries.
-  Status fill(int n, double h, const State& start, Counters& counters) {
+  Status fill(int n, double h, const State& start, Counters& counters, Watch& watch) {
     LagrangeStepper<ExpMap>& euler = n == 1 ? whole_ : euler_;
     Counters inner;
     Status status = euler.start(start, h / n);
-    for (int i = 0; i < n && status == Status::success; ++i) status = euler.step(inner);
+    for (int i = 0; i < n && status == Status::success; ++i)
+      status = watch.ends() ? Status::interrupted : euler.step(inner);  // a step has hundreds of these
     inner.add_to(counters);
     if (status != Status::success) return status;
     if (!coordinates(start, euler.state(), difference_)) return Status::map_domain;
@@ -172,11 +174,11 @@ class Extrapolation {
   }
 
   // Rows until one converges, or until it is plain that none will up to the one after the target.
-  Status fill_rows(double h, bool& converged, Counters& counters) {
+  Status fill_rows(double h, bool& converged, Counters& counters, Watch& watch) {
     double error = 0, last = 0;
     for (auto* euler : {&euler_, &whole_}) euler->solve_to(kSolved * rtol_ / magnification(target_ + 1));
     for (int row = 1; row <= target_ + 1; ++row) {
-      if (const Status status = fill(row, h, state_, counters); status != Status::success) return status;
+      if (const Status status = fill(row, h, state_, counters, watch); status != Status::success) return status;
       if (row == 1) continue;
       last = std::exchange(error, estimate() / rtol_);
       if (!std::isfinite(error)) return Status::non_finite;
@@ -231,7 +233,7 @@ class Extrapolation {
     target_ = order;
   }
 
-  Status interpolate(double h, Counters& counters) {
+  Status interpolate(double h, Counters& counters, Watch& watch) {
     const State& start = next_;  // where the step began
     const int rows = rows_, inner = std::max(1, (rows - 1) / 2);
     auto put = [&](int place, double s, const std::vector<double>& y) {
@@ -253,7 +255,7 @@ class Extrapolation {
     for (int i = 1; i <= inner; ++i) {
       const double s = static_cast<double>(i) / (inner + 1);
       for (int row = 1; row <= rows; ++row)
-        if (const Status status = fill(row, s * h, start, counters); status != Status::success) return status;
+        if (const Status status = fill(row, s * h, start, counters, watch); status != Status::success) return status;
       put(i, s, table_[rows]);
     }
     node_count_ = 2 * (inner + 2);

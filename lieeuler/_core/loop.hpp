@@ -1,13 +1,13 @@
 // Stepping, sampling, watching every step, and ending with a status.
 #pragma once
 
-#include <chrono>
 #include <cstdint>
 #include <functional>
 
 #include "denormals.hpp"
 #include "euler_lagrange.hpp"
 #include "rattle.hpp"
+#include "watch.hpp"
 
 namespace lieeuler {
 
@@ -111,35 +111,6 @@ inline bool is_finite(const State& state) {
 
 // Where the samples go; each call appends one.
 using Record = std::function<void(int sample, const State&)>;
-// Asked now and then; true ends the run.
-using Interrupted = std::function<bool()>;
-
-// Asks about an interruption every 50 ms of the run, whatever a step costs.
-class Watch {
- public:
-  // Of steps as cheap as a microsecond a body the clock is read every so many only, where reading it would be felt.
-  static int readings_apart(int bodies) { return std::max(1, 50 / bodies); }
-
-  Watch(const Interrupted& interrupted, int steps_between_readings)
-      : interrupted_(interrupted), steps_between_readings_(steps_between_readings) {}
-
-  // Once a step.
-  bool ends() {
-    if (++steps_ < steps_between_readings_) return false;
-    steps_ = 0;
-    const auto now = std::chrono::steady_clock::now();
-    if (now - asked_ < kPeriod) return false;
-    asked_ = now;
-    return interrupted_();
-  }
-
- private:
-  static constexpr std::chrono::milliseconds kPeriod{50};
-  const Interrupted& interrupted_;
-  int steps_between_readings_, steps_ = 0;
-  std::chrono::steady_clock::time_point asked_ = std::chrono::steady_clock::now();
-};
-
 // Steps of what is not a number pass for good ones where no test of a step sees it. Of an interval of 1e10 steps most
 // would be wasted; at these, and not after so many seconds, a run ends where it ended before.
 inline constexpr std::int64_t kStepsBetweenLooks = 1024;
@@ -153,7 +124,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
   Outcome outcome;
   Monitor monitor(system, monitored);
   double t = 0, h = 0;
-  Watch watch(interrupted, Watch::readings_apart(system.n()));
+  Watch watch(interrupted, system);
   auto end = [&](Status status) {
     outcome.status = status;
     outcome.maxima = monitor.maxima;

@@ -30,6 +30,30 @@ inline nb::dict taylor_coefficients(const System& system, const Array& x, const 
   return result;
 }
 
+// A state projected onto Phi = 0 and G u = 0, from a matrix of its own, with as many redundant rows as at `home`.
+inline nb::dict project(const System& system, const Array& home_x, const Array& home_R, const Array& x, const Array& R,
+                        const Array& v, const Array& w) {
+  State state = make_state(system, x, R, v, w);
+  const State home = make_state(system, home_x, home_R, v, w);
+  Projection projection(system);
+  Counters counters;
+  Status status = projection.start(home);
+  if (status == Status::success) status = projection.project(state, Scales::of(system, home), counters);
+  const size_t n = system.n();
+  std::vector<double> xs(3 * n), Rs(9 * n), vs(3 * n), ws(3 * n);
+  for (size_t b = 0; b < n; ++b) {
+    put(xs, 3 * b, state.frames[b].x), put(Rs, 9 * b, state.frames[b].R);
+    put(vs, 3 * b, state.u[b].v), put(ws, 3 * b, state.u[b].w);
+  }
+  nb::dict result;
+  result["status"] = name_of(status);
+  result["x"] = make_array(std::move(xs), {n, 3});
+  result["R"] = make_array(std::move(Rs), {n, 3, 3});
+  result["v"] = make_array(std::move(vs), {n, 3});
+  result["w"] = make_array(std::move(ws), {n, 3});
+  return result;
+}
+
 // Phi, G, gamma, d(G u)/dq and d(gamma)/du of a state, dense; and d(G^T lam)/dq.
 inline nb::dict constraints(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
                             const Array& lam) {

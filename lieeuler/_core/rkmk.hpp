@@ -93,7 +93,7 @@ class MuntheKaas {
   }
 
   // The state at a fraction of the step accepted last, before projection. The joints then belong to no state.
-  Status dense(double fraction, State& out, Counters& counters) {
+  Status dense(double fraction, State& out, Counters& counters, Watch&) {
     if (!interpolates_)
       if (const Status status = interpolate(counters); status != Status::success) return status;
     const double s = fraction, rest = 1 - fraction;
@@ -110,6 +110,7 @@ class MuntheKaas {
   const Constraints& joints() const { return projection_.joints(); }
   int redundant_rows() const { return projection_.redundant_rows(); }
   double smallest_pivot() { return projection_.smallest_pivot(); }
+  double rate() const { return scales_.rate; }
 
  private:
   static constexpr int kPerBody = 12;  // x, theta, v, w
@@ -244,7 +245,7 @@ class ControlledMuntheKaas : public MuntheKaas {
     return Status::success;
   }
   double proposed() const { return control_.step(); }
-  Status attempt(double h, bool& stands, Counters& counters) {
+  Status attempt(double h, bool& stands, Counters& counters, Watch&) {
     const Status status = MuntheKaas::attempt(h, counters);
     if (status == Status::success) stands = control_.accept(error() / rtol_);
     return status;

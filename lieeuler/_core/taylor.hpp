@@ -4,6 +4,8 @@
 #include "motion_series.hpp"
 #include "projection.hpp"
 #include "small_saddle.hpp"
+#include "step_control.hpp"
+#include "watch.hpp"
 
 namespace lieeuler {
 
@@ -17,6 +19,7 @@ class TaylorStepper {
   Status start(const State& initial, double t, double t_end, double rtol) {
     state_ = initial;
     time_ = previous_time_ = t, end_ = t_end, rtol_ = rtol;
+    smallest_ = smallest_step(t, t_end);
     order_ = order_for(rtol_);
     rank_confirmed_ = accelerated_ = false;
     update_angles(system_, state_.frames, state_.u, state_.angles);
@@ -33,10 +36,12 @@ class TaylorStepper {
   }
   const MotionSeries& series() const { return series_; }
 
-  Status step(Counters& counters) {
+  Status step(Counters& counters, Watch&) {
     if (const Status status = expand(); status != Status::success) return status;
-    double h = std::min(step_size(), end_ - time_);
+    double h = step_size();
     if (!std::isfinite(h)) return Status::non_finite;
+    if (h < std::min(smallest_, end_ - time_))
+      return projection_.smallest_pivot() < kNearlySingular ? Status::singular_matrix : Status::step_too_small;
     previous_time_ = time_;
     for (int attempt = 1;; ++attempt) {
       time_ = previous_time_ + h < end_ ? previous_time_ + h : end_;
@@ -63,7 +68,7 @@ class TaylorStepper {
   }
   const Constraints& joints() const { return projection_.joints(); }
   int redundant_rows() const { return projection_.redundant_rows(); }
-  Status dense(double t, State& out, Counters&) const {
+  Status dense(double t, State& out, Counters&, Watch&) const {
     evaluate(t, out);
     return Status::success;
   }
@@ -159,7 +164,7 @@ class TaylorStepper {
   SmallSaddle small_saddle_;
   MotionSeries series_;
   Scales scales_;
-  double time_ = 0, previous_time_ = 0, end_ = 0, rtol_ = 1e-8;
+  double time_ = 0, previous_time_ = 0, end_ = 0, smallest_ = 0, rtol_ = 1e-8;
   int order_ = 16;
   bool rank_confirmed_ = false, accelerated_ = false;
 };

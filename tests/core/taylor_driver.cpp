@@ -77,6 +77,8 @@ int main(int argc, char** argv) {
   long inside = 0;
   Counters counters;
   TaylorStepper stepper(made.system);
+  const Interrupted never = [] { return false; };
+  Watch watch(never, made.system);
   for (int repeat = 0; repeat < std::atoi(argv[4]); ++repeat) {
     counters = {};
     if (stepper.start(made.initial, 0, T, rtol) != Status::success) return 2;
@@ -84,7 +86,7 @@ int main(int argc, char** argv) {
     Eigen::internal::set_is_malloc_allowed(false);
     const auto begin = std::chrono::steady_clock::now();
     while (stepper.time() < T)
-      if (stepper.step(counters) != Status::success) return 2;
+      if (stepper.step(counters, watch) != Status::success) return 2;
     fastest = std::min(fastest, std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
     Eigen::internal::set_is_malloc_allowed(true);
     inside += allocations - before;

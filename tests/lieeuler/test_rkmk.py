@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import crosscheck
 import lieeuler
@@ -161,7 +162,64 @@ def test_wrong_controls_are_named():
     assert lieeuler.integrate(problem, "rkmk54", t_eval=[0.0, 0.1]).success  # the default tolerance
 
 
-def test_steps_too_small_end_the_run():
+def spinning(rate):
+    """A free body that turns about a principal axis at so many rad/s, for ever."""
+    return lieeuler.Problem([lieeuler.Body(1.0, np.diag([0.1, 0.2, 0.15]))], [], np.zeros(3), np.zeros((1, 3)),
+                            np.eye(3)[None], np.zeros((1, 3)), [[0.0, 0.0, rate]])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_whole_turn_in_a_step_is_refused(method):
+    """dexp^-1 is singular there. Here its argument is along w, so that nothing but the bound itself tells."""
+    def run(turn):
+        return lieeuler.integrate(spinning(turn / 0.1), method, 0.1, [0.0, 1.0], spin_free=False)
+
+    turned = run(2 * np.pi * 0.999)
+    assert np.abs(turned.R[-1, 0] - Rotation.from_rotvec([0, 0, 20 * np.pi * 0.999]).as_matrix()).max() < 1e-12
+    with pytest.raises(lieeuler.IntegrationError) as caught:
+        run(2 * np.pi * 1.001)
+    assert caught.value.status is lieeuler.Status.MAP_DOMAIN
+
+
+@pytest.mark.parametrize("method", ADAPTIVE)
+def test_steps_of_ones_own_choice_stay_below_a_whole_turn(method):
+    """The error of a steady rotation is zero, and nothing but the bound keeps steps from growing without end."""
+    run = lieeuler.integrate(spinning(2 * np.pi), method, t_eval=[0.0, 1000.0], rtol=1e-3, spin_free=False)
+    assert run.stats.steps >= 1000
+    # each of a few thousand products of rotations adds a rounding, and the angle of 1000 turns has one of its own
+    assert np.abs(run.R[-1, 0] - np.eye(3)).max() < 50 * EPS * 2000 * np.pi
+
+
+def sprung_wheel(rate):
+    """A wheel of 1 kg m^2 on a hinge with a torsional spring of 1 N m/rad: an oscillator of 1 rad/s."""
+    up = [0, 0, 1.0]
+    hinge = lieeuler.revolute_joint(-1, 0, [0, 0, 0], [0, 0, 0], up, up)
+    spring = lieeuler.TorsionalSpring(-1, 0, up, up, 1.0, 0.0)
+    return lieeuler.Problem([lieeuler.Body(1.0, np.eye(3))], [hinge], np.zeros(3), np.zeros((1, 3)), np.eye(3)[None],
+                            np.zeros((1, 3)), [[0.0, 0.0, rate]], [spring])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_step_that_would_lose_count_of_a_springs_turns_is_refused(method):
+    """Angles are unwrapped from step to step: two bodies may turn by half a turn against each other, no more."""
+    def run(turn):
+        return lieeuler.integrate(sprung_wheel(turn / 0.01), method, 0.01, [0.0, 0.01], spin_free=False)
+
+    assert run(0.49 * np.pi).success
+    with pytest.raises(lieeuler.IntegrationError) as caught:
+        run(0.52 * np.pi)
+    assert caught.value.status is lieeuler.Status.MAP_DOMAIN
+
+
+@pytest.mark.parametrize("method", ADAPTIVE)
+def test_a_spring_wound_up_over_many_turns(method):
+    """100 sin t rad, sixteen turns each way, at a tolerance whose steps would turn further than angles can be unwrapped."""
+    run = lieeuler.integrate(sprung_wheel(100.0), method, t_eval=np.linspace(0, 3, 31), rtol=1e-2, spin_free=False)
+    assert np.abs(run.w[:, 0, 2] - 100 * np.cos(run.t)).max() < 100 * 1e-2
+
+
+@pytest.mark.parametrize("method", lieeuler.METHODS)
+def test_steps_too_small_end_the_run(method):
     """A spring of 1e13 rad/s against steps of 1e-12 of the run: named, with advice, not crept through."""
     body = lieeuler.Body(1.0, np.eye(3))
     spring = lieeuler.LinearSpring(-1, 0, [0, 0, 0], [0, 0, 0], 1e26, 1.0)

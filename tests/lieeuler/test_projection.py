@@ -1,0 +1,135 @@
+"""The projection onto the constraints: closed to rounding, by the least change, and what it says where it cannot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lieeuler import _kernel
+from tests.lieeuler.systems import SYSTEMS, hung_by_both_ends
+from tests.lieeuler.test_redundant import FOUR_BAR, linkage
+
+EPS = np.finfo(float).eps
+PROBLEMS = {
+    "double pendulum": SYSTEMS["double_pendulum"],  # a tree
+    "heavy top": SYSTEMS["heavy_top"],
+    "hung by both ends": lambda: hung_by_both_ends(3),  # a loop without redundant rows
+    "four-bar": lambda: linkage(FOUR_BAR),  # a loop with three
+}
+
+
+def mass_matrix(problem):
+    M = np.zeros((6 * problem.n, 6 * problem.n))
+    for b, body in enumerate(problem.bodies):
+        M[6 * b:6 * b + 3, 6 * b:6 * b + 3] = body.mass * np.eye(3)
+        M[6 * b + 3:6 * b + 6, 6 * b + 3:6 * b + 6] = body.inertia
+    return M
+
+
+def moved(problem, x, turn):
+    """Positions and attitudes off the problem's own by `x` m and by `turn` rad, both (n, 3)."""
+    return problem.x + x, problem.R @ Rotation.from_rotvec(turn).as_matrix()
+
+
+def project(problem, x, R, v=None, w=None):
+    state = [np.ascontiguousarray(a, float) for a in (x, R, problem.v if v is None else v, problem.w if w is None else w)]
+    return _kernel.project(problem.kernel, problem.x, problem.R, *state)
+
+
+def rows(problem, x, R, v, w):
+    return _kernel.constraints(problem.kernel, x, R, v, w, np.zeros(problem.rows))
+
+
+def gap(problem, found):
+    return np.abs(rows(problem, found["x"], found["R"], found["v"], found["w"])["phi"]).max()
+
+
+def share_outside(vector, G):
+    """What of a force (6n,) is no G^T mu, as a share of it."""
+    mu = np.linalg.lstsq(G.T, vector, rcond=1e-10)[0]
+    return np.linalg.norm(vector - G.T @ mu) / np.linalg.norm(vector)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("size", [1e-2, 1e-5, 1e-8])
+def test_a_state_off_the_constraints_is_closed_to_rounding(name, size):
+    problem = PROBLEMS[name]()
+    random = np.random.default_rng(1)
+    shape = problem.x.shape
+    x, R = moved(problem, size * random.normal(size=shape), size * random.normal(size=shape))
+    v, w = problem.v + random.normal(size=shape), problem.w + random.normal(size=shape)
+    found = project(problem, x, R, v, w)
+    assert found["status"] == "success"
+    after = rows(problem, found["x"], found["R"], found["v"], found["w"])
+    assert np.abs(after["phi"]).max() < 50 * EPS * max(1.0, np.abs(problem.x).max())
+    assert np.abs(np.swapaxes(found["R"], -1, -2) @ found["R"] - np.eye(3)).max() < 10 * EPS
+    velocities = np.concatenate([found["v"], found["w"]], axis=1).reshape(-1)
+    speeds = np.abs(after["G"]) @ np.abs(velocities)  # the terms of G u
+    assert np.abs(after["G"] @ velocities).max() < 50 * EPS * speeds.max()
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_the_change_is_the_least_in_the_metric_of_the_masses(name):
+    """M d = -G^T mu: of all ways to close the joints, the one of least kinetic energy were it done in one second."""
+    problem = PROBLEMS[name]()
+    random = np.random.default_rng(2)
+    shape, size = problem.x.shape, 1e-4
+    x, R = moved(problem, size * random.normal(size=shape), size * random.normal(size=shape))
+    v, w = problem.v + random.normal(size=shape), problem.w + random.normal(size=shape)
+    found = project(problem, x, R, v, w)
+    M = mass_matrix(problem)
+    turn = Rotation.from_matrix(np.swapaxes(R, -1, -2) @ found["R"]).as_rotvec()
+    change = np.concatenate([found["x"] - x, turn], axis=1).reshape(-1)
+    # G of the start, which the iteration keeps; to first order in the size of the change
+    assert share_outside(M @ change, rows(problem, x, R, v, w)["G"]) < 100 * size
+    jump = np.concatenate([found["v"] - v, found["w"] - w], axis=1).reshape(-1)
+    G = rows(problem, found["x"], found["R"], found["v"], found["w"])["G"]
+    assert share_outside(M @ jump, G) < 1e3 * EPS * np.linalg.cond(M)
+
+
+def test_a_state_too_far_off_ends_with_a_name_and_never_with_open_joints():
+    """From gaps of a few metres and attitudes turned by radians the iteration may or may not find back."""
+    ends = set()
+    for name, make in PROBLEMS.items():
+        problem = make()
+        for seed in range(20):
+            random = np.random.default_rng(seed)
+            x, R = moved(problem, random.normal(size=problem.x.shape), random.normal(size=problem.x.shape))
+            found = project(problem, x, R)
+            ends.add(found["status"])
+            if found["status"] == "success":
+                assert gap(problem, found) < 50 * EPS * max(1.0, np.abs(found["x"]).max()), (name, seed)
+    assert "newton_failed" in ends
+    assert ends <= {"success", "newton_failed", "singular_matrix"}
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_no_number_has_a_name(value):
+    problem = SYSTEMS["double_pendulum"]()
+    x = np.array(problem.x)
+    x[1, 2] = value
+    assert project(problem, x, problem.R)["status"] == "non_finite"
+
+
+def leaning(angle):
+    """A parallelogram of two cranks and a coupler, so many radians above its flat position."""
+    c, s = np.cos(angle), np.sin(angle)
+    return linkage([[0, 0, 0], [c, 0, s], [2 + c, 0, s], [2, 0, 0]])
+
+
+@pytest.mark.parametrize("angle", [1e-2, 1e-3, 1e-4])
+def test_near_a_singular_position_rounding_of_the_joints_is_no_failure(angle):
+    """There a correction is rounding of Phi over the angle, which no iteration brings down: closed joints count."""
+    problem = leaning(angle)
+    found = project(problem, problem.x, problem.R)
+    assert found["status"] == "success"
+    assert gap(problem, found) < 50 * EPS * 3  # m, its length
+    # and it is not taken for success with joints that are open: the same place with a crank off by a tenth of its angle
+    turn = np.zeros((3, 3))
+    turn[0, 1] = 0.1 * angle
+    found = project(problem, *moved(problem, np.zeros((3, 3)), turn))
+    if found["status"] == "success":
+        assert gap(problem, found) < 50 * EPS * 3
+    else:
+        assert found["status"] in ("newton_failed", "singular_matrix")

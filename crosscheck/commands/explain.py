@@ -47,8 +47,8 @@ def _print(answer: Any) -> None:
                                                                                                  "bold yellow"))
     seen = Table(box=None, show_header=False, pad_edge=False)
     seen.add_row("limit for vanishing steps against truth", f"{answer.deviation:.1e}", "largest of |dx|/L, |dR|, "
-                 f"|dv|/(L W), |dw|/W in the first {answer.window:.3g} s")
-    seen.add_row("open in the limit", f"{answer.noise:.1e}", "")
+                 f"|dv|/(L W), |dw|/W in the first {answer.window:.3g} s; L longest lever, W fastest rate of the scene")
+    seen.add_row("how sure that limit is", f"{answer.noise:.1e}", "")
     if answer.explained is not None:
         seen.add_row("left once the model is altered as named", f"{answer.explained:.1e}", "")
     if answer.documented_order is not None:
@@ -57,7 +57,7 @@ def _print(answer: Any) -> None:
     console.print(seen)
     if answer.evidence:
         table = Table("", "hypothesis", "residual before", "after", "fitted", "residual of", box=None, pad_edge=False,
-                      title=f"evidence, {answer.tried} hypotheses tried", title_justify="left")
+                      title=f"evidence, {answer.tried} hypotheses tried (✓ explains, · does not)", title_justify="left")
         for each in answer.evidence:
             table.add_row("✓" if each.holds else "·", each.hypothesis, figure(each.before), figure(each.after),
                           "; ".join(text for text in (each.magnitude, each.note) if text), each.quantity)

@@ -47,7 +47,7 @@ def _print(answer: Any) -> None:
                                                                                                  "bold yellow"))
     seen = Table(box=None, show_header=False, pad_edge=False)
     seen.add_row("difference from truth for vanishing steps", f"{answer.deviation:.1e}", "largest of |dx|/L, |dR|, "
-                 f"|dv|/(L W), |dw|/W in the first {answer.window:.3g} s")
+                 f"|dv|/(L W), |dw|/W in the first {answer.window:.3g} s; L longest lever, W fastest rate of the scene")
     seen.add_row("doubt of that difference", f"{answer.noise:.1e}", "")
     if answer.explained is not None:
         seen.add_row("left of it once truth has the cause too", f"{answer.explained:.1e}", "")
@@ -57,7 +57,7 @@ def _print(answer: Any) -> None:
     console.print(seen)
     if answer.evidence:
         table = Table("", "hypothesis", "residual before", "after", "fitted", "residual of", box=None, pad_edge=False,
-                      title=f"evidence, {answer.tried} hypotheses tried", title_justify="left")
+                      title=f"evidence, {answer.tried} hypotheses tried (✓ explains, · does not)", title_justify="left")
         for each in answer.evidence:
             table.add_row("✓" if each.holds else "·", each.hypothesis, figure(each.before), figure(each.after),
                           "; ".join(text for text in (each.magnitude, each.note) if text), each.quantity)

@@ -131,8 +131,8 @@ def _inertias(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator
 
     if any(shifts[k].any() for k in bodies):
         yield Cause("inertia point", moved, ((0.2,), (1.0,), (-0.2,)),
-                    lambda t: f"{where}: {t[0]:+.6g} m (s^2 - s s^T) added to the inertia, s from the centre of mass "
-                              "to the joint",
+                    lambda t: f"{where}: inertia off by {t[0]:+.6g} times mass (s^2 I - s s^T), s from the centre of "
+                              "mass to the joint; +1 would be the inertia about the joint",
                     "give the inertia about the point the engine expects: the centre of mass, or the joint")
     for attitudes, (text, turn) in itertools.product(context.attitudes, TURNED):
         yield _reframed(attitudes, where, bodies, text, turn, axes)

@@ -242,7 +242,7 @@ def _lower_order(subject: Subject, first: Observation, order: int, known: Known,
     result.evidence.append(Evidence("group update", "numerics", found.observed, plane.observed, quantity,
                                     holds=commuting, note=f"order {text} on a copy in which all rotations commute"))
     result.evidence.append(Evidence("order of the step", "numerics", found.observed, plane.observed, quantity,
-                                    holds=not commuting, note="the same low order where all rotations commute"))
+                                    holds=not commuting, note="the order would be as low where all rotations commute"))
     if commuting:
         result.causes.append(NamedCause("group update", f"{shown}, but order {text} where rotations commute",
                                         "move attitudes by a method of the group (Munthe-Kaas, Crouch-Grossman), not "
@@ -372,12 +372,14 @@ def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFi
     if before <= fit.SEEN:
         return NO_GAIN
     holds = after <= fit.EXPLAINED
+    if not holds and "position" in subject.held(scene):
+        return NO_GAIN  # joint coordinates may take anchors from the start as it is
     gains = f"alpha = {damping * scale.rate:.4g} 1/s, beta^2 = {stiffness * scale.rate**2:.4g} 1/s^2"
     result.evidence.append(Evidence("stabilisation gain", "constraint", before, after, "constraint acceleration after "
                                     "a small violation, over its noise", gains, holds))
     if holds:
         result.causes.append(NamedCause("stabilisation gain", gains, "the method is documented to enforce "
                                         "accelerations exactly: set the gains to zero, or document them"))
-    elif "position" not in subject.held(scene):  # else anchors may be taken from the start, as joint coordinates do
+    else:
         result.unexplained.append("constraint errors change by no law of constant gains")
     return (damping * scale.rate, stiffness * scale.rate**2) if holds else NO_GAIN

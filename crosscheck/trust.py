@@ -5,6 +5,7 @@ Only runs that passed are recommended, with the step, the error and the time of 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from crosscheck.studies.plan import EULER
@@ -52,10 +53,13 @@ def _seconds(record: Record) -> float:
 
 
 def _slower(record: Record, best: Record) -> bool:
-    """Whether its time exceeds the best one beyond noise."""
-    deviation = max(record.seconds_deviation or 0.0, best.seconds_deviation or 0.0)
-    return (_seconds(record) > NOISE_RATIO * _seconds(best)
-            and _seconds(record) - _seconds(best) > NOISE_DEVIATIONS * deviation)
+    """Whether its time exceeds the best one beyond noise, each deviation taken as a share of its own median.
+
+    In seconds, a fifth of the time of a run a hundred times slower would pass for the noise of both.
+    """
+    ratio = _seconds(record) / _seconds(best) if math.isfinite(_seconds(best)) else 1.0
+    shares = ((each.seconds_deviation or 0.0) / _seconds(each) for each in (record, best))
+    return ratio > NOISE_RATIO and math.log(ratio) > NOISE_DEVIATIONS * max(shares)
 
 
 def sentence(scene: dict[str, Any], records: list[Record]) -> str:

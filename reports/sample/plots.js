@@ -14,15 +14,33 @@ window.Figures = (function () {
   const narrow = () => window.innerWidth < 600;
 
   // Colours by the place of a method among those of its engine; a coarse run takes the colour of its method.
-  const methods = {};
-  window.CROSSCHECK_RUNS.runs.forEach((run) => {
-    const known = methods[run.engine] = methods[run.engine] ?? [];
-    const name = run.label.replace(/ at [^ ]+ ms$/, "");
-    if (!known.includes(name)) known.push(name);
-    run.colour = PALETTE[known.indexOf(name) % PALETTE.length];
-    run.dash = run.practical ? "longdashdot" : DASHES[run.engine] ?? "longdash";
-    run.symbol = SYMBOLS[run.engine] ?? "star";
-  });
+  const {methods} = window.CROSSCHECK_RUNS;
+  const parsed = new Map();
+  function runsOf(scene) {
+    if (parsed.has(scene)) return parsed.get(scene);
+    const runs = JSON.parse(window.CROSSCHECK_RUNS.runs[scene]);
+    runs.forEach((run) => {
+      const place = methods[run.engine].indexOf(run.label.replace(/ at [^ ]+ ms$/, ""));
+      run.colour = PALETTE[place % PALETTE.length];
+      run.dash = run.practical ? "longdashdot" : DASHES[run.engine] ?? "longdash";
+      run.symbol = SYMBOLS[run.engine] ?? "star";
+    });
+    parsed.set(scene, runs);
+    return runs;
+  }
+
+  // Most of what a page loads is this: it comes once the rest can be read.
+  let library = null;
+  function plotly() {
+    library ??= new Promise((done, failed) => {
+      const script = document.createElement("script");
+      script.src = "plotly.min.js";
+      script.onload = done;
+      script.onerror = failed;
+      document.head.append(script);
+    });
+    return library;
+  }
 
   const linear = (title) => ({title: {text: title, standoff: 6, font: {size: 12}}});
   const log = (title) => Object.assign(linear(title), {type: "log"});
@@ -134,13 +152,16 @@ window.Figures = (function () {
     });
     return anchor;
   }
-  function ready(element) { if (!drawn.has(element)) draw(element); }
+  async function ready(element) {
+    await plotly();
+    if (!drawn.has(element)) draw(element);
+  }
   function addLinks(element) {
     const caption = element.parentElement.querySelector("figcaption");
     const links = document.createElement("span");
     links.className = "links";
-    links.append(link("CSV", nameOf(element) + ".csv", () => {
-      ready(element);
+    links.append(link("CSV", nameOf(element) + ".csv", async () => {
+      await ready(element);
       return URL.createObjectURL(new Blob([csv(element)], {type: "text/csv"}));
     }));
     if (element.classList.contains("plot")) links.append(link("SVG", nameOf(element) + ".svg", () => svg(element)));
@@ -148,6 +169,7 @@ window.Figures = (function () {
   }
   // In the light colours, whatever the page has: it is for paper.
   async function svg(element) {
+    await plotly();
     const root = document.documentElement;
     const theme = root.dataset.theme;
     root.dataset.theme = "light";
@@ -200,18 +222,34 @@ window.Figures = (function () {
     ].filter(([, keep]) => runs.some(keep));
   }
 
+  // One figure after the other, each shown before the next is drawn.
+  const waiting = [];
+  function next() {
+    const element = waiting.shift();
+    if (waiting.length) setTimeout(next);
+    if (!drawn.has(element)) draw(element);
+  }
+
   function start(refreshed) {
     const all = [...document.querySelectorAll("[data-figure]")];
     all.forEach(addLinks);
     // A figure is drawn when it comes near the window, so that a page with many opens at once.
-    const watcher = new IntersectionObserver((entries) => entries.forEach((entry) => {
-      if (entry.isIntersecting && !drawn.has(entry.target)) draw(entry.target);
-    }), {rootMargin: "400px"});
-    all.forEach((element) => (printed ? draw(element) : watcher.observe(element)));
+    const watcher = new IntersectionObserver((entries) => {
+      const near = entries.filter((entry) => entry.isIntersecting && !drawn.has(entry.target));
+      if (near.length && !waiting.length) plotly().then(next);
+      waiting.push(...near.map((entry) => entry.target));
+    }, {rootMargin: "400px"});
+    if (printed) all.forEach(ready);
+    else window.addEventListener("load", () => {
+      all.forEach((element) => watcher.observe(element));
+      setTimeout(plotly);
+    });
     const refresh = () => { refreshed?.(); drawn.forEach(draw); };
     document.addEventListener("themechange", refresh);
     const anew = () => all.forEach((element) => { Plotly.purge(element); draw(element); });
-    if (!printed) ["beforeprint", "afterprint"].forEach((event) => window.addEventListener(event, anew));
+    if (!printed) ["beforeprint", "afterprint"].forEach((event) => window.addEventListener(event, () => {
+      if (window.Plotly) anew();
+    }));
     refreshed?.();
     return refresh;
   }
@@ -256,6 +294,6 @@ window.Figures = (function () {
     return kept;
   }
 
-  return {style, narrow, printed, linear, log, layout, line, logLine, markers, makers, legend, groups, start, speed,
+  return {runsOf, style, narrow, printed, linear, log, layout, line, logLine, markers, makers, legend, groups, start, speed,
     convergence, positive, UNITS: {position: "m", attitude: "rad", velocity: "m/s", "angular velocity": "rad/s"}};
 })();

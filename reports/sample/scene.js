@@ -4,7 +4,7 @@
   const STEPS = 65533, MISSING = 65535;
   const name = document.getElementById("scene").dataset.scene;
   const scene = window.CROSSCHECK_RUNS.scenes.find((each) => each.name === name);
-  const runs = window.CROSSCHECK_RUNS.runs.filter((run) => run.scene === name);
+  const runs = Figures.runsOf(name);
   const {scene: truth, runs: curves} = window.CROSSCHECK_CURVES;
   const select = (id) => document.getElementById(id);
   const hasTruth = Boolean(truth.x);

@@ -1,17 +1,17 @@
 // Figures of the pages of engines and studies: one scene at a time.
 "use strict";
 (function () {
-  const {scenes, runs} = window.CROSSCHECK_RUNS;
   const choose = (name) => document.querySelector('[data-choose="' + name + '"]');
   const sceneSelect = choose("scene"), quantitySelect = choose("quantity"), groupSelect = choose("group");
   const engine = document.querySelector("[data-engine]")?.dataset.engine;
   if (!sceneSelect) return;
 
-  const usable = (scene) => runs.some((run) => run.scene === scene.name && (!engine || run.engine === engine)
-    && (run.ladder.length || run.errors.position));
-  scenes.filter(usable).forEach((scene) => sceneSelect.add(new Option(scene.title.replaceAll("_", " "), scene.name)));
+  const usable = (scene) => (engine ? scene.engines.includes(engine) : scene.engines.length);
+  window.CROSSCHECK_RUNS.scenes.filter(usable).forEach((scene) => sceneSelect.add(new Option(scene.title.replaceAll("_", " "), scene.name)));
+  // Of many scenes the first in the alphabet is no better than another; this one everybody knows.
+  if ([...sceneSelect.options].some((option) => option.value === "double_pendulum")) sceneSelect.value = "double_pendulum";
   if (quantitySelect) Object.keys(Figures.UNITS).forEach((name) => quantitySelect.add(new Option(name, name)));
-  const ofScene = () => runs.filter((run) => run.scene === sceneSelect.value && (!engine || run.engine === engine));
+  const ofScene = () => Figures.runsOf(sceneSelect.value).filter((run) => !engine || run.engine === engine);
   let groups = [];
   function fillGroups() {
     if (!groupSelect) return;
@@ -48,7 +48,9 @@
         font: {size: 11}}, margin: {l: 10, r: 12, t: 30, b: 10}})};
   };
 
+  const tell = () => document.dispatchEvent(new Event("scenechosen"));
   const refresh = (fillGroups(), Figures.start(() => Figures.legend(chosen())));
-  sceneSelect.addEventListener("change", () => { fillGroups(); refresh(); });
+  sceneSelect.addEventListener("change", () => { fillGroups(); refresh(); tell(); });
+  tell();
   [quantitySelect, groupSelect].forEach((select) => select?.addEventListener("change", refresh));
 })();

@@ -39,7 +39,10 @@
 
   function filterable(table) {
     const rows = [...table.tBodies[0].rows];
-    if (rows.length < 6) return;
+    // Where the page shows one scene at a time, so does the table; all of them would be thousands of rows.
+    // An engine that draws nothing has no scene to choose.
+    const scene = rows[0]?.dataset.scene === undefined ? null : document.querySelector('[data-choose="scene"]');
+    if (rows.length < 6 && !scene) return;
     const bar = document.createElement("div");
     bar.className = "filter";
     const words = document.createElement("input");
@@ -54,7 +57,12 @@
     const count = document.createElement("span");
     count.className = "quiet";
     count.setAttribute("role", "status");
-    bar.append(words, ...(found.length > 1 ? [verdict] : []), count);
+    const every = document.createElement("input");
+    every.type = "checkbox";
+    every.checked = document.documentElement.classList.contains("printed");
+    const label = document.createElement("label");
+    label.append(every, " every scene");
+    bar.append(words, ...(found.length > 1 ? [verdict] : []), ...(scene ? [label] : []), count);
     (table.closest(".scroll") ?? table).before(bar);
 
     const chosen = new URLSearchParams(window.location.search).get("engine");
@@ -62,9 +70,11 @@
     function apply() {
       const wanted = words.value.toLowerCase().split(/\s+/).filter(Boolean);
       let shown = 0;
+      table.classList.toggle("single", Boolean(scene) && !every.checked);
       rows.forEach((row) => {
-        const text = row.textContent.toLowerCase();
+        const text = wanted.length ? row.textContent.toLowerCase() : "";
         row.hidden = !wanted.every((word) => text.includes(word))
+          || (scene && !every.checked && row.dataset.scene !== scene.value)
           || (verdict.value !== "" && !row.querySelector(".tag." + verdict.value));
         shown += row.hidden ? 0 : 1;
       });
@@ -72,9 +82,23 @@
     }
     words.addEventListener("input", apply);
     verdict.addEventListener("change", apply);
-    apply();
+    every.addEventListener("change", apply);
+    document.addEventListener("scenechosen", apply);
+    if (!scene) apply();
   }
 
+  // On a phone the rows of some tables stand one below the other, each figure with the words of its heading.
+  function stackable(table) {
+    const heads = [...table.tHead.rows[0].cells].map((head) => head.textContent.trim());
+    [...table.tBodies[0].rows].forEach((row) => [...row.cells].forEach((cell, index) => {
+      if (cell.tagName === "TD" && cell.colSpan === 1) cell.dataset.label = heads[index];
+    }));
+  }
+
+  const phone = window.matchMedia("(max-width: 760px)");
+  const label = () => { if (phone.matches) document.querySelectorAll("table.stack").forEach(stackable); };
+  label();
+  phone.addEventListener("change", label);
   document.querySelectorAll("table.sortable").forEach(sortable);
   document.querySelectorAll("table[data-filter]").forEach(filterable);
 

@@ -32,11 +32,14 @@
   }
   apply();
   system.addEventListener("change", apply);
-  window.addEventListener("beforeprint", () => { root.classList.add("printed"); show("light"); });
+  // Paper has nothing to click at: what is folded away on the first page is opened.
+  const unfold = () => document.querySelectorAll("details.card").forEach((each) => { each.open = true; });
+  window.addEventListener("beforeprint", () => { root.classList.add("printed"); show("light"); unfold(); });
   window.addEventListener("afterprint", () => { root.classList.toggle("printed", printed); apply(); });
 
   document.addEventListener("DOMContentLoaded", () => {
     apply();
+    if (printed) unfold();
     document.getElementById("theme").addEventListener("click", () => {
       choice = ORDER[(ORDER.indexOf(choice) + 1) % ORDER.length];
       try {

@@ -47,16 +47,19 @@ def judged(make: Callable[[], lieeuler.Problem], **options: Any) -> lieeuler.Sol
 
 @contextlib.contextmanager
 def patience(seconds: float) -> Iterator[None]:
-    """After so long a call is interrupted: odd numbers may ask for any number of steps."""
-    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
-    signal.setitimer(signal.ITIMER_REAL, seconds, seconds)  # again, where the first is lost in a callback
+    """After so much computing a call is interrupted: odd numbers may ask for any number of steps.
+
+    Not after so long by the clock: a busy machine may let that pass before the call has begun.
+    """
+    before = signal.signal(signal.SIGPROF, signal.default_int_handler)
+    signal.setitimer(signal.ITIMER_PROF, seconds, seconds)  # again, where the first is lost in a callback
     try:
         yield
     except KeyboardInterrupt:  # before or after the run, which answers with its solution
         pass
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def case(random: Random) -> tuple[Callable[[], lieeuler.Problem], dict[str, Any]]:

@@ -1,9 +1,10 @@
 """Chaotic scenes past their horizon: no trajectory can be right there, but what a body does on average can be.
 
-A long run of every way is compared with the reference integration by the distributions over time of the kinetic energy
-and of the bodies' heights: the two-sample test of Kolmogorov and Smirnov. Its p-value holds for independent samples;
-those of one run follow from each other, so that each series counts as many as its correlation leaves (`effective`). All
-ways together raise a false alarm in `FALSE_ALARM` of studies: each comparison has its share of that (Bonferroni).
+A long run of every way is compared with many runs of the reference integration by the distributions over time of the
+kinetic energy and of the bodies' heights: the statistic of Kolmogorov and Smirnov. Its law holds for independent samples;
+those of one run follow from each other, some of them for minutes, so that a run counts as many as explain how much the
+reference's runs differ among themselves (`Law`). All ways together raise a false alarm in `FALSE_ALARM` of studies: each
+comparison has its share of that (Bonferroni).
 """
 
 from __future__ import annotations
@@ -24,9 +25,8 @@ FALSE_ALARM = 0.01
 FEWEST = 50
 """Effective samples without which the law of the statistic for many samples is not used."""
 
-WINDOW = 5.0
-"""Correlations are summed up to so many times their sum (A. D. Sokal, doi:10.1007/978-1-4899-0319-8_6, section 3):
-beyond it they are noise."""
+RUNS = 20
+"""Of the reference, end to end. They tell how much one differs from the next, to a sixth of it."""
 
 QUANTILES = np.arange(0.1, 1.0, 0.1)
 
@@ -50,11 +50,20 @@ class Comparison:
     verdict: str = ""  # "agrees", "differs" or "undecided"
     worst: str = ""  # observable of the smallest p
     distance: float | None = None  # of Kolmogorov and Smirnov: largest difference of the two distributions
-    effective: float | None = None  # samples that count, of both series together: 1 / (1 / n1 + 1 / n2)
+    effective: float | None = None  # independent samples that the comparison is worth
     p: float | None = None  # probability of such a distance, or a larger one, by chance
     energy_error: float | None = None  # largest, over the largest kinetic energy
-    momentum_error: float | None = None  # about the vertical, over its size or the largest of a body's
+    momentum_error: float | None = None  # about the vertical, largest, over the largest size of its terms
     wall_time: float | None = None  # s
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """How long each run is, its step, and the stepping time (s) beyond which it is left out."""
+
+    duration: float = 2000.0  # s
+    step: float = 2.0**-8  # s
+    time_limit: float = 120.0
 
 
 def observables(scene: Scene, states: States) -> dict[str, np.ndarray]:
@@ -66,36 +75,45 @@ def observables(scene: Scene, states: States) -> dict[str, np.ndarray]:
     return {"kinetic energy": kinetic_energy(scene, states), **heights}
 
 
-def inefficiency(series: np.ndarray) -> float:
-    """How many samples (T,) count as one independent one for a mean: the sum of the correlations over all lags."""
-    moved = series - series.mean()
-    transform = np.fft.rfft(moved, 2 * len(moved))
-    covariance = np.fft.irfft(transform * transform.conj())[:len(moved)]
-    if covariance[0] <= 0:
-        return 1.0
-    sums = 2.0 * np.cumsum(covariance / covariance[0]) - 1.0
-    enough = np.arange(len(sums)) >= WINDOW * sums
-    return max(1.0, float(sums[np.argmax(enough)] if enough.any() else sums.max()))
+def momentum_error(scene: Scene, states: States) -> float:
+    """Largest change of the angular momentum about the vertical, over its terms, which it may be a difference of."""
+    from crosscheck.mechanics import momentum_vertical
+
+    momentum = momentum_vertical(scene, states)
+    orbital = scene.masses * np.linalg.norm(np.cross(states.x, states.v), axis=-1)
+    spin = np.linalg.norm(np.einsum("njk,tnk->tnj", scene.inertias, states.w), axis=-1)
+    return float(np.abs(momentum - momentum[0]).max() / (orbital + spin).sum(axis=1).max())
 
 
-def effective(series: np.ndarray) -> float:
-    """How many independent samples (T,) is worth, for its distribution: the fewest for any of its deciles."""
-    return len(series) / max(inefficiency((series < level).astype(float)) for level in np.quantile(series, QUANTILES))
+@dataclasses.dataclass(frozen=True)
+class Law:
+    """What an observable does over many runs of the reference, and how many independent samples one run is worth."""
+
+    values: np.ndarray  # all of them, sorted
+    effective: float
+
+    @classmethod
+    def of(cls, runs: np.ndarray) -> Law:
+        """From series of equal length, (runs, T). A run counts by how the shares below a decile scatter from one to the
+        next: so many independent samples would scatter as much. The decile that scatters most decides."""
+        levels = np.quantile(runs, QUANTILES)
+        scatter = np.array([(runs < level).mean(axis=1).var(ddof=1) for level in levels])
+        scatter = np.maximum(scatter, QUANTILES * (1.0 - QUANTILES) / runs.shape[1])
+        return cls(np.sort(runs, axis=None), float(np.min(QUANTILES * (1.0 - QUANTILES) / scatter)))
+
+    def compare(self, series: np.ndarray) -> tuple[float, float, float]:
+        """(distance, effective samples, p) of the series (T,) of a run as long as one of the reference's."""
+        from scipy.special import kolmogorov
+        from scipy.stats import ks_2samp
+
+        distance = float(ks_2samp(series, self.values, method="asymp").statistic)
+        count = self.effective / (1.0 + len(series) / len(self.values))
+        return distance, count, float(kolmogorov(np.sqrt(count) * distance))
 
 
-def compare(one: np.ndarray, other: np.ndarray) -> tuple[float, float, float]:
-    """(distance, effective samples, p) of two series (T,), (S,) that may each be correlated."""
-    from scipy.special import kolmogorov
-    from scipy.stats import ks_2samp
-
-    distance = float(ks_2samp(one, other, method="asymp").statistic)
-    count = 1.0 / (1.0 / effective(one) + 1.0 / effective(other))
-    return distance, count, float(kolmogorov(np.sqrt(count) * distance))
-
-
-def judge(found: Comparison, truth: dict[str, np.ndarray], shown: dict[str, np.ndarray], comparisons: int) -> None:
+def judge(found: Comparison, truth: dict[str, Law], shown: dict[str, np.ndarray], comparisons: int) -> None:
     """Fill in the worst observable; `comparisons` is how many the study makes in all."""
-    results = {name: compare(truth[name], shown[name]) for name in truth}
+    results = {name: law.compare(shown[name]) for name, law in truth.items()}
     found.worst = min(results, key=lambda name: results[name][2])
     found.distance, found.effective, found.p = results[found.worst]
     if found.p < FALSE_ALARM / comparisons:
@@ -110,34 +128,44 @@ def long_scene(scene: Scene, duration: float) -> Scene:
     return scene.replace(duration=intervals * SPACING, samples=intervals + 1)
 
 
-def measure(scene: Scene, selected: Sequence[Way], duration: float, step: float, time_limit: float, progress: Progress,
-            keep: Callable[[list[Comparison]], None]) -> list[Comparison]:
-    """Compare every way with the reference over a duration (s); `keep` is called after each with all so far.
-
-    Raises `TruthError` where the reference cannot integrate the scene.
-    """
+def laws(long: Scene) -> dict[str, Law]:
+    """What the observables of a scene do in `RUNS` runs of the reference, one beginning where the one before ends."""
     from crosscheck.references import taylor
+
+    each = long.samples - 1
+    all_runs = long.replace(duration=RUNS * long.duration, samples=RUNS * each + 1)
+    integrator = taylor.Taylor(all_runs)
+    series = observables(long, integrator.states(integrator.run()))
+    return {name: Law.of(values[1:].reshape(RUNS, each)) for name, values in series.items()}
+
+
+def measure(scene: Scene, selected: Sequence[Way], comparisons: int, settings: Settings, progress: Progress,
+            keep: Callable[[list[Comparison]], None]) -> list[Comparison]:
+    """Compare every way with the reference; `keep` is called after each with all so far.
+
+    `comparisons` is how many the study makes in all, on its other scenes as well. Raises `TruthError` where the
+    reference cannot integrate the scene.
+    """
     from crosscheck.references import truth as reference
 
     progress(0, len(selected), f"{scene.name}: reference")
-    long = long_scene(scene, duration)
-    integrator = taylor.Taylor(long)
-    truth = observables(long, integrator.states(integrator.run()))
+    long = long_scene(scene, settings.duration)
+    truth = laws(long)
     horizon = reference(scene).horizon
     done: list[Comparison] = []
     for index, way in enumerate(selected):
         progress(index, len(selected), f"{scene.name}: {way.label}")
-        found = Comparison(scene.name, way.engine, way.method, way.label, step, long.duration, horizon)
+        found = Comparison(scene.name, way.engine, way.method, way.label, settings.step, long.duration, horizon)
         done.append(found)
         try:
-            _run_into(found, way, long, time_limit, truth, len(selected) * len(truth))
+            _run_into(found, way, long, settings.time_limit, truth, comparisons)
         except Exception as error:  # whatever an engine raises is a row of the study
             found.status, found.reason = "error", " ".join(str(error).split()) or type(error).__name__
         keep(done)
     return done
 
 
-def _run_into(found: Comparison, way: Way, long: Scene, time_limit: float, truth: dict[str, np.ndarray],
+def _run_into(found: Comparison, way: Way, long: Scene, time_limit: float, truth: dict[str, Law],
               comparisons: int) -> None:
     from crosscheck.mechanics import kinetic_energy
     from crosscheck.running import run
@@ -151,18 +179,8 @@ def _run_into(found: Comparison, way: Way, long: Scene, time_limit: float, truth
     states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
     found.wall_time = traj.wall_time
     found.energy_error = float(np.abs(traj.energy - traj.energy[0]).max() / kinetic_energy(long, states).max())
-    momentum = traj.momentum_vertical
-    found.momentum_error = float(np.abs(momentum - momentum[0]).max() / (np.abs(momentum).max() or 1.0))
+    found.momentum_error = momentum_error(long, states)
     judge(found, truth, observables(long, states), comparisons)
-
-
-@dataclasses.dataclass(frozen=True)
-class Settings:
-    """How long each run is, its step, and the stepping time (s) beyond which it is left out."""
-
-    duration: float = 2000.0  # s
-    step: float = 2.0**-8  # s
-    time_limit: float = 120.0
 
 
 def study(scenes: Sequence[str], engines: Sequence[str] | None, methods: Sequence[str] | None, settings: Settings,
@@ -183,14 +201,16 @@ def study(scenes: Sequence[str], engines: Sequence[str] | None, methods: Sequenc
     loaded = [load_scene(name) for name in scenes]
     results_folder.check(out, "chaos")
     document: dict[str, Any] = {"study": "chaos", "meta": provenance.describe(names), "false_alarm": FALSE_ALARM,
-                                "runs": []}
-    for scene in loaded:
+                                "comparisons": 0, "runs": []}
+    selected = [chosen(scene, names, methods) for scene in loaded]
+    document["comparisons"] = sum(
+        len(ways) * (1 + len(scene.bodies)) for scene, ways in zip(loaded, selected, strict=True))
+    for scene, ways in zip(loaded, selected, strict=True):
         before = list(document["runs"])
 
         def keep(found: list[Comparison], before: list[dict[str, Any]] = before) -> None:
             document["runs"] = [*before, *(dataclasses.asdict(each) for each in found)]
             results_folder.write(out, document, document["runs"])
 
-        measure(scene, chosen(scene, names, methods), settings.duration, settings.step, settings.time_limit, progress,
-                keep)
+        measure(scene, ways, document["comparisons"], settings, progress, keep)
     return document

@@ -10,54 +10,74 @@ from typer.testing import CliRunner
 from crosscheck import load_scene
 from crosscheck.cli import app
 from crosscheck.studies import chaos
-from crosscheck.studies.chaos import Comparison, compare, effective, inefficiency, judge
+from crosscheck.studies.chaos import RUNS, Comparison, Law, judge
+
+COUNT = 2000
 
 
-def correlated(seed, count=4000, memory=0.9):
-    """A series of standard normal numbers, each `memory` times the one before and fresh noise (AR(1))."""
+def correlated(seed, runs=1, memory=0.9, count=COUNT):
+    """Series (runs, count) of standard normal numbers, each `memory` times the one before and fresh noise (AR(1))."""
     from scipy.signal import lfilter
 
-    noise = np.random.default_rng(seed).normal(size=count + 200) * np.sqrt(1 - memory**2)
-    return lfilter([1.0], [1.0, -memory], noise)[200:]
+    noise = np.random.default_rng(seed).normal(size=runs * count + 200) * np.sqrt(1 - memory**2)
+    return lfilter([1.0], [1.0, -memory], noise)[200:].reshape(runs, count)
 
 
-def test_the_inefficiency_of_a_series_with_memory():
-    """(1 + m) / (1 - m) samples count as one, a textbook's result for AR(1)."""
-    for memory in (0.0, 0.5, 0.9):
-        found = np.mean([inefficiency(correlated(seed, 10_000, memory)) for seed in range(10)])
-        # the window cuts e^-5 of the sum off; ten series of five hundred independent samples leave a few percent
-        assert found == pytest.approx((1 + memory) / (1 - memory), rel=0.1)
+def swinging(seed, runs=1, count=COUNT):
+    """A swing of eight samples whose size drifts over hundreds: correlations change sign long before they are gone."""
+    phase = 2 * np.pi * np.arange(runs * count) / 8
+    size = np.exp(0.5 * correlated(seed, runs, memory=0.995, count=count).reshape(-1))
+    return (size * np.sin(phase) + 0.3 * correlated(seed + 5000, runs, 0.5, count).reshape(-1)).reshape(runs, count)
 
 
-def test_false_alarms_are_as_rare_as_the_threshold_says():
-    """At p < 0.05 five of a hundred pairs of one law: binomial, three deviations above are 11."""
-    alarms = sum(compare(correlated(seed), correlated(1000 + seed))[2] < 0.05 for seed in range(100))
-    assert alarms <= 11
+@pytest.mark.parametrize("memory", [0.0, 0.9, 0.97])
+def test_a_run_counts_as_many_samples_as_the_theory_of_its_law_says(memory):
+    """The median scatters most: signs of Gaussian numbers of correlation r have 2 / pi arcsin r, a textbook's result."""
+    lags = np.arange(1, COUNT)
+    wanted = COUNT / (1 + 2 * np.sum(2 / np.pi * np.arcsin(memory**lags)))
+    # two hundred runs know the scatter of each decile to a tenth, and the worst of nine is taken
+    assert Law.of(correlated(0, 200, memory)).effective == pytest.approx(wanted, rel=0.25)
 
 
-def test_samples_that_follow_from_each_other_do_not_count_as_many():
-    """Without that the same pairs would raise far more alarms than one in twenty."""
+@pytest.mark.parametrize("law", [correlated, swinging])
+def test_false_alarms_are_as_rare_as_the_threshold_says(law):
+    """At p < 0.05 at most five of a hundred runs of one law: binomial, three deviations above are 11; at 0.001 two."""
+    truth = [Law.of(law(seed, RUNS)) for seed in range(10)]
+    found = np.array([truth[seed % 10].compare(law(1000 + seed)[0])[2] for seed in range(100)])
+    assert (found < 0.05).sum() <= 11
+    assert (found < 0.001).sum() <= 2
+
+
+@pytest.mark.parametrize("law", [correlated, swinging])
+def test_samples_that_follow_from_each_other_do_not_count_as_many(law):
+    """Without that the same runs would raise far more alarms than one in twenty."""
     from scipy.stats import ks_2samp
 
-    naive = sum(ks_2samp(correlated(seed), correlated(1000 + seed)).pvalue < 0.05 for seed in range(40))
+    truth = Law.of(law(0, RUNS))
+    naive = sum(ks_2samp(law(1000 + seed)[0], truth.values, method="asymp").pvalue < 0.05 for seed in range(40))
     assert naive > 11
-    assert effective(correlated(0)) < 4000 / 5
 
 
 @pytest.mark.parametrize("change", [lambda series: series + 0.5, lambda series: 3.0 * series], ids=["shift", "spread"])
 def test_another_law_is_found(change):
-    truth = {"height": correlated(1)}
+    truth = {"height": Law.of(correlated(1, RUNS))}
     found = Comparison("scene", "engine", "method", "label", 0.1, 1.0, 1.0)
-    judge(found, truth, {"height": change(correlated(2))}, comparisons=10)
+    judge(found, truth, {"height": change(correlated(2)[0])}, comparisons=10)
     assert found.verdict == "differs"
-    judge(found, truth, {"height": correlated(2)}, comparisons=10)
+    judge(found, truth, {"height": correlated(2)[0]}, comparisons=10)
     assert found.verdict == "agrees"
 
 
 def test_a_series_too_short_to_tell_is_undecided():
     found = Comparison("scene", "engine", "method", "label", 0.1, 1.0, 1.0)
-    judge(found, {"height": correlated(1, 300)}, {"height": correlated(2, 300)}, comparisons=10)
+    judge(found, {"height": Law.of(correlated(1, RUNS, count=300))}, {"height": correlated(2, count=300)[0]},
+          comparisons=10)
     assert found.verdict == "undecided"
+
+
+def test_what_never_moves_agrees_with_itself():
+    still = np.zeros((RUNS, 100))
+    assert Law.of(still).compare(still[0])[0] == 0
 
 
 @pytest.mark.slow

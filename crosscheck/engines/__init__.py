@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import importlib
 import importlib.metadata
+import importlib.util
 import sys
 import types
 
@@ -24,13 +25,21 @@ _ADAPTERS = {
     "pinocchio": ("crosscheck.engines.pinocchio", "Pinocchio"),
     "exudyn": ("crosscheck.engines.exudyn", "Exudyn"),
 }
+_MORE = {
+    "drake": ("crosscheck.engines.drake", "Drake", "pydrake"),
+    "dart": ("crosscheck.engines.dart", "Dart", "dartpy"),
+}
+"""Optional engines, of the extra [more-engines], and the module each needs: listed where it is installed."""
+
 _GROUP = "crosscheck.engines"
 
 
 def names() -> tuple[str, ...]:
-    """Names of the engines: the four built in, then those other packages offer as entry points, sorted."""
+    """Names of the engines: the four built in, the optional ones that are installed, then those other packages offer as
+    entry points, sorted."""
+    more = [name for name, (_, _, needed) in _MORE.items() if importlib.util.find_spec(needed) is not None]
     offered = {point.name for point in importlib.metadata.entry_points(group=_GROUP)}
-    return (*_ADAPTERS, *sorted(offered - set(_ADAPTERS)))
+    return (*_ADAPTERS, *more, *sorted(offered - set(_ADAPTERS) - set(_MORE)))
 
 
 def get(name: str) -> Engine:
@@ -46,8 +55,8 @@ def get(name: str) -> Engine:
 
 @functools.cache
 def _get(name: str) -> Engine:
-    if name in _ADAPTERS:
-        module, adapter = _ADAPTERS[name]
+    if name in _ADAPTERS or name in _MORE:
+        module, adapter = (_ADAPTERS.get(name) or _MORE[name])[:2]
         return getattr(importlib.import_module(module), adapter)()
     if has_own_environment(name):
         from crosscheck.engines.versions import Versioned

@@ -99,8 +99,9 @@ def _gravity(scene: Scene) -> Cause:
         return [tuple(vector.tolist()) for vector in near]
 
     def mistakes(theta: np.ndarray) -> int:
-        other_size = size > 0 and abs(float(np.linalg.norm(theta)) - size) > GONE * size
-        return 2 if other_size and title(theta) == "gravity axis" else 1
+        new = float(np.linalg.norm(theta))
+        turned = float(theta @ g) < (1 - PARALLEL) * size * new
+        return 2 if turned and abs(new - size) > GONE * size else 1
 
     start = g if size else np.array([0.0, 0.0, -9.81])
     return Cause("gravity", lambda p, t: p.replace(gravity=np.array(t)), (tuple(start.tolist()),),
@@ -125,6 +126,8 @@ def _inertias(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator
         return _changed(p, bodies, lambda J, k: _rotated(t, J))
 
     def angle(t: np.ndarray) -> str:
+        if len(bodies) == 1:
+            t = least_turn(t, context.right.inertias[0, bodies[0]])
         size = float(np.linalg.norm(t))
         return (f"{where}: inertia turned by {np.degrees(size):.5g} deg about {_vector(t / max(size, 1e-300))}, body "
                 "axes")
@@ -146,6 +149,16 @@ def _reframed(attitudes: np.ndarray, where: str, bodies: tuple[int, ...], text: 
             attitudes[:, k], J, strict=True)]))
 
     return Cause("inertia frame", apply, ((),), lambda t: f"{where}: {text}", mend)
+
+
+def least_turn(theta: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """The smallest rotation vector that turns an inertia J into the same as theta does: half turns about the principal
+    axes change nothing."""
+    from scipy.spatial.transform import Rotation
+
+    halves = [np.zeros(3), *(np.pi * axis for axis in np.linalg.eigh(J)[1].T)]
+    turns = [(Rotation.from_rotvec(theta) * Rotation.from_rotvec(half)).as_rotvec() for half in halves]
+    return min(turns, key=lambda turn: float(np.linalg.norm(turn)))
 
 
 def _rotated(theta: np.ndarray, J: np.ndarray) -> np.ndarray:

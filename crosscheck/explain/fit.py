@@ -200,14 +200,21 @@ def search(full: Data, thin: Data, causes: Sequence[Cause]) -> tuple[list[Fit], 
     alone: list[Fit] = []
     for one, other in pairs:
         best = thin.fit((one, other), (tuple(begin[id(one)]), tuple(begin[id(other)])))
-        if not best.left <= EXPLAINED:
-            best = min(best, thin.fit((one, other), (one.starts[0], other.starts[0])), key=lambda fit: fit.left)
+        for start in _starts(one, other):
+            if best.left <= EXPLAINED:
+                break
+            best = min(best, thin.fit((one, other), start), key=lambda fit: fit.left)
         if best.left <= NEAR * EXPLAINED:
             refined = full.fit((one, other), tuple(tuple(part) for part in best.theta))
             if refined.explains:
                 found.append(full.simplest(refined))
                 alone += _alone(full, refined)
     return alone or found, singles
+
+
+def _starts(one: Cause, other: Cause) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+    """Where a fit of a pair may begin: every start of each with the first one of the other."""
+    return [(start, other.starts[0]) for start in one.starts] + [(one.starts[0], start) for start in other.starts[1:]]
 
 
 def _alone(full: Data, pair: Fit) -> list[Fit]:

@@ -127,6 +127,13 @@ def test_a_fitted_magnitude_is_judged_by_the_noise_it_was_fitted_in():
     assert one(9102, 1)["score"] == "named"
 
 
+@pytest.mark.slow
+def test_a_pair_is_sought_from_every_start_of_its_causes():
+    pytest.importorskip("pinocchio")
+    result = one(9428, 2)  # a turned inertia that a fit from small angles does not reach beside another cause
+    assert tuple(result["names"]) == ("inertia frame", "missing spring"), result["sentence"]
+
+
 def test_a_gain_shows_beside_a_missing_body():
     result = one(9231, 2)  # the joint of the missing body hangs on nothing
     assert tuple(result["names"]) == ("missing body", "stabilisation gain")

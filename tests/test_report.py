@@ -189,7 +189,10 @@ def test_recommendation_names_the_fastest_passing_run(results):
 
 def test_the_headline_claims_no_more_than_was_found(results):
     passing, known = results.records[0], results.records[3]
-    assert words.headline(verify.Results({}, results.scenes[:1], [passing]).plain()) == "All 1 runs pass"
+    assert words.headline(verify.Results({}, results.scenes[:1], [passing]).plain()) == "The only run passes"
+    assert words.headline(verify.Results({}, results.scenes[:1], [passing, results.records[2]]).plain()) == (
+        "The only run that could be made passes")
+    assert words.headline(verify.Results({}, results.scenes[:1], [passing] * 3).plain()) == "All 3 runs pass"
     said = words.headline(verify.Results({}, results.scenes[:1], [passing, known]).plain())
     assert said == "1 run passes, 1 shows only known defects, none fails"
     assert words.headline(verify.Results({}, results.scenes[:1], []).plain()) == "Nothing was run"

@@ -32,6 +32,8 @@ def test_verify_prints_one_table_and_where_the_report_is(verified):
     assert done.stdout.count("energy error") == 1
     assert "mujoco RK4" in done.stdout
     assert done.stdout.splitlines()[-1] == f"report: {out / 'index.html'}"
+    assert done.stdout.splitlines()[-2].startswith("All 5 runs pass (")
+    assert "single_pendulum: Trust mujoco" in done.stdout
     assert (out / "index.html").is_file()
 
 
@@ -62,6 +64,16 @@ def test_run_writes_its_trajectory(tmp_path):
     radius = [sum(float(row[f"pendulum x_{axis} [m]"]) ** 2 for axis in "xyz") for row in rows]
     # The centre of mass hangs one metre from the origin; MuJoCo's ball joint holds that to rounding.
     assert radius == pytest.approx([1.0] * 11, abs=1e-14)
+
+
+def test_run_without_a_method_takes_the_fastest_in_house_one_and_names_those_of_other_engines():
+    done = crosscheck("run", "single_pendulum", "--duration", "1")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("lieeuler taylor (maximal): success")
+    assert "\npendulum: x(1 s) = (" in done.stdout
+    refused = crosscheck("run", "single_pendulum", "--engine", "mujoco")
+    assert refused.returncode == 2
+    assert "mujoco has Euler" in refused.stderr
 
 
 def test_run_prints_csv_alone_on_request():

@@ -42,7 +42,7 @@ def print_verdicts(results: Any, page: Path) -> None:
         typer.echo(f"{symbol} {message}: {labels}")
     for scene in document["scenes"]:
         typer.echo(f"{scene['name']}: {scene['trust']}")
-    typer.echo(f"{headline(document)}. {len(results.records)} runs in {results.meta['seconds']:.0f} s.")
+    typer.echo(f"{headline(document)} ({results.meta['seconds']:.0f} s)")
     typer.echo(f"report: {page}")
 
 

@@ -35,7 +35,8 @@ def _passing(document: dict[str, Any]) -> str:
     count = {outcome: sum(record["outcome"] == outcome for record in records) for outcome in OUTCOMES}
     failing = [record for record in records if record["outcome"] in ("fail", "error")]
     if count["pass"] and count["pass"] + count["unsupported"] == len(records):
-        return f"All {count['pass']} runs {'that could be made ' if count['unsupported'] else ''}pass"
+        made = "that could be made " if count["unsupported"] else ""
+        return f"The only run {made}passes" if count["pass"] == 1 else f"All {count['pass']} runs {made}pass"
     said = [f"{_counted(count['pass'], 'run')} pass{'es' if count['pass'] == 1 else ''}"]
     if count["known"]:
         said.append(f"{count['known']} show{'s' if count['known'] == 1 else ''} only known defects")

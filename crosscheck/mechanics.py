@@ -138,14 +138,15 @@ def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndar
     """
     constraints = Constraints(scene)
     inverse = inverse_mass(scene)
-    free = applied_forces(scene, x, R, v, w, angles) @ inverse
-    if constraints.m == 0:
-        lam, rates = np.zeros((len(x), 0)), free
-    else:
-        G = constraints.jacobian(x, R)
-        rhs = np.einsum("tmk,tk->tm", G, free) + constraints.gamma(x, R, v, w)
-        lam = _solve_schur(G, inverse, rhs)
-        rates = free - np.einsum("tmk,tm->tk", G, lam) @ inverse
+    rates = applied_forces(scene, x, R, v, w, angles) @ inverse
+    lam = np.zeros((len(x), constraints.m))
+    if constraints.m:
+        G, gamma = constraints.jacobian(x, R), constraints.gamma(x, R, v, w)
+        # Twice: where a light body carries a heavy one, G M^-1 G^T loses digits, which the rows' rest brings back.
+        for _ in range(2):
+            more = _solve_schur(G, inverse, np.einsum("tmk,tk->tm", G, rates) + gamma)
+            rates = rates - np.einsum("tmk,tm->tk", G, more) @ inverse
+            lam += more
     rates = rates.reshape(len(x), scene.n, 6)
     return rates[:, :, :3], rates[:, :, 3:], lam
 

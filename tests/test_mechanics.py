@@ -250,6 +250,21 @@ def test_redundant_joints_share_the_load():
     np.testing.assert_allclose(lam2, np.concatenate([lam, lam], -1) / 2, rtol=0, atol=rounding)  # least norm
 
 
+@pytest.mark.parametrize("name", ["light_heavy", "heavy_light", "double_pendulum"])
+def test_accelerations_agree_with_a_solve_of_the_whole_system_by_pivots(name):
+    """M u' + G^T lam = f, G u' = -gamma at once: there graded masses lose nothing, nor may they by elimination."""
+    scene = load_scene(name)
+    at = (scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+    constraints = Constraints(scene)
+    G, gamma = constraints.jacobian(*at[:2])[0], constraints.gamma(*at)[0]
+    M = np.linalg.inv(mechanics.inverse_mass(scene))
+    whole = np.block([[M, G.T], [G, np.zeros((len(G), len(G)))]])
+    exact = np.linalg.solve(whole, np.concatenate([mechanics.applied_forces(scene, *at)[0], -gamma]))
+    a, alpha, lam = mechanics.index1(scene, *at)
+    found = np.concatenate([np.concatenate([a[0], alpha[0]], axis=1).ravel(), lam[0]])
+    assert np.abs(found - exact).max() < 1e-13 * np.abs(exact).max()
+
+
 @given(seed=seeds)
 @settings(max_examples=20, deadline=None)
 def test_free_body_feels_gravity_and_eulers_torque_only(seed):

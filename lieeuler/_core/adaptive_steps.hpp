@@ -25,7 +25,7 @@ class AdaptiveSteps {
 
   Status start(const State& initial, double t, double t_end, double rtol) {
     time_ = previous_ = t, end_ = t_end;
-    smallest_ = smallest_step(t, t_end);
+    smallest_ = smallest_step(t, t_end), taken_ = 0;
     return method_.start(initial, rtol, at_start_);
   }
 
@@ -34,21 +34,21 @@ class AdaptiveSteps {
     for (;;) {
       const bool last = time_ + 1.01 * method_.proposed() >= end_;  // no crumb of a step at the end
       const double h = last ? end_ - time_ : method_.proposed();
+      if (!last && h < std::min(smallest_, kGrowing * taken_)) return too_small();  // at the start steps may grow from less
       bool stands = false;
       const Status status = method_.attempt(h, stands, counters, watch);
       if (status == Status::success && stands) {
         ++counters.steps;
-        previous_ = time_;
+        previous_ = time_, taken_ = h;
         time_ = last ? end_ : time_ + h;
         return method_.accept(h);
       }
       if (status == Status::interrupted || watch.ends()) return Status::interrupted;
       ++counters.rejected_steps;
       method_.refuse(h, status);
-      const bool near = method_.smallest_pivot() < kNearlySingular;
-      if (near && creeps()) return Status::singular_matrix;
+      if (nearly_singular() && creeps()) return Status::singular_matrix;
       if (method_.proposed() < smallest_)
-        return status == Status::singular_matrix || near ? Status::singular_matrix : Status::step_too_small;
+        return status == Status::singular_matrix ? Status::singular_matrix : too_small();
     }
   }
 
@@ -63,6 +63,10 @@ class AdaptiveSteps {
 
  private:
   static constexpr double kCreeping = 1e-3;
+  static constexpr double kGrowing = 1.5;
+
+  bool nearly_singular() { return method_.smallest_pivot() < kNearlySingular; }
+  Status too_small() { return nearly_singular() ? Status::singular_matrix : Status::step_too_small; }
 
   // Whether steps are a small part of the way to the singular position: it is approached in more and more of them and
   // never passed, since its estimates are rounding over a pivot. The way is the root of the pivot.
@@ -70,7 +74,7 @@ class AdaptiveSteps {
 
   Method method_;
   Counters at_start_;  // work before the first step
-  double time_ = 0, previous_ = 0, end_ = 0, smallest_ = 0;
+  double time_ = 0, previous_ = 0, end_ = 0, smallest_ = 0, taken_ = 0;
 };
 
 }  // namespace lieeuler

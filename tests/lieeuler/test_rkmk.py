@@ -218,14 +218,14 @@ def test_a_spring_wound_up_over_many_turns(method):
     assert np.abs(run.w[:, 0, 2] - 100 * np.cos(run.t)).max() < 100 * 1e-2
 
 
-@pytest.mark.parametrize("method", lieeuler.METHODS)
+@pytest.mark.parametrize("method", [*ADAPTIVE, "taylor"])
 def test_steps_too_small_end_the_run(method):
-    """A spring of 1e13 rad/s against steps of 1e-12 of the run: named, with advice, not crept through."""
+    """A spring of 1e15 rad/s against steps of 1e-12 of the run: named, with advice, not crept through."""
     body = lieeuler.Body(1.0, np.eye(3))
-    spring = lieeuler.LinearSpring(-1, 0, [0, 0, 0], [0, 0, 0], 1e26, 1.0)
+    spring = lieeuler.LinearSpring(-1, 0, [0, 0, 0], [0, 0, 0], 1e30, 1.0)
     problem = lieeuler.Problem([body], [], np.zeros(3), [[0, 0, -1.5]], [np.eye(3)], [np.zeros(3)], [np.zeros(3)],
                                [spring])
     with pytest.raises(lieeuler.IntegrationError) as caught:
-        lieeuler.integrate(problem, "rkmk54", None, [0.0, 1.0], rtol=1e-6)
+        lieeuler.integrate(problem, method, None, [0.0, 1.0], rtol=1e-6)
     assert caught.value.status is lieeuler.Status.STEP_TOO_SMALL
     assert "stiff" in caught.value.advice

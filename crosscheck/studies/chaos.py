@@ -1,10 +1,10 @@
 """Chaotic scenes past their horizon: no trajectory can be right there, but what a body does on average can be.
 
 A long run of every way is compared with many runs of the reference integration by the distributions over time of the
-kinetic energy and of the bodies' heights: the statistic of Kolmogorov and Smirnov. Its law holds for independent samples;
-those of one run follow from each other, some of them for minutes, so that a run counts as many as explain how much the
-reference's runs differ among themselves (`Law`). All ways together raise a false alarm in `FALSE_ALARM` of studies: each
-comparison has its share of that (Bonferroni).
+kinetic energy and of the bodies' heights: the statistic of Kolmogorov and Smirnov. Its law holds for independent
+samples; those of one run follow from each other, some of them for minutes, so that a run counts as many as explain how
+much the reference's runs differ among themselves (`Law`). All ways together raise a false alarm in `FALSE_ALARM` of
+studies: each comparison has its share of that (Bonferroni).
 """
 
 from __future__ import annotations

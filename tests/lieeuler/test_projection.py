@@ -33,7 +33,8 @@ def moved(problem, x, turn):
 
 
 def project(problem, x, R, v=None, w=None):
-    state = [np.ascontiguousarray(a, float) for a in (x, R, problem.v if v is None else v, problem.w if w is None else w)]
+    given = x, R, problem.v if v is None else v, problem.w if w is None else w
+    state = [np.ascontiguousarray(values, float) for values in given]
     return _kernel.project(problem.kernel, problem.x, problem.R, *state)
 
 

@@ -213,7 +213,7 @@ def test_a_step_that_would_lose_count_of_a_springs_turns_is_refused(method):
 
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_a_spring_wound_up_over_many_turns(method):
-    """100 sin t rad, sixteen turns each way, at a tolerance whose steps would turn further than angles can be unwrapped."""
+    """100 sin t rad, sixteen turns each way, at a tolerance whose steps would turn further than angles unwrap."""
     run = lieeuler.integrate(sprung_wheel(100.0), method, t_eval=np.linspace(0, 3, 31), rtol=1e-2, spin_free=False)
     assert np.abs(run.w[:, 0, 2] - 100 * np.cos(run.t)).max() < 100 * 1e-2
 

@@ -32,7 +32,7 @@ def swinging(seed, runs=1, count=COUNT):
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.97])
 def test_a_run_counts_as_many_samples_as_the_theory_of_its_law_says(memory):
-    """The median scatters most: signs of Gaussian numbers of correlation r have 2 / pi arcsin r, a textbook's result."""
+    """The median scatters most: signs of Gaussian numbers of correlation r have 2 / pi arcsin r, as textbooks say."""
     lags = np.arange(1, COUNT)
     wanted = COUNT / (1 + 2 * np.sum(2 / np.pi * np.arcsin(memory**lags)))
     # two hundred runs know the scatter of each decile to a tenth, and the worst of nine is taken

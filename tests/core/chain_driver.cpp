@@ -55,15 +55,23 @@ static Status start(TaylorStepper& stepper, const State& initial, double) {
 }
 
 template <class Stepper>
+static Status step(Stepper& stepper, Counters& counters, Watch&) {
+  return stepper.step(counters);
+}
+static Status step(TaylorStepper& stepper, Counters& counters, Watch& watch) { return stepper.step(counters, watch); }
+
+template <class Stepper>
 static int drive(Stepper&& stepper, const System& system, int steps, double h) {
   const FlushDenormals flush;
   Counters counters;
+  const Interrupted never = [] { return false; };
+  Watch watch(never, system);
   if (start(stepper, hanging_sideways(system), h) != Status::success) return 2;
-  if (stepper.step(counters) != Status::success) return 2;
+  if (step(stepper, counters, watch) != Status::success) return 2;
   const long before = allocations;
   Eigen::internal::set_is_malloc_allowed(false);
   for (int k = 1; k < steps; ++k)
-    if (stepper.step(counters) != Status::success) return 2;
+    if (step(stepper, counters, watch) != Status::success) return 2;
   Eigen::internal::set_is_malloc_allowed(true);
   const long inside = allocations - before;
   const Vec3& x = stepper.state().frames[system.n() - 1].x;

@@ -170,7 +170,9 @@ def _stalled(h: np.ndarray, e: np.ndarray, slopes: np.ndarray, plateau: Plateau)
         if len(tail) >= 3:
             stalls = _slope(h[index:], tail) < STALLED
         else:
-            shown = index >= 2 and _slope(h[:index], e[:index]) >= plateau.order - SHORT
+            before = e[:index]
+            shown = (index >= 2 and bool((np.isfinite(before) & (before > 0)).all())
+                     and _slope(h[:index], before) >= plateau.order - SHORT)
             stalls = shown and (slopes[-1] < STALLED if len(tail) == 2 else index >= 3)
         if stalls:
             return index

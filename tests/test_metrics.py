@@ -112,3 +112,10 @@ def test_an_order_settles_where_three_slopes_agree_and_is_exhausted_on_the_plate
 def test_order_is_not_fitted_across_a_failed_step():
     assert observed_order([0.4, 0.2, 0.1, 0.05], [np.inf, 0.2, 0.1, 0.05]).used == 3
     assert observed_order([0.4, 0.2, 0.1, 0.05], [0.4, np.inf, 0.1, 0.05]).observed is None
+
+
+def test_errors_that_vanish_are_no_slope():
+    """A run that hits truth exactly at one step, and rounding at finer ones; no warning of a logarithm."""
+    plateau = Plateau(0.0, 1e-8, 4)
+    assert observed_order([0.4, 0.2, 0.1, 0.05], [1e-9, 0.0, 1e-15, 1e-15], plateau).observed is None
+    assert observed_order([0.4, 0.2, 0.1, 0.05], [0.0, 0.0, 0.0, 0.0], plateau).observed is None

@@ -5,6 +5,7 @@ Arrays have a leading time axis: x, v (T, n, 3) world, R (T, n, 3, 3) body to wo
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -142,25 +143,49 @@ def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndar
     lam = np.zeros((len(x), constraints.m))
     if constraints.m:
         G, gamma = constraints.jacobian(x, R), constraints.gamma(x, R, v, w)
+        solve = _schur_solver(G, inverse, independent=_is_forest(scene))
         # Twice: where a light body carries a heavy one, G M^-1 G^T loses digits, which the rows' rest brings back.
         for _ in range(2):
-            more = _solve_schur(G, inverse, np.einsum("tmk,tk->tm", G, rates) + gamma)
+            more = solve(np.einsum("tmk,tk->tm", G, rates) + gamma)
             rates = rates - np.einsum("tmk,tm->tk", G, more) @ inverse
             lam += more
     rates = rates.reshape(len(x), scene.n, 6)
     return rates[:, :, :3], rates[:, :, 3:], lam
 
 
-def _solve_schur(G: np.ndarray, inverse: np.ndarray, rhs: np.ndarray) -> np.ndarray:
-    """lam of G M^-1 G^T lam = rhs, (T, m), least-norm where rows are redundant."""
+def _schur_solver(G: np.ndarray, inverse: np.ndarray, independent: bool) -> Callable[[np.ndarray], np.ndarray]:
+    """lam of G M^-1 G^T lam = rhs, (T, m), as a function of rhs; least-norm where rows are redundant.
+
+    `independent` rows need no search for a rank, whose cost is that of a hundred solutions.
+    """
     scaled = G @ np.linalg.cholesky(inverse)
-    singular = np.linalg.svd(scaled[0], compute_uv=False)
-    rank = int(np.count_nonzero(singular > RANK_TOLERANCE * singular[0]))
-    if rank == rhs.shape[1]:
-        return np.linalg.solve(scaled @ np.swapaxes(scaled, 1, 2), rhs[:, :, None])[:, :, 0]
+    rank = count = G.shape[1]
+    if not independent:
+        singular = np.linalg.svd(scaled[0], compute_uv=False)
+        rank = int(np.count_nonzero(singular > RANK_TOLERANCE * singular[0]))
+    if rank == count:
+        S = scaled @ np.swapaxes(scaled, 1, 2)
+        return lambda rhs: np.linalg.solve(S, rhs[:, :, None])[:, :, 0]
     U, sigma, _ = np.linalg.svd(scaled, full_matrices=False)
     U, sigma = U[:, :, :rank], sigma[:, :rank]
-    return np.einsum("tmr,tr,tr->tm", U, 1 / sigma**2, np.einsum("tmr,tm->tr", U, rhs))
+    return lambda rhs: np.einsum("tmr,tr,tr->tm", U, 1 / sigma**2, np.einsum("tmr,tm->tr", U, rhs))
+
+
+def _is_forest(scene: Scene) -> bool:
+    """Whether no joint closes a loop, the ground being one body: then no row repeats another."""
+    roots = {body: body for body in range(GROUND, scene.n)}
+
+    def root(body: int) -> int:
+        while roots[body] != body:
+            body = roots[body]
+        return body
+
+    for joint in scene.joints:
+        ends = root(joint.parent), root(joint.child)
+        if ends[0] == ends[1]:
+            return False
+        roots[ends[1]] = ends[0]
+    return True
 
 
 def _point(x: np.ndarray, R: np.ndarray, body: int, s: tuple[float, ...]) -> np.ndarray:

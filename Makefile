@@ -5,7 +5,7 @@ PY     := $(VENV)/bin/python
 STAMP  := $(VENV)/.setup
 DEPS   := $(VENV)/.dependencies
 JOBS   ?= auto
-KERNEL := $(wildcard lieeuler/_core/*)
+KERNEL := $(wildcard lieeuler/_core/*/*)
 
 .PHONY: help setup verify smoke sample test sanitize lint benchmark clean
 

@@ -25,10 +25,11 @@ import numpy as np
 import crosscheck
 import lieeuler
 from benchmarks import driver
-from crosscheck import engines, provenance
-from crosscheck.engines.base import RunSpec
-from crosscheck.engines.lieeuler import build_problem
-from crosscheck.scene import Scene
+from crosscheck import adapters
+from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.lieeuler import build_problem
+from crosscheck.running import provenance
+from crosscheck.scene.model import Scene
 
 SIZES = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
 COUNTED = (16, 64, 256, 1024)
@@ -70,7 +71,7 @@ def wall_times(n: int, rounds: int) -> dict[str, float]:
         for engine, method in ENGINES if n in BESIDE else ():
             # The adapter alone: what crosscheck.run derives from a trajectory costs n^3, and is no part of a step.
             brief = scene.replace(duration=few * STEP, samples=2)
-            raw = engines.get(engine).run(brief, RunSpec(method, step=STEP, monitor=False))
+            raw = adapters.get(engine).run(brief, RunSpec(method, step=STEP, monitor=False))
             times.setdefault(f"{engine} {method}", []).append(1e6 * raw.wall_time / raw.steps)
     return {name: statistics.median(values) for name, values in times.items()}
 

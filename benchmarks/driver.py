@@ -11,7 +11,9 @@ from pathlib import Path
 
 __all__ = ["Run", "build", "count", "missing_tool"]
 
-SOURCE = Path(__file__).parents[1] / "tests" / "core" / "chain_driver.cpp"
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "tests" / "core" / "chain_driver.cpp"
+HEADERS = ROOT / "lieeuler" / "_core"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +35,8 @@ def build(folder: Path, *flags: str) -> Path:
     """The driver, compiled as the kernel is."""
     program = folder / "driver"
     include = Path(sysconfig.get_path("purelib")) / "cmeel.prefix" / "include" / "eigen3"
-    subprocess.run(["c++", "-std=c++20", "-O3", "-fno-math-errno", "-w", *flags, "-I", str(include), str(SOURCE), "-o",
+    subprocess.run(["c++", "-std=c++20", "-O3", "-fno-math-errno", "-w", *flags, "-I", str(include), "-I",
+                    str(HEADERS), str(SOURCE), "-o",
                     str(program)], check=True)
     return program
 

@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from crosscheck import engines
+from crosscheck import adapters
+from crosscheck.diagnosis import explain
+from crosscheck.diagnosis.observe import Silent, Subject, observe, scale_of, window
+from crosscheck.diagnosis.of_stepping import pushed
 from crosscheck.errors import EngineError, SceneError, Unsupported
-from crosscheck.explain import explain
-from crosscheck.explain.numerics import pushed
-from crosscheck.explain.observe import Silent, Subject, observe, scale_of, window
 from crosscheck.references import TruthError
-from tests.explain import misbuilt
+from tests.diagnosis import misbuilt
 
 MODEL = ("gravity size", "gravity sign", "gravity axis", "inertia point", "inertia frame", "mass", "missing body",
          "quaternion order", "quaternion conjugated", "velocity frame", "spring stiffness", "spring free length",
@@ -58,7 +58,7 @@ def drawn(seed: int, count: int):
             cases.append(case)
     flawed = any(case.flaws for case in cases)
     choice = None if flawed else BASES[rng.integers(len(BASES))]
-    if choice is not None and Subject(engines.get(choice[0]), choice[1]).unsupported(scene):
+    if choice is not None and Subject(adapters.get(choice[0]), choice[1]).unsupported(scene):
         choice = None
     return scene, cases, choice
 
@@ -93,7 +93,7 @@ def effect(scene, cases, case, base, method) -> float:
 def one(seed: int, count: int) -> dict:
     """Draw, explain, score: "named", "unknown", "wrong", "no effect" or "refused"."""
     scene, cases, choice = drawn(seed, count)
-    base = None if choice is None else engines.get(choice[0])
+    base = None if choice is None else adapters.get(choice[0])
     method = "RK4" if choice is None else choice[1]
     seen = {case.name for case in cases if effect(scene, cases, case, base, method) > EFFECT}
     result = {"seed": seed, "count": count, "causes": [[case.name, case.magnitude] for case in cases],
@@ -137,10 +137,10 @@ def table(results: list[dict]) -> str:
 
 def correct(keep: Path | None, scenes: list[str]) -> None:
     """Explain every engine's best method on every scene of up to eight bodies."""
-    from crosscheck.scene_file import load_scene, scene_names
+    from crosscheck.scene.file import load_scene, scene_names
 
     for name in scenes or scene_names():
-        for engine in engines.names():
+        for engine in adapters.names():
             if load_scene(name).n > 8:
                 continue
             try:

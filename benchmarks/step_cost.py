@@ -22,7 +22,7 @@ from typing import Any
 
 import crosscheck
 import lieeuler
-from crosscheck import provenance
+from crosscheck.running import provenance
 
 SCENES = ("single_pendulum", "double_pendulum")
 YARDSTICK = ("mujoco", "Euler")

@@ -9,33 +9,36 @@ import importlib
 from typing import Any
 
 _HOMES = {
-    "load_scene": ("crosscheck.scene_file", "load_scene"),
-    "scenes": ("crosscheck.scene_file", "scene_names"),
-    "run": ("crosscheck.running", "run"),
-    "engines": ("crosscheck.engines", ""),
-    "methods": ("crosscheck.engines", "methods"),
-    "truth": ("crosscheck.running", "truth"),
-    "assert_agree": ("crosscheck.agreement", "assert_agree"),
-    "Trajectory": ("crosscheck.trajectory", "Trajectory"),
-    "SceneError": ("crosscheck.errors", "SceneError"),
-    "Unsupported": ("crosscheck.errors", "Unsupported"),
-    "EngineError": ("crosscheck.errors", "EngineError"),
-    "TruthError": ("crosscheck.references.base", "TruthError"),
-    "ArgumentError": ("crosscheck.errors", "ArgumentError"),
+    "load_scene": ("scene.file", "load_scene"),
+    "scenes": ("scene.file", "scene_names"),
+    "run": ("running.run", "run"),
+    "engines": ("adapters", "names"),
+    "methods": ("adapters", "methods"),
+    "truth": ("running.run", "truth"),
+    "explain": ("diagnosis", "explain"),
+    "inspect": ("inspection", "inspect"),
+    "assert_agree": ("testing.agreement", "assert_agree"),
+    "Scene": ("scene.model", "Scene"),
+    "States": ("scene.states", "States"),
+    "Trajectory": ("running.trajectory", "Trajectory"),
+    "RunSpec": ("adapters.base", "RunSpec"),
+    "RawRun": ("adapters.base", "RawRun"),
+    "SceneError": ("errors", "SceneError"),
+    "Unsupported": ("errors", "Unsupported"),
+    "EngineError": ("errors", "EngineError"),
+    "TruthError": ("references.base", "TruthError"),
+    "ArgumentError": ("errors", "ArgumentError"),
 }
+"""The public names, and the module and attribute each stands for."""
 
 __all__ = sorted(_HOMES)
 
 
-# `crosscheck.engines` is a subpackage and, called, the tuple of engine names: the subpackage makes itself callable,
-# because the import system binds it here whatever this function returns.
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'crosscheck' has no attribute {name!r}")
     module, attribute = _HOMES[name]
-    value = importlib.import_module(module)
-    if attribute:
-        value = getattr(value, attribute)
+    value = getattr(importlib.import_module(f"crosscheck.{module}"), attribute)
     globals()[name] = value
     return value
 

@@ -5,18 +5,18 @@ On one machine the same code gives the same bits; another processor or library m
 
 from __future__ import annotations
 
-from crosscheck import tolerances
-from crosscheck.metrics import QUANTITIES
+from crosscheck.judge import tolerances
+from crosscheck.judge.metrics import QUANTITIES
+from crosscheck.judge.tolerances import EPS, Tol
 from crosscheck.references.base import Reference
-from crosscheck.scene import Scene
-from crosscheck.tolerances import EPS, Tol
+from crosscheck.scene.model import Scene
 
 
 def rounding_levels(scene: Scene, truth: Reference) -> dict[str, tuple[float, float]]:
     """(a, b) per figure: rounding moves it by no more than a + b n^0.6 in n steps.
 
     Figures: the compared quantities in their units, "energy" over the largest kinetic energy, "momentum" in
-    kg m^2/s. As `crosscheck.tolerances.rounding`: the doubt of truth, and 50 eps (`grading`) times the size, magnified
+    kg m^2/s. As `tolerances.rounding`: the doubt of truth, and 50 eps (`grading`) times the size, magnified
     as the scene magnifies a perturbation.
     """
     scale = tolerances.scales(scene, truth)

@@ -6,8 +6,8 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from crosscheck.grid import Limits, run_tasks
-from crosscheck.journal import Journal
+from crosscheck.jobs.grid import Limits, run_tasks
+from crosscheck.jobs.journal import Journal
 
 
 @dataclasses.dataclass

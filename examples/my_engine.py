@@ -5,9 +5,9 @@ crosscheck verify --engine examples/my_engine.py:PivotRK4 --engine mujoco --scen
 
 import numpy as np
 
-from crosscheck.engines.base import steps_per_sample
-from crosscheck.scene import GROUND, rotation_from_quaternion
-from crosscheck.states import States
+from crosscheck.adapters.base import steps_per_sample
+from crosscheck.scene.model import GROUND, rotation_from_quaternion
+from crosscheck.scene.states import States
 
 
 class PivotRK4:

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from crosscheck.engines import lie_steppers, pinocchio_models, stepping, tree
+from crosscheck.adapters.common import lie_steppers, stepping, tree
+from crosscheck.adapters.pinocchio import models
 from crosscheck.errors import EngineError
 from crosscheck.references.cache import folder
 
@@ -45,11 +46,11 @@ class Compiled:
         """Why it cannot run the scene; None where it can."""
         if scene.forces or any(joint.type != "spherical" for joint in scene.joints):
             return "it is compiled for ball joints and no force but gravity"
-        return "it is compiled for trees" if pinocchio_models.decompose(scene, "tree")[2] else None
+        return "it is compiled for trees" if models.decompose(scene, "tree")[2] else None
 
     def run(self, scene, spec):
         """Integrate by fixed steps; raises `EngineError` where the driver cannot be built or the run diverges."""
-        model = pinocchio_models.build(scene, "tree")
+        model = models.build(scene, "tree")
         driver = Driver(model)
         h = stepping.fixed_step(scene, spec)[1]
         q, v = (np.ascontiguousarray(part) for part in model.initial_state())

@@ -1,4 +1,4 @@
-"""The compiled core, see lieeuler/_core/bind.cpp."""
+"""The compiled core, see lieeuler/_core/python/bind.cpp."""
 
 from collections.abc import Sequence
 from typing import Any

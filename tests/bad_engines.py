@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from crosscheck.states import States
+from crosscheck.scene.states import States
 
 
 class Resting:

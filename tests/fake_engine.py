@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 
-from crosscheck.engines.base import RawRun, steps_per_sample
+from crosscheck.adapters.base import RawRun, steps_per_sample
 from crosscheck.errors import EngineError
-from crosscheck.states import States
+from crosscheck.scene.states import States
 
 
 @dataclasses.dataclass
@@ -64,7 +64,7 @@ class FakeEngine:
 
 def install(monkeypatch, engine):
     """Put the engine in the place of all others."""
-    from crosscheck import engines
+    from crosscheck import adapters
 
-    monkeypatch.setattr(engines, "get", lambda name: engine)
+    monkeypatch.setattr(adapters, "get", lambda name: engine)
     return engine

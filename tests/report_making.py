@@ -2,9 +2,10 @@
 
 import dataclasses
 
-from crosscheck import provenance, trust, verify
-from crosscheck.studies.cell import Cell, prepare_truth, run_cell
-from crosscheck.studies.plan import Profile
+from crosscheck.judge.plan import Profile
+from crosscheck.running import provenance
+from crosscheck.verification import job, trust
+from crosscheck.verification.cell import Cell, prepare_truth, run_cell
 
 # Methods of first order take too small steps on the spring for a test.
 RUNS = {"double_pendulum": (("lieeuler", "DAE3L_LE"), ("lieeuler", "DAE1L_LSE"), ("lieeuler", "rattle4"),
@@ -33,4 +34,4 @@ def small_results():
         records += own
     meta = provenance.describe(list(dict.fromkeys(record.engine for record in records)))
     meta |= {"profile": "smoke", "jobs": 1, "command": "crosscheck verify --profile smoke --jobs 1", "seconds": 1.0}
-    return verify.Results(meta, described, records)
+    return job.Results(meta, described, records)

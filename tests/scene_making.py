@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crosscheck import assembly
-from crosscheck.scene import GROUND, Body, Force, Joint, Scene
-from crosscheck.scene_checks import Draft
-from crosscheck.scene_schema import EntryError
+from crosscheck.scene import assembly
+from crosscheck.scene.checks import Draft
+from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene
+from crosscheck.scene.schema import EntryError
 
 JOINT_TYPES = ("spherical", "universal", "revolute", "cylindrical", "prismatic", "planar", "fixed", "distance",
                "point_on_line", "point_on_plane")

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from crosscheck.errors import SceneError
-from crosscheck.scene import Scene
-from crosscheck.scene_file import load_scene
+from crosscheck.scene.file import load_scene
+from crosscheck.scene.model import Scene
+from tests import SCENARIOS
 from tests.wrong_scenes import SCENE
 
-SCENARIOS = Path(__file__).parents[1] / "scenarios"
 TEXTS = tuple(path.read_text(encoding="utf-8") for path in sorted(SCENARIOS.glob("*.toml")))
 TREES = tuple(json.dumps(tree) for tree in (SCENE, *(tomllib.loads(text) for text in TEXTS)))
 

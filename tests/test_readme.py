@@ -1,11 +1,12 @@
 """The Python in README.md does what it says."""
 
 import re
-from pathlib import Path
 
 import pytest
 
-SNIPPETS = re.findall(r"^```python\n(.*?)^```", (Path(__file__).parents[1] / "README.md").read_text("utf-8"),
+from tests import ROOT
+
+SNIPPETS = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text("utf-8"),
                       re.DOTALL | re.MULTILINE)
 
 

@@ -10,11 +10,11 @@ import importlib
 from collections.abc import Sequence
 from typing import Any
 
-from crosscheck.engines.base import RunSpec
+from crosscheck.adapters.base import RunSpec
 from crosscheck.errors import EngineError, Unsupported
 from crosscheck.inspection.base import Deviation, Inspection, Probe
-from crosscheck.scene import Scene
-from crosscheck.states import States
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 __all__ = ["Deviation", "Inspection", "Probe", "inspect", "probe"]
 
@@ -73,6 +73,6 @@ def probe(adapter: Any, scene: Scene, at: States, form: str | None = None) -> Pr
 
 
 def _adapter(engine: Any) -> Any:
-    from crosscheck import engines
+    from crosscheck import adapters
 
-    return engines.get(engine) if isinstance(engine, str) else engine
+    return adapters.get(engine) if isinstance(engine, str) else engine

@@ -9,10 +9,10 @@ import dataclasses
 
 import numpy as np
 
-from crosscheck import mechanics
-from crosscheck.constraints import Constraints
-from crosscheck.scene import Scene
-from crosscheck.states import States
+from crosscheck.scene import mechanics
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 TURN = 0.1, 0.4
 """rad, and of the scene's length: how far a random state lies from the start; halved until the joints close there."""

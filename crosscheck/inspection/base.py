@@ -12,8 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from crosscheck.scene import Scene
-from crosscheck.states import States
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 QUANTITIES = ("mass", "inertia", "position", "attitude", "velocity", "angular velocity", "total mass",
               "centre of mass", "kinetic energy", "potential energy", "mass matrix", "gravity force", "applied force",
@@ -33,7 +33,7 @@ LOOSEST = 1e-8
 
 @dataclasses.dataclass
 class Probe:
-    """An engine's model of a scene of n bodies, evaluated at K states; SI units, frames as in `crosscheck.states`.
+    """An engine's model of a scene of n bodies, evaluated at K states; SI units, frames as in `States`.
 
     `x, R, v, w` are where the engine's own kinematics put the bodies once it has been given the states. Its velocities,
     nv of them, may be any: `jacobian` takes them to (v, w) of the bodies in turn, and the mass matrix and the forces

@@ -9,7 +9,7 @@ import numpy as np
 
 from crosscheck.inspection.base import LOOSEST, QUANTITIES, ROUNDINGS, TOLERANCE, Deviation, Probe
 from crosscheck.inspection.reference import Reference
-from crosscheck.scene import Scene
+from crosscheck.scene.model import Scene
 
 SOLVED = ("mass matrix", "gravity force", "applied force", "acceleration", "angular acceleration", "reaction force",
           "reaction torque")

@@ -14,8 +14,8 @@ import numpy as np
 
 from crosscheck.inspection.admissible import posed
 from crosscheck.inspection.base import Probe
-from crosscheck.scene import Scene
-from crosscheck.states import States
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 NOTES = {
     "potential energy": "Exudyn sums up no potential energy",
@@ -49,12 +49,12 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
 
 def _at(scene: Scene, form: str) -> dict[str, Any]:
     """Everything at the initial state of `scene`."""
-    from crosscheck.engines import exudyn_models
+    from crosscheck.adapters.exudyn import models
 
     if form == "maximal":
         return _maximal(scene)
     if form == "pivot":
-        model = exudyn_models.pivot(scene)
+        model = models.pivot(scene)
         matrix, right, _ = _assembled(model.system, "RK44")
         rate = np.linalg.solve(matrix[3:, 3:], right[3:])  # the node's position is held by coordinate constraints
         data = [np.array([model.system.GetSensorValues(sensor)]) for sensor in model.sensors]
@@ -64,9 +64,9 @@ def _at(scene: Scene, form: str) -> dict[str, Any]:
 
 
 def _maximal(scene: Scene) -> dict[str, Any]:
-    from crosscheck.engines import exudyn_models
+    from crosscheck.adapters.exudyn import models
 
-    model = exudyn_models.maximal(scene)
+    model = models.maximal(scene)
     matrix, right, speeds = _assembled(model.system, "GeneralizedAlpha")
     data = [np.array([model.system.GetSensorValues(sensor)]) for sensor in model.sensors]
     found = _states(model.convert(np.zeros(1), data))
@@ -84,7 +84,7 @@ def _maximal(scene: Scene) -> dict[str, Any]:
             "masses": np.array([item["mass"] for item in bodies]),
             "inertias": np.einsum("nji,njk,nkl->nil", scene.R0, turned, scene.R0),
             "jacobian": jacobian, "mass_matrix": matrix[:size, :size], "applied_force": right[:size],
-            "gravity_force": _weight(scene, exudyn_models.maximal, "GeneralizedAlpha")[:size],
+            "gravity_force": _weight(scene, models.maximal, "GeneralizedAlpha")[:size],
             "kinetic": 0.5 * float(speeds @ matrix @ speeds), "total_mass": None}
 
 
@@ -93,17 +93,17 @@ def _free_spin(scene: Scene, matrix: np.ndarray, right: np.ndarray) -> np.ndarra
 
 
 def _tree(scene: Scene) -> dict[str, Any]:
-    from crosscheck.engines import exudyn_tree
+    from crosscheck.adapters.exudyn import kinematic_tree
 
-    closed = bool(exudyn_tree.spanned(scene)[1])
+    closed = bool(kinematic_tree.spanned(scene)[1])
     method = "GeneralizedAlpha" if closed else "RK44"  # explicit solvers refuse constraints
 
     def made(order: str) -> tuple[str, Any, np.ndarray, np.ndarray, np.ndarray]:
-        model = exudyn_tree.kinematic_tree(scene, order)
+        model = kinematic_tree.kinematic_tree(scene, order)
         return order, model, *_assembled(model.system, method)
 
     # every order of Cardan angles is the same system; the one farthest from its gimbal lock has the fewest roundings
-    orders = ["".join(order) for order in itertools.permutations("XYZ")] if exudyn_tree.balls(scene) else ["XYZ"]
+    orders = ["".join(order) for order in itertools.permutations("XYZ")] if kinematic_tree.balls(scene) else ["XYZ"]
     order, model, matrix, right, speeds = min((made(order) for order in orders),
                                               key=lambda found: np.linalg.cond(found[2]))
     size = len(matrix)
@@ -117,7 +117,7 @@ def _tree(scene: Scene) -> dict[str, Any]:
     tree = next(item for item in items if item["objectType"] == "KinematicTree")
     return {**found, "kinetic": 0.5 * float(speeds @ matrix @ speeds), "total_mass": float(sum(tree["linkMasses"])),
             "jacobian": jacobian, "mass_matrix": matrix,
-            "gravity_force": _weight(scene, lambda bare: exudyn_tree.kinematic_tree(bare, order), method)}
+            "gravity_force": _weight(scene, lambda bare: kinematic_tree.kinematic_tree(bare, order), method)}
 
 
 def _states(states: States) -> dict[str, Any]:
@@ -140,12 +140,12 @@ def _weight(scene: Scene, build: Any, method: str) -> np.ndarray:
 
 def _assembled(system: Any, method: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(mass matrix, right-hand side, velocities) of the second-order coordinates at the initial state."""
-    from crosscheck.engines import exudyn_solving
+    from crosscheck.adapters.exudyn import solving
 
-    exudyn = exudyn_solving.load()
-    implicit = method in exudyn_solving.IMPLICIT
+    exudyn = solving.load()
+    implicit = method in solving.IMPLICIT
     solver = exudyn.MainSolverImplicitSecondOrder() if implicit else exudyn.MainSolverExplicit()
-    options = exudyn_solving.settings(method, 1e-3, 1, 1, 1e-9)
+    options = solving.settings(method, 1e-3, 1, 1, 1e-9)
     system.Assemble()
     solver.InitializeSolver(system, options)
     solver.ComputeMassMatrix(system)

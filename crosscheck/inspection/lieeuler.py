@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from crosscheck.constraints import Constraints
 from crosscheck.inspection.admissible import posed
 from crosscheck.inspection.base import Probe
-from crosscheck.scene import Scene
-from crosscheck.states import States
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 STEP = 1e-6
 """s, of the run that yields the start: its index-1 accelerations belong to t = 0, whatever the step."""
@@ -17,7 +17,7 @@ STEP = 1e-6
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     """The kernel's `Problem` in maximal coordinates, each state as the start of a run of one step."""
     import lieeuler
-    from crosscheck.engines.lieeuler import build_problem
+    from crosscheck.adapters.lieeuler import build_problem
 
     starts = []
     for k in range(len(states.t)):

@@ -8,16 +8,16 @@ import numpy as np
 
 from crosscheck.inspection.admissible import posed
 from crosscheck.inspection.base import Probe
-from crosscheck.scene import Scene
-from crosscheck.states import States
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 SOFT = "equality constraints are soft: MuJoCo solves a regularised problem, whose answer is not the rigid system's"
 
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     """The MuJoCo model in form "tree" or "maximal"."""
-    from crosscheck.engines import get
-    from crosscheck.engines.base import RunSpec
+    from crosscheck.adapters import get
+    from crosscheck.adapters.base import RunSpec
 
     chosen = form or get("mujoco").form(scene, RunSpec("Euler"))  # type: ignore[attr-defined]
     found = [_at(posed(scene, states, k), chosen) for k in range(len(states.t))]
@@ -38,12 +38,12 @@ def _at(scene: Scene, form: str) -> dict[str, Any]:
     """Everything at the initial state of `scene`."""
     import mujoco
 
-    from crosscheck.engines import mujoco_models
+    from crosscheck.adapters.mujoco import models
 
-    model = mujoco_models.build(scene, "Euler", 1e-3, form)
+    model = models.build(scene, "Euler", 1e-3, form)
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     data = mujoco.MjData(model)
-    mujoco_models.set_initial_state(scene, model, data)
+    models.set_initial_state(scene, model, data)
     mujoco.mj_forward(model, data)
     mujoco.mj_rnePostConstraint(model, data)
     bodies = [model.body(str(k)).id for k in range(scene.n)]

@@ -8,19 +8,19 @@ import numpy as np
 
 from crosscheck.inspection.admissible import posed
 from crosscheck.inspection.base import Probe
-from crosscheck.scene import GROUND, Scene
-from crosscheck.states import States
+from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.states import States
 
 SPRINGS = "Pinocchio has no springs: the adapter applies them as forces, and nobody stores their energy"
 
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     """The Pinocchio model in form "tree" or "maximal"."""
-    from crosscheck.engines import pinocchio_models
-    from crosscheck.engines.pinocchio_dynamics import Dynamics
+    from crosscheck.adapters.pinocchio import models
+    from crosscheck.adapters.pinocchio.dynamics import Dynamics
 
     chosen = form or "tree"
-    dynamics = Dynamics(pinocchio_models.build(scene, chosen))
+    dynamics = Dynamics(models.build(scene, chosen))
     found = [_at(dynamics, posed(scene, states, k)) for k in range(len(states.t))]
     values: dict[str, Any] = {key: np.array([one[key] for one in found]) for key in found[0] if key != "reactions"}
     notes = {}

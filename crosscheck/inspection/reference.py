@@ -6,12 +6,12 @@ import dataclasses
 
 import numpy as np
 
-from crosscheck import mechanics
-from crosscheck.constraints import Constraints
 from crosscheck.inspection import admissible
 from crosscheck.inspection.base import Probe
-from crosscheck.scene import Scene
-from crosscheck.states import States
+from crosscheck.scene import mechanics
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 AT_REST = 1e-12
 """Kinetic energy below this fraction of what the scene's size suggests is rounding."""

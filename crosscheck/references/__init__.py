@@ -11,8 +11,8 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import Reference, TruthError
-from crosscheck.scene import Scene
-from crosscheck.states import States
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 __all__ = ["Reference", "TruthError", "truth"]
 

@@ -41,7 +41,7 @@ from crosscheck.references.generic import (
 )
 from crosscheck.references.joint_motion import ZERO, Frame, Tree
 from crosscheck.references.tree import FREE, Link
-from crosscheck.scene import GROUND
+from crosscheck.scene.model import GROUND
 
 NONE = [ZERO, ZERO, ZERO]
 

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from crosscheck.states import States
+from crosscheck.scene.states import States
 
 
 @dataclasses.dataclass(frozen=True)

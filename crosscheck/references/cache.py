@@ -17,8 +17,8 @@ import zlib
 import numpy as np
 
 from crosscheck.references.base import Reference
-from crosscheck.scene import Scene
-from crosscheck.states import States
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 _STATES = ("t", "x", "R", "v", "w", "a", "alpha")
 _OTHERS = tuple(field.name for field in dataclasses.fields(Reference) if field.name != "states")
@@ -47,7 +47,7 @@ def formula_version() -> str:
     """
     digest = hashlib.sha256()
     here = pathlib.Path(__file__).parent
-    for source in [*sorted(here.glob("*.py")), here.parent / "scene.py"]:
+    for source in [*sorted(here.glob("*.py")), here.parent / "scene" / "model.py"]:
         digest.update(source.read_bytes())
     for library in ("heyoka", "scipy", "mpmath"):
         digest.update(importlib.metadata.version(library).encode())

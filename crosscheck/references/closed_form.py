@@ -20,8 +20,8 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references import elliptic, free_body
-from crosscheck.scene import GROUND, Scene
-from crosscheck.states import States
+from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.states import States
 
 SOURCE = "closed form (Jacobi elliptic functions)"
 SYMMETRY = 4 * np.finfo(float).eps  # a body of revolution up to rounding of its inertia, relative

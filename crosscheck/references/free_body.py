@@ -22,8 +22,8 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references import elliptic
-from crosscheck.scene import Scene
-from crosscheck.states import States
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 
 class Rotation:

@@ -32,7 +32,7 @@ from crosscheck.references.generic import (
     turn_about,
 )
 from crosscheck.references.tree import FREE, Link
-from crosscheck.scene import GROUND, Scene
+from crosscheck.scene.model import GROUND, Scene
 
 ZERO = [0.0, 0.0, 0.0]
 IDENTITY = [1.0, 0.0, 0.0, 0.0]

@@ -26,7 +26,7 @@ from crosscheck.references.generic import (
 from crosscheck.references.joint_motion import ZERO, Tree
 from crosscheck.references.tree import FREE
 from crosscheck.references.tree_loads import Loads
-from crosscheck.scene import GROUND, Joint, Scene
+from crosscheck.scene.model import GROUND, Joint, Scene
 
 DEPENDENT = 1e-9  # of the largest eigenvalue; what is smaller belongs to rows that depend on others
 SHIFT, REPETITIONS = 1e-6, 4  # of the mean eigenvalue; eigenvalues of 1e-2 of it are reached to 1e-16

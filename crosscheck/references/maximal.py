@@ -21,8 +21,8 @@ from crosscheck.references.base import TruthError
 from crosscheck.references.world import Motion, cross, rotation, turned
 from crosscheck.references.world_loads import ConstantLoad, LinearSpring, TorsionalSpring
 from crosscheck.references.world_rows import Relations, kinds
-from crosscheck.scene import Scene
-from crosscheck.states import States
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 RTOL = 3e-15  # a thousand steps of this stay near 1e-12; looser runs cost 15 % less and are off by several times more
 RTOL_DEPENDENT = 1e-15  # of loops with dependent rows, which pass flat positions fast and dead points slowly: an error

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import DOP853, Radau
 
-from crosscheck.scene import Scene
+from crosscheck.scene.model import Scene
 
 DECAYS = 5000.0
 """Rate of the fastest decay times the duration from which on the implicit method is used: an explicit one needs the

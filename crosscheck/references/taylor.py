@@ -22,8 +22,8 @@ from crosscheck.references.joint_motion import ZERO, Tree
 from crosscheck.references.series import ORDERS, Series, shifted
 from crosscheck.references.tree import FREE, unfold
 from crosscheck.references.tree_loads import Loads, angle_rate, start_angle, tree_angle
-from crosscheck.scene import Scene, rotation_from_quaternion
-from crosscheck.states import States
+from crosscheck.scene.model import Scene, rotation_from_quaternion
+from crosscheck.scene.states import States
 
 SOURCE = "Taylor series (heyoka), minimal coordinates"
 SUBPOINTS = 4  # derivatives are scanned this many times a step: k-th ones vary over 1/k of the convergence radius

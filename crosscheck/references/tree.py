@@ -11,7 +11,7 @@ import dataclasses
 
 import numpy as np
 
-from crosscheck.scene import GROUND, Joint, Scene
+from crosscheck.scene.model import GROUND, Joint, Scene
 
 TURNS = {"prismatic": 0, "fixed": 0, "revolute": 1, "cylindrical": 1, "planar": 1, "universal": 2}  # else free
 SHIFTS = {"cylindrical": "line", "prismatic": "line", "point_on_line": "line", "planar": "plane",

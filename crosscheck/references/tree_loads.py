@@ -18,7 +18,7 @@ from crosscheck.references.generic import (
     square_root,
 )
 from crosscheck.references.joint_motion import ZERO, Frame, Tree
-from crosscheck.scene import Force, Joint
+from crosscheck.scene.model import Force, Joint
 
 
 class Loads:

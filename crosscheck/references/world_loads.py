@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from crosscheck.references.world import Motion, cross, turned
-from crosscheck.scene import Force, Scene
+from crosscheck.scene.model import Force, Scene
 
 AT_CENTRE = np.zeros(3)
 

@@ -13,7 +13,7 @@ import dataclasses
 import numpy as np
 
 from crosscheck.references.world import HAT, Motion, back, centripetal, cross, dots, turned
-from crosscheck.scene import Joint, Scene
+from crosscheck.scene.model import Joint, Scene
 
 
 @dataclasses.dataclass(frozen=True)

@@ -22,7 +22,7 @@ def write_report(document: dict[str, Any], folder: Path) -> None:
 
     Parameters
     ----------
-    document : what `crosscheck.verify.Results.plain` returns
+    document : what `crosscheck.verification.job.Results.plain` returns
     folder : must not exist yet
     """
     folder.mkdir(parents=True)

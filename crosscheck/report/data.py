@@ -6,7 +6,7 @@ import json
 import re
 from typing import Any
 
-from crosscheck.studies.plan import EULER
+from crosscheck.judge.plan import EULER
 
 DIGITS = 5
 """Significant digits of the figures in runs.js; results.json has them all."""
@@ -59,7 +59,7 @@ def _run(record: dict[str, Any]) -> dict[str, Any]:
 
 
 def curves_script(document: dict[str, Any], scene: dict[str, Any]) -> str:
-    """scene-*.js: the curves of truth and of every run of one scene, packed as in `crosscheck.studies.curves`."""
+    """scene-*.js: the curves of truth and of every run of one scene, packed as in `crosscheck.verification.curves`."""
     runs = {record["label"]: record["curves"] for record in document["records"]
             if record["scene"] == scene["name"] and record["curves"]}
     content = json.dumps({"scene": scene["curves"], "runs": runs}, separators=(",", ":"), allow_nan=False)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.files import replacing
-from crosscheck.report.words import number, sentence
+from crosscheck.report.headline import number, sentence
 
 QUANTITIES = ("position", "attitude", "velocity", "angular velocity")
 LEVELS = ("position", "velocity", "acceleration")

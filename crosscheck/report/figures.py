@@ -9,9 +9,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from crosscheck.judge.plan import EULER
 from crosscheck.report import names
-from crosscheck.studies.curves import unpack
-from crosscheck.studies.plan import EULER
+from crosscheck.verification.curves import unpack
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#8c6bb1", "#7f7f7f")
 DASHES = {"lieeuler": "-", "mujoco": "--", "pinocchio": ":", "exudyn": "-."}

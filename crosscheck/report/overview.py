@@ -5,7 +5,7 @@ from __future__ import annotations
 import collections
 from typing import Any
 
-from crosscheck.report.words import OUTCOMES
+from crosscheck.report.headline import OUTCOMES
 
 SEVERITY = ("error", "fail", "known", "unjudged", "pass", "unsupported")
 """Outcomes, the one that needs attention most first; a group of runs shows its first."""

@@ -6,10 +6,10 @@ import urllib.parse
 from pathlib import Path
 from typing import Any
 
+from crosscheck.judge.plan import EULER
 from crosscheck.report import overview
+from crosscheck.report.headline import OUTCOMES, headline, number, partly, plain_number, sentence, span, spoken
 from crosscheck.report.names import STUDIES, anchor, data_file, engine_file, scene_file, slug, study_file
-from crosscheck.report.words import OUTCOMES, headline, number, partly, plain_number, sentence, span, spoken
-from crosscheck.studies.plan import EULER
 
 HERE = Path(__file__).resolve().parent
 PENDULUMS = {"single_pendulum": "Table 1", "double_pendulum": "Table 2"}

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crosscheck.references.base import Reference
-from crosscheck.scene import Scene
+from crosscheck.scene.model import Scene
 from crosscheck.studies.frontier import BOUND
 
 if TYPE_CHECKING:

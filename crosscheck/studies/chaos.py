@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.scene import Scene
-from crosscheck.states import States
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 from crosscheck.studies.work_precision import Progress, Way
 
 FALSE_ALARM = 0.01
@@ -68,7 +68,7 @@ class Settings:
 
 def observables(scene: Scene, states: States) -> dict[str, np.ndarray]:
     """Series (T,) by name: total kinetic energy (J) and the height (m) of every body."""
-    from crosscheck.mechanics import kinetic_energy
+    from crosscheck.scene.mechanics import kinetic_energy
 
     up = -scene.gravity / np.linalg.norm(scene.gravity)
     heights = {f"height of {body.name}": states.x[:, k] @ up for k, body in enumerate(scene.bodies)}
@@ -77,7 +77,7 @@ def observables(scene: Scene, states: States) -> dict[str, np.ndarray]:
 
 def momentum_error(scene: Scene, states: States) -> float:
     """Largest change of the angular momentum about the vertical, over its terms, which it may be a difference of."""
-    from crosscheck.mechanics import momentum_vertical
+    from crosscheck.scene.mechanics import momentum_vertical
 
     momentum = momentum_vertical(scene, states)
     orbital = scene.masses * np.linalg.norm(np.cross(states.x, states.v), axis=-1)
@@ -167,8 +167,8 @@ def measure(scene: Scene, selected: Sequence[Way], comparisons: int, settings: S
 
 def _run_into(found: Comparison, way: Way, long: Scene, time_limit: float, truth: dict[str, Law],
               comparisons: int) -> None:
-    from crosscheck.mechanics import kinetic_energy
-    from crosscheck.running import run
+    from crosscheck.running.run import run
+    from crosscheck.scene.mechanics import kinetic_energy
     from crosscheck.studies.drift import too_long
 
     reason = too_long(long, way, found.step, round(long.duration / found.step), time_limit)
@@ -189,9 +189,9 @@ def study(scenes: Sequence[str], engines: Sequence[str] | None, methods: Sequenc
 
     Raises `ArgumentError` for wrong names or a folder that must not be replaced; a failed run is a row.
     """
-    from crosscheck import engines as all_engines
-    from crosscheck import provenance
-    from crosscheck.scene_file import load_scene
+    from crosscheck import adapters as all_engines
+    from crosscheck.running import provenance
+    from crosscheck.scene.file import load_scene
     from crosscheck.studies import results_folder
     from crosscheck.studies.drift import chosen
     from crosscheck.studies.work_precision import check_names

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.scene import Scene
+from crosscheck.scene.model import Scene
 from crosscheck.studies.work_precision import Progress, Way, ways
 
 METHODS = ("rattle2", "rattle4", "DAE1H_LSE", "RK4", "RK44", "RKMK4")
@@ -138,7 +138,7 @@ def measure(scene: Scene, selected: Sequence[Way], step: float, steps: int, time
 
 def too_long(scene: Scene, way: Way, step: float, steps: int, time_limit: float) -> str:
     """Why a run would take too long by what its first steps take, or nothing. Times in s, of stepping."""
-    from crosscheck.running import run
+    from crosscheck.running.run import run
 
     if steps <= 2 * PROBE:
         return ""
@@ -149,7 +149,7 @@ def too_long(scene: Scene, way: Way, step: float, steps: int, time_limit: float)
 
 
 def _run_into(drift: Drift, way: Way, long: Scene, time_limit: float) -> None:
-    from crosscheck.running import run
+    from crosscheck.running.run import run
 
     drift.reason = too_long(long, way, drift.step, drift.steps, time_limit)
     if drift.reason:
@@ -162,8 +162,8 @@ def _run_into(drift: Drift, way: Way, long: Scene, time_limit: float) -> None:
 
 def fill_in(drift: Drift, traj: Any) -> None:
     """The figures of a finished run, from its samples."""
-    from crosscheck.mechanics import kinetic_energy
-    from crosscheck.states import States
+    from crosscheck.scene.mechanics import kinetic_energy
+    from crosscheck.scene.states import States
 
     states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
     kinetic = float(kinetic_energy(traj.scene, states).max())

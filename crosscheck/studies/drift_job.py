@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from crosscheck import engines as all_engines
-from crosscheck import provenance
+from crosscheck import adapters as all_engines
+from crosscheck.running import provenance
 from crosscheck.studies import results_folder
 from crosscheck.studies.drift import Drift, chosen, measure
 from crosscheck.studies.work_precision import Progress, check_names
@@ -34,7 +34,7 @@ def study(request: Request, out: Path, progress: Progress) -> dict[str, Any]:
 
     Raises `ArgumentError` for wrong names or a folder that must not be replaced; a failed run is a row.
     """
-    from crosscheck.scene_file import load_scene
+    from crosscheck.scene.file import load_scene
 
     engines = request.engines or all_engines.names()
     check_names(engines, request.methods)

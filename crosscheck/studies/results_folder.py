@@ -14,7 +14,7 @@ from crosscheck.errors import ArgumentError
 from crosscheck.files import finite, put
 
 if TYPE_CHECKING:
-    from crosscheck.journal import Journal
+    from crosscheck.jobs.journal import Journal
 
 
 def check(out: Path, study: str) -> None:
@@ -47,7 +47,7 @@ def journal(out: Path, study: str, state: str, types: dict[str, Any]) -> Iterato
     state : digest of all that results depend on; what another state left is removed
     types : as of `Journal`
     """
-    from crosscheck.journal import Journal
+    from crosscheck.jobs.journal import Journal
 
     path = out / f".{study}-{state[:16]}.journal"
     for other in out.glob(f".{study}-*.journal"):

@@ -7,10 +7,10 @@ import statistics
 from collections.abc import Sequence
 from typing import Any
 
-from crosscheck.grid import Crash, Limits
+from crosscheck.jobs.grid import Crash, Limits
+from crosscheck.judge.verdict import Record
 from crosscheck.stages import Stages
-from crosscheck.studies import speed
-from crosscheck.verdict import Record
+from crosscheck.verification import speed
 
 
 def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within: Limits | None = None,

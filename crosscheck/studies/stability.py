@@ -17,7 +17,7 @@ import numpy as np
 
 from crosscheck.errors import ArgumentError, EngineError, Unsupported
 from crosscheck.references.base import Reference
-from crosscheck.scene import Scene
+from crosscheck.scene.model import Scene
 
 USABLE = 0.1
 """End error, as a share of how far the scene's bodies move or in rad, up to which a run says something."""
@@ -67,7 +67,7 @@ class Way:
 def target(scene: Scene, truth: Reference) -> Target:
     """The true state at the end of a scene, or at the last sample before its horizon, past which truth is not certain.
     """
-    from crosscheck import tolerances
+    from crosscheck.judge import tolerances
 
     last = int(np.count_nonzero(truth.t <= truth.horizon * (1 + 1e-12))) - 1
     if last < 1:
@@ -84,7 +84,7 @@ def attempt(goal: Target, engine: str, method: str, steps: int) -> Attempt:
 
     Raises `Unsupported` where the engine cannot run the scene in this way.
     """
-    from crosscheck.running import run
+    from crosscheck.running.run import run
 
     began = time.perf_counter()
     try:
@@ -110,7 +110,7 @@ def _failure(error: Exception) -> str:
 
 def end_error(goal: Target, x: np.ndarray, R: np.ndarray) -> float:
     """Largest position error over the motion; where positions do not depend on attitudes, also their angle."""
-    from crosscheck.metrics import attitude_angle
+    from crosscheck.judge.metrics import attitude_angle
 
     found = float(np.linalg.norm(x - goal.x, axis=-1).max()) / goal.moved
     if goal.attitudes:
@@ -158,18 +158,18 @@ class Search:
 
 def search(way: Way) -> dict[str, Any]:
     """The row of one way. An unsupported scene, and a way without a usable step within the limit, are rows too."""
-    from crosscheck import engines
-    from crosscheck.engines.base import RunSpec
+    from crosscheck import adapters
+    from crosscheck.adapters.base import RunSpec
+    from crosscheck.judge.plan import natural_time
     from crosscheck.references import truth
-    from crosscheck.scene_file import load_scene
-    from crosscheck.studies.plan import natural_time
+    from crosscheck.scene.file import load_scene
 
     scene = load_scene(way.scene)
     row = blank(scene.name, way)
     common = max(1, math.ceil(COMMON * scene.duration / natural_time(scene)))
     goal = target(scene, truth(scene))
     common = max(1, round(common * goal.scene.duration / scene.duration))
-    adapter = engines.get(way.engine)
+    adapter = adapters.get(way.engine)
     reason = adapter.unsupported(goal.scene, RunSpec(way.method, step=goal.scene.duration / common))
     if reason is not None:
         return row | {"outcome": "unsupported", "reason": reason}

@@ -9,13 +9,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from crosscheck import engines as all_engines
-from crosscheck import provenance
-from crosscheck.grid import Crash, Limits, run_tasks
-from crosscheck.journal import Journal
+from crosscheck import adapters as all_engines
+from crosscheck.jobs.grid import Crash, Limits, run_tasks
+from crosscheck.jobs.journal import Journal
+from crosscheck.jobs.workers.process import GIGABYTE
+from crosscheck.running import provenance
 from crosscheck.studies import results_folder
 from crosscheck.studies.stability import COMMON, USABLE, Way, blank, search
-from crosscheck.workers.process import GIGABYTE
 
 STUDY = "stability"
 TAG = "hard"
@@ -65,7 +65,7 @@ def study(request: Request, out: Path, progress: Callable[[int, int | None, str]
 
     Raises `ArgumentError` for wrong names or a folder that must not be replaced; a failed way is a row.
     """
-    from crosscheck.scene_file import load_scene
+    from crosscheck.scene.file import load_scene
     from crosscheck.studies.work_precision import check_names
 
     engines = request.engines or all_engines.names()
@@ -140,7 +140,7 @@ def _key(way: Way) -> str:
 
 
 def _failed(way: Way, reason: str) -> dict[str, Any]:
-    from crosscheck.scene_file import load_scene
+    from crosscheck.scene.file import load_scene
 
     return blank(load_scene(way.scene).name, way) | {"outcome": "failed", "reason": reason}
 
@@ -165,14 +165,14 @@ def _without_truth(scenes: list[str], jobs: int, journal: Journal,
 def prepare(scene: str) -> None:
     """Put the truth of a scene into the cache; raises what `crosscheck.truth` raises."""
     from crosscheck.references import truth
-    from crosscheck.scene_file import load_scene
+    from crosscheck.scene.file import load_scene
 
     truth(load_scene(scene))
 
 
 def hard_scenes() -> tuple[str, ...]:
     """Names of the built-in scenes with the tag "hard"."""
-    from crosscheck.scene_file import load_scene, scene_names
+    from crosscheck.scene.file import load_scene, scene_names
 
     return tuple(name for name in scene_names() if TAG in load_scene(name).tags)
 

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from crosscheck.errors import ArgumentError
+from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference
-from crosscheck.scene import Scene
-from crosscheck.states import States
-from crosscheck.studies.plan import natural_time
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 INTERVALS = 64
 """Of the samples for the largest errors. A power of two, as the step counts of ladders are up to a factor 3."""
@@ -97,11 +97,11 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
 
     Parameters
     ----------
-    engines : names as `crosscheck.engines.get` takes them, none in an environment of its own
+    engines : names as `crosscheck.adapters.get` takes them, none in an environment of its own
     methods : only these; None for all
     """
-    from crosscheck.engines import get
-    from crosscheck.engines.base import RunSpec
+    from crosscheck.adapters import get
+    from crosscheck.adapters.base import RunSpec
 
     found, missing = [], []
     for name in engines:
@@ -241,7 +241,7 @@ def _explore(scene: Scene, rung: Rung, count: int | None, truth: Reference) -> f
 
 def errors_into(rung: Rung, scene: Scene, run: Any, truth: Reference, intervals: int) -> None:
     """Fill in the errors of a run at `intervals` + 1 even times against the truth at more of them."""
-    from crosscheck.metrics import errors
+    from crosscheck.judge.metrics import errors
 
     found = errors(scene, run, _thinned(truth.states, intervals))
     rung.samples = intervals + 1
@@ -256,7 +256,7 @@ def _thinned(states: States, intervals: int) -> States:
 
 
 def _run(scene: Scene, rung: Rung, samples: int) -> Any:
-    from crosscheck.running import run
+    from crosscheck.running.run import run
 
     return run(scene, rung.engine, rung.method, step=rung.step, rtol=rung.rtol, form=rung.form, samples=samples,
                monitor=False)
@@ -324,8 +324,8 @@ def reference(scene: Scene) -> tuple[Scene, Reference]:
 
 def check_names(engines: Sequence[str], methods: Sequence[str] | None) -> None:
     """Raise `ArgumentError` for an engine whose times compare with no other, or a method that none of them has."""
-    from crosscheck.engines import has_own_environment
-    from crosscheck.engines import methods as methods_of
+    from crosscheck.adapters import has_own_environment
+    from crosscheck.adapters import methods as methods_of
     from crosscheck.spelling import unknown
 
     known: list[str] = []

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from crosscheck import engines as all_engines
-from crosscheck import provenance
+from crosscheck import adapters as all_engines
 from crosscheck.errors import Unsupported
+from crosscheck.running import provenance
 from crosscheck.studies import frontier, results_folder
 from crosscheck.studies.work_precision import Progress, Rung, check_names, measure, reference, ways
 
@@ -40,7 +40,7 @@ def study(request: Request, out: Path, progress: Progress) -> dict[str, Any]:
     Raises `ArgumentError` for wrong names or a folder that must not be replaced; a scene without truth and a run that
     fails are written into the document.
     """
-    from crosscheck.scene_file import load_scene
+    from crosscheck.scene.file import load_scene
 
     engines = request.engines or all_engines.names()
     check_names(engines, request.methods)

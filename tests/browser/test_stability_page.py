@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from crosscheck import provenance
+from crosscheck.running import provenance
 from crosscheck.studies import results_folder, stability_job
 from crosscheck.studies.stability import COMMON, USABLE, Way, blank
 from tests.browser.conftest import Watched

@@ -17,9 +17,9 @@ void* operator new(std::size_t size) {
 void operator delete(void* p) noexcept { std::free(p); }
 void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
-#include "../../lieeuler/_core/loop.hpp"
-#include "../../lieeuler/_core/rkmk.hpp"
-#include "../../lieeuler/_core/taylor.hpp"
+#include "run/loop.hpp"
+#include "methods/rkmk.hpp"
+#include "methods/taylor.hpp"
 
 using namespace lieeuler;
 

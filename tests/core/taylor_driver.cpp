@@ -19,8 +19,8 @@ void* operator new(std::size_t size) {
 void operator delete(void* p) noexcept { std::free(p); }
 void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
-#include "../../lieeuler/_core/denormals.hpp"
-#include "../../lieeuler/_core/taylor.hpp"
+#include "linalg/denormals.hpp"
+#include "methods/taylor.hpp"
 
 using namespace lieeuler;
 

@@ -4,11 +4,11 @@
 #include <cstdio>
 #include <string>
 
-#include "../../lieeuler/_core/adaptive.hpp"
-#include "../../lieeuler/_core/extrapolation.hpp"
-#include "../../lieeuler/_core/loop.hpp"
-#include "../../lieeuler/_core/rkmk.hpp"
-#include "../../lieeuler/_core/taylor.hpp"
+#include "run/adaptive.hpp"
+#include "methods/extrapolation.hpp"
+#include "run/loop.hpp"
+#include "methods/rkmk.hpp"
+#include "methods/taylor.hpp"
 
 using namespace lieeuler;
 

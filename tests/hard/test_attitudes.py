@@ -9,7 +9,7 @@ from scipy.special import ellipj, ellipk
 
 import crosscheck
 import lieeuler
-from crosscheck.scene import GROUND, Body, Joint
+from crosscheck.scene.model import GROUND, Body, Joint
 from tests.hard.methods import FIXED, MOMENTUM
 from tests.scene_making import make_scene
 

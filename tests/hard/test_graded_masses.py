@@ -11,7 +11,7 @@ import pytest
 
 import crosscheck
 import lieeuler
-from crosscheck.engines.lieeuler import build_problem
+from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.references import truth
 from tests.hard.methods import FIXED
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import crosscheck
-from crosscheck.scene import GROUND, Body, Joint
+from crosscheck.scene.model import GROUND, Body, Joint
 from tests.scene_making import make_scene
 
 EPS = np.finfo(float).eps
@@ -15,7 +15,7 @@ def chain(count, **options):
     """A chain of links on ball joints, let go from a straight line 60 degrees off the vertical, out of the plane."""
     half, inertia = np.array([0.0, 0.0, LINK / 2]), np.diag([1e-4, 1.1e-4, 2e-5])
     attitude = np.array([np.cos(np.pi / 6), 0.0, np.sin(np.pi / 6), 0.0])
-    R = crosscheck.scene.rotation_from_quaternion(attitude)
+    R = crosscheck.scene.model.rotation_from_quaternion(attitude)
     w = np.array([0.3, 0.2, 1.0])
     rate = R @ np.cross(w, -half)  # of a link's middle by its own turning; its end moves at twice that
     bodies = [Body(f"link {k}", 0.1, inertia, attitude, w, (2 * k + 1) * (R @ -half), (2 * k + 1) * rate)

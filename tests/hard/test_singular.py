@@ -8,8 +8,8 @@ import pytest
 
 import crosscheck
 import lieeuler
-from crosscheck.engines.lieeuler import build_problem
-from crosscheck.scene import GROUND
+from crosscheck.adapters.lieeuler import build_problem
+from crosscheck.scene.model import GROUND
 from tests.hard.methods import FIXED
 
 SCENES = ("double_pendulum", "heavy_top", "four_bar", "spring_pendulum", "damped_pendulum")

@@ -5,8 +5,8 @@ import pytest
 
 import crosscheck
 import lieeuler
-from crosscheck.engines.lieeuler import build_problem
-from crosscheck.scene import GROUND, Body, Force
+from crosscheck.adapters.lieeuler import build_problem
+from crosscheck.scene.model import GROUND, Body, Force
 from tests.hard.methods import FIXED
 from tests.scene_making import make_scene
 

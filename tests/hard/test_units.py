@@ -11,8 +11,8 @@ import pytest
 
 import crosscheck
 import lieeuler
-from crosscheck.engines.lieeuler import build_problem
-from crosscheck.scene import Force, Scene
+from crosscheck.adapters.lieeuler import build_problem
+from crosscheck.scene.model import Force, Scene
 from tests.hard.methods import FIXED
 
 POWERS = ((2.0**10, 1.0, 1.0), (2.0**-10, 1.0, 1.0), (1.0, 2.0**10, 1.0), (1.0, 2.0**-10, 1.0), (1.0, 1.0, 2.0**10),

@@ -9,15 +9,15 @@ import pytest
 from typer.testing import CliRunner
 
 import crosscheck
-from crosscheck import cli
-from crosscheck.constraints import Constraints
-from crosscheck.engines import get
+from crosscheck.adapters import get
+from crosscheck.cli import app
 from crosscheck.inspection import Inspection, Probe, admissible, inspect, probe
 from crosscheck.inspection.base import LOOSEST, QUANTITIES
-from crosscheck.scene import Scene
-from crosscheck.scene_file import scene_names
-from crosscheck.states import States
-from crosscheck.support import minimal_scenes
+from crosscheck.running.support import minimal_scenes
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.file import scene_names
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 ENGINES = ("lieeuler", "mujoco", "pinocchio", "exudyn")
 SMALL = ("branching_tree", "slider_crank", "loaded_pendulum", "prismatic_slider", "torsion_wheel", "bricard")
@@ -133,23 +133,23 @@ def test_truth_is_independent_of_the_kernel() -> None:
 
 def test_command_line() -> None:
     runner = CliRunner()
-    good = runner.invoke(cli.app, ["inspect", "four_bar", "--engine", "mujoco", "--states", "1"])
+    good = runner.invoke(app.app, ["inspect", "four_bar", "--engine", "mujoco", "--states", "1"])
     assert good.exit_code == 0, good.output
     for words in ("four_bar: 3 bodies", "mass matrix", "soft", "mujoco maximal"):
         assert words in good.output
     assert "OFFENDER" not in good.output
     with pytest.raises(crosscheck.ArgumentError, match="--form"):
-        runner.invoke(cli.app, ["inspect", "four_bar", "--form", "trea"], catch_exceptions=False)
-    listed = runner.invoke(cli.app, ["support", "--engine", "exudyn"])
+        runner.invoke(app.app, ["inspect", "four_bar", "--form", "trea"], catch_exceptions=False)
+    listed = runner.invoke(app.app, ["support", "--engine", "exudyn"])
     assert listed.exit_code == 0, listed.output
     assert "point_on_plane" in listed.output
     assert "pivot" in listed.output
 
 
 def test_command_line_fails_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
-    from crosscheck import engines
+    from crosscheck import adapters
 
-    monkeypatch.setattr(engines, "get", lambda name: MisBuilt(lambda s: _body(s, 0, mass=1.001)))
-    done = CliRunner().invoke(cli.app, ["inspect", "single_pendulum", "--engine", "misbuilt", "--states", "0"])
+    monkeypatch.setattr(adapters, "get", lambda name: MisBuilt(lambda s: _body(s, 0, mass=1.001)))
+    done = CliRunner().invoke(app.app, ["inspect", "single_pendulum", "--engine", "misbuilt", "--states", "0"])
     assert done.exit_code == 1, done.output
     assert "FIRST OFFENDER: misbuilt tree: mass of 'pendulum' at t = 0" in done.output

@@ -10,7 +10,7 @@ import numpy as np
 import crosscheck
 import lieeuler
 from crosscheck import references
-from crosscheck.engines.lieeuler import build_problem
+from crosscheck.adapters.lieeuler import build_problem
 
 EPS = np.finfo(float).eps
 QUANTITIES = ("x", "R", "v", "w")

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import lieeuler
+from tests import ROOT
 from tests.lieeuler.systems import SYSTEMS
 
 T = np.linspace(0, 1, 11)
@@ -158,8 +159,9 @@ def chain_driver(tmp_path_factory):
     compiler = os.environ.get("CXX") or shutil.which("c++")
     eigen = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "include", "eigen3")
     program = tmp_path_factory.mktemp("core") / "chain_driver"
-    source = Path(__file__).parents[1] / "core" / "chain_driver.cpp"
-    subprocess.run([compiler, "-std=c++20", "-O1", "-I", eigen, source, "-o", program], check=True)
+    source = ROOT / "tests" / "core" / "chain_driver.cpp"
+    subprocess.run([compiler, "-std=c++20", "-O1", "-I", eigen, "-I", ROOT / "lieeuler" / "_core", source,
+                    "-o", program], check=True)
     return program
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import lieeuler
+from tests import ROOT
 from tests.lieeuler.systems import SYSTEMS, spring_chain
 
 FIELDS = ("x", "R", "v", "w", "a", "alpha", "lam")
@@ -98,7 +99,7 @@ SINGLE, LARGE, CLOSED = ("--bodies=1",), ("--bodies=200",), ("--bodies=40", "--c
 def test_ctrl_c_carries_the_trajectory_so_far(method, system):
     watchdog = 120  # s; a run that does not listen would take hours
     done = subprocess.run([sys.executable, "-m", "benchmarks.interruption", f"--method={method}", *system],
-                          capture_output=True, text=True, timeout=watchdog, cwd=Path(__file__).parents[2])
+                          capture_output=True, text=True, timeout=watchdog, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert int(re.search(r"(\d+) samples", done.stdout)[1]) >= 1
     assert done.stdout.endswith("interrupted\n")

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import crosscheck
 import lieeuler
-from crosscheck.engines.lieeuler import build_problem
+from crosscheck.adapters.lieeuler import build_problem
 from lieeuler import tableaux
 from tests.lieeuler.accuracy import QUANTITIES, assert_on_the_constraints, errors, scene, slopes, solve, truth
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import lieeuler
+from tests import ROOT
 
 METHODS = (*lieeuler.EULER_METHODS, "INDEX1_LE", "BAUMGARTE_LE", "rattle4", "rkmk_fixed", "rkmk_adaptive", "seulex",
            "taylor")
@@ -30,9 +31,10 @@ def watched_driver(tmp_path_factory):
     if subprocess.run([compiler, *WATCHED, probe, "-o", folder / "probe"], capture_output=True).returncode:
         pytest.skip(f"{compiler} has no sanitizers")
     eigen = Path(cmeel.__file__).parents[1] / "cmeel.prefix" / "include" / "eigen3"
-    source = Path(__file__).parents[1] / "core" / "watched_driver.cpp"
+    source = ROOT / "tests" / "core" / "watched_driver.cpp"
     program = folder / "watched_driver"
-    subprocess.run([compiler, "-std=c++20", *WATCHED, "-I", eigen, source, "-o", program], check=True)
+    subprocess.run([compiler, "-std=c++20", *WATCHED, "-I", eigen, "-I", ROOT / "lieeuler" / "_core", source,
+                    "-o", program], check=True)
     return program
 
 

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 import crosscheck
 import lieeuler
-from crosscheck.engines.lieeuler import build_problem
+from crosscheck.adapters.lieeuler import build_problem
 from tests.lieeuler.accuracy import QUANTITIES, assert_on_the_constraints, errors, scene, slopes, solve
 from tests.lieeuler.systems import SYSTEMS
 

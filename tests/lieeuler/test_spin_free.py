@@ -10,9 +10,9 @@ import pytest
 import crosscheck
 import lieeuler
 from crosscheck import references
-from crosscheck.engines.lieeuler import build_problem
+from crosscheck.adapters.lieeuler import build_problem
 from lieeuler.spin_free import spin_free_frames
-from tests.test_dalembert import slope
+from tests.scene.test_dalembert import slope
 
 
 def top(**changes):

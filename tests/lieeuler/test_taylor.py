@@ -13,8 +13,9 @@ import pytest
 
 import crosscheck
 import lieeuler
-from crosscheck.engines.lieeuler import build_problem
+from crosscheck.adapters.lieeuler import build_problem
 from lieeuler import _kernel
+from tests import ROOT
 from tests.lieeuler.test_redundant import linkage
 
 EPS = np.finfo(float).eps
@@ -198,8 +199,9 @@ def taylor_driver(tmp_path_factory):
     compiler = os.environ.get("CXX") or shutil.which("c++")
     eigen = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "include", "eigen3")
     program = tmp_path_factory.mktemp("core") / "taylor_driver"
-    source = Path(__file__).parents[1] / "core" / "taylor_driver.cpp"
-    subprocess.run([compiler, "-std=c++20", "-O1", "-I", eigen, source, "-o", program], check=True)
+    source = ROOT / "tests" / "core" / "taylor_driver.cpp"
+    subprocess.run([compiler, "-std=c++20", "-O1", "-I", eigen, "-I", ROOT / "lieeuler" / "_core", source,
+                    "-o", program], check=True)
     return program
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from crosscheck.scene import GROUND, Body, Joint, Scene, rotation_from_quaternion
+from crosscheck.scene.model import GROUND, Body, Joint, Scene, rotation_from_quaternion
 
 J = np.diag([0.1, 0.2, 0.15])
 

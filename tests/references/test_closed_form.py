@@ -5,7 +5,7 @@ import pytest
 
 from crosscheck.errors import Unsupported
 from crosscheck.references import closed_form, compute, taylor
-from crosscheck.scene import GROUND, rotation_from_quaternion
+from crosscheck.scene.model import GROUND, rotation_from_quaternion
 
 PRINTED = 2e-15  # fifteen decimals are printed; half a unit of the last one and a few roundings of numbers below 1
 

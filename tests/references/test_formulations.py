@@ -9,7 +9,7 @@ from scipy.special import ellipj, ellipk, ellipkinc
 from crosscheck.references import maximal, taylor
 from crosscheck.references.series import ORDERS
 from crosscheck.references.taylor import Taylor
-from crosscheck.scene import GROUND
+from crosscheck.scene.model import GROUND
 
 
 def _series(scene):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from crosscheck.references import articulated, compute, maximal
-from crosscheck.scene_file import load_scene
+from crosscheck.scene.file import load_scene
 
 EPS = np.finfo(float).eps
 

@@ -10,7 +10,7 @@ import pytest
 import crosscheck.references as references
 
 FOLDER = pathlib.Path(references.__file__).parent
-OWN = {"crosscheck.scene", "crosscheck.states", "crosscheck.errors"}  # data and exceptions, no mechanics
+OWN = {"crosscheck.scene.model", "crosscheck.scene.states", "crosscheck.errors"}  # data and exceptions, no mechanics
 
 
 def imported(file):
@@ -55,7 +55,7 @@ def test_the_formulations_share_no_equations():
 def test_running_loads_no_engine():
     """Dynamic imports would escape the syntax tree; a run in a fresh interpreter shows what is really loaded."""
     code = ("import sys; from crosscheck.references import compute, maximal; "
-            "from crosscheck.scene_file import load_scene; "
+            "from crosscheck.scene.file import load_scene; "
             "scene = load_scene('heavy_top').replace(duration=0.05, samples=2); compute(scene); "
             "maximal.Maximal(scene).run(); "
             "print(*[m for m in sys.modules if m.split('.')[0] in ('lieeuler', 'mujoco', 'pinocchio', 'exudyn') "

@@ -18,8 +18,8 @@ from crosscheck.references import (
     world_loads,
     world_rows,
 )
-from crosscheck.scene import GROUND, Force, Joint
-from crosscheck.scene_file import load_scene
+from crosscheck.scene.file import load_scene
+from crosscheck.scene.model import GROUND, Force, Joint
 from tests.scene_making import JOINT_TYPES, closed, drawn, make_scene, random_body, random_joint
 
 DURATION = {"duration": 0.6, "samples": 4}
@@ -108,7 +108,7 @@ def test_joint_that_closes_a_loop(kind):
 
 def closing_error(scene, reference):
     """Phi at all samples by the common measure, which neither formulation uses."""
-    from crosscheck.constraints import Constraints
+    from crosscheck.scene.constraints import Constraints
 
     return Constraints(scene).position(reference.states.x, reference.states.R).ravel()
 

@@ -6,7 +6,7 @@ from scipy.integrate import DOP853, Radau
 
 from crosscheck.references import compute, stiffness
 from crosscheck.references.maximal import RTOL, Maximal
-from crosscheck.scene_file import load_scene
+from crosscheck.scene.file import load_scene
 
 
 def test_eigenvalues_are_those_of_the_equations():

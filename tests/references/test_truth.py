@@ -5,8 +5,8 @@ import pytest
 
 from crosscheck.references import TruthError, articulated, compute, conditioning, maximal, world_rows
 from crosscheck.references.taylor import Taylor
-from crosscheck.scene import GROUND
-from crosscheck.scene_file import load_scene
+from crosscheck.scene.file import load_scene
+from crosscheck.scene.model import GROUND
 
 
 @pytest.mark.parametrize(("name", "source"), [

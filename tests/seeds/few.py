@@ -1,6 +1,6 @@
 """lieeuler with the methods that these tests are about: quick, and no other method's verdict ends in them."""
 
-from crosscheck.engines.lieeuler import LieEuler
+from crosscheck.adapters.lieeuler import LieEuler
 
 
 class Few(LieEuler):

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from crosscheck import load_scene
-from crosscheck.cli import app
+from crosscheck.cli.app import app
 from crosscheck.studies import chaos
 from crosscheck.studies.chaos import RUNS, Comparison, Law, judge
 

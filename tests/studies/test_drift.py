@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from crosscheck.cli import app
+from crosscheck.cli.app import app
 from crosscheck.studies.drift import EPS, growth, judge
 
 T = np.linspace(0.0, 1000.0, 10_001)

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from crosscheck import load_scene
-from crosscheck.cli import app
+from crosscheck.cli.app import app
 from crosscheck.errors import ArgumentError
 from crosscheck.studies import stability, stability_job
 from crosscheck.studies.stability import Attempt, Search

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from crosscheck import load_scene
-from crosscheck.cli import app
+from crosscheck.cli.app import app
 from crosscheck.errors import ArgumentError
 from crosscheck.studies import work_precision
 from crosscheck.studies.work_precision import INTERVALS, Way, check_names, ladder, measure, reference, ways
@@ -102,15 +102,15 @@ def test_ladders_meet_the_samples_of_the_truth(swing):
 
 
 def test_every_combination_is_a_way_or_has_a_reason(swing):
-    from crosscheck import engines
+    from crosscheck import adapters
 
     scene, _ = swing
     names = ("lieeuler", "mujoco")
     found, missing = ways(scene, names)
-    combinations = sum(len(engines.get(name).forms) * len(engines.methods(name)) for name in names)
+    combinations = sum(len(adapters.get(name).forms) * len(adapters.methods(name)) for name in names)
     assert len(found) + len(missing) == combinations
     assert all(rung.status == "skipped" and rung.reason for rung in missing)
-    assert {way.method for way in found if way.engine == "lieeuler"} == set(engines.methods("lieeuler"))
+    assert {way.method for way in found if way.engine == "lieeuler"} == set(adapters.methods("lieeuler"))
 
 
 def test_wrong_names_and_folders(tmp_path):

@@ -1,0 +1,92 @@
+"""The engine adapters: names, lookup, methods. An engine's package is imported only when the engine is used.
+
+An engine is called by its name, by a class of the user's own ("module:Class", "path/file.py:Class"), or by name and
+version ("mujoco==3.3.7").
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import importlib.metadata
+import importlib.util
+
+from crosscheck.adapters.base import Engine
+from crosscheck.errors import ArgumentError
+from crosscheck.spelling import unknown
+
+_ADAPTERS = {
+    "lieeuler": ("crosscheck.adapters.lieeuler", "LieEuler"),
+    "mujoco": ("crosscheck.adapters.mujoco.adapter", "MuJoCo"),
+    "pinocchio": ("crosscheck.adapters.pinocchio.adapter", "Pinocchio"),
+    "exudyn": ("crosscheck.adapters.exudyn.adapter", "Exudyn"),
+}
+_MORE = {
+    "drake": ("crosscheck.adapters.drake", "Drake", "pydrake"),
+    "dart": ("crosscheck.adapters.dart", "Dart", "dartpy"),
+}
+"""Optional engines, of the extra [more-engines], and the module each needs: listed where it is installed."""
+
+_GROUP = "crosscheck.engines"
+
+
+def names() -> tuple[str, ...]:
+    """Names of the engines: the four built in, the optional ones that are installed, then those other packages offer as
+    entry points, sorted."""
+    more = [name for name, (_, _, needed) in _MORE.items() if importlib.util.find_spec(needed) is not None]
+    offered = {point.name for point in importlib.metadata.entry_points(group=_GROUP)}
+    return (*_ADAPTERS, *more, *sorted(offered - set(_ADAPTERS) - set(_MORE)))
+
+
+def get(name: str) -> Engine:
+    """The adapter called `name`, as the package docstring says; no entry point takes over a built-in name.
+
+    Raises `ArgumentError` where there is none, where it lacks what an engine must have, or where `name` is no text;
+    `EngineError` where the environment of a version cannot be made.
+    """
+    if not isinstance(name, str):
+        raise ArgumentError(f"engine: a name is wanted, not {type(name).__name__}; allowed: {', '.join(names())}")
+    return _get(str(name))
+
+
+@functools.cache
+def _get(name: str) -> Engine:
+    if name in _ADAPTERS or name in _MORE:
+        module, adapter = (_ADAPTERS.get(name) or _MORE[name])[:2]
+        return getattr(importlib.import_module(module), adapter)()
+    if has_own_environment(name):
+        from crosscheck.adapters.foreign.versions import Versioned
+
+        return Versioned(name)
+    from crosscheck.adapters.foreign import own
+
+    for point in importlib.metadata.entry_points(group=_GROUP, name=name):
+        return own.completed(point.load()(), name, point.dist.version if point.dist else "unknown")
+    if is_own(name):
+        return own.load(name)
+    raise ArgumentError(unknown("engine", name, names()))
+
+
+def split(entry: str) -> tuple[str, str]:
+    """(engine, method) of "engine", "engine:method" and, for a class of the user's own, "module:Class:method"."""
+    if is_own(entry):
+        home, _, rest = entry.rpartition(":")
+        # Of a Windows path the drive has a colon too, and no folder before it.
+        return (home, rest) if ":" in home[2:] else (entry, "")
+    engine, _, method = entry.partition(":")
+    return engine, method
+
+
+def is_own(name: str) -> bool:
+    """Whether `name` stands for a class of the user's own, by module or file."""
+    return ":" in name and "==" not in name and name.partition(":")[0] not in names()
+
+
+def has_own_environment(name: str) -> bool:
+    """Whether `name` asks for a version, which runs in an environment of its own: its times compare with no other."""
+    return "==" in name
+
+
+def methods(name: str) -> tuple[str, ...]:
+    """Names of the methods of the engine called `name`; raises `ArgumentError` where there is no such engine."""
+    return get(name).methods

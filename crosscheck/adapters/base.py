@@ -1,0 +1,86 @@
+"""What an engine adapter is: what it can do, one request, one raw result. An engine knows no tolerance."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Protocol
+
+import numpy as np
+
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+
+
+@dataclasses.dataclass(frozen=True)
+class RunSpec:
+    """How to integrate a scene. Exactly one of `step` (s) and `rtol` is given, or neither for a method's default."""
+
+    method: str
+    step: float | None = None
+    rtol: float | None = None
+    form: str | None = None  # "tree" | "maximal" | "pivot"; None: the best that fits the scene
+    monitor: bool = True  # evaluate energy, constraint levels and orthogonality after every step
+    coordinate_map: str | None = None
+    spin_free: bool | None = None  # only ever given to an engine that lists it in `options`
+    alpha: float | None = None
+    beta: float | None = None
+    softness: str | None = None  # "tight" | "default": equality constraints of MuJoCo
+    node: str | None = None  # "lie" | "euler_parameters": rigid bodies of Exudyn
+
+
+@dataclasses.dataclass
+class RawRun:
+    """What `Engine.run` returns: states at the scene's output times, and what stepping cost.
+
+    `maxima` covers every step (keys of `crosscheck.running.trajectory.MAXIMA`), `constraint_acceleration` included
+    where the engine has accelerations; an adapter builds it with `crosscheck.running.trajectory.Monitor`, or leaves it
+    None when `spec.monitor` is false.
+    """
+
+    states: States
+    wall_time: float  # s, stepping only: no model building, no conversion
+    steps: int
+    step: float | None  # the step used, s
+    status: str = "success"
+    stats: dict[str, Any] = dataclasses.field(default_factory=dict)
+    maxima: dict[str, float] | None = None
+    form: str | None = None
+
+
+class Engine(Protocol):
+    """An engine adapter.
+
+    Entry points and classes of the user's own need only `name`, `methods`, `unsupported` and `run`, which may return
+    `States`: `crosscheck.adapters.foreign.own` has the defaults for the rest.
+
+    It may also have `options` (names of the optional fields of `RunSpec` it knows; without it, all), `adaptive_methods`
+    (those that take rtol; with it, the others must be given a step) and `forms` (model forms, the preferred one first).
+    """
+
+    name: str
+    methods: tuple[str, ...]
+
+    def version(self) -> str:
+        """Version of the engine as installed."""
+
+    def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
+        """Order of accuracy claimed by the engine's documentation or the method's users; None for adaptive methods.
+
+        A claim known to be wrong stays, with an entry in `crosscheck.judge.known`.
+        """
+
+    def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
+        """Constraint levels ("position", "velocity", "acceleration") this method holds at rounding by construction."""
+
+    def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
+        """Why this engine cannot run this scene in this way, or None where it can."""
+
+    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
+        """Integrate; raises `EngineError` with the engine's words when it fails."""
+
+
+def steps_per_sample(scene: Scene, step: float) -> tuple[int, float]:
+    """(steps in one sample interval, step used): the step shortened to the nearest one that divides the interval."""
+    interval = scene.duration / (scene.samples - 1)
+    count = max(1, int(np.ceil(interval / step * (1 - 1e-12))))
+    return count, interval / count

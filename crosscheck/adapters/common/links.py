@@ -1,0 +1,240 @@
+"""A scene as links: every body with the joint that carries it, and that joint as a chain of elementary motions.
+
+A link is a joint seen from the ground outwards. From the inner body's axes at its anchor, the chain is the constant
+rotation `zero`, then the parts in turn, each after its `offset` and in the axes the ones before it have reached; it
+ends in the outer body's axes at its own anchor. Relative attitudes map outer to inner axes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from crosscheck.adapters.common.spanning import spanning_tree
+from crosscheck.scene.constraints import normal_references
+from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
+
+IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
+_ZERO = np.zeros(3)
+CUT_LAST = {"fixed": 1, "revolute": 2, "spherical": 3}
+"""Joints that engines close loops with most readily, the readiest last; the others stay in the tree if they can."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """An elementary motion: a turn about or a slide along `axis`, unit, or a ball."""
+
+    kind: str  # "turn" | "slide" | "ball"
+    axis: np.ndarray = dataclasses.field(default_factory=lambda: _ZERO)
+    offset: np.ndarray = dataclasses.field(default_factory=lambda: _ZERO)  # m, goes before the motion
+
+    @property
+    def dofs(self) -> int:
+        """Degrees of freedom; a ball has one coordinate more, its quaternion w, x, y, z."""
+        return 3 if self.kind == "ball" else 1
+
+    @property
+    def coordinates(self) -> int:
+        """Number of position coordinates."""
+        return 4 if self.kind == "ball" else 1
+
+
+@dataclasses.dataclass(frozen=True)
+class Link:
+    """A body and the joint that hangs it on its parent (body index, or -1 for the ground); type "free" without one."""
+
+    body: int
+    parent: int
+    type: str
+    parent_anchor: np.ndarray  # (3,) parent's frame, from its centre of mass; world for the ground
+    child_anchor: np.ndarray  # (3,) body frame, from the centre of mass
+    axis: np.ndarray  # (3,) unit, body frame; zero for a joint without an axis
+    zero: np.ndarray  # (4,) quaternion w, x, y, z of the relative attitude at zero joint coordinate
+    parts: tuple[Part, ...] = ()
+    joint: str = ""  # the joint's name
+    outward: bool = True  # the joint's child is this body, not the parent
+
+    @property
+    def dofs(self) -> int:
+        """Degrees of freedom of the joint."""
+        return sum(part.dofs for part in self.parts)
+
+
+def obstacle(scene: Scene, types: Iterable[str], forces: Iterable[str] = ()) -> str | None:
+    """Why `scene` is no open tree of joints of these `types` with `forces` of these types, or None where it is one."""
+    types, forces = tuple(types), tuple(forces)
+    for force in scene.forces:
+        if force.type not in forces:
+            known = f"it has gravity and {', '.join(forces)}" if forces else "only gravity is"
+            return f"forces of type {force.type} are not built into this adapter; {known}"
+    for joint in scene.joints:
+        if joint.type not in types:
+            return f"joint {joint.name!r}: type {joint.type} is not built; this form has {', '.join(types)}"
+    if len(scene.joints) > scene.n or _order(scene) is None:
+        return "the joints do not form an open tree rooted in the ground (a loop, or a body that hangs on no joint)"
+    return None
+
+
+def links(scene: Scene) -> tuple[Link, ...]:
+    """The links of an open tree rooted in the ground, parents before children."""
+    ordered = _order(scene)
+    if ordered is None:
+        raise ValueError(f"scene {scene.name!r} is no open tree")
+    return tuple(link(scene, joint, outward) for joint, outward in ordered)
+
+
+def unfold(scene: Scene, always_cut: tuple[str, ...] = ()) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
+    """(links of a spanning tree, parents before children; the joints cut to make it one) of any scene.
+
+    Bodies that no chain of joints ties to the ground start a tree of their own on a free link. Joints of the types
+    `always_cut` are no part of the tree.
+    """
+    branches, cut = spanning_tree(
+        scene, lambda joint: -1 if joint.type in always_cut else len(CUT_LAST) - CUT_LAST.get(joint.type, 0))
+    found = [free(branch.body) if branch.joint is None else link(scene, branch.joint, branch.outward)
+             for branch in branches]
+    return depth_first(found), tuple(cut)
+
+
+def depth_first(chain: Sequence[Link]) -> tuple[Link, ...]:
+    """Every subtree in one piece: Pinocchio's crba and constraintDynamics are silently wrong on any other order."""
+    found: list[Link] = []
+    stack = [link for link in reversed(chain) if link.parent == GROUND]
+    while stack:
+        found.append(stack.pop())
+        stack += [link for link in reversed(chain) if link.parent == found[-1].body]
+    return tuple(found)
+
+
+def free(body: int) -> Link:
+    """A body on no joint: three slides of its centre of mass along the world's axes, and a ball."""
+    parts = (*(Part("slide", axis) for axis in np.eye(3)), Part("ball"))
+    return Link(body, GROUND, "free", _ZERO, _ZERO, _ZERO, IDENTITY, parts)
+
+
+def _order(scene: Scene) -> list[tuple[Joint, bool]] | None:
+    """Joints from the ground outwards, each with whether its child is the outer body; None if that is no tree."""
+    reached, left, ordered = {GROUND}, list(scene.joints), []
+    while left:
+        joint = next((joint for joint in left if (joint.parent in reached) != (joint.child in reached)), None)
+        if joint is None:
+            return None
+        ordered.append((joint, joint.parent in reached))
+        left.remove(joint)
+        reached |= {joint.parent, joint.child}
+    return ordered if len(reached) == scene.n + 1 else None
+
+
+def link(scene: Scene, joint: Joint, outward: bool = True) -> Link:
+    """A joint as the link that hangs its child on its parent or, not `outward`, the other way round."""
+    axes = [np.zeros(3) if axis is None else axis for axis in (joint.parent_axis, joint.child_axis)]
+    ends = [(joint.parent, joint.parent_anchor, axes[0]), (joint.child, joint.child_anchor, axes[1])]
+    (parent, parent_anchor, parent_axis), (body, child_anchor, axis) = ends if outward else ends[::-1]
+    zero = IDENTITY
+    if joint.type in ("revolute", "cylindrical", "planar"):
+        zero = shortest_rotation(joint.child_axis, joint.parent_axis)
+        zero = zero if outward else zero * CONJUGATE
+    elif joint.type in ("prismatic", "fixed", "universal"):
+        zero = relative_attitude(scene, parent, body)
+    parts = _parts(scene, joint, parent, body, outward, parent_axis, axis, zero)
+    return Link(body, parent, joint.type, parent_anchor, child_anchor, axis, zero, parts, joint.name, outward)
+
+
+def _parts(scene: Scene, joint: Joint, parent: int, body: int, outward: bool, parent_axis: np.ndarray,
+           axis: np.ndarray, zero: np.ndarray) -> tuple[Part, ...]:
+    turn, ball = Part("turn", axis), Part("ball")
+    match joint.type:
+        case "spherical":
+            return (ball,)
+        case "revolute":
+            return (turn,)
+        case "prismatic":
+            return (Part("slide", axis),)
+        case "cylindrical":
+            return Part("slide", axis), turn
+        case "planar":
+            return (*_slides(axis), turn)
+        case "universal":
+            return Part("turn", rotation_from_quaternion(zero).T @ parent_axis), turn
+        case "point_on_line" | "point_on_plane":
+            guide = joint.parent_axis  # fixed in the joint's parent, be it the inner body or the outer one
+            slides = (Part("slide", guide),) if joint.type == "point_on_line" else _slides(guide)
+            return (*slides, ball) if outward else (ball, *slides)
+        case "distance":
+            return _rod(scene, joint, parent, body, outward)
+    return ()
+
+
+def _slides(normal: np.ndarray) -> tuple[Part, Part]:
+    n1, n2 = normal_references(normal)
+    return Part("slide", n1), Part("slide", n2)
+
+
+def _rod(scene: Scene, joint: Joint, parent: int, body: int, outward: bool) -> tuple[Part, ...]:
+    """Two turns of the rod's direction and a ball at its end; singular where the rod lies along the first axis.
+
+    That axis is normal to the rod and to its velocity at the start, so that a swing in a plane stays clear of it.
+    """
+    anchors = (joint.parent_anchor, joint.child_anchor) if outward else (joint.child_anchor, joint.parent_anchor)
+    gap, rate = separation(scene, parent, body, *anchors)
+    rod = gap / np.linalg.norm(gap)
+    across = np.cross(rod, rate)
+    if np.linalg.norm(across) < 1e-6 * joint.length:  # at rest: it will fall
+        inner = np.eye(3) if parent == GROUND else scene.R0[parent]
+        across = np.cross(rod, inner.T @ scene.gravity)
+    if np.linalg.norm(across) < 1e-6:
+        across = normal_references(rod)[0]
+    first = across - (across @ rod) * rod
+    first /= np.linalg.norm(first)
+    return Part("turn", first), Part("turn", np.cross(rod, first)), Part("ball", offset=joint.length * rod)
+
+
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+"""A unit quaternion times this, entry by entry, is its inverse."""
+
+
+def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Unit quaternion of the shortest rotation that takes the unit vector `start` to `end`.
+
+    Half a turn, between opposite vectors, goes about the first of `normal_references(end)`, as torsion angles want it.
+    """
+    cosine = start @ end
+    if cosine < -1 + 1e-12:  # beyond it the formula below has lost every digit of the axis
+        return np.concatenate([[0.0], normal_references(end)[0]])
+    quaternion = np.concatenate([[1.0 + cosine], np.cross(start, end)])
+    return quaternion / np.linalg.norm(quaternion)
+
+
+def multiply(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Quaternion product of p and q, (4,), w first."""
+    return np.concatenate([[p[0] * q[0] - p[1:] @ q[1:]], p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])])
+
+
+def relative_attitude(scene: Scene, parent: int, body: int) -> np.ndarray:
+    """Initial attitude of `body` relative to `parent` as a quaternion w, x, y, z."""
+    attitude = scene.bodies[body].attitude
+    if parent == GROUND:
+        return attitude
+    return multiply(scene.bodies[parent].attitude * CONJUGATE, attitude)
+
+
+def relative_velocity(scene: Scene, parent: int, body: int) -> np.ndarray:
+    """Initial angular velocity of `body` relative to `parent`, rad/s, the body's axes."""
+    if parent == GROUND:
+        return scene.w0[body]
+    return scene.w0[body] - scene.R0[body].T @ scene.R0[parent] @ scene.w0[parent]
+
+
+def separation(scene: Scene, parent: int, body: int, parent_anchor: np.ndarray,
+               child_anchor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From the parent's anchor to the body's at the start, and its rate as seen from the parent, the parent's axes."""
+    R = scene.R0[body]
+    end = scene.x0[body] + R @ child_anchor
+    speed = scene.v0[body] + R @ np.cross(scene.w0[body], child_anchor)
+    if parent == GROUND:
+        return end - parent_anchor, speed
+    inner, w = scene.R0[parent], scene.w0[parent]
+    reach = inner.T @ (end - scene.x0[parent])
+    return reach - parent_anchor, inner.T @ (speed - scene.v0[parent]) - np.cross(w, reach)

@@ -1,0 +1,92 @@
+"""Fixed-step runs: chunks of steps, timing, samples, the monitor of every step, detection of divergence."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crosscheck.adapters.base import RawRun, RunSpec, steps_per_sample
+from crosscheck.errors import ArgumentError, EngineError
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    from crosscheck.running.trajectory import Monitor
+
+CHUNK = 16384
+"""Steps whose history is held at once while every step is monitored: some megabytes."""
+
+LIMIT = 1e10
+"""Coordinates and velocities beyond this, SI, count as divergence; MuJoCo's own limit (mjMAXVAL)."""
+
+Advance = Callable[[int, int], tuple[np.ndarray, np.ndarray]]
+"""(steps, stride) -> joint positions and velocities after every stride-th of the next `steps` steps."""
+
+Convert = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None], States]
+"""(t, q, v, joint accelerations or None) -> states."""
+
+
+def fixed_step(scene: Scene, spec: RunSpec) -> tuple[int, float]:
+    """(steps in one sample interval, step used, s); raises `ArgumentError` where no step is given."""
+    if spec.step is None:
+        raise ArgumentError(f"step: {spec.method} needs a fixed step; give step= (s)")
+    return steps_per_sample(scene, spec.step)
+
+
+def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], advance: Advance, convert: Convert,
+          accelerate: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> RawRun:
+    """Run a fixed-step engine over the scene; `wall_time` covers the calls of `advance` only.
+
+    `accelerate` maps histories (q, v), one row per time, to joint accelerations; it is called for every step where
+    `spec.monitor` is on, for the samples otherwise. Raises `EngineError` when the state stops being finite.
+    """
+    per, h = fixed_step(scene, spec)
+    total = per * (scene.samples - 1)
+    monitor = _monitor(scene) if spec.monitor else None
+    stride, chunk = (1, CHUNK) if spec.monitor else (per, total)
+    q, v = (part[None] for part in initial)
+    kept, done, wall = [(q, v, accelerate(q, v))], 0, 0.0
+    with np.errstate(over="ignore", invalid="ignore"):  # a diverging run is reported below, with its time
+        while done < total:
+            count = min(chunk, total - done)
+            start = time.perf_counter()
+            q, v = advance(count, stride)
+            wall += time.perf_counter() - start
+            steps = np.arange(done + stride, done + count + 1, stride)
+            check_finite(spec.method, steps * h, q, v)
+            a = accelerate(q, v)
+            if monitor is not None:
+                states = convert(steps * h, q, v, a)
+                monitor.update(states.x, states.R, states.v, states.w, states.a, states.alpha)
+            on_sample = steps % per == 0
+            kept.append((q[on_sample], v[on_sample], a[on_sample]))
+            done += count
+    states = convert(scene.t, *(np.concatenate(parts) for parts in zip(*kept, strict=True)))
+    return RawRun(states, wall, total, h, maxima=maxima(monitor, states), form=spec.form)
+
+
+def _monitor(scene: Scene) -> Monitor:
+    from crosscheck.running.trajectory import Monitor
+
+    return Monitor(scene)
+
+
+def maxima(monitor: Monitor | None, states: States) -> dict[str, float] | None:
+    """What `monitor` saw, once it has seen the samples too: t = 0 is one of them."""
+    if monitor is None:
+        return None
+    monitor.update(states.x, states.R, states.v, states.w, states.a, states.alpha)
+    return monitor.maxima()
+
+
+def check_finite(method: str, t: np.ndarray, *histories: np.ndarray) -> None:
+    """Raise `EngineError` with the first of the times t, (T,), at which a history (T, ...) is no longer finite."""
+    good = np.ones(len(t), dtype=bool)
+    for history in histories:
+        good &= (np.abs(history.reshape(len(t), -1)) < LIMIT).all(axis=1)
+    if not good.all():
+        raise EngineError(f"{method} diverged: the state is not finite at t = {t[np.argmin(good)]:.6g} s; "
+                          "try a smaller step")

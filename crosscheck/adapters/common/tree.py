@@ -1,0 +1,220 @@
+"""Kinematics of trees: joint coordinates and the common convention, both ways, for the joint-coordinate engines.
+
+Relative attitudes map body axes to the parent's axes; relative angular velocities are in body axes. What links are:
+`crosscheck.adapters.common.links`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from crosscheck.adapters.common.links import (
+    CONJUGATE,
+    IDENTITY,
+    multiply,
+    relative_attitude,
+    relative_velocity,
+    separation,
+)
+from crosscheck.adapters.common.links import Link as Link
+from crosscheck.adapters.common.links import links as links
+from crosscheck.adapters.common.links import obstacle as obstacle
+from crosscheck.scene.model import GROUND, Scene, rotation_from_quaternion
+from crosscheck.scene.states import States
+
+LEVELS = frozenset({"position", "velocity", "acceleration"})
+"""Joint coordinates hold every constraint level by construction."""
+
+Shift = tuple[np.ndarray, np.ndarray, np.ndarray | None]
+
+
+@dataclasses.dataclass
+class Motion:
+    """Relative motion of one link over T times: rotation, and the joint's point where it moves on the parent."""
+
+    R: np.ndarray  # (T, 3, 3)
+    w: np.ndarray  # (T, 3)
+    alpha: np.ndarray | None = None  # (T, 3) derivative of the components w
+    shift: Shift | None = None  # m, m/s, m/s^2 as seen from the parent, its axes, each (T, 3)
+
+
+def initial_coordinates(scene: Scene, link: Link) -> tuple[np.ndarray, np.ndarray]:
+    """(joint position, joint velocity) at t = 0, part by part.
+
+    Ball: quaternion w, x, y, z and relative angular velocity in the axes it turns to. Turn: angle in (-pi, pi] (rad)
+    about its axis and its rate. Slide: travel (m) along its axis and its rate. A fixed link has none.
+    """
+    attitude = relative_attitude(scene, link.parent, link.body)
+    gap, rate = separation(scene, link.parent, link.body, link.parent_anchor, link.child_anchor)
+    q = _coordinates(link, attitude, gap)
+    w = relative_velocity(scene, link.parent, link.body)
+    unit = motion(link, np.tile(q, (link.dofs, 1)), np.eye(link.dofs), None)  # velocities are linear in the rates
+    shifting = np.zeros((link.dofs, 3)) if unit.shift is None else unit.shift[1]
+    columns = np.concatenate([unit.w, shifting], axis=1).T
+    return q, np.linalg.lstsq(columns, np.concatenate([w, rate]), rcond=None)[0]
+
+
+def _coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """Joint position from the relative attitude and the gap between the anchors, the parent's axes."""
+    if link.type == "universal":
+        return np.array(_two_turns(link, multiply(link.zero * CONJUGATE, attitude)))
+    if link.type == "distance":
+        return _rod_coordinates(link, attitude, gap)
+    turned = multiply(link.zero * CONJUGATE, attitude)
+    outer_slides = link.parts[:1] and link.parts[0].kind == "ball"  # they lie in the axes the ball has turned to
+    reach = rotation_from_quaternion(attitude if outer_slides else link.zero).T @ gap
+    values: list[np.ndarray] = []
+    for part in link.parts:
+        if part.kind == "ball":
+            values.append(turned)
+        elif part.kind == "slide":
+            values.append(np.array([part.axis @ reach]))
+        else:
+            angle = 2.0 * np.arctan2(turned[1:] @ part.axis, turned[0])
+            values.append(np.array([np.remainder(angle + np.pi, 2 * np.pi) - np.pi]))
+    return np.concatenate(values) if values else np.zeros(0)
+
+
+def _two_turns(link: Link, turned: np.ndarray) -> tuple[float, float]:
+    """Angles of exp(first) exp(second) = `turned` about two axes at right angles."""
+    T, first, second = rotation_from_quaternion(turned), link.parts[0].axis, link.parts[1].axis
+    third = np.cross(first, second)
+    return (float(np.arctan2(third @ T @ second, second @ T @ second)),
+            float(np.arctan2(first @ T @ third, first @ T @ first)))
+
+
+def _rod_coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    first, rod = link.parts[0].axis, link.parts[2].offset
+    along, normal = rod / np.linalg.norm(rod), np.cross(first, rod / np.linalg.norm(rod))
+    angles = np.array([np.arctan2(gap @ normal, gap @ along),
+                       np.arctan2(gap @ first, np.hypot(gap @ normal, gap @ along))])
+    turned = IDENTITY
+    for part, angle in zip(link.parts, angles, strict=False):
+        turned = multiply(turned, np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * part.axis]))
+    return np.concatenate([angles, multiply(turned * CONJUGATE, attitude)])
+
+
+def turning(axis: np.ndarray, angle: np.ndarray, rate: np.ndarray, second: np.ndarray | None) -> Motion:
+    """Rotation about a fixed unit `axis`, (3,): angle (rad), rate and its derivative, each (T,)."""
+    half = 0.5 * angle[:, None]
+    R = rotation_from_quaternion(np.concatenate([np.cos(half), np.sin(half) * axis], axis=1))
+    return Motion(R, np.outer(rate, axis), None if second is None else np.outer(second, axis))
+
+
+def compose(inner: Motion, outer: Motion) -> Motion:
+    """The rotation `inner` followed, in its turned frame, by `outer`."""
+    carried = _turn_back(outer.R, inner.w)
+    alpha = None
+    if inner.alpha is not None and outer.alpha is not None:
+        # what the inner rotation carries turns backwards as seen from the outer frame
+        alpha = _turn_back(outer.R, inner.alpha) + outer.alpha - np.cross(outer.w, carried)
+    return Motion(inner.R @ outer.R, carried + outer.w, alpha)
+
+
+def motion(link: Link, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> Motion:
+    """Relative motion from joint coordinates as in `initial_coordinates`, batched: q (T, nq), v and a (T, nv)."""
+    still = np.zeros((len(q), 3))
+    turned = Motion(np.broadcast_to(rotation_from_quaternion(link.zero), (len(q), 3, 3)), still,
+                    None if a is None else still)
+    shift: Shift | None = None
+    at_q = at_v = 0
+    for part in link.parts:
+        own = q[:, at_q:at_q + part.coordinates]
+        rate, second = v[:, at_v:at_v + part.dofs], None if a is None else a[:, at_v:at_v + part.dofs]
+        at_q, at_v = at_q + part.coordinates, at_v + part.dofs
+        if np.any(part.offset):
+            shift = _shifted(shift, turned, still + part.offset, still, still)
+        if part.kind == "slide":
+            shift = _shifted(shift, turned, *(still if values is None else values * part.axis
+                                              for values in (own, rate, second)))
+        elif part.kind == "turn":
+            turn = turning(part.axis, own[:, 0], rate[:, 0], None if second is None else second[:, 0])
+            turned = compose(turned, turn)
+        else:
+            R = rotation_from_quaternion(own / np.linalg.norm(own, axis=1, keepdims=True))
+            turned = compose(turned, Motion(R, rate, second))
+    return dataclasses.replace(turned, shift=shift)
+
+
+def _shifted(shift: Shift | None, turned: Motion, d: np.ndarray, rate: np.ndarray, second: np.ndarray) -> Shift:
+    """`shift` with a displacement d (T, 3) added in axes that have `turned`, which carry it along."""
+    w = turned.w
+    speed = rate + np.cross(w, d)
+    added = _turn(turned.R, d), _turn(turned.R, speed)
+    acceleration = None
+    if turned.alpha is not None:
+        acceleration = _turn(turned.R, second + np.cross(turned.alpha, d) + np.cross(w, rate + speed))
+    if shift is None:
+        return (*added, acceleration)
+    last = None if acceleration is None or shift[2] is None else shift[2] + acceleration
+    return shift[0] + added[0], shift[1] + added[1], last
+
+
+def forward(chain: Sequence[Link], motions: Sequence[Motion], t: np.ndarray, accelerations: bool) -> States:
+    """Kinematics of the tree: relative motions of the links to `States` of the bodies."""
+    times, n = len(t), len(chain)
+    states = States(t, np.empty((times, n, 3)), np.empty((times, n, 3, 3)), np.empty((times, n, 3)),
+                    np.empty((times, n, 3)))
+    a, alpha = np.empty((times, n, 3)), np.empty((times, n, 3))
+    for link, relative in zip(chain, motions, strict=True):
+        _place(states, link, relative)
+        if accelerations:
+            a[:, link.body], alpha[:, link.body] = _accelerations(states, a, alpha, link, relative)
+    if accelerations:
+        states.a, states.alpha = a, alpha
+    return states
+
+
+def _turn(R: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    return np.einsum("tij,tj->ti", R, vector)
+
+
+def _turn_back(R: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    return np.einsum("tji,tj->ti", R, vector)
+
+
+def _parent(states: States, link: Link) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """x, R, v, w of the parent; the resting ground has the world's frame."""
+    if link.parent == GROUND:
+        rest = np.zeros((len(states.t), 3))
+        return rest, np.broadcast_to(np.eye(3), (len(rest), 3, 3)), rest, rest
+    k = link.parent
+    return states.x[:, k], states.R[:, k], states.v[:, k], states.w[:, k]
+
+
+def _slide(link: Link, relative: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joint point in the parent's frame, its velocity and acceleration relative to that frame, each (T, 3)."""
+    still = np.zeros((len(relative.R), 3))
+    if relative.shift is None:
+        return still + link.parent_anchor, still, still
+    d, rate, second = relative.shift
+    return link.parent_anchor + d, rate, still if second is None else second
+
+
+def _place(states: States, link: Link, relative: Motion) -> None:
+    x, R, v, w = _parent(states, link)
+    arm, slide, _ = _slide(link, relative)
+    body = link.body
+    turned = compose(Motion(R, w), relative)
+    states.R[:, body], states.w[:, body] = turned.R, turned.w
+    states.x[:, body] = x + _turn(R, arm) - states.R[:, body] @ link.child_anchor
+    states.v[:, body] = v + _turn(R, np.cross(w, arm) + slide) - _turn(
+        states.R[:, body], np.cross(states.w[:, body], link.child_anchor))
+
+
+def _accelerations(states: States, a: np.ndarray, alpha: np.ndarray, link: Link,
+                   relative: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """(a, alpha) of the link's body, (T, 3) each, from those of its parent in `a` and `alpha`, (T, n, 3)."""
+    _, R, _, w = _parent(states, link)
+    arm, slide, second = _slide(link, relative)
+    still = np.zeros_like(w)
+    a_parent, alpha_parent = (still, still) if link.parent == GROUND else (a[:, link.parent], alpha[:, link.parent])
+    turned = compose(Motion(R, w, alpha_parent), relative)
+    if turned.alpha is None:
+        raise ValueError(f"body {link.body}: the relative motion has no accelerations")
+    joint = np.cross(alpha_parent, arm) + np.cross(w, np.cross(w, arm) + 2 * slide) + second
+    hang = np.cross(turned.alpha, link.child_anchor) + np.cross(turned.w, np.cross(turned.w, link.child_anchor))
+    return a_parent + _turn(R, joint) - _turn(turned.R, hang), turned.alpha

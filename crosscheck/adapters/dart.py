@@ -1,0 +1,127 @@
+"""DART: joint coordinates of a Skeleton, balls as rotations, stepped by its semi-implicit Euler method.
+
+Source: Lee et al. 2018, doi:10.21105/joss.00500.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.common import open_tree, stepping, tree
+from crosscheck.scene.model import GROUND, Scene
+
+ORDERS = {"SemiImplicitEuler": 1}
+
+
+class Dart:
+    """Adapter of DART, form `tree`."""
+
+    name = "dart"
+    methods = tuple(ORDERS)
+    forms = ("tree",)
+    options = frozenset({"form"})
+    adaptive_methods: tuple[str, ...] = ()
+
+    def version(self) -> str:
+        """Version of dartpy as installed."""
+        return importlib.metadata.version("dartpy")
+
+    def documented_order(self, scene: Scene, spec: RunSpec) -> int:
+        """First order."""
+        return ORDERS[spec.method]
+
+    def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
+        """All three, by joint coordinates."""
+        return tree.LEVELS
+
+    def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
+        """Why DART cannot run this here, or None."""
+        return open_tree.unsupported(scene, spec)
+
+    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
+        """Integrate; raises `EngineError` when the state stops being finite."""
+        import dartpy
+
+        model, bench = Model(scene), Model(scene)
+        world = dartpy.simulation.World()
+        world.setGravity(scene.gravity)
+        world.setTimeStep(stepping.fixed_step(scene, spec)[1])
+        world.addSkeleton(model.skeleton)
+
+        def advance(count: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
+            q, v = np.empty((2, count // stride, model.skeleton.getNumDofs()))
+            for row in range(count // stride):
+                for _ in range(stride):
+                    world.step()
+                q[row], v[row] = model.skeleton.getPositions(), model.skeleton.getVelocities()
+            return q, v
+
+        start = np.array(model.skeleton.getPositions()), np.array(model.skeleton.getVelocities())
+        raw = stepping.march(scene, spec, start, advance,
+                             open_tree.converter(scene, bench.set_state, bench.body_state),
+                             open_tree.rows(bench.accelerations))
+        raw.form = "tree"
+        return raw
+
+
+class Model:
+    """The scene's skeleton in its initial state."""
+
+    def __init__(self, scene: Scene) -> None:
+        import dartpy
+
+        self.skeleton = dartpy.dynamics.Skeleton()
+        self.skeleton.setGravity(scene.gravity)
+        self.bodies: dict[int, Any] = {}
+        for link in tree.links(scene):
+            joint, body = self._pair(link)
+            spec = scene.bodies[link.body]
+            body.setInertia(dartpy.dynamics.Inertia(spec.mass, np.zeros(3), spec.inertia))
+            joint.setTransformFromParentBodyNode(_pose(open_tree.zero_attitude(scene, link), link.parent_anchor))
+            joint.setTransformFromChildBodyNode(_pose(np.eye(3), link.child_anchor))
+            q, v = tree.initial_coordinates(scene, link)
+            if link.type in ("revolute", "prismatic"):
+                joint.setAxis(link.parts[0].axis)
+                joint.setPositions(q)
+            if link.dofs:
+                joint.setVelocities(v)  # of a ball in the axes it turns to, and its rotation starts from zero
+            self.bodies[link.body] = body
+
+    def _pair(self, link: tree.Link) -> tuple[Any, Any]:
+        create = {"spherical": self.skeleton.createBallJointAndBodyNodePair,
+                  "revolute": self.skeleton.createRevoluteJointAndBodyNodePair,
+                  "prismatic": self.skeleton.createPrismaticJointAndBodyNodePair,
+                  "fixed": self.skeleton.createWeldJointAndBodyNodePair}[link.type]
+        joint, body = create() if link.parent == GROUND else create(self.bodies[link.parent])
+        return joint, body
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Put joint positions and velocities in, and the accelerations they lead to."""
+        self.skeleton.setPositions(q)
+        self.skeleton.setVelocities(v)
+        self.skeleton.computeForwardDynamics()
+
+    def accelerations(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Joint accelerations."""
+        self.set_state(q, v)
+        return np.array(self.skeleton.getAccelerations())
+
+    def body_state(self, index: int) -> open_tree.BodyState:
+        """Motion of a body in the state put in last."""
+        body = self.bodies[index]
+        pose = body.getWorldTransform()
+        return (pose.translation(), pose.rotation(), body.getCOMLinearVelocity(), body.getAngularVelocity(),
+                body.getCOMLinearAcceleration(), body.getAngularAcceleration())
+
+
+def _pose(attitude: np.ndarray, point: np.ndarray) -> Any:
+    import dartpy
+
+    pose = dartpy.math.Isometry3()
+    pose.set_rotation(attitude)
+    pose.set_translation(point)
+    return pose

@@ -1,0 +1,228 @@
+"""Drake: joint coordinates of a MultibodyPlant in continuous time, stepped by its own integrators.
+
+Source: https://drake.mit.edu, Tedrake and the Drake development team 2019. A ball joint has roll, pitch and yaw, which
+lock where the pitch comes to a right angle: they count from the attitude at the start, and the pitch is taken about
+the axis about which the ball turns least there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import time
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.common import open_tree, stepping, tree
+from crosscheck.errors import EngineError
+from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.states import States
+
+FIXED = {"explicit_euler": 1, "semi_explicit_euler": 1, "runge_kutta2": 2}
+"""Integrators without error control, and their order."""
+
+CONTROLLED = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3", "implicit_euler")
+"""Integrators with error control; rtol is Drake's target accuracy, the error of a step of the states it weighs."""
+
+LONGEST = 0.1
+"""Longest step (s) of an integrator with error control, as Drake's own simulations have it."""
+
+
+Moment = tuple[float, np.ndarray, np.ndarray]
+"""Time (s), joint positions, joint velocities."""
+
+
+class Drake:
+    """Adapter of Drake, form `tree`."""
+
+    name = "drake"
+    methods = (*FIXED, *CONTROLLED)
+    forms = ("tree",)
+    options = frozenset({"form"})
+    adaptive_methods = CONTROLLED
+
+    def version(self) -> str:
+        """Version of Drake as installed."""
+        return importlib.metadata.version("drake")
+
+    def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
+        """Order of the fixed-step integrators, None with error control."""
+        return FIXED.get(spec.method)
+
+    def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
+        """All three, by joint coordinates."""
+        return tree.LEVELS
+
+    def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
+        """Why Drake cannot run this here, or None."""
+        return open_tree.unsupported(scene, spec)
+
+    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
+        """Integrate; raises `EngineError` with Drake's words where it gives up."""
+        model = Model(scene)
+        raw = _stepped(scene, spec, model) if spec.method in FIXED else _controlled(scene, spec, model)
+        raw.form = "tree"
+        return raw
+
+
+class Model:
+    """The scene's plant, and a context in which its states are evaluated."""
+
+    def __init__(self, scene: Scene) -> None:
+        from pydrake.multibody.plant import MultibodyPlant
+
+        self.plant = MultibodyPlant(0.0)
+        self.bodies = [self.plant.AddRigidBody(str(index), _inertia(body)) for index, body in enumerate(scene.bodies)]
+        self.joints = [(link, self._joint(scene, link)) for link in tree.links(scene)]
+        self.plant.mutable_gravity_field().set_gravity_vector(scene.gravity)
+        self.plant.Finalize()
+        self.bench = self.plant.CreateDefaultContext()
+
+    def _joint(self, scene: Scene, link: tree.Link) -> Any:
+        from pydrake.math import RigidTransform, RotationMatrix
+        from pydrake.multibody.tree import BallRpyJoint, FixedOffsetFrame, PrismaticJoint, RevoluteJoint, WeldJoint
+
+        parent = self.plant.world_body() if link.parent == GROUND else self.bodies[link.parent]
+        axes = _pitch_axes(scene, link) if link.type == "spherical" else np.eye(3)
+        outer = RigidTransform(RotationMatrix(open_tree.zero_attitude(scene, link) @ axes), link.parent_anchor)
+        inner = RigidTransform(RotationMatrix(axes), link.child_anchor)
+        frames = [self.plant.AddFrame(FixedOffsetFrame(f"{side} of {link.body}", body.body_frame(), pose))
+                  for side, body, pose in (("parent", parent, outer), ("child", self.bodies[link.body], inner))]
+        name = f"joint of {link.body}"
+        match link.type:
+            case "spherical":
+                joint: Any = BallRpyJoint(name, *frames)
+            case "revolute":
+                joint = RevoluteJoint(name, *frames, axis=link.parts[0].axis)
+            case "prismatic":
+                joint = PrismaticJoint(name, *frames, axis=link.parts[0].axis)
+            case _:
+                joint = WeldJoint(name, *frames, RigidTransform())
+        return self.plant.AddJoint(joint)
+
+    def start(self, scene: Scene, context: Any) -> None:
+        """Put the scene's initial state into a context."""
+        for link, joint in self.joints:
+            q, v = tree.initial_coordinates(scene, link)
+            match link.type:
+                case "spherical":
+                    joint.set_angles(context, np.zeros(3))
+                    joint.set_angular_velocity(context, _pitch_axes(scene, link).T @ v)
+                case "revolute":
+                    joint.set_angle(context, q[0]), joint.set_angular_rate(context, v[0])
+                case "prismatic":
+                    joint.set_translation(context, q[0]), joint.set_translation_rate(context, v[0])
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Put joint positions and velocities into the bench."""
+        self.plant.SetPositions(self.bench, q)
+        self.plant.SetVelocities(self.bench, v)
+
+    def accelerations(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Joint accelerations."""
+        self.set_state(q, v)
+        return np.array(self.plant.EvalTimeDerivatives(self.bench).get_generalized_velocity().CopyToVector())
+
+    def body_state(self, index: int) -> open_tree.BodyState:
+        """Motion of a body in the bench's state."""
+        body = self.bodies[index]
+        pose = self.plant.EvalBodyPoseInWorld(self.bench, body)
+        twist = self.plant.EvalBodySpatialVelocityInWorld(self.bench, body)
+        rate = self.plant.EvalBodySpatialAccelerationInWorld(self.bench, body)
+        return (pose.translation(), pose.rotation().matrix(), twist.translational(), twist.rotational(),
+                rate.translational(), rate.rotational())
+
+
+def _inertia(body: Any) -> Any:
+    from pydrake.multibody.tree import RotationalInertia, SpatialInertia
+
+    J = body.inertia
+    central = RotationalInertia(J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
+    return SpatialInertia.MakeFromCentralInertia(body.mass, np.zeros(3), central)
+
+
+def _pitch_axes(scene: Scene, link: tree.Link) -> np.ndarray:
+    """Cyclic permutation (3, 3) of the body's axes that makes the one it turns about least the second."""
+    _, w = tree.initial_coordinates(scene, link)
+    return np.roll(np.eye(3), 1 - int(np.argmin(np.abs(w))), axis=1)
+
+
+def _simulator(scene: Scene, spec: RunSpec, model: Model) -> Any:
+    from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+
+    simulator = Simulator(model.plant)
+    model.start(scene, simulator.get_mutable_context())
+    ResetIntegratorFromFlags(simulator, spec.method, LONGEST)
+    return simulator
+
+
+def _stepped(scene: Scene, spec: RunSpec, model: Model) -> RawRun:
+    plant, (_, h) = model.plant, stepping.fixed_step(scene, spec)
+    simulator = _simulator(scene, spec, model)
+    integrator, context = simulator.get_mutable_integrator(), simulator.get_context()
+    integrator.set_maximum_step_size(h)
+    if spec.method == "runge_kutta2":
+        integrator.set_fixed_step_mode(True)
+    simulator.Initialize()
+    done = 0
+
+    def advance(count: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
+        nonlocal done
+        q, v = (np.empty((count // stride, size)) for size in (plant.num_positions(), plant.num_velocities()))
+        for row in range(count // stride):
+            done += stride
+            _advance(simulator, spec.method, done * h)
+            q[row], v[row] = plant.GetPositions(context), plant.GetVelocities(context)
+        return q, v
+
+    start = np.array(plant.GetPositions(context)), np.array(plant.GetVelocities(context))
+    return stepping.march(scene, spec, start, advance, open_tree.converter(scene, model.set_state, model.body_state),
+                          open_tree.rows(model.accelerations))
+
+
+def _controlled(scene: Scene, spec: RunSpec, model: Model) -> RawRun:
+    """With error control; a step ends at every output time."""
+    from crosscheck.running.trajectory import Monitor
+
+    simulator = _simulator(scene, spec, model)
+    integrator, context, plant = simulator.get_mutable_integrator(), simulator.get_context(), model.plant
+    integrator.set_target_accuracy(1e-9 if spec.rtol is None else spec.rtol)
+    simulator.Initialize()
+    passed: list[Moment] = []
+
+    def look(now: Any) -> None:
+        passed.append((now.get_time(), np.array(plant.GetPositions(now)), np.array(plant.GetVelocities(now))))
+
+    look(context)
+    samples, wall = [passed[0]], 0.0
+    if spec.monitor:
+        simulator.set_monitor(look)
+    for t in scene.t[1:]:
+        began = time.perf_counter()
+        _advance(simulator, spec.method, t)
+        wall += time.perf_counter() - began
+        look(context)
+        samples.append(passed[-1])
+    convert = open_tree.converter(scene, model.set_state, model.body_state)
+
+    def states_of(moments: list[Moment]) -> States:
+        t, q, v = (np.array(column) for column in zip(*moments, strict=True))
+        stepping.check_finite(spec.method, t, q, v)
+        return convert(t, q, v, v)  # accelerations are wanted; what they are is Drake's to say
+
+    states = dataclasses.replace(states_of(samples), t=scene.t)
+    monitor = Monitor(scene) if spec.monitor else None
+    if monitor is not None:
+        every = states_of(passed)
+        monitor.update(every.x, every.R, every.v, every.w, every.a, every.alpha)
+    return RawRun(states, wall, integrator.get_num_steps_taken(), None, maxima=stepping.maxima(monitor, states))
+
+
+def _advance(simulator: Any, method: str, t: float) -> None:
+    try:
+        simulator.AdvanceTo(t)
+    except RuntimeError as error:
+        at = simulator.get_context().get_time()
+        raise EngineError(f"Drake {method} stopped at t = {at:.6g} s: {str(error).splitlines()[0]}") from error

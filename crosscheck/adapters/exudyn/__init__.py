@@ -1,0 +1,1 @@
+"""Exudyn: adapter, models of bodies with joints, kinematic trees, solver settings."""

@@ -1,0 +1,211 @@
+"""Exudyn: implicit solvers with constraints, explicit ones at a pivot or on an open kinematic tree.
+
+Source: Gerstmayr, Multibody System Dynamics 2023, doi:10.1007/s11044-023-09937-1. With `monitor` on, sensors record
+every step inside the timed part: speed figures want it off, and then explicit methods return no accelerations.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.metadata
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.common import stepping, tree
+from crosscheck.adapters.common.spanning import redundant_rows
+from crosscheck.adapters.exudyn import kinematic_tree, models, solving
+from crosscheck.adapters.exudyn.solving import IMPLICIT, NEWTON_TOLERANCES, load, solve
+from crosscheck.errors import EngineError
+from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.states import States
+
+__all__ = ["CLEARANCE", "IMPLICIT", "NEWTON_TOLERANCES", "ORDERS", "Exudyn", "cardan_order", "load"]
+
+ORDERS = {"GeneralizedAlpha": 2, "TrapezoidalIndex2": 2, "RK44": 4, "RK67": 6, "DOPRI5": 5}
+PREFERRED_ORDER = "XYZ"
+CLEARANCE = 0.25
+"""|cos| of the middle Cardan angle below which another order is taken; the equations stiffen as its inverse square."""
+
+SCOUT_STEPS = 2000
+"""Steps of the run that looks for a gimbal lock ahead."""
+
+
+class Exudyn:
+    """Adapter of Exudyn, forms `maximal`, `pivot` and `tree`; rigid bodies on nodes of either kind."""
+
+    name = "exudyn"
+    methods = tuple(ORDERS)
+    forms = ("maximal", "pivot", "tree")
+    options = frozenset({"form", "node"})
+    adaptive_methods: tuple[str, ...] = ()
+
+    def version(self) -> str:
+        """Version of Exudyn as installed."""
+        return importlib.metadata.version("exudyn")
+
+    def documented_order(self, scene: Scene, spec: RunSpec) -> int:
+        """The order in Exudyn's documentation."""
+        return ORDERS[spec.method]
+
+    def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
+        """All in joint coordinates; where there are constraints, what the index imposes."""
+        if not scene.joints or not self._constrained(scene, self.form(scene, spec)):
+            return tree.LEVELS
+        return frozenset({"velocity" if spec.method == "TrapezoidalIndex2" else "position"})
+
+    def form(self, scene: Scene, spec: RunSpec) -> str:
+        """The form that runs: the one asked for, else maximal for implicit methods or free bodies, pivot, tree."""
+        if spec.form is not None:
+            return spec.form
+        if spec.method in IMPLICIT or not scene.joints:
+            return "maximal"
+        return "pivot" if _turns_about_ground(scene) and not _springs(scene) else "tree"
+
+    def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
+        """Why Exudyn cannot run this, or None."""
+        form = self.form(scene, spec)
+        if form not in self.forms:
+            return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"
+        if form == "pivot" and not _turns_about_ground(scene):
+            return "form pivot is for one body on one spherical joint to the ground"
+        if form == "tree" and not any(link.dofs for link in kinematic_tree.spanned(scene)[0]):
+            return "nothing moves: a kinematic tree needs at least one coordinate; form maximal holds resting bodies"
+        if form == "tree" and spec.node is not None:
+            return f"node={spec.node!r} says what carries rigid bodies; form tree has none, its node holds coordinates"
+        if spec.method in IMPLICIT:
+            return None
+        if spec.node == "euler_parameters":
+            return f"{spec.method} is explicit, and Euler parameters bring a constraint of their own; node lie has none"
+        if form == "pivot" and _springs(scene):
+            return ("Exudyn's explicit solvers hold the pivot at the end of a step only: a spring sees it move at the "
+                    "stages, which leaves order 2, with damping order 1; form tree does not")
+        if self._constrained(scene, form):
+            return (f"{spec.method} is explicit and eliminates no joint constraints, which form {form} has here; "
+                    "GeneralizedAlpha is implicit")
+        return None
+
+    def _constrained(self, scene: Scene, form: str) -> bool:
+        """Whether joints of the scene are constraints of the model, beyond the elimination of a pivot."""
+        if form == "maximal":
+            return bool(scene.joints)
+        return form == "tree" and bool(kinematic_tree.spanned(scene)[1])
+
+    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
+        """Integrate; raises `EngineError` with Exudyn's words when it fails."""
+        load()
+        form = self.form(scene, spec)
+        per, h = stepping.fixed_step(scene, spec)
+        build, stats = self._builder(scene, spec, form)
+        every = 1 if spec.monitor else per
+        linear = self._linear_solver(scene, spec, form)
+        found = solve(build, spec.method, scene.duration, per * (scene.samples - 1), every, linear)
+        model, t, data = found.model, found.t, found.data
+        if "cardan_order" in stats:
+            middle = kinematic_tree.middle_angles(scene)
+            stats["gimbal_clearance"] = float(np.abs(np.cos(data[0][:, middle])).min())
+        if spec.method in IMPLICIT:
+            stats["newton_tolerance"] = found.tolerance
+            stats["newton_iterations"] = int(found.solver.it.newtonStepsCount)
+            stats["factorizations"] = int(found.solver.it.newtonJacobiCount)
+        picked = slice(None, None, per // every)
+        states = model.convert(scene.t, [part[picked] for part in data])
+        if spec.method not in IMPLICIT:
+            _drop_unknown_accelerations(states, every)
+        maxima = _maxima(scene, model, t, data) if spec.monitor else None
+        return RawRun(states, found.wall_time, per * (scene.samples - 1), h, stats=stats, maxima=maxima, form=form)
+
+    def _builder(self, scene: Scene, spec: RunSpec,
+                 form: str) -> tuple[Callable[[], models.Model], dict[str, Any]]:
+        """What makes a fresh model, and what there is to say about it."""
+        if form == "tree":
+            stats = {"cardan_order": cardan_order(scene)} if kinematic_tree.balls(scene) else {}
+            order = stats.get("cardan_order", PREFERRED_ORDER)
+            return functools.partial(kinematic_tree.kinematic_tree, scene, order), stats
+        node = spec.node or "lie"
+        make = models.maximal if form == "maximal" else models.pivot
+        return functools.partial(make, scene, node), {"node": node}
+
+    def _linear_solver(self, scene: Scene, spec: RunSpec, form: str) -> str | None:
+        if spec.method not in IMPLICIT or not self._constrained(scene, form):
+            return None
+        return _solver_for(scene, form)
+
+
+def _solver_for(scene: Scene, form: str) -> str | None:
+    """Linear solver of a constrained model; None: Exudyn's own choice."""
+    if redundant_rows(scene):
+        return "EigenDense"
+    return "EigenSparse" if scene.n >= solving.SPARSE_FROM and form == "maximal" else None
+
+
+def _drop_unknown_accelerations(states: States, every: int) -> None:
+    """Explicit solvers know no acceleration at t = 0, and later ones only where every step is recorded."""
+    if every > 1:
+        states.a = states.alpha = None
+        return
+    for values in (states.a, states.alpha):
+        if values is not None:
+            values[0] = np.nan
+
+
+def _maxima(scene: Scene, model: models.Model, t: np.ndarray, data: list[np.ndarray]) -> dict[str, float]:
+    """Maxima over all steps; the start has no accelerations of its own (see `_drop_unknown_accelerations`)."""
+    from crosscheck.running.trajectory import Monitor
+
+    monitor = Monitor(scene)
+    monitor.update(scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+    for start in range(1, len(t), stepping.CHUNK):
+        part = slice(start, start + stepping.CHUNK)
+        states = model.convert(t[part], [values[part] for values in data])
+        monitor.update(states.x, states.R, states.v, states.w, states.a, states.alpha)
+    return monitor.maxima()
+
+
+def _springs(scene: Scene) -> bool:
+    return any(force.type == "linear_spring" for force in scene.forces)
+
+
+def _turns_about_ground(scene: Scene) -> bool:
+    return (scene.n, len(scene.joints)) == (1, 1) and (
+        scene.joints[0].type == "spherical" and GROUND in (scene.joints[0].parent, scene.joints[0].child))
+
+
+_ORDERS: dict[str, str] = {}
+"""Cardan orders by the hash of the scene: an order study and a timing run the same scene many times."""
+
+
+def cardan_order(scene: Scene) -> str:
+    """A Cardan order whose middle angle stays clear of a quarter turn on this scene.
+
+    Watched on a run in the maximal form, which has no gimbal lock: XYZ where |cos| of every middle angle stays above
+    `CLEARANCE`, else the order with the largest clearance.
+    """
+    if scene.hash not in _ORDERS:
+        _ORDERS[scene.hash] = _clear_order(scene)
+    return _ORDERS[scene.hash]
+
+
+def _clear_order(scene: Scene) -> str:
+    from scipy.spatial.transform import Rotation
+
+    build = functools.partial(models.maximal, scene)
+    try:
+        linear = _solver_for(scene, "maximal") if scene.joints else None
+        scout = solve(build, "GeneralizedAlpha", scene.duration, SCOUT_STEPS, 1, linear)
+    except EngineError:  # too coarse for this scene: nothing learnt, and the run itself will show its clearance
+        return PREFERRED_ORDER
+    states = scout.model.convert(scout.t, scout.data)
+    relative = [states.R[:, link.body] if link.parent == GROUND
+                else np.swapaxes(states.R[:, link.parent], 1, 2) @ states.R[:, link.body]
+                for link in kinematic_tree.balls(scene)]
+    attitudes = Rotation.from_matrix(np.concatenate(relative))
+    orders = ["".join(order) for order in itertools.permutations(PREFERRED_ORDER)]
+    clearance = {order: np.abs(np.cos(attitudes.as_euler(order, suppress_warnings=True)[:, 1])).min()
+                 for order in orders}
+    if clearance[PREFERRED_ORDER] > CLEARANCE:
+        return PREFERRED_ORDER
+    return max(orders, key=clearance.__getitem__)

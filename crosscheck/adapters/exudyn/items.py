@@ -1,0 +1,95 @@
+"""Joints, springs and loads of a scene as items of Exudyn, on the markers of whatever carries its bodies."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from crosscheck.scene.constraints import normal_references
+from crosscheck.scene.mechanics import shortest_rotation, torsion_angles
+from crosscheck.scene.model import GROUND, Force, Joint, Scene
+
+FREE_AXES = {"universal": (3, 4), "revolute": (5,), "cylindrical": (2, 5), "prismatic": (2,), "planar": (0, 1, 5),
+             "fixed": (), "point_on_line": (2, 3, 4, 5), "point_on_plane": (0, 1, 3, 4, 5)}
+"""Of ObjectJointGeneric: translations x, y, z and rotations x, y, z in the frame of the first marker that it leaves."""
+
+@dataclasses.dataclass(frozen=True)
+class Carrier:
+    """Where Exudyn's items attach: a system, and how to mark a point of a body.
+
+    `mark(body, point, frame)` makes a marker at a point given in the body's axes from its centre of mass (world
+    coordinates for the ground, -1), along the axes of `frame` (3, 3), given in the body's axes too; without a frame it
+    marks a position alone.
+    """
+
+    scene: Scene
+    system: Any
+    mark: Callable[[int, np.ndarray, np.ndarray | None], Any]
+
+
+def add_joint(carrier: Carrier, joint: Joint) -> Any:
+    """The joint as a constraint; returns the object's index."""
+    from exudyn.itemInterface import ObjectConnectorDistance, ObjectJointGeneric, ObjectJointSpherical
+
+    ends = (joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)
+    if joint.type in ("spherical", "distance"):
+        markers = [carrier.mark(body, anchor, None) for body, anchor in ends]
+        if joint.type == "spherical":
+            return carrier.system.AddObject(ObjectJointSpherical(markerNumbers=markers))
+        return carrier.system.AddObject(ObjectConnectorDistance(markerNumbers=markers, distance=joint.length))
+    markers = [carrier.mark(*end, frame) for end, frame in zip(ends, joint_frames(carrier.scene, joint), strict=True)]
+    return carrier.system.AddObject(ObjectJointGeneric(
+        markerNumbers=markers, constrainedAxes=[int(axis not in FREE_AXES[joint.type]) for axis in range(6)]))
+
+
+def joint_frames(scene: Scene, joint: Joint) -> list[np.ndarray]:
+    """Joint frames (3, 3) in the axes of the parent and of the child; z is the axis, for a universal joint x and y."""
+    child, parent = (np.eye(3) if body == GROUND else scene.R0[body] for body in (joint.child, joint.parent))
+    if joint.type == "fixed":
+        return [np.eye(3), child.T @ parent]
+    normals = normal_references(joint.parent_axis)
+    inner = np.column_stack([*normals, joint.parent_axis])
+    if joint.type == "universal":
+        # its one constraint is that x of the first frame is normal to y of the second
+        outer = np.column_stack([*normal_references(joint.child_axis), joint.child_axis])
+        return [inner[:, [2, 0, 1]], outer[:, [1, 2, 0]]]
+    if joint.type == "prismatic":
+        return [inner, child.T @ parent @ inner]
+    if joint.child_axis is None:  # nothing of the child's attitude enters
+        return [inner, np.eye(3)]
+    return [inner, shortest_rotation(joint.child_axis, joint.parent_axis).T @ inner]
+
+
+def add_force(carrier: Carrier, force: Force) -> Any:
+    """The spring or load; returns the item's index."""
+    from exudyn.itemInterface import LoadForceVector, LoadTorqueVector, ObjectConnectorSpringDamper
+
+    p = force.parameters
+    if force.type == "torsional_spring":
+        return _add_torsion(carrier, force)
+    if force.type == "linear_spring":
+        ends = (force.parent, p["parent_point"]), (force.child, p["child_point"])
+        return carrier.system.AddObject(ObjectConnectorSpringDamper(
+            markerNumbers=[carrier.mark(body, np.array(point), None) for body, point in ends],
+            referenceLength=p["free_length"], stiffness=p["stiffness"], damping=p["damping"]))
+    point = np.array(p.get("child_point", (0.0, 0.0, 0.0)))
+    marker = carrier.mark(force.child, point, np.eye(3))
+    load, key = (LoadForceVector, "force") if force.type == "constant_force" else (LoadTorqueVector, "torque")
+    return carrier.system.AddLoad(load(markerNumber=marker, loadVector=p[key], bodyFixed=p["frame"] == "body"))
+
+
+def _add_torsion(carrier: Carrier, force: Force) -> Any:
+    """A torsional spring-damper; its data node remembers the angle of the last step, so that it counts full turns."""
+    from exudyn.itemInterface import NodeGenericData, ObjectConnectorTorsionalSpringDamper
+
+    p, scene = force.parameters, carrier.scene
+    joint = next(joint for joint in scene.joints if joint.name == force.joint)
+    angle = torsion_angles(scene, scene.R0[None])[joint.name][0]
+    memory = carrier.system.AddNode(NodeGenericData(initialCoordinates=[angle], numberOfDataCoordinates=1))
+    ends = (joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)
+    return carrier.system.AddObject(ObjectConnectorTorsionalSpringDamper(
+        markerNumbers=[carrier.mark(*end, frame) for end, frame in zip(ends, joint_frames(scene, joint), strict=True)],
+        nodeNumber=memory, stiffness=p["stiffness"], damping=p["damping"], offset=p["rest_angle"]))

@@ -1,0 +1,127 @@
+"""Running an Exudyn model: its solvers, their settings, what the sensors recorded."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import io
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.common import stepping
+from crosscheck.adapters.exudyn.models import Model
+from crosscheck.errors import EngineError
+
+IMPLICIT = ("GeneralizedAlpha", "TrapezoidalIndex2")
+SPECTRAL_RADIUS = 0.6
+"""Exudyn's own 0.9 fails on the pendulums and the top at coarse steps with Lie-group nodes."""
+
+NEWTON_TOLERANCES = (1e-13, 1e-11, 1e-9)
+"""Exudyn's own 1e-8 leaves 3e-11 m in the joints of the double pendulum; the first reaches rounding at little cost.
+From rest the residual begins near its rounding floor, of some eps x / h^2, and only a later one can be met."""
+
+SPARSE_FROM = 8
+"""Bodies from which the sparse solver is the faster one."""
+
+
+def load() -> Any:
+    """Exudyn, imported as its fast build and without a word on the console."""
+    sys.exudynFast = True  # type: ignore[attr-defined]
+    with contextlib.redirect_stdout(io.StringIO()):
+        import exudyn
+
+    exudyn.config.printToConsole = False
+    return exudyn
+
+
+def settings(method: str, duration: float, steps: int, every: int, tolerance: float, linear: str | None = None) -> Any:
+    """Simulation settings of a fixed-step run that records every `every`-th step and writes no file.
+
+    `tolerance` is Newton's, of the residual, absolute and relative; `linear` as in `solve`.
+    """
+    exudyn = load()
+    result = exudyn.SimulationSettings()
+    integration = result.timeIntegration
+    integration.solverType = getattr(exudyn.DynamicSolverType, method)
+    integration.endTime, integration.numberOfSteps = duration, steps
+    integration.adaptiveStep = integration.automaticStepSize = False
+    integration.verboseMode = integration.verboseModeFile = 0
+    integration.newton.relativeTolerance = integration.newton.absoluteTolerance = tolerance
+    # DOPRI5 refuses a step by its error estimate even where the step is fixed
+    integration.relativeTolerance = integration.absoluteTolerance = 1e100
+    integration.generalizedAlpha.spectralRadius = SPECTRAL_RADIUS
+    if method == "TrapezoidalIndex2":
+        integration.generalizedAlpha.useNewmark = True
+        integration.generalizedAlpha.useIndex2Constraints = True
+    if linear is not None:
+        result.linearSolver.solverType = getattr(exudyn.LinearSolverType, linear)
+        result.linearSolver.ignoreSingularJacobian = linear == "EigenDense"
+    # a second evaluation after each step, up to half of the cost: only where every step is looked at
+    integration.explicit.computeEndOfStepAccelerations = every == 1
+    result.solution.file.write = False
+    result.solution.sensors.writePeriod = duration / steps * every
+    return result
+
+
+@dataclasses.dataclass
+class Solved:
+    """A finished run: times at the start and after every recorded step, and the sensors' data there, (T, columns)."""
+
+    model: Model
+    t: np.ndarray
+    data: list[np.ndarray]
+    wall_time: float  # s, stepping only
+    solver: Any
+    tolerance: float
+
+
+def solve(build: Callable[[], Model], method: str, duration: float, steps: int, every: int,
+          linear: str | None = None) -> Solved:
+    """Run a fresh model with the tightest of `NEWTON_TOLERANCES` that converges; explicit methods have one try.
+
+    `linear` is the linear solver, None for Exudyn's own choice; "EigenDense" takes redundant constraints, in the
+    least-squares sense, which the others call singular.
+    """
+    *tighter, last = NEWTON_TOLERANCES
+    if method in IMPLICIT:
+        for tolerance in tighter:
+            with contextlib.suppress(EngineError):  # the last tolerance tells what went wrong
+                return _attempt(build(), method, duration, steps, every, tolerance, linear)
+    return _attempt(build(), method, duration, steps, every, last, linear)
+
+
+def _attempt(model: Model, method: str, duration: float, steps: int, every: int,
+             tolerance: float, linear: str | None) -> Solved:
+    exudyn = load()
+    options = settings(method, duration, steps, every, tolerance, linear)
+    solver = exudyn.MainSolverImplicitSecondOrder() if method in IMPLICIT else exudyn.MainSolverExplicit()
+    try:
+        model.system.Assemble()
+        ready = solver.InitializeSolver(model.system, options)
+        start = time.perf_counter()
+        solved = ready and solver.SolveSteps(model.system, options)
+        wall = time.perf_counter() - start
+        solver.FinalizeSolver(model.system, options)
+    except exudyn.ExudynError as error:
+        words = str(error).split(" [Python file")[0]  # Exudyn appends the path of this very module
+        raise EngineError(f"Exudyn {method}: {words}") from error
+    if not solved:
+        raise EngineError(f"Exudyn {method} stopped at t = {solver.it.currentTime:.6g} s: "
+                          f"{solver.GetErrorString().strip() or 'no reason given'}; try a smaller step")
+    t = np.linspace(0.0, duration, steps // every + 1)
+    return Solved(model, t, _recorded(model, method, t), wall, solver, tolerance)
+
+
+def _recorded(model: Model, method: str, t: np.ndarray) -> list[np.ndarray]:
+    """What the sensors stored, without the column of times, which has to be `t`."""
+    recorded = [np.asarray(model.system.GetSensorStoredData(sensor)) for sensor in model.sensors]
+    odd = [data for data in recorded if len(data) != len(t) or np.abs(data[:, 0] - t).max() > 1e-6 * t[1]]
+    if odd:
+        raise EngineError(f"Exudyn {method}: {len(odd[0])} records where {len(t)} evenly spaced ones were asked for")
+    data = [part[:, 1:] for part in recorded]
+    stepping.check_finite(method, t, *data)
+    return data

@@ -1,0 +1,185 @@
+"""Engines of the user's own: "module:Class" or "path/file.py:Class", and the defaults for what they leave out."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import os
+import sys
+import time
+import types
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.base import RawRun, RunSpec, steps_per_sample
+from crosscheck.errors import ArgumentError, EngineError
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+from crosscheck.spelling import unknown
+
+FIRST = 1
+"""The order claimed for a fixed-step method about which its engine says nothing: a method that converges has it."""
+
+
+class Completed:
+    """An engine with at least `name`, `methods`, `unsupported` and `run`, and defaults for the rest of `Engine`.
+
+    Its `run` may return `States` alone: the wall time is then that of the call, the steps those of a fixed step.
+    Other attributes are the engine's own.
+    """
+
+    def __init__(self, engine: Any, version: str) -> None:
+        self._engine, self._version = engine, version
+        self.name: str = engine.name
+        self.methods: tuple[str, ...] = tuple(engine.methods)
+        self.forms: tuple[str, ...] = tuple(getattr(engine, "forms", ()))
+        self.adaptive_methods: tuple[str, ...] = tuple(getattr(engine, "adaptive_methods", ()))
+        self.options = frozenset(getattr(engine, "options", {"form"} if self.forms else ()))
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # asked for while this is copied or unpickled, before there is an engine
+            raise AttributeError(name)
+        return getattr(self._engine, name)
+
+    def version(self) -> str:
+        """The engine's, a method or text; else that of its package or file."""
+        own = getattr(self._engine, "version", None)
+        return str(own() if callable(own) else own or self._version)
+
+    def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
+        """By the engine's method of this name, else by its table `orders`; None for adaptive methods."""
+        if hasattr(self._engine, "documented_order"):
+            return self._engine.documented_order(scene, spec)
+        if spec.method in self.adaptive_methods:
+            return None
+        return (getattr(self._engine, "orders", None) or {}).get(spec.method, FIRST)
+
+    def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
+        """By the engine's method of this name, else none."""
+        held = getattr(self._engine, "held_levels", None)
+        return frozenset() if held is None else frozenset(held(scene, spec))
+
+    def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
+        """The engine's answer; a form it does not have is refused here."""
+        if spec.form is not None and spec.form not in self.forms:
+            return f"form {spec.form} is not among those of this engine: {', '.join(self.forms) or 'it names none'}"
+        return self._engine.unsupported(scene, spec)
+
+    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
+        """The engine's run; raises `EngineError` where it returns something else than states."""
+        began = time.perf_counter()
+        result = self._engine.run(scene, spec)
+        wall = time.perf_counter() - began
+        if isinstance(result, States):
+            per, step = steps_per_sample(scene, spec.step) if spec.step is not None else (1, None)
+            result = RawRun(result, wall, per * (scene.samples - 1), step, form=spec.form)
+        if not isinstance(result, RawRun):
+            raise EngineError(f"{self.name} {spec.method}: run returned {type(result).__name__}; it has to return "
+                              "crosscheck.scene.states.States, or crosscheck.adapters.base.RawRun")
+        _complete(result.states)
+        return result
+
+
+def _complete(states: States) -> None:
+    """Lists become arrays of doubles; their shapes are checked with those of every other engine's."""
+    for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam"):
+        values = getattr(states, name)
+        if values is not None:
+            try:
+                setattr(states, name, np.asarray(values, dtype=float))
+            except (TypeError, ValueError):
+                raise EngineError(f"the states hold something else than numbers in {name}") from None
+
+
+def load(name: str) -> Completed:
+    """The engine that "module:Class" or "path/file.py:Class" names.
+
+    Modules are also looked for in the current folder. Raises `ArgumentError` where there is no such engine, or it lacks
+    what an engine must have.
+    """
+    home, _, attribute = name.rpartition(":")
+    if not home or not attribute:
+        raise ArgumentError(f"engine: {name!r} is not understood; a class is given as module:Class or "
+                            "path/file.py:Class")
+    try:
+        module = _module(home)
+    except ArgumentError:
+        raise
+    except ModuleNotFoundError as error:
+        if error.name != home.partition(".")[0]:  # something that the module needs
+            raise ArgumentError(f"engine: {home} cannot be imported: {error}; install it") from error
+        from crosscheck import adapters
+
+        raise ArgumentError(f"{unknown('engine', home, adapters.names())}; and there is no module of this name"
+                            ) from None
+    except Exception as error:
+        raise ArgumentError(f"engine: {home} cannot be imported: {type(error).__name__}: {error}") from error
+    kind = getattr(module, attribute, None)
+    if not callable(kind):
+        classes = [key for key, value in vars(module).items()
+                   if hasattr(value, "unsupported") and hasattr(value, "run")]
+        raise ArgumentError(f"engine: {home} has no class {attribute!r}"
+                            + (f"; engines there: {', '.join(classes)}" if classes else ""))
+    try:
+        engine = kind()
+    except Exception as error:
+        raise ArgumentError(f"engine: {name} cannot be made without arguments: {type(error).__name__}: {error}"
+                            ) from error
+    return completed(engine, name, _version(module))
+
+
+def completed(engine: Any, name: str, version: str) -> Completed:
+    """`engine` with its defaults; raises `ArgumentError` naming what it lacks. `name`: how the user called it."""
+    for method in ("unsupported", "run"):
+        if not callable(getattr(engine, method, None)):
+            raise ArgumentError(f"engine: {name} has no method {method}(scene, spec); an engine needs `unsupported` "
+                                "and `run`, and the attributes `name` and `methods`")
+    if not isinstance(getattr(engine, "name", None), str):
+        raise ArgumentError(f"engine: {name} has no attribute `name`; give it one, a text")
+    methods = getattr(engine, "methods", None)
+    if not isinstance(methods, tuple | list) or not methods or not all(isinstance(each, str) for each in methods):
+        raise ArgumentError(f"engine: {name}: `methods` has to be a tuple of names with at least one, not {methods!r}")
+    orders = getattr(engine, "orders", None) or {}
+    if not isinstance(orders, dict) or not set(orders) <= set(methods) or not all(
+            isinstance(order, int) and order > 0 for order in orders.values()):
+        raise ArgumentError(f"engine: {name}: `orders` has to map names of its methods to whole numbers from 1, "
+                            f"not {orders!r}")
+    return Completed(engine, version)
+
+
+def _module(home: str) -> types.ModuleType:
+    if not home.endswith(".py"):
+        if os.getcwd() not in sys.path:  # a console script does not look there by itself
+            sys.path.append(os.getcwd())
+        return importlib.import_module(home)
+    path = Path(home).resolve()
+    if not path.is_file():
+        raise ArgumentError(f"engine: there is no file {home}")
+    # Its name keeps two files of the same name apart; its folder holds what it imports from beside it.
+    name = f"{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    if str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def _version(module: types.ModuleType) -> str:
+    """`__version__` of the module, else the digest of its file: a history has to see that it was edited."""
+    stated = getattr(module, "__version__", None)
+    if stated is not None:
+        return str(stated)
+    source = getattr(module, "__file__", None)
+    return f"file {hashlib.sha256(Path(source).read_bytes()).hexdigest()[:8]}" if source else "unknown"

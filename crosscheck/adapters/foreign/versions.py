@@ -1,0 +1,163 @@
+"""Engines of a chosen version, "mujoco==3.3.7": run by the same adapter in a Python environment of their own.
+
+The environment is made on first use with pip and kept in the cache folder. A worker process in it takes scenes and
+gives raw runs back. Its times are those of another interpreter and other libraries: they are compared with nothing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.foreign import remote
+from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported
+from crosscheck.scene.model import Scene
+
+PACKAGES = {"mujoco": "mujoco", "pinocchio": "pin", "exudyn": "exudyn"}
+"""Engines whose version can be chosen, and the package that brings each."""
+
+NEEDED = ("numpy", "scipy")
+"""What the adapters import besides their engine."""
+
+LONGEST = 900.0
+"""s that making an environment may take."""
+
+
+class Versioned:
+    """One engine in one version; an `Engine` like the others."""
+
+    def __init__(self, name: str) -> None:
+        self._engine, version = split(name)
+        self.name = name
+        self._python = environment(self._engine, version)
+        self._worker: Any = None
+        self._about: dict[str, Any] = self._call(remote.describe, self._engine)
+        self.methods: tuple[str, ...] = self._about["methods"]
+        self.forms: tuple[str, ...] = self._about["forms"]
+        self.options: frozenset[str] = self._about["options"]
+        self.adaptive_methods: tuple[str, ...] = self._about["adaptive_methods"]
+
+    def version(self) -> str:
+        """Version of the engine as its environment has it."""
+        return str(self._about["version"])
+
+    def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
+        """As the adapter says it there."""
+        return self._ask("documented_order", scene, spec)
+
+    def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
+        """As the adapter says it there."""
+        return self._ask("held_levels", scene, spec)
+
+    def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
+        """As the adapter says it there."""
+        return self._ask("unsupported", scene, spec)
+
+    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
+        """Integrate in the engine's own environment."""
+        raw: RawRun = self._ask("run", scene, spec)
+        raw.stats["own_environment"] = True
+        return raw
+
+    def _ask(self, question: str, scene: Scene, spec: RunSpec) -> Any:
+        return self._call(remote.ask, self._engine, question, scene, spec)
+
+    def _call(self, function: Any, *arguments: Any) -> Any:
+        from crosscheck.jobs.workers.process import Crash, Worker
+
+        if self._worker is None or not self._worker.alive:
+            self._worker = Worker(self._python)
+        answer = self._worker.call(function, arguments)
+        printed = self._worker.printed()
+        if printed and not isinstance(answer, Crash):  # heard as if it had been printed here
+            sys.stderr.write(printed)
+        if isinstance(answer, Crash):
+            if isinstance(answer.error, ArgumentError | EngineError | SceneError | Unsupported | ImportError):
+                raise answer.error
+            raise EngineError(f"{self.name}: {answer.message}")
+        return answer
+
+
+def split(name: str) -> tuple[str, str]:
+    """(engine, version) of "engine==version"; raises `ArgumentError` for anything else."""
+    engine, _, version = name.partition("==")
+    if engine not in PACKAGES:
+        raise ArgumentError(f"engine: {name!r}: a version can be chosen for {', '.join(PACKAGES)}; other engines run "
+                            "as they are installed")
+    if not re.fullmatch(r"[0-9][0-9A-Za-z.+!_-]*", version):
+        raise ArgumentError(f"engine: {name!r}: {version!r} is no version; write it like {engine}==1.2.3")
+    return engine, version
+
+
+def folder(engine: str, version: str) -> Path:
+    """Where the environment of this version is kept."""
+    from crosscheck.references import cache
+
+    python = f"{platform.python_implementation().lower()}{sys.version_info[0]}.{sys.version_info[1]}"
+    needed = hashlib.sha256(" ".join(NEEDED).encode()).hexdigest()[:6]  # an environment made for less is not taken
+    return cache.folder() / "engines" / f"{PACKAGES[engine]}-{version}-{python}-{needed}"
+
+
+def environment(engine: str, version: str) -> str:
+    """The interpreter of the environment of this version, which is made where it is not there yet.
+
+    Raises `EngineError` where it cannot be made; the message says what to do.
+    """
+    place = folder(engine, version)
+    python = place / "bin" / "python"
+    if python.exists():
+        return str(python)
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=place.parent, prefix=f".{place.name}.") as holder:
+            aside = Path(holder) / "environment"
+            _make(engine, version, aside)
+            try:
+                aside.rename(place)  # complete or not at all; an environment finds itself by where it is
+            except OSError:
+                if not python.exists():  # nobody else was faster
+                    raise
+    except OSError as error:
+        raise EngineError(f"{engine}=={version}: its environment cannot be kept in {place.parent} "
+                          f"({error.strerror or error}); set CROSSCHECK_CACHE to a folder that can be written"
+                          ) from error
+    return str(python)
+
+
+def _make(engine: str, version: str, place: Path) -> None:
+    wanted = f"{PACKAGES[engine]}=={version}"
+    python = place / "bin" / "python"
+    # Wheels only: an engine that has to be compiled first takes an hour, or tools that are not there.
+    install = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-input", "--retries",
+               "2", "--only-binary", ":all:", wanted, *NEEDED]
+    for words in ([sys.executable, "-m", "venv", str(place)], install):
+        try:
+            done = subprocess.run(words, capture_output=True, text=True, timeout=LONGEST,
+                                  env={**os.environ, "PYTHONPATH": ""})
+        except subprocess.TimeoutExpired:
+            raise EngineError(f"{engine}=={version}: installing it took longer than {LONGEST:g} s; try again, or check "
+                              "the connection") from None
+        if done.returncode:
+            raise EngineError(f"{engine}=={version}: {_explained(wanted, (done.stderr or done.stdout).strip())}")
+
+
+def _explained(wanted: str, said: str) -> str:
+    """What a failed installation means, from pip's words."""
+    lines = [line.removeprefix("ERROR: ") for line in said.splitlines() if line.strip()]
+    listed = re.search(r"\(from versions: ([^)]*)\)", said)
+    if listed and listed[1] != "none":
+        known = [each.strip() for each in listed[1].split(",")]
+        return (f"there is no {wanted} for Python {platform.python_version()} on this machine; versions there are: "
+                f"{', '.join(known)}")
+    if listed or re.search(r"connection|resolve|timed out|network", said, re.IGNORECASE):
+        return (f"{wanted} cannot be fetched: is there a network? Once it is installed it is kept, and needs none; "
+                f"pip said: {lines[-1] if lines else 'nothing'}")
+    return f"{wanted} cannot be installed; pip said: {lines[-1] if lines else 'nothing'}"

@@ -1,0 +1,1 @@
+"""MuJoCo: adapter and models (joint trees, or free bodies with equality constraints)."""

@@ -1,0 +1,278 @@
+"""MuJoCo models of a scene: body frames at the centres of mass, reference configuration = initial position.
+
+`tree`: joints of the scene as sequences of slides, hinges and balls on one body, loops closed by equality constraints.
+`maximal`: all bodies free, every joint an equality constraint. Those are between sites and soft.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.common.spanning import Branch, in_body, relative_pose, spanning_tree
+from crosscheck.errors import Unsupported
+from crosscheck.scene.constraints import normal_references
+from crosscheck.scene.mechanics import torsion_angles
+from crosscheck.scene.model import GROUND, Force, Joint, Scene
+
+INTEGRATORS = {
+    "Euler": "mjINT_EULER",
+    "implicit": "mjINT_IMPLICIT",
+    "implicitfast": "mjINT_IMPLICITFAST",
+    "RK4": "mjINT_RK4",
+    "discrete": "mjINT_DISCRETE",
+}
+LAYOUT_INERTIA = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+PREFERENCE = {"fixed": 5, "revolute": 4, "universal": 3, "spherical": 2, "distance": -1}
+"""Joint types that equality constraints can hold as well (on points, frames and distances), the readiest last; all
+others stay in the tree as long as that is possible. A distance has no joint coordinates."""
+
+SOLVER_TOLERANCE = 1e-12
+"""MuJoCo's own 1e-8 may end Newton's method before constraint forces are at rounding."""
+
+
+def closures(scene: Scene, form: str) -> tuple[list[Branch], list[Joint]]:
+    """What hangs on joint coordinates and which joints become equality constraints in this form."""
+    if form == "maximal":
+        return [Branch(body, GROUND) for body in range(scene.n)], list(scene.joints)
+    sprung = _sprung(scene)
+    return spanning_tree(scene, lambda joint: 20 if joint.name in sprung else PREFERENCE.get(joint.type, 10))
+
+
+def obstacle(scene: Scene, form: str) -> str | None:
+    """Why MuJoCo cannot model `scene` in `form`, or None."""
+    branches, closing = closures(scene, form)
+    sprung = _sprung(scene)
+    for joint in closing:
+        if joint.name in sprung:
+            return (f"the torsional spring of joint {joint.name!r} needs the coordinate of a hinge; equality "
+                    "constraints have none")
+        if joint.type not in PREFERENCE:
+            place = "form tree has it as joint coordinates" if form == "maximal" else "here it closes a loop"
+            return (f"joint {joint.name!r}: MuJoCo's equality constraints hold points, frames and distances; none lets "
+                    f"slide as type {joint.type} does, {place}")
+    rods = {body: joint.name for joint in closing for body in (joint.parent, joint.child)}
+    hung = next((branch.body for branch in branches if branch.joint is None and branch.body in rods), None)
+    if form == "tree" and hung is not None:
+        return (f"joint {rods[hung]!r}: body {scene.bodies[hung].name!r} hangs on distances only, which have no joint "
+                "coordinates in MuJoCo; form maximal holds them as tendons of constant length")
+    return None
+
+
+def _sprung(scene: Scene) -> dict[str, Force]:
+    return {force.joint: force for force in scene.forces if force.type == "torsional_spring"}
+
+
+def build(scene: Scene, method: str, step: float, form: str = "tree", softness: str = "tight") -> Any:
+    """The compiled `mujoco.MjModel`; body k of the scene is called str(k).
+
+    Parameters
+    ----------
+    method : of `INTEGRATORS`.
+    step : s.
+    form : "tree" or "maximal".
+    softness : of equality constraints; "tight": the stiffest MuJoCo takes, solref 2 step and solimp 0.9999, "default":
+        MuJoCo's own, solref 0.02 s and solimp 0.9 to 0.95.
+    """
+    import mujoco
+
+    spec = _empty(scene, method, step)
+    frames = {GROUND: spec.worldbody}
+    branches, closing = closures(scene, form)
+    for branch in branches:
+        frames[branch.body] = _add_body(scene, branch, frames[branch.parent])
+    builder = _Constraints(scene, spec, frames, [] if softness == "default" else [2 * step, 1.0])
+    for joint in closing:
+        builder.close(joint)
+    for index, force in enumerate(scene.forces):
+        if force.type == "linear_spring":
+            _add_spring(spec, frames, index, force)
+        elif force.type != "torsional_spring":
+            _add_load(mujoco, spec, frames, index, force)
+    return spec.compile()
+
+
+def _empty(scene: Scene, method: str, step: float) -> Any:
+    import mujoco
+
+    spec = mujoco.MjSpec()
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    spec.compiler.degree = False
+    spec.option.timestep = step
+    spec.option.gravity = scene.gravity
+    spec.option.tolerance = SOLVER_TOLERANCE
+    if not hasattr(mujoco.mjtIntegrator, INTEGRATORS[method]):  # another version of the engine
+        raise Unsupported(f"MuJoCo {mujoco.__version__} has no integrator {method}")
+    spec.option.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[method])
+    flags = mujoco.mjtDisableBit
+    spec.option.disableflags = flags.mjDSBL_CONTACT | flags.mjDSBL_AUTORESET
+    return spec
+
+
+def _add_body(scene: Scene, branch: Branch, frame: Any) -> Any:
+    """A body on its joints, in the frame of its parent."""
+    import mujoco
+
+    k, joint = branch.body, branch.joint
+    body = frame.add_body(name=str(k))
+    body.pos, attitude = relative_pose(scene, branch.parent, k)
+    body.quat = _quaternion(attitude)
+    body.mass = scene.masses[k]
+    body.fullinertia = [scene.inertias[k][entry] for entry in LAYOUT_INERTIA]
+    body.ipos, body.explicitinertial = np.zeros(3), True
+    if joint is None:
+        body.add_freejoint(name=str(k))
+        return body
+    spring = _sprung(scene).get(joint.name)
+    for number, (kind, point, axis) in enumerate(_coordinates(scene, branch)):
+        coordinate = body.add_joint(name=f"{k}.{number}", type=getattr(mujoco.mjtJoint, kind), pos=point, axis=axis)
+        if spring is not None and kind == "mjJNT_HINGE":
+            coordinate.ref = torsion_angles(scene, scene.R0[None])[joint.name][0]
+            coordinate.springref = spring.parameters["rest_angle"]
+            _make_elastic(coordinate, spring)
+    return body
+
+
+def _coordinates(scene: Scene, branch: Branch) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """(type, anchor, axis) of the MuJoCo joints of a branch, innermost first, in the outer body's frame at t = 0.
+
+    An axis or line that the scene fixes in the inner body comes before the rotation, one in the outer body after it.
+    """
+    joint, body = branch.joint, branch.body
+    assert joint is not None
+    anchors = {joint.parent: joint.parent_anchor, joint.child: joint.child_anchor}
+    point, turn, slide = anchors[body], "mjJNT_HINGE", "mjJNT_SLIDE"
+    if joint.type in ("spherical", "fixed"):
+        return [("mjJNT_BALL", point, np.zeros(3))] if joint.type == "spherical" else []
+    axis = in_body(scene, joint.parent, body, joint.parent_axis)
+    if joint.type == "universal":
+        axes = [axis, in_body(scene, joint.child, body, joint.child_axis)]
+        return [(turn, point, along) for along in (axes if branch.outward else axes[::-1])]
+    across = [in_body(scene, joint.parent, body, normal) for normal in normal_references(joint.parent_axis)]
+    # the angle of the scene is that of the child relative to the parent
+    hinge = (turn, point, axis if branch.outward else -axis)
+    if joint.type in ("revolute", "cylindrical", "prismatic", "planar"):
+        lines = {"revolute": [], "planar": across}.get(joint.type, [axis])
+        slides = [(slide, point, along) for along in lines]
+        return slides if joint.type == "prismatic" else [*slides, hinge]
+    slides = [(slide, point, along) for along in ([axis] if joint.type == "point_on_line" else across)]
+    if branch.outward:
+        return [*slides, ("mjJNT_BALL", point, np.zeros(3))]
+    at, attitude = relative_pose(scene, branch.parent, body)
+    point = attitude.T @ (anchors[branch.parent] - at)  # the inner body's point, about which the outer one turns
+    return [("mjJNT_BALL", point, np.zeros(3)), *slides]
+
+
+class _Constraints:
+    """Adds equality constraints to a MuJoCo specification; an empty `solref` leaves MuJoCo's softness."""
+
+    def __init__(self, scene: Scene, spec: Any, frames: dict[int, Any], solref: list[float]) -> None:
+        self._scene, self._spec, self._frames, self._solref = scene, spec, frames, solref
+
+    def close(self, joint: Joint) -> None:
+        """The joint, of a type in `PREFERENCE`."""
+        ends = [(joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)]
+        # any length does; of the order of the scene, so that softness acts alike on points and axes
+        arm = max(np.linalg.norm(anchor) for _, anchor in ends) or 1.0
+        if joint.type == "distance":
+            self._hold_distance(joint.name, ends)
+        elif joint.type == "fixed":
+            _, attitude = relative_pose(self._scene, joint.parent, joint.child)
+            self._hold("mjEQ_WELD", joint.name, ends, [attitude, np.eye(3)])
+        else:
+            self._hold("mjEQ_CONNECT", joint.name, ends)
+        if joint.type in ("revolute", "universal"):
+            axes = joint.parent_axis, joint.child_axis
+            tips = [(body, anchor + arm * axis) for (body, anchor), axis in zip(ends, axes, strict=True)]
+            if joint.type == "revolute":
+                self._hold("mjEQ_CONNECT", f"{joint.name}, axis", tips)
+            else:  # perpendicular axes through one point: their tips keep their distance
+                self._hold_distance(f"{joint.name}, axes", tips)
+
+    def _sites(self, name: str, ends: list[tuple[int, np.ndarray]], attitudes: Any = None) -> list[str]:
+        sites = []
+        for number, (body, point) in enumerate(ends):
+            site = self._frames[body].add_site(name=f"{name}.{number}", pos=point)
+            if attitudes is not None:
+                site.quat = _quaternion(attitudes[number])
+            sites.append(site.name)
+        return sites
+
+    def _hold(self, kind: str, name: str, ends: list[tuple[int, np.ndarray]], attitudes: Any = None) -> None:
+        import mujoco
+
+        sites = self._sites(name, ends, attitudes)
+        self._add(type=getattr(mujoco.mjtEq, kind), objtype=mujoco.mjtObj.mjOBJ_SITE, name1=sites[0], name2=sites[1])
+
+    def _hold_distance(self, name: str, ends: list[tuple[int, np.ndarray]]) -> None:
+        import mujoco
+
+        tendon = self._spec.add_tendon(name=name)
+        for site in self._sites(name, ends):
+            tendon.wrap_site(site)
+        self._add(type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON, name1=name)
+
+    def _add(self, **options: Any) -> None:
+        equality = self._spec.add_equality(**options)
+        if self._solref:
+            equality.solref = self._solref
+            equality.solimp[:2] = 0.9999
+
+
+def _add_spring(spec: Any, frames: dict[int, Any], index: int, force: Force) -> None:
+    p = force.parameters
+    tendon = spec.add_tendon(name=f"spring {index}")
+    for body, point in ((force.parent, p["parent_point"]), (force.child, p["child_point"])):
+        site = frames[body].add_site(name=f"spring {index}.{body}", pos=point)
+        tendon.wrap_site(site.name)
+    tendon.springlength = [p["free_length"]] * 2
+    _make_elastic(tendon, force)
+
+
+def _make_elastic(item: Any, force: Force) -> None:
+    """Linear stiffness and damping of a joint or tendon; polynomials in MuJoCo 4, numbers in older ones."""
+    for name in ("stiffness", "damping"):
+        value = force.parameters[name]
+        setattr(item, name, [value, 0.0, 0.0] if np.ndim(getattr(item, name)) else value)
+
+
+def _add_load(mujoco: Any, spec: Any, frames: dict[int, Any], index: int, force: Force) -> None:
+    """A constant load as an actuator of constant bias 1 and the load for gear, evaluated at every stage of a step.
+
+    A wrench is along the axes of its site or, with a reference site in the world, along the world's.
+    """
+    p = force.parameters
+    load = [*p["force"], 0.0, 0.0, 0.0] if force.type == "constant_force" else [0.0, 0.0, 0.0, *p["torque"]]
+    name = f"load {index}"
+    frames[force.child].add_site(name=name, pos=p.get("child_point", (0.0, 0.0, 0.0)))
+    actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_SITE, target=name, gear=load,
+                                 biastype=mujoco.mjtBias.mjBIAS_AFFINE)
+    actuator.gainprm[0], actuator.biasprm[0] = 0.0, 1.0
+    if p["frame"] == "world":
+        spec.worldbody.add_site(name=f"{name}, axes")
+        actuator.refsite = f"{name}, axes"
+
+
+def _quaternion(attitude: np.ndarray) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(attitude).as_quat(scalar_first=True)
+
+
+def set_initial_state(scene: Scene, model: Any, data: Any) -> None:
+    """Put `data` into the scene's initial state; positions are the model's reference configuration already.
+
+    Joint velocities follow from those of the bodies, which they determine, by MuJoCo's own Jacobians.
+    """
+    import mujoco
+
+    data.qpos[:] = model.qpos0
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    jacobian = np.zeros((2 * scene.n, 3, model.nv))
+    for k in range(scene.n):
+        mujoco.mj_jacBodyCom(model, data, jacobian[2 * k], jacobian[2 * k + 1], model.body(str(k)).id)
+    wanted = np.stack([scene.v0, np.einsum("nij,nj->ni", scene.R0, scene.w0)], axis=1)
+    if model.nv:
+        data.qvel[:] = np.linalg.lstsq(jacobian.reshape(-1, model.nv), wanted.ravel(), rcond=None)[0]

@@ -1,0 +1,1 @@
+"""Pinocchio: adapter, models, dynamics of trees and of closed loops."""

@@ -1,0 +1,230 @@
+"""Accelerations of a Pinocchio model under the scene's springs and loads, and what its joints transmit.
+
+Springs between points and loads are external forces in the joints' frames, torsional springs torques of the turn they
+belong to; both are evaluated afresh at every stage. `constraintDynamics` takes no external forces: there they become
+joint torques through the Jacobians.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.pinocchio import redundant
+from crosscheck.adapters.pinocchio.models import Model, closure, with_movable_joints
+from crosscheck.scene.model import GROUND, Force, Joint
+
+ABA_RESIDUAL = 1e-13
+"""Of the joint torques, at the start: above it the articulated-body algorithm is losing digits, by a third more with
+every body of a chain of balls (none at 16 bodies, 1e-11 at 32, all at 64), and the mass matrix is factorized instead,
+whose residual grows like its size (4e-13 at 64 bodies)."""
+
+
+class Dynamics:
+    """Joint accelerations of `model` by aba (Convention.LOCAL), or constraintDynamics where joints are cut.
+
+    `factorizes` tells that crba and a Cholesky factorization stand in for aba; see `ABA_RESIDUAL`.
+    """
+
+    def __init__(self, model: Model, alpha: float = 0.0, beta: float = 0.0, closed: bool = True) -> None:
+        import pinocchio
+
+        self._pin = pinocchio
+        self.model, self._model, self.data = model, model.model, model.model.createData()
+        scene = model.scene
+        joints = {joint.name: joint for joint in scene.joints}
+        self._forces = [force for force in scene.forces if force.type != "torsional_spring"]
+        springs = [(force, joints[force.joint]) for force in scene.forces if force.type == "torsional_spring"]
+        self._turns = [(force, *self._turn(joint)) for force, joint in springs]
+        self.closure = closure(model, self.data, alpha, beta) if (model.cut or model.parts) and closed else None
+        self._reactions: _Reactions | None = None
+        self.factorizes = self.closure is None and closed and self._aba_is_off()
+        if self.closure is not None:
+            pinocchio.initConstraintDynamics(self._model, self.data, self.closure.models, self.closure.workspaces)
+
+    @property
+    def algorithm(self) -> str:
+        """Pinocchio's algorithm in use."""
+        if self.closure is not None:
+            return "least norm" if self.closure.redundant else "constraintDynamics"
+        return "crba, Cholesky" if self.factorizes else "aba"
+
+    def _aba_is_off(self) -> bool:
+        """Whether inverse dynamics does not confirm the accelerations that aba finds at the start."""
+        pin, model = self._pin, self._model
+        q, v = self.model.initial_state()
+        torque, _ = self._applied(q, v)
+        found = pin.aba(model, self.data, q, v, torque).copy()
+        terms = [pin.rnea(model, self.data, q, v, a).copy() for a in (found, 0 * found)]
+        return bool(np.abs(terms[0] - torque).max(initial=0.0)
+                    > ABA_RESIDUAL * max(np.abs(terms[1]).max(initial=0.0), np.abs(torque).max(initial=0.0)))
+
+    def _turn(self, joint: Joint) -> tuple[int, int, float]:
+        """(place in q, place in v, sign of the joint's angle) of the turn of a joint in the tree."""
+        for link, (at_q, at_v) in zip(self.model.links, self.model.slots, strict=True):
+            if link.joint == joint.name:  # the turn comes last, after slides
+                return at_q.stop - 1, at_v.stop - 1, 1.0 if link.outward else -1.0
+        raise KeyError(joint.name)
+
+    def __call__(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Joint accelerations, a copy: Pinocchio overwrites its own at the next call."""
+        pin = self._pin
+        torque, wrenches = self._applied(q, v)
+        if self.closure is None:
+            external = () if wrenches is None else (wrenches,)
+            if not self.factorizes:
+                return pin.aba(self._model, self.data, q, v, torque, *external).copy()
+            bias = pin.rnea(self._model, self.data, q, v, np.zeros(self._model.nv), *external).copy()
+            pin.crba(self._model, self.data, q)
+            pin.cholesky.decompose(self._model, self.data)
+            return pin.cholesky.solve(self._model, self.data, torque - bias)
+        if wrenches is not None:
+            pin.computeJointJacobians(self._model, self.data, q)
+            for joint in range(1, self._model.njoints):
+                J = pin.getJointJacobian(self._model, self.data, joint, pin.ReferenceFrame.LOCAL)
+                torque += J.T @ wrenches[joint].vector
+        c = self.closure
+        if c.redundant:
+            return redundant.accelerations(self._model, self.data, c, q, v, torque)
+        return pin.constraintDynamics(self._model, self.data, q, v, torque, c.models, c.workspaces, c.settings).copy()
+
+    def applied(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Generalized force (nv,) of gravity, springs, loads and velocities: the mass matrix times the accelerations
+        if there were no constraints."""
+        torque, wrenches = self._applied(q, v)
+        still = np.zeros(self._model.nv)
+        external = () if wrenches is None else (wrenches,)
+        return torque - self._pin.rnea(self._model, self.data, q, v, still, *external)
+
+    def _applied(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, Any]:
+        """(joint torques, external forces of all joints in their frames or None where there are none)."""
+        torque = np.zeros(self._model.nv)
+        for force, at_q, at_v, sign in self._turns:
+            p = force.parameters
+            torque[at_v] -= sign * (p["stiffness"] * (sign * q[at_q] - p["rest_angle"])
+                                    + p["damping"] * sign * v[at_v])
+        if not self._forces:
+            return torque, None
+        self._pin.forwardKinematics(self._model, self.data, q, v)
+        wrenches = self._rest()
+        for force in self._forces:
+            self._load(wrenches, force)
+        return torque, wrenches
+
+    def _rest(self) -> Any:
+        """No external force on any joint."""
+        wrenches = self._pin.StdVec_Force()
+        for _ in range(self._model.njoints):
+            wrenches.append(self._pin.Force.Zero())
+        return wrenches
+
+    def _load(self, wrenches: Any, force: Force) -> None:
+        p = force.parameters
+        if force.type == "linear_spring":
+            ends = [(force.parent, np.array(p["parent_point"])), (force.child, np.array(p["child_point"]))]
+            (start, start_rate), (end, end_rate) = (self._point(*point) for point in ends)
+            d = end - start
+            length = float(np.linalg.norm(d))
+            direction = d / length if length > 0 else np.zeros(3)
+            rate = direction @ (end_rate - start_rate)
+            pull = (p["stiffness"] * (length - p["free_length"]) + p["damping"] * rate) * direction
+            self._push(wrenches, *ends[0], pull)
+            self._push(wrenches, *ends[1], -pull)
+        elif force.type == "constant_force":
+            self._push(wrenches, force.child, np.array(p["child_point"]), self._in_world(force, "force"))
+        else:
+            self._wring(wrenches, force.child, self._in_world(force, "torque"))
+
+    def _in_world(self, force: Force, key: str) -> np.ndarray:
+        vector = np.array(force.parameters[key])
+        return self._frame(force.child).rotation @ vector if force.parameters["frame"] == "body" else vector
+
+    def _frame(self, body: int) -> Any:
+        joint, frame = self.model.frames[body]
+        return self.data.oMi[joint] * frame
+
+    def _point(self, body: int, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """World position and velocity of a point given in the body's frame."""
+        joint, frame = self.model.frames[body]
+        local, carrier = frame.act(point), self.data.oMi[joint]
+        if body == GROUND:
+            return local, np.zeros(3)
+        twist = self.data.v[joint]
+        return carrier.act(local), carrier.rotation @ (twist.linear + self._pin.skew(twist.angular) @ local)
+
+    def _push(self, wrenches: Any, body: int, point: np.ndarray, push: np.ndarray) -> None:
+        """Add a force, world axes, at a point given in the body's frame."""
+        joint, frame = self.model.frames[body]
+        local = self.data.oMi[joint].rotation.T @ push
+        wrenches[joint] += self._pin.Force(local, self._pin.skew(frame.act(point)) @ local)
+
+    def _wring(self, wrenches: Any, body: int, torque: np.ndarray) -> None:
+        joint, _ = self.model.frames[body]
+        wrenches[joint] += self._pin.Force(np.zeros(3), self.data.oMi[joint].rotation.T @ torque)
+
+    def reactions(self, q: np.ndarray, v: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Force and torque, world axes, of every joint on its child at the child's anchor.
+
+        Constraint forces of cut joints as constraintDynamics finds them; of joints in the tree the forces that inverse
+        dynamics (rnea) propagates, without the springs that act in them.
+        """
+        if self._reactions is None:
+            self._reactions = _Reactions(self)
+        return self._reactions.find(q, v)
+
+
+class _Reactions:
+    """Inverse dynamics on a twin of the model in which fixed joints are turns at rest."""
+
+    def __init__(self, dynamics: Dynamics) -> None:
+        self._dynamics, self._pin = dynamics, dynamics._pin
+        self._twin = Dynamics(with_movable_joints(dynamics.model), closed=False)
+
+    def find(self, q: np.ndarray, v: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """See `Dynamics.reactions`."""
+        d, twin, pin = self._dynamics, self._twin, self._pin
+        a = d(q, v)
+        own, rates = twin.model.initial_state()
+        rates, accelerations = 0 * rates, 0 * rates
+        for link, mine, its in zip(d.model.links, d.model.slots, twin.model.slots, strict=True):
+            if link.parts:
+                own[its[0]], rates[its[1]], accelerations[its[1]] = q[mine[0]], v[mine[1]], a[mine[1]]
+            else:  # a fixed joint: its twin rests at zero
+                own[its[0]] = 0.0
+        torque, wrenches = twin._applied(own, rates)
+        wrenches = twin._rest() if wrenches is None else wrenches
+        pin.forwardKinematics(twin.model.model, twin.data, own, rates)
+        found = self._constrained(wrenches)
+        pin.rnea(twin.model.model, twin.data, own, rates, accelerations, wrenches)
+        springs = {at_v: torque[at_v] for _, _, at_v, _ in twin._turns}
+        for link, (_, at_v) in zip(twin.model.links, twin.model.slots, strict=True):
+            if link.joint:
+                carrier, _ = twin.model.frames[link.body]
+                wrench = twin.data.oMi[carrier].act(twin.data.f[carrier])
+                own_torque = springs.get(at_v.stop - 1, 0.0) * (twin._frame(link.body).rotation @ link.axis)
+                joint = next(joint for joint in d.model.scene.joints if joint.name == link.joint)
+                sign = 1.0 if link.outward else -1.0
+                found[joint.name] = self._at_anchor(joint, sign * wrench.linear, sign * (wrench.angular - own_torque))
+        return found
+
+    def _at_anchor(self, joint: Joint, force: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A wrench about the world's origin as one about the child's anchor."""
+        point = self._twin._frame(joint.child).act(np.array(joint.child_anchor))
+        return force, torque - np.cross(point, force)
+
+    def _constrained(self, wrenches: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Wrenches of the joints closed directly on their children; all constraints join the external forces."""
+        d, twin = self._dynamics, self._twin
+        found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        if d.closure is None:
+            return found
+        c = d.closure
+        for held, data, joint, (first, second) in zip(c.models, c.workspaces, c.joints, c.bodies, strict=True):
+            force = (d.data.oMi[held.joint1_id] * held.joint1_placement).act(data.contact_force)
+            for body, push in ((first, force), (second, self._pin.Force(-force.vector))):
+                carrier, _ = twin.model.frames[body]
+                wrenches[carrier] += twin.data.oMi[carrier].actInv(push)
+            if joint is not None:
+                found[joint.name] = self._at_anchor(joint, force.linear, force.angular)
+        return found

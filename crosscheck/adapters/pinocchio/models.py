@@ -1,0 +1,222 @@
+"""Pinocchio models of a scene: joint coordinates on a tree, and rigid constraints for what is cut to make it one.
+
+`tree`: a spanning tree of the scene, every joint an exact composite of turns, slides and balls. `maximal`: every body
+free, every joint closed by a constraint. A free body is a translation in the world and a ball, so that its velocities
+are those of `crosscheck.scene.states`.
+
+Pinocchio's rigid constraints hold points (3D) and frames (6D). A spherical joint is closed by the first, a fixed one by
+the second, and for all others a body is cut in the place of the joint: a second part of the child hangs on the joint,
+carries its share of the child's inertia and is welded to the child. (A hinge as two points of its axis has a row too
+many, which locks a rotation as soon as the axes drift apart: on the branching tree, by 0.02 m within a second.)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.common import links as links_module
+from crosscheck.adapters.common import tree
+from crosscheck.adapters.common.links import Link, Part, free, unfold
+from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
+from crosscheck.scene.states import States
+
+RANK_TOLERANCE = 1e-9
+"""Singular values of the constraint Jacobian below this fraction of the largest count as redundant rows."""
+
+
+@dataclasses.dataclass
+class Model:
+    """A `pinocchio.Model` with the way back to the scene.
+
+    `frames[body]` is the joint that carries a body and the placement of the body's frame (centre of mass, its axes) in
+    it; `slots` are the places of each link's coordinates in q and v; `balls` the slices of v that turn on SO(3).
+    Second parts of bodies follow the bodies: link.body >= n is a part of `parts[link.body]`.
+    """
+
+    scene: Scene
+    links: tuple[Link, ...]
+    parts: dict[int, int]
+    cut: tuple[Joint, ...]  # closed by a point or frame, without a second part
+    model: Any
+    frames: dict[int, tuple[int, Any]]
+    slots: list[tuple[slice, slice]]
+    balls: list[slice]
+
+    def initial_state(self, scene: Scene | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(q, v) of the scene at t = 0, or of the same scene in another state; quaternions x, y, z, w."""
+        q, v = np.zeros(self.model.nq), np.zeros(self.model.nv)
+        for link, (at_q, at_v) in zip(self.links, self.slots, strict=True):
+            scalar_first, v[at_v] = tree.initial_coordinates(
+                scene or self.scene, dataclasses.replace(link, body=self.parts.get(link.body, link.body)))
+            q[at_q] = _rolled(link, scalar_first[None], -1)[0]
+        return q, v
+
+    def states(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:
+        """States of the bodies from histories (T, nq), (T, nv), (T, nv)."""
+        motions = [tree.motion(link, _rolled(link, q[:, at_q], 1), v[:, at_v], None if a is None else a[:, at_v])
+                   for link, (at_q, at_v) in zip(self.links, self.slots, strict=True)]
+        found, n = tree.forward(self.links, motions, t, a is not None), self.scene.n
+        linear, alpha = (None if values is None else values[:, :n] for values in (found.a, found.alpha))
+        return States(t, found.x[:, :n], found.R[:, :n], found.v[:, :n], found.w[:, :n], linear, alpha)
+
+
+def decompose(scene: Scene, form: str) -> tuple[tuple[Link, ...], dict[int, int], tuple[Joint, ...]]:
+    """(links with those of second parts, the body each part belongs to, joints closed directly) in `form`."""
+    if form == "maximal":
+        chain, cut = tuple(free(body) for body in range(scene.n)), scene.joints
+    else:
+        chain, cut = unfold(scene)
+    bridged = [joint for joint in cut if joint.type not in ("spherical", "fixed")]
+    parts = {scene.n + k: joint.child for k, joint in enumerate(bridged)}
+    hung = [dataclasses.replace(links_module.link(scene, joint), body=part)
+            for part, joint in zip(parts, bridged, strict=True)]
+    return links_module.depth_first([*chain, *hung]), parts, tuple(joint for joint in cut if joint not in bridged)
+
+
+def build(scene: Scene, form: str = "tree") -> Model:
+    """The model of a scene in form "tree" or "maximal", joint frames at the outer bodies' anchors, along their axes."""
+    return assemble(scene, *decompose(scene, form))
+
+
+def with_movable_joints(model: Model) -> Model:
+    """The same tree with a turn in every fixed joint: inverse dynamics at rest in it tells what the joint transmits."""
+    turn = (Part("turn", np.array([1.0, 0.0, 0.0])),)
+    links = tuple(link if link.parts else dataclasses.replace(link, parts=turn) for link in model.links)
+    return assemble(model.scene, links, model.parts, model.cut)
+
+
+def assemble(scene: Scene, links: tuple[Link, ...], parts: dict[int, int], cut: tuple[Joint, ...]) -> Model:
+    """The model of given links, subtree by subtree."""
+    import pinocchio
+
+    model = pinocchio.Model()
+    model.gravity.linear = np.array(scene.gravity)
+    frames = {GROUND: (0, pinocchio.SE3.Identity())}
+    shares = {body: 1.0 / (1 + list(parts.values()).count(body)) for body in range(scene.n)}
+    for link in links:
+        joint, inner = frames[link.parent]
+        body = parts.get(link.body, link.body)
+        placement = inner * pinocchio.SE3(rotation_from_quaternion(link.zero), np.array(link.parent_anchor))
+        frame = pinocchio.SE3(np.eye(3), -link.child_anchor)
+        if link.parts:
+            joint = model.addJoint(joint, _joint_model(link), placement, str(link.body))
+        else:  # one rigid body with its parent
+            frame = placement * frame
+        inertia = pinocchio.Inertia(shares[body] * scene.masses[body], np.zeros(3), shares[body] * scene.inertias[body])
+        model.appendBodyToJoint(joint, inertia, frame)
+        frames[link.body] = joint, frame
+    slots, balls = _slots(model, links)
+    return Model(scene, links, parts, cut, model, frames, slots, balls)
+
+
+def _joint_model(link: Link) -> Any:
+    import pinocchio
+
+    made = {"ball": lambda part: pinocchio.JointModelSpherical(),
+            "turn": lambda part: pinocchio.JointModelRevoluteUnaligned(part.axis),
+            "slide": lambda part: pinocchio.JointModelPrismaticUnaligned(part.axis)}
+    if len(link.parts) == 1:
+        return made[link.parts[0].kind](link.parts[0])
+    composite = pinocchio.JointModelComposite()
+    for part in link.parts:
+        composite.addJoint(made[part.kind](part), pinocchio.SE3(np.eye(3), part.offset))
+    return composite
+
+
+def _slots(model: Any, links: tuple[Link, ...]) -> tuple[list[tuple[slice, slice]], list[slice]]:
+    slots, balls = [], []
+    for link in links:
+        joint = model.getJointId(str(link.body)) if link.parts else 0
+        q, v = (model.idx_qs[joint], model.idx_vs[joint]) if link.parts else (0, 0)
+        slots.append((slice(q, q + sum(part.coordinates for part in link.parts)), slice(v, v + link.dofs)))
+        for part in link.parts:
+            if part.kind == "ball":
+                balls.append(slice(v, v + part.dofs))
+            v += part.dofs
+    return slots, balls
+
+
+def _rolled(link: Link, q: np.ndarray, shift: int) -> np.ndarray:
+    """q (T, nq) with every quaternion turned from x, y, z, w to w, x, y, z (shift 1) or back (-1)."""
+    if all(part.kind != "ball" for part in link.parts):
+        return q
+    q, at = q.copy(), 0
+    for part in link.parts:
+        if part.kind == "ball":
+            q[:, at:at + 4] = np.roll(q[:, at:at + 4], shift, axis=1)
+        at += part.coordinates
+    return q
+
+
+@dataclasses.dataclass
+class Closure:
+    """Constraint models in the form `constraintDynamics` takes; of each, the joint it closes or None for a weld.
+
+    `rank` is that of their rows at t = 0, `redundant` whether it is less than their number.
+    """
+
+    models: Any
+    workspaces: Any
+    settings: Any
+    joints: list[Joint | None]
+    bodies: list[tuple[int, int]]  # of the first and second end; a second part counts as a body
+    rank: int
+    redundant: bool
+
+
+def closure(model: Model, data: Any, alpha: float, beta: float) -> Closure:
+    """Constraints of what is cut with Baumgarte's G a + gamma + 2 alpha G u + beta^2 Phi = 0.
+
+    `data`, a workspace of the model, is written to: another one of a long chain would take gigabytes.
+    """
+    import pinocchio
+
+    models, joints, bodies = pinocchio.StdVec_RigidConstraintModel(), [], []
+    for joint, kind, ends in _held(model):
+        (first, _), (second, _) = ends
+        carriers = [(model.frames[body][0], model.frames[body][1] * placement) for body, placement in ends]
+        held = pinocchio.RigidConstraintModel(getattr(pinocchio.ContactType, kind), model.model, *carriers[0],
+                                              *carriers[1], pinocchio.ReferenceFrame.LOCAL)
+        gains = held.m_baumgarte_parameters
+        gains.Kd, gains.Kp = 2 * alpha, beta**2
+        held.setBaumgarteCorrectorParameters(gains)
+        models.append(held)
+        joints.append(joint)
+        bodies.append((first, second))
+    workspaces = pinocchio.StdVec_RigidConstraintData()
+    for held in models:
+        workspaces.append(held.createData())
+    rank, rows = _rank(model, data, models, workspaces)
+    return Closure(models, workspaces, pinocchio.ProximalSettings(1e-16, 0.0, 1), joints, bodies, rank, rank < rows)
+
+
+def _held(model: Model) -> list[tuple[Joint | None, str, list[tuple[int, Any]]]]:
+    """(joint or None for a weld, type, (body, placement in the body's frame) of both ends) of each constraint."""
+    import pinocchio
+
+    found: list[tuple[Joint | None, str, list[tuple[int, Any]]]] = []
+    for joint in model.cut:
+        zero = np.eye(3)
+        if joint.type == "fixed":
+            zero = rotation_from_quaternion(links_module.relative_attitude(model.scene, joint.parent, joint.child))
+        ends = [(joint.child, pinocchio.SE3(np.eye(3), np.array(joint.child_anchor))),
+                (joint.parent, pinocchio.SE3(zero, np.array(joint.parent_anchor)))]
+        found.append((joint, "CONTACT_6D" if joint.type == "fixed" else "CONTACT_3D", ends))
+    here = pinocchio.SE3.Identity()
+    return found + [(None, "CONTACT_6D", [(body, here), (part, here)]) for part, body in model.parts.items()]
+
+
+def _rank(model: Model, data: Any, models: Any, workspaces: Any) -> tuple[int, int]:
+    """(rank, number) of the constraints' rows at t = 0."""
+    import pinocchio
+
+    q, _ = model.initial_state()
+    pinocchio.computeJointJacobians(model.model, data, q)
+    for held, workspace in zip(models, workspaces, strict=True):  # the Jacobian takes the points' places from there
+        held.calc(model.model, data, workspace)
+    jacobian = np.atleast_2d(pinocchio.getConstraintsJacobian(model.model, data, models, workspaces))
+    sizes = np.linalg.svd(jacobian, compute_uv=False)
+    return int(np.count_nonzero(sizes > RANK_TOLERANCE * sizes[0])), len(jacobian)

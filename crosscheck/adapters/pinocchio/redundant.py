@@ -1,0 +1,58 @@
+"""Accelerations of a Pinocchio model with redundant constraints: constraint forces of least norm and of fixed rank.
+
+A mechanism with more constraints than it could bear moves because some of their rows depend on the others. As soon as
+positions have drifted they do not any more, and a solver that meets every row, as the proximal one of
+`constraintDynamics` does with any mu, locks the mechanism: a parallelogram within half a second of 1 ms steps. Here as
+many directions of the constraints count as were independent at the start; the least of them are left out.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.pinocchio.models import Closure
+
+DAMPING = 1.0
+"""mu of one proximal iteration; whatever it is, the right-hand side that follows from its forces is the same."""
+
+
+def accelerations(model: Any, data: Any, closure: Closure, q: np.ndarray, v: np.ndarray,
+                  torque: np.ndarray) -> np.ndarray:
+    """Joint accelerations (nv,) under joint torques (nv,); the constraint forces go into the closure's workspaces.
+
+    One damped proximal iteration of `constraintDynamics` from zero has forces f with (G M^-1 G^T + mu) f = -r, and
+    r = G a + gamma + 2 alpha G u + beta^2 Phi at the accelerations without constraints is wanted, just as Pinocchio
+    forms it.
+    """
+    import pinocchio as pin
+    from scipy.linalg import solve_triangular
+
+    if not (np.isfinite(q).all() and np.isfinite(v).all()):
+        return np.full(len(v), np.nan)  # a diverged run is told with its time where steps are counted
+    once = pin.ProximalSettings(0.0, DAMPING, 1)
+    pin.constraintDynamics(model, data, q, v, torque, closure.models, closure.workspaces, once)
+    sizes = [held.residualSize() for held in closure.models]
+    damped = np.concatenate([each.contact_force.vector[:size]
+                             for each, size in zip(closure.workspaces, sizes, strict=True)])
+    jacobian = pin.getConstraintsJacobian(model, data, closure.models, closure.workspaces)
+    upper = np.triu(pin.crba(model, data, q))
+    if not all(np.isfinite(values).all() for values in (damped, jacobian, upper)):  # of a state too large to square
+        return np.full(len(v), np.nan)
+    root = np.linalg.cholesky(upper + np.triu(upper, 1).T)
+    scaled = solve_triangular(root, jacobian.T, lower=True).T
+    residual = -(scaled @ (scaled.T @ damped) + DAMPING * damped)
+    U, sigma, W = np.linalg.svd(scaled, full_matrices=False)
+    U, sigma, W = U[:, :closure.rank], sigma[:closure.rank], W[:closure.rank]
+    share = U.T @ residual / sigma
+    _keep_forces(closure, sizes, -U @ (share / sigma))
+    free = solve_triangular(root, torque - pin.nonLinearEffects(model, data, q, v), lower=True)
+    return solve_triangular(root.T, free - W.T @ share)
+
+
+def _keep_forces(closure: Closure, sizes: list[int], forces: np.ndarray) -> None:
+    import pinocchio as pin
+
+    for each, force in zip(closure.workspaces, np.split(forces, np.cumsum(sizes)[:-1]), strict=True):
+        each.contact_force = pin.Force(np.concatenate([force, np.zeros(6 - len(force))]))

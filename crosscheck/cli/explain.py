@@ -1,0 +1,66 @@
+"""`crosscheck explain`: why an engine's motion differs from a scene's true one."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any
+
+import typer
+
+from crosscheck.cli.options import console as terminal
+from crosscheck.cli.options import figure
+from crosscheck.files import finite
+
+
+def explain(
+    scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
+    engine: Annotated[str, typer.Option(help="a name, or a class of your own as module:Class")],
+    method: Annotated[str | None, typer.Option(help="default: the engine's best")] = None,
+    form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the engine's choice")] = None,
+    softness: Annotated[str | None, typer.Option(help="tight or default (mujoco, maximal)")] = None,
+    node: Annotated[str | None, typer.Option(help="lie or euler_parameters (exudyn)")] = None,
+    alpha: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")] = None,
+    beta: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of positions, not squared")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print everything as JSON")] = False,
+) -> None:
+    """Name the likely cause where an engine differs from truth, with the evidence.
+
+    Exit code 0: no difference; 1: a cause is named; 2: it differs, and the cause is unknown.
+    """
+    from crosscheck.diagnosis import explain as find
+
+    answer = find(scene, engine, method, form, softness=softness, node=node, alpha=alpha, beta=beta)
+    if as_json:
+        typer.echo(json.dumps(finite(answer.plain()), indent=1))
+    else:
+        _print(answer)
+    raise typer.Exit(answer.exit_code)
+
+
+def _print(answer: Any) -> None:
+    """The page: verdict, what was seen, evidence, what to change."""
+    from rich.table import Table
+
+    console = terminal(160)
+    mark = {"agrees": "✓", "named": "✗", "unknown": "?"}[answer.outcome]
+    console.print(f"{mark} {answer.sentence}", style={"agrees": "green", "named": "bold red"}.get(answer.outcome,
+                                                                                                 "bold yellow"))
+    seen = Table(box=None, show_header=False, pad_edge=False)
+    seen.add_row("difference from truth for vanishing steps", f"{answer.deviation:.1e}", "largest of |dx|/L, |dR|, "
+                 f"|dv|/(L W), |dw|/W in the first {answer.window:.3g} s; L longest lever, W fastest rate of the scene")
+    seen.add_row("doubt of that difference", f"{answer.noise:.1e}", "")
+    if answer.explained is not None:
+        seen.add_row("left of it once truth has the cause too", f"{answer.explained:.1e}", "")
+    if answer.documented_order is not None:
+        observed = "at rounding" if answer.observed_order is None else f"{answer.observed_order:.2f}"
+        seen.add_row("observed order", observed, f"documented {answer.documented_order}")
+    console.print(seen)
+    if answer.evidence:
+        table = Table("", "hypothesis", "residual before", "after", "fitted", "residual of", box=None, pad_edge=False,
+                      title=f"evidence, {answer.tried} hypotheses tried (✓ explains, · does not)", title_justify="left")
+        for each in answer.evidence:
+            table.add_row("✓" if each.holds else "·", each.hypothesis, figure(each.before), figure(each.after),
+                          "; ".join(text for text in (each.magnitude, each.note) if text), each.quantity)
+        console.print(table)
+    for cause in answer.causes:
+        console.print(f"what to change: {cause.mend} ({cause.name})")

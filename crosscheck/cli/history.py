@@ -1,0 +1,175 @@
+"""`crosscheck history`: the runs in the store, what changed between two of them, how a figure went through them."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from crosscheck.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from sqlalchemy import Engine
+
+app = typer.Typer(name="history", no_args_is_help=True, help="The runs in the store, their changes and trends.")
+
+Store = Annotated[str | None, typer.Option("--store", help="an SQLite file or postgresql://...; default: "
+                                           "CROSSCHECK_STORE, else reports/history.sqlite")]
+Run = Annotated[str, typer.Argument(help="name of a run, its beginning, or latest")]
+
+
+@app.command("list")
+def list_(store: Store = None, limit: Annotated[int, typer.Option(help="the last so many")] = 20) -> None:
+    """The last runs, the newest first."""
+    from rich.table import Table
+
+    from crosscheck.history.store import recent
+
+    table = Table("run", "profile", "exit", "compared with", "commit", "machine", "engines", box=None, pad_edge=False)
+    with _opened(store) as opened:
+        for run in recent(opened, limit):
+            engines = ", ".join(f"{name} {version}" for name, version in sorted(run.versions["engine"].items()))
+            machine = f"{run.environment['processor']}, {run.environment['cores']} cores"
+            table.add_row(run.name, run.profile, str(run.exit_code), "yes" if run.good else "",
+                          run.environment["commit"], machine, engines)
+    _console().print(table)
+
+
+@app.command()
+def show(run: Run = "latest", store: Store = None,
+         scene: Annotated[str | None, typer.Option(help="only this scene")] = None,
+         metric: Annotated[list[str] | None, typer.Option(help="may be repeated")] = None) -> None:
+    """The figures of one run."""
+    from rich.table import Table
+
+    from crosscheck.history.store import find, load
+
+    wanted = metric or ["position error", "position order", "energy error", "us per step", "speed ratio"]
+    with _opened(store) as opened:
+        found = load(opened, find(opened, run))
+    known = sorted({name for result in found.results.values() for name in result.figures})
+    for name in wanted:
+        if metric and name not in known:
+            raise ArgumentError(_no("metric", name, known))
+    table = Table("scene", "run", "outcome", *wanted, box=None, pad_edge=False)
+    for result in found.results.values():
+        if scene in (None, result.key[0]):
+            figures = [result.figures.get(name) for name in wanted]
+            table.add_row(result.key[0], result.label, result.outcome,
+                          *("" if figure is None else f"{figure.value:.4g}" for figure in figures))
+    typer.echo(f"{found.name}: {found.command}, exit code {found.exit_code}, "
+               f"commit {found.environment['commit'] or 'unknown'}")
+    _console().print(table)
+
+
+@app.command()
+def compare(before: Run, after: Run = "latest", store: Store = None) -> None:
+    """What changed from one run to another; exit code 1 where something became worse."""
+    from crosscheck.history import changes
+    from crosscheck.history.store import find, load
+
+    with _opened(store) as opened:
+        old, new = (load(opened, find(opened, name)) for name in (before, after))
+    found = changes.compare(old, new)
+    typer.echo(f"{old.name} -> {new.name}")
+    for change in found:
+        mark = "✗" if change.bad else "·"
+        place = f"{change.scene}, " if change.scene else ""
+        typer.echo(f"{mark} {change.kind}: {place}{change.who or 'all engines'}: {change.text}")
+    if not found:
+        typer.echo("nothing beyond rounding and noise")
+    raise typer.Exit(int(any(change.bad for change in found)))
+
+
+@app.command()
+def trend(
+    metric: Annotated[str, typer.Argument(help="as `crosscheck history show` names it, such as \"speed ratio\"")],
+    scene: Annotated[str, typer.Option(help="name of the scene")],
+    engine: Annotated[str, typer.Option(help="name of the engine")],
+    method: Annotated[str, typer.Option(help="name of the method")],
+    form: Annotated[str, typer.Option(help="tree, maximal or pivot; default: the engine's own choice")] = "",
+    coarse: Annotated[bool, typer.Option(help="the run at the coarse step a user might start with")] = False,
+    page: Annotated[Path | None, typer.Option(help="also write a page with the curve")] = None,
+    store: Store = None,
+) -> None:
+    """One figure through the runs, its change points marked ◆."""
+    from crosscheck.history import changes
+    from crosscheck.history.page import write_page
+    from crosscheck.history.store import figure_names, series
+
+    with _opened(store) as opened:
+        found = series(opened, metric, (scene, engine, method, form, coarse))
+        if not found:
+            raise ArgumentError(_no("metric", metric, figure_names(opened, (scene, engine, method, form, coarse))))
+    figures = [figure for _, figure in found]
+    changed = changes.change_points(figures)
+    unit = "" if figures[0].unit == "1" else f" {figures[0].unit}"
+    label = f"{engine} {method}" + (f" ({form})" if form else "")
+    typer.echo(f"{metric} of {label} on {scene}, {len(found)} runs")
+    typer.echo(changes.sparkline([figure.value for figure in figures])
+               + f"  {figures[0].value:.4g} -> {figures[-1].value:.4g}{unit}")
+    typer.echo("".join("◆" if index in changed else " " for index in range(len(found))).rstrip())
+    for index in changed:
+        typer.echo(f"◆ {found[index][0].name}: {figures[index - 1].value:.4g} -> {figures[index].value:.4g}{unit}, "
+                   f"commit {found[index][0].environment.get('commit') or 'unknown'}")
+    if page is not None:
+        write_page(page, found, scene, engine, label)
+        typer.echo(f"page: {page}")
+
+
+@app.command()
+def add(folder: Annotated[Path, typer.Argument(help="a report, or its results.json")], store: Store = None) -> None:
+    """Put a run of `crosscheck verify` into the store; good where all its verdicts pass."""
+    from crosscheck.history.store import run_from_document, save
+    from crosscheck.report.schema import read_document
+
+    path = folder if folder.suffix == ".json" else folder / "results.json"
+    document = read_document(path)
+    name = f"{document['meta']['time'].removesuffix(' UTC').replace(' ', 'T').replace(':', '-')}-{_digest(path)}"
+    with _opened(store) as opened:
+        new = save(opened, run_from_document(name, document, good=document["exit_code"] == 0))
+    typer.echo(f"{'added' if new else 'already there'}: {name}")
+
+
+@app.command()
+def accept(run: Run = "latest", store: Store = None) -> None:
+    """From now on compare with this run, whatever it found: its changes are wanted."""
+    from crosscheck.history.store import find, set_good
+
+    with _opened(store) as opened:
+        name = find(opened, run)
+        set_good(opened, name)
+    typer.echo(f"accepted: {name}")
+
+
+def _digest(path: Path) -> str:
+    import hashlib
+
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:4]
+
+
+def _no(what: str, name: str, known: list[str]) -> str:
+    from crosscheck.spelling import unknown
+
+    return unknown(what, name, known) if known else "no run in the store has this scene, engine, method and form"
+
+
+@contextlib.contextmanager
+def _opened(where: str | None) -> Iterator[Engine]:
+    from crosscheck.history.store import open_store
+
+    engine = open_store(where)
+    try:
+        yield engine
+    finally:
+        engine.dispose()
+
+
+def _console() -> Any:
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else 200, highlight=False)

@@ -1,0 +1,88 @@
+"""`crosscheck inspect`: what engines say of a scene before any stepping, beside independent truth."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from crosscheck.inspection import Deviation, Inspection
+
+
+def inspect(
+    scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
+    engine: Annotated[list[str] | None, typer.Option("--engine", help="a name; may be repeated; default: all")] = None,
+    form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: every form an engine has")] = None,
+    states: Annotated[int, typer.Option(help="random admissible states beside the start", min=0, max=1000)] = 3,
+    seed: Annotated[int, typer.Option(help="of the random states", min=0)] = 0,
+) -> None:
+    """Static cross-check of the engines' models: masses, energies, mass matrix, forces, accelerations, reactions.
+
+    Exit code 0: all agree with truth; 1: one does not; 2: the check itself failed.
+    """
+    from crosscheck.errors import ArgumentError
+    from crosscheck.inspection import inspect as examine
+    from crosscheck.running.run import CHOICES
+    from crosscheck.scene.file import load_scene
+    from crosscheck.spelling import unknown
+
+    if form is not None and form not in CHOICES["form"]:
+        raise ArgumentError(unknown("--form", form, CHOICES["form"]))
+    found = examine(load_scene(scene), engine or None, form, states, seed)
+    _print(found)
+    if not found.probes:
+        raise ArgumentError(f"{scene}: none of the engines asked for can be inspected on this scene")
+    raise typer.Exit(0 if found.agree else 1)
+
+
+def _print(found: Inspection) -> None:
+    from rich.console import Console
+
+    # without a terminal Rich would fold tables at 80 columns, which no log needs
+    console = Console(width=None if sys.stdout.isatty() else 200, highlight=False)
+    truth, scene = found.truth, found.scene
+    assert truth.masses is not None
+    assert truth.x is not None
+    assert truth.kinetic is not None
+    assert truth.potential is not None
+    centre = truth.masses @ truth.x[0] / truth.masses.sum()
+    console.print(f"{scene.name}: {scene.n} bodies, {truth.masses.sum():.6g} kg, centre of mass at t = 0 "
+                  f"({', '.join(f'{value:.6g}' for value in centre)}) m, kinetic energy {truth.kinetic[0]:.6g} J, "
+                  f"potential {truth.potential[0]:.6g} J; the start and {len(found.states.t) - 1} random states")
+    console.print(_table(found))
+    for probe in found.probes:
+        for reason in dict.fromkeys(probe.notes.values()):
+            missing = ", ".join(quantity for quantity, note in probe.notes.items() if note == reason)
+            console.print(f"{probe.label} does not tell {missing}: {reason}", markup=False)
+    for label, reason in found.skipped.items():
+        console.print(f"{label} is left out: {reason}", markup=False)
+    if found.offenders:
+        console.print(f"FIRST OFFENDER: {found.offenders[0]}", markup=False, style="bold red")
+    elif found.probes:
+        console.print(f"all agree with truth: no deviation of {len(found.probes)} models is beyond its bound")
+    for offender in found.offenders[1:]:
+        console.print(f"  then: {offender}", markup=False)
+
+
+def _table(found: Inspection) -> Any:
+    """Largest deviation of every quantity and engine; what is beyond its bound is marked."""
+    from rich.table import Table
+
+    from crosscheck.inspection.base import QUANTITIES
+
+    table = Table("largest relative deviation", *(probe.label for probe in found.probes), box=None)
+    by_cell = {(d.engine, d.form, d.quantity): d for d in found.deviations}
+    for quantity in QUANTITIES:
+        cells = [by_cell.get((probe.engine, probe.form, quantity)) for probe in found.probes]
+        if any(cells):
+            table.add_row(quantity, *(_cell(cell) for cell in cells))
+    return table
+
+
+def _cell(deviation: Deviation | None) -> str:
+    if deviation is None:
+        return "-"
+    text = f"{deviation.relative:.1e}"
+    return text if deviation.relative <= deviation.bound else f"[bold red]{text} ![/]"

@@ -1,0 +1,38 @@
+"""`crosscheck nightly`: everything, compared with the last good run, with a summary for a chat message."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def nightly(
+    scene: Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated; "
+                                                    "default: all")] = None,
+    engine: Annotated[list[str] | None, typer.Option("--engine", help="may be repeated; default: all")] = None,
+    profile: Annotated[str, typer.Option(help="as of `crosscheck verify`")] = "full",
+    jobs: Annotated[int, typer.Option(help="worker processes")] = 2,
+    time_limit: Annotated[float, typer.Option(help="s for one run and its order study")] = 1800.0,
+    memory_limit: Annotated[float, typer.Option(help="GB resident of one worker process")] = 4.0,
+    out: Annotated[Path, typer.Option(help="folder of the nights: a folder per run, and the link latest")] = Path(
+        "reports/nightly"),
+    store: Annotated[str | None, typer.Option(help="history: an SQLite file or postgresql://...; default: "
+                                              "CROSSCHECK_STORE, else history.sqlite beside the folder of the nights"
+                                              )] = None,
+    keep: Annotated[int, typer.Option(help="reports that are kept; the history forgets no run")] = 14,
+) -> None:
+    """Run everything, compare with the last good run, keep the history, write the report; goes on after a kill.
+
+    Exit code 0: all within tolerance and no finding; 1: a verdict failed or something became worse; 2: the run failed.
+    """
+    from crosscheck.cli.app import progress_bar
+    from crosscheck.history import nightly as job
+    from crosscheck.verification.guarded import limits
+
+    wanted = job.Wanted(profile, scene, engine, jobs, limits(time_limit, memory_limit))
+    with progress_bar() as progress:
+        night = job.nightly(out, wanted, store, keep, progress)
+    typer.echo(night.summary, nl=False)
+    raise typer.Exit(night.exit_code)

@@ -1,0 +1,184 @@
+"""Plain steppers and a precise integration of a model with altered parameters, on nothing but its accelerations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from crosscheck.diagnosis import misreadings
+from crosscheck.diagnosis.physics import Physics, Points, Terms
+from crosscheck.scene import mechanics
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.states import States
+
+PRECISE = 1e-11
+"""rtol of `predict`: a window of one radian adds up some ten steps of it."""
+
+Alter = Callable[[np.ndarray], np.ndarray]
+
+
+class Model:
+    """Accelerations at single states; keeps the angles of torsional springs from one call to the next."""
+
+    def __init__(self, scene: Scene, physics: Physics) -> None:
+        self.scene, self.physics = scene, physics
+        self.forces = tuple(range(len(scene.forces)))
+        self.angles: dict[str, float] | None = None
+        self.constraints = Constraints(scene)
+        self.rank: int | None = None
+
+    def rates(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Accelerations (n, 6), world and body axes, of states (n, ...)."""
+        found: dict[str, np.ndarray] = {}
+        if any(force.type == "torsional_spring" for force in self.scene.forces):
+            found = mechanics.torsion_angles(self.scene, R[None], previous=self.angles)
+            self.angles = {joint: float(values[-1]) for joint, values in found.items()}
+        points = Points(x[None], R[None], v[None], w[None], np.zeros((1, self.scene.n, 6)), np.zeros(1, int), found)
+        terms = Terms(self.scene, points, self.forces, self.constraints, self.rank)
+        self.rank = terms.rank
+        return terms.rates(self.physics)[0]
+
+
+def predict(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray) -> States:
+    """States at the scene's output times from the start with these attitudes and angular velocities: DOP853."""
+    from scipy.integrate import solve_ivp
+
+    n, model = scene.n, Model(scene, physics)
+    closed = misreadings.positions(scene, R, w)
+    x, v = closed if closed is not None else (scene.x0, scene.v0)
+
+    def unpack(y: np.ndarray) -> list[np.ndarray]:
+        parts = np.split(y, [3 * n, 12 * n, 15 * n])
+        return [parts[0].reshape(n, 3), parts[1].reshape(n, 3, 3), parts[2].reshape(n, 3), parts[3].reshape(n, 3)]
+
+    def derivative(_t: float, y: np.ndarray) -> np.ndarray:
+        x, R, v, w = unpack(y)
+        a = model.rates(x, R, v, w)
+        return np.concatenate([v.ravel(), np.cross(R, w[:, None, :]).ravel(), a[:, :3].ravel(), a[:, 3:].ravel()])
+
+    start = np.concatenate([x.ravel(), R.ravel(), v.ravel(), w.ravel()])
+    solved = solve_ivp(derivative, (0.0, scene.duration), start, "DOP853", t_eval=scene.t, rtol=PRECISE,
+                       atol=1e-3 * PRECISE)
+    columns = zip(*(unpack(row) for row in solved.y.T), strict=True)
+    return States(solved.t, *(np.array(column) for column in columns))
+
+
+def inverse_tangent(theta: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """dexp^-1 at theta of body angular velocities w, (n, 3), to the order that fourth-order methods need."""
+    once = np.cross(theta, w)
+    return w + 0.5 * once + np.cross(theta, once) / 12.0
+
+
+class Joints:
+    """Joint coordinates of a tree of ball joints and hinges: relative attitudes and their angular velocities."""
+
+    def __init__(self, scene: Scene, physics: Physics) -> None:
+        self.model, self.scene = Model(scene, physics), scene
+        self.order = misreadings.parents_first(scene)
+        self.by_child = {joint.child: joint for joint in scene.joints}
+
+    @staticmethod
+    def fit(scene: Scene) -> bool:
+        """Whether a scene is such a tree."""
+        children = [joint.child for joint in scene.joints]
+        return (sorted(children) == list(range(scene.n))
+                and all(joint.type in ("spherical", "revolute") for joint in scene.joints))
+
+    def start(self, R: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(relative attitudes, relative angular velocities in the child's axes) of a state."""
+        Q, s = np.empty_like(R), np.empty_like(w)
+        for body in self.order:
+            parent = self.by_child[body].parent
+            Q[body] = R[body] if parent == GROUND else R[parent].T @ R[body]
+            s[body] = w[body] if parent == GROUND else w[body] - Q[body].T @ w[parent]
+        return Q, s
+
+    def state(self, Q: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """x, R, v, w of joint coordinates."""
+        R, w = np.empty_like(Q), np.empty_like(s)
+        for body in self.order:
+            parent = self.by_child[body].parent
+            R[body] = Q[body] if parent == GROUND else R[parent] @ Q[body]
+            w[body] = s[body] if parent == GROUND else s[body] + Q[body].T @ w[parent]
+        x, v = misreadings.positions(self.scene, R, w) or (self.scene.x0, self.scene.v0)
+        return x, R, v, w
+
+    def rates(self, Q: np.ndarray, s: np.ndarray) -> np.ndarray:
+        """Derivative of s, (n, 3)."""
+        x, R, v, w = self.state(Q, s)
+        alpha = self.model.rates(x, R, v, w)[:, 3:]
+        found = alpha.copy()
+        for body in self.order:
+            parent = self.by_child[body].parent
+            if parent != GROUND:
+                carried = Q[body].T @ w[parent]
+                found[body] += np.cross(s[body], carried) - Q[body].T @ alpha[parent]
+        return found
+
+
+def euler(joints: Joints, Q: np.ndarray, s: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """Semi-implicit Euler in joint coordinates."""
+    s = s + h * joints.rates(Q, s)
+    return Q @ exponential(h * s), s
+
+
+def runge_kutta(rates: Callable[..., tuple[np.ndarray, ...]], state: tuple[np.ndarray, ...], h: float,
+                ) -> tuple[np.ndarray, ...]:
+    """Kutta's step of order 4 on (attitudes, angular velocities, others ...), attitudes as Munthe-Kaas does.
+
+    `rates(state)` returns the body angular velocities of the attitudes, then the derivatives of the rest.
+    """
+    Q, *flat = state
+    slopes: list[tuple[np.ndarray, ...]] = []
+    for c in (0.0, 0.5, 0.5, 1.0):
+        change = [c * h * part for part in slopes[-1]] if slopes else [0.0 * flat[0], *(0.0 * part for part in flat)]
+        spin, *rest = rates((Q @ exponential(change[0]), *(p + d for p, d in zip(flat, change[1:], strict=True))))
+        slopes.append((inverse_tangent(change[0], spin), *rest))
+    total = [h / 6 * (one + 2 * two + 2 * three + four) for one, two, three, four in zip(*slopes, strict=True)]
+    return (Q @ exponential(total[0]), *(p + d for p, d in zip(flat, total[1:], strict=True)))
+
+
+def exponential(theta: np.ndarray) -> np.ndarray:
+    """exp(hat(theta)), (n, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_rotvec(theta).as_matrix()
+
+
+def step_joints(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order: int, h: float,
+                steps: int) -> tuple[np.ndarray, ...]:
+    """x, R, v, w after steps in joint coordinates; `order` 1 or 4."""
+    joints = Joints(scene, physics)
+    Q, s = joints.start(R, w)
+    for _ in range(steps):
+        if order == 1:
+            Q, s = euler(joints, Q, s, h)
+        else:
+            Q, s = runge_kutta(lambda state: (state[1], joints.rates(*state)), (Q, s), h)
+    return joints.state(Q, s)
+
+
+def step_bodies(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order: int, h: float,
+                steps: int) -> tuple[np.ndarray, ...]:
+    """x, R, v, w after steps of the index-1 equations of the bodies; `order` 1 (semi-implicit) or 4."""
+    model = Model(scene, physics)
+    x, v = misreadings.positions(scene, R, w) or (scene.x0, scene.v0)
+
+    def rates(state: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+        R, w, x, v = state
+        a = model.rates(x, R, v, w)
+        return w, a[:, 3:], v, a[:, :3]
+
+    state: tuple[np.ndarray, ...] = (R, w, x, v)
+    for _ in range(steps):
+        if order == 1:
+            R, w, x, v = state
+            a = model.rates(x, R, v, w)
+            w, v = w + h * a[:, 3:], v + h * a[:, :3]
+            state = (R @ exponential(h * w), w, x + h * v, v)
+        else:
+            state = runge_kutta(rates, state, h)
+    R, w, x, v = state
+    return x, R, v, w

@@ -1,0 +1,223 @@
+"""Fits of hypotheses to observed accelerations, one at a time and in pairs.
+
+The residual z is the difference between observed and predicted accelerations over the noise of the observed ones. A
+hypothesis explains when no entry of z is beyond `EXPLAINED`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from crosscheck.diagnosis.hypotheses import Cause
+from crosscheck.diagnosis.physics import Physics, Terms
+
+EXPLAINED = 10.0
+"""Largest |z| that noise may leave: the noise is an estimate of the limit's error, good to a factor of a few."""
+
+SEEN = 30.0
+"""Smallest |z| that counts as a difference; between the two nothing is judged."""
+
+NEAR = 1e3
+"""A search that leaves this many times more than noise may is worth a full fit: it stops short of the last digits."""
+
+THIN = 3
+"""Every so manieth instant takes part in the search over pairs; all of them in the fit of those that come near."""
+
+FAR = 1e15
+"""Residual of magnitudes that make no sense."""
+
+ORDERED = {"inertia point", "inertia frame"}
+"""Families of a pair whose order matters: an inertia may be moved and then turned, or turned and then moved."""
+
+ITERATIONS, GIVE_UP, DIFFERENCE = 10, 0.97, 1e-6
+"""Of the quick fits: steps at most, the gain below which they end, and the width of differences."""
+
+
+@dataclasses.dataclass
+class Group:
+    """Terms of one joint structure with the noise of its accelerations, normalised like them."""
+
+    terms: Terms
+    noise: np.ndarray  # (P,)
+    units: np.ndarray  # (6,) accelerations are divided by these
+
+
+@dataclasses.dataclass
+class Fit:
+    """A combination of causes with its magnitudes and what it leaves."""
+
+    causes: tuple[Cause, ...]
+    theta: tuple[np.ndarray, ...]
+    left: float  # max |z|
+    relative: float  # largest acceleration left, in units of L W^2 and W^2
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the causes, sorted."""
+        return tuple(sorted({cause.name(theta) for cause, theta in zip(self.causes, self.theta, strict=True)}))
+
+    @property
+    def mistakes(self) -> int:
+        """How many mistakes it takes."""
+        return sum(cause.mistakes(theta) for cause, theta in zip(self.causes, self.theta, strict=True))
+
+    @property
+    def explains(self) -> bool:
+        """Whether nothing but noise is left."""
+        return self.left <= EXPLAINED
+
+
+class Data:
+    """Observed accelerations of a scene and its copies, and the residuals of altered parameters."""
+
+    def __init__(self, groups: Sequence[Group], right: Physics, soft: bool = False, quick: bool = False) -> None:
+        self.groups, self.right, self.soft = groups, right, soft
+        self.quick = quick
+
+    def differences(self, physics: Physics) -> list[np.ndarray]:
+        """Per group the normalised difference of accelerations, (P, n, 6)."""
+        found = []
+        for group in self.groups:
+            difference = (group.terms.points.rates - group.terms.rates(physics, self.soft)) / group.units
+            if physics.absent is not None:
+                difference[:, physics.absent] = 0.0
+            found.append(difference)
+        return found
+
+    def residual(self, physics: Physics) -> np.ndarray:
+        """z, all groups in one vector."""
+        parts = [difference / group.noise[:, None, None]
+                 for difference, group in zip(self.differences(physics), self.groups, strict=True)]
+        return np.concatenate([part.ravel() for part in parts])
+
+    def fit(self, causes: tuple[Cause, ...], starts: Sequence[tuple[float, ...]] | None = None) -> Fit:
+        """The best magnitudes of a combination of causes, over all combinations of their starting points."""
+        choices = [starts] if starts is not None else itertools.product(*(cause.starts for cause in causes))
+        fits = [self._fit_from(causes, start) for start in choices]
+        return min(fits, key=lambda fit: fit.left)
+
+    def simplest(self, found: Fit) -> Fit:
+        """The fit with special magnitudes, none or the opposite say, wherever they explain too.
+
+        A fit ends beside them by its noise, and the name of a cause hangs on them.
+        """
+        for k, cause in enumerate(found.causes):
+            for special in cause.special(found.theta[k]):
+                parts = [*found.theta[:k], np.array(special), *found.theta[k + 1:]]
+                trial = self._judged(found.causes, np.concatenate(parts))
+                if trial.explains:
+                    found = trial
+                    break
+        return found
+
+    def _fit_from(self, causes: tuple[Cause, ...], starts: Sequence[tuple[float, ...]]) -> Fit:
+        theta = np.concatenate([np.array(start, dtype=float) for start in starts])
+        if len(theta):
+            def residual(values: np.ndarray) -> np.ndarray:
+                with np.errstate(all="ignore"):
+                    try:
+                        z = self.residual(self._altered(causes, values))
+                    except np.linalg.LinAlgError:  # a magnitude without sense on the way
+                        return self._far()
+                return np.clip(np.where(np.isfinite(z), z, FAR), -FAR, FAR)
+            theta = gauss_newton(residual, theta) if self.quick else _precise(residual, theta)
+        return self._judged(causes, theta)
+
+    def _far(self) -> np.ndarray:
+        size = sum(group.terms.points.rates.size for group in self.groups)
+        return np.full(size, FAR)
+
+    def _altered(self, causes: tuple[Cause, ...], theta: np.ndarray) -> Physics:
+        physics, at = self.right, 0
+        for cause in causes:
+            physics = cause.apply(physics, theta[at:at + cause.free])
+            at += cause.free
+        return physics
+
+    def _judged(self, causes: tuple[Cause, ...], theta: np.ndarray) -> Fit:
+        parts, at = [], 0
+        for cause in causes:
+            parts.append(theta[at:at + cause.free])
+            at += cause.free
+        with np.errstate(all="ignore"):
+            try:
+                physics = self._altered(causes, theta)
+                z = self.residual(physics)
+                left = max(float(np.abs(each).max()) for each in self.differences(physics))
+            except np.linalg.LinAlgError:
+                return Fit(causes, tuple(parts), np.inf, np.inf)
+        worst = float(np.abs(z).max())
+        return Fit(causes, tuple(parts), worst if np.isfinite(worst) else np.inf,
+                   left if np.isfinite(left) else np.inf)
+
+
+def _precise(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
+    """Least squares to the last digit."""
+    from scipy.optimize import least_squares
+
+    solved = least_squares(residual, theta, method="lm", x_scale=np.maximum(np.abs(theta), 0.1), xtol=1e-13, ftol=1e-13,
+                           gtol=1e-13, max_nfev=30 * (len(theta) + 1))
+    return solved.x
+
+
+def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
+    """A few Gauss-Newton steps, given up where they stop to gain: most hypotheses are wrong, and that shows soon."""
+    z = residual(theta)
+    size = float(np.linalg.norm(z))
+    for _ in range(ITERATIONS):
+        widths = DIFFERENCE * np.maximum(np.abs(theta), 1.0)
+        columns = [(residual(theta + width * unit) - z) / width
+                   for width, unit in zip(widths, np.eye(len(theta)), strict=True)]
+        change = np.linalg.lstsq(np.column_stack(columns), -z, rcond=None)[0]
+        for part in (1.0, 0.4, 0.1):
+            trial = residual(theta + part * change)
+            new = float(np.linalg.norm(trial))
+            if new < size:
+                break
+        else:
+            return theta
+        theta, z, gain, size = theta + part * change, trial, new / size, new
+        if gain > GIVE_UP or float(np.abs(z).max()) <= 1.0:
+            return theta
+    return theta
+
+
+def search(full: Data, thin: Data, causes: Sequence[Cause]) -> tuple[list[Fit], list[Fit]]:
+    """(fits that explain, all fits of single causes): single causes first, pairs only where no single one explains."""
+    singles = [thin.fit((cause,)) for cause in causes]
+    singles = [full.fit(each.causes, tuple(tuple(part) for part in each.theta))
+               if each.left <= NEAR * EXPLAINED else each for each in singles]
+    found = [full.simplest(fit) for fit in singles if fit.explains]
+    if found:
+        return found, singles
+    begin = {id(fit.causes[0]): fit.theta[0] for fit in singles}
+    pairs = [pair for pair in itertools.combinations(causes, 2) if pair[0].family != pair[1].family]
+    pairs += [(other, one) for one, other in pairs if {one.family, other.family} == ORDERED]
+    alone: list[Fit] = []
+    for one, other in pairs:
+        best = thin.fit((one, other), (tuple(begin[id(one)]), tuple(begin[id(other)])))
+        for start in _starts(one, other):
+            if best.left <= EXPLAINED:
+                break
+            best = min(best, thin.fit((one, other), start), key=lambda fit: fit.left)
+        if best.left <= NEAR * EXPLAINED:
+            refined = full.fit((one, other), tuple(tuple(part) for part in best.theta))
+            if refined.explains:
+                found.append(full.simplest(refined))
+                alone += _alone(full, refined)
+    return alone or found, singles
+
+
+def _starts(one: Cause, other: Cause) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+    """Where a fit of a pair may begin: every start of each with the first one of the other."""
+    return [(start, other.starts[0]) for start in one.starts] + [(one.starts[0], start) for start in other.starts[1:]]
+
+
+def _alone(full: Data, pair: Fit) -> list[Fit]:
+    """Fits that explain of single causes of a pair: from its magnitudes one may get where it did not by itself."""
+    fits = [full.fit((cause,), (tuple(theta),)) for cause, theta in zip(pair.causes, pair.theta, strict=True)]
+    return [full.simplest(fit) for fit in fits if fit.explains]

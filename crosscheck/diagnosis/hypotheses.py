@@ -1,0 +1,269 @@
+"""Hypotheses about an engine's model: each turns the right parameters into wrong ones, by a magnitude to be fitted."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from crosscheck.diagnosis.physics import SPRINGS, Physics
+from crosscheck.scene.model import GROUND, Scene
+
+Apply = Callable[[Physics, np.ndarray], Physics]
+Say = Callable[[np.ndarray], str]
+Special = Callable[[np.ndarray], Sequence[tuple[float, ...]]]
+
+MASSLESS = 1e-3
+"""A mass below this part of the scene's counts as no mass."""
+
+GONE = 1e-6
+"""A stiffness, damping or gravity below this part of the scene's counts as none."""
+
+PARALLEL = 1e-9
+"""One minus the cosine between a fitted gravity and the scene's that is rounding of the fit."""
+
+TURNED = (("R J R^T: body components taken as components in world axes", lambda R, J: R @ J @ R.T),
+          ("R^T J R: components turned the wrong way", lambda R, J: R.T @ J @ R))
+
+
+@dataclasses.dataclass(frozen=True)
+class Cause:
+    """A hypothesis: `apply` alters parameters by magnitudes theta, `starts` are where their fit begins.
+
+    Pairs are made of causes of different families; `title` names a cause by its magnitude where the family's name is
+    not enough, and `special` lists the magnitudes near a fitted one that have a name of their own, simplest first.
+    """
+
+    family: str
+    apply: Apply
+    starts: tuple[tuple[float, ...], ...]  # ((),): nothing to fit
+    say: Say
+    mend: str
+    title: Say | None = None
+    special: Special = lambda theta: ()
+    mistakes: Callable[[np.ndarray], int] = lambda theta: 1
+    """How many mistakes it takes to come to a magnitude: other things equal, fewer are likelier."""
+
+    def name(self, theta: np.ndarray) -> str:
+        """The cause in a few words."""
+        return self.family if self.title is None else self.title(theta)
+
+    @property
+    def free(self) -> int:
+        """Number of magnitudes."""
+        return len(self.starts[0])
+
+
+@dataclasses.dataclass(frozen=True)
+class Context:
+    """The scene and its copies that the hypotheses are about."""
+
+    scene: Scene
+    attitudes: tuple[np.ndarray, ...]
+    """(E, n, 3, 3) at the start of each copy, as the engine shows them and, where that differs, as they are given."""
+    right: Physics  # the parameters as they should be
+
+
+def causes(context: Context) -> list[Cause]:
+    """All hypotheses about the model that make sense for a scene."""
+    scene = context.scene
+    scopes: list[tuple[str, tuple[int, ...]]] = [("all bodies", tuple(range(scene.n)))]
+    if scene.n > 1:
+        scopes += [(f"body {body.name!r}", (k,)) for k, body in enumerate(scene.bodies)]
+    found = [_gravity(scene)]
+    found += [cause for where, bodies in scopes for cause in _inertias(context, where, bodies)]
+    found += [cause for k in range(scene.n) for cause in _masses(scene, k)]
+    found += [cause for k in range(len(scene.forces)) for cause in _force(scene, k)]
+    return [*found, *_all_springs(context), *_damping(scene)]
+
+
+def _gravity(scene: Scene) -> Cause:
+    g, size = scene.gravity, float(np.linalg.norm(scene.gravity))
+
+    def title(theta: np.ndarray) -> str:
+        new = float(np.linalg.norm(theta))
+        if size == 0 or new <= GONE * size:
+            return "gravity size"
+        along = float(theta @ g) / (size * new)
+        if abs(along) < 1 - PARALLEL:
+            return "gravity axis"
+        return "gravity sign" if along < 0 and abs(new - size) <= GONE * size else "gravity size"
+
+    def special(theta: np.ndarray) -> list[tuple[float, ...]]:
+        if size == 0:
+            return []
+        new = float(np.linalg.norm(theta))
+        near = [0.0 * g, -g, float(theta @ g) / size**2 * g, *([size / new * theta] if new else [])]
+        return [tuple(vector.tolist()) for vector in near]
+
+    def mistakes(theta: np.ndarray) -> int:
+        new = float(np.linalg.norm(theta))
+        turned = float(theta @ g) < (1 - PARALLEL) * size * new
+        return 2 if turned and abs(new - size) > GONE * size else 1
+
+    start = g if size else np.array([0.0, 0.0, -9.81])
+    return Cause("gravity", lambda p, t: p.replace(gravity=np.array(t)), (tuple(start.tolist()),),
+                 lambda t: f"gravity {_vector(t)} m/s^2 instead of {_vector(g)}",
+                 "check sign, size and axis of the gravity the engine is given", title, special, mistakes)
+
+
+def _vector(values: np.ndarray) -> str:
+    """Three numbers without the noise of the fit."""
+    size = float(np.abs(values).max())
+    return f"({', '.join(f'{0.0 if abs(value) < 1e-6 * size else value:.6g}' for value in values)})"
+
+
+def _inertias(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator[Cause]:
+    shifts = _steiner(context.scene)
+    axes = "give the inertia in the axes the engine expects: those of the body"
+
+    def moved(p: Physics, t: np.ndarray) -> Physics:
+        return _changed(p, bodies, lambda J, k: J + t[0] * shifts[k])
+
+    def rotated(p: Physics, t: np.ndarray) -> Physics:
+        return _changed(p, bodies, lambda J, k: _rotated(t, J))
+
+    def angle(t: np.ndarray) -> str:
+        if len(bodies) == 1:
+            t = least_turn(t, context.right.inertias[0, bodies[0]])
+        size = float(np.linalg.norm(t))
+        return (f"{where}: inertia turned by {np.degrees(size):.5g} deg about {_vector(t / max(size, 1e-300))}, body "
+                "axes")
+
+    if any(shifts[k].any() for k in bodies):
+        yield Cause("inertia point", moved, ((0.2,), (1.0,), (-0.2,)),
+                    lambda t: f"{where}: inertia off by {t[0]:+.6g} times mass (s^2 I - s s^T), s from the centre of "
+                              "mass to the joint; +1 would be the inertia about the joint",
+                    "give the inertia about the point the engine expects: the centre of mass, or the joint")
+    for attitudes, (text, turn) in itertools.product(context.attitudes, TURNED):
+        yield _reframed(attitudes, where, bodies, text, turn, axes)
+    yield Cause("inertia frame", rotated, ((0.1, 0.1, 0.1), (0.7, -0.5, 0.3), (-0.5, 0.8, -0.9)), angle, axes)
+
+
+def _reframed(attitudes: np.ndarray, where: str, bodies: tuple[int, ...], text: str,
+              turn: Callable[[np.ndarray, np.ndarray], np.ndarray], mend: str) -> Cause:
+    def apply(p: Physics, t: np.ndarray) -> Physics:
+        return _changed(p, bodies, lambda J, k: np.array([turn(R, inertia) for R, inertia in zip(
+            attitudes[:, k], J, strict=True)]))
+
+    return Cause("inertia frame", apply, ((),), lambda t: f"{where}: {text}", mend)
+
+
+def least_turn(theta: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """The smallest rotation vector that turns an inertia J into the same as theta does: half turns about the principal
+    axes change nothing."""
+    from scipy.spatial.transform import Rotation
+
+    halves = [np.zeros(3), *(np.pi * axis for axis in np.linalg.eigh(J)[1].T)]
+    turns = [(Rotation.from_rotvec(theta) * Rotation.from_rotvec(half)).as_rotvec() for half in halves]
+    return min(turns, key=lambda turn: float(np.linalg.norm(turn)))
+
+
+def _rotated(theta: np.ndarray, J: np.ndarray) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    Q = Rotation.from_rotvec(theta).as_matrix()
+    return Q @ J @ Q.T
+
+
+def _changed(p: Physics, bodies: tuple[int, ...], change: Callable[[np.ndarray, int], np.ndarray]) -> Physics:
+    """The inertias (E, 3, 3) of some bodies altered."""
+    inertias = p.inertias.copy()
+    for k in bodies:
+        inertias[:, k] = change(p.inertias[:, k], k)
+    return p.replace(inertias=inertias)
+
+
+def _steiner(scene: Scene) -> np.ndarray:
+    """(n, 3, 3) m (s^2 I - s s^T), s from the centre of mass to the joint that carries the body."""
+    shifts = np.zeros((scene.n, 3, 3))
+    for joint in scene.joints:
+        if joint.child != GROUND and not shifts[joint.child].any():
+            s = joint.child_anchor
+            shifts[joint.child] = scene.masses[joint.child] * (s @ s * np.eye(3) - np.outer(s, s))
+    return shifts
+
+
+def _masses(scene: Scene, k: int) -> Iterator[Cause]:
+    name = scene.bodies[k].name
+    mend = f"check that body {name!r} and its mass reach the engine"
+
+    def mass_alone(p: Physics, t: np.ndarray) -> Physics:
+        return p.replace(masses=_with(p.masses, k, p.masses[k] * np.exp(t[0])))
+
+    def mass(p: Physics, t: np.ndarray) -> Physics:
+        return _changed(mass_alone(p, t), (k,), lambda J, _: np.exp(t[0]) * J)
+
+    yield Cause("mass", mass, ((0.1,), (-1.0,), (-5.0,)),
+                lambda t: f"mass and inertia of body {name!r} times {np.exp(t[0]):.6g}", mend,
+                lambda t: "missing body" if np.exp(t[0]) < MASSLESS else "mass")
+    yield Cause("mass", mass_alone, ((0.1,), (-1.0,)),
+                lambda t: f"mass of body {name!r} times {np.exp(t[0]):.6g}, inertia as it is", mend)
+
+
+def _force(scene: Scene, k: int) -> Iterator[Cause]:
+    """Hypotheses about one spring or load."""
+    force = scene.forces[k]
+    where, p = f"forces[{k}] ({force.type})", force.parameters
+    mend = f"check {where} on its way into the engine"
+
+    def entry(family: str, field: str, value: float, text: str, title: Say | None = None) -> Cause:
+        return Cause(family, lambda q, t: q.replace(**{field: _with(getattr(q, field), k, t[0])}), ((value,),),
+                     lambda t: f"{where}: {text} {t[0]:.6g} instead of {value:.6g}", mend, title, _none)
+
+    if force.type not in SPRINGS:
+        yield entry("load", "load", 1.0, "factor of the load")
+        return
+    rest, unit = ("free_length", "m") if force.type == "linear_spring" else ("rest_angle", "rad")
+    stiffness, damping = p["stiffness"], p["damping"]
+    if stiffness:
+        yield entry("spring stiffness", "stiffness", stiffness, "stiffness",
+                    lambda t: "missing spring" if abs(t[0]) < GONE * stiffness else "spring stiffness")
+        yield entry("spring free length", "rest", p[rest], f"{rest} ({unit})")
+        yield Cause("missing spring", lambda q, t: q.replace(stiffness=_with(q.stiffness, k, 0.0),
+                                                             damping=_with(q.damping, k, 0.0)), ((),),
+                    lambda t: f"{where} is not there", mend)
+    yield entry("damping", "damping", damping, "damping",
+                lambda t: "extra damping" if not damping else "missing damper" if abs(t[0]) < GONE * damping
+                else "damping")
+
+
+def _with(values: np.ndarray, k: int, value: float) -> np.ndarray:
+    changed = values.copy()
+    changed[k] = value
+    return changed
+
+
+def _all_springs(context: Context) -> Iterator[Cause]:
+    """The same mistake in every spring, those of the copies included."""
+    if not any(force.type in SPRINGS for force in context.scene.forces):
+        return
+    for family, field, text, none in (("spring stiffness", "stiffness", "stiffness", "missing spring"),
+                                      ("spring free length", "rest", "free length or rest angle", "spring free length"),
+                                      ("damping", "damping", "damping", "missing damper")):
+        if np.any(getattr(context.right, field)):
+            yield _every_spring(family, field, text, none)
+
+
+def _every_spring(family: str, field: str, text: str, none: str) -> Cause:
+    return Cause(family, lambda p, t: p.replace(**{field: t[0] * getattr(p, field)}), ((1.0,),),
+                 lambda t: f"{text} of every spring times {t[0]:.6g}", "check how springs are converted for the engine",
+                 lambda t: none if abs(t[0]) < GONE else family, _none)
+
+
+def _none(_theta: np.ndarray) -> list[tuple[float, ...]]:
+    """The special magnitude of what may not be there."""
+    return [(0.0,)]
+
+
+def _damping(scene: Scene) -> Iterator[Cause]:
+    mend = "switch off damping, friction and armature that the scene does not have"
+    if scene.joints:
+        yield Cause("extra damping", lambda p, t: p.replace(joint_damping=t[0]), ((0.0,),),
+                    lambda t: f"{t[0]:.6g} N m s/rad at every joint", mend)
+    yield Cause("extra damping", lambda p, t: p.replace(drag=t[0], spin_drag=t[0]), ((0.0,),),
+                lambda t: f"velocities decay at {t[0]:.6g} 1/s", mend)
+    yield Cause("gyroscopic term", lambda p, t: p.replace(gyroscopic=t[0]), ((1.0,),),
+                lambda t: f"w x J w times {t[0]:.6g}", "check the term w x J w of the rotational equations")

@@ -1,0 +1,238 @@
+"""What an engine does on a copy of a scene: its limit for vanishing steps, how sure that is, and its accelerations.
+
+States are compared as one normalised array y (T, n, 18): x / L, the nine entries of R, v / (L W), w / W, with L a
+length and W a rate of the scene. Nothing but `Engine.run` is asked.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.base import Engine, RunSpec
+from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.states import States
+
+SAMPLES = 21
+"""Output times of an observation: 0.05 rad of the scene's rate apart, so that a nine-point difference of a motion with
+three times that rate is off by 0.15^8 / 630, some 4e-10 of its derivative."""
+
+TURN = 1.0
+"""Length of an observation in units of 1 / W: a longer one shows the same model again."""
+
+LADDERS = {1: (1, 2, 4, 8, 16), 2: (1, 2, 4, 8), 4: (1, 2, 4)}
+"""Steps per sample interval for the limit, by documented order (the next lower one that is listed)."""
+
+RTOLS = (1e-10, 1e-12)
+"""Relative tolerances for the limit of an adaptive method."""
+
+ROUNDING = 1e-13
+"""Of y: some hundred operations on numbers of size one."""
+
+STENCIL = (1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
+"""Nine-point first difference (Fornberg, Math. Comp. 1988, doi:10.1090/S0025-5718-1988-0935077-0)."""
+SHORTER = (0.0, -1 / 60, 3 / 20, -3 / 4, 0.0, 3 / 4, -3 / 20, 1 / 60, 0.0)
+"""Seven-point first difference, in nine places."""
+REACH = 4
+TRUNCATION = 0.05
+"""Error of the nine-point difference over its distance from the seven-point one: (140 / 630) times the square of
+(rate times interval), which stays below 0.2 up to a rate of 9 W; usually it is far less."""
+
+
+NOISY, FINER = 1e-7, 4
+"""A limit less sure than this is sought again with steps so many times as fine."""
+
+
+RESOLVED, FASTEST = 1e-5, 64.0
+"""A derivative less sure than this part of the rate asks for a shorter window, up to so many times."""
+
+
+class Silent(Exception):
+    """The engine gave no usable run; the message says why."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Scale:
+    """Sizes that turn states of a scene into numbers of size one."""
+
+    length: float  # m
+    rate: float  # rad/s
+    fast: float = 1.0  # how many times faster than the scene an engine was seen to move
+
+    def flat(self, states: Any) -> np.ndarray:
+        """y, (T, n, 18), of states."""
+        R = states.R.reshape(*states.x.shape[:2], 9)
+        return np.concatenate([states.x / self.length, R, states.v / (self.length * self.rate), states.w / self.rate],
+                              axis=2)
+
+    def states(self, t: np.ndarray, y: np.ndarray) -> States:
+        """States of y; attitudes are as orthogonal as y has them."""
+        R = y[:, :, 3:12].reshape(*y.shape[:2], 3, 3)
+        return States(t, y[:, :, :3] * self.length, R, y[:, :, 12:15] * (self.length * self.rate),
+                      y[:, :, 15:] * self.rate)
+
+
+def scale_of(scene: Scene) -> Scale:
+    """Longest lever, and the fastest of initial turning, falling and swinging on a spring; from the scene alone."""
+    levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
+    levers += [float(np.linalg.norm(joint.parent_anchor)) for joint in scene.joints if joint.parent != GROUND]
+    gyration = np.sqrt(np.trace(scene.inertias, axis1=1, axis2=2) / (2 * scene.masses))
+    length = float(max([*levers, 0.0]) or gyration.max())
+    gravity = float(np.linalg.norm(scene.gravity))
+    rates = [float(np.linalg.norm(scene.w0, axis=1).max()), float(np.sqrt(gravity / length))]
+    smallest = np.linalg.eigvalsh(scene.inertias)[:, 0]
+    for joint in scene.joints:
+        lever = float(np.linalg.norm(joint.child_anchor))
+        mass = scene.masses[joint.child]
+        rates.append(float(np.sqrt(mass * gravity * lever / (smallest[joint.child] + mass * lever**2))))
+    for force in scene.forces:
+        stiffness = force.parameters.get("stiffness", 0.0)
+        inertia = smallest.min() if force.type == "torsional_spring" else scene.masses.min()
+        rates.append(float(np.sqrt(stiffness / inertia)))
+    return Scale(length, max(rates) or 1.0)
+
+
+@dataclasses.dataclass
+class Observation:
+    """An engine's limit on one scene."""
+
+    scene: Scene  # with the duration and samples of the observation
+    scale: Scale
+    y: np.ndarray  # (T, n, 18)
+    noise: float  # of y: how far two estimates of the limit differ, and rounding
+    order: float | None  # observed between the finest steps, by the engine's own convergence
+
+    @property
+    def states(self) -> States:
+        """The limit as states."""
+        return self.scale.states(self.scene.t, self.y)
+
+
+@dataclasses.dataclass(frozen=True)
+class Subject:
+    """An engine with one method and form: what is to be explained."""
+
+    engine: Engine
+    method: str
+    form: str | None = None
+    options: tuple[tuple[str, Any], ...] = ()  # of `RunSpec`
+
+    def spec(self, step: float | None = 1e-3, rtol: float | None = None) -> RunSpec:
+        """The request for one run."""
+        return RunSpec(self.method, step, rtol, self.form, monitor=False, **dict(self.options))
+
+    def order(self, scene: Scene) -> int | None:
+        """Documented order; None for adaptive methods."""
+        return self.engine.documented_order(scene, self.spec())
+
+    def held(self, scene: Scene) -> frozenset[str]:
+        """Constraint levels it claims to hold."""
+        return self.engine.held_levels(scene, self.spec())
+
+    def unsupported(self, scene: Scene, step: float | None = 1e-3) -> str | None:
+        """Why it cannot run this scene."""
+        return self.engine.unsupported(scene, self.spec(step, 1e-9 if step is None else None))
+
+    def run(self, scene: Scene, step: float | None = None, rtol: float | None = None) -> Any:
+        """A raw run; raises `Silent` with the reason where there is none that is finite."""
+        spec = self.spec(step, rtol)
+        try:
+            reason = self.engine.unsupported(scene, spec)
+            raw = None if reason else self.engine.run(scene, spec)
+        except Exception as error:  # a foreign engine may raise anything; the explanation then says what
+            raise Silent(f"{type(error).__name__}: {' '.join(str(error).split())}") from error
+        if raw is None:
+            raise Silent(str(reason))
+        states = raw.states
+        if len(states.t) != scene.samples:
+            raise Silent(f"{len(states.t)} samples came back, not {scene.samples}")
+        if not all(np.isfinite(part).all() for part in (states.x, states.R, states.v, states.w)):
+            raise Silent("the states are not finite")
+        return raw
+
+
+def window(scene: Scene, scale: Scale) -> Scene:
+    """The beginning of a scene, at the output times of an observation."""
+    return scene.replace(duration=min(TURN / (scale.rate * scale.fast), scene.duration), samples=SAMPLES)
+
+
+def first_look(subject: Subject, scene: Scene, scale: Scale) -> Observation:
+    """The limit over the beginning of a scene, short enough for the motion the engine shows to be resolved.
+
+    A soft joint oscillates far faster than the scene turns. Raises `Silent` where a run fails.
+    """
+    while True:
+        seen = observe(subject, window(scene, scale), scale)
+        _, error = rates(seen.y, seen.scene.duration / (SAMPLES - 1))
+        if error <= RESOLVED * scale.rate * scale.fast or scale.fast >= FASTEST:
+            return seen
+        scale = dataclasses.replace(scale, fast=FINER * scale.fast)
+
+
+def observe(subject: Subject, scene: Scene, scale: Scale) -> Observation:
+    """The limit of an engine for vanishing steps, on the output times of `scene`.
+
+    Raises
+    ------
+    Silent
+        A run failed.
+    """
+    order = subject.order(scene)
+    if order is None:
+        loose, tight = (scale.flat(subject.run(scene, rtol=rtol).states) for rtol in RTOLS)
+        return Observation(scene, scale, tight, float(np.abs(tight - loose).max()) + ROUNDING, None)
+    best: Observation | None = None
+    failure: Silent | None = None
+    for finer in (1, FINER, FINER**2):  # a stiff model, a soft constraint say, may need them to run at all
+        try:
+            seen = _limit(subject, scene, scale, order, finer)
+        except Silent as error:
+            failure = error
+            continue
+        best = seen if best is None or seen.noise < best.noise else best
+        if best.noise <= NOISY or finer > 1:
+            return best
+    if best is None:
+        raise failure or Silent("no run")
+    return best
+
+
+def _limit(subject: Subject, scene: Scene, scale: Scale, order: int, finer: int) -> Observation:
+    """The limit from steps that are `finer` times as fine as the ladder's."""
+    interval = scene.duration / (scene.samples - 1) / finer
+    counts = LADDERS[max(key for key in LADDERS if key <= order)]
+    runs = [scale.flat(subject.run(scene, interval / count).states) for count in counts]
+    found = convergence(runs)
+    first = order if found is None else int(np.clip(round(found), 1, order))
+    fine, rough = (extrapolated(runs[skip:], counts[skip:], first) for skip in (0, 1))
+    return Observation(scene, scale, fine, float(np.abs(fine - rough).max()) + ROUNDING, found)
+
+
+def convergence(runs: list[np.ndarray]) -> float | None:
+    """Order at which runs at halved steps settle; None where their differences are rounding."""
+    gaps = [float(np.abs(finer - coarser).max()) for coarser, finer in itertools.pairwise(runs)]
+    seen = [gap for gap in gaps if gap > 30 * ROUNDING]
+    return None if len(seen) < 2 else float(np.log2(seen[-2] / seen[-1]))
+
+
+def extrapolated(runs: list[np.ndarray], counts: tuple[int, ...], first: int) -> np.ndarray:
+    """The value at step zero of the polynomial 1, h^first, h^(first+1), ... through runs at steps 1 / count."""
+    if len(runs) == 1:
+        return runs[0]
+    h = 1.0 / np.array(counts, dtype=float)
+    basis = np.column_stack([np.ones_like(h), *(h ** (first + k) for k in range(len(h) - 1))])
+    weights = np.linalg.inv(basis)[0]
+    return np.einsum("k,k...->...", weights, np.array(runs))
+
+
+def rates(y: np.ndarray, interval: float) -> tuple[np.ndarray, float]:
+    """dy/dt (1/s) at the inner times, (T - 8, n, 18), and an estimate of its error."""
+    def apply(stencil: tuple[float, ...]) -> np.ndarray:
+        neighbours = np.lib.stride_tricks.sliding_window_view(y, len(stencil), axis=0)
+        return neighbours @ np.array(stencil) / interval
+
+    fine, rough = apply(STENCIL), apply(SHORTER)
+    return fine, TRUNCATION * float(np.abs(fine - rough).max())

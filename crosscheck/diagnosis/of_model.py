@@ -1,0 +1,334 @@
+"""Differences of the model: of what an engine starts from, of what it reports, and of the accelerations it shows."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+
+from crosscheck.diagnosis import fit, misreadings, variants
+from crosscheck.diagnosis.hypotheses import Context, causes
+from crosscheck.diagnosis.observe import REACH, Observation, Scale, Silent, Subject, observe, rates, window
+from crosscheck.diagnosis.physics import Physics, Points, Terms, of_scene
+from crosscheck.diagnosis.result import Evidence, NamedCause
+from crosscheck.scene import mechanics
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+
+FAITHFUL = 1e-8
+"""Of y and its derivative: a start or a velocity that is off by less is as the scene says; scene files keep 1e-8."""
+
+COPIES = 2
+"""Further starts that are observed, for each joint structure."""
+
+AMPLIFIED = 2.2
+"""Sum of the sizes of the nine-point difference's coefficients: what it makes of independent errors at most."""
+
+LEAST_NOISE = 1e-9
+"""Of normalised accelerations: differences of states at rounding over 0.05 rad leave some 1e-11."""
+
+
+@dataclasses.dataclass
+class Shown:
+    """One observed copy: states as they are meant, once misreports are undone, and their accelerations."""
+
+    observation: Observation
+    states: States
+    accelerations: np.ndarray  # (T - 8, n, 6), world and body axes
+    noise: float  # of normalised accelerations
+    forces: tuple[int, ...]  # which of the scene's forces it has
+
+
+@dataclasses.dataclass
+class ModelFinding:
+    """What the model diagnosis found."""
+
+    causes: list[NamedCause] = dataclasses.field(default_factory=list)
+    candidates: list[str] = dataclasses.field(default_factory=list)
+    evidence: list[Evidence] = dataclasses.field(default_factory=list)
+    unexplained: list[str] = dataclasses.field(default_factory=list)
+    physics: Physics | None = None  # of the engine, as fitted; one copy
+    start: tuple[misreadings.Misreading | None, misreadings.Misreading | None, str] | None = None
+    tried: int = 0
+    reported: misreadings.Report | None = None
+    soft: bool = False
+    absent: int | None = None  # a body that is not there
+
+
+def diagnose(subject: Subject, first: Observation) -> ModelFinding:
+    """Name what makes the limit of an engine another motion than the scene's; `first` is that limit."""
+    scene, scale = first.scene, first.scale
+    result = ModelFinding()
+    observations = [(first, tuple(range(len(scene.forces))))]
+    balls = variants.on_balls(scene)
+    for seed in range(COPIES if balls is None else 1):
+        _add(subject, variants.moved(scene, scale, seed), scale, observations, None)
+    if balls is not None:
+        for seed in range(COPIES):
+            _add(subject, variants.moved(balls[0], scale, seed), scale, observations, balls[1])
+    more = variants.sprung(scene, scale)
+    if more is not None:
+        _add(subject, variants.moved(more, scale, COPIES), scale, observations, tuple(range(len(more.forces))))
+    whole = more or scene
+    report = _reports([each for each, _ in observations], result)
+    shown = [_shown(each, forces, report) for each, forces in observations]
+    _frozen(shown, result)
+    _starts(shown, result)
+    _softness(shown[0], result)
+    _accelerations(shown, whole, result)
+    return result
+
+
+def _add(subject: Subject, scene: Scene | None, scale: Scale,
+         observations: list[tuple[Observation, tuple[int, ...]]], forces: tuple[int, ...] | None) -> None:
+    """Observe one more copy where there is one and the engine can run it."""
+    if scene is None or subject.unsupported(scene, 1e-3 if subject.order(scene) else None) is not None:
+        return
+    try:
+        seen = observe(subject, window(scene, scale), scale)
+    except Silent:  # a copy is a courtesy; that the scene itself runs was seen before
+        return
+    observations.append((seen, forces if forces is not None else tuple(range(len(scene.forces)))))
+
+
+# --- what is reported -------------------------------------------------------------------------------------------------
+
+
+def mismatch(states: States, interval: float, scale: Scale) -> tuple[float, float]:
+    """(largest normalised |dx/dt - v| and |dR/dt - R hat(w)|, what their differences leave open)."""
+    R = states.R.reshape(*states.x.shape[:2], 9)
+    poses = np.concatenate([states.x / scale.length, R], axis=2)
+    found, error = rates(poses, interval)
+    inner = slice(REACH, len(states.t) - REACH)
+    spin = np.cross(states.R[inner], states.w[inner][..., None, :]).reshape(*R[inner].shape)  # R hat(w), row by row
+    wanted = np.concatenate([states.v[inner] / scale.length, spin], axis=2)
+    return float(np.abs(found - wanted).max()) / scale.rate, error / scale.rate
+
+
+def _reports(observations: list[Observation], result: ModelFinding) -> misreadings.Report | None:
+    """The misreport that makes velocities the derivatives of poses, where they are not."""
+    def worst(report: misreadings.Report | None) -> tuple[float, float]:
+        pairs = []
+        for each in observations:
+            states = each.states if report is None else report.undo(each.states)
+            interval = each.scene.duration / (each.scene.samples - 1)
+            gap, error = mismatch(states, interval, each.scale)
+            pairs.append((gap, error + AMPLIFIED * each.noise / (interval * each.scale.rate)))
+        return max(pairs, key=lambda pair: pair[0] - fit.EXPLAINED * pair[1])
+
+    gap, noise = worst(None)
+    limit = max(fit.EXPLAINED * noise, FAITHFUL)
+    if gap <= limit:
+        return None
+    fitting = []
+    for report in misreadings.REPORTS:
+        after, noise = worst(report)
+        good = after <= max(fit.EXPLAINED * noise, FAITHFUL)
+        result.evidence.append(Evidence(f"{report.cause}: {report.detail}", "report", gap, after,
+                                        "velocities against derivatives of poses, over W", holds=good))
+        result.tried += 1
+        fitting += [report] if good else []
+    if len(fitting) == 1:
+        report = fitting[0]
+        result.reported = report
+        result.causes.append(NamedCause(report.cause, report.detail, "report states in the common convention: x, v in "
+                                        "world axes, R from body to world, w in body axes"))
+        return report
+    result.unexplained.append("velocities are not the derivatives of the poses")
+    return None
+
+
+def _shown(observation: Observation, forces: tuple[int, ...], report: misreadings.Report | None) -> Shown:
+    scale = observation.scale
+    states = observation.states if report is None else report.undo(observation.states)
+    if report is not None:
+        observation = dataclasses.replace(observation, y=scale.flat(states))
+    found, noise = accelerations(observation)
+    found[:, :, :3] *= scale.length * scale.rate
+    found[:, :, 3:] *= scale.rate
+    return Shown(observation, states, found, noise, forces)
+
+
+def accelerations(observation: Observation) -> tuple[np.ndarray, float]:
+    """Time derivatives of the velocities in y (1/s), (T - 8, n, 6), and their noise in units of 1 / W."""
+    interval = observation.scene.duration / (observation.scene.samples - 1)
+    found, error = rates(observation.y[:, :, 12:], interval)
+    noise = (error + AMPLIFIED * observation.noise / interval) / observation.scale.rate
+    return found, max(noise, LEAST_NOISE)
+
+
+def _frozen(shown: list[Shown], result: ModelFinding) -> None:
+    """A body that is reported at rest in the same place whatever the scene says is not in the engine's model."""
+    moves = np.max([np.abs(each.observation.y - each.observation.y[0]).max(axis=(0, 2)) for each in shown], axis=0)
+    still = [int(k) for k in np.flatnonzero(moves <= FAITHFUL)]
+    scene = shown[0].observation.scene
+    physics = of_scene(scene)
+    expected = Terms(scene, _points([(0, shown[0])], 1)[0], shown[0].forces).rates(physics)
+    moving = [k for k in still if scene.v0[k].any() or scene.w0[k].any() or np.abs(expected[:, k]).max() > FAITHFUL]
+    if len(moving) == 1 and scene.n > 1 and all(joint.parent != moving[0] for joint in scene.joints):
+        result.absent = moving[0]
+        body = scene.bodies[result.absent]
+        result.causes.append(NamedCause("missing body", f"body {body.name!r} never moves", f"check that body "
+                                        f"{body.name!r} reaches the engine"))
+        result.evidence.append(Evidence("missing body", "model", None, float(moves[moving[0]]), "largest change of the "
+                                        "body's normalised state", f"body {body.name!r}", True))
+
+
+# --- where it starts --------------------------------------------------------------------------------------------------
+
+
+def _starts(shown: list[Shown], result: ModelFinding) -> None:
+    """Name the misreading that leads to the starts the engine shows, where they are not the scene's."""
+    observations = [each.observation for each in shown]
+    limit = FAITHFUL + max(fit.EXPLAINED * each.noise for each in observations)
+
+    def worst(attitude: misreadings.Misreading | None, spin: misreadings.Misreading | None, mode: str) -> float:
+        return max(misreadings.gap(each, *misreadings.misread(each.scene, attitude, spin, mode), result.absent)
+                   for each in observations)
+
+    before = worst(None, None, "bodies")
+    if before <= limit:
+        return
+    fitting = []
+    for attitude, spin in list(itertools.product((None, *misreadings.ATTITUDES), (None, *misreadings.SPINS)))[1:]:
+        chosen = [each for each in (attitude, spin) if each is not None]
+        after, mode = min((worst(attitude, spin, mode), mode) for mode in misreadings.MODES)
+        result.tried += 1
+        if after <= limit or len(chosen) == 1:
+            text = " and ".join(f"{each.cause}: {each.detail}" for each in chosen)
+            result.evidence.append(Evidence(text, "start", before, after, "start against the scene's, normalised",
+                                            holds=after <= limit))
+        if after <= limit:
+            fitting.append((attitude, spin, mode, chosen))
+    fewest = min((len(each[3]) for each in fitting), default=0)
+    fitting = [each for each in fitting if len(each[3]) == fewest]
+    names = {tuple(each.cause for each in chosen) for *_, chosen in fitting}
+    if len(names) != 1:
+        result.unexplained.append("the start is not the scene's")
+        result.candidates += sorted(" and ".join(each) for each in names)
+        return
+    attitude, spin, mode, chosen = fitting[0]
+    result.start = attitude, spin, mode
+    result.causes += [NamedCause(each.cause, each.detail, "convert the initial state to the engine's convention")
+                      for each in chosen]
+
+
+# --- joints that give way ---------------------------------------------------------------------------------------------
+
+
+def _softness(shown: Shown, result: ModelFinding) -> None:
+    """Whether joints are closed at the start and open in the limit of small steps: held by forces, not constraints."""
+    scene, scale, states = shown.observation.scene, shown.observation.scale, shown.states
+    constraints = Constraints(scene)
+    rows = constraints.rows_without(result.absent)
+    if not rows.size:
+        return
+    gaps = np.abs(constraints.position(states.x, states.R)[:, rows]) / scale.length
+    limit = FAITHFUL + fit.EXPLAINED * shown.observation.noise
+    opening = float(gaps.max())
+    result.soft = bool(gaps[0].max() <= limit < opening)
+
+
+# --- how it moves -----------------------------------------------------------------------------------------------------
+
+
+def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> None:
+    """Fit altered models to the accelerations; `whole` is the scene with every force that any copy has."""
+    scene = shown[0].observation.scene
+    right = of_scene(whole, len(shown)).replace(absent=result.absent)
+    attitudes = [np.array([each.states.R[0] for each in shown])]
+    given = np.array([each.observation.scene.R0 for each in shown])
+    if np.abs(attitudes[0] - given).max() > FAITHFUL:  # an inertia may be converted before attitudes are misread
+        attitudes.append(given)
+    full, thin = (_data(shown, right, result.soft, stride) for stride in (1, fit.THIN))
+    hard = full if not result.soft else _data(shown, right, False, 1)
+    wrong = float(np.abs(hard.residual(right)).max())
+    remaining = float(np.abs(full.residual(right)).max())
+    quantity = "accelerations, largest difference over its noise"
+    if wrong <= fit.SEEN and not result.soft:
+        if wrong > fit.EXPLAINED:
+            result.unexplained.append("accelerations differ by little more than their noise")
+        return
+    candidates = causes(Context(scene, tuple(attitudes), right))
+    if result.soft:
+        opening = _opening(shown[0], result.absent)
+        result.evidence.append(Evidence("soft constraint", "constraint", wrong, remaining, quantity, opening,
+                                        remaining <= fit.EXPLAINED, "with constraint forces of any law"))
+        result.causes.append(NamedCause("soft constraint", opening, "tighten the joints, or use coordinates or "
+                                        "multipliers that enforce them"))
+        result.tried += 1
+        if remaining <= fit.EXPLAINED:
+            return
+    found, singles = fit.search(full, thin, candidates)
+    result.tried += len(candidates)
+    for each in sorted(singles, key=lambda each: each.left)[:8]:
+        result.evidence.append(_evidence(each, remaining, quantity))
+    if not found:
+        result.unexplained.append("accelerations differ from the model's")
+        return
+    if len(found[0].causes) > 1:
+        result.evidence += [_evidence(each, remaining, quantity) for each in found]
+    fewest = min(each.mistakes for each in found)
+    _name([each for each in found if each.mistakes == fewest], full, result)
+
+
+def _opening(shown: Shown, absent: int | None) -> str:
+    scene, states, constraints = shown.observation.scene, shown.states, Constraints(shown.observation.scene)
+    gaps = np.abs(constraints.position(states.x, states.R)[:, constraints.rows_without(absent)])
+    return f"joints open to {gaps.max():.3g} m within {scene.duration:.3g} s at vanishing steps"
+
+
+def _evidence(found: fit.Fit, before: float, quantity: str) -> Evidence:
+    pairs = list(zip(found.causes, found.theta, strict=True))
+    return Evidence(" and ".join(cause.name(theta) for cause, theta in pairs), "model", before, found.left, quantity,
+                    "; ".join(cause.say(theta) for cause, theta in pairs), found.explains)
+
+
+def _name(found: list[fit.Fit], data: fit.Data, result: ModelFinding) -> None:
+    names = {each.names for each in found}
+    if len(names) != 1:
+        result.unexplained.append("more than one cause explains the accelerations")
+        result.candidates += sorted(" and ".join(each) for each in names)
+        return
+    best = min(found, key=lambda each: (sum(cause.free for cause in each.causes), each.left))
+    result.causes += [NamedCause(cause.name(theta), cause.say(theta), cause.mend)
+                      for cause, theta in zip(best.causes, best.theta, strict=True)]
+    result.physics = data.right
+    for cause, theta in zip(best.causes, best.theta, strict=True):
+        result.physics = cause.apply(result.physics, theta)
+
+
+def _data(shown: list[Shown], right: Physics, soft: bool, stride: int) -> fit.Data:
+    """Residuals of all copies, grouped by joint structure."""
+    groups = []
+    def structure(each: Shown) -> tuple[object, ...]:
+        return tuple(joint.type for joint in each.observation.scene.joints), each.forces
+
+    for one in dict.fromkeys(structure(each) for each in shown):
+        members = [(k, each) for k, each in enumerate(shown) if structure(each) == one]
+        scene, scale = members[0][1].observation.scene, members[0][1].observation.scale
+        points, noise = _points(members, stride)
+        units = np.repeat([scale.length * scale.rate**2, scale.rate**2], 3)
+        groups.append(fit.Group(Terms(scene, points, members[0][1].forces), noise, units))
+    return fit.Data(groups, right, soft, quick=stride > 1)
+
+
+def _points(members: list[tuple[int, Shown]], stride: int) -> tuple[Points, np.ndarray]:
+    pieces: dict[str, list[np.ndarray]] = {name: [] for name in ("x", "R", "v", "w", "rates", "copy", "noise")}
+    angles: dict[str, list[np.ndarray]] = {}
+    for k, each in members:
+        inner = slice(REACH, len(each.states.t) - REACH, stride)
+        for name in ("x", "R", "v", "w"):
+            pieces[name].append(getattr(each.states, name)[inner])
+        pieces["rates"].append(each.accelerations[::stride])
+        count = len(pieces["rates"][-1])
+        pieces["copy"].append(np.full(count, k))
+        pieces["noise"].append(np.full(count, each.noise))
+        found = mechanics.torsion_angles(each.observation.scene, each.states.R, each.states.w, each.states.t)
+        for joint, values in found.items():
+            angles.setdefault(joint, []).append(values[inner])
+    joined = {name: np.concatenate(parts) for name, parts in pieces.items()}
+    noise = joined.pop("noise")
+    return Points(**joined, angles={joint: np.concatenate(parts) for joint, parts in angles.items()}), noise

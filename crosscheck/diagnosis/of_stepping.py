@@ -1,0 +1,385 @@
+"""Differences of the stepping: orders below the documented one, more steps than asked for, damped constraint errors.
+
+All from short runs; what a limit for vanishing steps cannot show.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from crosscheck.diagnosis import altered, fit
+from crosscheck.diagnosis.observe import (
+    REACH,
+    ROUNDING,
+    STENCIL,
+    Observation,
+    Scale,
+    Silent,
+    Subject,
+    extrapolated,
+    observe,
+    rates,
+    window,
+)
+from crosscheck.diagnosis.physics import Physics
+from crosscheck.diagnosis.result import Evidence, NamedCause
+from crosscheck.diagnosis.variants import close
+from crosscheck.judge.metrics import PLATEAU, Plateau, observed_order
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+
+COUNTS = {1: (32, 64, 128, 256), 2: (8, 16, 32, 64), 4: (4, 8, 16, 32), 5: (3, 4, 6, 8, 12), 7: (2, 3, 4, 6, 8)}
+"""Steps per 1 / W for the order, by documented order (the next lower one that is listed)."""
+
+CLEAR = 0.3
+"""Errors show an order that is not the documented one only where the two finest slopes above rounding lie this near to
+one and the same lower whole number: at coarse steps slopes of high orders climb towards it, at rounding they fall."""
+
+FLOOR = 1e-11
+"""Of y: errors below it may be rounding or the tolerance of an engine's own solver."""
+
+REFINEMENTS, REFINED = (1, 4, 16, 64, 256), 1e-9
+"""So many times as fine steps are tried, one after the other, where those before explode, or show no whole number
+although their errors are still this large: a soft joint's own error, of the documented order, covers that of a lower
+order until its oscillation is resolved. A lower order has to show twice: coarse steps of stiff models pretend one."""
+
+EXPLODED = 1.0
+"""Of y: a run off by more than the size of what it computes says nothing about its order."""
+
+ALIKE = 0.02
+"""Part of its error by which two runs of one method may differ: roundings, and maps of the group that are truncated."""
+
+FLAT = 1e-6
+"""Largest way the normal of a plane, a unit vector, may turn in a motion that keeps to that plane."""
+
+MOST_SUBSTEPS = 64
+NO_SUBSTEPS = 1.2
+"""Below this many the errors are those of the steps asked for."""
+
+NO_GAIN = (0.0, 0.0)
+
+PUSH = 1e-2
+"""Part of the length by which a start violates the joints to see what becomes of it. Constraint accelerations are those
+of the violated state itself, so that nothing is left out; a smaller one would hide small gains in the noise."""
+
+
+@dataclasses.dataclass
+class Order:
+    """Observed order of a method on a scene."""
+
+    observed: float | None  # least squares over the errors above rounding
+    lower: int | None  # the order they show instead of the documented one
+
+
+@dataclasses.dataclass
+class NumericsFinding:
+    """What the numerical diagnosis found."""
+
+    causes: list[NamedCause] = dataclasses.field(default_factory=list)
+    evidence: list[Evidence] = dataclasses.field(default_factory=list)
+    unexplained: list[str] = dataclasses.field(default_factory=list)
+    order: float | None = None
+    tried: int = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """What is known of an engine's model when its stepping is looked at."""
+
+    physics: Physics
+    start: tuple[np.ndarray, np.ndarray]  # attitudes and angular velocities
+    soft: bool  # its joints give way by a law that nobody knows: no plain method can stand in for it
+    undo: Callable[[States], States] | None = None  # of a misreport
+
+
+def diagnose(subject: Subject, first: Observation, known: Known) -> NumericsFinding:
+    """Name what makes the stepping another than documented."""
+    result, order = NumericsFinding(), subject.order(first.scene)
+    if order is None:
+        return result
+    found = _ordered(subject, first.scene, first.scale, order)
+    result.order = None if found is None else found.observed
+    low = found is not None and found.lower is not None
+    if found is not None and low:
+        _lower_order(subject, first, order, known, found, result)
+    if "acceleration" in subject.held(first.scene) and not known.soft:
+        gain = _gain(subject, first, known, result)
+        known = dataclasses.replace(known, physics=known.physics.replace(gain=gain))
+    if not low:
+        _substeps(subject, first, order, known, result)
+    return result
+
+
+# --- order ------------------------------------------------------------------------------------------------------------
+
+
+def _ordered(subject: Subject, scene: Scene, scale: Scale, order: int) -> Order | None:
+    """Observed order against the method's own limit; None where runs failed at all steps that are tried."""
+    brief = scene.replace(duration=1.0 / scale.rate, samples=2)
+    counts = COUNTS[max(key for key in COUNTS if key <= order)]
+    result, before = None, None
+    for finer in REFINEMENTS:
+        ladder = tuple(finer * count for count in (*counts, 2 * counts[-1]))
+        try:
+            runs = [scale.flat(subject.run(brief, brief.duration / count).states)[1:] for count in ladder]
+        except Silent:
+            continue
+        if np.abs(runs[0] - runs[-1]).max() > EXPLODED:
+            continue
+        slope = _slope(runs, ladder, order)
+        limit = extrapolated(runs, ladder, int(np.clip(round(slope), 1, order)))
+        steps = tuple(brief.duration / count for count in ladder[:-1])
+        errors = [float(np.abs(run - limit).max()) for run in runs[:-1]]
+        whole = _whole(steps, errors)
+        if result is None or whole is not None:
+            result = Order(observed_order(steps, errors, Plateau(FLOOR / PLATEAU)).observed,
+                           whole if whole is not None and whole < order else None)
+        if errors[-1] < REFINED or (whole is not None and (whole >= order or whole == before)):
+            break
+        before = whole
+    return result
+
+
+def _whole(steps: tuple[float, ...], errors: list[float]) -> int | None:
+    """The whole number, 1 at least, that the two finest slopes of errors above rounding clearly show; None: none."""
+    used = [(np.log(h), np.log(e)) for h, e in zip(steps, errors, strict=True) if e > FLOOR]
+    slopes = [(one[1] - two[1]) / (one[0] - two[0]) for one, two in itertools.pairwise(used)][-2:]
+    if len(slopes) < 2:
+        return None
+    whole = round(float(slopes[-1]))
+    return whole if whole >= 1 and all(abs(slope - whole) <= CLEAR for slope in slopes) else None
+
+
+def _slope(runs: list[np.ndarray], counts: tuple[int, ...], order: int) -> float:
+    """A first guess of the order from differences to the finest run."""
+    gaps = np.array([float(np.abs(run - runs[-1]).max()) for run in runs[:-1]])
+    good = gaps > 100 * ROUNDING
+    if good.sum() < 2:
+        return float(order)
+    logs = np.log(np.array(counts[:-1])[good])
+    return float(-np.polyfit(logs, np.log(gaps[good]), 1)[0])
+
+
+def planar(scene: Scene, scale: Scale, gravity: np.ndarray) -> Scene | None:
+    """A copy in which every body turns about one direction only, so that its rotations commute; None where the joints
+    do not allow it.
+
+    The plane holds both the scene's gravity and the one an engine has in its place; the inertias are those of spheres,
+    so that axes they are wrongly given in do not matter.
+    """
+    if any(joint.type not in ("spherical", "revolute") for joint in scene.joints) or not scene.joints:
+        return None
+    down, normal = _plane(scene.gravity, gravity)
+    flat = np.eye(3) - np.outer(normal, normal)
+    bodies = []
+    for k, body in enumerate(scene.bodies):
+        bodies.append(dataclasses.replace(body, inertia=np.trace(body.inertia) / 3 * np.eye(3),
+                                          attitude=np.array([1.0, 0.0, 0.0, 0.0]),
+                                          angular_velocity=(0.5 + 0.3 * k) * scale.rate * normal))
+    joints = []
+    for joint in scene.joints:
+        anchors: dict[str, Any] = {"parent_anchor": flat @ joint.parent_anchor,
+                                   "child_anchor": flat @ joint.child_anchor}
+        if np.linalg.norm(anchors["child_anchor"]) < 0.1 * scale.length:
+            anchors["child_anchor"] = 0.5 * scale.length * np.cross(normal, down)
+        axes: dict[str, Any] = {} if joint.type == "spherical" else {"parent_axis": normal, "child_axis": normal}
+        joints.append(dataclasses.replace(joint, **anchors, **axes))
+    made = scene.replace(bodies=tuple(bodies), joints=tuple(joints), forces=())
+    from crosscheck.diagnosis.misreadings import positions
+
+    placed = positions(made, made.R0, made.w0)
+    if placed is None:
+        return None
+    x, v = placed
+    made = made.replace(bodies=tuple(dataclasses.replace(body, position=x[k], velocity=v[k])
+                                     for k, body in enumerate(made.bodies)))
+    return close(made)
+
+
+def _plane(gravity: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (down, normal) of a plane that holds two gravities, either of which may be none."""
+    given = [vector / np.linalg.norm(vector) for vector in (gravity, other) if vector.any()]
+    down = given[0] if given else np.array([0.0, 0.0, -1.0])
+    normal = np.cross(down, given[-1]) if given else np.zeros(3)
+    if np.linalg.norm(normal) < FLAT:
+        normal = np.cross(down, [1.0, 0.0, 0.0] if abs(down[0]) < 0.9 else [0.0, 1.0, 0.0])
+    return down, normal / np.linalg.norm(normal)
+
+
+def keeps_plane(subject: Subject, copy: Scene, scale: Scale) -> bool:
+    """Whether an engine turns every body of a planar copy about the normal of its plane only."""
+    try:
+        states = observe(subject, window(copy, scale), scale).states
+    except Silent:
+        return False
+    normal = copy.w0[0] / np.linalg.norm(copy.w0[0])
+    turns = states.R @ np.swapaxes(states.R[:1], -1, -2)
+    return bool(np.abs(turns @ normal - normal).max() <= FLAT)
+
+
+def _lower_order(subject: Subject, first: Observation, order: int, known: Known, found: Order,
+                 result: NumericsFinding) -> None:
+    quantity = f"observed order, documented {order}"
+    copy = planar(first.scene, first.scale, known.physics.gravity)
+    plane = None
+    if copy is not None and subject.unsupported(copy) is None and keeps_plane(subject, copy, first.scale):
+        plane = _ordered(subject, copy, first.scale, order)
+    result.tried += 2
+    shown = f"order {found.observed:.2f} where the documentation says {order}"
+    if plane is None:
+        result.evidence.append(Evidence("group update", "numerics", found.observed, None, quantity,
+                                        note="no copy on which rotations commute could be run"))
+        result.unexplained.append(f"{shown}, and no copy with commuting rotations to tell why")
+        return
+    commuting = plane.lower is None
+    text = "at rounding" if plane.observed is None else f"{plane.observed:.2f}"
+    result.evidence.append(Evidence("group update", "numerics", found.observed, plane.observed, quantity,
+                                    holds=commuting, note=f"order {text} on a copy in which all rotations commute"))
+    result.evidence.append(Evidence("order of the step", "numerics", found.observed, plane.observed, quantity,
+                                    holds=not commuting, note="the order would be as low where all rotations commute"))
+    if commuting:
+        result.causes.append(NamedCause("group update", f"{shown}, but order {text} where rotations commute",
+                                        "move attitudes by a method of the group (Munthe-Kaas, Crouch-Grossman), not "
+                                        "by summed velocities"))
+    else:
+        result.causes.append(NamedCause("order of the step", f"{shown}, and order {text} where rotations commute",
+                                        "check the coefficients of the method, and what it is documented to be"))
+
+
+# --- hidden sub-steps -------------------------------------------------------------------------------------------------
+
+
+def _substeps(subject: Subject, first: Observation, order: int, known: Known, result: NumericsFinding) -> None:
+    scene, scale = first.scene, first.scale
+    count = None if known.soft else {1: 16, 4: 4}.get(order)
+    brief = scene.replace(duration=1.0 / scale.rate, samples=2)
+    asked = count or 16
+    try:
+        raw = subject.run(brief, brief.duration / asked)
+        if raw.steps > asked:
+            result.causes.append(_hidden(raw.steps / asked, "its own count of steps says so"))
+            result.evidence.append(Evidence("hidden sub-steps", "numerics", float(asked), float(raw.steps),
+                                            "steps asked for and taken", holds=True))
+            return
+        if count is None:
+            return
+        coarse = _meant(raw.states, scale, known)
+        fine = [_meant(subject.run(brief, brief.duration / (asked * k)).states, scale, known) for k in (2, 4, 8)]
+    except Silent:
+        return
+    limit = extrapolated(fine, (2, 4, 8), order)
+    error = coarse - limit
+    size = float(np.abs(error).max())
+    if size < 1e3 * ROUNDING:
+        return
+    steppers = [("bodies", altered.step_bodies)]
+    if altered.Joints.fit(scene):
+        steppers.append(("joints", altered.step_joints))
+    for name, stepper in steppers:
+        def at(k: int, stepper=stepper) -> np.ndarray:
+            n = asked * k
+            found = stepper(brief, known.physics, *known.start, order, brief.duration / n, n)
+            return _there(scale.flat(States(np.zeros(1), *(part[None] for part in found)))[0], known)
+
+        result.tried += 1
+        guess = _fewer(float(np.abs(at(1) - limit).max()), size, order)
+        if not NO_SUBSTEPS <= guess <= MOST_SUBSTEPS:
+            continue
+        # Errors, each from its own limit: the fitted magnitudes of the model are not as sure as small errors are.
+        settled = _there(scale.flat(altered.predict(brief, known.physics, *known.start))[-1], known)
+        off: dict[int, np.ndarray] = {}
+        k = max(2, round(guess))
+        while k not in off:  # at coarse steps errors do not follow the order yet: from as many steps it tells better
+            off[k] = at(k) - settled
+            k = int(np.clip(round(k * _fewer(float(np.abs(off[k]).max()), size, order)), 2, MOST_SUBSTEPS))
+        left, k = min((float(np.abs(each - error).max()), k) for k, each in off.items())
+        holds = left <= ALIKE * size
+        result.evidence.append(Evidence("hidden sub-steps", "numerics", size, left, "state, against a plain method of "
+                                        f"order {order} in coordinates of the {name}", f"{k} sub-steps", holds))
+        if holds:
+            result.causes.append(_hidden(k, f"its error is that of {k} steps of a plain method of order {order}"))
+            return
+
+
+def _fewer(plain: float, size: float, order: int) -> float:
+    """How many times as many steps make errors of one size those of the other."""
+    return float((plain / size) ** (1 / order)) if np.isfinite(plain) else 0.0
+
+
+def _meant(states: States, scale: Scale, known: Known) -> np.ndarray:
+    """y at the end of a run, misreports undone."""
+    return _there(scale.flat(states if known.undo is None else known.undo(states))[-1], known)
+
+
+def _there(y: np.ndarray, known: Known) -> np.ndarray:
+    """y of the bodies that are there."""
+    return y if known.physics.absent is None else np.delete(y, known.physics.absent, axis=0)
+
+
+def _hidden(count: float, why: str) -> NamedCause:
+    return NamedCause("hidden sub-steps", f"{count:g} steps for each that is asked for: {why}",
+                      "switch off adaptive or internal steps, or count them where speeds are compared")
+
+
+# --- stabilisation ----------------------------------------------------------------------------------------------------
+
+
+def pushed(scene: Scene, scale: Scale) -> Scene:
+    """The scene with every body moved a little out of its joints."""
+    rng = np.random.default_rng(3)
+    return scene.replace(bodies=tuple(
+        dataclasses.replace(body, position=body.position + PUSH * scale.length * rng.uniform(-1, 1, 3))
+        for body in scene.bodies))
+
+
+def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFinding) -> tuple[float, float]:
+    """Fit G du/dt + gamma = -2 alpha G u - beta^2 Phi to the motion after a small violation of the joints.
+
+    Returns alpha (1/s) and beta^2 (1/s^2), zeros where there is no gain.
+    """
+    scene, scale = first.scene, first.scale
+    there = [joint for joint in scene.joints if known.physics.absent not in (joint.parent, joint.child)]
+    if not there or any(joint.type in ("prismatic", "fixed") for joint in there):
+        return NO_GAIN
+    try:
+        seen = observe(subject, pushed(scene, scale), scale)
+    except Silent:
+        return NO_GAIN
+    states, constraints = seen.states if known.undo is None else known.undo(seen.states), Constraints(scene)
+    inner = slice(REACH, len(states.t) - REACH)
+    x, R, v, w = (getattr(states, name)[inner] for name in ("x", "R", "v", "w"))
+    rows = constraints.rows_without(known.physics.absent)
+    gaps = constraints.position(x, R)[:, rows] / scale.length
+    if float(np.abs(gaps).max()) < 0.01 * PUSH:
+        return NO_GAIN  # joint coordinates and projections close the joints at once
+    interval = scene.duration / (scene.samples - 1)
+    found, error = rates(scale.flat(states)[:, :, 12:], interval)
+    a, alpha = found[:, :, :3] * scale.length * scale.rate, found[:, :, 3:] * scale.rate
+    left = constraints.acceleration(x, R, v, w, a, alpha)[:, rows] / (scale.length * scale.rate**2)
+    speeds = constraints.velocity(x, R, v, w)[:, rows] / (scale.length * scale.rate)
+    noise = (error + np.abs(STENCIL).sum() * seen.noise / interval) / scale.rate * 10
+    before = float(np.abs(left).max()) / noise
+    design = np.column_stack([-2 * speeds.ravel(), -gaps.ravel()])
+    (damping, stiffness), *_ = np.linalg.lstsq(design, left.ravel(), rcond=None)
+    after = float(np.abs(left.ravel() - design @ [damping, stiffness]).max()) / noise
+    result.tried += 1
+    if before <= fit.SEEN:
+        return NO_GAIN
+    holds = after <= fit.EXPLAINED
+    if not holds and "position" in subject.held(scene):
+        return NO_GAIN  # joint coordinates may take anchors from the start as it is
+    gains = f"alpha = {damping * scale.rate:.4g} 1/s, beta^2 = {stiffness * scale.rate**2:.4g} 1/s^2"
+    result.evidence.append(Evidence("stabilisation gain", "constraint", before, after, "constraint acceleration after "
+                                    "a small violation, over its noise", gains, holds))
+    if holds:
+        result.causes.append(NamedCause("stabilisation gain", gains, "the method is documented to enforce "
+                                        "accelerations exactly: set the gains to zero, or document them"))
+    else:
+        result.unexplained.append("constraint errors change by no law of constant gains")
+    return (damping * scale.rate, stiffness * scale.rate**2) if holds else NO_GAIN

@@ -1,0 +1,207 @@
+"""Accelerations of a scene whose parameters, and a few terms no scene has, can be altered one by one.
+
+The geometry never changes with the parameters, so that everything that costs is computed once per set of states and an
+altered model costs one batched solve: M du/dt = f - G^T lam with G du/dt = -gamma (index 1), or, for joints that give
+way, with the G du/dt that was observed, which leaves the constraint forces free whatever law they follow.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from crosscheck.scene import mechanics
+from crosscheck.scene.constraints import Constraints, cross
+from crosscheck.scene.model import GROUND, Force, Scene
+
+SPRINGS = ("linear_spring", "torsional_spring")
+
+
+@dataclasses.dataclass(frozen=True)
+class Physics:
+    """Parameters of a model; E copies of a scene may differ in their inertias, n bodies, entries per force."""
+
+    gravity: np.ndarray  # (3,)
+    masses: np.ndarray  # (n,)
+    inertias: np.ndarray  # (E, n, 3, 3)
+    stiffness: np.ndarray  # per force of the scene; zero for loads
+    rest: np.ndarray  # free length (m) or rest angle (rad)
+    damping: np.ndarray
+    load: np.ndarray  # factor of constant loads
+    joint_damping: float = 0.0  # N m s/rad, on the relative angular velocity across every joint
+    drag: float = 0.0  # 1/s: force - drag m v on every body
+    spin_drag: float = 0.0  # 1/s: torque - spin_drag J w on every body
+    gyroscopic: float = 1.0  # factor of w x J w
+    absent: int | None = None  # a body that is not there
+    gain: tuple[float, float] = (0.0, 0.0)  # alpha (1/s), beta^2 (1/s^2): G du/dt + gamma = -2 alpha G u - beta^2 Phi
+
+    def replace(self, **changes: object) -> Physics:
+        """A copy with some entries changed."""
+        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+
+
+def of_scene(scene: Scene, copies: int = 1) -> Physics:
+    """The parameters of a scene as they stand."""
+    def parameter(*names: str) -> np.ndarray:
+        return np.array([next((force.parameters[name] for name in names if name in force.parameters), 0.0)
+                         for force in scene.forces])
+    return Physics(scene.gravity, scene.masses, np.broadcast_to(scene.inertias, (copies, scene.n, 3, 3)),
+                   parameter("stiffness"), parameter("free_length", "rest_angle"), parameter("damping"),
+                   np.ones(len(scene.forces)))
+
+
+@dataclasses.dataclass
+class Points:
+    """States at P instants of one joint structure, with what was observed there."""
+
+    x: np.ndarray  # (P, n, 3)
+    R: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+    rates: np.ndarray  # (P, n, 6) observed accelerations: world, body axes
+    copy: np.ndarray  # (P,) which copy of the scene
+    angles: dict[str, np.ndarray]  # of torsional springs, by joint
+
+
+class Terms:
+    """Everything about a set of states that altering parameters leaves alone; `forces` maps its forces to those of
+    the scene the parameters belong to."""
+
+    def __init__(self, scene: Scene, points: Points, forces: tuple[int, ...],
+                 constraints: Constraints | None = None, rank: int | None = None) -> None:
+        self.scene, self.points, self.index = scene, points, forces
+        x, R, v, w = points.x, points.R, points.v, points.w
+        self.constraints = constraints = constraints or Constraints(scene)
+        self.G = constraints.jacobian(x, R).reshape(len(x), constraints.m, scene.n, 6)
+        self.gamma = constraints.gamma(x, R, v, w)
+        self.springs = [_spring(scene, force, points) for force in scene.forces]
+        self.friction = _joint_friction(scene, R, w)
+        self._spinning: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._kept: tuple[tuple[object, ...], tuple[np.ndarray, ...]] | None = None
+        self.rank = _rank(self.G[0], scene.masses, scene.inertias) if rank is None else rank
+
+    def forces(self, p: Physics) -> np.ndarray:
+        """f, (P, n, 6)."""
+        v, spin, turning = self.points.v, *self._spins(p)
+        f = np.empty((*v.shape[:2], 6))
+        f[:, :, :3] = p.masses[:, None] * (p.gravity - p.drag * v)
+        f[:, :, 3:] = -p.gyroscopic * turning - p.spin_drag * spin
+        for here, (kind, unit, length, rate, ends) in zip(self.index, self.springs, strict=True):
+            if p.absent is not None and p.absent in ends:
+                continue
+            if kind in SPRINGS:
+                size = p.stiffness[here] * (length - p.rest[here]) + p.damping[here] * rate
+                f += size[:, None, None] * unit
+            else:
+                f += p.load[here] * unit
+        return f + p.joint_damping * self.friction if p.joint_damping else f
+
+    def rates(self, p: Physics, soft: bool = False) -> np.ndarray:
+        """Accelerations (P, n, 6): world, body axes."""
+        f = self.forces(p)
+        inverse, keep, flat, weighted, solve = self._weights(p)
+        free = np.concatenate([f[:, :, :3] / p.masses[:, None], (inverse @ f[:, :, 3:, None])[..., 0]], axis=2)
+        if flat.shape[1] == 0:
+            return free
+        target = -(flat @ self.points.rates.reshape(len(f), -1, 1))[..., 0] if soft else self.gamma[:, keep]
+        if any(p.gain):
+            x, R, v, w = (getattr(self.points, name) for name in "xRvw")
+            target = target + (2 * p.gain[0] * self.constraints.velocity(x, R, v, w)
+                               + p.gain[1] * self.constraints.position(x, R))[:, keep]
+        lam = solve @ (flat @ free.reshape(len(f), -1, 1) + target[..., None])
+        return free - (np.swapaxes(weighted, 1, 2) @ lam).reshape(free.shape)
+
+    def _spins(self, p: Physics) -> tuple[np.ndarray, np.ndarray]:
+        """J w and w x J w; kept as long as the inertias are the same array, as all that follows."""
+        if self._spinning is None or self._spinning[0] is not p.inertias:
+            spin = (p.inertias[self.points.copy] @ self.points.w[..., None])[..., 0]
+            self._spinning = p.inertias, spin, cross(self.points.w, spin)
+        return self._spinning[1], self._spinning[2]
+
+    def _weights(self, p: Physics) -> tuple[np.ndarray, ...]:
+        """J^-1, the rows that are there, G, G M^-1 and the inverse of G M^-1 G^T."""
+        key = (p.masses, p.inertias, p.absent)
+        if self._kept is None or any(one is not other for one, other in zip(self._kept[0], key, strict=True)):
+            keep = self.constraints.rows_without(p.absent)
+            G, inverse = self.G[:, keep], np.linalg.inv(p.inertias[self.points.copy])
+            W = np.concatenate([G[..., :3] / p.masses[:, None], (G[..., None, 3:] @ inverse[:, None])[..., 0, :]], 3)
+            flat, weighted = G.reshape(*G.shape[:2], 6 * G.shape[2]), W.reshape(*G.shape[:2], 6 * G.shape[2])
+            S = weighted @ np.swapaxes(flat, 1, 2)
+            solve = np.linalg.inv(S) if self.rank == self.constraints.m else self._least_norm(S, p)
+            self._kept = key, (inverse, keep, flat, weighted, solve)
+        return self._kept[1]
+
+    def _least_norm(self, S: np.ndarray, p: Physics) -> np.ndarray:
+        """Inverse of G M^-1 G^T on as many independent rows as there are at the start."""
+        values, vectors = np.linalg.eigh(S)
+        if p.absent is None:
+            rank = self.rank
+        else:
+            rank = int(np.count_nonzero(values[0] > mechanics.RANK_TOLERANCE**2 * values[0].max(initial=0.0)))
+        values, vectors = values[:, S.shape[1] - rank:], vectors[:, :, S.shape[1] - rank:]
+        return (vectors / values[:, None]) @ np.swapaxes(vectors, 1, 2)
+
+
+def _rank(G: np.ndarray, masses: np.ndarray, inertias: np.ndarray) -> int:
+    """Number of independent rows of G (m, n, 6), in the metric of the mass matrix."""
+    if not len(G):
+        return 0
+    root = np.linalg.cholesky(np.linalg.inv(inertias))
+    scaled = np.concatenate([G[..., :3] / np.sqrt(masses)[:, None], (G[..., None, 3:] @ root)[..., 0, :]], axis=2)
+    singular = np.linalg.svd(scaled.reshape(len(G), -1), compute_uv=False)
+    return int(np.count_nonzero(singular > mechanics.RANK_TOLERANCE * singular[0]))
+
+
+def _spring(scene: Scene, force: Force, points: Points) -> tuple[str, np.ndarray, np.ndarray, np.ndarray, tuple]:
+    """(type, generalised force of a unit pull or of the load (P, n, 6), length or angle, its rate, bodies)."""
+    x, R, p = points.x, points.R, force.parameters
+    unit = np.zeros((len(x), scene.n, 6))
+    none = np.zeros(len(x))
+    if force.type == "linear_spring":
+        ends = ((force.parent, np.array(p["parent_point"])), (force.child, np.array(p["child_point"])))
+        here, there = (np.broadcast_to(s, (len(x), 3)) if body == GROUND else x[:, body] + R[:, body] @ s
+                       for body, s in ends)
+        length = np.linalg.norm(there - here, axis=1)
+        pull = (there - here) / np.where(length > 0, length, 1.0)[:, None]
+        for (body, s), along in zip(ends, (pull, -pull), strict=True):
+            _push(unit, R, body, s, along)
+        bodies: tuple = (force.parent, force.child)
+    elif force.type == "torsional_spring":
+        joint = next(joint for joint in scene.joints if joint.name == force.joint)
+        axis = joint.parent_axis if joint.parent == GROUND else R[:, joint.parent] @ joint.parent_axis
+        axis, length = np.broadcast_to(axis, (len(x), 3)), points.angles[joint.name]
+        for body, along in ((joint.parent, axis), (joint.child, -axis)):
+            if body != GROUND:
+                unit[:, body, 3:] += np.einsum("pji,pj->pi", R[:, body], along)
+        bodies = (joint.parent, joint.child)
+    else:
+        given = np.array(p["force"] if force.type == "constant_force" else p["torque"])
+        load = R[:, force.child] @ given if p["frame"] == "body" else np.broadcast_to(given, (len(x), 3))
+        if force.type == "constant_force":
+            _push(unit, R, force.child, np.array(p["child_point"]), load)
+        else:
+            unit[:, force.child, 3:] = np.einsum("pji,pj->pi", R[:, force.child], load)
+        return force.type, unit, none, none, (force.child,)
+    moving = np.concatenate([points.v, points.w], axis=2)
+    # a unit pull does work at minus the rate of the length
+    return force.type, unit, length, -np.einsum("pni,pni->p", moving, unit), bodies
+
+
+def _push(f: np.ndarray, R: np.ndarray, body: int, s: np.ndarray, force: np.ndarray) -> None:
+    """Add a force (P, 3), world, at the point s of a body."""
+    if body != GROUND:
+        f[:, body, :3] += force
+        f[:, body, 3:] += cross(s, np.einsum("pji,pj->pi", R[:, body], force))
+
+
+def _joint_friction(scene: Scene, R: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Generalised force (P, n, 6) of a unit of damping at every joint: minus the relative angular velocity."""
+    f = np.zeros((*w.shape[:2], 6))
+    for joint in scene.joints:
+        spin = np.einsum("pij,pj->pi", R[:, joint.child], w[:, joint.child])
+        if joint.parent != GROUND:
+            spin = spin - np.einsum("pij,pj->pi", R[:, joint.parent], w[:, joint.parent])
+            f[:, joint.parent, 3:] += np.einsum("pji,pj->pi", R[:, joint.parent], spin)
+        f[:, joint.child, 3:] -= np.einsum("pji,pj->pi", R[:, joint.child], spin)
+    return f

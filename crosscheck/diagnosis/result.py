@@ -1,0 +1,68 @@
+"""What `explain` answers: findings, the evidence for each hypothesis that was tried, and one verdict."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+EXIT_CODES = {"agrees": 0, "named": 1, "unknown": 2}
+
+
+@dataclasses.dataclass
+class Evidence:
+    """One hypothesis that was tested."""
+
+    hypothesis: str
+    kind: str  # "start", "report", "model", "constraint", "numerics"
+    before: float | None  # residual without it, in the unit of `quantity`
+    after: float | None  # residual with it
+    quantity: str  # what the residual is
+    magnitude: str = ""  # what was fitted, with its unit
+    holds: bool = False
+    note: str = ""
+
+
+@dataclasses.dataclass
+class NamedCause:
+    """A cause that explains a difference down to the noise, alone or together with the others named."""
+
+    name: str
+    magnitude: str
+    mend: str
+
+
+@dataclasses.dataclass
+class Explanation:
+    """The answer of `crosscheck.diagnosis.explain`."""
+
+    scene: str
+    engine: str
+    method: str
+    form: str | None
+    outcome: str  # "agrees", "named", "unknown"
+    sentence: str
+    causes: list[NamedCause]
+    candidates: list[str]  # where more than one explanation fits equally well
+    evidence: list[Evidence]
+    window: float  # s, of the scene's motion that was looked at
+    deviation: float | None  # of the engine's limit from truth, largest of |dx| / L, |dR|, |dv| / (L W), |dw| / W
+    noise: float | None  # what the limit and truth leave open, same unit
+    explained: float | None = None  # what is left of the deviation when the model is altered as named
+    documented_order: int | None = None
+    observed_order: float | None = None
+    tried: int = 0
+    seconds: float = 0.0
+
+    @property
+    def exit_code(self) -> int:
+        """0: no difference; 1: causes named; 2: unknown."""
+        return EXIT_CODES[self.outcome]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the causes, sorted."""
+        return tuple(sorted({cause.name for cause in self.causes}))
+
+    def plain(self) -> dict[str, Any]:
+        """As values that JSON knows."""
+        return dataclasses.asdict(self) | {"exit_code": self.exit_code}

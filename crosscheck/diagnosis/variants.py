@@ -1,0 +1,85 @@
+"""Copies of a scene that show more of an engine's model than the scene's own motion does.
+
+The same bodies in other consistent states; and with ball joints in place of hinges, since a body that can only turn
+about one axis shows one number where a free one shows its mass, its inertia and the gravity apart; and with springs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from crosscheck.diagnosis.observe import Scale
+from crosscheck.scene import assembly
+from crosscheck.scene.checks import Draft
+from crosscheck.scene.model import GROUND, Force, Scene
+from crosscheck.scene.schema import EntryError
+
+SEED = 20
+TURNS = (0.8, 0.5, 0.2)
+"""Angles (rad) by which attitudes are turned, smaller where the joints cannot follow."""
+
+
+def quaternion_product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """p q of quaternions w, x, y, z, (4,) each."""
+    vector = p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])
+    return np.array([p[0] * q[0] - p[1:] @ q[1:], *vector])
+
+
+def moved(scene: Scene, scale: Scale, seed: int) -> Scene | None:
+    """The scene from another start: turned and with other speeds, joints closed; None where they cannot close."""
+    for turn in TURNS:
+        rng = np.random.default_rng([SEED, seed])
+        bodies = []
+        for body in scene.bodies:
+            vector = rng.normal(size=3)
+            vector *= 0.5 * turn / np.linalg.norm(vector)
+            step = np.array([np.cos(np.linalg.norm(vector)), *(np.sinc(np.linalg.norm(vector) / np.pi) * vector)])
+            speed = body.angular_velocity + 0.5 * scale.rate * rng.uniform(-1, 1, 3)
+            bodies.append(dataclasses.replace(body, attitude=quaternion_product(body.attitude, step),
+                                              angular_velocity=speed))
+        closed = close(scene.replace(bodies=tuple(bodies)))
+        if closed is not None:
+            return closed
+    return None
+
+
+def close(scene: Scene) -> Scene | None:
+    """The scene with its joints closed by the least change of its state; None where that fails."""
+    constraints = any(joint.type in ("prismatic", "fixed") for joint in scene.joints)
+    if constraints:  # their relative attitude is that of the start: another start would be another scene
+        return None
+    given = (True,) * scene.n
+    try:
+        return assembly.completed(Draft(scene, given, given, assemble=True))
+    except EntryError:
+        return None
+
+
+def on_balls(scene: Scene) -> tuple[Scene, tuple[int, ...]] | None:
+    """The scene with ball joints in place of hinges, and the indices of the forces it keeps; None without hinges."""
+    if not any(joint.type == "revolute" for joint in scene.joints):
+        return None
+    hinged = {joint.name for joint in scene.joints if joint.type == "revolute"}
+    joints = tuple(dataclasses.replace(joint, type="spherical", parent_axis=None, child_axis=None)
+                   if joint.name in hinged else joint for joint in scene.joints)
+    kept = tuple(k for k, force in enumerate(scene.forces) if force.joint not in hinged)
+    return scene.replace(joints=joints, forces=tuple(scene.forces[k] for k in kept)), kept
+
+
+def sprung(scene: Scene, scale: Scale) -> Scene | None:
+    """The scene with one more spring from the ground to every body; None where it has none.
+
+    A spring too soft and a body too heavy are one and the same motion until another spring pulls.
+    """
+    if not any(force.type.endswith("spring") for force in scene.forces):
+        return None
+    rng = np.random.default_rng([SEED, 99])
+    forces = []
+    for k, body in enumerate(scene.bodies):
+        parameters = {"parent_point": tuple(body.position + scale.length * rng.uniform(-1, 1, 3)),
+                      "child_point": tuple(0.3 * scale.length * rng.uniform(-1, 1, 3)),
+                      "stiffness": float(0.3 * body.mass * scale.rate**2), "free_length": 0.0, "damping": 0.0}
+        forces.append(Force("linear_spring", GROUND, k, None, parameters))
+    return scene.replace(forces=(*scene.forces, *forces))

@@ -1,0 +1,310 @@
+"""The nightly run: everything, compared with the last good run, its report in place of the last only once complete.
+
+In the folder of the nights: a folder per finished run, `latest`, a link to the newest, `.running` with the journal of a
+run that has not ended, and a lock. A killed run goes on where it was; nothing that ended runs again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import datetime
+import json
+import os
+import re
+import secrets
+import shlex
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from crosscheck.errors import ArgumentError
+from crosscheck.files import replacing
+from crosscheck.history import store
+from crosscheck.history.changes import Change, compare
+from crosscheck.history.store.figures import SPEED
+from crosscheck.history.summary import summary
+from crosscheck.jobs.journal import Journal
+from crosscheck.running import provenance
+
+if TYPE_CHECKING:
+    from sqlalchemy import Engine
+
+    from crosscheck.jobs.grid import Limits
+    from crosscheck.verification.job import Progress, Results
+
+NAME = re.compile(r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ-[0-9a-f]{4}")
+"""Folders that are ours: the time (UTC) a run began, and a few digits in case two machines share a store."""
+
+RUNNING, LATEST, LOCK = ".running", "latest", ".lock"
+ASIDE, ABANDONED = ".new-", ".abandoned-"
+"""Beginnings of the names of what is not whole, and of runs that nothing can go on with."""
+
+CONFIRMATIONS = 2
+"""Times that a suspected change of speed is measured anew, each time in rounds of their own; it has to show always."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Night:
+    """A finished nightly run."""
+
+    folder: Path
+    exit_code: int
+    summary: str
+    changes: list[Change]
+    resumed: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Wanted:
+    """What a nightly run is asked for."""
+
+    profile: str = "full"
+    scenes: Sequence[str] | None = None
+    engines: Sequence[str] | None = None
+    jobs: int = 2
+    limits: Limits | None = None
+
+    @property
+    def command(self) -> str:
+        """As typed, without what does not change the results."""
+        words = ["crosscheck", "nightly", "--profile", self.profile]
+        for option, names in (("--scene", self.scenes), ("--engine", self.engines)):
+            for name in names or ():
+                words += [option, str(name)]
+        return shlex.join(words)
+
+
+def nightly(out: Path, wanted: Wanted, where: str | Path | None = None, keep: int = 14,
+            progress: Progress | None = None) -> Night:
+    """Run, compare, store, report; go on with a run of the same code that was killed.
+
+    Parameters
+    ----------
+    out : folder of the nights; made where it is not there
+    wanted : profile, scenes, engines
+    where : the store, as `history.store.open_store` takes it; None: CROSSCHECK_STORE, or history.sqlite beside `out`
+    keep : finished runs whose reports stay; the store forgets none
+
+    Raises
+    ------
+    ArgumentError
+        A wrong argument, a folder or store that cannot be used, another nightly run at work in the same folder.
+    """
+    if keep < 1:
+        raise ArgumentError(f"keep has to be at least 1, not {keep}")
+    out = _folder(out)
+    with _alone(out):
+        history_store = store.open_store(where or os.environ.get("CROSSCHECK_STORE") or out.parent / "history.sqlite")
+        try:
+            return _night(out, wanted, history_store, keep, progress)
+        finally:
+            history_store.dispose()
+
+
+def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress: Progress | None) -> Night:
+    from crosscheck.verification import job
+
+    heading, resumed = _begin(out, wanted)
+    journal = Journal(out / RUNNING / "journal.jsonl", job.JOURNAL_TYPES)
+    try:
+        results = job.verify(wanted.profile, wanted.scenes, wanted.engines, wanted.jobs, progress, journal,
+                                wanted.limits)
+        results.meta |= {"command": wanted.command, "started": heading["started"],
+                         "time": heading["started"].replace("T", " ")[:16] + " UTC"}
+        changes, before = _compared(results, heading["name"], history_store, journal, wanted.limits)
+        results.meta["seconds"] = journal.seconds
+    finally:
+        journal.close()
+    exit_code = max(results.exit_code, int(any(change.bad for change in changes)))
+    document = results.plain() | {"changes": None if before is None else [dataclasses.asdict(change)
+                                                                          for change in changes]}
+    document["meta"]["compared_with"] = None if before is None else before.name
+    text = summary(document, heading["name"], before, exit_code, out / LATEST / "index.html")
+    # A kill between these leaves a later step undone; going on does it, and none of them harms when done twice.
+    store.save(history_store, store.run_from_document(heading["name"], document, good=exit_code == 0))
+    folder = _publish(out, heading["name"], document, text)
+    _point_latest(out, folder.name)
+    _discard(out / RUNNING)
+    _prune(out, keep)
+    return Night(folder, exit_code, text, changes, resumed)
+
+
+def _folder(out: Path) -> Path:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        strange = [path.name for path in out.iterdir() if not _is_ours(path.name)]
+    except OSError as error:
+        raise ArgumentError(f"--out {out}: {error.strerror or error}; choose another folder") from None
+    if strange:
+        raise ArgumentError(f"--out {out}: this folder holds something else than nightly runs ({strange[0]}); choose "
+                            "an empty folder or one that does not exist yet")
+    return out.resolve()
+
+
+def _is_ours(name: str) -> bool:
+    return (name in (RUNNING, LATEST, LOCK) or name.startswith((ASIDE, f".{LATEST}-"))
+            or NAME.fullmatch(name.removeprefix(ABANDONED)) is not None)
+
+
+@contextlib.contextmanager
+def _alone(out: Path) -> Iterator[None]:
+    """Hold the lock of the folder; the system releases it however the process ends."""
+    import fcntl
+
+    with open(out / LOCK, "w", encoding="utf-8") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ArgumentError(f"--out {out}: another nightly run is at work in this folder; wait for it or choose "
+                                "another folder") from None
+        yield
+
+
+def _begin(out: Path, wanted: Wanted) -> tuple[dict[str, str], bool]:
+    """The heading of the run, and whether it goes on with one that was killed.
+
+    What another version of the code, of an engine or of a scene has left cannot be gone on with: it is set aside.
+    """
+    for leftover in [*out.glob(f"{ASIDE}*"), *out.glob(f".{LATEST}-*")]:
+        _discard(leftover)
+    fingerprint = fingerprint_of(wanted)
+    path = out / RUNNING / "run.json"
+    with contextlib.suppress(FileNotFoundError, ValueError):
+        heading = json.loads(path.read_text(encoding="utf-8"))
+        if heading["fingerprint"] == fingerprint:
+            return heading, True
+        (out / RUNNING).rename(out / f"{ABANDONED}{heading['name']}")
+    _discard(out / RUNNING)  # killed before it had a heading: nothing is in it
+    now = datetime.datetime.now(datetime.UTC)
+    heading = {"name": f"{now:%Y-%m-%dT%H-%M-%SZ}-{secrets.token_hex(2)}", "started": now.isoformat(timespec="seconds"),
+               "fingerprint": fingerprint}
+    path.parent.mkdir()
+    _write_whole(path, json.dumps(heading))
+    return heading, False
+
+
+def fingerprint_of(wanted: Wanted) -> str:
+    """Digest of all that results depend on: scenes, versions, our code and kernel, what is asked for."""
+    from crosscheck.judge.plan import profile
+    from crosscheck.scene.file import load_scene
+    from crosscheck.verification import job
+
+    settings = profile(wanted.profile)
+    names = job.select_scenes(wanted.scenes, settings.every_scene)
+    engines = job.select_engines(wanted.engines, wanted.limits)
+    return provenance.code_digest(engines, [wanted.command, [[name, load_scene(name).hash] for name in names]])
+
+
+def _compared(results: Results, name: str, history_store: Engine, journal: Journal, limits: Limits | None
+              ) -> tuple[list[Change], store.StoredRun | None]:
+    """Changes since the last good run, those of speed only where they show again and again, and that run."""
+    run = _as_stored(name, results)
+    before = store.baseline(history_store, run)
+    if before is None:
+        return [], None
+    usual = store.usual(history_store, run, SPEED)
+    found = compare(before, run, usual)
+    doubtful = {_cell_of(change) for change in found if change.kind == "speed"}
+    for attempt in range(1, CONFIRMATIONS + 1):
+        if not doubtful:
+            break
+        _measure_again(results, doubtful, f"again {attempt}", journal, limits)
+        found = compare(before, _as_stored(name, results), usual)
+        doubtful &= {_cell_of(change) for change in found if change.kind == "speed"}
+    return [change for change in found if change.kind != "speed" or _cell_of(change) in doubtful], before
+
+
+def _as_stored(name: str, results: Results) -> store.StoredRun:
+    """The run as the store will have it; the curves, which are most of a document, are left out before it is copied."""
+    light = dataclasses.replace(results, scenes=[scene | {"curves": {}} for scene in results.scenes],
+                                records=[dataclasses.replace(record, curves={}) for record in results.records])
+    return store.run_from_document(name, light.plain())
+
+
+def _cell_of(change: Change) -> tuple[str, str, bool]:
+    """The run it is about, and whether it became slower: faster the next time is no confirmation."""
+    return change.scene, change.who, change.bad
+
+
+def _measure_again(results: Results, doubtful: set[tuple[str, str, bool]], name: str, journal: Journal,
+                   limits: Limits | None) -> None:
+    from crosscheck.judge.plan import profile
+    from crosscheck.stages import Stages
+    from crosscheck.studies.speeds import measure_speed
+    from crosscheck.verification import job
+
+    cells = {(scene, label) for scene, label, _ in doubtful}
+    # A change of a whole engine names no scene.
+    chosen = [record for record in results.records
+              if (record.scene, record.label) in cells or ("", record.engine) in cells]
+    stages = Stages(1, journal, lambda label: None)
+    measure_speed(chosen, profile(results.meta["profile"]).speed, stages, limits, name)
+    job.recommend(results)
+
+
+def _publish(out: Path, name: str, document: dict[str, Any], text: str) -> Path:
+    """Write the report aside and rename it once it is on the disk."""
+    from crosscheck.report import write_report
+
+    folder, aside = out / name, out / f"{ASIDE}{name}"
+    if folder.exists():  # killed after this point of the same run: it is whole, and `latest` may lead to it
+        return folder
+    try:
+        write_report(document, aside)
+        (aside / "summary.txt").write_text(text, encoding="utf-8")
+        for path in [*aside.rglob("*"), aside]:
+            _sync(path)
+        aside.rename(folder)
+        _sync(out)
+    except OSError as error:
+        raise ArgumentError(f"--out {out}: the report cannot be written ({error.strerror or error}); mend this and "
+                            "start the run again, all results are kept") from error
+    return folder
+
+
+def _point_latest(out: Path, name: str) -> None:
+    """Let `latest` lead to this run; at every moment it leads to a complete report."""
+    link = out / f".{LATEST}-{os.getpid()}"
+    link.unlink(missing_ok=True)
+    link.symlink_to(name, target_is_directory=True)
+    os.replace(link, out / LATEST)
+    _sync(out)
+
+
+def _prune(out: Path, keep: int) -> None:
+    """Remove the oldest finished and abandoned runs beyond `keep`, never the one that `latest` leads to."""
+    for prefix in ("", ABANDONED):
+        names = sorted(path.name for path in out.iterdir()
+                       if path.name.startswith(prefix) and NAME.fullmatch(path.name.removeprefix(prefix)))
+        for name in names[:-keep]:
+            if (out / LATEST).resolve().name != name:
+                _discard(out / name)
+
+
+def _discard(path: Path) -> None:
+    """Remove a link, a file or a folder; a kill on the way leaves no part of a folder under its own name."""
+    if path.is_symlink() or path.is_file():
+        path.unlink()
+    elif path.is_dir():
+        doomed = path.with_name(f"{ASIDE}{secrets.token_hex(4)}")
+        path.rename(doomed)
+        shutil.rmtree(doomed)
+
+
+def _write_whole(path: Path, text: str) -> None:
+    with replacing(path) as aside:
+        aside.write_text(text, encoding="utf-8")
+        _sync(aside)
+    _sync(path.parent)
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+

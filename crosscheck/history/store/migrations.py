@@ -1,0 +1,105 @@
+"""Numbered steps that make the schema and bring an old one up to date, in place and under a lock.
+
+A step is never edited once a release has it: it has to make from any store what the next one expects. So it holds
+its own statements and does not use `crosscheck.history.store.schema`, which changes.
+"""
+
+from __future__ import annotations
+
+import datetime
+from typing import TYPE_CHECKING, Any
+
+from crosscheck.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection, Engine
+
+_LOCK = 0x63726F73
+"""Key of the advisory lock on PostgreSQL."""
+
+
+def migrate(engine: Engine) -> int:
+    """Bring the store to the newest version and return it; another process that does the same is waited for.
+
+    All steps are one transaction: a kill on the way leaves the old schema. Raises `ArgumentError` for a store that a
+    newer release has written.
+    """
+    from sqlalchemy import text
+
+    with engine.connect() as connection:
+        if _version(connection) == VERSION:
+            return VERSION
+    # On SQLite a writing transaction is the lock.
+    with engine.execution_options(writes=True).begin() as connection:
+        if connection.dialect.name == "postgresql":
+            connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
+        found = _version(connection)  # again: another process may have been first
+        if found > VERSION:
+            raise ArgumentError(f"--store: its schema has version {found}, this crosscheck knows {VERSION}; "
+                                "install the newer crosscheck that wrote it")
+        for number in range(found + 1, VERSION + 1):
+            STEPS[number](connection)
+            connection.execute(text("INSERT INTO schema_version (version, applied) VALUES (:version, :applied)"),
+                               {"version": number, "applied": datetime.datetime.now(datetime.UTC).isoformat()})
+    return VERSION
+
+
+def _version(connection: Connection) -> int:
+    """Version of the schema that is there; 0: none."""
+    import sqlalchemy
+
+    if not sqlalchemy.inspect(connection).has_table("schema_version"):
+        return 0
+    return int(connection.execute(sqlalchemy.text("SELECT max(version) FROM schema_version")).scalar() or 0)
+
+
+def _first(connection: Connection) -> None:
+    """Runs, environments, results and bare figures."""
+    for statement in _FIRST:
+        _run(connection, statement)
+
+
+def _second(connection: Connection) -> None:
+    """Spread of repeats, rounding of figures, calibration, and which runs others are compared with."""
+    for statement in _SECOND:
+        _run(connection, statement)
+
+
+STEPS: dict[int, Any] = {1: _first, 2: _second}
+VERSION = max(STEPS)
+
+
+def _run(connection: Connection, statement: str) -> None:
+    from sqlalchemy import text
+
+    names = {"sqlite": {"serial": "INTEGER PRIMARY KEY", "float": "FLOAT"},
+             "postgresql": {"serial": "SERIAL PRIMARY KEY", "float": "DOUBLE PRECISION"}}[connection.dialect.name]
+    connection.execute(text(statement.format(**names)))
+
+
+_FIRST = (
+    "CREATE TABLE schema_version (version INTEGER PRIMARY KEY, applied TEXT NOT NULL)",
+    "CREATE TABLE runs (id {serial}, name TEXT NOT NULL UNIQUE, started TEXT NOT NULL, profile TEXT NOT NULL, "
+    "selection TEXT NOT NULL, command TEXT NOT NULL, seconds {float}, exit_code INTEGER NOT NULL)",
+    "CREATE TABLE environments (run_id INTEGER PRIMARY KEY REFERENCES runs (id) ON DELETE CASCADE, system TEXT, "
+    "processor TEXT, cores INTEGER, python TEXT, commit_name TEXT)",
+    "CREATE TABLE versions (run_id INTEGER NOT NULL REFERENCES runs (id) ON DELETE CASCADE, kind TEXT NOT NULL, "
+    "name TEXT NOT NULL, version TEXT NOT NULL, PRIMARY KEY (run_id, kind, name))",
+    "CREATE TABLE results (id {serial}, run_id INTEGER NOT NULL REFERENCES runs (id) ON DELETE CASCADE, "
+    "scene TEXT NOT NULL, scene_hash TEXT NOT NULL, engine TEXT NOT NULL, method TEXT NOT NULL, form TEXT NOT NULL, "
+    "practical BOOLEAN NOT NULL, label TEXT NOT NULL, step {float}, rtol {float}, outcome TEXT NOT NULL, "
+    "message TEXT NOT NULL, CONSTRAINT one_result_a_cell UNIQUE (run_id, scene, engine, method, form, practical))",
+    "CREATE INDEX ix_results_run_id ON results (run_id)",
+    "CREATE TABLE metrics (result_id INTEGER NOT NULL REFERENCES results (id) ON DELETE CASCADE, name TEXT NOT NULL, "
+    "unit TEXT NOT NULL, value {float} NOT NULL, PRIMARY KEY (result_id, name))",
+)
+
+_SECOND = (
+    "ALTER TABLE metrics ADD COLUMN deviation {float}",
+    "ALTER TABLE metrics ADD COLUMN repeats INTEGER",
+    "ALTER TABLE metrics ADD COLUMN rounding {float}",
+    "ALTER TABLE runs ADD COLUMN good BOOLEAN NOT NULL DEFAULT false",
+    "ALTER TABLE runs ADD COLUMN calibration {float}",
+    # What passed then is what later runs are compared with.
+    "UPDATE runs SET good = (exit_code = 0)",
+)

@@ -1,0 +1,297 @@
+"""Writing a run into a store and reading runs back."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import statistics
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from crosscheck.errors import ArgumentError
+from crosscheck.history.store.figures import Figure, figures
+from crosscheck.history.store.schema import tables
+from crosscheck.spelling import unknown
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection, Engine, Row
+
+CellKey = tuple[str, str, str, str, bool]
+"""Scene, engine, method, form (empty: the engine's own choice), whether at the coarse step."""
+
+
+@dataclasses.dataclass(frozen=True)
+class StoredResult:
+    """One cell of one run."""
+
+    key: CellKey
+    scene_hash: str
+    label: str
+    step: float | None  # s
+    rtol: float | None
+    outcome: str
+    message: str
+    figures: dict[str, Figure]
+
+
+@dataclasses.dataclass(frozen=True)
+class StoredRun:
+    """One run; `results` is empty where only its heading was asked for."""
+
+    name: str
+    started: str  # UTC, ISO 8601
+    profile: str
+    selection: str
+    command: str
+    seconds: float | None
+    exit_code: int
+    good: bool
+    calibration: float | None  # us
+    environment: dict[str, Any]
+    versions: dict[str, dict[str, str]]  # "engine" and "package": version by name
+    results: dict[CellKey, StoredResult] = dataclasses.field(default_factory=dict)
+
+
+def run_from_document(name: str, document: dict[str, Any], good: bool = False) -> StoredRun:
+    """The run that a document (`crosscheck.verification.job.Results.plain`, or results.json) tells about."""
+    meta = document["meta"]
+    machine = meta["machine"]
+    scenes = {scene["name"]: scene for scene in document["scenes"]}
+    results = {}
+    for record in document["records"]:
+        form = "" if record["default_form"] else record["form"] or ""
+        key = (record["scene"], record["engine"], record["method"], form, bool(record["practical"]))
+        scene = scenes[record["scene"]]
+        results[key] = StoredResult(key, scene.get("hash", ""), record["label"], record["step"], record["rtol"],
+                                    record["outcome"], record["message"],
+                                    {figure.name: figure for figure in figures(record, scene)})
+    environment = {"system": machine["system"], "processor": machine["processor"], "cores": machine["cores"],
+                   "python": meta["python"], "commit": meta["commit"]}
+    selection = json.dumps([sorted(scenes), sorted(meta["engines"])])
+    return StoredRun(name, meta.get("started") or _iso(meta["time"]), meta["profile"], selection, meta["command"],
+                     meta["seconds"], document["exit_code"], good, (meta.get("calibration") or {}).get("us"),
+                     environment, {"engine": dict(meta["engines"]), "package": dict(meta["packages"])}, results)
+
+
+def _iso(time: str) -> str:
+    """"2026-11-21 02:00 UTC" as ISO 8601."""
+    return time.removesuffix(" UTC").replace(" ", "T") + ":00+00:00"
+
+
+def save(store: Engine, run: StoredRun) -> bool:
+    """Write a whole run in one transaction; False where a run of its name is there already, which stays as it is."""
+    import sqlalchemy
+
+    try:
+        with store.execution_options(writes=True).begin() as connection:
+            if _id(connection, run.name) is not None:
+                return False
+            _insert(connection, run)
+    except sqlalchemy.exc.IntegrityError:
+        with store.connect() as connection:
+            if _id(connection, run.name) is not None:  # another process wrote it meanwhile
+                return False
+        raise
+    return True
+
+
+def _id(connection: Connection, name: str) -> int | None:
+    import sqlalchemy
+
+    runs = tables().runs
+    return connection.execute(sqlalchemy.select(runs.c.id).where(runs.c.name == name)).scalar()
+
+
+def _insert(connection: Connection, run: StoredRun) -> None:
+    t = tables()
+    names = ("name", "started", "profile", "selection", "command", "seconds", "exit_code", "good", "calibration")
+    done = connection.execute(t.runs.insert().values({name: getattr(run, name) for name in names}))
+    (number,) = done.inserted_primary_key or (None,)
+    place = {key: run.environment[key] for key in ("system", "processor", "cores", "python")}
+    connection.execute(t.environments.insert(), {"run_id": number, "commit_name": run.environment["commit"], **place})
+    versions = [{"run_id": number, "kind": kind, "name": name, "version": version}
+                for kind, each in run.versions.items() for name, version in each.items()]
+    if versions:
+        connection.execute(t.versions.insert(), versions)
+    rows = []
+    for result in run.results.values():
+        scene, engine, method, form, practical = result.key
+        rows.append({"run_id": number, "scene": scene, "engine": engine, "method": method, "form": form,
+                     "practical": practical, "scene_hash": result.scene_hash, "label": result.label,
+                     "step": result.step, "rtol": result.rtol, "outcome": result.outcome, "message": result.message})
+    if not rows:
+        return
+    own = connection.execute(t.results.insert().returning(t.results.c.id, sort_by_parameter_order=True), rows)
+    metrics = [{"result_id": own_id, **figure._asdict()}
+               for own_id, result in zip(own.scalars(), run.results.values(), strict=True)
+               for figure in result.figures.values()]
+    if metrics:
+        connection.execute(t.metrics.insert(), metrics)
+
+
+def recent(store: Engine, limit: int = 20) -> list[StoredRun]:
+    """The last runs without their results, the newest first."""
+    import sqlalchemy
+
+    runs = tables().runs
+    with store.connect() as connection:
+        rows = connection.execute(sqlalchemy.select(runs).order_by(runs.c.started.desc(), runs.c.id.desc())
+                                  .limit(limit)).all()
+        return [_heading(connection, row) for row in rows]
+
+
+def find(store: Engine, name: str) -> str:
+    """The name of the run meant by `name`: itself, the only one that begins so, or "latest".
+
+    Raises `ArgumentError` where there is none or more than one.
+    """
+    import sqlalchemy
+
+    runs = tables().runs
+    with store.connect() as connection:
+        names = list(connection.execute(sqlalchemy.select(runs.c.name).order_by(runs.c.started.desc(),
+                                                                               runs.c.id.desc())).scalars())
+    if name == "latest" and names:
+        return str(names[0])
+    fitting = [each for each in names if each == name] or [each for each in names if each.startswith(name)]
+    if len(fitting) != 1:
+        few = names[:10]
+        raise ArgumentError(f"run {name!r}: several begin so: {', '.join(fitting[:10])}" if fitting else
+                            unknown("run", name, ["latest", *few]) if few else f"run {name!r}: the store is empty")
+    return str(fitting[0])
+
+
+def load(store: Engine, name: str) -> StoredRun:
+    """A run with all its results; `ArgumentError` where there is none of this name."""
+    import sqlalchemy
+
+    t = tables()
+    with store.connect() as connection:
+        row = connection.execute(sqlalchemy.select(t.runs).where(t.runs.c.name == name)).first()
+        if row is None:
+            raise ArgumentError(f"run {name!r} is not in the store")
+        results, kept = {}, {}
+        for each in connection.execute(sqlalchemy.select(t.results).where(t.results.c.run_id == row.id)
+                                       .order_by(t.results.c.id)):
+            key = (each.scene, each.engine, each.method, each.form, bool(each.practical))
+            kept[each.id] = results[key] = StoredResult(key, each.scene_hash, each.label, each.step, each.rtol,
+                                                        each.outcome, each.message, {})
+        for each in connection.execute(sqlalchemy.select(t.metrics).join(t.results).where(
+                t.results.c.run_id == row.id)):
+            kept[each.result_id].figures[each.name] = Figure(each.name, each.unit, each.value, each.deviation,
+                                                             each.repeats, each.rounding)
+        return dataclasses.replace(_heading(connection, row), results=results)
+
+
+def _heading(connection: Connection, row: Row[Any]) -> StoredRun:
+    import sqlalchemy
+
+    t = tables()
+    place = connection.execute(sqlalchemy.select(t.environments).where(t.environments.c.run_id == row.id)).first()
+    environment = {} if place is None else {"system": place.system, "processor": place.processor, "cores": place.cores,
+                                            "python": place.python, "commit": place.commit_name}
+    versions: dict[str, dict[str, str]] = {"engine": {}, "package": {}}
+    for each in connection.execute(sqlalchemy.select(t.versions).where(t.versions.c.run_id == row.id)):
+        versions.setdefault(each.kind, {})[each.name] = each.version
+    return StoredRun(row.name, row.started, row.profile, row.selection, row.command, row.seconds, row.exit_code,
+                     bool(row.good), row.calibration, environment, versions)
+
+
+def baseline(store: Engine, run: StoredRun) -> StoredRun | None:
+    """What a run is compared with: the last good run before it of the same profile, scenes and engines.
+
+    Where no such run was ever good, the last one that came to its end; None where there is none.
+    """
+    import sqlalchemy
+
+    runs = tables().runs
+    wanted = (sqlalchemy.select(runs.c.name)
+              .where(runs.c.profile == run.profile, runs.c.selection == run.selection, runs.c.name != run.name,
+                     runs.c.started <= run.started, runs.c.exit_code != 2)
+              .order_by(runs.c.good.desc(), runs.c.started.desc(), runs.c.id.desc()).limit(1))
+    with store.connect() as connection:
+        name = connection.execute(wanted).scalar()
+    return None if name is None else load(store, name)
+
+
+def set_good(store: Engine, name: str, good: bool = True) -> None:
+    """Say that later runs are to be compared with this one, or no longer."""
+    runs = tables().runs
+    with store.execution_options(writes=True).begin() as connection:
+        connection.execute(runs.update().where(runs.c.name == name).values(good=good))
+
+
+def series(store: Engine, metric: str, key: CellKey, limit: int = 200) -> list[tuple[StoredRun, Figure]]:
+    """One figure of one cell through the last runs, the oldest first."""
+    import sqlalchemy
+
+    t = tables()
+    scene, engine, method, form, practical = key
+    wanted = (sqlalchemy.select(t.runs, t.metrics.c.name.label("metric"), t.metrics.c.unit, t.metrics.c.value,
+                                t.metrics.c.deviation, t.metrics.c.repeats, t.metrics.c.rounding)
+              .join(t.results, t.results.c.run_id == t.runs.c.id).join(t.metrics)
+              .where(t.results.c.scene == scene, t.results.c.engine == engine, t.results.c.method == method,
+                     t.results.c.form == form, t.results.c.practical == practical, t.metrics.c.name == metric)
+              .order_by(t.runs.c.started.desc(), t.runs.c.id.desc()).limit(limit))
+    with store.connect() as connection:
+        rows = connection.execute(wanted).all()
+        found = [(_heading(connection, row), Figure(row.metric, row.unit, row.value, row.deviation, row.repeats,
+                                                    row.rounding)) for row in rows]
+    return found[::-1]
+
+
+class Usual(NamedTuple):
+    """What a figure of a cell was in the good runs before: its level, and how far runs stray from each other."""
+
+    level: float
+    deviation: float  # median absolute deviation
+
+
+LEVEL_RUNS = 5
+"""The newest runs whose median is the level: one odd night moves it little, and a better figure is it after three."""
+
+
+def usual(store: Engine, run: StoredRun, metric: str, limit: int = 10, fewest: int = 4) -> dict[CellKey, Usual]:
+    """Level and spread of a figure of every cell over the last good runs like this one.
+
+    "Like" means the same profile, scenes and engines, and of a cell the same scene file, step and tolerance; cells with
+    fewer than `fewest` figures are left out. A run that was accepted though it had findings begins a new level.
+    """
+    import sqlalchemy
+
+    t = tables()
+    with store.connect() as connection:
+        last = connection.execute(
+            sqlalchemy.select(t.runs.c.id, t.runs.c.exit_code)
+            .where(t.runs.c.profile == run.profile, t.runs.c.selection == run.selection, t.runs.c.good,
+                   t.runs.c.name != run.name, t.runs.c.started <= run.started)
+            .order_by(t.runs.c.started.desc(), t.runs.c.id.desc()).limit(limit)).all()
+        accepted = next((index for index, each in enumerate(last) if each.exit_code), limit)
+        numbers = [each.id for each in last[:accepted + 1]]
+        rows = connection.execute(sqlalchemy.select(t.results, t.metrics.c.value).join(t.metrics).where(
+            t.results.c.run_id.in_(numbers), t.metrics.c.name == metric)).all()
+    values: dict[CellKey, list[float]] = {}  # the newest first
+    for row in sorted(rows, key=lambda row: numbers.index(row.run_id)):
+        key = (row.scene, row.engine, row.method, row.form, bool(row.practical))
+        now = run.results.get(key)
+        if now is not None and (row.scene_hash, row.step, row.rtol) == (now.scene_hash, now.step, now.rtol):
+            values.setdefault(key, []).append(row.value)
+    return {key: Usual(statistics.median(each[:LEVEL_RUNS]), _deviation(each))
+            for key, each in values.items() if len(each) >= fewest}
+
+
+def _deviation(values: list[float]) -> float:
+    middle = statistics.median(values)
+    return statistics.median(abs(value - middle) for value in values)
+
+
+def figure_names(store: Engine, key: CellKey) -> list[str]:
+    """Names of the figures that the store has of a cell."""
+    import sqlalchemy
+
+    t = tables()
+    scene, engine, method, form, practical = key
+    wanted = (sqlalchemy.select(t.metrics.c.name).distinct().join(t.results).order_by(t.metrics.c.name)
+              .where(t.results.c.scene == scene, t.results.c.engine == engine, t.results.c.method == method,
+                     t.results.c.form == form, t.results.c.practical == practical))
+    with store.connect() as connection:
+        return list(connection.execute(wanted).scalars())

@@ -1,0 +1,64 @@
+"""Independent tasks in worker processes. One that raises, crashes, hangs or eats memory becomes a `Crash`, not an end.
+
+`concurrent.futures.ProcessPoolExecutor` will not do: one dead worker breaks its whole pool, and a task that hangs
+cannot be stopped. Here an executor only keeps as many threads waiting as there are workers; the workers are ours.
+"""
+
+from __future__ import annotations
+
+import concurrent.futures
+import functools
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from crosscheck.jobs.workers.process import Crash, Crew, Limits, isolated
+
+__all__ = ["Crash", "Limits", "run_tasks"]
+
+
+def run_tasks(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int = 2,
+              done: Callable[[int, Any], None] | None = None, limits: Limits | None = None,
+              executor: concurrent.futures.Executor | None = None) -> list[Any]:
+    """Results of `function(task)` for every task, in order, computed by `jobs` worker processes.
+
+    Parameters
+    ----------
+    function, tasks : picklable; the function must be importable by name
+    jobs : number of worker processes, each of which runs one task after the other
+    done : called in this thread with (index, result) as each task ends
+    limits : time and resident memory of one task
+    executor : what runs the tasks instead of `jobs` threads here, say `dask.distributed.Client(address)
+        .get_executor()`; each of its workers keeps a worker process of ours beside it
+
+    Returns
+    -------
+    list
+        One result per task; a `Crash` where the task raised, went beyond its limits or its process died.
+    """
+    waiting = list(enumerate(tasks))
+    results: list[Any] = [None] * len(waiting)
+    if not waiting:
+        return results
+    crew = Crew()
+    pool = executor or concurrent.futures.ThreadPoolExecutor(min(jobs, len(waiting)))
+    run = isolated if executor is not None else crew.call
+    flying: dict[concurrent.futures.Future[Any], int] = {}
+    try:
+        for index, task in waiting:
+            flying[pool.submit(functools.partial(run, function, task, limits))] = index
+        for future in concurrent.futures.as_completed(flying):
+            index = flying[future]
+            failure = future.exception()
+            results[index] = future.result() if failure is None else Crash(f"{type(failure).__name__}: {failure}")
+            if done is not None:
+                done(index, results[index])
+    except BaseException:
+        crew.kill()
+        for future in flying:
+            future.cancel()
+        raise
+    finally:
+        if executor is None:
+            pool.shutdown(cancel_futures=True)
+        crew.close()
+    return results

@@ -1,0 +1,109 @@
+"""The journal of a run under way: what ended is on the disk before anything else happens, and survives a kill.
+
+One JSON line a result, written and synced as the result comes in. A line that a kill cut short is the last one; it is
+dropped when the journal is opened again, and its task runs anew.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from crosscheck.errors import ArgumentError
+from crosscheck.jobs.grid import Crash
+
+CRASH = "crash"
+
+
+class Journal:
+    """Results by (stage, key), in memory and on the disk.
+
+    Parameters
+    ----------
+    path : the file; made where it is not there
+    types : type of the results of each stage, to which `msgspec` converts what it reads
+    """
+
+    def __init__(self, path: Path, types: dict[str, Any]) -> None:
+        self._types = types
+        self._found: dict[tuple[str, str], Any] = {}  # what earlier sessions left
+        self._spent: dict[int, float] = {}  # s, of each of them
+        self._opened = time.perf_counter()
+        try:
+            self._read(path)
+            self._file = open(path, "ab", buffering=0)  # noqa: SIM115 - open as long as the run
+        except OSError as error:
+            raise ArgumentError(f"{path}: {error.strerror or error}") from None
+
+    def _read(self, path: Path) -> None:
+        """Take in the whole lines and cut the file behind them."""
+        content = path.read_bytes() if path.exists() else b""
+        whole = content[:content.rfind(b"\n") + 1]
+        for number, line in enumerate(whole.splitlines(), 1):
+            try:
+                entry = json.loads(line)
+                self._found[entry["stage"], entry["key"]] = entry["result"]
+                self._spent[int(entry["session"])] = float(entry["elapsed"])
+            except (ValueError, KeyError, TypeError) as error:
+                raise ArgumentError(f"{path}, line {number}: not a line of a journal ({error}); remove the folder "
+                                    f"{path.parent} to start the run anew") from None
+        self._session = max(self._spent, default=0) + 1
+        if len(whole) < len(content):
+            os.truncate(path, len(whole))
+
+    @property
+    def seconds(self) -> float:
+        """Time spent on the run so far, in this session and in those that were killed."""
+        return sum(self._spent.values()) + time.perf_counter() - self._opened
+
+    def get(self, stage: str, key: str) -> Any:
+        """What a task ended with in an earlier session, or None where it did not end."""
+        if (stage, key) not in self._found:
+            return None
+        return self._typed(stage, self._found[stage, key])
+
+    def put(self, stage: str, key: str, result: Any) -> Any:
+        """Write a result and return it as `get` will: a resumed run sees the same values as one that was not killed."""
+        import msgspec
+
+        plain = {CRASH: _told(result)} if isinstance(result, Crash) else msgspec.to_builtins(
+            result, str_keys=True, enc_hook=_scalar)
+        entry = {"stage": stage, "key": key, "session": self._session, "elapsed": time.perf_counter() - self._opened,
+                 "result": plain}
+        line = json.dumps(entry, separators=(",", ":")).encode() + b"\n"
+        try:
+            while line:
+                line = line[self._file.write(line):]
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise ArgumentError(f"{self._file.name}: {error.strerror or error}; mend this and start the run again, "
+                                "what ended before is kept") from None
+        return self._typed(stage, json.loads(json.dumps(plain)))
+
+    def close(self) -> None:
+        """Close the file; what is in it stays."""
+        self._file.close()
+
+    def _typed(self, stage: str, plain: Any) -> Any:
+        import msgspec
+
+        if isinstance(plain, dict) and plain.keys() == {CRASH}:
+            return Crash(**plain[CRASH])
+        return msgspec.convert(plain, self._types[stage], str_keys=True)
+
+
+def _told(crash: Crash) -> dict[str, str]:
+    """The texts of a crash: the exception itself belongs to the process that met it."""
+    texts = {field.name: getattr(crash, field.name) for field in dataclasses.fields(crash)}
+    return {name: text for name, text in texts.items() if isinstance(text, str)}
+
+
+def _scalar(value: Any) -> Any:
+    """NumPy's scalars as Python's."""
+    if hasattr(value, "item"):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} cannot be written into a journal")

@@ -1,0 +1,1 @@
+"""Metrics, tolerances and verdicts. Nothing here knows the inside of an engine."""

@@ -1,0 +1,179 @@
+"""Errors against truth and observed orders. A metric knows no engine and no tolerance.
+
+Errors of a quantity are norms of differences per body: positions (m) and velocities (m/s) in world axes, angular
+velocities (rad/s) in body axes, attitudes as the angle (rad) of the rotation that takes one to the other.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from crosscheck.errors import ArgumentError
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+
+QUANTITIES = {"position": "m", "attitude": "rad", "velocity": "m/s", "angular velocity": "rad/s"}
+"""The quantities compared with truth, and their units."""
+
+PLATEAU = 8.0
+"""An error below this many rounding floors carries too much noise to take part in an order fit: at 8 floors the
+noise moves one error by 1/8, which moves the order fitted over three halvings by at most 0.05."""
+
+SETTLED = 0.05
+"""Orders between neighbouring steps that differ by no more, as noise alone may move them, do not change any more."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Error:
+    """Error of one quantity against truth over a run."""
+
+    quantity: str
+    unit: str
+    end: float  # max over bodies at the last time
+    max: float  # max over bodies and times
+    time: float  # s, where the maximum is
+    body: str  # which body has it
+    series: np.ndarray  # (T,) max over bodies
+
+
+@dataclasses.dataclass(frozen=True)
+class Order:
+    """Order fitted to errors at several steps."""
+
+    observed: float | None  # None where fewer than three steps lie above the rounding plateau
+    used: int  # steps that took part
+    pairs: tuple[float, ...]  # orders between neighbouring steps, all of them, coarse to fine
+    note: str = ""
+    settled: bool = True  # the last three orders between neighbouring steps above the plateau agree within `SETTLED`
+    exhausted: bool = False  # the finest step lies on the plateau, a finer one would show nothing but rounding
+    finest: float | None = None  # order between the two finest steps above the plateau, where orders rise towards it
+    rounding: float = 0.0  # largest error at the finer steps at which errors fall no more
+
+
+def attitude_angle(R: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """Angle (rad, 0 to pi) of the rotation R^T S; R and S (..., 3, 3).
+
+    From sine and cosine together: the sine keeps its digits near 0 and the cosine near pi/2, while an arc cosine
+    alone loses half of them for small angles.
+    """
+    D = np.swapaxes(R, -1, -2) @ S
+    twice_sine = np.sqrt((D[..., 2, 1] - D[..., 1, 2]) ** 2 + (D[..., 0, 2] - D[..., 2, 0]) ** 2
+                         + (D[..., 1, 0] - D[..., 0, 1]) ** 2)
+    return np.arctan2(twice_sine, np.trace(D, axis1=-2, axis2=-1) - 1.0)
+
+
+def differences(one: States, other: States) -> dict[str, np.ndarray]:
+    """Per quantity the norm of the difference, (T, n), of two runs at the same times."""
+    if one.t.shape != other.t.shape or not np.allclose(one.t, other.t, rtol=0, atol=1e-9 * max(1.0, one.t[-1])):
+        raise ArgumentError(f"the runs have different output times ({len(one.t)} up to {one.t[-1]:g} s and "
+                            f"{len(other.t)} up to {other.t[-1]:g} s): give both the same samples= and duration=")
+    return {
+        "position": np.linalg.norm(one.x - other.x, axis=-1),
+        "attitude": attitude_angle(one.R, other.R),
+        "velocity": np.linalg.norm(one.v - other.v, axis=-1),
+        "angular velocity": np.linalg.norm(one.w - other.w, axis=-1),
+    }
+
+
+def errors(scene: Scene, run: States, truth: States, until: float = np.inf) -> dict[str, Error]:
+    """Errors of a run against truth per quantity, over the samples up to the time `until` (s).
+
+    Times where the run is not finite count as infinitely wrong: a run that blew up has no small error.
+    """
+    keep = truth.t <= until * (1 + 1e-12)
+    times = truth.t[keep]
+    result = {}
+    for quantity, values in differences(run, truth).items():
+        values = np.where(np.isfinite(values[keep]), values[keep], np.inf)
+        sample, body = np.unravel_index(int(np.argmax(values)), values.shape)
+        result[quantity] = Error(quantity, QUANTITIES[quantity], float(values[-1].max()), float(values[sample, body]),
+                                 float(times[sample]), scene.bodies[body].name, values.max(axis=1))
+    return result
+
+
+STALLED = 0.75
+"""Slopes of errors that are rounding lie below, and the order of every method that converges above: rounding of the
+states grows as the number of steps, slope -1, and that of accelerations is worth their step, slope 1/2 over a random
+walk; the lowest order is 1."""
+
+SHORT = 1.0
+"""A slope that falls short of the documented order by more may be where rounding sets in."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Plateau:
+    """What in errors at ever finer steps may be rounding."""
+
+    floor: float  # errors below `PLATEAU` of these are
+    ceiling: float = 0.0  # errors below it are where they fall no more, see `_stalled`
+    order: int = 0  # the documented one
+
+
+EXACT = Plateau(0.0)
+"""No rounding at all."""
+
+
+def observed_order(steps: Sequence[float], values: Sequence[float], plateau: Plateau = EXACT,
+                   finest: int | None = None) -> Order:
+    """Order p of errors ~ h^p by least squares in the logarithms, over the steps above the rounding plateau.
+
+    Parameters
+    ----------
+    steps : step sizes (s), any order
+    values : the error at each step, against truth
+    plateau : what is rounding; such errors, and all at finer steps, do not take part
+    finest : how many take part at most, the finest of those above the plateau; None: all
+    """
+    pairs = sorted(zip(steps, values, strict=True), reverse=True)
+    h = np.array([step for step, _ in pairs])
+    e = np.array([value for _, value in pairs])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = np.diff(np.log(e)) / np.diff(np.log(h)) if len(h) > 1 else np.empty(0)
+    neighbours = tuple(float(slope) for slope in slopes)
+    good = np.isfinite(e) & (e > PLATEAU * plateau.floor) & (e > 0)
+    first = int(np.argmax(good)) if good.any() else 0
+    last = first
+    while last < len(h) and good[last]:
+        last += 1
+    stalled = _stalled(h, e, slopes, plateau)
+    rounding = float(e[stalled:].max(initial=0.0))
+    last = min(last, stalled)
+    recent = slopes[first:last - 1][-3:]
+    settled, exhausted = len(recent) == 3 and bool(np.ptp(recent) <= SETTLED), last < len(h)
+    first = max(first, last - (finest or last))
+    used = max(0, last - first) if good.any() else 0
+    if used < 3:
+        return Order(None, used, neighbours, f"only {used} of {len(h)} steps lie above the rounding plateau", settled,
+                     exhausted, rounding=rounding)
+    rising = len(recent) == 3 and bool((np.diff(recent) > 0).all())
+    return Order(_slope(h[first:last], e[first:last]), used, neighbours, settled=settled, exhausted=exhausted,
+                 finest=float(recent[-1]) if rising else None, rounding=rounding)
+
+
+def _slope(h: np.ndarray, e: np.ndarray) -> float:
+    return float(np.polyfit(np.log(h), np.log(e), 1)[0])
+
+
+def _stalled(h: np.ndarray, e: np.ndarray, slopes: np.ndarray, plateau: Plateau) -> int:
+    """Index of the first error, coarse to fine, from which on they fall no more; their number where they all fall.
+
+    Three errors tell. Two do that do not fall themselves, and a last one, where those before them have shown the order.
+    """
+    for index in range(len(h)):
+        tail = e[index:]
+        rounding = np.isfinite(tail) & (tail > 0) & (tail < plateau.ceiling)
+        if not rounding.all() or (index and slopes[index - 1] >= plateau.order - SHORT):
+            continue
+        if len(tail) >= 3:
+            stalls = _slope(h[index:], tail) < STALLED
+        else:
+            before = e[:index]
+            shown = (index >= 2 and bool((np.isfinite(before) & (before > 0)).all())
+                     and _slope(h[:index], before) >= plateau.order - SHORT)
+            stalls = shown and (slopes[-1] < STALLED if len(tail) == 2 else index >= 3)
+        if stalls:
+            return index
+    return len(h)

@@ -1,0 +1,92 @@
+"""Bounds set by the user in place of the computed ones: from a TOML file, or as quantity=value."""
+
+from __future__ import annotations
+
+import math
+import os
+import tomllib
+from collections.abc import Sequence
+from typing import Any
+
+from crosscheck.errors import ArgumentError
+from crosscheck.judge.tolerances import BOUNDS, BY_USER
+from crosscheck.judge.verdict import Record
+from crosscheck.spelling import unknown
+
+Overrides = tuple[tuple[str, float, str], ...]
+"""(kind of finding, bound in its unit, reason)."""
+
+
+def read(path: str | os.PathLike[str] | None, options: Sequence[str] = ()) -> Overrides:
+    """Bounds of a file and of options "quantity=value", which go before those of the file.
+
+    Raises
+    ------
+    ArgumentError
+        Names the file or option, the entry and the mend.
+    """
+    found: dict[str, tuple[float, str]] = {}
+    if path is not None:
+        for name, value in _table(path).items():
+            found[_known(f"{path}: {name}", name)] = _bound(f"{path}: {name}", value)
+    for option in options:
+        name, separator, value = option.partition("=")
+        if not separator:
+            raise ArgumentError(f"--tol {option}: write quantity=value, such as --tol position=1e-3")
+        try:
+            number = float(value)
+        except ValueError:
+            raise ArgumentError(f"--tol {option}: {value!r} is no number") from None
+        found[_known(f"--tol {option}", name.strip())] = _bound(f"--tol {option}", number)
+    return tuple((name, value, why) for name, (value, why) in found.items())
+
+
+def _table(path: str | os.PathLike[str]) -> dict[str, Any]:
+    try:
+        with open(path, "rb") as stream:
+            return tomllib.load(stream)
+    except OSError as error:
+        raise ArgumentError(f"--tolerances {path}: cannot be read ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ArgumentError(f"--tolerances {path}: not TOML: {error}") from None
+
+
+def _known(where: str, name: str) -> str:
+    if name not in BOUNDS:
+        raise ArgumentError(f"{where}: {unknown('quantity', name, BOUNDS)}")
+    return name
+
+
+def _bound(where: str, value: Any) -> tuple[float, str]:
+    why = BY_USER
+    if isinstance(value, dict):
+        extra = sorted(set(value) - {"value", "why"})
+        if extra or "value" not in value:
+            raise ArgumentError(f"{where}: {extra[0] + ' is not known' if extra else 'value is missing'}; "
+                                'write { value = 1e-3, why = "..." }')
+        if not isinstance(value.get("why", ""), str):
+            raise ArgumentError(f"{where}: why is text")
+        why = f"{BY_USER}: {value['why']}" if value.get("why") else BY_USER
+        value = value["value"]
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value) or value < 0:
+        raise ArgumentError(f"{where}: {value!r} is no bound; write a number that is not negative")
+    return float(value), why
+
+
+def override(record: Record, overrides: Overrides) -> None:
+    """Judge the findings of a record by the user's bounds where he set some.
+
+    Figures without a bound of their own are judged too. A plan's step that is too coarse for the computed bounds of
+    positions and attitudes is no fault where the user set both.
+    """
+    bounds = {name: (value, why) for name, value, why in overrides}
+    if {"position", "attitude"} <= set(bounds):
+        record.findings = [finding for finding in record.findings if finding.kind != "step"]
+    for finding in record.findings:
+        if finding.kind not in bounds or finding.value is None:
+            continue
+        finding.bound, finding.why = bounds[finding.kind]
+        good = finding.value >= finding.bound if finding.kind.startswith("order") else finding.value <= finding.bound
+        finding.status = "ok" if good else "fail"
+        if finding.kind in record.errors:
+            record.errors[finding.kind] |= {"judged": finding.value, "bound": finding.bound, "why": finding.why}

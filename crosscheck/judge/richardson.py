@@ -1,0 +1,73 @@
+"""The limit of a run for vanishing steps against truth: it separates a wrong model from a coarse step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import ArgumentError
+from crosscheck.judge import tolerances
+from crosscheck.judge.metrics import QUANTITIES, Order, errors
+from crosscheck.judge.tolerances import Tol
+from crosscheck.judge.verdict import Finding
+from crosscheck.references.base import Reference
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+
+LEAST = 0.75
+"""Errors that fall more slowly than this power of the step do not fall: nothing to extrapolate by."""
+
+
+def extrapolated(coarse: States, fine: States, ratio: float, order: int) -> States:
+    """fine + (fine - coarse) / (ratio^order - 1), ratio the coarser step over the finer one; attitudes entry by entry,
+    which leaves them as orthogonal as the extrapolation is exact."""
+    weight = 1.0 / (ratio**order - 1.0)
+    parts = [getattr(fine, name) + weight * (getattr(fine, name) - getattr(coarse, name)) for name in "xRvw"]
+    return States(fine.t, *parts)
+
+
+def extrapolation_order(documented: int, observed: Order, failed: bool) -> int:
+    """The documented order, or the observed one where that is another."""
+    if not failed or observed.observed is None or observed.observed < LEAST:
+        return documented
+    return max(1, round(observed.observed))
+
+
+def _beside_rounding(tol: Tol, rounding: float) -> Tol:
+    """The bound where the errors of both runs are as small as rounding makes them, and fall no more."""
+    return Tol(tol.value + 2 * rounding, tol.why + (f"; rounding of both runs, {rounding:.1e}" if rounding else ""))
+
+
+def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Reference, order: int,
+                orders: Mapping[str, Order], failing: frozenset[str]) -> list[Finding]:
+    """The limit of the two finest runs against truth, per quantity.
+
+    Parameters
+    ----------
+    runs : (step used (s), trajectory) at the output times of `truth`
+    order : the documented one; extrapolation takes the observed one for the quantities in `failing`
+    """
+    if len(runs) < 2:
+        return [Finding(f"limit {name}", "unjudged", None, None, unit, "a limit needs two runs that reach their end")
+                for name, unit in QUANTITIES.items()]
+    (coarse_step, coarse), (fine_step, fine) = sorted(runs, key=lambda run: -run[0])[-2:]
+    if not fine_step < coarse_step:
+        raise ArgumentError(f"runs: two different steps are wanted, not {fine_step:g} s twice")
+    findings, scale = [], tolerances.scales(scene, truth)
+    for name, unit in QUANTITIES.items():
+        used = extrapolation_order(order, orders[name], name in failing)
+        limit = extrapolated(coarse, fine, coarse_step / fine_step, used)
+        error = errors(scene, limit, truth.states, truth.horizon)[name]
+        tol = _beside_rounding(tolerances.limit(scene, truth, used, coarse_step)[name], orders[name].rounding)
+        where = f"body {error.body}, t = {error.time:.4g} s, extrapolated with order {used}"
+        if tol.value > scale.of(name) and np.isfinite(error.max):
+            findings.append(Finding(f"limit {name}", "unjudged", error.max, None, unit, "at these steps the bound, "
+                                    f"{tol.value:.2g}, exceeds the size of the quantity itself", where))
+            continue
+        good = error.max <= tol.value
+        text = "" if good else "; no step makes it smaller: the model differs, or its order is not what it seems"
+        findings.append(Finding(f"limit {name}", "ok" if good else "fail", error.max, tol.value, unit, tol.why,
+                                where + text))
+    return findings

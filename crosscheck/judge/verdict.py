@@ -1,0 +1,324 @@
+"""The verdict on one run: findings against bounds with reasons, and one outcome. Knows no engine's inside.
+
+Outcomes: "pass", "known" (only defects listed in `judge.known`; passes), "fail", "error" (it did not run to its
+end in an unforeseen way), "unsupported" (the engine cannot model the scene; passes, with the reason), "unjudged"
+(the scene has no truth, or the step is too coarse for bounds of the motion: only the rest was judged, and nothing of
+that failed).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import ArgumentError
+from crosscheck.judge import known, tolerances
+from crosscheck.judge.metrics import QUANTITIES, Error, Order, Plateau, errors, observed_order
+from crosscheck.judge.tolerances import Tol
+from crosscheck.references.base import Reference
+from crosscheck.scene.model import Scene
+
+LEVELS = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2"}
+"""Constraint levels and the units of their rows."""
+
+PASSING = ("pass", "known", "unsupported", "unjudged")
+
+
+@dataclasses.dataclass
+class Finding:
+    """One judged figure of a run."""
+
+    kind: str  # quantity of metrics, "energy", "momentum", "level position", "orthogonality", "order position", "run"
+    status: str  # "ok", "fail", "known", "unjudged"
+    value: float | None
+    bound: float | None
+    unit: str
+    why: str
+    detail: str = ""  # where and when, or what is known about it
+
+    @property
+    def severity(self) -> float:
+        """log10 of the value over its bound, infinite for what is not finite; of orders, tenths below the bound."""
+        if self.value is None or self.bound is None or not math.isfinite(self.value):
+            return math.inf if self.status in ("fail", "known") else -math.inf
+        if self.kind.startswith("order"):
+            return 10.0 * (self.bound - self.value)
+        if self.value == 0:
+            return -math.inf  # nothing of it at all, also where the bound is 0
+        return math.log10(max(self.value, 1e-300) / max(self.bound, 1e-300))
+
+
+@dataclasses.dataclass
+class Record:
+    """Everything one run left behind, ready for JSON; failed runs are recorded like any other."""
+
+    scene: str
+    engine: str
+    version: str
+    method: str
+    form: str | None
+    step: float | None  # s
+    rtol: float | None
+    documented_order: int | None
+    command: str  # reproduces the run
+    label: str = ""  # engine and method, and the form where a method ran in more than one
+    default_form: bool = True  # the form is the engine's own choice, not one that the plan named
+    own_environment: bool = False  # another version, in an environment of its own: its times compare with no other
+    practical: bool = False  # a run at a step too coarse for bounds of states, see `judge_practical`
+    outcome: str = "error"
+    message: str = ""
+    status: str = ""
+    findings: list[Finding] = dataclasses.field(default_factory=list)
+    judged_until: float | None = None  # s
+    duration: float | None = None  # s, of the main run
+    errors: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
+    levels: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
+    energy_error: float | None = None  # over the largest kinetic energy, every step
+    momentum_error: float | None = None  # kg m^2/s, samples
+    orthogonality: float | None = None
+    steps: int | None = None
+    wall_time: float | None = None  # s
+    us_per_step: float | None = None
+    seconds_per_second: float | None = None  # of stepping per simulated second, at the judged step
+    seconds_deviation: float | None = None  # median absolute deviation of its repeats; None: timed only once
+    speed: dict[str, Any] = dataclasses.field(default_factory=dict)  # `verification.speed.Speed`, where measured
+    orders: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
+    ladder: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    ladder_cut: str = ""  # why the order study has fewer steps than planned, where the bound of its time cut it
+    timing: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    curves: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def worst(self) -> Finding | None:
+        """The finding farthest beyond, or nearest to, its bound."""
+        judged = [finding for finding in self.findings if finding.status != "unjudged"]
+        rank = {"fail": 2, "known": 1, "ok": 0}
+        return max(judged, key=lambda finding: (rank[finding.status], finding.severity), default=None)
+
+    @property
+    def partly(self) -> bool:
+        """Whether the bounds of the motion judge only its beginning, see `judge_states`."""
+        return bool(self.judged_until and self.duration and self.judged_until < self.duration * (1 - 1e-9))
+
+    @property
+    def word(self) -> str:
+        """The outcome in words that claim no more than was judged."""
+        words = {"unsupported": "n/a"}.get(self.outcome, self.outcome)
+        if self.outcome == "pass" and self.practical:
+            return "stable"
+        return f"{words} to {self.judged_until:g} s" if self.outcome in ("pass", "known") and self.partly else words
+
+    @property
+    def ladder_points(self) -> list[dict[str, Any]]:
+        """Stepping time against end error as the order study met them, where no timing study was made."""
+        return [{"step": rung["step"], "rtol": rung["rtol"], "wall_time": rung["wall_time"], "steps": rung["steps"],
+                 "us_per_step": 1e6 * rung["wall_time"] / max(1, rung["steps"]), "error": rung["end"]["position"]}
+                for rung in self.ladder if rung["errors"] and not self.own_environment]
+
+
+@dataclasses.dataclass(frozen=True)
+class Bounds:
+    """Bounds of the states of one run, and how far they reach."""
+
+    states: dict[str, Tol]
+    invariants: dict[str, Tol]  # the same as energy and momentum see them
+    empty: frozenset[str]  # kinds of findings for which the bound says nothing
+    until: float  # s
+
+
+def _judged(kind: str, value: float, tol: Tol, unit: str, detail: str = "", empty: bool = False) -> Finding:
+    """A finding; `empty`: the bound exceeds the size of the quantity, so that passing it would mean nothing."""
+    if empty and np.isfinite(value):
+        return Finding(kind, "unjudged", float(value), None, unit,
+                       f"at this step the bound, {tol.value:.2g}, exceeds the size of the quantity itself", detail)
+    status = "ok" if value <= tol.value else "fail"  # a NaN fails
+    return Finding(kind, status, float(value), tol.value, unit, tol.why, detail)
+
+
+def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, order: int | None, step: float | None,
+                 rtol: float | None, budgeted: bool = False) -> tuple[list[Finding], dict[str, Error], Bounds]:
+    """Errors against truth over the longest time a bound can judge: the whole run, or else its first window.
+
+    Where the step is too coarse even for that, the plan is to blame, or the run stays unjudged if it was `budgeted`.
+    Returns the findings, the errors over the whole run, and the bounds that were used.
+    """
+    def bounds_for(reference: Reference, growth: float | None = None) -> dict[str, Tol]:
+        if order is not None and step is not None:
+            return tolerances.fixed_step(scene, reference, order, step, growth)
+        if rtol is None:
+            raise ArgumentError("a run is judged by its step and documented order, or by its rtol: give one of them")
+        return tolerances.adaptive(scene, reference, rtol, traj.steps, growth)
+
+    used, until = truth, min(float(truth.t[-1]), truth.horizon)
+    growth = 1.0 if _conservative(scene, truth) else None
+    states, invariants = bounds_for(truth), bounds_for(truth, growth)
+    if tolerances.vacuous(scene, truth, states, invariants):
+        used, until = window, min(float(window.t[-1]), window.horizon)
+        states, invariants = bounds_for(window), bounds_for(window, growth)
+    judged = errors(scene, traj, truth.states, until)
+    empty = tolerances.vacuous(scene, used, states, invariants)
+    bounds = Bounds(states, invariants, empty, until)
+    findings = [_judged(quantity, error.max, bounds.states[quantity], error.unit,
+                        f"body {error.body}, t = {error.time:.4g} s, judged up to {until:g} s", quantity in empty)
+                for quantity, error in judged.items()]
+    if empty & {"position", "attitude"}:
+        findings.append(Finding("step", "unjudged" if budgeted else "fail", step, None, "s", "a bound of position or "
+                                "attitude exceeds the size of the scene, so that it would pass anything",
+                                "the budget of steps has none smaller" if budgeted else "choose a smaller step"))
+    return findings, errors(scene, traj, truth.states), bounds
+
+
+def _conservative(scene: Scene, truth: Reference) -> bool:
+    """Whether the true motion keeps energy and vertical momentum, to the doubt of truth itself."""
+    from crosscheck.scene import mechanics
+
+    scale = tolerances.scales(scene, truth)
+    pairs = [(mechanics.energy(scene, truth.states), scale.kinetic),
+             (mechanics.momentum_vertical(scene, truth.states), scale.momentum)]
+    # Energies of the size of the kinetic energy, errors of states up to `allowed`, some ten terms.
+    return all(np.abs(values - values[0]).max() <= 10 * truth.allowed * size for values, size in pairs)
+
+
+def judge_invariants(scene: Scene, traj: Any, truth: Reference, bounds: Bounds) -> list[Finding]:
+    """Energy and vertical angular momentum against those of truth, as far as the bounds of the states reach."""
+    from crosscheck.scene import mechanics
+
+    keep, where = truth.t <= bounds.until * (1 + 1e-12), f"up to {bounds.until:g} s"
+    exact_energy = mechanics.energy(scene, truth.states)
+    exact_momentum = mechanics.momentum_vertical(scene, truth.states)
+    energy = np.abs(traj.energy - exact_energy)[keep].max() / tolerances.scales(scene, truth).kinetic
+    momentum = np.abs(traj.momentum_vertical - exact_momentum)[keep].max()
+    most, turn = (rule(scene, truth, bounds.invariants) for rule in (tolerances.energy, tolerances.momentum))
+    return [_judged("energy", energy, most, "1", where, "energy" in bounds.empty),
+            _judged("momentum", momentum, turn, "kg m^2/s", where, "momentum" in bounds.empty)]
+
+
+def judge_practical(scene: Scene, traj: Any, truth: Reference) -> Finding:
+    """Energy of a run at a coarse step: it may not change by more than lifting all bodies from bottom to top takes.
+
+    Beyond that the run shows another motion than the scene's, whatever its order of accuracy.
+    """
+    from crosscheck.scene import mechanics
+
+    scale = tolerances.scales(scene, truth)
+    # A constant energy is known for ever, one that loads and dampers change only as far as the motion is.
+    keep = slice(None) if _conservative(scene, truth) else truth.t <= truth.horizon * (1 + 1e-12)
+    change = np.abs(traj.energy - mechanics.energy(scene, truth.states))[keep].max() / scale.kinetic
+    lift = scene.masses.sum() * np.linalg.norm(scene.gravity) * 2 * scale.reach / scale.kinetic
+    why = "the energy of lifting all bodies from bottom to top, 2 m g times the reach, over the largest kinetic energy"
+    return _judged("energy", change, Tol(float(lift), why), "1", "the whole run")
+
+
+def judge_without_truth(scene: Scene, traj: Any) -> Finding:
+    """Energy of a run where there is no truth: as `judge_practical`, for scenes whose energy is conserved."""
+    change = float(np.abs(traj.energy - traj.energy[0]).max())
+    if scene.forces:
+        return Finding("energy", "unjudged", change, None, "J", "forces may change the energy, and no truth tells how")
+    reach = tolerances.reach(scene)
+    lift = float(scene.masses.sum() * np.linalg.norm(scene.gravity) * 2 * reach + _kinetic_at_start(scene))
+    why = ("no truth: the kinetic energy at the start and that of lifting all bodies from bottom to top, "
+           "2 m g times the reach")
+    return _judged("energy", change, Tol(lift, why), "J", "the whole run")
+
+
+def _kinetic_at_start(scene: Scene) -> float:
+    return 0.5 * float(np.einsum("i,ik,ik->", scene.masses, scene.v0, scene.v0)
+                       + np.einsum("ik,ikl,il->", scene.w0, scene.inertias, scene.w0))
+
+
+def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bounds | None, held: frozenset[str],
+                 maxima: dict[str, float]) -> list[Finding]:
+    """Constraint levels: every step where the method holds them, samples against the states' bounds elsewhere."""
+    findings = []
+    for level, unit in LEVELS.items():
+        kind, series = f"level {level}", getattr(traj, f"constraint_{level}")
+        if series is None:
+            findings.append(Finding(kind, "unjudged", None, None, unit, "the engine gives no accelerations"))
+            continue
+        everywhere = max(maxima.get(f"constraint_{level}", 0.0), float(np.max(series)))
+        if level in held:
+            tol = tolerances.held_level(scene, truth, level, traj.stats.get("newton_tolerance", 0.0))
+            findings.append(_judged(kind, everywhere, tol, unit, "every step"))
+            continue
+        free = None if bounds is None or truth is None else tolerances.free_level(scene, truth, level, bounds.states)
+        if bounds is None or truth is None or free is None:
+            findings.append(Finding(kind, "unjudged", everywhere, None, unit,
+                                    "the method does not enforce this level, and no bound of a state implies one"))
+        else:
+            keep = truth.t <= bounds.until * (1 + 1e-12)
+            findings.append(_judged(kind, float(np.max(series[keep])), free, unit, f"up to {bounds.until:g} s",
+                                    kind in bounds.empty))
+    return findings
+
+
+def judge_orders(order: int, ladder: list[dict[str, Any]], plateaus: Mapping[str, Plateau], rungs: int | None = None,
+                 final: bool = False) -> tuple[list[Finding], dict[str, Order]]:
+    """Observed order of every quantity against the documented one; a higher one is no fault.
+
+    An order is a property of vanishing steps: where that of the first `rungs` steps (None: of all) is low, the same
+    number of finest ones above the rounding plateau decides. Where it has not settled and no finer step can tell, since
+    rounding has set in or there is none (`final`), it is known to the nearest whole number only, which orders are.
+    """
+    findings, orders = [], {}
+    steps = [rung["step"] for rung in ladder]
+    for quantity in QUANTITIES:
+        values = [rung["errors"].get(quantity, math.inf) for rung in ladder]
+        lowest = order - tolerances.order_margin(order)
+        result = observed_order(steps[:rungs], values[:rungs], plateaus[quantity])
+        if result.observed is not None and result.observed < lowest:
+            result = observed_order(steps, values, plateaus[quantity], rungs)
+        why = f"documented order {order}, least squares over {result.used} steps of {len(steps)}"
+        if result.observed is not None and result.observed < lowest and not result.settled and (
+                result.exhausted or (final and result.finest is not None)):
+            lowest = order - tolerances.CONSTANTS["order_margin_coarse"]
+            why += "; it still changes where " + ("rounding sets in" if result.exhausted else "the study ends")
+            why += ", so that the nearest whole number counts"
+            if result.finest is not None:
+                result = dataclasses.replace(result, observed=max(result.observed, result.finest))
+                why += ", and of orders that rise that of the two finest steps"
+        orders[quantity] = result
+        findings.append(_order_finding(f"order {quantity}", values, result, lowest, why))
+    return findings, orders
+
+
+def _order_finding(kind: str, values: list[float], result: Order, lowest: float, why: str) -> Finding:
+    if not np.isfinite(values).all():
+        return Finding(kind, "fail", None, lowest, "1", why, "a run of the order study was not finite")
+    if result.observed is None:
+        return Finding(kind, "unjudged", None, lowest, "1", why, result.note)
+    return Finding(kind, "ok" if result.observed >= lowest else "fail", result.observed, lowest, "1", why)
+
+
+def undecided(findings: list[Finding], orders: dict[str, Order]) -> bool:
+    """Whether finer steps may lift an order that is low so far, see `judge_orders`."""
+    low = {finding.kind.removeprefix("order ") for finding in findings
+           if finding.status == "fail" and finding.value is not None}
+    return any(not orders[quantity].settled and not orders[quantity].exhausted for quantity in low)
+
+
+def settle(record: Record) -> Record:
+    """Mark known defects, notice vanished ones, and set the outcome.
+
+    A bound the user set is his: no known defect excuses what exceeds it, and what keeps it has not vanished.
+    """
+    for entry in known.entries(record.engine, record.method, record.scene, record.form, record.practical):
+        seen = [finding for finding in record.findings if finding.kind in entry.kinds and finding.status != "unjudged"
+                and not finding.why.startswith(tolerances.BY_USER)]
+        failing = [finding for finding in seen if finding.status == "fail"]
+        for finding in failing:
+            finding.status, finding.detail = "known", entry.reason
+        # Vanished means looked for and not found: a profile without an order study says nothing about orders.
+        if entry.always and not failing and set(entry.kinds) <= {finding.kind for finding in seen} | {"run"}:
+            record.findings.append(Finding("vanished", "fail", None, None, "", f"a known defect no longer shows: "
+                                           f"{entry.reason}", "if the engine was mended, remove the entry"))
+    statuses = {finding.status for finding in record.findings}
+    blind = any(finding.kind == "step" and finding.status == "unjudged" for finding in record.findings)
+    record.outcome = ("fail" if "fail" in statuses else "known" if "known" in statuses else
+                      "unjudged" if blind else "pass")
+    if record.outcome == "unjudged":
+        record.message = "the step is too coarse for bounds of the motion, and the budget of steps has none smaller"
+    return record

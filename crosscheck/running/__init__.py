@@ -1,0 +1,1 @@
+"""Running one scene on one engine, and where a result comes from."""

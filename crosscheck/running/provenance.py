@@ -1,0 +1,94 @@
+"""Where results come from: versions, machine, commit."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import importlib.metadata
+import importlib.util
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+PACKAGES = ("lieeuler-crosscheck", "numpy", "scipy", "heyoka")
+NOT_INSTALLED = "not installed"
+
+
+def describe(engine_names: Iterable[str]) -> dict[str, Any]:
+    """Versions of everything that takes part, the machine, the time (UTC) and, in a git checkout, the commit."""
+    return {
+        "time": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "engines": {name: engine_version(name) for name in engine_names},
+        "packages": {name: _version(name) for name in PACKAGES},
+        "python": platform.python_version(),
+        "machine": {"system": f"{platform.system()} {platform.machine()}", "processor": _processor(),
+                    "cores": os.cpu_count()},
+        "commit": _commit(Path(__file__).resolve().parents[2]),
+    }
+
+
+def code_digest(engine_names: Iterable[str], more: Any) -> str:
+    """Digest of all that results depend on: versions, machine, our code and kernel, and `more` that JSON knows.
+
+    Results of one study have to come from one state of all these.
+    """
+    names = list(engine_names)
+    versions = {key: value for key, value in describe(names).items()
+                if key in ("engines", "packages", "python", "machine")}
+    digest = hashlib.sha256(json.dumps([more, versions], sort_keys=True).encode())
+    kernel = importlib.util.find_spec("lieeuler._kernel")
+    package = importlib.util.find_spec("lieeuler")
+    sources = [*sorted(Path(__file__).parents[1].rglob("*.py"))]
+    if package is not None and package.origin:
+        sources += sorted(Path(package.origin).parent.glob("*.py"))
+    if kernel is not None and kernel.origin:
+        sources.append(Path(kernel.origin))
+    sources += [path for path in (Path(name.rpartition(":")[0]) for name in names) if path.suffix == ".py"]
+    for source in sources:
+        digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+def engine_version(name: str) -> str:
+    """Version of an engine, or "not installed" where its package, or a package it needs, is missing."""
+    from crosscheck import adapters
+
+    try:
+        return adapters.get(name).version()
+    except ImportError:  # PackageNotFoundError is one
+        return NOT_INSTALLED
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return NOT_INSTALLED
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or "unknown"
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown")
+
+
+def _commit(folder: Path) -> str | None:
+    """The commit, with "+ changes" when files differ from it; None outside a checkout or without git."""
+    if not (folder / ".git").exists():
+        return None
+    def git(*words: str) -> str | None:
+        try:
+            done = subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=10)
+        except (OSError, subprocess.TimeoutExpired):
+            return None
+        return done.stdout.strip() if done.returncode == 0 else None
+    commit = git("rev-parse", "--short=12", "HEAD")
+    if commit is None:
+        return None
+    return commit + (" + changes" if git("status", "--porcelain", "--untracked-files=no") else "")

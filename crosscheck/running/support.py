@@ -1,0 +1,193 @@
+"""What the engines can model: engine x form x joint, force and loop, asked from the adapters on minimal scenes.
+
+    for entry in matrix(["mujoco"]):
+        print(entry.form, entry.item, entry.methods, entry.reason)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Iterable
+from typing import Any, get_args
+
+import numpy as np
+
+from crosscheck import adapters
+from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.common.links import IDENTITY
+from crosscheck.jobs.grid import Crash, Limits, run_tasks
+from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene, rotation_from_quaternion
+from crosscheck.scene.schema import JointType
+
+JOINTS: tuple[str, ...] = get_args(JointType)
+FORCES = ("linear_spring", "torsional_spring", "constant_force", "constant_torque")
+DURATION = 1e-3  # s: long enough for a few steps, short enough that accelerations hardly change
+STEPS = 4
+
+
+@dataclasses.dataclass(frozen=True)
+class Minimal:
+    """A minimal scene that needs one thing."""
+
+    kind: str  # "joint to the ground" | "joint between bodies" | "force" | "system"
+    item: str
+    scene: Scene
+
+
+@dataclasses.dataclass(frozen=True)
+class Support:
+    """Whether an engine, in a form, can model an item: by which methods, and why not by the others."""
+
+    engine: str
+    form: str | None
+    kind: str
+    item: str
+    methods: tuple[str, ...]
+    reason: str | None  # of a method that cannot; None where all can
+
+
+def matrix(names: Iterable[str] | None = None) -> tuple[Support, ...]:
+    """One entry for every engine, form and minimal scene; raises `ArgumentError` for an unknown engine."""
+    found = []
+    for name in adapters.names() if names is None else names:
+        adapter = adapters.get(name)
+        for form in _forms(adapter):
+            found += [_support(adapter, form, minimal) for minimal in minimal_scenes()]
+    return tuple(found)
+
+
+def of_scenes(scenes: Iterable[str], names: Iterable[str], within: Limits | None = None) -> list[dict[str, Any]]:
+    """Which engine and form can model which scene: rows for the key "support" of a report's document.
+
+    Each has `scene`, `engine`, `form`, `methods` (those that can) and `reason` (why the others cannot; None where all
+    can). Engines that are not installed have no rows. Those of the user's own are asked in a worker process; where one
+    fails there, that is the reason.
+    """
+    from crosscheck.running.provenance import NOT_INSTALLED, engine_version
+
+    tasks = [(scene, name) for scene in scenes for name in names if engine_version(name) != NOT_INSTALLED]
+    risky = [task for task in tasks if adapters.is_own(task[1])]
+    told = dict(zip(risky, run_tasks(_rows, risky, 1, limits=within), strict=True))
+    rows: list[dict[str, Any]] = []
+    for scene, name in tasks:
+        found = told[scene, name] if (scene, name) in told else _rows((scene, name))
+        rows += found if not isinstance(found, Crash) else [
+            {"scene": scene, "engine": name, "form": None, "methods": [], "reason": found.message}]
+    return rows
+
+
+def _rows(task: tuple[str, str]) -> list[dict[str, Any]]:
+    from crosscheck.scene.file import load_scene
+
+    scene, adapter = load_scene(task[0]), adapters.get(task[1])
+    found = [_support(adapter, form, Minimal("scene", task[0], scene)) for form in _forms(adapter)]
+    return [{"scene": task[0], "engine": task[1], "form": each.form, "methods": list(each.methods),
+             "reason": each.reason} for each in found]
+
+
+def _forms(adapter: Any) -> tuple[str | None, ...]:
+    return getattr(adapter, "forms", ()) or (None,)
+
+
+def spec(adapter: Any, method: str, form: str | None) -> RunSpec:
+    """A request that goes with the method: a fixed step, or a tolerance where it has none."""
+    if method in getattr(adapter, "adaptive_methods", ()):
+        return RunSpec(method, rtol=1e-6, form=form)
+    return RunSpec(method, step=DURATION / STEPS, form=form)
+
+
+def _support(adapter: Any, form: str | None, minimal: Minimal) -> Support:
+    reasons = {method: adapter.unsupported(minimal.scene, spec(adapter, method, form)) for method in adapter.methods}
+    able = tuple(method for method, reason in reasons.items() if reason is None)
+    against = [reason for reason in reasons.values() if reason is not None]
+    return Support(adapter.name, form, minimal.kind, minimal.item, able, against[-1] if against else None)
+
+
+@functools.cache
+def minimal_scenes() -> tuple[Minimal, ...]:
+    """Every joint on the ground and between bodies, every force, free bodies, an open chain of three and closed loops.
+
+    All bodies move, have full inertias and turned attitudes, and are under gravity.
+    """
+    found = [Minimal("joint to the ground", kind, _closed([_joint(kind, GROUND, 0, "joint")])) for kind in JOINTS]
+    found += [Minimal("joint between bodies", kind, _closed([_joint("spherical", GROUND, 0, "base"),
+                                                             _joint(kind, 0, 1, "joint")])) for kind in JOINTS]
+    found += [Minimal("force", kind, _closed(
+        [_joint("revolute" if kind == "torsional_spring" else "spherical", GROUND, 0, "joint")], [_force(kind)]))
+        for kind in FORCES]
+    found += [Minimal("force", f"{kind} between bodies", _closed(
+        [_joint("spherical", GROUND, 0, "base"), _joint("revolute", 0, 1, "joint")], [_force(kind, 0, 1)]))
+        for kind in FORCES[:2]]
+    triangle = [_joint("spherical", GROUND, 0, "first"), _joint("spherical", 0, 1, "second"),
+                dataclasses.replace(_joint("spherical", GROUND, 1, "third"), parent_anchor=np.array([0.6, 0.1, 0.1]),
+                                    child_anchor=np.array([-0.3, 0.2, 0.4]))]
+    return (*found, Minimal("system", "free bodies", _closed([], count=2)),
+            Minimal("system", "loop of spherical joints", _closed(triangle)),
+            Minimal("system", "loop with redundant rows", _planar_loop()))
+
+
+def _body(k: int) -> Body:
+    turn, axes = np.array([[0.8, 0.3, -0.4, 0.2], [0.5, -0.6, 0.1, 0.6]])[k], np.eye(3) - 2 / 3
+    attitude = turn / np.linalg.norm(turn)
+    inertia = axes @ np.diag([0.1, 0.2, 0.15]) @ axes.T  # a mirror image: any orthogonal matrix makes a full inertia
+    return Body(f"body {k}", 1.0 + k, inertia, attitude, np.array([0.4, -0.3, 0.7]) * (1 - 2 * k),
+                np.array([0.2 - k, 0.5, -0.4]), np.array([0.1, 0.3, -0.2]))
+
+
+def _joint(kind: str, parent: int, child: int, name: str) -> Joint:
+    """A joint whose axes coincide (universal: are at right angles) in the given attitudes of its bodies."""
+    axis, other = np.array([0.6, 0.0, 0.8]), None
+    if kind in ("universal", "revolute", "cylindrical", "prismatic", "planar"):
+        inner, outer = (np.eye(3) if k == GROUND else rotation_from_quaternion(_body(k).attitude)
+                        for k in (parent, child))
+        other = outer.T @ inner @ (np.array([-0.8, 0.0, 0.6]) if kind == "universal" else axis)
+    return Joint(name, kind, parent, child, np.array([0.2, -0.1, 0.3]), np.array([0.1, 0.2, 0.5]),
+                 None if other is None and not kind.startswith("point_on") else axis, other,
+                 0.7 if kind == "distance" else None)
+
+
+def _force(kind: str, parent: int = GROUND, child: int = 0) -> Force:
+    content: dict[str, dict[str, Any]] = {
+        "linear_spring": {"parent_point": (0.6, 0.3, -1.2), "child_point": (0.1, 0.0, -0.3), "stiffness": 40.0,
+                          "free_length": 0.5, "damping": 2.0},
+        "torsional_spring": {"stiffness": 5.0, "rest_angle": 0.4, "damping": 0.3},
+        "constant_force": {"child_point": (0.1, 0.2, -0.3), "frame": "body", "force": (1.0, -2.0, 3.0)},
+        "constant_torque": {"frame": "world", "torque": (0.5, 1.0, -0.5)},
+    }
+    if kind == "linear_spring":
+        return Force(kind, parent, child, None, content[kind])
+    if kind == "torsional_spring":
+        return Force(kind, None, None, "joint", content[kind])
+    return Force(kind, None, child, None, content[kind])
+
+
+def _closed(joints: list[Joint], forces: list[Force] | None = None, count: int | None = None) -> Scene:
+    """The scene of these joints, its state corrected by the least change that closes them."""
+    bodies = tuple(_body(k) for k in range(count or 1 + max(joint.child for joint in joints)))
+    return _assembled(Scene("minimal", bodies, tuple(joints), tuple(forces or ()), np.array([0.3, -0.5, -9.81]),
+                            DURATION, 2))
+
+
+def _assembled(scene: Scene) -> Scene:
+    from crosscheck.scene import assembly
+    from crosscheck.scene.checks import Draft
+
+    given = (True,) * scene.n
+    return assembly.completed(Draft(scene, given, given, assemble=True))
+
+
+def _planar_loop() -> Scene:
+    """A planar four-bar on hinges, which are three rows too many in space."""
+    y = np.array([0.0, 1.0, 0.0])
+
+    def hinge(name: str, parent: int, child: int, at: list[float], on: list[float]) -> Joint:
+        return Joint(name, "revolute", parent, child, np.array(at), np.array(on), y, y)
+
+    bodies = tuple(Body(f"bar {k}", 1.0 + k, np.diag([0.02, 0.1, 0.09]), IDENTITY, y, np.array(position), np.zeros(3))
+                   for k, position in enumerate(([-0.1, 0.0, 0.2], [0.3, 0.0, 0.5], [0.8, 0.0, 0.2])))
+    joints = [hinge("first", GROUND, 0, [0.0, 0.0, 0.0], [0.0, 0.0, -0.3]), hinge("second", 0, 1, [0.0, 0.0, 0.3],
+              [-0.5, 0.0, 0.0]), hinge("third", 1, 2, [0.5, 0.0, 0.0], [0.0, 0.0, 0.4]),
+              hinge("fourth", GROUND, 2, [0.9, 0.0, 0.0], [0.0, 0.0, -0.4])]
+    return _assembled(Scene("minimal", bodies, tuple(joints), (), np.array([0.0, 0.0, -9.81]), DURATION, 2))
+

@@ -1,0 +1,1 @@
+"""Scenes: what a mechanical system is, its file format, its checks and its mechanics."""

@@ -1,0 +1,323 @@
+"""The initial state: open positions and velocities from the joints, and every joint closed to rounding level.
+
+Positions and velocities change by the least amount in the metric of the mass matrix, attitudes on SO(3).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from crosscheck.scene.checks import PARALLEL_AXES, Draft
+from crosscheck.scene.constraints import Constraints, cross
+from crosscheck.scene.mechanics import RANK_TOLERANCE
+from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
+from crosscheck.scene.schema import EntryError
+
+ALLOWED_VIOLATION = 1e-8
+"""Of the largest anchor length (positions), times max(1, |w|) (velocities); without units for dot-1 rows. A state
+written with ten digits passes, a wrong one does not."""
+
+_POINT_JOINTS = ("spherical", "universal", "revolute", "fixed")  # their anchors coincide
+_ITERATIONS = 200
+_DIFFERENCE = 1e-5  # in the weighted displacement: a Hessian to about 1e-10, it only has to guide Newton's method
+_STRAIGHT = 1e-4  # of the scene's length, and rad: for less displacement the curvature cannot be felt
+_LEAST_CURVATURE = 0.1  # of the distance itself, which has 1
+_SETTLED = 1e-12  # of the scene's length, and rad: far below the allowed violation, well above rounding
+_LARGEST_TURN = 0.5  # rad in one correction: the chart of a rotation is far from flat beyond it
+
+
+@dataclasses.dataclass(frozen=True)
+class _State:
+    """Positions (n, 3), unit quaternions (n, 4), velocities (n, 3), angular velocities (n, 3), as in a scene."""
+
+    x: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+
+    @property
+    def R(self) -> np.ndarray:
+        return rotation_from_quaternion(self.q)
+
+
+def completed(draft: Draft) -> Scene:
+    """The scene with its whole initial state, joints closed to rounding level in position and velocity.
+
+    Raises
+    ------
+    EntryError
+        A position that nothing determines, a given state that violates the joints, or joints that cannot close; it
+        names the joint with the largest gap. Or axes that point opposite ways.
+    """
+    scene = draft.scene
+    state = _State(scene.x0, np.array([body.attitude for body in scene.bodies]), scene.v0, scene.w0)
+    # taken before any correction: prismatic and fixed joints keep the relative attitude of the file
+    constraints = Constraints(scene)
+    state = _tree_positions(draft, state)
+    if not draft.assemble:
+        _check_positions(constraints, state)
+    state = _tree_velocities(draft, _close_positions(constraints, state))
+    if not draft.assemble:
+        _check_velocities(constraints, state)
+    state = _close_velocities(constraints, state)
+    _check_axes(scene, state.R)
+    bodies = tuple(dataclasses.replace(body, position=state.x[k], attitude=state.q[k], velocity=state.v[k],
+                                       angular_velocity=state.w[k]) for k, body in enumerate(scene.bodies))
+    return scene.replace(bodies=bodies)
+
+
+# --- open positions and velocities -----------------------------------------------------------------------------------
+
+
+def _tree(scene: Scene, known: list[bool]) -> list[tuple[Joint, int]]:
+    """(joint, body it places) in an order in which the joint's other body is already known; updates `known`.
+
+    Joints whose anchors coincide come first, the others only where none of these is left.
+    """
+    order = []
+    for _ in range(scene.n):
+        choices = [(joint.type not in _POINT_JOINTS, k) for k, joint in enumerate(scene.joints)
+                   if _known(joint.parent, known) != known[joint.child]]
+        if not choices:
+            break
+        joint = scene.joints[min(choices)[1]]
+        body = joint.parent if known[joint.child] else joint.child
+        known[body] = True
+        order.append((joint, body))
+    return order
+
+
+def _known(body: int, known: list[bool]) -> bool:
+    return body == GROUND or known[body]
+
+
+def _tree_positions(draft: Draft, state: _State) -> _State:
+    """Place the bodies without a position, outwards from the ground and from bodies that have one.
+
+    Where the joint leaves the anchors free they coincide as well, which is the least distance it allows; on a distance
+    joint the child's anchor hangs below the parent's, along gravity (along -z without gravity).
+    """
+    scene = draft.scene
+    known = list(draft.given_positions)
+    x, R = np.vstack([state.x, np.zeros(3)]), np.concatenate([state.R, np.eye(3)[None]])
+    size = np.linalg.norm(scene.gravity)
+    down = scene.gravity / size if size > 0 else np.array([0.0, 0.0, -1.0])
+    for joint, body in _tree(scene, known):
+        gap = R[joint.parent] @ joint.parent_anchor - R[joint.child] @ joint.child_anchor
+        if joint.length is not None:
+            gap = gap + joint.length * down
+        x[body] = x[joint.parent] + gap if body == joint.child else x[joint.child] - gap
+    for k in range(scene.n):
+        if not known[k]:
+            name = scene.bodies[k].name
+            raise EntryError(f'bodies[{k}] "{name}": position', "missing, and no chain of joints leads to it",
+                             "add position = three numbers in m, the centre of mass in the world")
+    return dataclasses.replace(state, x=x[:-1])
+
+
+def _tree_velocities(draft: Draft, state: _State) -> _State:
+    """Velocities of the bodies without one: anchors do not move relative to each other, seen from the parent.
+
+    In a group of bodies that no joint ties to the ground or to a given velocity, the first is at rest.
+    """
+    scene = draft.scene
+    known = list(draft.given_velocities)
+    x, R = np.vstack([state.x, np.zeros(3)]), np.concatenate([state.R, np.eye(3)[None]])
+    v, spin = np.vstack([np.where(np.array(known)[:, None], state.v, 0.0), np.zeros(3)]), np.zeros((len(x), 3))
+    spin[:-1] = np.einsum("nij,nj->ni", state.R, state.w)
+    order = _tree(scene, known)
+    while not all(known):
+        known[known.index(False)] = True
+        order += _tree(scene, known)
+    for joint, body in order:
+        arm = R[joint.child] @ joint.child_anchor
+        carried = x[joint.child] + arm - x[joint.parent]
+        change = cross(spin[joint.parent], carried) - cross(spin[joint.child], arm)
+        v[body] = v[joint.parent] + change if body == joint.child else v[joint.child] - change
+    return dataclasses.replace(state, v=v[:-1])
+
+
+# --- the check of a given state --------------------------------------------------------------------------------------
+
+
+def _check_positions(constraints: Constraints, state: _State) -> None:
+    phi = constraints.position(state.x[None], state.R[None])[0]
+    _check_level(constraints, phi, 1.0, "position", "attitude")
+
+
+def _check_velocities(constraints: Constraints, state: _State) -> None:
+    rates = constraints.velocity(state.x[None], state.R[None], state.v[None], state.w[None])[0]
+    spin = max(1.0, float(np.linalg.norm(state.w, axis=1).max()))
+    _check_level(constraints, rates, spin, "velocity", "angular_velocity")
+
+
+def _check_level(constraints: Constraints, rows: np.ndarray, spin: float, linear: str, angular: str) -> None:
+    L = _anchor_length(constraints.scene)
+    if constraints.m == 0:
+        return
+    index, gap, unit = _largest_gap(constraints, rows, L)
+    allowed = ALLOWED_VIOLATION * spin * (L if unit else 1.0)
+    if abs(gap) <= allowed:
+        return
+    joint = constraints.scene.joints[index]
+    names = [f'"{constraints.scene.bodies[k].name}"' for k in (joint.parent, joint.child) if k != GROUND]
+    per_second = "/s" if linear == "velocity" else ""
+    raise EntryError(f'joints[{index}] "{joint.name}"', f"the given state violates it in {linear} by {abs(gap):.3g}"
+                     f"{unit}{per_second} (allowed {allowed:.3g})",
+                     f"correct {linear} or {angular} of {' or '.join(names)}, or leave {linear} out and the joints "
+                     f"determine it, or write assemble = true at the top and the state is corrected")
+
+
+def _check_axes(scene: Scene, attitudes: np.ndarray) -> None:
+    """Opposite axes close the rows of a joint too, yet its angle then turns the other way for the child."""
+    R = np.concatenate([attitudes, np.eye(3)[None]])
+    for index, joint in enumerate(scene.joints):
+        if joint.type not in PARALLEL_AXES:
+            continue
+        child = scene.bodies[joint.child].name
+        if (R[joint.parent] @ joint.parent_axis) @ (R[joint.child] @ joint.child_axis) < 0:
+            raise EntryError(f'joints[{index}] "{joint.name}": child_axis',
+                             "points opposite to parent_axis in the world",
+                             f'reverse one of the two, or correct the attitude of "{child}"')
+
+
+def _anchor_length(scene: Scene) -> float:
+    """The largest anchor length, m; 1 m where all anchors are zero."""
+    anchors = [anchor for joint in scene.joints for anchor in (joint.parent_anchor, joint.child_anchor)]
+    return max((float(np.linalg.norm(anchor)) for anchor in anchors), default=0.0) or 1.0
+
+
+def _largest_gap(constraints: Constraints, rows: np.ndarray, L: float) -> tuple[int, float, str]:
+    """(joint index, row value, unit) of the largest row, lengths counted in units of L."""
+    row = int(np.argmax(np.abs(rows) / np.where(constraints.dimensionless, 1.0, L)))
+    index = next(k for k, joint in enumerate(constraints.scene.joints) if row < constraints.rows[joint.name].stop)
+    return index, float(rows[row]), "" if constraints.dimensionless[row] else " m"
+
+
+# --- closing the joints ----------------------------------------------------------------------------------------------
+
+
+def _close_positions(constraints: Constraints, guess: _State) -> _State:
+    """The state nearest to `guess` with Phi = 0: min |z|^2 / 2 with z the mass-weighted displacement.
+
+    The displacement of a body is (x - x_guess, theta) with R = R_guess exp(hat(theta)). Newton's method on the
+    conditions of the minimum, in the least-norm sense where rows are redundant; the curvature of the joints enters by
+    differences, and where it is negative by its size, so that the search leaves saddles.
+    """
+    scene = constraints.scene
+    size = _length_scale(scene, guess)
+    unweighted = _inverse_root_mass(scene)
+    units = np.tile([size] * 3 + [1.0] * 3, scene.n)
+    z = np.zeros(6 * scene.n)
+    for iteration in range(_ITERATIONS):
+        phi, W = (values[0] for values in _linearised(constraints, guess, unweighted, z[None]))
+        closed = _at_rounding(constraints, phi, size)
+        if iteration == 0 and closed:
+            return guess
+        curved = np.abs(unweighted @ z / units).max() > _STRAIGHT
+        step = _newton_step(constraints, guess, unweighted, z, phi, W, curved)
+        largest = float(np.abs(unweighted @ step / units).max())
+        if closed and largest < _SETTLED:
+            return _moved(guess, (unweighted @ z).reshape(-1, 6))
+        z = z + step * (_LARGEST_TURN / max(largest, _LARGEST_TURN))
+    index, gap, unit = _largest_gap(constraints, phi, _anchor_length(scene))
+    joint = scene.joints[index]
+    raise EntryError(f'joints[{index}] "{joint.name}"', f"the joints cannot be closed together, this one keeps the "
+                     f"largest gap, {abs(gap):.3g}{unit}", "check its anchors, axes and length against those of the "
+                     "other joints, or give attitudes and positions nearer to a closed state")
+
+
+def _linearised(constraints: Constraints, guess: _State, unweighted: np.ndarray,
+                z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Phi (K, m) and its derivative by z (K, m, 6n) at K weighted displacements z (K, 6n) from the guess."""
+    n = constraints.scene.n
+    displacements = (z @ unweighted.T).reshape(-1, n, 6)
+    moved = _moved(guess, displacements)
+    x, R = moved.x, moved.R
+    G = constraints.jacobian(x, R).reshape(len(z), -1, n, 6)
+    G[..., 3:] = np.einsum("kmni,knij->kmnj", G[..., 3:], _right_tangents(displacements[..., 3:]))
+    return constraints.position(x, R), G.reshape(len(z), -1, 6 * n) @ unweighted
+
+
+def _newton_step(constraints: Constraints, guess: _State, unweighted: np.ndarray, z: np.ndarray, phi: np.ndarray,
+                 W: np.ndarray, curved: bool) -> np.ndarray:
+    """Step (6n,) to z + W^T lam = 0, Phi = 0: least-norm across the rows, Newton along their null space."""
+    U, sigma, Vt = np.linalg.svd(W)
+    rank = int(np.count_nonzero(sigma > RANK_TOLERANCE * sigma[0]))
+    U, sigma, across, along = U[:, :rank], sigma[:rank], Vt[:rank], Vt[rank:]
+    closing = -across.T @ (U.T @ phi / sigma)
+    hessian = np.eye(len(z))
+    if curved:
+        lam = -U @ (across @ z / sigma)
+        for first in range(0, len(z), 6):  # body by body: all at once would hold (6n)^2 m numbers
+            shifts = _DIFFERENCE * np.eye(len(z))[first:first + 6]
+            _, displaced = _linearised(constraints, guess, unweighted, np.concatenate([z + shifts, z - shifts]))
+            bent = np.einsum("kmi,m->ki", displaced, lam)
+            hessian[first:first + 6] += (bent[:6] - bent[6:]) / (2 * _DIFFERENCE)
+    curvatures, directions = np.linalg.eigh(along @ (hessian + hessian.T) @ along.T / 2)
+    slope = directions.T @ along @ (z + hessian @ closing)
+    return closing - along.T @ (directions @ (slope / np.maximum(np.abs(curvatures), _LEAST_CURVATURE)))
+
+
+def _inverse_root_mass(scene: Scene) -> np.ndarray:
+    """B, (6n, 6n) block diagonal, with B^T M B = I."""
+    B = np.zeros((6 * scene.n, 6 * scene.n))
+    for k, body in enumerate(scene.bodies):
+        B[6 * k:6 * k + 3, 6 * k:6 * k + 3] = np.eye(3) / np.sqrt(body.mass)
+        B[6 * k + 3:6 * k + 6, 6 * k + 3:6 * k + 6] = np.linalg.inv(np.linalg.cholesky(body.inertia)).T
+    return B
+
+
+def _close_velocities(constraints: Constraints, state: _State) -> _State:
+    """The velocities nearest to the given ones, mass-weighted, with G u = 0."""
+    scene = constraints.scene
+    size = _length_scale(scene, state) * float(np.abs(state.w).max()) + float(np.abs(state.v).max())
+    unweighted = _inverse_root_mass(scene)
+    for _ in range(3):  # one solve closes it; further ones only remove the rounding of the first
+        rates = constraints.velocity(state.x[None], state.R[None], state.v[None], state.w[None])[0]
+        if _at_rounding(constraints, rates, size, float(np.abs(state.w).max())):
+            break
+        scaled = constraints.jacobian(state.x[None], state.R[None])[0] @ unweighted
+        change = (unweighted @ np.linalg.lstsq(scaled, -rates, rcond=RANK_TOLERANCE)[0]).reshape(-1, 6)
+        state = dataclasses.replace(state, v=state.v + change[:, :3], w=state.w + change[:, 3:])
+    return state
+
+
+def _at_rounding(constraints: Constraints, rows: np.ndarray, length: float, number: float = 1.0) -> bool:
+    """Whether all rows lie within 50 eps of the size of their terms."""
+    sizes = np.where(constraints.dimensionless, number, length)
+    return bool(np.all(np.abs(rows) <= 50 * np.finfo(float).eps * sizes))
+
+
+def _length_scale(scene: Scene, state: _State) -> float:
+    rods = [joint.length for joint in scene.joints if joint.length is not None]
+    return max(_anchor_length(scene), float(np.abs(state.x).max()), *rods)
+
+
+def _moved(state: _State, steps: np.ndarray) -> _State:
+    """The state after translations in the world and rotations in body axes, (..., n, 6)."""
+    angles = np.linalg.norm(steps[..., 3:], axis=-1, keepdims=True)
+    turns = np.concatenate([np.cos(angles / 2), 0.5 * np.sinc(angles / (2 * np.pi)) * steps[..., 3:]], axis=-1)
+    q = _product(state.q, turns)
+    q /= np.linalg.norm(q, axis=-1, keepdims=True)
+    return dataclasses.replace(state, x=state.x + steps[..., :3], q=q)
+
+
+def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Quaternion product, (..., 4)."""
+    scalar = p[..., :1] * q[..., :1] - np.sum(p[..., 1:] * q[..., 1:], axis=-1, keepdims=True)
+    vector = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + cross(p[..., 1:], q[..., 1:])
+    return np.concatenate([scalar, vector], axis=-1)
+
+
+def _right_tangents(theta: np.ndarray) -> np.ndarray:
+    """J (..., 3, 3) with exp(hat(theta + d)) = exp(hat(theta)) exp(hat(J d)) to first order in d, theta (..., 3)."""
+    hat = cross(theta[..., None, :], np.eye(3)).swapaxes(-1, -2)
+    angle = np.linalg.norm(theta, axis=-1)[..., None, None]
+    small = angle < 0.1  # the closed forms cancel; the series are right to 1e-10, in an iteration that corrects itself
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 1 / 2 - angle**2 / 24 + angle**4 / 720, (1 - np.cos(safe)) / safe**2)
+    second = np.where(small, 1 / 6 - angle**2 / 120 + angle**4 / 5040, (safe - np.sin(safe)) / safe**3)
+    return np.eye(3) - first * hat + second * hat @ hat

@@ -1,0 +1,207 @@
+"""From the typed content of a scene file to a draft scene: every check of values that needs no mechanics."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+
+import msgspec
+import numpy as np
+
+from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene
+from crosscheck.scene.schema import (
+    LARGEST,
+    BodyEntry,
+    EntryError,
+    ForceEntry,
+    JointEntry,
+    SceneEntry,
+    TorsionalSpringEntry,
+    listed,
+    nearest,
+)
+
+PARALLEL_AXES = ("revolute", "cylindrical", "prismatic", "planar")
+"""Types of joints whose two axes point the same way."""
+
+_TWO_AXES = ("universal", *PARALLEL_AXES)
+_PARENT_AXIS = ("point_on_line", "point_on_plane")
+_TORSION_JOINTS = ("revolute", "cylindrical")
+
+INERTIA_ROUNDING = 1e-12
+"""Relative: entries written with 15 digits or computed in double precision stay symmetric and on the triangle bound
+(a thin disc, I_z = I_x + I_y) to about 1e-15; a thousandfold of that still catches every misprint."""
+
+SMALLEST = 1 / LARGEST
+"""Of masses, moments of inertia, lengths of rods and durations: their reciprocals stay in range."""
+
+MOST_SAMPLES = 10**7
+"""Output times; the states of one body there take a gigabyte and a half."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Draft:
+    """A checked scene in which positions and velocities may still be open."""
+
+    scene: Scene  # zeros stand where a position or velocity is open
+    given_positions: tuple[bool, ...]
+    given_velocities: tuple[bool, ...]
+    assemble: bool
+
+
+def draft(entry: SceneEntry) -> Draft:
+    """Check values and names of a decoded scene file; raises `EntryError` for the first thing wrong."""
+    _check_run(entry)
+    _check_names("bodies", [body.name for body in entry.bodies])
+    _check_names("joints", [joint.name for joint in entry.joints])
+    scene = Scene(
+        name=entry.name, description=entry.description, source=entry.source, tags=tuple(entry.tags),
+        gravity=np.array(entry.gravity), duration=entry.duration, samples=entry.samples,
+        bodies=tuple(_body(f'bodies[{i}] "{body.name}"', body) for i, body in enumerate(entry.bodies)),
+        joints=tuple(_joint(entry, i, joint) for i, joint in enumerate(entry.joints)),
+        forces=tuple(_force(entry, i, force) for i, force in enumerate(entry.forces)),
+    )
+    return Draft(scene, tuple(body.position is not None for body in entry.bodies),
+                 tuple(body.velocity is not None for body in entry.bodies), entry.assemble)
+
+
+def _check_run(entry: SceneEntry) -> None:
+    if not entry.name.strip():
+        raise EntryError("name", "is empty", "give the scene a name")
+    if set(entry.name) & set("/\\") or not entry.name.isprintable() or not entry.name.strip("."):
+        raise EntryError("name", f"{entry.name!r} cannot be part of a file's name, as reports need it",
+                         "leave out slashes, backslashes and control characters, and add a letter")
+    if entry.duration <= 0:
+        raise EntryError("duration", f"{entry.duration:g} s is not positive", "write a number of seconds > 0")
+    if entry.duration < SMALLEST:
+        raise EntryError("duration", f"{entry.duration:g} s is out of range", f"write a number above {SMALLEST:g}")
+    if entry.samples < 2:
+        raise EntryError("samples", f"{entry.samples} is too few, start and end are two", "write a whole number >= 2")
+    if entry.samples > MOST_SAMPLES:
+        raise EntryError("samples", f"{entry.samples} is too many", f"write a whole number <= {MOST_SAMPLES}")
+    if not entry.bodies:
+        raise EntryError("bodies", "the scene has none", "add at least one [[bodies]] table")
+
+
+def _check_names(group: str, names: Sequence[str]) -> None:
+    for index, name in enumerate(names):
+        entry = f'{group}[{index}] "{name}": name'
+        if not name.strip():
+            raise EntryError(f"{group}[{index}]: name", "is empty", "give it a name of its own")
+        if group == "bodies" and name == "ground":
+            raise EntryError(entry, '"ground" is the fixed world', "give the body another name")
+        if name in names[:index]:
+            raise EntryError(entry, f"{group}[{names.index(name)}] has the same name", "give each its own name")
+
+
+def _body(entry: str, body: BodyEntry) -> Body:
+    if body.mass <= 0:
+        raise EntryError(f"{entry}: mass", f"{body.mass:g} kg is not positive", "write a number of kg > 0")
+    if body.mass < SMALLEST:
+        raise EntryError(f"{entry}: mass", f"{body.mass:g} kg is out of range", f"write a number above {SMALLEST:g}")
+    inertia = _inertia(f"{entry}: inertia", np.array(body.inertia))
+    attitude = _unit(f"{entry}: attitude", body.attitude, "write a quaternion w, x, y, z, say [1.0, 0.0, 0.0, 0.0]")
+    return Body(body.name, body.mass, inertia, attitude, np.array(body.angular_velocity),
+                np.array(body.position or (0.0, 0.0, 0.0)), np.array(body.velocity or (0.0, 0.0, 0.0)))
+
+
+def _inertia(entry: str, inertia: np.ndarray) -> np.ndarray:
+    """The inertia made exactly symmetric, when it is physical."""
+    size = np.abs(inertia).max()
+    gaps = np.abs(inertia - inertia.T)
+    if gaps.max() > INERTIA_ROUNDING * size:
+        i, j = np.unravel_index(gaps.argmax(), (3, 3))
+        raise EntryError(entry, f"not symmetric, entry [{i}][{j}] is {inertia[i, j]:g} and entry [{j}][{i}] is "
+                         f"{inertia[j, i]:g}", "write the same number in both")
+    symmetric = (inertia + inertia.T) / 2
+    moments = np.linalg.eigvalsh(symmetric)
+    shown = ", ".join(f"{moment:.6g}" for moment in moments)
+    if moments[0] <= INERTIA_ROUNDING * size:
+        raise EntryError(entry, f"not positive definite, principal moments {shown} kg m^2",
+                         "write an inertia about the COM whose principal moments are all > 0")
+    if moments[0] < SMALLEST:
+        raise EntryError(entry, f"principal moments {shown} kg m^2 are out of range",
+                         f"write an inertia whose principal moments are above {SMALLEST:g}")
+    if moments[2] > moments[0] + moments[1] + INERTIA_ROUNDING * size:
+        raise EntryError(entry, f"principal moments {shown} kg m^2 break the triangle inequality: no body has them",
+                         "make the largest at most the sum of the other two")
+    return symmetric
+
+
+def _unit(entry: str, vector: Sequence[float], mend: str) -> np.ndarray:
+    largest = max(abs(component) for component in vector)
+    if largest == 0:
+        raise EntryError(entry, "all its numbers are zero", mend)
+    scaled = np.array(vector) / largest  # squares of very large or small numbers would leave the range of floats
+    return scaled / math.sqrt(float(scaled @ scaled))
+
+
+def _body_index(entry: str, bodies: Sequence[BodyEntry], name: str, ground: bool) -> int:
+    names = [body.name for body in bodies]
+    if name == "ground" and ground:
+        return GROUND
+    if name not in names:
+        known = ["ground", *names] if ground else names
+        if name == "ground":
+            raise EntryError(entry, "the ground cannot be the child", f"swap parent and child, or name a body: "
+                             f"{listed(names)}")
+        raise EntryError(entry, f'no body is named "{name}"', f"{nearest(name, known)}write one of {listed(known)}")
+    return names.index(name)
+
+
+def _joint(scene: SceneEntry, index: int, joint: JointEntry) -> Joint:
+    entry = f'joints[{index}] "{joint.name}"'
+    parent = _body_index(f"{entry}: parent", scene.bodies, joint.parent, ground=True)
+    child = _body_index(f"{entry}: child", scene.bodies, joint.child, ground=False)
+    if parent == child:
+        raise EntryError(f"{entry}: child", f'joins the body "{joint.child}" to itself', "name two different bodies")
+    wanted = {"parent_axis": joint.type in _TWO_AXES + _PARENT_AXIS, "child_axis": joint.type in _TWO_AXES,
+              "length": joint.type == "distance"}
+    for key, needed in wanted.items():
+        value = getattr(joint, key)
+        example = "1.0 (m)" if key == "length" else "[0.0, 0.0, 1.0]"
+        if needed and value is None:
+            raise EntryError(f"{entry}: {key}", f"missing, a {joint.type} joint needs it", f"add {key} = {example}")
+        if not needed and value is not None:
+            raise EntryError(f"{entry}: {key}", f"a {joint.type} joint has none", "remove it, or change the type")
+    if joint.length is not None and joint.length <= 0:
+        raise EntryError(f"{entry}: length", f"{joint.length:g} m is not positive",
+                         "write a number of m > 0, or use a spherical joint")
+    if joint.length is not None and joint.length < SMALLEST:
+        raise EntryError(f"{entry}: length", f"{joint.length:g} m is out of range",
+                         f"write a number above {SMALLEST:g}")
+    parent_axis, child_axis = (None if axis is None else _unit(f"{entry}: {key}", axis, "write the axis's direction")
+                               for key, axis in (("parent_axis", joint.parent_axis), ("child_axis", joint.child_axis)))
+    return Joint(joint.name, joint.type, parent, child, np.array(joint.parent_anchor), np.array(joint.child_anchor),
+                 parent_axis, child_axis, joint.length)
+
+
+def _force(scene: SceneEntry, index: int, force: ForceEntry) -> Force:
+    values = msgspec.structs.asdict(force)
+    kind = str(force.__struct_config__.tag)
+    entry = f"forces[{index}] ({kind})"
+    for key in ("stiffness", "damping", "free_length"):
+        if values.get(key, 0.0) < 0:
+            raise EntryError(f"{entry}: {key}", f"{values[key]:g} is negative", "write a number >= 0")
+    parent = child = joint = None
+    if isinstance(force, TorsionalSpringEntry):
+        joint = _torsion_joint(f"{entry}: joint", scene.joints, values.pop("joint"))
+    else:
+        child = _body_index(f"{entry}: child", scene.bodies, values.pop("child"), ground=False)
+    if "parent" in values:
+        parent = _body_index(f"{entry}: parent", scene.bodies, values.pop("parent"), ground=True)
+        if parent == child:
+            raise EntryError(f"{entry}: child", "joins a body to itself", "name two different bodies")
+    return Force(kind, parent, child, joint, values)
+
+
+def _torsion_joint(entry: str, joints: Iterable[JointEntry], name: str) -> str:
+    types = {joint.name: joint.type for joint in joints}
+    if name not in types:
+        raise EntryError(entry, f'no joint is named "{name}"',
+                         f"{nearest(name, types)}write one of {listed(types) or '(the scene has no joints)'}")
+    if types[name] not in _TORSION_JOINTS:
+        raise EntryError(entry, f'"{name}" is a {types[name]} joint, it has no angle',
+                         f"name a joint of type {listed(_TORSION_JOINTS)}")
+    return name

@@ -1,0 +1,151 @@
+"""Reading scene files: TOML or JSON, strictly; one error that names the file, the entry and the mend."""
+
+from __future__ import annotations
+
+import json
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import ArgumentError, SceneError
+from crosscheck.scene import assembly, checks
+from crosscheck.scene.model import Scene
+from crosscheck.scene.schema import EntryError, decode, listed, nearest
+
+_SUFFIXES = (".toml", ".json")
+
+
+def scene_names() -> tuple[str, ...]:
+    """Names of the built-in scenes, sorted."""
+    return tuple(sorted(path.stem for path in _folder().glob("*.toml")))
+
+
+def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
+    """Read and check a scene.
+
+    Parameters
+    ----------
+    name_or_path
+        The name of a built-in scene, or a path that ends in .toml or .json.
+
+    Returns
+    -------
+    Scene
+        With its complete initial state, which satisfies the joints to rounding level.
+
+    Raises
+    ------
+    SceneError
+        The scene is unknown, unreadable or wrong; the message names the file, the entry and the mend.
+    ArgumentError
+        `name_or_path` is neither text nor a path.
+    """
+    path = _locate(name_or_path)
+    try:
+        return _assembled(checks.draft(decode(_read(path))))
+    except EntryError as error:
+        raise SceneError(_shown(f"{path}: {error}")) from None
+
+
+def as_scene(scene: Scene | str | os.PathLike[str]) -> Scene:
+    """`scene` itself, or the scene its name or path stands for.
+
+    Raises
+    ------
+    ArgumentError
+        It is none of the three.
+    SceneError
+        As `load_scene`.
+    """
+    if isinstance(scene, Scene):
+        return scene
+    if not isinstance(scene, str | os.PathLike):
+        raise ArgumentError(f"scene: a Scene, the name of a built-in one or a path is wanted, not "
+                            f"{type(scene).__name__}; the built-in scenes are {listed(scene_names())}")
+    return load_scene(scene)
+
+
+def _assembled(draft: checks.Draft) -> Scene:
+    """The scene with its joints closed; also numbers each in range can together leave what doubles can solve."""
+    problem = "the numbers of this scene differ too much in size to close its joints in double precision"
+    mend = "bring masses, inertias and lengths nearer to each other, in SI units"
+    with np.errstate(all="ignore"):  # what overflows is found below
+        try:
+            scene = assembly.completed(draft)
+        except (np.linalg.LinAlgError, FloatingPointError, OverflowError):
+            raise EntryError("bodies", problem, mend) from None
+    if not all(np.isfinite(values).all() for values in (scene.x0, scene.R0, scene.v0, scene.w0)):
+        raise EntryError("bodies", problem, mend)
+    return scene
+
+
+def _shown(text: str) -> str:
+    """A message, or words of a user's in it, which must neither break its line nor fail to print."""
+    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
+
+
+def _folder() -> Path:
+    """The built-in scenes: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "scenarios"
+    return inside if inside.is_dir() else package.parent / "scenarios"
+
+
+def _locate(name_or_path: str | os.PathLike[str]) -> Path:
+    if not isinstance(name_or_path, str | os.PathLike):
+        raise ArgumentError(f"a scene is named by text or a path, not by {type(name_or_path).__name__}; "
+                            f"the built-in scenes are {listed(scene_names())}")
+    text = os.fsdecode(name_or_path)
+    path = Path(text)
+    if path.suffix in _SUFFIXES:
+        return path
+    if isinstance(name_or_path, os.PathLike) or path.name != text:
+        raise SceneError(f"{_shown(text)}: the name of the file: a scene file ends in .toml or .json; rename it")
+    if text not in scene_names():
+        raise SceneError(f'"{_shown(text)}": no built-in scene has this name; {nearest(text, scene_names())}'
+                         f"write one of {listed(scene_names())} or a path that ends in .toml or .json")
+    return _folder() / f"{text}.toml"
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise EntryError("the file", f"cannot be read, {reason}",
+                         f"check the path, or write one of {listed(scene_names())}") from None
+    except UnicodeDecodeError as error:
+        raise EntryError("the file", f"byte {error.start} is not UTF-8", "save the file as UTF-8 text") from None
+    except ValueError:  # a zero byte, or characters that no file system can hold
+        raise EntryError("the name of the file", "no file can have it",
+                         f"correct it, or write one of {listed(scene_names())}") from None
+    try:
+        data = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text, object_pairs_hook=_distinct)
+        json.dumps(data, ensure_ascii=False, default=str).encode()
+    except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
+        kind = path.suffix[1:].upper()
+        raise EntryError("syntax", f"not {kind}, {error}", f"write {kind} there") from None
+    except UnicodeEncodeError:  # only JSON's escapes can write it
+        raise EntryError("syntax", "a \\ud800 to \\udfff escape stands alone, which is half a character",
+                         "write the character itself") from None
+    except ValueError:  # Python refuses to convert integers of thousands of digits
+        raise EntryError("syntax", "a whole number has thousands of digits",
+                         "write numbers as 1.5 or 1.5e6") from None
+    except RecursionError:
+        raise EntryError("syntax", "nested too deeply", "a scene has tables of keys and rows of numbers only") from None
+    if not isinstance(data, dict):
+        raise EntryError("the file", f"holds a {type(data).__name__}", "write one JSON object with the keys of a scene")
+    return data
+
+
+def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object whose keys all differ, as TOML demands of its tables."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise EntryError(twice, "written twice in one JSON object", "keep one of the two")
+    return table

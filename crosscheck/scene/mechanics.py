@@ -1,0 +1,271 @@
+"""Energy, momentum, forces and index-1 accelerations of a scene over whole trajectories at once.
+
+Arrays have a leading time axis: x, v (T, n, 3) world, R (T, n, 3, 3) body to world, w (T, n, 3) body axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from crosscheck.scene.constraints import Constraints, cross, normal_references
+from crosscheck.scene.model import GROUND, Force, Joint, Scene
+
+RANK_TOLERANCE = 1e-9
+"""Singular values of G M^-1/2 below this fraction of the largest count as redundant rows: rounding leaves them near
+1e-16, and rows that are independent in a mechanism worth simulating stay far above."""
+
+
+class StateArrays(Protocol):
+    """Anything with times and states of all bodies: `States`, `Trajectory`."""
+
+    t: np.ndarray
+    x: np.ndarray
+    R: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+
+
+def kinetic_energy(scene: Scene, states: StateArrays) -> np.ndarray:
+    """Kinetic energy, (T,) in J."""
+    translation = np.einsum("n,tnk,tnk->t", scene.masses, states.v, states.v)
+    rotation = np.einsum("tnj,njk,tnk->t", states.w, scene.inertias, states.w)
+    return 0.5 * (translation + rotation)
+
+
+def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[str, np.ndarray]) -> np.ndarray:
+    """Minus the sum of m g . x, plus the energy of every spring, (T,) in J; `angles` as from `torsion_angles`."""
+    energy = -np.einsum("n,k,tnk->t", scene.masses, scene.gravity, x)
+    for force in scene.forces:
+        p = force.parameters
+        if force.type == "linear_spring":
+            d = _point(x, R, force.child, p["child_point"]) - _point(x, R, force.parent, p["parent_point"])
+            energy = energy + 0.5 * p["stiffness"] * (np.linalg.norm(d, axis=-1) - p["free_length"]) ** 2
+        elif force.type == "torsional_spring":
+            energy = energy + 0.5 * p["stiffness"] * (angles[force.joint] - p["rest_angle"]) ** 2
+    return energy
+
+
+def energy(scene: Scene, states: StateArrays) -> np.ndarray:
+    """Kinetic energy - sum of m g . x + spring energies, (T,) in J."""
+    angles = torsion_angles(scene, states.R, states.w, states.t)
+    return kinetic_energy(scene, states) + potential_energy(scene, states.x, states.R, angles)
+
+
+def momentum_vertical(scene: Scene, states: StateArrays) -> np.ndarray:
+    """Angular momentum about the upward vertical (-gravity; z without gravity) through the origin, (T,), kg m^2/s."""
+    size = np.linalg.norm(scene.gravity)
+    up = -scene.gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
+    orbital = np.einsum("n,tnk->tk", scene.masses, cross(states.x, states.v))
+    spin = np.einsum("tnij,njk,tnk->ti", states.R, scene.inertias, states.w)
+    return (orbital + spin) @ up
+
+
+def orthogonality(R: np.ndarray) -> np.ndarray:
+    """Largest entry of |R^T R - I| over all bodies, (T,)."""
+    gap = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
+    return gap.reshape(len(R), -1).max(axis=1, initial=0.0)
+
+
+def torsion_angles(scene: Scene, R: np.ndarray, w: np.ndarray | None = None, t: np.ndarray | None = None,
+                   previous: dict[str, float] | None = None) -> dict[str, np.ndarray]:
+    """Angles of the joints that carry a torsional spring, (T,) in rad, continuous along the time axis.
+
+    Each angle is unwrapped against the one before it; with rates from `w` at times `t`, against the angle these
+    predict, which stays right when a sample interval holds more than half a turn. The first angle lies in (-pi, pi], or
+    is unwrapped against `previous`, the last angles of the batch before.
+    """
+    angles = {}
+    for joint in _torsion_joints(scene):
+        wrapped = _wrapped_angle(joint, R)
+        steps = np.zeros(len(wrapped))
+        if w is not None and t is not None:
+            rate = _torsion_rate(joint, R, w)
+            steps[1:] = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
+        start = wrapped[0] if previous is None else previous[joint.name]
+        gaps = np.diff(wrapped, prepend=start) - steps
+        angles[joint.name] = wrapped - 2 * np.pi * np.cumsum(np.round(gaps / (2 * np.pi)))
+    return angles
+
+
+def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
+                   angles: dict[str, np.ndarray] | None = None) -> np.ndarray:
+    """f(q, u) of M du/dt = f - G^T lam, (T, 6n): per body the force (world) and the torque - w x J w (body axes).
+
+    `angles` as from `torsion_angles`; left out, they are unwrapped along the time axis of R.
+    """
+    f = np.zeros((len(x), scene.n, 6))
+    f[:, :, :3] = scene.masses[:, None] * scene.gravity
+    f[:, :, 3:] = -cross(w, np.einsum("njk,tnk->tnj", scene.inertias, w))
+    if angles is None:
+        angles = torsion_angles(scene, R)
+    for force in scene.forces:
+        p = force.parameters
+        if force.type == "linear_spring":
+            pull = _spring_pull(force, x, R, v, w)
+            _add_force(f, R, force.child, p["child_point"], -pull)
+            _add_force(f, R, force.parent, p["parent_point"], pull)
+        elif force.type == "torsional_spring":
+            joint = next(joint for joint in scene.joints if joint.name == force.joint)
+            size = (p["stiffness"] * (angles[joint.name] - p["rest_angle"])
+                    + p["damping"] * _torsion_rate(joint, R, w))
+            torque = -size[:, None] * _parent_axis(joint, R)
+            _add_torque(f, R, joint.child, torque)
+            _add_torque(f, R, joint.parent, -torque)
+        elif force.type == "constant_force":
+            _add_force(f, R, force.child, p["child_point"], _in_world(p["force"], p["frame"], R[:, force.child]))
+        elif force.type == "constant_torque":
+            _add_torque(f, R, force.child, _in_world(p["torque"], p["frame"], R[:, force.child]))
+    return f.reshape(len(x), 6 * scene.n)
+
+
+def inverse_mass(scene: Scene) -> np.ndarray:
+    """M^-1, (6n, 6n), block diagonal in the order (v, w) of each body."""
+    inverse = np.zeros((6 * scene.n, 6 * scene.n))
+    for k, (mass, inertia) in enumerate(zip(scene.masses, scene.inertias, strict=True)):
+        inverse[6 * k:6 * k + 3, 6 * k:6 * k + 3] = np.eye(3) / mass
+        inverse[6 * k + 3:6 * k + 6, 6 * k + 3:6 * k + 6] = np.linalg.inv(inertia)
+    return inverse
+
+
+def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
+           angles: dict[str, np.ndarray] | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Accelerations and multipliers that satisfy G du/dt + gamma = 0 at the given states, by dense algebra.
+
+    Returns a (T, n, 3) world, alpha (T, n, 3) body axes, lam (T, m); lam is the least-norm one where rows are
+    redundant, with the rank found at the first state.
+    """
+    constraints = Constraints(scene)
+    inverse = inverse_mass(scene)
+    rates = applied_forces(scene, x, R, v, w, angles) @ inverse
+    lam = np.zeros((len(x), constraints.m))
+    if constraints.m:
+        G, gamma = constraints.jacobian(x, R), constraints.gamma(x, R, v, w)
+        solve = _schur_solver(G, inverse, independent=_is_forest(scene))
+        # Twice: where a light body carries a heavy one, G M^-1 G^T loses digits, which the rows' rest brings back.
+        for _ in range(2):
+            more = solve(np.einsum("tmk,tk->tm", G, rates) + gamma)
+            rates = rates - np.einsum("tmk,tm->tk", G, more) @ inverse
+            lam += more
+    rates = rates.reshape(len(x), scene.n, 6)
+    return rates[:, :, :3], rates[:, :, 3:], lam
+
+
+def _schur_solver(G: np.ndarray, inverse: np.ndarray, independent: bool) -> Callable[[np.ndarray], np.ndarray]:
+    """lam of G M^-1 G^T lam = rhs, (T, m), as a function of rhs; least-norm where rows are redundant.
+
+    `independent` rows need no search for a rank, whose cost is that of a hundred solutions.
+    """
+    scaled = G @ np.linalg.cholesky(inverse)
+    rank = count = G.shape[1]
+    if not independent:
+        singular = np.linalg.svd(scaled[0], compute_uv=False)
+        rank = int(np.count_nonzero(singular > RANK_TOLERANCE * singular[0]))
+    if rank == count:
+        S = scaled @ np.swapaxes(scaled, 1, 2)
+        return lambda rhs: np.linalg.solve(S, rhs[:, :, None])[:, :, 0]
+    U, sigma, _ = np.linalg.svd(scaled, full_matrices=False)
+    U, sigma = U[:, :, :rank], sigma[:, :rank]
+    return lambda rhs: np.einsum("tmr,tr,tr->tm", U, 1 / sigma**2, np.einsum("tmr,tm->tr", U, rhs))
+
+
+def _is_forest(scene: Scene) -> bool:
+    """Whether no joint closes a loop, the ground being one body: then no row repeats another."""
+    roots = {body: body for body in range(GROUND, scene.n)}
+
+    def root(body: int) -> int:
+        while roots[body] != body:
+            body = roots[body]
+        return body
+
+    for joint in scene.joints:
+        ends = root(joint.parent), root(joint.child)
+        if ends[0] == ends[1]:
+            return False
+        roots[ends[1]] = ends[0]
+    return True
+
+
+def _point(x: np.ndarray, R: np.ndarray, body: int, s: tuple[float, ...]) -> np.ndarray:
+    """World position (T, 3) of a body-fixed point; one of the ground does not move."""
+    if body == GROUND:
+        return np.broadcast_to(np.array(s), (len(x), 3))
+    return x[:, body] + R[:, body] @ np.array(s)
+
+
+def _point_velocity(R: np.ndarray, v: np.ndarray, w: np.ndarray, body: int, s: tuple[float, ...]) -> np.ndarray:
+    if body == GROUND:
+        return np.zeros((len(v), 3))
+    return v[:, body] + np.einsum("tij,tj->ti", R[:, body], cross(w[:, body], np.array(s)))
+
+
+def _in_world(vector: tuple[float, ...], frame: str, R: np.ndarray) -> np.ndarray:
+    return R @ np.array(vector) if frame == "body" else np.broadcast_to(np.array(vector), (len(R), 3))
+
+
+def _add_force(f: np.ndarray, R: np.ndarray, body: int, s: tuple[float, ...], force: np.ndarray) -> None:
+    if body == GROUND:
+        return
+    f[:, body, :3] += force
+    f[:, body, 3:] += cross(np.array(s), np.einsum("tji,tj->ti", R[:, body], force))
+
+
+def _add_torque(f: np.ndarray, R: np.ndarray, body: int, torque: np.ndarray) -> None:
+    if body != GROUND:
+        f[:, body, 3:] += np.einsum("tji,tj->ti", R[:, body], torque)
+
+
+def _spring_pull(force: Force, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Force on the parent's point, world, (T, 3): towards the child's where the spring is long; none at zero length."""
+    p = force.parameters
+    d = _point(x, R, force.child, p["child_point"]) - _point(x, R, force.parent, p["parent_point"])
+    length = np.linalg.norm(d, axis=-1)
+    direction = d / np.where(length > 0, length, 1.0)[:, None]
+    rate = np.einsum("tk,tk->t", direction, _point_velocity(R, v, w, force.child, p["child_point"])
+                     - _point_velocity(R, v, w, force.parent, p["parent_point"]))
+    return (p["stiffness"] * (length - p["free_length"]) + p["damping"] * rate)[:, None] * direction
+
+
+def _torsion_joints(scene: Scene) -> list[Joint]:
+    sprung = {force.joint for force in scene.forces if force.type == "torsional_spring"}
+    return [joint for joint in scene.joints if joint.name in sprung]
+
+
+def _turn(R: np.ndarray, body: int, vector: np.ndarray) -> np.ndarray:
+    return np.broadcast_to(vector, (len(R), 3)) if body == GROUND else R[:, body] @ vector
+
+
+def _parent_axis(joint: Joint, R: np.ndarray) -> np.ndarray:
+    return _turn(R, joint.parent, joint.parent_axis)
+
+
+def _torsion_rate(joint: Joint, R: np.ndarray, w: np.ndarray) -> np.ndarray:
+    spin = np.einsum("tij,tj->ti", R[:, joint.child], w[:, joint.child])
+    if joint.parent != GROUND:
+        spin = spin - np.einsum("tij,tj->ti", R[:, joint.parent], w[:, joint.parent])
+    return np.einsum("tk,tk->t", spin, _parent_axis(joint, R))
+
+
+def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) by the smallest angle that takes the unit vector `start` to `end`.
+
+    Opposite vectors leave its axis open; it is then n1 of `normal_references(end)`.
+    """
+    cosine = start @ end
+    if cosine < -1 + 1e-12:  # beyond it the formula below has lost every digit of the axis
+        n1, _ = normal_references(end)
+        return 2 * np.outer(n1, n1) - np.eye(3)
+    x, y, z = cross(start, end)
+    hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + hat + hat @ hat / (1 + cosine)
+
+
+def _wrapped_angle(joint: Joint, R: np.ndarray) -> np.ndarray:
+    """theta in R_parent^T R_child = exp(theta hat(parent_axis)) Q0, in (-pi, pi], (T,)."""
+    n1, n2 = normal_references(joint.parent_axis)
+    pointer = _turn(R, joint.child, shortest_rotation(joint.child_axis, joint.parent_axis).T @ n1)
+    sine = np.einsum("tk,tk->t", _turn(R, joint.parent, n2), pointer)
+    cosine = np.einsum("tk,tk->t", _turn(R, joint.parent, n1), pointer)
+    return np.arctan2(sine, cosine)

@@ -1,0 +1,164 @@
+"""The scene: what the mechanical system is, and nothing about how it is solved.
+
+SI units. Attitudes map body axes to world axes; quaternions are (w, x, y, z); angular velocities are in body axes,
+everything else is in world axes unless a field says otherwise. Files are read by `crosscheck.scene.file`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+from typing import Any
+
+import numpy as np
+
+GROUND = -1
+"""Body index of the ground."""
+
+
+def _frozen(values: Any, shape: tuple[int, ...]) -> np.ndarray:
+    array = np.array(values, dtype=float).reshape(shape)
+    array.setflags(write=False)
+    return array
+
+
+def rotation_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrices (..., 3, 3), body to world, of unit quaternions (..., 4) in the order w, x, y, z."""
+    w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=float), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+@dataclasses.dataclass(frozen=True)
+class Body:
+    """A rigid body in its initial state."""
+
+    name: str
+    mass: float
+    inertia: np.ndarray  # (3, 3) about the centre of mass, body axes
+    attitude: np.ndarray  # (4,) unit quaternion w, x, y, z
+    angular_velocity: np.ndarray  # (3,) body axes
+    position: np.ndarray  # (3,) centre of mass, world
+    velocity: np.ndarray  # (3,) centre of mass, world
+
+    def __post_init__(self) -> None:
+        for field, shape in (("inertia", (3, 3)), ("attitude", (4,)), ("angular_velocity", (3,)),
+                             ("position", (3,)), ("velocity", (3,))):
+            object.__setattr__(self, field, _frozen(getattr(self, field), shape))
+
+
+@dataclasses.dataclass(frozen=True)
+class Joint:
+    """A joint between two bodies, or a body and the ground (index -1)."""
+
+    name: str
+    type: str
+    parent: int
+    child: int
+    parent_anchor: np.ndarray  # (3,) from the parent's centre of mass in its frame; world for the ground
+    child_anchor: np.ndarray  # (3,) from the child's centre of mass in its frame
+    parent_axis: Any = None  # (3,) unit, parent's frame; None for types without one
+    child_axis: Any = None  # (3,) unit, child's frame; None for types without one
+    length: Any = None  # m, distance joints only
+
+    def __post_init__(self) -> None:
+        for field in ("parent_anchor", "child_anchor", "parent_axis", "child_axis"):
+            if getattr(self, field) is not None:
+                object.__setattr__(self, field, _frozen(getattr(self, field), (3,)))
+
+
+@dataclasses.dataclass(frozen=True)
+class Force:
+    """A spring-damper or a constant load; `parameters` holds the keys of SCENES for this type, arrays as tuples."""
+
+    type: str
+    parent: Any  # body index, -1 for the ground; None where the type has none
+    child: Any  # body index; None where the type has none
+    joint: Any  # joint name, torsional springs only
+    parameters: dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """An engine-neutral mechanical system with its complete initial state, duration and output times."""
+
+    name: str
+    bodies: tuple[Body, ...]
+    joints: tuple[Joint, ...]
+    forces: tuple[Force, ...]
+    gravity: np.ndarray  # (3,) world
+    duration: float
+    samples: int
+    description: str = ""
+    source: str = ""
+    tags: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "gravity", _frozen(self.gravity, (3,)))
+
+    @property
+    def n(self) -> int:
+        """Number of bodies."""
+        return len(self.bodies)
+
+    @property
+    def t(self) -> np.ndarray:
+        """Output times, (samples,), from 0 to `duration`."""
+        return np.linspace(0.0, self.duration, self.samples)
+
+    @functools.cached_property
+    def masses(self) -> np.ndarray:
+        """(n,)"""
+        return np.array([body.mass for body in self.bodies])
+
+    @functools.cached_property
+    def inertias(self) -> np.ndarray:
+        """(n, 3, 3) about the centres of mass, body axes."""
+        return np.array([body.inertia for body in self.bodies]).reshape(-1, 3, 3)
+
+    @functools.cached_property
+    def x0(self) -> np.ndarray:
+        """(n, 3) centres of mass, world."""
+        return np.array([body.position for body in self.bodies]).reshape(-1, 3)
+
+    @functools.cached_property
+    def R0(self) -> np.ndarray:
+        """(n, 3, 3) attitudes, body to world."""
+        return rotation_from_quaternion(np.array([body.attitude for body in self.bodies]).reshape(-1, 4))
+
+    @functools.cached_property
+    def v0(self) -> np.ndarray:
+        """(n, 3) velocities of the centres of mass, world."""
+        return np.array([body.velocity for body in self.bodies]).reshape(-1, 3)
+
+    @functools.cached_property
+    def w0(self) -> np.ndarray:
+        """(n, 3) angular velocities, body axes."""
+        return np.array([body.angular_velocity for body in self.bodies]).reshape(-1, 3)
+
+    def replace(self, **changes: Any) -> Scene:
+        """A copy with some fields changed, say `duration` or `samples`."""
+        return dataclasses.replace(self, **changes)
+
+    @functools.cached_property
+    def hash(self) -> str:
+        """SHA-256 of everything that determines the motion and its sampling (not of names of scene, tags, prose)."""
+        content = {
+            "gravity": self.gravity.tolist(), "duration": self.duration, "samples": self.samples,
+            "bodies": [_plain(body) for body in self.bodies],
+            "joints": [_plain(joint) for joint in self.joints],
+            "forces": [_plain(force) for force in self.forces],
+        }
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _plain(record: Any) -> dict[str, Any]:
+    """A dataclass as JSON-ready values; floats keep every bit through repr."""
+    fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
+    return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in fields.items()}

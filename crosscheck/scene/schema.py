@@ -1,0 +1,254 @@
+"""What may stand in a scene file: keys, types and shapes. Values and their consistency: `crosscheck.scene.checks`."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Iterable
+from typing import Any, Literal, get_args
+
+import msgspec
+
+VERSION = 1
+"""The version of the scene format this package reads."""
+
+LARGEST = 1e100
+"""Magnitude of the largest number a scene may hold; products of three such still are doubles."""
+
+Vector = tuple[float, float, float]
+Matrix = tuple[Vector, Vector, Vector]
+Quaternion = tuple[float, float, float, float]
+JointType = Literal["spherical", "universal", "revolute", "cylindrical", "prismatic", "planar", "fixed", "distance",
+                    "point_on_line", "point_on_plane"]
+
+
+class EntryError(Exception):
+    """One entry of a scene file is wrong: where, what is wrong, and what to write instead."""
+
+    def __init__(self, entry: str, problem: str, mend: str) -> None:
+        super().__init__(f"{entry}: {problem}; {mend}")
+        self.entry, self.problem, self.mend = entry, problem, mend
+
+
+class BodyEntry(msgspec.Struct, frozen=True):
+    """One of [[bodies]]."""
+
+    name: str
+    mass: float
+    inertia: Matrix
+    attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    position: Vector | None = None
+    velocity: Vector | None = None
+
+
+class JointEntry(msgspec.Struct, frozen=True):
+    """One of [[joints]]."""
+
+    name: str
+    type: JointType
+    parent: str
+    child: str
+    parent_anchor: Vector
+    child_anchor: Vector
+    parent_axis: Vector | None = None
+    child_axis: Vector | None = None
+    length: float | None = None
+
+
+class LinearSpringEntry(msgspec.Struct, frozen=True, tag_field="type", tag="linear_spring"):
+    """One of [[forces]]: spring-damper between two points."""
+
+    parent: str
+    child: str
+    parent_point: Vector
+    child_point: Vector
+    stiffness: float
+    free_length: float
+    damping: float = 0.0
+
+
+class TorsionalSpringEntry(msgspec.Struct, frozen=True, tag_field="type", tag="torsional_spring"):
+    """One of [[forces]]: spring-damper about the axis of a joint."""
+
+    joint: str
+    stiffness: float
+    rest_angle: float
+    damping: float = 0.0
+
+
+class ConstantForceEntry(msgspec.Struct, frozen=True, tag_field="type", tag="constant_force"):
+    """One of [[forces]]: constant force at a point of a body."""
+
+    child: str
+    child_point: Vector
+    frame: Literal["world", "body"]
+    force: Vector
+
+
+class ConstantTorqueEntry(msgspec.Struct, frozen=True, tag_field="type", tag="constant_torque"):
+    """One of [[forces]]: constant torque on a body."""
+
+    child: str
+    frame: Literal["world", "body"]
+    torque: Vector
+
+
+ForceEntry = LinearSpringEntry | TorsionalSpringEntry | ConstantForceEntry | ConstantTorqueEntry
+FORCE_ENTRIES = {str(cls.__struct_config__.tag): cls
+                 for cls in (LinearSpringEntry, TorsionalSpringEntry, ConstantForceEntry, ConstantTorqueEntry)}
+
+
+class SceneEntry(msgspec.Struct, frozen=True):
+    """A whole scene file."""
+
+    schema: int
+    name: str
+    gravity: Vector
+    duration: float
+    samples: int
+    bodies: list[BodyEntry]
+    joints: list[JointEntry] = []
+    forces: list[ForceEntry] = []
+    description: str = ""
+    source: str = ""
+    tags: list[str] = []
+    assemble: bool = False
+
+
+_VECTOR_METRES = "three numbers in m"
+_EXPECTED = {
+    "schema": f"{VERSION}", "name": 'a name in quotes', "description": "one line in quotes", "source": "text in quotes",
+    "tags": 'a list of words, ["smooth"]', "gravity": "three numbers in m/s^2, [0.0, 0.0, -9.81]",
+    "duration": "a number of seconds > 0", "samples": "a whole number >= 2", "assemble": "true or false",
+    "bodies": "at least one [[bodies]] table", "joints": "[[joints]] tables", "forces": "[[forces]] tables",
+    "mass": "a number of kg > 0", "inertia": "three rows of three numbers in kg m^2",
+    "attitude": "a quaternion of four numbers w, x, y, z", "angular_velocity": "three numbers in rad/s, body axes",
+    "position": _VECTOR_METRES, "velocity": "three numbers in m/s",
+    "type": "one of the types this table can have", "parent": '"ground" or the name of a body',
+    "child": "the name of a body", "parent_anchor": _VECTOR_METRES, "child_anchor": _VECTOR_METRES,
+    "parent_axis": "three numbers, not all zero", "child_axis": "three numbers, not all zero",
+    "length": "a number of m > 0", "parent_point": _VECTOR_METRES, "child_point": _VECTOR_METRES,
+    "stiffness": "a number >= 0 in N/m (N m/rad for a torsional spring)", "damping": "a number >= 0 in SI units",
+    "free_length": "a number of m >= 0", "rest_angle": "a number of rad", "joint": "the name of a joint",
+    "frame": '"world" or "body"', "force": "three numbers in N", "torque": "three numbers in N m",
+}
+
+
+_PLAIN_TYPES = {"float": "a number", "int": "a whole number", "str": "text", "bool": "true or false",
+                "array": "a list", "object": "a table", "null": "nothing"}
+_JOINT_TYPES = get_args(JointType)
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names in quotes with commas, for a message."""
+    return ", ".join(f'"{name}"' for name in names)
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """'did you mean "mass"? ' where a known word is close to `word`, otherwise ''."""
+    close = difflib.get_close_matches(word, list(known), n=1)
+    return f'did you mean "{close[0]}"? ' if close else ""
+
+
+def entry_name(data: Any, path: Iterable[str | int]) -> str:
+    """The place of a value in words: ("bodies", 1, "inertia") reads `bodies[1] "lower": inertia`."""
+    text, node = "", data
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += (": " if text.endswith(('"', "]")) else "") + part
+        try:
+            node = node[part]
+        except (KeyError, IndexError, TypeError):
+            node = None
+        if isinstance(part, int) and isinstance(node, dict) and isinstance(node.get("name"), str):
+            text += f' "{node["name"]}"'
+    return text or "the file"
+
+
+def decode(data: dict[str, Any]) -> SceneEntry:
+    """The typed content of a scene file from its plain mapping; raises `EntryError` for the first thing wrong."""
+    _check_version(data)
+    _check_keys(data)
+    _check_finite(data, data, ())
+    try:
+        return msgspec.convert(data, SceneEntry, strict=True)
+    except msgspec.ValidationError as error:
+        raise _translated(data, str(error)) from None
+
+
+def _check_version(data: dict[str, Any]) -> None:
+    if "schema" not in data:
+        raise EntryError("schema", "missing", f"add schema = {VERSION} at the top of the file")
+    if type(data["schema"]) is not int or data["schema"] != VERSION:
+        raise EntryError("schema", f"version {data['schema']!r} is not known here", f"write schema = {VERSION}")
+
+
+def _check_keys(data: dict[str, Any]) -> None:
+    """Unknown keys first, table by table: a misspelt key must not read as a missing one."""
+    _check_table_keys(data, (), SceneEntry.__struct_fields__)
+    for group in ("bodies", "joints", "forces"):
+        tables = data.get(group, [])
+        for index, table in enumerate(tables if isinstance(tables, list) else []):
+            if not isinstance(table, dict):
+                continue
+            if group == "forces":
+                kind = table.get("type")
+                if not isinstance(kind, str) or kind not in FORCE_ENTRIES:
+                    raise _bad_type(data, (group, index), kind, FORCE_ENTRIES)
+                allowed = ("type", *FORCE_ENTRIES[kind].__struct_fields__)
+            else:
+                allowed = (BodyEntry if group == "bodies" else JointEntry).__struct_fields__
+            _check_table_keys(data, (group, index), allowed)
+
+
+def _bad_type(data: Any, path: tuple[str | int, ...], kind: Any, allowed: Iterable[str]) -> EntryError:
+    entry = entry_name(data, (*path, "type"))
+    if kind is None:
+        return EntryError(entry, "missing", f"add type = one of {listed(allowed)}")
+    hint = nearest(kind, allowed) if isinstance(kind, str) else ""
+    return EntryError(entry, f"unknown type {kind!r}", f"{hint}write one of {listed(allowed)}")
+
+
+def _check_table_keys(data: Any, path: tuple[str | int, ...], allowed: tuple[str, ...]) -> None:
+    table = data
+    for part in path:
+        table = table[part]
+    for key in table:
+        if key not in allowed:
+            raise EntryError(entry_name(data, (*path, key)), f'unknown key "{key}"',
+                             f"{nearest(key, allowed)}the keys known here are {listed(allowed)}")
+
+
+def _check_finite(data: Any, node: Any, path: tuple[str | int, ...]) -> None:
+    if isinstance(node, float) and not math.isfinite(node):
+        raise EntryError(entry_name(data, path), f"{node} is not a finite number", "write a finite number")
+    if isinstance(node, int | float) and not isinstance(node, bool) and abs(node) > LARGEST:
+        shown = f"{node:g} is" if isinstance(node, float) else "number"
+        raise EntryError(entry_name(data, path), f"{shown} out of range", f"write a number below {LARGEST:g}")
+    if isinstance(node, dict | list):
+        for key, value in node.items() if isinstance(node, dict) else enumerate(node):
+            _check_finite(data, value, (*path, key))
+
+
+def _translated(data: Any, message: str) -> EntryError:
+    """An `EntryError` from msgspec's words, such as "Expected `float`, got `str` - at `$.bodies[0].mass`"."""
+    problem, _, where = message.partition(" - at `$")
+    path: tuple[str | int, ...] = tuple(int(index) if index else name
+                                        for name, index in re.findall(r"\.(\w+)|\[(\d+)\]", where))
+    missing = re.search(r"missing required field `(\w+)`", problem)
+    if missing:
+        key = missing.group(1)
+        if key == "type":
+            return _bad_type(data, path, None, _JOINT_TYPES)
+        return EntryError(entry_name(data, (*path, key)), "missing", f"add {key}: {_EXPECTED[key]}")
+    keys = [part for part in path if isinstance(part, str)]
+    if keys[-1:] == ["type"]:
+        kind = data[path[0]][path[1]]["type"]
+        return _bad_type(data, path[:-1], kind, _JOINT_TYPES)
+    problem = re.sub(r"`(\w+)`", lambda match: _PLAIN_TYPES.get(match.group(1), match.group(1)), problem)
+    return EntryError(entry_name(data, path), problem[:1].lower() + problem[1:],
+                      f"write {_EXPECTED[keys[-1]]}" if keys else "write a table of keys")

@@ -1,0 +1,24 @@
+"""States of all bodies over time in the one convention that engines, references and metrics share."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+
+@dataclasses.dataclass
+class States:
+    """States in the common convention: x, v, a world; R body to world; w, alpha body axes. T times, n bodies.
+
+    Made by adapters and references; `crosscheck.running.trajectory` derives everything else from it, alike for all.
+    """
+
+    t: np.ndarray  # (T,)
+    x: np.ndarray  # (T, n, 3)
+    R: np.ndarray  # (T, n, 3, 3)
+    v: np.ndarray  # (T, n, 3)
+    w: np.ndarray  # (T, n, 3)
+    a: np.ndarray | None = None  # (T, n, 3)
+    alpha: np.ndarray | None = None  # (T, n, 3)
+    lam: np.ndarray | None = None  # (T, m)

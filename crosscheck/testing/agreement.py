@@ -1,0 +1,217 @@
+"""Assertions for tests: engines agree with truth, and with each other, within bounds that have reasons."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import numbers
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import ArgumentError
+from crosscheck.judge import tolerances
+from crosscheck.judge.metrics import QUANTITIES, differences
+from crosscheck.judge.tolerances import Tol
+from crosscheck.references.base import Reference
+from crosscheck.scene.model import Scene
+
+Entry = str | Sequence[Any]
+Run = Callable[..., Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Contender:
+    """One engine as `assert_agree` runs it."""
+
+    engine: str
+    method: str
+    options: tuple[tuple[str, Any], ...]  # arguments of `crosscheck.run`, sorted
+
+    @property
+    def label(self) -> str:
+        """How a message names it."""
+        given = ", ".join(f"{key}={value!r}" for key, value in self.options)
+        return f"{self.engine} {self.method}" + (f" ({given})" if given else "")
+
+
+def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequence[Entry], tol: Any = None, *,
+                 step: float | None = None, rtol: float | None = None, run: Run | None = None,
+                 truth: Callable[[Scene], Reference] | None = None) -> None:
+    """Assert that every engine agrees with the independent truth of a scene, and every two with each other.
+
+    Parameters
+    ----------
+    scene : a Scene, a built-in name or a path
+    engines : one or several, each a name, "engine:method", or a tuple or list (engine, method) or (engine, method,
+        options), options a dictionary of arguments of `crosscheck.run`, say {"step": 1e-3, "form": "tree"}. Without a
+        method: the engine's last of the highest documented order. Several are a list or a tuple; text is one.
+    tol : a number or Tol for every quantity in its SI unit, or a mapping from quantities ("position", "attitude",
+        "velocity", "angular velocity") to numbers or Tol, the others then not compared. None takes the bounds of
+        `crosscheck.judge.tolerances`, A T h^p max|y^(p+1)| with p documented, per engine. Two engines may differ by the
+        larger of their bounds: the principal error constants of two methods differ by less than one.
+    step, rtol : for engines whose options give neither; without any of them a step is chosen such that the bounds judge
+    run, truth : what runs and what knows the truth; the fixtures of the pytest plugin, to run each engine only once
+
+    Raises
+    ------
+    AssertionError
+        Names quantity, bound, reason, first time of violation and worst body.
+    ArgumentError, SceneError, Unsupported, EngineError, TruthError
+        As `crosscheck.run` and `crosscheck.truth`.
+    """
+    __tracebackhide__ = True  # pytest then shows the line of the test
+    from crosscheck import references
+    from crosscheck.running.run import run as run_scene
+    from crosscheck.scene import file as scene_file
+
+    loaded = scene_file.as_scene(scene)
+    entries = _entries(engines)
+    tol = _checked(tol)
+    reference = (truth or references.truth)(loaded)
+    contenders = [contender(entry, loaded, reference, step, rtol) for entry in entries]
+    trajectories = [(run or run_scene)(loaded, each.engine, each.method, **dict(each.options)) for each in contenders]
+    bounds = [_bounds(loaded, reference, each, traj, tol) for each, traj in zip(contenders, trajectories, strict=True)]
+    keep = reference.t <= reference.horizon * (1 + 1e-12)
+    for each, traj, allowed in zip(contenders, trajectories, bounds, strict=True):
+        _compare(loaded, f"{each.label} and truth", traj, reference.states, allowed, keep)
+    for i in range(len(contenders)):
+        for j in range(i):
+            # Not the sum: that would follow from the comparisons with truth and could never fail.
+            larger = {name: max(bounds[i][name], bounds[j][name], key=lambda tol: tol.value) for name in bounds[i]}
+            _compare(loaded, f"{contenders[j].label} and {contenders[i].label}", trajectories[j], trajectories[i],
+                     larger, keep)
+
+
+def _entries(engines: Any) -> list[Entry]:
+    if isinstance(engines, str):
+        return [engines]
+    if not isinstance(engines, Iterable) or isinstance(engines, Mapping):
+        raise ArgumentError(f"engines: a name or a list of them is wanted, not {engines!r}")
+    entries = list(engines)
+    if not entries:
+        raise ArgumentError("engines: at least one is needed")
+    return entries
+
+
+def _checked(tol: Any) -> dict[str, Tol] | None:
+    """`tol` as a bound per quantity, None for the documented ones."""
+    if tol is None:
+        return None
+    if isinstance(tol, Mapping):
+        unknown = [name for name in tol if name not in QUANTITIES]
+        if unknown or not tol:
+            raise ArgumentError(f"tol: {unknown[0] if unknown else tol!r} is not understood: give a bound for any of "
+                                f"{', '.join(QUANTITIES)}")
+        return {name: _bound(f"tol[{name!r}]", bound) for name, bound in tol.items()}
+    return dict.fromkeys(QUANTITIES, _bound("tol", tol))
+
+
+def _bound(name: str, value: Any) -> Tol:
+    given = value.value if isinstance(value, Tol) else value
+    number = isinstance(given, numbers.Real) and not isinstance(given, bool)
+    if not number or not math.isfinite(given) or given < 0:
+        raise ArgumentError(f"{name}: {value!r} is not understood: give a number that is not negative, "
+                            "crosscheck.judge.tolerances.Tol(value, why), a mapping of quantities to such, or None for "
+                            "the bounds of the documented order")
+    return value if isinstance(value, Tol) else Tol(float(given), "given by the caller")
+
+
+def contender(entry: Entry, scene: Scene, truth: Reference, step: float | None = None,
+              rtol: float | None = None) -> Contender:
+    """An entry of `assert_agree` with everything it leaves open chosen: the method, and a step such that bounds judge.
+
+    Raises `ArgumentError` for an entry that is none, `Unsupported` where no method of the engine can run the scene.
+    """
+    from crosscheck import adapters
+    from crosscheck.adapters.base import RunSpec
+
+    options: dict[str, Any] = {}
+    if isinstance(entry, str):
+        engine, method = adapters.split(entry)
+    elif isinstance(entry, list | tuple) and 2 <= len(entry) <= 3:
+        engine, method = entry[:2]
+        given = entry[2] if len(entry) == 3 else {}
+        if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):
+            raise ArgumentError(f"engines: {entry!r}: the options are a dictionary of arguments of crosscheck.run")
+        options = dict(given)
+    else:
+        raise ArgumentError(f"engines: {entry!r} is not understood: give \"engine\", \"engine:method\" or "
+                            "(engine, method, options)")
+    adapter = adapters.get(engine)
+    if method is None or (isinstance(method, str) and not method):
+        method = best_method(adapter, scene)
+    if not isinstance(method, str) or method not in adapter.methods:
+        raise ArgumentError(f"engines: {engine} has no method {method!r}; it has {', '.join(adapter.methods)}")
+    if "step" not in options and "rtol" not in options:
+        order = adapter.documented_order(scene, RunSpec(method, step=1e-3, form=options.get("form")))
+        if order is None:
+            options["rtol"] = 1e-9 if rtol is None else rtol
+        else:
+            options["step"] = _judgeable_step(scene, truth, order) if step is None else step
+    return Contender(engine, method, tuple(sorted(options.items())))
+
+
+def best_method(adapter: Any, scene: Scene) -> str:
+    """The last method of the highest documented order that the engine can run on this scene."""
+    from crosscheck.adapters.base import RunSpec
+
+    specs = [RunSpec(method, step=1e-3) for method in adapter.methods]
+    usable = [(adapter.documented_order(scene, spec) or 0, index) for index, spec in enumerate(specs)
+              if adapter.unsupported(scene, spec) is None]
+    if not usable:
+        from crosscheck.errors import Unsupported
+
+        raise Unsupported(f"{adapter.name}: {adapter.unsupported(scene, specs[0])}")
+    return adapter.methods[max(usable)[1]]
+
+
+def _judgeable_step(scene: Scene, truth: Reference, order: int) -> float:
+    from crosscheck.judge.plan import plan_from_truth
+
+    return plan_from_truth(scene, truth).steps[max(key for key in (1, 2, 4, 6, 8) if key <= order)]
+
+
+def _bounds(scene: Scene, truth: Reference, each: Contender, traj: Any,
+            tol: dict[str, Tol] | None) -> dict[str, Tol]:
+    if tol is not None:
+        return tol
+    return _documented_bounds(scene, truth, each, traj)
+
+
+def _documented_bounds(scene: Scene, truth: Reference, each: Contender, traj: Any) -> dict[str, Tol]:
+    from crosscheck import adapters
+    from crosscheck.adapters.base import RunSpec
+
+    given = dict(each.options)
+    spec = RunSpec(each.method, given.get("step"), given.get("rtol"), given.get("form"))
+    order = adapters.get(each.engine).documented_order(scene, spec)
+    if order is None or spec.step is None:
+        return tolerances.adaptive(scene, truth, given["rtol"], traj.steps)
+    bounds = tolerances.fixed_step(scene, truth, order, traj.stats.get("step") or spec.step)
+    empty = tolerances.vacuous(scene, truth, bounds) & set(QUANTITIES)
+    if empty:
+        raise ArgumentError(f"{each.label} on {scene.name!r}: at this step the bound of the {min(empty)} exceeds the "
+                            "size of the motion and would pass anything; give a smaller step, a shorter duration or "
+                            "tol=")
+    return bounds
+
+
+def _compare(scene: Scene, who: str, one: Any, other: Any, bounds: Mapping[str, Tol], keep: np.ndarray) -> None:
+    __tracebackhide__ = True
+    for quantity, values in differences(one, other).items():
+        if quantity not in bounds:
+            continue
+        tol, unit = bounds[quantity], QUANTITIES[quantity]
+        values = np.where(np.isfinite(values), values, np.inf)[keep]
+        beyond = np.argwhere(~(values <= tol.value))
+        if len(beyond) == 0:
+            continue
+        first = one.t[beyond[0, 0]]
+        sample, body = np.unravel_index(int(np.argmax(values)), values.shape)
+        raise AssertionError(
+            f"{scene.name}: {who} disagree in {quantity} by {values[sample, body]:.3g} {unit}, allowed {tol.value:.3g} "
+            f"{unit} ({tol.why}); first beyond it at t = {first:.6g} s, worst in body {scene.bodies[body].name!r} at "
+            f"t = {one.t[sample]:.6g} s")

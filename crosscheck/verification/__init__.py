@@ -1,0 +1,1 @@
+"""The main job: every method and engine over the scenes, judged and timed."""

@@ -1,0 +1,106 @@
+"""Plans that keep to a budget of steps, for scenes without a plan of their own.
+
+The rule of `plan_from_truth` asks for a bound of a hundredth of the scene; that may take millions of steps of a
+first-order method. Within a budget the bound may be wider, as long as it says something, and where it would not
+the motion is judged over a shorter time.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from crosscheck.judge.plan import PLANS, SHARE, STUDY_SAMPLES, ScenePlan, halved, parts, plan_from_truth
+from crosscheck.references.stiffness import fastest
+from crosscheck.scene.model import Scene
+
+WINDOWS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
+"""Lengths (s) of the judged beginning that are tried, the longest first."""
+
+WIDEST = 0.5
+"""A bound may reach this share of the scene's size; beyond the whole size it says nothing."""
+
+EXTENTS: dict[str, tuple[float, float | None]] = {
+    # The rope magnifies a perturbation thirtyfold in its first 0.05 s, and 0.2 s of truth for 64 bodies take over a
+    # minute.
+    "chain_64": (0.02, 0.1),
+    # Joint angles that whip: at first order only the beginning can be judged, and longer windows need not be tried.
+    "chain_8": (0.2, None),
+    "slider_crank": (0.1, None),
+    "stiff_spring": (0.5, None),
+    # The fast decay is over at once and the slow one in 0.1 s; what follows is a pendulum in steps of 5e-5 s.
+    "stiff_damped": (0.1, 0.2),
+    # At its own length the budget leaves steps too coarse for first order; next to its singular positions truth loses
+    # digits, 1.7e-12 at 4.9 s.
+    "double_four_bar": (1.0, 4.0),
+    # 24 turns of the spin, of which first order can judge half a turn.
+    "fast_top_1500": (0.02, 0.1),
+}
+"""(first window to try, duration of the main runs or None for the scene's), s, of scenes that would take too long."""
+
+
+def plan_within(scene: Scene, name: str, most_steps: int) -> ScenePlan:
+    """The plan of a scene whose main runs take at most `most_steps` steps of one body, at any order; fewer of many.
+
+    The number goes with the root of the bodies, between what engines take for a step and what surrounds it. Computes
+    the truth of the window it chooses, or finds it in the cache. A scene with a plan of its own keeps it.
+    """
+    from crosscheck.references import truth
+    from crosscheck.verification.cell import windowed
+
+    if name in PLANS:
+        return PLANS[name]
+    first, duration = EXTENTS.get(name, (WINDOWS[0], None))
+    shortest = (duration or scene.duration) * math.sqrt(scene.n) / most_steps
+    longest = _longest_step(scene)
+    samples = max(26, 251 // max(1, scene.n // 2))
+    affordable = most_steps / math.sqrt(scene.n)
+    # A stiff scene would be stepped through many times by every order study: its ladders end at an eighth of `longest`.
+    lengths = [length for length in WINDOWS if length <= first and 8 * length / longest <= affordable]
+    for window in lengths or WINDOWS[-1:]:
+        short = windowed(scene, window)
+        found = plan_from_truth(short, truth(short))
+        steps = {order: min(max(step, _readable_above(shortest)), longest) for order, step in found.steps.items()}
+        ladders = {order: _ladder(order, step, found.window / (STUDY_SAMPLES - 1), longest)
+                   for order, step in steps.items()}
+        plan = dataclasses.replace(found, steps=steps, ladders=ladders, samples=samples, duration=duration,
+                                   budgeted=True)
+        if plan.most_steps <= affordable and all(
+                SHARE * (steps[order] / step) ** order <= WIDEST for order, step in found.steps.items()):
+            break
+    return plan
+
+
+def _longest_step(scene: Scene) -> float:
+    """One over the fastest decay or oscillation (1/s) of a scene with springs, at its start; s.
+
+    Much longer steps are unstable with every explicit method, and show the order of no other.
+    """
+    rate = fastest(scene)
+    # Two digits: the step is written into commands.
+    return float(f"{1.0 / rate:.1e}") if rate else math.inf
+
+
+def _ladder(order: int, step: float, interval: float, longest: float) -> tuple[float, ...]:
+    """Steps (s) of the order study, from that of the main run, none above `longest`; all have to fit between two output
+    times, `interval`.
+
+    From order 4 on four times the step lies before the asymptotic range: pairs of steps of a Runge-Kutta method show
+    3.5 there, then 3.8 and 3.9. From order 6 on halves are too far apart: four of them end in rounding.
+    """
+    if order < 4:
+        return halved(min(4 * step, interval, longest))
+    if order < 6:
+        return halved(min(2 * step, interval, longest))
+    count = max(1, math.ceil(interval / min(4 * step, longest) - 1e-9))
+    counts = [count]
+    for factor in (4 / 3, 5 / 3, 2):
+        counts.append(max(counts[-1] + 1, round(factor * count)))
+    return parts(interval, *counts)
+
+
+def _readable_above(step: float) -> float:
+    """The next larger step with one digit, or 1.5, times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(step))
+    digit = min(digit for digit in (1, 1.5, 2, 3, 5, 7, 10) if digit * power >= step * (1 - 1e-12))
+    return float(f"{digit * power:.2g}")

@@ -1,0 +1,168 @@
+"""The speed study: time per step of every run beside a calibration kernel, so that nights and machines compare.
+
+A run's time is divided by that of a fixed piece of work done right before and after it: a slow minute of a shared
+machine, or a slower machine, stretches both. Both are short, and a try in which the process had to wait for the
+processor is repeated. The runs of a scene take turns, a round is a process of its own, and of all turns the median
+counts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+CALIBRATION = "40 times the LU solutions of 20 dense systems of 6 equations (numpy.linalg.solve)"
+"""The calibration kernel: compiled loops over small matrices, as in a multibody step, and no engine's code. Few
+matrices again and again stay in the innermost cache, as a step's do: 800 at once felt what other processes do to the
+outer ones, and the ratio of one method strayed twice as far between processes on a loaded machine."""
+
+REPEATS = 3
+"""Times that each run of a scene has its turn in one round."""
+
+STEPS, FEWEST = 100, 8
+"""Steps of a timed run of one body, and of a run of many bodies at least: from a tenth of a millisecond to ten."""
+
+TRIES, PATIENCE = 3, 12
+"""A turn is the fastest of so many undisturbed tries, out of so many tries at most."""
+
+LONG = 0.01
+"""Time (s), with the making of models, after which one undisturbed try is enough: it averages over what is short."""
+
+ONCE = 0.1
+"""Time (s), with the making of models, of a run that has one turn a round: what the first turn loads is little."""
+
+WAITED = 0.03
+"""Share of a try that the process may have waited; beyond it the try was disturbed."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Burst:
+    """A run to be timed."""
+
+    engine: str
+    method: str
+    form: str | None
+    step: float | None  # s
+    rtol: float | None
+    duration: float | None = None  # s, of an adaptive run: as long as `STEPS` steps are, None: the whole scene
+
+
+@dataclasses.dataclass(frozen=True)
+class Round:
+    """The runs of one scene (a name or a path) that take turns, and how often."""
+
+    scene: str
+    bursts: tuple[Burst, ...]
+    repeats: int = REPEATS
+
+
+@dataclasses.dataclass(frozen=True)
+class Speed:
+    """Time per step of a run. `ratio` is that over the time of the calibration kernel beside it."""
+
+    us_per_step: float
+    us_deviation: float  # median absolute deviation over the repeats
+    ratio: float
+    deviation: float
+    repeats: int
+    calibration: float  # us
+
+
+def time_round(task: Round) -> list[list[tuple[float, float]]]:
+    """Per burst the pairs (s per step, s of the calibration kernel); none for a run that fails."""
+    from crosscheck.jobs.workers import output
+    from crosscheck.scene.file import load_scene
+
+    scene = load_scene(task.scene)
+    kernel = calibration_kernel()
+    kernel()
+    samples: list[list[tuple[float, float]]] = [[] for _ in task.bursts]
+    done: set[int] = set()
+    for turn in range(task.repeats + 1):
+        before = kernel()
+        for index, burst in enumerate(task.bursts):
+            if index in done:
+                continue
+            output.at(str(index))
+            began = time.perf_counter()
+            seconds = _seconds_per_step(scene, burst, warming=not turn)
+            long = time.perf_counter() - began > ONCE
+            after = kernel()
+            if seconds is None or long:
+                done.add(index)
+            if seconds is not None and (turn or long):  # the first turn loads libraries and fills caches
+                samples[index].append((seconds, 0.5 * (before + after)))
+            before = after
+    return samples
+
+
+def _seconds_per_step(scene: Any, burst: Burst, warming: bool) -> float | None:
+    """Seconds per step in an undisturbed run of `STEPS` steps, or `warming` in any; None where the run fails."""
+    from crosscheck.running.run import run
+
+    wanted = burst.duration if burst.step is None else burst.step * max(FEWEST, STEPS // scene.n)
+    brief = scene.replace(duration=min(scene.duration, wanted or scene.duration), samples=2)
+    steps = 1
+
+    def once() -> float:
+        nonlocal steps
+        traj = run(brief, burst.engine, burst.method, step=burst.step, rtol=burst.rtol, form=burst.form, monitor=False)
+        steps = max(1, traj.steps)
+        return traj.wall_time
+
+    try:
+        return (once() if warming else _undisturbed(once)) / steps
+    except Exception:  # whatever an engine raises: the main run of the same cell is where failures are recorded
+        return None
+
+
+def _undisturbed(once: Callable[[], float]) -> float:
+    """The fastest of a few tries of `once`, which returns seconds, in which the process hardly had to wait."""
+    clean: list[float] = []
+    others: list[float] = []
+    began = time.perf_counter()
+    while len(clean) < TRIES and len(clean) + len(others) < PATIENCE:
+        if clean and time.perf_counter() - began > LONG:
+            break
+        wall, worked = time.perf_counter(), time.process_time()
+        seconds = once()
+        waited = time.perf_counter() - wall - (time.process_time() - worked)
+        (clean if waited <= WAITED * seconds + 1e-5 else others).append(seconds)
+    return min(clean or others)
+
+
+def calibration_kernel() -> Callable[[], float]:
+    """A function that does the fixed work and returns the seconds it took, undisturbed."""
+    import numpy as np
+
+    generator = np.random.default_rng(6)
+    # Diagonally dominant: pivoting takes the same path everywhere.
+    matrices = generator.uniform(-1.0, 1.0, (20, 6, 6)) + 6.0 * np.eye(6)
+    right = generator.uniform(-1.0, 1.0, (20, 6, 1))
+
+    def once() -> float:
+        start = time.perf_counter()
+        for _ in range(40):
+            np.linalg.solve(matrices, right)
+        return time.perf_counter() - start
+
+    return lambda: _undisturbed(once)
+
+
+def summarise(samples: list[tuple[float, float]]) -> Speed | None:
+    """Medians and their spread of the pairs of all rounds; None where there are none."""
+    if not samples:
+        return None
+    times = [1e6 * seconds for seconds, _ in samples]
+    ratios = [seconds / kernel for seconds, kernel in samples]
+    return Speed(statistics.median(times), spread(times), statistics.median(ratios), spread(ratios), len(samples),
+                 1e6 * statistics.median(kernel for _, kernel in samples))
+
+
+def spread(values: list[float]) -> float:
+    """Median absolute deviation."""
+    middle = statistics.median(values)
+    return statistics.median(abs(value - middle) for value in values)

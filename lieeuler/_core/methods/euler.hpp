@@ -1,0 +1,305 @@
+// What the Lagrangian and the Hamiltonian Euler steppers share: the state, the guess, Newton, the blocks of its matrix.
+#pragma once
+
+#include <array>
+#include <optional>
+
+#include "solve/newton.hpp"
+#include "solve/saddle_point.hpp"
+#include "model/scales.hpp"
+#include "model/sizes.hpp"
+
+namespace lieeuler {
+
+// The constraint equations of a step; stabilised: position and velocity.
+enum class Level { position, velocity, stabilised, acceleration };
+
+// Equations supplies begin(), guess(z), residual(z, r), factor(), exact_matrix(), has_velocity_rows(level), finish(), and
+// projects(level): whether finish() factors the saddle point at the new state.
+template <class Equations, class Map>
+class EulerStepper {
+ public:
+  // Starts from frames and u of `state`; a and lam become the index-1 values there.
+  Status start(const State& state, double h) {
+    state_ = state;
+    h_ = h;
+    update_angles(system_, state_.frames, state_.u, state_.angles);
+    joints_.update(state_.frames);
+    if (rank_ == Rank::unknown) {
+      if (!saddle_.find_redundancy(joints_)) return Status::singular_matrix;
+      scale_tail();
+      rank_ = Rank::of_start;
+    }
+    lu_.expect_deficiency(saddle_.redundant() * (nodes_.doubled() ? 2 : 1));
+    if (const Status status = solve_index1(); status != Status::success) return status;
+    equations().begin();
+    std::fill(z_.begin(), z_.end(), 0.0);
+    predictor_.reset(z_.size());
+    newton_.reset(z_.size());
+    return Status::success;
+  }
+
+  Status step(Counters& counters) {
+    const Status status = advance(h_, predictor_, counters);
+    if (status == Status::success) ++counters.steps;
+    return status;
+  }
+
+  // One step of size h, negative too, guessed from the earlier solutions in `predictor`.
+  Status advance(double h, Predictor& predictor, Counters& counters) {
+    h_ = h;
+    if (predictor.empty())
+      equations().guess(z_);
+    else
+      predictor.guess(z_);
+    remove_null_space(z_);
+    std::swap(start_, state_);
+    std::swap(start_joints_, joints_);
+    measure_scales();
+    Status status = newton_.solve(equations(), z_, target(), counters);
+    if (status != Status::success && predictor.extrapolates()) {
+      predictor.forget();
+      predictor.guess(z_);
+      status = newton_.solve(equations(), z_, target(), counters);
+    }
+    if (status != Status::success && equations().fall_back()) {
+      if (predictor.empty())
+        guess_afresh();
+      else
+        predictor.guess(z_);
+      status = newton_.solve(equations(), z_, target(), counters);
+    }
+    if (status == Status::newton_failed && lu_.smallest_tail_pivot() < kNearlySingular) return Status::singular_matrix;
+    if (status != Status::success) return status;
+    predictor.push(z_);
+    if (const Status end = equations().finish(); end != Status::success) return end;
+    return saddle_.redundant() > 0 ? follow_null_space() : Status::success;
+  }
+
+  // The correction of a residual, in place.
+  bool solve_linear(std::vector<double>& r) {
+    remove_null_space(r);
+    solve_matrix(r.data());
+    remove_null_space(r);
+    return true;
+  }
+
+  // z -= correction; the size of the change of configuration, relative to the size of the system.
+  double correct(std::vector<double>& z, const std::vector<double>& correction) const {
+    for (size_t i = 0; i < z.size(); ++i) z[i] -= correction[i];
+    double translation = 0, rotation = 0, sum = 0;
+    for (int b = 0; b < system_.n(); ++b) {
+      const double* d = correction.data() + 3 * nodes_.xi_v(b);
+      for (int i = 0; i < 3; ++i) {
+        translation = std::max(translation, std::abs(d[i]));
+        rotation = std::max(rotation, std::abs(d[3 + i]));
+        sum += d[i] + d[3 + i];
+      }
+    }
+    if (!std::isfinite(sum)) return sum;  // max() above would hide a NaN
+    return std::abs(h_) * std::max(translation / length_, rotation);
+  }
+
+  // Velocities to rounding level as well, not h times them.
+  void polish_velocities() { newton_.polishes = true; }
+  // Solves steps to this error, relative to the sizes of the system, in place of rounding level.
+  void solve_to(double accuracy) { accuracy_ = std::max(accuracy, std::numeric_limits<double>::epsilon()); }
+
+  size_t unknowns() const { return z_.size(); }
+  int redundant_rows() const { return saddle_.redundant(); }
+  const State& state() const { return state_; }
+  const Constraints& joints() const { return joints_; }
+
+ protected:
+  // nodes_doubled, doubled: the unknowns, and Newton's matrix, with a second set of velocities and multipliers. eliminates:
+  // Newton's matrix couples bodies by constraint rows alone.
+  EulerStepper(const System& system, Level level, bool index1_output, bool nodes_doubled, bool doubled, bool second_order,
+               bool eliminates)
+      : system_(system), level_(level), index1_output_(index1_output), second_order_(second_order), nodes_(system, nodes_doubled), columns_(nodes_), joints_(system),
+        start_joints_(system), saddle_(system), start_(system), state_(system), maps_(system.n() + 1),
+        xi_(system.n() + 1), force_(system.n() + 1), z_(3 * nodes_.count(), 0.0) {
+    if (eliminates)
+      core_.emplace(system);
+    else
+      plan_matrix(doubled);
+    for (const Joint& joint : system.joints)
+      for (Side side : kSides) {
+        const int b = side == kChild ? joint.child : joint.parent;
+        if (b == system.n()) continue;
+        const Vec3& arm = side == kChild ? joint.child_anchor : joint.parent_anchor;
+        enlarge(mobility_, arm.norm() * largest_mobility(system.bodies[b].inertia_inverse));
+      }
+  }
+
+  // Newton's matrix, as a block factorization or with the bodies eliminated.
+  bool factor_matrix() { return core_ ? core_->lu().factor() : lu_.factor(); }
+  void solve_matrix(double* r) {
+    if (core_)
+      core_->solve(r, r + 6 * system_.n());
+    else
+      lu_.solve(r);
+  }
+
+  // Lays out Newton's matrix, of all unknowns or (not doubled) without the second set of velocities and multipliers.
+  void plan_matrix(bool doubled) {
+    core_.reset();
+    columns_ = Nodes(system_, doubled);
+    int tail;
+    const std::vector<int> order = columns_.order(system_, tail);
+    lu_.plan(order, tail, columns_.entries(system_, second_order_));
+    padding_.clear(), blocks_.clear(), force_blocks_.clear();
+    for (int k = 0; k < columns_.parts(); ++k) {
+      padding_.push_back({lu_.block(columns_.lam(k), columns_.lam(k)), lu_.block(columns_.mu(k), columns_.mu(k))});
+      for (Side side : kSides) {
+        const int body = body_of(k, side);
+        blocks_.push_back(body == system_.n() ? SideBlocks{}
+                                              : SideBlocks::of(lu_, columns_.lam(k), columns_.v(body), columns_.w(body)));
+      }
+    }
+    for (const Force& force : system_.forces)
+      for (int row : {force.parent, force.child})
+        for (int column : {force.parent, force.child})
+          force_blocks_.push_back(row == system_.n() || column == system_.n()
+                                      ? PairBlocks{}
+                                      : PairBlocks::of(lu_, columns_.v(row), columns_.w(row), columns_.v(column),
+                                                       columns_.w(column)));
+  }
+
+  const Joint& joint_of(int k) const { return system_.joints[nodes_.part(k).joint]; }
+  const Part& part_of(int k) const { return joint_of(k).parts[nodes_.part(k).part]; }
+  int body_of(int k, Side side) const { return side == kChild ? joint_of(k).child : joint_of(k).parent; }
+  const JointState& here(int k) const { return joints_[nodes_.part(k).joint]; }
+  const JointState& before(int k) const { return start_joints_[nodes_.part(k).joint]; }
+  Vec3 velocity_rows(int k, const State& state, const JointState& joint) const {
+    return joint.velocity(part_of(k), state.u[body_of(k, kParent)], state.u[body_of(k, kChild)]);
+  }
+  void subtract_reaction(int k, const JointState& joint, const Vec3& lam, std::vector<Twist>& impulse) const {
+    joint.subtract_reaction(part_of(k), lam, impulse[body_of(k, kParent)], impulse[body_of(k, kChild)]);
+  }
+  // The identity where a part has fewer than three rows.
+  void pad(int k) {
+    for (double* block : padding_[k])
+      for (int r = part_of(k).rows(); r < 3; ++r) block[(kColumn + 1) * r] = 1;
+  }
+
+  // q = q_n * (h xi); false outside the map's domain.
+  bool move(int body) {
+    if (!maps_[body].set(h_ * xi_[body].w)) return false;
+    state_.frames[body].x = start_.frames[body].x + h_ * xi_[body].v;
+    state_.frames[body].R.noalias() = start_.frames[body].R * maps_[body].rotation();
+    return true;
+  }
+  // The new configuration is final: attitudes back to rounding level, joints evaluated there.
+  void settle() {
+    for (int b = 0; b < system_.n(); ++b) state_.frames[b].R = polished(state_.frames[b].R);
+    evaluate_joints();
+  }
+  void evaluate_joints() {
+    joints_.update(state_.frames);
+    state_.angles = start_.angles;
+    update_angles(system_, state_.frames, state_.u, state_.angles);
+  }
+  // (a, lam) of the index-1 system at the current state.
+  Status solve_index1() {
+    if (!saddle_.factor(joints_)) return Status::singular_matrix;
+    saddle_.accelerate(joints_, state_);
+    return Status::success;
+  }
+  // Lam = duration * lam
+  void store_multipliers(double duration) {
+    for (int k = 0; k < nodes_.parts(); ++k)
+      for (int r = 0; r < part_of(k).rows(); ++r) state_.lam[part_of(k).row + r] = z_[3 * nodes_.lam(k) + r] / duration;
+  }
+  void guess_multipliers(double duration, std::vector<double>& z) const {
+    for (int k = 0; k < nodes_.parts(); ++k)
+      for (int r = 0; r < part_of(k).rows(); ++r) z[3 * nodes_.lam(k) + r] = duration * state_.lam[part_of(k).row + r];
+  }
+
+  const System& system_;
+  const Level level_;
+  bool index1_output_;
+  const bool second_order_;  // whether the matrix holds second derivatives of the constraints
+  const Nodes nodes_;  // layout of the unknowns z
+  Nodes columns_;      // of Newton's matrix
+  double h_ = 0;
+  Constraints joints_, start_joints_;  // at q and q_n
+  SaddlePoint saddle_;
+  State start_, state_;
+  std::vector<Map> maps_;
+  std::vector<Twist> xi_, force_;
+  std::vector<double> z_;
+  BlockLU lu_;
+  std::optional<Delassus> core_;  // in place of lu_
+  std::vector<SideBlocks> blocks_;        // of lam and (v, w), per part and side
+  std::vector<std::array<double*, 2>> padding_;  // diagonal blocks of lam and mu, per part
+  std::vector<PairBlocks> force_blocks_;  // against (v, w), per force, row side, column side
+
+  // Of h u, rounding level unless set otherwise: that of the configuration, or that of the velocity where Newton solves velocity rows.
+  double target() const {
+    return Equations::has_velocity_rows(level_) ? accuracy_ * std::min(1.0, std::abs(h_) * speed_) : accuracy_;
+  }
+
+  double length_ = 1, speed_ = 1;
+  double accuracy_ = std::numeric_limits<double>::epsilon();
+  double mobility_ = 0;  // angular velocity a unit impulse at an anchor can give, at most
+
+ private:
+  Equations& equations() { return static_cast<Equations&>(*this); }
+
+  // From the start of the step alone, where an attempt has left something in z_.
+  void guess_afresh() {
+    std::fill(z_.begin(), z_.end(), 0.0);
+    std::swap(start_, state_);
+    equations().guess(z_);
+    std::swap(start_, state_);
+    remove_null_space(z_);
+  }
+
+  // Next step's rows and multipliers are freed of the null space at this configuration. A rank that is higher after the
+  // first step was that of a singular position.
+  Status follow_null_space() {
+    if (rank_ == Rank::of_start) {
+      int redundant;
+      if (!saddle_.count_redundancy(joints_, redundant) || redundant < saddle_.redundant())
+        return Status::singular_matrix;
+      rank_ = Rank::confirmed;
+      if (!saddle_.factor(joints_)) return Status::singular_matrix;
+    } else if (!index1_output_ && !Equations::projects(level_)) {  // else finish() has factored it here
+      if (!saddle_.factor(joints_)) return Status::singular_matrix;
+    }
+    saddle_.make_least_norm(state_.lam);
+    return Status::success;
+  }
+
+  // Scaled pivots below this, where Newton failed, say why: within 1e-3 of a singular position.
+  static constexpr double kNearlySingular = 1e-6;
+
+  void remove_null_space(std::vector<double>& r) const {
+    if (saddle_.redundant() == 0) return;
+    saddle_.remove_null_space(&r[3 * nodes_.lam(0)]);
+    if (nodes_.doubled()) saddle_.remove_null_space(&r[3 * nodes_.mu(0)]);
+  }
+
+  // Rows of lam and of mu alike.
+  void scale_tail() {
+    std::vector<double> scales(z_.size(), 1.0);
+    const std::vector<double> rows = saddle_.row_scales(joints_);
+    std::copy(rows.begin(), rows.end(), scales.begin() + 3 * nodes_.lam(0));
+    std::copy(rows.begin(), rows.end(), scales.begin() + 3 * nodes_.mu(0));
+    lu_.scale_tail(scales);
+  }
+
+  void measure_scales() {
+    const Scales scales = Scales::of_motion(system_, start_);
+    length_ = scales.length, speed_ = std::max(scales.rate, scales.natural(system_));
+    // Velocities are sums of the joints' impulses, which are large in a long chain, and round with them.
+    double impulse = 0;
+    for (size_t i = 3 * nodes_.lam(0); i < z_.size(); ++i) impulse = std::max(impulse, std::abs(z_[i]));
+    speed_ = std::max(speed_, impulse * mobility_);
+  }
+  enum class Rank { unknown, of_start, confirmed } rank_ = Rank::unknown;
+  Newton newton_;
+  Predictor predictor_;
+};
+
+}  // namespace lieeuler

@@ -1,0 +1,314 @@
+// Implicit Lie group Euler methods for the Lagrangian equations (doi:10.1177/1687814019842406), all at n+1:
+//
+//   M (u - u_n) = h f(q, u) - G^T Lam,   Lam = h lam,   q = q_n * (h xi)
+//
+//   position      Phi(q) = 0                                    xi = u                    DAE3L_LE
+//   velocity      G u = 0                                       xi = u                    DAE2L_LE
+//   stabilised    Phi(q) = 0, G u = 0                           M xi = M u - G_n^T mu     DAE2L_LSE, DAE1L_LSE
+//   acceleration  G a + gamma + 2 alpha G u + beta^2 Phi = 0    xi = u, a = (u - u_n)/h   INDEX1_LE, BAUMGARTE_LE
+//
+// Unknowns: u of each body, Lam of each joint; when stabilised also xi and mu.
+#pragma once
+
+#include <optional>
+
+#include "methods/euler.hpp"
+#include "solve/stabilised.hpp"
+
+namespace lieeuler {
+
+struct Gains {
+  double alpha = 0, beta = 0;  // 1/s
+};
+
+template <class Map>
+class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
+  using Base = EulerStepper<LagrangeStepper<Map>, Map>;
+  friend Base;
+
+ public:
+  LagrangeStepper(const System& system, Level level, bool index1_output, Gains gains)
+      : Base(system, level, index1_output, level == Level::stabilised, !splits(system, level) && level == Level::stabilised,
+             true, eliminates(system, level)),
+        gains_(gains), tangents_(system.n() + 1), stiffness_of_(system.n() + 1), balance_(system.n() + 1), drift_(system.n() + 1) {
+    if (splits(system, level)) split_.emplace(system, this->saddle_.delassus());
+    if (!this->core_) find_blocks();
+  }
+
+  static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
+  static constexpr bool projects(Level) { return false; }
+  bool exact_matrix() const { return level_ != Level::acceleration; }
+
+  bool solve_linear(std::vector<double>& r) {
+    if (!split_) return Base::solve_linear(r);
+    const auto core = [this](double* x) { this->solve_matrix(x); };
+    return split_->solve(r, nodes_, core, this->length_, this->target() / std::abs(h_));
+  }
+  // From the split solve to one matrix for all unknowns, where the former does not converge.
+  bool fall_back() {
+    if (!split_) return false;
+    split_.reset();
+    this->plan_matrix(true);
+    find_blocks();
+    return true;
+  }
+
+  // What an implicit step, with the matrix factored last, leaves of a change of the velocities: forces that answer to it
+  // within the step have let it decay. False where the matrix cannot be solved with.
+  bool filter(std::vector<Twist>& change) {
+    filtered_.assign(this->unknowns(), 0.0);
+    for (int b = 0; b < system_.n(); ++b) store(momentum(system_.bodies[b], change[b]), &filtered_[3 * nodes_.v(b)]);
+    if (!solve_linear(filtered_)) return false;
+    for (int b = 0; b < system_.n(); ++b) change[b] = load(&filtered_[3 * nodes_.v(b)]);
+    return true;
+  }
+
+  Status residual(const std::vector<double>& z, std::vector<double>& r) {
+    if (!configure(z)) return Status::map_domain;
+    joints_.update(state_.frames);
+    generalized_forces(system_, state_.frames, state_.u, start_.angles, force_);
+    for (int b = 0; b < system_.n(); ++b) {
+      const Body& body = system_.bodies[b];
+      const Twist &u = state_.u[b], &u_n = start_.u[b], &f = force_[b];
+      balance_[b] = {body.mass * (u.v - u_n.v) - h_ * f.v, times(body.inertia, u.w - u_n.w) - h_ * f.w};
+      if (stabilised()) drift_[b] = momentum(body, {xi_[b].v - u.v, xi_[b].w - u.w});
+    }
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      this->subtract_reaction(k, this->here(k), -load3(&z[3 * nodes_.lam(k)]), balance_);
+      if (stabilised()) this->subtract_reaction(k, this->before(k), -load3(&z[3 * nodes_.mu(k)]), drift_);
+      store(constraint_residual(k), &r[3 * nodes_.lam(k)]);
+      if (stabilised()) store(Vec3(this->here(k).position(this->part_of(k)) / h_), &r[3 * nodes_.mu(k)]);
+    }
+    for (int b = 0; b < system_.n(); ++b) {
+      store(balance_[b], &r[3 * nodes_.v(b)]);
+      if (stabilised()) store(drift_[b], &r[3 * nodes_.xi_v(b)]);
+    }
+    return Status::success;
+  }
+
+  bool factor() {
+    for (int b = 0; b < system_.n(); ++b) tangents_[b] = maps_[b].left_tangent();
+    if (split_) split_->linearise(joints_, this->start_joints_, state_.u, tangents_, h_);
+    return (this->core_ ? fill_core() : fill_matrix()) && this->factor_matrix();
+  }
+
+ private:
+  using Base::columns_, Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_, Base::state_;
+  using Base::system_, Base::xi_, Base::z_, Base::force_;
+
+  struct BodyBlocks {
+    double *v, *w, *xi_v = nullptr, *xi_w = nullptr, *xi_v_v = nullptr, *xi_w_w = nullptr;
+  };
+  static bool splits(const System& system, Level level) {
+    return level == Level::stabilised && StabilisedSolve::suits(system);
+  }
+  bool stabilised() const { return level_ == Level::stabilised; }
+  bool doubled() const { return columns_.doubled(); }
+
+  void find_blocks() {
+    bodies_.clear(), stiffness_.clear(), spring_blocks_.clear(), rate_blocks_.clear(), drift_blocks_.clear();
+    for (int b = 0; b < system_.n(); ++b) {
+      const int v = columns_.v(b), w = columns_.w(b), xi_v = columns_.xi_v(b), xi_w = columns_.xi_w(b);
+      bodies_.push_back({lu_.block(v, v), lu_.block(w, w)});
+      if (doubled())
+        bodies_.back() = {lu_.block(v, v),       lu_.block(w, w),    lu_.block(xi_v, xi_v),
+                          lu_.block(xi_w, xi_w), lu_.block(xi_v, v), lu_.block(xi_w, w)};
+    }
+    for (int k = 0; k < columns_.parts(); ++k) {
+      for (Side row : kSides)
+        for (Side column : kSides) stiffness_.push_back(against_xi(this->body_of(k, row), this->body_of(k, column)));
+      for (Side side : kSides) {
+        const int b = this->body_of(k, side);
+        const bool none = !doubled() || b == system_.n();
+        rate_blocks_.push_back(none ? SideBlocks{} : SideBlocks::of(lu_, columns_.lam(k), columns_.xi_v(b), columns_.xi_w(b)));
+        drift_blocks_.push_back(none ? SideBlocks{} : SideBlocks::of(lu_, columns_.mu(k), columns_.xi_v(b), columns_.xi_w(b)));
+      }
+    }
+    for (const Force& force : system_.forces)
+      for (int row : {force.parent, force.child})
+        for (int column : {force.parent, force.child}) spring_blocks_.push_back(against_xi(row, column));
+  }
+
+  PairBlocks against_xi(int row, int column) {
+    if (row == system_.n() || column == system_.n()) return {};
+    return PairBlocks::of(lu_, columns_.v(row), columns_.w(row), columns_.xi_v(column), columns_.xi_w(column));
+  }
+
+  void begin() {
+    if (split_) split_->forget();
+  }
+  void guess(std::vector<double>& z) const {
+    for (int b = 0; b < system_.n(); ++b) {
+      store(state_.u[b], &z[3 * nodes_.v(b)]);
+      store(state_.u[b], &z[3 * nodes_.xi_v(b)]);
+    }
+    this->guess_multipliers(h_, z);
+  }
+
+  bool configure(const std::vector<double>& z) {
+    for (int b = 0; b < system_.n(); ++b) {
+      state_.u[b] = load(&z[3 * nodes_.v(b)]);
+      xi_[b] = load(&z[3 * nodes_.xi_v(b)]);
+      if (!this->move(b)) return false;
+    }
+    return true;
+  }
+
+  // The rows that belong to Lam; positions are divided by h.
+  Vec3 constraint_residual(int k) const {
+    const Part& part = this->part_of(k);
+    if (level_ == Level::position) return this->here(k).position(part) / h_;
+    const Vec3 rate = this->velocity_rows(k, state_, this->here(k));
+    if (level_ != Level::acceleration) return rate;
+    const Twist &parent = state_.u[this->body_of(k, kParent)], &child = state_.u[this->body_of(k, kChild)];
+    const Vec3 before = this->velocity_rows(k, start_, this->here(k));
+    return (rate - before) + h_ * (this->here(k).gamma(part, parent, child) + 2 * gains_.alpha * rate +
+                                   gains_.beta * gains_.beta * this->here(k).position(part));
+  }
+
+  // Where a joint's second derivatives and the forces keep to one body each: spherical joints without forces, on trees.
+  // The acceleration level has rows of its own.
+  static bool eliminates(const System& system, Level level) {
+    return level != Level::acceleration && system.forces.empty() && elimination_order(system).loops.empty() &&
+           std::all_of(system.joints.begin(), system.joints.end(), [](const Joint& joint) {
+             return std::all_of(joint.parts.begin(), joint.parts.end(), [](const Part& part) { return part.spherical; });
+           });
+  }
+
+  // The matrix of eliminates(): a rotational block per body, and the rows of spherical parts.
+  bool fill_core() {
+    for (int b = 0; b < system_.n(); ++b) stiffness_of_[b].setZero();
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      const Vec3 impulse = h_ * load3(&z_[3 * nodes_.lam(k)]);
+      for (Side side : kSides) stiffness_of_[this->body_of(k, side)] += this->here(k).anchor_stiffness(side, impulse);
+    }
+    for (int b = 0; b < system_.n(); ++b)
+      if (!this->core_->set_rotational(b, inertia_block(b) + stiffness_of_[b] * tangents_[b])) return false;
+    struct Derivatives {
+      const LagrangeStepper& stepper;
+      Mat3 rotations(const Delassus::Place& place, const Mat3& G) const { return stepper.anchor_rows(place, G); }
+      Rows rows(const Delassus::Place& place, const Rows& G) const { return {G.v, rotations(place, G.w)}; }
+    };
+    this->core_->assemble(Derivatives{*this}, Delassus::Jacobians{joints_});
+    return true;
+  }
+  // Slope of a spherical part's rows by xi, against rotations: of position, or of velocity where that is all there is.
+  Mat3 anchor_rows(const Delassus::Place& place, const Mat3& G) const {
+    if (level_ != Level::velocity) return G * tangents_[place.body];
+    const Mat3 slope = joints_[place.joint].anchor_rate_slope(place.side, state_.u[place.body].w);
+    return G + h_ * slope * tangents_[place.body];
+  }
+
+  bool fill_matrix() {
+    lu_.set_zero();
+    for (int b = 0; b < system_.n(); ++b) body_blocks(b);
+    for (size_t k = 0; k < system_.forces.size(); ++k) add_force_blocks(k);
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      this->pad(k);
+      for (Side row : kSides)
+        for (Side column : kSides) stiffness_blocks(k, row, column);
+      for (Side side : kSides)
+        if (this->body_of(k, side) != system_.n()) constraint_blocks(k, side);
+    }
+    return true;
+  }
+
+  // J - h df/du of the body's own gyroscopic torque.
+  Mat3 inertia_block(int b) const {
+    const Body& body = system_.bodies[b];
+    const Vec3& w = state_.u[b].w;
+    return body.inertia + h_ * gyroscopic_slope(w, angular_momentum(body, w), body.inertia);
+  }
+  // M - h df/du, and M (xi - u) below it.
+  void body_blocks(int b) {
+    const Body& body = system_.bodies[b];
+    const BodyBlocks& blocks = bodies_[b];
+    put_diagonal(blocks.v, body.mass);
+    put(blocks.w, inertia_block(b));
+    if (!doubled()) return;
+    put_diagonal(blocks.xi_v, body.mass), put_diagonal(blocks.xi_v_v, -body.mass);
+    put(blocks.xi_w, body.inertia), put(blocks.xi_w_w, -body.inertia);
+  }
+
+  // h d(G^T Lam)/dq T, onto the columns of xi.
+  void stiffness_blocks(int k, Side row, Side column) {
+    const PairBlocks& blocks = stiffness_[4 * k + 2 * row + column];
+    const Part& part = this->part_of(k);
+    if (!blocks.ww || (part.spherical && row != column)) return;
+    const Vec3 impulse = h_ * load3(&z_[3 * nodes_.lam(k)]);
+    const Mat3& T = tangents_[this->body_of(k, column)];
+    if (part.spherical) return add(blocks.ww, this->here(k).anchor_stiffness(row, impulse) * T);  // the only block
+    blocks.add(1, this->here(k).geometric_stiffness(part, row, column, impulse), T);
+  }
+
+  // - h df/du onto the columns of u, - h^2 df/dq T onto those of xi.
+  void add_force_blocks(size_t k) {
+    const Force& force = system_.forces[k];
+    const ForceState here(force, state_.frames, state_.u, start_.angles[k]);
+    for (Side row : kSides)
+      for (Side column : kSides) {
+        const PairBlocks& by_position = spring_blocks_[4 * k + 2 * row + column];
+        if (!by_position.ww) continue;  // the ground
+        const Mat3& T = tangents_[column == kChild ? force.child : force.parent];
+        by_position.add(-h_ * h_, here.by_position(row, column), T);
+        if (force.damping == 0) continue;
+        this->force_blocks_[4 * k + 2 * row + column].add(-h_, here.by_velocity(row, column), Mat3::Identity());
+      }
+  }
+
+  void constraint_blocks(int k, Side side) {
+    const Mat3& T = tangents_[this->body_of(k, side)];
+    const SideBlocks& blocks = this->blocks_[2 * k + side];
+    const Rows G = this->here(k).jacobian(this->part_of(k), side);
+    blocks.put_columns(G);
+    if (level_ == Level::position || split_) {
+      if (split_ && !this->part_of(k).spherical) split_->slope(k, side) = rate_slope(k, side, G, T);
+      return blocks.put_rows(G.v, G.w * T);
+    }
+    const Rows slope = rate_slope(k, side, G, T);
+    if (!stabilised()) return blocks.put_rows(G.v + slope.v, G.w + slope.w);
+    blocks.put_rows(G.v, G.w);
+    rate_blocks_[2 * k + side].put_rows(slope.v, slope.w);
+    drift_blocks_[2 * k + side].put_rows(G.v, G.w * T);
+    drift_blocks_[2 * k + side].put_columns(this->before(k).jacobian(this->part_of(k), side));
+  }
+
+  // Derivative of the velocity or acceleration row with respect to xi beyond G itself. For the acceleration level the
+  // third derivatives of Phi are left out: they enter at h^2, and the iteration still ends at the exact equations.
+  Rows rate_slope(int k, Side side, const Rows& G, const Mat3& T) const {
+    const int i = this->body_of(k, kParent), j = this->body_of(k, kChild);
+    const JointState& joint = this->here(k);
+    const Part& part = this->part_of(k);
+    if (level_ != Level::acceleration) {
+      const Rows N = joint.velocity_slope(part, side, state_.u[i], state_.u[j], false);
+      return {h_ * N.v, h_ * N.w * T};
+    }
+    auto change = [&](int b) { return Twist{state_.u[b].v - start_.u[b].v, state_.u[b].w - start_.u[b].w}; };
+    const Rows first = joint.velocity_slope(part, side, change(i), change(j), false);  // d(G h a)/dq
+    const Rows second = joint.velocity_slope(part, side, state_.u[i], state_.u[j], true);
+    const double feedback = 2 * gains_.alpha + h_ * gains_.beta * gains_.beta;
+    return {h_ * (first.v + second.v + feedback * G.v), h_ * (first.w + second.w + feedback * G.w)};
+  }
+
+  Status finish() {
+    if (!configure(z_)) return Status::map_domain;
+    this->settle();
+    if (this->index1_output_) return this->solve_index1();
+    if (split_ && !this->saddle_.factor(joints_)) return Status::singular_matrix;
+    this->store_multipliers(h_);
+    for (int b = 0; b < system_.n(); ++b)
+      state_.a[b] = {(state_.u[b].v - start_.u[b].v) / h_, (state_.u[b].w - start_.u[b].w) / h_};
+    return Status::success;
+  }
+
+  Gains gains_;
+  std::optional<StabilisedSolve> split_;
+  std::vector<Mat3> tangents_, stiffness_of_;
+  std::vector<Twist> balance_, drift_;  // residuals of the dynamics and of M xi = M u - G_n^T mu
+  std::vector<double> filtered_;
+  std::vector<BodyBlocks> bodies_;
+  std::vector<PairBlocks> stiffness_, spring_blocks_;   // against xi, per part or force, row side, column side
+  std::vector<SideBlocks> rate_blocks_, drift_blocks_;  // velocity rows against xi; position rows and mu against xi
+};
+
+}  // namespace lieeuler

@@ -1,0 +1,294 @@
+// Extrapolation of DAE1L_LSE in the step, with order and step control: the idea of Deuflhard's codes (doi:10.1137/1027140)
+// as in SEULEX (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.9).
+//
+// A step H is done in n_j = 1, 2, 3, ... sub-steps. The results, taken as y = (x, log(R_n^T R), v, w), have an expansion in
+// powers of H / n_j: a sub-step uses nothing of its start but (q, u), which are consistent, and equations that are smooth.
+// Aitken and Neville's table removes one power a column; one projection onto Phi = 0 and G u = 0 ends the step.
+//
+//   T_j1 = y of n_j sub-steps,   T_j,k+1 = T_jk + (T_jk - T_j-1,k) / (n_j / n_j-k - 1)
+#pragma once
+
+#include <array>
+
+#include "run/adaptive_steps.hpp"
+#include "methods/euler_lagrange.hpp"
+
+namespace lieeuler {
+
+class Extrapolation {
+ public:
+  explicit Extrapolation(const System& system)
+      : system_(system), euler_(system, Level::stabilised, false, {}), whole_(system, Level::stabilised, false, {}),
+        projection_(system), state_(system), next_(system),
+        size_(12 * system.n()), most_turn_(most_turn(system, 2.5)), difference_(size_), rates_(system.n() + 1) {
+    euler_.polish_velocities(), whole_.polish_velocities();  // the table magnifies what errors a sub-step leaves
+    for (std::vector<double>& entry : table_) entry.assign(size_, 0.0);
+    for (Node& node : nodes_) node.y.assign(size_ / 2, 0.0);
+  }
+
+  Status start(const State& initial, double rtol, Counters& counters) {
+    rtol_ = rtol;
+    state_ = initial;
+    update_angles(system_, state_.frames, state_.u, state_.angles);
+    if (const Status status = projection_.start(state_); status != Status::success) return status;
+    scales_ = Scales::of(system_, state_);
+    if (const Status status = projection_.settle(state_, scales_, counters); status != Status::success) return status;
+    rank_confirmed_ = projection_.redundant_rows() == 0;
+    for (most_rows_ = 4; most_rows_ < kMostRows && magnification(most_rows_ + 1) < kRounding * rtol; ++most_rows_) {}
+    step_ = 1e-2 / scales_.rate;  // the first steps mend it
+    target_ = std::clamp(static_cast<int>(2 - 0.5 * std::log10(rtol)), 3, most_rows_ - 1);
+    return Status::success;
+  }
+
+  double proposed() const { return std::min(step_, longest_step()); }
+
+  Status attempt(double h, bool& stands, Counters& counters, Watch& watch) {
+    if (const Status status = fill_rows(h, stands, counters, watch); status != Status::success || !stands) return status;
+    extrapolate(state_, next_);
+    return projection_.project(next_, scales_, counters);
+  }
+
+  void refuse(double h, Status status) {
+    refused_ = true;
+    if (status == Status::success)
+      plan_again(h);
+    else
+      step_ = 0.3 * h, target_ = std::max(3, target_ - 1);
+  }
+
+  Status accept(double h) {
+    plan_next(h);
+    h_ = h, refused_ = false;
+    std::swap(state_, next_);
+    scales_ = Scales::of(system_, state_);
+    node_count_ = 0;
+    if (rank_confirmed_) return Status::success;
+    rank_confirmed_ = true;
+    return projection_.confirm_rank();
+  }
+
+  // By Hermite interpolation of (x, theta) and their rates at the ends of the step and at points inside it, extrapolated
+  // like the step itself: of the order of the step at least.
+  Status dense(double fraction, State& out, Counters& counters, Watch& watch) {
+    if (node_count_ == 0)
+      if (const Status status = interpolate(h_, counters, watch); status != Status::success) return status;
+    ExpMap map;
+    for (int b = 0; b < system_.n(); ++b) {
+      Twist value, rate;  // of x and theta
+      for (int k = node_count_; k-- > 0;) {
+        const Twist term = load(&nodes_[k].y[6 * b]);
+        const double lever = fraction - nodes_[k].s;
+        rate = {value.v + lever * rate.v, value.w + lever * rate.w};
+        value = {term.v + lever * value.v, term.w + lever * value.w};
+      }
+      map.set(value.w);
+      out.frames[b].x = next_.frames[b].x + value.v;
+      out.frames[b].R = next_.frames[b].R * map.rotation();
+      out.u[b] = {rate.v / h_, map.left_tangent() * rate.w / h_};
+    }
+    out.angles = next_.angles;
+    return Status::success;
+  }
+
+  const State& state() const { return state_; }
+  const Constraints& joints() const { return projection_.joints(); }
+  int redundant_rows() const { return projection_.redundant_rows(); }
+  double smallest_pivot() { return projection_.smallest_pivot(); }
+  double rate() const { return scales_.rate; }
+
+ private:
+  static constexpr int kMostRows = 12;
+  // A row may magnify rounding up to the tolerance: a fifth of that is what is left of it, measured.
+  static constexpr double kRounding = 1 / std::numeric_limits<double>::epsilon();
+  static constexpr double kSolved = 0.1;    // of the tolerance, for what the iterations of all sub-steps leave
+  static constexpr int kMostInner = (kMostRows - 1) / 2;
+
+  // A term of Newton's interpolation formula: 3 + 3 numbers a body.
+  struct Node {
+    double s = 0;
+    std::vector<double> y;
+  };
+
+  // Sum of the sizes of the weights of the first column in T_nn: what the table makes of rounding.
+  static double magnification(int n) {
+    double sum = 0;
+    for (int k = 1; k <= n; ++k) sum += std::pow(k, n - 1) / (std::tgamma(k) * std::tgamma(n - k + 1));
+    return sum;
+  }
+  // Beyond, attitudes would leave the chart, or wind around it.
+  double longest_step() const {
+    double rate = 0;
+    for (int b = 0; b < system_.n(); ++b) rate = std::max(rate, state_.u[b].w.norm());
+    return 0.8 * most_turn_ / std::max(rate, 1e-300);
+  }
+
+  // Sub-steps down to a row, and the projection.
+  static double work(int row) { return 0.5 * row * (row + 1) + 1; }
+  double work_per_time(int row) const { return work(row) / best_[row]; }
+
+  // Row n of the table for the step h from `start`, into table_[1 .. n], and the difference of its last two entries.
+  Status fill(int n, double h, const State& start, Counters& counters, Watch& watch) {
+    LagrangeStepper<ExpMap>& euler = n == 1 ? whole_ : euler_;
+    Counters inner;
+    Status status = euler.start(start, h / n);
+    for (int i = 0; i < n && status == Status::success; ++i)
+      status = watch.ends() ? Status::interrupted : euler.step(inner);  // a step has hundreds of these
+    inner.add_to(counters);
+    if (status != Status::success) return status;
+    if (!coordinates(start, euler.state(), difference_)) return Status::map_domain;
+    for (size_t i = 0; i < size_; ++i) {
+      double entry = difference_[i];
+      for (int k = 1; k < n; ++k) {
+        const double above = std::exchange(table_[k][i], entry);
+        entry += (entry - above) * (n - k) / k;
+      }
+      table_[n][i] = entry;
+      if (n > 1) difference_[i] = table_[n - 1][i] - entry;
+    }
+    rows_ = n;
+    return Status::success;
+  }
+
+  // False where a body turned too far for the chart.
+  bool coordinates(const State& start, const State& state, std::vector<double>& y) const {
+    for (int b = 0; b < system_.n(); ++b) {
+      const Vec3 theta = logarithm(start.frames[b].R.transpose() * state.frames[b].R);
+      if (!(theta.norm() < most_turn_)) return false;
+      double* const at = &y[12 * b];
+      store(Vec3(state.frames[b].x - start.frames[b].x), at), store(theta, at + 3);
+      store(Vec3(state.u[b].v - start.u[b].v), at + 6), store(Vec3(state.u[b].w - start.u[b].w), at + 9);
+    }
+    return true;
+  }
+  // The state of the last entry of the last row.
+  void extrapolate(const State& start, State& out) const {
+    ExpMap map;
+    for (int b = 0; b < system_.n(); ++b) {
+      const double* const at = &table_[rows_][12 * b];
+      map.set(load3(at + 3));
+      out.frames[b].x = start.frames[b].x + load3(at);
+      out.frames[b].R = start.frames[b].R * map.rotation();
+      out.u[b] = {start.u[b].v + load3(at + 6), start.u[b].w + load3(at + 9)};
+    }
+    out.angles = start.angles;
+  }
+
+  // Rows until one converges, or until it is plain that none will up to the one after the target.
+  Status fill_rows(double h, bool& converged, Counters& counters, Watch& watch) {
+    double error = 0, last = 0;
+    for (auto* euler : {&euler_, &whole_}) euler->solve_to(kSolved * rtol_ / magnification(target_ + 1));
+    for (int row = 1; row <= target_ + 1; ++row) {
+      if (const Status status = fill(row, h, state_, counters, watch); status != Status::success) return status;
+      if (row == 1) continue;
+      last = std::exchange(error, estimate() / rtol_);
+      if (!std::isfinite(error)) return Status::non_finite;
+      best_[row] = longest(row, h, error);
+      if (row + 1 < target_) continue;
+      converged = error <= 1;
+      if (converged) return Status::success;
+      // Further rows bring the error down by the same factor again, at least.
+      const double factor = row == 2 ? 1.0 / row : error / last;
+      if (error * std::pow(factor, target_ + 1 - row) > 1) {
+        for (int other = row + 1; other <= target_; ++other)
+          best_[other] = longest(other, h, error * std::pow(std::min(factor, 1.0), other - row));
+        return Status::success;
+      }
+    }
+    return Status::success;
+  }
+  // The error of the row filled last; of the velocities what outlasts an implicit step, not the oscillation of a stiff spring
+  // that displaces nothing (as in code RADAU5; Hairer and Wanner IV.8).
+  double estimate() {
+    for (int b = 0; b < system_.n(); ++b) rates_[b] = load(&difference_[12 * b + 6]);
+    if (whole_.filter(rates_))
+      for (int b = 0; b < system_.n(); ++b) store(rates_[b], &difference_[12 * b + 6]);
+    return scales_.norm(difference_);
+  }
+  // The step that row would take, from its error over the tolerance.
+  static double longest(int row, double h, double error) {
+    return h * std::clamp(0.94 * std::pow(0.65 / std::max(error, 1e-12), 1.0 / row), 0.1, 4.0);
+  }
+
+  void plan_again(double h) {
+    if (target_ > 3 && work_per_time(target_ - 1) < 0.8 * work_per_time(target_)) --target_;
+    step_ = std::min(best_[target_], 0.9 * h);
+  }
+  // Order and step of least work per unit of time, as in code SEULEX.
+  void plan_next(double h) {
+    const int used = rows_;
+    int order = std::max(used <= target_ ? used : used - 1, 2);
+    if (order > 2 && work_per_time(order - 1) < 0.8 * work_per_time(order))
+      --order;
+    else if (used <= target_ && (used == 2 || work_per_time(used) < 0.9 * work_per_time(used - 1)))
+      order = used + 1;
+    else if (used > target_ && work_per_time(used) < 0.9 * work_per_time(order))
+      order = used;
+    order = std::clamp(order, 3, most_rows_ - 1);
+    if (refused_) {
+      target_ = std::max(3, std::min(order, used));
+      step_ = std::min(h, best_[std::min(target_, used)]);
+      return;
+    }
+    step_ = order <= used ? best_[order] : best_[used] * work(order) / work(used);
+    target_ = order;
+  }
+
+  Status interpolate(double h, Counters& counters, Watch& watch) {
+    const State& start = next_;  // where the step began
+    const int rows = rows_, inner = std::max(1, (rows - 1) / 2);
+    auto put = [&](int place, double s, const std::vector<double>& y) {
+      for (int b = 0; b < system_.n(); ++b) {
+        const double* const at = &y[12 * b];
+        const Vec3 theta = load3(at + 3);
+        ExpMap map;
+        map.set(theta);
+        Node &value = nodes_[2 * place], &rate = nodes_[2 * place + 1];
+        value.s = rate.s = s;
+        store(load(at), &value.y[6 * b]);
+        store(Twist{h * (start.u[b].v + load3(at + 6)), h * map.momentum(start.u[b].w + load3(at + 9))}, &rate.y[6 * b]);
+      }
+    };
+    std::fill(difference_.begin(), difference_.end(), 0.0);
+    put(0, 0, difference_);
+    if (!coordinates(start, state_, difference_)) return Status::map_domain;
+    put(inner + 1, 1, difference_);
+    for (int i = 1; i <= inner; ++i) {
+      const double s = static_cast<double>(i) / (inner + 1);
+      for (int row = 1; row <= rows; ++row)
+        if (const Status status = fill(row, s * h, start, counters, watch); status != Status::success) return status;
+      put(i, s, table_[rows]);
+    }
+    node_count_ = 2 * (inner + 2);
+    divide_differences();
+    return Status::success;
+  }
+  // Values and rates at double nodes become the coefficients of Newton's formula.
+  void divide_differences() {
+    for (size_t i = 0; i < size_ / 2; ++i) {
+      for (int k = node_count_ - 2; k > 0; k -= 2)
+        nodes_[k].y[i] = (nodes_[k].y[i] - nodes_[k - 2].y[i]) / (nodes_[k].s - nodes_[k - 2].s);
+      for (int level = 2; level < node_count_; ++level)
+        for (int k = node_count_ - 1; k >= level; --k)
+          nodes_[k].y[i] = (nodes_[k].y[i] - nodes_[k - 1].y[i]) / (nodes_[k].s - nodes_[k - level].s);
+    }
+  }
+
+  const System& system_;
+  LagrangeStepper<ExpMap> euler_, whole_;  // whole_: of row 1, its matrix kept for the error estimate
+  Projection projection_;
+  State state_, next_;  // after a step next_ is its start
+  Scales scales_;
+  const size_t size_;
+  const double most_turn_;  // of a body in a step: log is smooth below half a turn
+  std::array<std::vector<double>, kMostRows + 1> table_;
+  std::vector<double> difference_;
+  std::vector<Twist> rates_;
+  std::array<double, kMostRows + 1> best_{};  // the step each row could take
+  std::array<Node, 2 * (kMostInner + 2)> nodes_;
+  int rows_ = 0, target_ = 0, node_count_ = 0, most_rows_ = kMostRows;
+  double rtol_ = 0, step_ = 0, h_ = 0;  // h_: of the step accepted last
+  bool rank_confirmed_ = false, refused_ = false;
+};
+using AdaptiveExtrapolation = AdaptiveSteps<Extrapolation>;
+
+}  // namespace lieeuler

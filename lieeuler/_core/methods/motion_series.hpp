@@ -1,0 +1,222 @@
+// Taylor coefficients of the motion, order by order, from the index-1 system (theory note, Taylor series).
+//
+// With (vdot, wdot, lam) of orders below k known, order k solves  M udot_k + G_0^T lam_k = f_k,  G_0 udot_k = -gamma_k:
+// always the same matrix. f_k and gamma_k are convolutions of known coefficients, in which lam_k and udot_k count as
+// zero: R hat(w) for attitudes and the gyroscopic torque, R^T V for the torque of a force V in world axes, products of
+// carried vectors for dot rows.
+#pragma once
+
+#include "methods/term_series.hpp"
+
+namespace lieeuler {
+
+class MotionSeries {
+ public:
+  MotionSeries(const System& system, const ReferencePoints& points)
+      : system_(system), points_(points), nodes_(system, false), body_(system, points) {
+    force_.resize(system.n() + 1);
+    rows_.resize(nodes_.parts());
+    turned_.resize(system.n() + 1);
+    for (int b = 0; b < system.n(); ++b) lever_.push_back(system.bodies[b].mass * points.centre(b));
+    parts_.reserve(nodes_.parts());
+    for (int k = 0; k < nodes_.parts(); ++k)
+      if (!points.holds(nodes_.part(k))) plan_part(k);
+    for (const Force& force : system.forces) plan_force(force);
+  }
+
+  // Coefficients of order zero of the configuration and velocity, and those of order one that follow without forces.
+  void start(const State& state) {
+    body_.start(state);
+    for (CarriedSeries& z : carried_) z.extend(body_, 0), z.extend(body_, 1);
+    for (SpringSeries& spring : springs_) spring.start();
+    for (size_t k = 0; k < torsions_.size(); ++k) torsions_[k].start(state);
+  }
+
+  // Order k: accelerations and multipliers k, velocities k + 1, configurations k + 2. False where a force has no
+  // series.
+  template <class Saddle>
+  bool extend(int k, Saddle& saddle) {
+    for (int b = 0; b < system_.n(); ++b) {
+      const Columns* const R = body_.R[b].data();
+      turned_[b] = turned(R, body_.w[b].data(), k);
+      force_[b].w = row(turned_[b], 3);
+      force_[b].v.setZero();
+      if (points_.pinned(b))
+        force_[b].w += lever_[b].cross(seen_from(R[k], system_.gravity));
+      else if (k == 0)
+        force_[b].v = system_.bodies[b].mass * system_.gravity;
+    }
+    force_[system_.n()] = {};
+    if (!system_.forces.empty() && !add_forces(k)) return false;
+    for (PartSeries& part : parts_) part.begin(carried_, k);
+    for (const Arm& arm : arms_) add_arm(arm, k);
+    for (PartSeries& part : parts_) subtract_gamma(part, k);
+    saddle.solve(force_, rows_);
+    for (int b = 0; b < system_.n(); ++b) body_.extend(b, k, turned_[b], force_[b]);
+    for (PartSeries& part : parts_) part.finish(carried_, k, rows_[part.index]);
+    for (CarriedSeries& z : carried_) z.extend(body_, k + 2);
+    return true;
+  }
+
+  // Frames, u and torsion angles at time h from the expansion's centre; orders of the accelerations below `order`.
+  void evaluate(double h, int order, const HingeTree& tree, State& state) const {
+    body_.evaluate(h, order, tree, state);
+    for (const TorsionSeries& torsion : torsions_) torsion.evaluate(h, order, state);
+  }
+  const BodySeries& bodies() const { return body_; }
+
+  struct Coefficient {
+    Vec3 x;  // centre of mass
+    Mat3 R;
+    Vec3 w;
+  };
+  Coefficient coefficient(int body, int k) const {
+    const Mat3 R = upper(body_.R[body][k]);
+    return {vector(body_.x[body][k]) + R * points_.centre(body), R, vector(body_.w[body][k])};
+  }
+
+ private:
+  // A force V in world axes at a point of a body, or a vector V that acts on an axis of it: the torque lever x R^T V.
+  struct Arm {
+    int body;
+    Vec3 lever;  // with the sign
+    double sign;
+    const Quad* force;
+    bool acts_on_translation, starts_at_one;
+  };
+
+  void plan_part(int k) {
+    const Joint& joint = system_.joints[nodes_.part(k).joint];
+    const Part& part = joint.parts[nodes_.part(k).part];
+    parts_.emplace_back(joint, part, k, points_);
+    PartSeries& series = parts_.back();
+    if (part.spherical) {
+      add_arms(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, series.lam.data(), false, true);
+      return;
+    }
+    for (int r = 0; r < part.rows(); ++r) {
+      const DotRow& dot = part.dots[r];
+      const int a = carried(joint, dot.a, dot.a_local), b = carried(joint, dot.b, dot.b_local);
+      series.rows.push_back({a, b, dot.scale});
+      plan_reaction(joint, series, dot.a, dot.a_local, r, b, dot.scale);
+      plan_reaction(joint, series, dot.b, dot.b_local, r, a, dot.scale);
+    }
+  }
+  // What `on` feels of multiplier r times the other carried vector; reactions on the same vector share a series.
+  void plan_reaction(const Joint& joint, PartSeries& part, Carrier on, const Vec3& local, int r, int other,
+                     double scale) {
+    for (ReactionSeries& reaction : part.reactions)
+      if (reaction.on == on && (on == Carrier::difference || reaction.local == local)) {
+        reaction.terms.push_back({r, other, scale});
+        return;
+      }
+    part.reactions.push_back({on, local, {{r, other, scale}}, std::vector<Quad>(kMostOrder + 3)});
+    const Quad* const force = part.reactions.back().value.data();
+    if (on == Carrier::difference)
+      add_arms(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, force, true, false);
+    else
+      add_arm_of(on == Carrier::child_axis ? joint.child : joint.parent, local, -1, force, false, false);
+  }
+  void plan_force(const Force& force) {
+    switch (force.kind) {
+      case Force::Kind::linear_spring: {
+        const Joint ends{force.parent, force.child, force.parent_point, force.child_point, {}};
+        springs_.emplace_back(force, carried(ends, Carrier::difference, Vec3::Zero()));
+        add_arms(force.parent, force.child, force.parent_point, force.child_point, springs_.back().force.data(), true,
+                 false);
+        break;
+      }
+      case Force::Kind::torsional_spring:
+        torsions_.emplace_back(force, static_cast<int>(&force - system_.forces.data()));
+        break;
+      case Force::Kind::load: break;
+    }
+  }
+  // A pull V of the anchors towards each other.
+  void add_arms(int parent, int child, const Vec3& parent_anchor, const Vec3& child_anchor, const Quad* force,
+                bool acts_on_translation, bool starts_at_one) {
+    add_arm_of(child, points_.local(child, child_anchor), -1, force, acts_on_translation, starts_at_one);
+    add_arm_of(parent, points_.local(parent, parent_anchor), 1, force, acts_on_translation, starts_at_one);
+  }
+  void add_arm_of(int body, const Vec3& local, double sign, const Quad* force, bool acts_on_translation,
+                  bool starts_at_one) {
+    if (body == system_.n()) return;
+    arms_.push_back({body, sign * local, sign, force, acts_on_translation, starts_at_one});
+  }
+  int carried(const Joint& joint, Carrier carrier, const Vec3& local) {
+    const CarriedSeries wanted(joint, carrier, local, points_);
+    for (size_t k = 0; k < carried_.size(); ++k)
+      if (carried_[k].same_as(wanted)) return static_cast<int>(k);
+    carried_.push_back(wanted);
+    return static_cast<int>(carried_.size()) - 1;
+  }
+
+  bool add_forces(int k) {
+    for (SpringSeries& spring : springs_)
+      if (!spring.extend(carried_[spring.line].value.data(), k)) return false;
+    for (TorsionSeries& torsion : torsions_) {
+      const double torque = torsion.extend(body_, k);
+      force_[torsion.force->parent].w += torque * torsion.force->axis;
+      force_[torsion.force->child].w -= torque * torsion.seen;
+    }
+    for (const Force& force : system_.forces)
+      if (force.kind == Force::Kind::load) add_load(force, k);
+    return true;
+  }
+  void add_load(const Force& load, int k) {
+    const Columns& R = body_.R[load.child][k];
+    Twist& target = force_[load.child];
+    const Vec3 point = points_.local(load.child, load.child_point);
+    if (load.in_world) {
+      target.w += point.cross(seen_from(R, load.force)) + seen_from(R, load.torque);
+      if (k == 0) target.v += load.force;
+    } else {
+      target.v += vector(times(R, load.force));
+      if (k == 0) target.w += point.cross(load.force) + load.torque;
+    }
+  }
+  void add_arm(const Arm& arm, int k) {
+    const Vec3 seen = transpose_times(body_.R[arm.body].data(), arm.force, arm.starts_at_one ? 1 : 0, k);
+    force_[arm.body].w += arm.lever.cross(seen);
+    if (arm.acts_on_translation) force_[arm.body].v += arm.sign * vector(arm.force[k]);
+  }
+  void subtract_gamma(PartSeries& series, int k) {
+    Vec3& target = rows_[series.index];
+    if (series.part->spherical) {
+      const Vec3 gamma = vector(times(turned_[series.child], series.child_point)) -
+                         vector(times(turned_[series.parent], series.parent_point));
+      target = -(k + 1) * gamma;
+      return;
+    }
+    target.setZero();
+    for (const PartSeries::Row& row : series.rows)
+      for (int z : {row.a, row.b}) carried_[z].guess(turned_, k);
+    for (size_t r = 0; r < series.rows.size(); ++r) {
+      const PartSeries::Row& row = series.rows[r];
+      target[r] = -(k + 1) * (k + 2) * row.scale *
+                  dot(carried_[row.a].value.data(), carried_[row.b].value.data(), k + 2);
+    }
+  }
+  // A^T a of the upper rows
+  static Vec3 seen_from(const Columns& A, const Vec3& a) {
+    Vec3 y;
+    for (int c = 0; c < 3; ++c) y[c] = A(0, c) * a[0] + A(1, c) * a[1] + A(2, c) * a[2];
+    return y;
+  }
+
+  const System& system_;
+  const ReferencePoints& points_;
+  const Nodes nodes_;
+  BodySeries body_;
+  std::vector<Vec3> lever_;      // mass times centre of mass, for the torque of gravity about a pin
+  std::vector<Columns> turned_;  // of this order, the ground's zero
+  std::vector<CarriedSeries> carried_;
+  std::vector<PartSeries> parts_;
+  std::vector<SpringSeries> springs_;
+  std::vector<TorsionSeries> torsions_;
+  std::vector<Arm> arms_;
+  std::vector<Twist> force_;  // in: forces of this order; out: accelerations
+  std::vector<Vec3> rows_;    // by part; in: -gamma; out: multipliers
+};
+
+}  // namespace lieeuler

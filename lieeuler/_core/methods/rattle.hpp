@@ -1,0 +1,41 @@
+// Symmetric compositions of RATTLE: steps of weights[0] h, weights[1] h, ... one after the other.
+#pragma once
+
+#include "methods/euler_hamilton.hpp"
+
+namespace lieeuler {
+
+template <class Map>
+class CompositionStepper : public HamiltonStepper<Map> {
+  using Rattle = HamiltonStepper<Map>;
+
+ public:
+  CompositionStepper(const System& system, std::vector<double> weights)
+      : Rattle(system, Level::stabilised, true, Rattle::Kind::rattle), weights_(std::move(weights)),
+        predictors_(weights_.size()) {}
+
+  Status start(const State& state, double h) {
+    whole_step_ = h;
+    const Status status = Rattle::start(state, h);
+    // Each stage is guessed from the same stage of the steps before: from stage to stage nothing is smooth.
+    for (Predictor& predictor : predictors_) predictor.reset(this->unknowns());
+    return status;
+  }
+
+  Status step(Counters& counters) {
+    for (size_t i = 0; i < weights_.size(); ++i) {
+      this->index1_output_ = i + 1 == weights_.size();  // (a, lam) of the step's end only
+      const Status status = this->advance(weights_[i] * whole_step_, predictors_[i], counters);
+      if (status != Status::success) return status;
+    }
+    ++counters.steps;
+    return Status::success;
+  }
+
+ private:
+  std::vector<double> weights_;
+  std::vector<Predictor> predictors_;
+  double whole_step_ = 0;
+};
+
+}  // namespace lieeuler

@@ -1,0 +1,61 @@
+// The elimination order of bodies and joints, found once per system.
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+#include "model/system.hpp"
+
+namespace lieeuler {
+
+// Nodes 0 .. n-1 are bodies, n + j is joint j.
+//
+// Leaves first along a spanning tree: a body, then the joint that ties it to its parent. That joint's diagonal block,
+// zero at first, has become -G A^-1 G^T of a body free to move, so no pivot of a tree can vanish. Joints that close
+// loops come last of all: only what is left of their blocks then can lack rank.
+struct EliminationOrder {
+  std::vector<int> tree;   // bodies and joints
+  std::vector<int> loops;  // joints
+};
+
+inline EliminationOrder elimination_order(const System& system) {
+  const int n = system.n(), ground = n, none = -1;
+  std::vector<std::vector<int>> joints_at(n + 1);
+  for (size_t j = 0; j < system.joints.size(); ++j) {
+    joints_at[system.joints[j].parent].push_back(static_cast<int>(j));
+    joints_at[system.joints[j].child].push_back(static_cast<int>(j));
+  }
+
+  std::vector<int> tree_joint(n + 1, none), depth(n + 1, none), visited;
+  auto span = [&](int root) {
+    depth[root] = 0;
+    visited.push_back(root);
+    for (size_t k = visited.size() - 1; k < visited.size(); ++k) {
+      const int body = visited[k];
+      for (int j : joints_at[body]) {
+        const Joint& joint = system.joints[j];
+        const int other = joint.parent == body ? joint.child : joint.parent;
+        if (depth[other] != none) continue;
+        tree_joint[other] = j, depth[other] = depth[body] + 1;
+        visited.push_back(other);
+      }
+    }
+  };
+  span(ground);
+  for (int body = 0; body < n; ++body)
+    if (depth[body] == none) span(body);
+
+  EliminationOrder order;
+  std::vector<char> in_tree(system.joints.size(), 0);
+  for (auto body = visited.rbegin(); body != visited.rend(); ++body) {
+    if (*body != ground) order.tree.push_back(*body);
+    if (tree_joint[*body] == none) continue;
+    order.tree.push_back(n + tree_joint[*body]);
+    in_tree[tree_joint[*body]] = 1;
+  }
+  for (size_t j = 0; j < system.joints.size(); ++j)
+    if (!in_tree[j]) order.loops.push_back(n + static_cast<int>(j));
+  return order;
+}
+
+}  // namespace lieeuler

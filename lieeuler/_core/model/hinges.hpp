@@ -1,0 +1,59 @@
+// What spherical parts of joints say about positions: bodies hung on the ground turn about a fixed point, and along a
+// tree of them positions follow from attitudes.
+#pragma once
+
+#include "model/kinematics.hpp"
+
+namespace lieeuler {
+
+// Anchors of two bodies that coincide. `base` comes before `body` in the list, or is the ground.
+struct Hinge {
+  int body, base, joint;
+  Vec3 body_anchor, base_anchor;
+};
+
+class HingeTree {
+ public:
+  explicit HingeTree(const System& system) : hangs(system.n(), 0) {
+    std::vector<char> reached(system.n() + 1, 0);
+    int rows = 0;
+    auto hang_from = [&](int root) {
+      reached[root] = 1;
+      std::vector<int> queue{root};
+      for (size_t i = 0; i < queue.size(); ++i)
+        for (int j = 0; j < static_cast<int>(system.joints.size()); ++j) {
+          const Joint& joint = system.joints[j];
+          const bool joins = joint.parts.front().spherical && (joint.parent == queue[i] || joint.child == queue[i]);
+          const int other = joint.parent == queue[i] ? joint.child : joint.parent;
+          if (!joins || reached[other]) continue;
+          const bool down = other == joint.child;
+          hinges.push_back({other, queue[i], j, down ? joint.child_anchor : joint.parent_anchor,
+                            down ? joint.parent_anchor : joint.child_anchor});
+          reached[other] = hangs[other] = 1, rows += 3;
+          queue.push_back(other);
+        }
+    };
+    hang_from(system.n());
+    for (int b = 0; b < system.n(); ++b)
+      if (!reached[b]) hang_from(b);
+    complete = rows == system.rows();
+  }
+
+  // Positions and velocities of all bodies hung on others from the attitudes and their rates.
+  void settle(State& state) const {
+    for (const Hinge& hinge : hinges) {
+      const Frame& base = state.frames[hinge.base];
+      const Twist& above = state.u[hinge.base];
+      Frame& body = state.frames[hinge.body];
+      Twist& u = state.u[hinge.body];
+      body.x = base.x + base.R * hinge.base_anchor - body.R * hinge.body_anchor;
+      u.v = above.v + base.R * above.w.cross(hinge.base_anchor) - body.R * u.w.cross(hinge.body_anchor);
+    }
+  }
+
+  std::vector<Hinge> hinges;
+  std::vector<char> hangs;  // bodies that hang on another one or the ground
+  bool complete;  // there are no other constraints
+};
+
+}  // namespace lieeuler

@@ -1,0 +1,271 @@
+// Constraint rows of one joint at one configuration: Phi, G, gamma and the second derivatives Newton's matrix needs.
+//
+// All vectors below are in world axes. A carried vector z (see Carrier) changes with the quasi-velocities of body b as
+// D z[u] = sign_b v_b + w_b^world x arm_b, and D_d D_u z = R_b (d x (w x local arm)): each constraint and its
+// derivatives follow from these two by the product rule. Rows come part by part, three at the most.
+#pragma once
+
+#include <utility>
+
+#include "model/system.hpp"
+
+namespace lieeuler {
+
+enum Side { kParent = 0, kChild = 1 };
+inline constexpr Side kSides[2] = {kParent, kChild};
+
+// Three rows with respect to the quasi-velocities of one body.
+struct Rows {
+  Mat3 v = Mat3::Zero(), w = Mat3::Zero();
+};
+// A block of second derivatives: rows (v, w) of one body, columns of another.
+struct Stiffness {
+  Mat3 vv = Mat3::Zero(), vw = Mat3::Zero(), wv = Mat3::Zero(), ww = Mat3::Zero();
+};
+
+class JointState {
+ public:
+  // `frames` has to stay where it is while this is in use.
+  void update(const Joint& joint, const std::vector<Frame>& frames) {
+    frame_[kParent] = &frames[joint.parent], frame_[kChild] = &frames[joint.child];
+    anchor_[kParent] = &joint.parent_anchor, anchor_[kChild] = &joint.child_anchor;
+    for (Side side : kSides) arm_[side] = times(frame_[side]->R, *anchor_[side]);
+    d_ = (frame_[kChild]->x - frame_[kParent]->x) + (arm_[kChild] - arm_[kParent]);
+  }
+
+  const Mat3& attitude(Side side) const { return frame_[side]->R; }
+  const Vec3& anchor(Side side) const { return *anchor_[side]; }
+
+  Vec3 position(const Part& part) const {
+    if (part.spherical) return d_;
+    Vec3 phi = Vec3::Zero();
+    for (int r = 0; r < part.rows(); ++r) {
+      const DotRow& dot = part.dots[r];
+      phi[r] = dot.scale * a(dot).value.dot(b(dot).value) - dot.constant;
+    }
+    return phi;
+  }
+
+  // Sizes of the terms whose differences the rows of Phi are.
+  Vec3 terms(const Part& part) const {
+    double ends = 0;
+    for (Side side : kSides) ends = std::max(ends, frame_[side]->x.norm() + arm_[side].norm());
+    Vec3 sizes = Vec3::Constant(part.spherical ? ends : 0.0);
+    for (size_t r = 0; r < part.dots.size(); ++r) {
+      const DotRow& dot = part.dots[r];
+      const double first = dot.a == Carrier::difference ? ends : a(dot).value.norm();
+      const double second = dot.b == Carrier::difference ? ends : b(dot).value.norm();
+      sizes[r] = std::abs(dot.scale) * first * second + std::abs(dot.constant);
+    }
+    return sizes;
+  }
+
+  // G u
+  Vec3 velocity(const Part& part, const Twist& parent, const Twist& child) const {
+    const Twist* u[2] = {&parent, &child};
+    if (part.spherical) return point_rate(kChild, child) - point_rate(kParent, parent);
+    Vec3 rate = Vec3::Zero();
+    for (int r = 0; r < part.rows(); ++r) {
+      const DotRow& dot = part.dots[r];
+      const Carried A = a(dot), B = b(dot);
+      rate[r] = dot.scale * (this->rate(A, u).dot(B.value) + A.value.dot(this->rate(B, u)));
+    }
+    return rate;
+  }
+
+  // impulse -= G^T lam
+  void subtract_reaction(const Part& part, const Vec3& lam, Twist& parent, Twist& child) const {
+    if (part.spherical) {
+      child.v -= lam, parent.v += lam;
+      child.w -= anchor_[kChild]->cross(transposed_times(frame_[kChild]->R, lam));
+      parent.w += anchor_[kParent]->cross(transposed_times(frame_[kParent]->R, lam));
+      return;
+    }
+    for (Side side : kSides) {
+      const Rows G = jacobian(part, side);
+      Twist& target = side == kChild ? child : parent;
+      target.v -= G.v.transpose() * lam, target.w -= G.w.transpose() * lam;
+    }
+  }
+
+  // impulse -= (G - Gn)^T lam, Gn that of `before`: for a spherical part a matter of rotations.
+  void subtract_reaction_change(const Part& part, const JointState& before, const Vec3& lam, Twist& parent,
+                                Twist& child) const {
+    if (!part.spherical) {
+      subtract_reaction(part, lam, parent, child);
+      return before.subtract_reaction(part, -lam, parent, child);
+    }
+    for (Side side : kSides) {
+      const Vec3 torque = anchor_[side]->cross(transposed_times(frame_[side]->R - before.frame_[side]->R, lam));
+      if (side == kChild)
+        child.w -= torque;
+      else
+        parent.w += torque;
+    }
+  }
+
+  // Rows of G for one side.
+  Rows jacobian(const Part& part, Side side) const {
+    Rows G;
+    const Mat3& R = frame_[side]->R;
+    if (part.spherical) {
+      G.v.diagonal().setConstant(side == kChild ? 1 : -1);
+      G.w = anchor_jacobian(side);
+      return G;
+    }
+    for (int r = 0; r < part.rows(); ++r) {
+      const DotRow& dot = part.dots[r];
+      const Carried A = a(dot), B = b(dot);
+      G.v.row(r) = dot.scale * (A.sign[side] * B.value + B.sign[side] * A.value).transpose();
+      G.w.row(r) = dot.scale * (A.arm[side].cross(B.value) + B.arm[side].cross(A.value)).transpose() * R;
+    }
+    return G;
+  }
+
+  // gamma = (d/dt G) u
+  Vec3 gamma(const Part& part, const Twist& parent, const Twist& child) const {
+    const Twist* u[2] = {&parent, &child};
+    if (part.spherical) return point_second(kChild, child.w) - point_second(kParent, parent.w);
+    Vec3 out = Vec3::Zero();
+    for (int r = 0; r < part.rows(); ++r) {
+      const DotRow& dot = part.dots[r];
+      const Carried A = a(dot), B = b(dot);
+      out[r] = dot.scale * (second(dot.a, dot.a_local, u).dot(B.value) + 2 * rate(A, u).dot(rate(B, u)) +
+                            A.value.dot(second(dot.b, dot.b_local, u)));
+    }
+    return out;
+  }
+
+  // With B(u, d) = D_d (G u): the rows of B(u, .), that is d(G u)/dq, restricted to one side; with both_orders the
+  // rows of B(., u) are added, which gives d(gamma)/du.
+  Rows velocity_slope(const Part& part, Side side, const Twist& parent, const Twist& child, bool both_orders) const {
+    const Twist* u[2] = {&parent, &child};
+    const Mat3& R = frame_[side]->R;
+    const Vec3& w = u[side]->w;
+    Rows N;
+    if (part.spherical) {
+      N.w = both_orders ? Mat3((side == kChild ? 1. : -1.) * R * arm_slope(*anchor_[side], w, true))
+                        : anchor_rate_slope(side, w);
+      return N;
+    }
+    for (int r = 0; r < part.rows(); ++r) {
+      const DotRow& dot = part.dots[r];
+      const Carried A = a(dot), B = b(dot);
+      const Vec3 dA = rate(A, u), dB = rate(B, u);
+      const double factor = dot.scale * (both_orders ? 2 : 1);
+      N.v.row(r) = factor * (A.sign[side] * dB + B.sign[side] * dA).transpose();
+      Eigen::RowVector3d turn = factor * (A.arm[side].cross(dB) + B.arm[side].cross(dA)).transpose() * R;
+      for (const auto& [z, other] : {std::pair{&A, &B}, std::pair{&B, &A}}) {
+        const Vec3 s = R.transpose() * z->arm[side], l = R.transpose() * other->value;
+        turn += dot.scale * l.transpose() * arm_slope(s, w, both_orders);
+      }
+      N.w.row(r) = turn;
+    }
+    return N;
+  }
+
+  // The only block of d(G^T lam)/dq a spherical part has on one side, rotations against rotations:
+  // +- hat(s) hat(R^T lam), written out.
+  Mat3 anchor_stiffness(Side side, const Vec3& lam) const {
+    const Vec3& s = *anchor_[side];
+    const Vec3 l = transposed_times(frame_[side]->R, side == kChild ? lam : Vec3(-lam));
+    Mat3 K = l * s.transpose();
+    K.diagonal().array() -= s.dot(l);
+    return K;
+  }
+  // G of a spherical part against rotations, R hat(-+ s), and its slope d(G u)/dq, +- R hat(s x w).
+  Mat3 anchor_jacobian(Side side) const { return turned(side, side == kChild ? Vec3(-*anchor_[side]) : *anchor_[side]); }
+  Mat3 anchor_rate_slope(Side side, const Vec3& w) const {
+    const Vec3& s = *anchor_[side];
+    return turned(side, side == kChild ? s.cross(w) : w.cross(s));
+  }
+
+  // The latter slope along one direction d.
+  Vec3 anchor_rate_change(Side side, const Vec3& w, const Vec3& d) const {
+    const Vec3& s = *anchor_[side];
+    return times(frame_[side]->R, (side == kChild ? s.cross(w) : w.cross(s)).cross(d));
+  }
+
+  // d(G^T lam)/dq, the block of one side's rows and another side's columns.
+  Stiffness geometric_stiffness(const Part& part, Side row, Side column, const Vec3& lam) const {
+    Stiffness K;
+    const Mat3 &Rr = frame_[row]->R, &Rc = frame_[column]->R;
+    if (part.spherical) {
+      if (row == column) K.ww = anchor_stiffness(row, lam);
+      return K;
+    }
+    for (int r = 0; r < part.rows(); ++r) {
+      const DotRow& dot = part.dots[r];
+      const double l = dot.scale * lam[r];
+      const Carried A = a(dot), B = b(dot);
+      const Mat3 Ar = -hat(A.arm[row]) * Rr, Br = -hat(B.arm[row]) * Rr;
+      const Mat3 Ac = -hat(A.arm[column]) * Rc, Bc = -hat(B.arm[column]) * Rc;
+      const double ar = A.sign[row], br = B.sign[row], ac = A.sign[column], bc = B.sign[column];
+      K.vv += l * (ar * bc + br * ac) * Mat3::Identity();
+      K.vw += l * (ar * Bc + br * Ac);
+      K.wv += l * (Ar.transpose() * bc + Br.transpose() * ac);
+      K.ww += l * (Ar.transpose() * Bc + Br.transpose() * Ac);
+      if (row == column)
+        for (const auto& [z, other] : {std::pair{&A, &B}, std::pair{&B, &A}})
+          K.ww += l * hat(Rr.transpose() * z->arm[row]) * hat(Rr.transpose() * other->value);
+    }
+    return K;
+  }
+
+ private:
+  // R hat(s), by columns.
+  Mat3 turned(Side side, const Vec3& s) const {
+    const Mat3& R = frame_[side]->R;
+    Mat3 m;
+    m.col(0) = s.z() * R.col(1) - s.y() * R.col(2);
+    m.col(1) = s.x() * R.col(2) - s.z() * R.col(0);
+    m.col(2) = s.y() * R.col(0) - s.x() * R.col(1);
+    return m;
+  }
+
+  struct Carried {
+    Vec3 value = Vec3::Zero();
+    double sign[2] = {0, 0};
+    Vec3 arm[2] = {Vec3::Zero(), Vec3::Zero()};
+  };
+  Carried a(const DotRow& dot) const { return carried(dot.a, dot.a_local); }
+  Carried b(const DotRow& dot) const { return carried(dot.b, dot.b_local); }
+  Carried carried(Carrier carrier, const Vec3& local) const {
+    Carried z;
+    if (carrier == Carrier::difference) {
+      z.value = d_;
+      z.sign[kParent] = -1, z.sign[kChild] = 1;
+      z.arm[kParent] = -arm_[kParent], z.arm[kChild] = arm_[kChild];
+    } else {
+      const Side side = carrier == Carrier::child_axis ? kChild : kParent;
+      z.value = z.arm[side] = frame_[side]->R * local;
+    }
+    return z;
+  }
+
+  Vec3 rate(const Carried& z, const Twist* const u[2]) const {
+    Vec3 total = Vec3::Zero();
+    for (Side side : kSides) total += z.sign[side] * u[side]->v + (frame_[side]->R * u[side]->w).cross(z.arm[side]);
+    return total;
+  }
+  // Velocity of an anchor, and the part of its acceleration that comes from the velocity.
+  Vec3 point_rate(Side side, const Twist& u) const { return u.v + times(frame_[side]->R, u.w.cross(*anchor_[side])); }
+  Vec3 point_second(Side side, const Vec3& w) const { return times(frame_[side]->R, w.cross(w.cross(*anchor_[side]))); }
+  Vec3 second(Carrier carrier, const Vec3& local, const Twist* const u[2]) const {
+    if (carrier == Carrier::difference) return point_second(kChild, u[kChild]->w) - point_second(kParent, u[kParent]->w);
+    const Side side = carrier == Carrier::child_axis ? kChild : kParent;
+    return frame_[side]->R * u[side]->w.cross(u[side]->w.cross(local));
+  }
+  // d x (w x s) as a matrix on d; with both orders w x (d x s) is added.
+  static Mat3 arm_slope(const Vec3& s, const Vec3& w, bool both_orders) {
+    Mat3 slope = hat(s.cross(w));
+    if (both_orders) slope -= hat(w) * hat(s);
+    return slope;
+  }
+
+  const Frame* frame_[2];
+  const Vec3* anchor_[2];
+  Vec3 arm_[2], d_;
+};
+
+}  // namespace lieeuler

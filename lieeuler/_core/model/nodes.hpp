@@ -1,0 +1,144 @@
+// The unknowns of a step as nodes of three, and the order in which they are eliminated.
+#pragma once
+
+#include "linalg/block_lu.hpp"
+#include "model/graph.hpp"
+#include "model/joints.hpp"
+
+namespace lieeuler {
+
+// A part of a joint, numbered through all joints.
+struct PartIndex {
+  int joint, part;
+};
+
+// Numbering of nodes. Bodies come first, each with v, w and, when doubled, xi_v, xi_w; then the multipliers of all
+// parts; then, when doubled, their second set.
+class Nodes {
+ public:
+  Nodes(const System& system, bool doubled) : bodies_(system.n()), doubled_(doubled) {
+    for (int j = 0; j < static_cast<int>(system.joints.size()); ++j)
+      for (int p = 0; p < static_cast<int>(system.joints[j].parts.size()); ++p) parts_.push_back({j, p});
+  }
+  int v(int body) const { return stride() * body; }
+  int w(int body) const { return v(body) + 1; }
+  int xi_v(int body) const { return doubled_ ? v(body) + 2 : v(body); }
+  int xi_w(int body) const { return doubled_ ? v(body) + 3 : w(body); }
+  int lam(int part) const { return stride() * bodies_ + part; }
+  int mu(int part) const { return doubled_ ? lam(part) + parts() : lam(part); }
+  int parts() const { return static_cast<int>(parts_.size()); }
+  const PartIndex& part(int k) const { return parts_[k]; }
+  bool doubled() const { return doubled_; }
+  int count() const { return lam(0) + parts() * (doubled_ ? 2 : 1); }
+
+  // Blocks that can be nonzero. second_order: with the second derivatives of the constraints.
+  std::set<BlockLU::Entry> entries(const System& system, bool second_order) const {
+    std::set<BlockLU::Entry> found;
+    auto both = [&](int a, int b) { found.insert({a, b}), found.insert({b, a}); };
+    if (doubled_)
+      for (int b = 0; b < bodies_; ++b) found.insert({xi_v(b), v(b)}), found.insert({xi_w(b), w(b)});
+    for (int k = 0; k < parts(); ++k) {
+      const Joint& joint = system.joints[parts_[k].joint];
+      const Part& part = joint.parts[parts_[k].part];
+      for (int body : {joint.parent, joint.child}) {
+        if (body == bodies_) continue;
+        both(lam(k), w(body));
+        if (doubled_) both(mu(k), xi_w(body)), found.insert({lam(k), xi_w(body)});
+        if (!part.translational()) continue;
+        both(lam(k), v(body));
+        if (doubled_) both(mu(k), xi_v(body));
+        if (doubled_ && !part.spherical) found.insert({lam(k), xi_v(body)});
+      }
+      if (second_order) stiffness_entries(joint, part, found);
+    }
+    for (const Force& force : system.forces) force_entries(force, found);
+    std::erase_if(found, [](const BlockLU::Entry& entry) { return entry.first == entry.second; });
+    return found;
+  }
+
+  // Nodes in elimination order; the multipliers of joints that close loops are its last `tail`.
+  std::vector<int> order(const System& system, int& tail) const {
+    std::vector<std::vector<int>> parts_of(system.joints.size());
+    for (int k = 0; k < parts(); ++k) parts_of[parts_[k].joint].push_back(k);
+    std::vector<int> nodes;
+    auto append = [&](int item) {
+      if (item < bodies_) {
+        for (int node = v(item); node < v(item + 1); ++node) nodes.push_back(node);
+        return;
+      }
+      for (int k : parts_of[item - bodies_]) nodes.push_back(lam(k));
+      if (doubled_)
+        for (int k : parts_of[item - bodies_]) nodes.push_back(mu(k));
+    };
+    const EliminationOrder items = elimination_order(system);
+    for (int item : items.tree) append(item);
+    tail = -static_cast<int>(nodes.size());
+    for (int item : items.loops) append(item);
+    tail += static_cast<int>(nodes.size());
+    return nodes;
+  }
+
+ private:
+  int stride() const { return doubled_ ? 4 : 2; }
+
+  void stiffness_entries(const Joint& joint, const Part& part, std::set<BlockLU::Entry>& found) const {
+    for (int row : {joint.parent, joint.child})
+      for (int column : {joint.parent, joint.child}) {
+        if (row == bodies_ || column == bodies_) continue;
+        if (part.spherical && row != column) continue;  // an anchor's stiffness is its own body's
+        found.insert({w(row), xi_w(column)});
+        if (part.spherical || !part.translational()) continue;
+        found.insert({v(row), xi_v(column)}), found.insert({v(row), xi_w(column)}), found.insert({w(row), xi_v(column)});
+      }
+  }
+
+  // Every node of one side against every node of the other: springs by q, dampers by u.
+  void force_entries(const Force& force, std::set<BlockLU::Entry>& found) const {
+    for (int row : {force.parent, force.child})
+      for (int column : {force.parent, force.child}) {
+        if (row == bodies_ || column == bodies_) continue;
+        for (int i : {v(row), w(row)})
+          for (int j : {v(column), w(column), xi_v(column), xi_w(column)}) found.insert({i, j});
+      }
+  }
+
+  int bodies_;
+  bool doubled_;
+  std::vector<PartIndex> parts_;
+};
+
+// Blocks of the force on one body against the position or velocity of another.
+struct PairBlocks {
+  double *vv = nullptr, *vw = nullptr, *wv = nullptr, *ww = nullptr;
+
+  static PairBlocks of(BlockLU& lu, int v, int w, int column_v, int column_w) {
+    return {lu.block(v, column_v), lu.block(v, column_w), lu.block(w, column_v), lu.block(w, column_w)};
+  }
+  // Adds factor times K, its rotational columns times T.
+  void add(double factor, const Stiffness& K, const Mat3& T) const {
+    if (ww) lieeuler::add(ww, factor * K.ww * T);
+    if (vv) lieeuler::add(vv, factor * K.vv);
+    if (vw) lieeuler::add(vw, factor * K.vw * T);
+    if (wv) lieeuler::add(wv, factor * K.wv);
+  }
+};
+
+// Blocks of one side of a part: its rows against the body, and the body's rows against its multipliers. nullptr where
+// zero by structure.
+struct SideBlocks {
+  double *row_v = nullptr, *row_w = nullptr, *column_v = nullptr, *column_w = nullptr;
+
+  static SideBlocks of(BlockLU& lu, int part, int v, int w) {
+    return {lu.block(part, v), lu.block(part, w), lu.block(v, part), lu.block(w, part)};
+  }
+  void put_rows(const Mat3& v, const Mat3& w) const {
+    if (row_v) put(row_v, v);
+    if (row_w) put(row_w, w);
+  }
+  void put_columns(const Rows& G) const {  // G^T
+    if (column_v) put(column_v, G.v.transpose());
+    if (column_w) put(column_w, G.w.transpose());
+  }
+};
+
+}  // namespace lieeuler

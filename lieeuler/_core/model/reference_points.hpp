@@ -1,0 +1,55 @@
+// The point of each body its motion is written about: the centre of mass, or a point that a spherical constraint holds
+// to the ground. About such a pin the body has no translation, its inertia is constant too, and the pin's reaction has
+// no torque: neither is an unknown.
+#pragma once
+
+#include "model/hinges.hpp"
+
+namespace lieeuler {
+
+class ReferencePoints {
+ public:
+  ReferencePoints(const System& system, const HingeTree& tree, bool use_pins)
+      : system_(&system), centre_(system.n() + 1, Vec3::Zero()), place_(centre_), joint_(system.n() + 1, kNone) {
+    if (!use_pins) return;
+    for (const Hinge& hinge : tree.hinges)
+      if (hinge.base == system.n())
+        centre_[hinge.body] = -hinge.body_anchor, place_[hinge.body] = hinge.base_anchor,
+        joint_[hinge.body] = hinge.joint;
+  }
+
+  bool pinned(int body) const { return joint_[body] != kNone; }
+  // Whether a pin stands for this part.
+  bool holds(const PartIndex& index) const {
+    if (!system_->joints[index.joint].parts[index.part].spherical) return false;
+    const Joint& joint = system_->joints[index.joint];
+    return joint_[joint.parent] == index.joint || joint_[joint.child] == index.joint;
+  }
+  // Centre of mass and any other point, from the reference point, body axes.
+  const Vec3& centre(int body) const { return centre_[body]; }
+  Vec3 local(int body, const Vec3& from_centre) const { return centre_[body] + from_centre; }
+  // Where the reference point is and how it moves, world.
+  Vec3 position(int body, const State& state) const { return pinned(body) ? place_[body] : state.frames[body].x; }
+  Vec3 velocity(int body, const State& state) const { return pinned(body) ? Vec3(Vec3::Zero()) : state.u[body].v; }
+
+  Mat3 inertia(int body) const {
+    const Vec3& c = centre_[body];
+    return system_->bodies[body].inertia +
+           system_->bodies[body].mass * (c.squaredNorm() * Mat3::Identity() - c * c.transpose());
+  }
+  // Rows of G with respect to the velocities of the centre of mass, for those of the reference point.
+  Rows moved(Rows G, int body, const Mat3& R) const {
+    if (!pinned(body)) return G;
+    G.w -= G.v * R * hat(centre_[body]);
+    G.v.setZero();
+    return G;
+  }
+
+ private:
+  static constexpr int kNone = -1;
+  const System* system_;
+  std::vector<Vec3> centre_, place_;
+  std::vector<int> joint_;  // that pins the body
+};
+
+}  // namespace lieeuler

@@ -1,0 +1,129 @@
+// The mechanical system, constant during a run, and its configuration.
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+#include "model/so3.hpp"
+
+namespace lieeuler {
+
+struct Body {
+  double mass;
+  Mat3 inertia, inertia_inverse;  // about the centre of mass, body axes
+  Vec3 spin = Vec3::Zero();       // constant angular momentum inside the body, body axes: -w x (J w + spin) turns it
+};
+
+// Position of the centre of mass (world) and attitude (body to world).
+struct Frame {
+  Vec3 x = Vec3::Zero();
+  Mat3 R = Mat3::Identity();
+};
+
+// Quasi-velocities of one body: v of the centre of mass (world), w (body axes). Also used for accelerations,
+// forces and momenta.
+struct Twist {
+  Vec3 v = Vec3::Zero(), w = Vec3::Zero();
+};
+
+// Six values a body.
+inline double* flat(std::vector<Twist>& twists) {
+  static_assert(sizeof(Twist) == 6 * sizeof(double));
+  return twists.data()->v.data();
+}
+
+// A vector in the world that moves with the two bodies of a joint: an axis fixed in one of them, or the difference d
+// of the two anchors. Every constraint is the product of two of these (or, for the spherical joint, d itself).
+enum class Carrier { difference, parent_axis, child_axis };
+
+// One scalar constraint  scale * A . B - constant = 0  (dot-1, dot-2 and distance after Haug).
+struct DotRow {
+  Carrier a, b;
+  Vec3 a_local = Vec3::Zero(), b_local = Vec3::Zero();  // axes, in the frame of their body
+  double constant = 0, scale = 1;
+};
+
+// Up to three rows of a joint that are evaluated and solved for together: a spherical constraint, or dot rows.
+struct Part {
+  bool spherical;
+  std::vector<DotRow> dots;
+  int row;  // of the first, in lam
+  int rows() const { return spherical ? 3 : static_cast<int>(dots.size()); }
+  // Whether a row, or any, depends on the positions of the bodies, and not on their attitudes alone.
+  bool translational(int row) const {
+    return spherical || dots[row].a == Carrier::difference || dots[row].b == Carrier::difference;
+  }
+  bool translational() const {
+    for (int r = 0; r < rows(); ++r)
+      if (translational(r)) return true;
+    return false;
+  }
+};
+
+struct Joint {
+  int parent, child;  // parent == number of bodies: the ground
+  Vec3 parent_anchor, child_anchor;
+  std::vector<Part> parts;
+};
+
+// A spring-damper or a constant load. parent == number of bodies: the ground.
+struct Force {
+  enum class Kind { linear_spring, torsional_spring, load };
+  Kind kind;
+  int parent, child;
+  Vec3 parent_point = Vec3::Zero(), child_point = Vec3::Zero();  // linear spring, load: from the centres of mass
+  double stiffness = 0, rest = 0, damping = 0;                   // rest: free length (m) or rest angle (rad)
+  // Torsional spring: axis and two normals in the parent, the first normal as the child sees it at angle zero.
+  Vec3 axis = Vec3::Zero(), normal = Vec3::Zero(), second_normal = Vec3::Zero(), pointer = Vec3::Zero();
+  // Load on the child: constant in the world or in the body.
+  Vec3 force = Vec3::Zero(), torque = Vec3::Zero();
+  bool in_world = true;
+};
+
+struct System {
+  std::vector<Body> bodies;
+  std::vector<Joint> joints;
+  std::vector<Force> forces;
+  Vec3 gravity;
+  // Sizes, that `measure` takes of the parts.
+  double length = 0;                                  // m
+  double acceleration = 0, angular_acceleration = 0;  // by loads
+  double frequency = 0;                               // of the fastest spring or damper, 1/s
+  double slowest = 0;  // 1/s: of a run with steps of its own choice, one over its duration
+
+  int n() const { return static_cast<int>(bodies.size()); }
+  int rows() const {
+    int total = 0;
+    for (const Joint& joint : joints)
+      for (const Part& part : joint.parts) total += part.rows();
+    return total;
+  }
+  int parts() const {
+    int total = 0;
+    for (const Joint& joint : joints) total += static_cast<int>(joint.parts.size());
+    return total;
+  }
+  // Whether a light body may carry a heavy one, whose share in G M^-1 G^T then loses three digits or more.
+  bool graded() const {
+    const auto [least, most] = std::minmax_element(
+        bodies.begin(), bodies.end(), [](const Body& a, const Body& b) { return a.mass < b.mass; });
+    return least != bodies.end() && most->mass > 1e3 * least->mass;
+  }
+};
+
+// (m, J) times a twist, and its inverse.
+inline Twist momentum(const Body& body, const Twist& u) { return {body.mass * u.v, times(body.inertia, u.w)}; }
+inline Twist velocity(const Body& body, const Twist& p) { return {p.v / body.mass, times(body.inertia_inverse, p.w)}; }
+
+// J w + spin, body axes.
+inline Vec3 angular_momentum(const Body& body, const Vec3& w) { return times(body.inertia, w) + body.spin; }
+
+// p = M u, the spin included, and u of it.
+inline Twist canonical_momentum(const Body& body, const Twist& u) {
+  return {body.mass * u.v, angular_momentum(body, u.w)};
+}
+inline Twist velocity_of(const Body& body, const Twist& p) {
+  return {p.v / body.mass, times(body.inertia_inverse, p.w - body.spin)};
+}
+
+}  // namespace lieeuler

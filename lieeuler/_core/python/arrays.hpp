@@ -1,0 +1,61 @@
+// Values between Python and the kernel.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <stdexcept>
+#include <utility>
+
+#include "run/loop.hpp"
+
+namespace lieeuler {
+
+namespace nb = nanobind;
+
+using Array = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
+
+// Values are judged in Python, where their names are known; what would read beyond memory or never end is refused here.
+inline void require(bool fine, const char* what) {
+  if (!fine) throw std::invalid_argument(what);
+}
+
+inline nb::object make_array(std::vector<double> data, std::initializer_list<size_t> shape) {
+  auto* kept = new std::vector<double>(std::move(data));
+  nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<std::vector<double>*>(p); });
+  return nb::cast(nb::ndarray<nb::numpy, double>(kept->data(), shape.size(), shape.begin(), owner));
+}
+
+inline Vec3 vec3(const double* p) { return {p[0], p[1], p[2]}; }
+inline Mat3 mat3(const double* p) { return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(p); }
+inline void put(std::vector<double>& out, size_t at, const Vec3& v) { std::copy_n(v.data(), 3, out.data() + at); }
+inline void put(std::vector<double>& out, size_t at, const Mat3& R) {
+  Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(out.data() + at) = R;
+}
+
+inline const char* name_of(Status status) {
+  switch (status) {
+    case Status::success: return "success";
+    case Status::newton_failed: return "newton_failed";
+    case Status::singular_matrix: return "singular_matrix";
+    case Status::map_domain: return "map_domain";
+    case Status::non_finite: return "non_finite";
+    case Status::step_too_small: return "step_too_small";
+    case Status::interrupted: return "interrupted";
+  }
+  return "unknown";
+}
+
+inline State make_state(const System& system, const Array& x, const Array& R, const Array& v, const Array& w) {
+  const size_t n = system.n();
+  require(x.size() == 3 * n && R.size() == 9 * n && v.size() == 3 * n && w.size() == 3 * n,
+          "x, R, v and w must be those of the system's bodies");
+  State state(system);
+  for (size_t b = 0; b < n; ++b) {
+    state.frames[b] = {vec3(x.data() + 3 * b), mat3(R.data() + 9 * b)};
+    state.u[b] = {vec3(v.data() + 3 * b), vec3(w.data() + 3 * b)};
+  }
+  return state;
+}
+
+}  // namespace lieeuler

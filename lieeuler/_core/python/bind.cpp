@@ -1,0 +1,287 @@
+// Python bindings; no mathematics.
+#include <nanobind/eigen/dense.h>
+#include <nanobind/nanobind.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <chrono>
+
+#include "run/adaptive.hpp"
+#include "python/arrays.hpp"
+#include "methods/extrapolation.hpp"
+#include "python/probes.hpp"
+#include "methods/rkmk.hpp"
+#include "model/sizes.hpp"
+#include "methods/taylor.hpp"
+
+using namespace lieeuler;
+
+namespace {
+
+Carrier carrier(const std::string& name) {
+  return name == "difference" ? Carrier::difference : (name == "parent" ? Carrier::parent_axis : Carrier::child_axis);
+}
+
+// The parent as the kernel counts it.
+int parent_of(const System& system, int parent, int child) {
+  const int n = system.n();
+  require(0 <= child && child < n && -1 <= parent && parent < n && parent != child, "there are no such two bodies");
+  return parent < 0 ? n : parent;
+}
+
+// Dot rows are given flat: two carriers and two axes each.
+void add_joint(System& system, int parent, int child, const Vec3& parent_anchor, const Vec3& child_anchor,
+               bool spherical, const std::vector<std::string>& carriers, const std::vector<Vec3>& axes,
+               const std::vector<double>& constants, const std::vector<double>& scales) {
+  const size_t dots = constants.size();
+  require(axes.size() == 2 * dots && carriers.size() == 2 * dots && scales.size() == dots,
+          "dot rows need two carriers, two axes, a constant and a scale each");
+  Joint joint{parent_of(system, parent, child), child, parent_anchor, child_anchor, {}};
+  int row = system.rows();
+  auto add_part = [&](bool point) {
+    joint.parts.push_back({point, {}, row});
+    if (point) row += 3;
+  };
+  if (spherical) add_part(true);
+  for (size_t k = 0; k < dots; ++k, ++row) {
+    if (k % 3 == 0) add_part(false);
+    joint.parts.back().dots.push_back({carrier(carriers[2 * k]), carrier(carriers[2 * k + 1]), axes[2 * k],
+                                       axes[2 * k + 1], constants[k], scales[k]});
+  }
+  system.joints.push_back(joint);
+  measure(system, joint);
+}
+
+void add_force(System& system, const Force& force) {
+  system.forces.push_back(force);
+  measure(system, force);
+}
+
+void add_linear_spring(System& system, int parent, int child, const Vec3& parent_point, const Vec3& child_point,
+                       double stiffness, double free_length, double damping) {
+  Force force{Force::Kind::linear_spring, parent_of(system, parent, child), child};
+  force.parent_point = parent_point, force.child_point = child_point;
+  force.stiffness = stiffness, force.rest = free_length, force.damping = damping;
+  add_force(system, force);
+}
+
+// axis, normal, second_normal: right-handed, in the parent; pointer: the normal in the child at angle zero.
+void add_torsional_spring(System& system, int parent, int child, const Vec3& axis, const Vec3& normal,
+                          const Vec3& second_normal, const Vec3& pointer, double stiffness, double rest_angle,
+                          double damping) {
+  Force force{Force::Kind::torsional_spring, parent_of(system, parent, child), child};
+  force.axis = axis, force.normal = normal, force.second_normal = second_normal, force.pointer = pointer;
+  force.stiffness = stiffness, force.rest = rest_angle, force.damping = damping;
+  add_force(system, force);
+}
+
+void add_load(System& system, int child, const Vec3& point, const Vec3& value, const Vec3& torque, bool in_world) {
+  Force force{Force::Kind::load, parent_of(system, -1, child), child};
+  force.child_point = point, force.force = value, force.torque = torque, force.in_world = in_world;
+  add_force(system, force);
+}
+
+// Room for all samples is asked for, and taken sample by sample: a run that ends early fills and returns no more.
+struct Samples {
+  std::vector<double> x, R, v, w, a, alpha, lam;
+  Samples(size_t most, const System& s) {
+    for (auto* vectors : {&x, &v, &w, &a, &alpha}) vectors->reserve(3 * most * s.n());
+    R.reserve(9 * most * s.n()), lam.reserve(most * s.rows());
+  }
+  void append(const State& state) {
+    auto add = [](std::vector<double>& out, const Vec3& vector) {
+      out.insert(out.end(), vector.data(), vector.data() + 3);
+    };
+    for (size_t b = 0; b + 1 < state.frames.size(); ++b) {
+      add(x, state.frames[b].x);
+      for (int row = 0; row < 3; ++row) add(R, state.frames[b].R.row(row).transpose());
+      add(v, state.u[b].v), add(w, state.u[b].w), add(a, state.a[b].v), add(alpha, state.a[b].w);
+    }
+    lam.insert(lam.end(), state.lam.begin(), state.lam.end());
+  }
+};
+
+// run(record, interrupted) fills an Outcome; the interpreter is free meanwhile.
+template <class Run>
+nb::dict execute(const System& system, size_t most, const Run& run) {
+  Samples samples(most, system);
+  const Record record = [&](int, const State& state) { samples.append(state); };
+  const Interrupted interrupted = [] {
+    nb::gil_scoped_acquire gil;
+    if (PyErr_CheckSignals() == 0) return false;
+    if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) nb::raise_python_error();  // a handler of the user's own
+    PyErr_Clear();
+    return true;
+  };
+  Outcome outcome;
+  double seconds;
+  {
+    nb::gil_scoped_release release;
+    const auto start = std::chrono::steady_clock::now();
+    outcome = run(record, interrupted);
+    seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+  const size_t T = outcome.samples, n = system.n(), m = system.rows();
+  nb::dict result, counters, maxima;
+  result["status"] = name_of(outcome.status);
+  result["samples"] = outcome.samples;
+  result["time"] = outcome.time_of_failure;
+  result["wall_time"] = seconds;
+  result["x"] = make_array(std::move(samples.x), {T, n, 3});
+  result["R"] = make_array(std::move(samples.R), {T, n, 3, 3});
+  result["v"] = make_array(std::move(samples.v), {T, n, 3});
+  result["w"] = make_array(std::move(samples.w), {T, n, 3});
+  result["a"] = make_array(std::move(samples.a), {T, n, 3});
+  result["alpha"] = make_array(std::move(samples.alpha), {T, n, 3});
+  result["lam"] = make_array(std::move(samples.lam), {T, m});
+  counters["steps"] = outcome.counters.steps;
+  counters["rejected_steps"] = outcome.counters.rejected_steps;
+  counters["force_evaluations"] = outcome.counters.force_evaluations;
+  counters["newton_iterations"] = outcome.counters.newton_iterations;
+  counters["factorizations"] = outcome.counters.factorizations;
+  counters["redundant_rows"] = outcome.redundant_rows;
+  counters["most_iterations"] = outcome.counters.most_iterations;
+  maxima["energy_error"] = outcome.maxima.energy_error;
+  maxima["kinetic"] = outcome.maxima.kinetic;
+  maxima["constraint_position"] = outcome.maxima.position;
+  maxima["constraint_velocity"] = outcome.maxima.velocity;
+  maxima["constraint_acceleration"] = outcome.maxima.acceleration;
+  maxima["orthogonality"] = outcome.maxima.orthogonality;
+  result["counters"] = counters;
+  result["maxima"] = maxima;
+  return result;
+}
+
+void require_steps(const std::vector<double>& steps, const std::vector<std::int64_t>& counts) {
+  require(!steps.empty() && steps.size() == counts.size(), "every interval has a step and a count");
+  for (size_t k = 0; k < steps.size(); ++k)
+    require(std::isfinite(steps[k]) && steps[k] > 0 && counts[k] > 0, "every interval needs steps that advance");
+}
+
+nb::dict integrate(const System& system, const std::string& map, bool hamiltonian, const std::string& level,
+                   bool index1_output, double alpha, double beta, const std::vector<double>& composition,
+                   const Array& x, const Array& R, const Array& v, const Array& w, const std::vector<double>& steps,
+                   const std::vector<std::int64_t>& counts, bool monitored) {
+  require_steps(steps, counts);
+  const Level levels = level == "position"     ? Level::position
+                       : level == "velocity"   ? Level::velocity
+                       : level == "stabilised" ? Level::stabilised
+                                               : Level::acceleration;
+  const Method method{hamiltonian, levels, index1_output, {alpha, beta}, composition};
+  const State initial = make_state(system, x, R, v, w);
+  return execute(system, steps.size() + 1, [&](const Record& record, const Interrupted& interrupted) {
+    const auto run = map == "cayley" ? run_method<CayleyMap> : (map == "ccsk" ? run_method<CcskMap> : run_method<ExpMap>);
+    return run(system, method, initial, steps, counts, monitored, record, interrupted);
+  });
+}
+
+nb::dict integrate_runge_kutta(const System& system, const Tableau& tableau, const Array& x, const Array& R,
+                               const Array& v, const Array& w, const std::vector<double>& steps,
+                               const std::vector<std::int64_t>& counts, bool monitored) {
+  require_steps(steps, counts);
+  const State initial = make_state(system, x, R, v, w);
+  FixedMuntheKaas stepper(system, tableau);
+  return execute(system, steps.size() + 1, [&](const Record& record, const Interrupted& interrupted) {
+    return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+  });
+}
+
+// t_eval starts at zero.
+template <class Stepper, class... Arguments>
+nb::dict integrate_adaptive(const System& given, const Array& x, const Array& R, const Array& v, const Array& w,
+                            const std::vector<double>& t_eval, double rtol, bool monitored,
+                            const Arguments&... arguments) {
+  require(t_eval.size() > 1 && std::isfinite(t_eval.front()) && std::isfinite(t_eval.back()) && rtol > 0 && rtol < 1 &&
+              std::adjacent_find(t_eval.begin(), t_eval.end(), [](double a, double b) { return !(a < b); }) ==
+                  t_eval.end(),
+          "output times must increase, and the tolerance lie between 0 and 1");
+  System system = given;  // other runs of the same system may have another duration
+  system.slowest = 1 / (t_eval.back() - t_eval.front());
+  Stepper stepper(system, arguments...);
+  const State initial = make_state(system, x, R, v, w);
+  return execute(system, t_eval.size(), [&](const Record& record, const Interrupted& interrupted) {
+    return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
+  });
+}
+
+nb::dict integrate_adaptive_runge_kutta(const System& system, const Tableau& tableau, const Array& x, const Array& R,
+                                        const Array& v, const Array& w, const std::vector<double>& t_eval, double rtol,
+                                        bool monitored) {
+  return integrate_adaptive<AdaptiveMuntheKaas>(system, x, R, v, w, t_eval, rtol, monitored, tableau);
+}
+
+// Largest entries of Phi and of G u as parts of the sizes of the system: lengths of its length, rates of its rate.
+std::pair<double, double> constraint_levels(const System& system, const Array& x, const Array& R, const Array& v,
+                                            const Array& w) {
+  const State state = make_state(system, x, R, v, w);
+  const Scales scales = Scales::of_motion(system, state);
+  const double rate = std::max(scales.rate, scales.natural(system));
+  double position = 0, velocity = 0;
+  for (const Joint& joint : system.joints) {
+    JointState here;
+    here.update(joint, state.frames);
+    for (const Part& part : joint.parts) {
+      Vec3 gap = here.position(part), speed = here.velocity(part, state.u[joint.parent], state.u[joint.child]);
+      for (int r = 0; r < part.rows(); ++r)
+        if (part.translational(r)) gap[r] /= system.length, speed[r] /= system.length;
+      raise(position, gap), raise(velocity, speed);
+    }
+  }
+  return {position, rate > 0 ? velocity / rate : velocity};  // without a rate nothing moves
+}
+
+}  // namespace
+
+NB_MODULE(_kernel, m) {
+  // A Problem keeps its System, and what Python has not freed when it ends is no leak: test_repeated_runs.py looks for those.
+  nb::set_leak_warnings(false);
+  nb::class_<System>(m, "System")
+      .def("__init__",
+           [](System* self, const std::vector<double>& masses, const std::vector<Mat3>& inertias, const Vec3& gravity) {
+             require(masses.size() == inertias.size(), "every body needs a mass and an inertia");
+             new (self) System{{}, {}, {}, gravity};
+             for (size_t b = 0; b < masses.size(); ++b) {
+               self->bodies.push_back({masses[b], inertias[b], inertias[b].inverse()});
+               measure(*self, self->bodies.back());
+             }
+           })
+      .def("set_spin",
+           [](System& system, int body, const Vec3& spin) {
+             parent_of(system, -1, body);
+             system.bodies[body].spin = spin;
+           })
+      .def("add_joint", &add_joint)
+      .def("add_linear_spring", &add_linear_spring)
+      .def("add_torsional_spring", &add_torsional_spring)
+      .def("add_load", &add_load)
+      .def_prop_ro("rows", &System::rows)
+      .def_ro("length", &System::length);
+  using TableauRows = std::vector<std::vector<double>>;
+  nb::class_<Tableau>(m, "Tableau")
+      .def("__init__", [](Tableau* self, const TableauRows& stages, const std::vector<double>& weights, int order,
+                          const TableauRows& errors, const TableauRows& extra, const TableauRows& dense) {
+        const size_t count = stages.size() + 1, inside = count + 1 + extra.size();
+        auto at_most = [](const TableauRows& rows, size_t first, size_t growth) {
+          for (size_t k = 0; k < rows.size(); ++k)
+            require(rows[k].size() <= first + k * growth, "a row of the tableau weighs a stage it cannot know");
+        };
+        at_most(stages, 1, 1), at_most({weights}, count, 0), at_most(errors, count + 1, 0);
+        at_most(extra, count + 1, 1), at_most(dense, inside, 0);
+        new (self) Tableau{stages, weights, order, errors, extra, dense};
+      });
+  m.def("integrate", &integrate);
+  m.def("integrate_runge_kutta", &integrate_runge_kutta);
+  m.def("integrate_adaptive_runge_kutta", &integrate_adaptive_runge_kutta);
+  m.def("integrate_seulex", &integrate_adaptive<AdaptiveExtrapolation>);
+  m.def("integrate_taylor", &integrate_adaptive<TaylorStepper>);
+  m.def("taylor_coefficients", &taylor_coefficients);
+  m.def("project", &project);
+  m.def("constraints", &constraints);
+  m.def("constraint_levels", &constraint_levels);
+  m.def("forces", &forces);
+  m.def("map_values", [](const std::string& map, const Vec3& xi, const Mat3& J, double h) {
+    return map == "cayley" ? map_values<CayleyMap>(xi, J, h)
+                           : (map == "ccsk" ? map_values<CcskMap>(xi, J, h) : map_values<ExpMap>(xi, J, h));
+  });
+}

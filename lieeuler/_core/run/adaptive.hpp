@@ -1,0 +1,73 @@
+// Runs with steps of their own choice: stepping, sampling between steps, watching every step, ending with a status.
+#pragma once
+
+#include <optional>
+
+#include "run/loop.hpp"
+#include "solve/projection.hpp"
+
+namespace lieeuler {
+
+// Integrates from t_eval.front() and samples at t_eval; samples never shape the steps. The stepper supplies
+//
+//   Status start(const State& initial, double t, double t_end, double rtol)
+//   Status step(Counters&, Watch&)        one accepted step, never beyond t_end and at last onto it; ends at once where the
+//                                         watch says so
+//   double time(), previous_time()        ends of that step
+//   const State& state()                  at time(), on the constraints, with (a, lam) of the index-1 system; asked for
+//                                         where it is needed only: a stepper may leave (a, lam) until then
+//   const Constraints& joints()           at state()
+//   int redundant_rows()
+//   Status dense(double t, State& out, Counters&, Watch&)
+//                                         frames, u and the angles to unwrap against, t within the last step
+template <class Stepper>
+Outcome run_adaptive(Stepper& stepper, const System& system, const State& initial, const std::vector<double>& t_eval,
+                     double rtol, bool monitored, const Record& record, const Interrupted& interrupted) {
+  const FlushDenormals flush;
+  Outcome outcome;
+  Monitor monitor(system, monitored);
+  std::optional<Projection> projection;  // of samples between steps
+  State sample(system);
+  double reached = t_eval.front();
+  auto end = [&](Status status) {
+    outcome.status = status;
+    outcome.maxima = monitor.maxima;
+    outcome.time_of_failure = reached;
+    outcome.redundant_rows = stepper.redundant_rows();
+    return outcome;
+  };
+  if (const Status status = stepper.start(initial, t_eval.front(), t_eval.back(), rtol); status != Status::success)
+    return end(status);
+  if (!is_finite(stepper.state())) return end(Status::non_finite);
+  monitor.start(stepper.state(), stepper.joints());
+  record(outcome.samples++, stepper.state());
+  Watch watch(interrupted, system);
+  for (size_t next = 1; next < t_eval.size();) {
+    if (watch.ends()) return end(Status::interrupted);
+    if (const Status status = stepper.step(outcome.counters, watch); status != Status::success) return end(status);
+    reached = stepper.time();
+    if (monitored) monitor.watch(stepper.state(), stepper.joints());
+    for (; next < t_eval.size() && t_eval[next] <= reached; ++next) {
+      if (watch.ends()) return end(Status::interrupted);  // a step may hold any number of samples
+      if (t_eval[next] == reached) {
+        if (!is_finite(stepper.state())) return end(Status::non_finite);
+        record(outcome.samples++, stepper.state());
+        continue;
+      }
+      Status status = Status::success;
+      if (!projection) {
+        projection.emplace(system);
+        status = projection->start(initial);
+      }
+      if (status == Status::success) status = stepper.dense(t_eval[next], sample, outcome.counters, watch);
+      if (status == Status::success)
+        status = projection->project(sample, Scales::of(system, sample), outcome.counters);
+      if (status == Status::success && !is_finite(sample)) status = Status::non_finite;
+      if (status != Status::success) return end(status);
+      record(outcome.samples++, sample);
+    }
+  }
+  return end(Status::success);
+}
+
+}  // namespace lieeuler

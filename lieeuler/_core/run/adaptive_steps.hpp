@@ -1,0 +1,80 @@
+// Steps that a method proposes and may refuse: one after the other to the end of a run.
+#pragma once
+
+#include "solve/projection.hpp"
+#include "solve/step_control.hpp"
+#include "run/watch.hpp"
+
+namespace lieeuler {
+
+// The stepper of `run_adaptive` for a Method that supplies, beside state(), joints(), redundant_rows():
+//
+//   Status start(const State& initial, double rtol, Counters&)    proposes the first step
+//   double proposed()                                             the next step, s
+//   Status attempt(double h, bool& stands, Counters&, Watch&)     a step from state(); whether its error is small enough
+//   void refuse(double h, Status)                                 proposes a shorter one
+//   Status accept(double h)                                       the step attempted last becomes state()
+//   Status dense(double fraction, State& out, Counters&, Watch&)  within the step accepted last
+//   double smallest_pivot()                                       of Projection
+//   double rate()                                                 of Scales, 1/s
+template <class Method>
+class AdaptiveSteps {
+ public:
+  template <class... Arguments>
+  explicit AdaptiveSteps(const Arguments&... arguments) : method_(arguments...) {}
+
+  Status start(const State& initial, double t, double t_end, double rtol) {
+    time_ = previous_ = t, end_ = t_end;
+    smallest_ = smallest_step(t, t_end), taken_ = 0;
+    return method_.start(initial, rtol, at_start_);
+  }
+
+  Status step(Counters& counters, Watch& watch) {
+    std::exchange(at_start_, Counters{}).add_to(counters);
+    for (;;) {
+      const bool last = time_ + 1.01 * method_.proposed() >= end_;  // no crumb of a step at the end
+      const double h = last ? end_ - time_ : method_.proposed();
+      if (!last && h < std::min(smallest_, kGrowing * taken_)) return too_small();  // at the start steps may grow from less
+      bool stands = false;
+      const Status status = method_.attempt(h, stands, counters, watch);
+      if (status == Status::success && stands) {
+        ++counters.steps;
+        previous_ = time_, taken_ = h;
+        time_ = last ? end_ : time_ + h;
+        return method_.accept(h);
+      }
+      if (status == Status::interrupted || watch.ends()) return Status::interrupted;
+      ++counters.rejected_steps;
+      method_.refuse(h, status);
+      if (nearly_singular() && creeps()) return Status::singular_matrix;
+      if (method_.proposed() < smallest_)
+        return status == Status::singular_matrix ? Status::singular_matrix : too_small();
+    }
+  }
+
+  Status dense(double t, State& out, Counters& counters, Watch& watch) {
+    return method_.dense((t - previous_) / (time_ - previous_), out, counters, watch);
+  }
+  double time() const { return time_; }
+  double previous_time() const { return previous_; }
+  const State& state() const { return method_.state(); }
+  const Constraints& joints() const { return method_.joints(); }
+  int redundant_rows() const { return method_.redundant_rows(); }
+
+ private:
+  static constexpr double kCreeping = 1e-3;
+  static constexpr double kGrowing = 1.5;
+
+  bool nearly_singular() { return method_.smallest_pivot() < kNearlySingular; }
+  Status too_small() { return nearly_singular() ? Status::singular_matrix : Status::step_too_small; }
+
+  // Whether steps are a small part of the way to the singular position: it is approached in more and more of them and
+  // never passed, since its estimates are rounding over a pivot. The way is the root of the pivot.
+  bool creeps() { return method_.proposed() * method_.rate() < kCreeping * std::sqrt(method_.smallest_pivot()); }
+
+  Method method_;
+  Counters at_start_;  // work before the first step
+  double time_ = 0, previous_ = 0, end_ = 0, smallest_ = 0, taken_ = 0;
+};
+
+}  // namespace lieeuler

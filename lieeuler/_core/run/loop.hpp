@@ -1,0 +1,177 @@
+// Stepping, sampling, watching every step, and ending with a status.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+
+#include "linalg/denormals.hpp"
+#include "methods/euler_lagrange.hpp"
+#include "methods/rattle.hpp"
+#include "run/watch.hpp"
+
+namespace lieeuler {
+
+// Largest values over all steps. energy_error is |E - E(0)|, to be divided by kinetic.
+struct Maxima {
+  double energy_error = 0, kinetic = 0, position = 0, velocity = 0, acceleration = 0, orthogonality = 0;
+};
+
+// What overflowed is infinite: a maximum would pass over a NaN.
+inline void raise(double& maximum, double value) {
+  if (!(value <= maximum)) maximum = std::isnan(value) ? std::numeric_limits<double>::infinity() : value;
+}
+template <class Values>
+void raise(double& maximum, const Eigen::MatrixBase<Values>& values) {
+  raise(maximum, values.cwiseAbs().template maxCoeff<Eigen::PropagateNaN>());
+}
+
+class Monitor {
+ public:
+  Monitor(const System& system, bool enabled) : system_(system), enabled_(enabled) {}
+
+  void start(const State& state, const Constraints& joints) {
+    double kinetic;
+    start_energy_ = energy(state, kinetic);
+    if (enabled_) watch(state, joints);
+  }
+
+  void watch(const State& state, const Constraints& joints) {
+    if (!enabled_) return;
+    double kinetic;
+    raise(maxima.energy_error, std::abs(energy(state, kinetic) - start_energy_));
+    raise(maxima.kinetic, kinetic);
+    for (size_t j = 0; j < system_.joints.size(); ++j) {
+      const Joint& joint = system_.joints[j];
+      const JointState& here = joints[static_cast<int>(j)];
+      const Twist &parent = state.u[joint.parent], &child = state.u[joint.child];
+      for (const Part& part : joint.parts) {
+        raise(maxima.position, here.position(part));
+        raise(maxima.velocity, here.velocity(part, parent, child));
+        raise(maxima.acceleration, here.velocity(part, state.a[joint.parent], state.a[joint.child]) +
+                                       here.gamma(part, parent, child));
+      }
+    }
+    for (int b = 0; b < system_.n(); ++b) {
+      const Mat3& R = state.frames[b].R;
+      raise(maxima.orthogonality, Mat3(R.transpose() * R - Mat3::Identity()));
+    }
+  }
+
+  Maxima maxima;
+
+ private:
+  double energy(const State& state, double& kinetic) const {
+    double potential = 0;
+    kinetic = 0;
+    for (int b = 0; b < system_.n(); ++b) {
+      const Body& body = system_.bodies[b];
+      const Twist& u = state.u[b];
+      const Vec3 L = angular_momentum(body, u.w);  // of the body's own velocity w + J^-1 spin
+      kinetic += 0.5 * (body.mass * u.v.squaredNorm() + L.dot(body.inertia_inverse * L));
+      potential -= body.mass * system_.gravity.dot(state.frames[b].x);
+    }
+    for (size_t k = 0; k < system_.forces.size(); ++k)
+      potential += ForceState(system_.forces[k], state.frames, state.u, state.angles[k]).potential();
+    return kinetic + potential;
+  }
+
+  const System& system_;
+  bool enabled_;
+  double start_energy_ = 0;
+};
+
+struct Method {
+  bool hamiltonian;
+  Level level;
+  bool index1_output;  // (a, lam) from the index-1 system at the new state
+  Gains gains;
+  std::vector<double> composition;  // weights of a composition of RATTLE; empty: the method itself
+};
+
+struct Outcome {
+  Status status = Status::success;
+  int samples = 0;  // filled, including the start
+  int redundant_rows = 0;
+  double time_of_failure = 0;
+  Counters counters;
+  Maxima maxima;
+};
+
+// A run never succeeds with a sample that is not a number: what has overflowed may pass every test of a step.
+inline bool is_finite(const State& state) {
+  for (size_t b = 0; b + 1 < state.frames.size(); ++b) {
+    const Frame& frame = state.frames[b];
+    const Twist &u = state.u[b], &a = state.a[b];
+    if (!(frame.x.allFinite() && frame.R.allFinite() && u.v.allFinite() && u.w.allFinite() && a.v.allFinite() &&
+          a.w.allFinite()))
+      return false;
+  }
+  return std::all_of(state.lam.begin(), state.lam.end(), [](double lam) { return std::isfinite(lam); });
+}
+
+// Where the samples go; each call appends one.
+using Record = std::function<void(int sample, const State&)>;
+// Steps of what is not a number pass for good ones where no test of a step sees it. Of an interval of 1e10 steps most
+// would be wasted; at these, and not after so many seconds, a run ends where it ended before.
+inline constexpr std::int64_t kStepsBetweenLooks = 1024;
+
+// Integrates over intervals of counts[k] steps of size steps[k], one sample at the end of each.
+template <class Stepper>
+Outcome run(Stepper& stepper, const System& system, const State& initial, const std::vector<double>& steps,
+            const std::vector<std::int64_t>& counts, bool monitored, const Record& record,
+            const Interrupted& interrupted) {
+  const FlushDenormals flush;
+  Outcome outcome;
+  Monitor monitor(system, monitored);
+  double t = 0, h = 0;
+  Watch watch(interrupted, system);
+  auto end = [&](Status status) {
+    outcome.status = status;
+    outcome.maxima = monitor.maxima;
+    outcome.time_of_failure = t;
+    outcome.redundant_rows = stepper.redundant_rows();
+    return outcome;
+  };
+  for (size_t k = 0; k < steps.size(); ++k) {
+    if (steps[k] != h) {
+      h = steps[k];
+      if (const Status status = stepper.start(k == 0 ? initial : State(stepper.state()), h); status != Status::success)
+        return end(status);
+      if (k == 0) {
+        if (!is_finite(stepper.state())) return end(Status::non_finite);
+        monitor.start(stepper.state(), stepper.joints());
+        record(outcome.samples++, stepper.state());
+      }
+    }
+    const double begin = t;
+    for (std::int64_t i = 0; i < counts[k]; ++i) {
+      if (watch.ends()) return end(Status::interrupted);
+      if (const Status status = stepper.step(outcome.counters); status != Status::success) return end(status);
+      monitor.watch(stepper.state(), stepper.joints());
+      t = begin + (i + 1) * h;  // a sum of 1e10 steps would gather rounding
+      if (i % kStepsBetweenLooks == kStepsBetweenLooks - 1 && !is_finite(stepper.state()))
+        return end(Status::non_finite);
+    }
+    if (!is_finite(stepper.state())) return end(Status::non_finite);
+    record(outcome.samples++, stepper.state());
+  }
+  return end(Status::success);
+}
+
+template <class Map>
+Outcome run_method(const System& system, const Method& method, const State& initial, const std::vector<double>& steps,
+                   const std::vector<std::int64_t>& counts, bool monitored, const Record& record,
+                   const Interrupted& interrupted) {
+  if (!method.composition.empty()) {
+    CompositionStepper<Map> stepper(system, method.composition);
+    return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+  }
+  if (method.hamiltonian) {
+    HamiltonStepper<Map> stepper(system, method.level, method.index1_output);
+    return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+  }
+  LagrangeStepper<Map> stepper(system, method.level, method.index1_output, method.gains);
+  return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+}
+
+}  // namespace lieeuler

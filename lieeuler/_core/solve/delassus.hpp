@@ -1,0 +1,303 @@
+// Saddle-point systems with the bodies eliminated: the Delassus matrix S = G A^-1 Gc^T, the mobility of the constraint rows.
+//
+// A is block diagonal: a mass and a 3 x 3 rotational matrix per body. Bodies leave  A y + Gc^T lam = f,  G y = g  at the
+// cost of a few 3 x 3 products, and what is left couples the joints that share a body. A body with many joints would tie
+// each of them to every other: such a hub stays among the unknowns, and the cost stays proportional to the number of
+// bodies. So do all bodies where joints close loops: S alone would lose digits there near singular positions.
+#pragma once
+
+#include "model/kinematics.hpp"
+
+namespace lieeuler {
+
+class Delassus {
+ public:
+  // One side of a part at a body that moves.
+  struct Place {
+    int part, joint, body;
+    Side side;
+    const Part* part_data;
+  };
+  // G at one configuration.
+  struct Jacobians {
+    const Constraints& joints;
+    Mat3 rotations(const Place& place) const { return joints[place.joint].anchor_jacobian(place.side); }
+    Rows rows(const Place& place) const { return joints[place.joint].jacobian(*place.part_data, place.side); }
+  };
+
+  explicit Delassus(const System& system) : system_(system), nodes_(system, false), bodies_(system.n()), hub_(system.n(), -1) {
+    std::vector<std::vector<Place>> places_at(system.n() + 1);
+    for (int k = 0; k < nodes_.parts(); ++k)
+      for (Side side : kSides) {
+        const Joint& joint = system.joints[nodes_.part(k).joint];
+        const int body = side == kChild ? joint.child : joint.parent;
+        places_at[body].push_back({k, nodes_.part(k).joint, body, side, &part(k)});
+      }
+    places_at.pop_back();
+    const bool loops = !elimination_order(system).loops.empty();
+    for (int b = 0; b < system.n(); ++b)
+      if (loops || places_at[b].size() > kMostEnds) {
+        hub_[b] = nodes_.parts() + 2 * static_cast<int>(hubs_.size());
+        hubs_.push_back({b});
+      }
+    plan(places_at);
+    for (const std::vector<Place>& places : places_at) add_body(places);
+    for (int k = 0; k < nodes_.parts(); ++k) padding_.push_back(lu_.block(k, k));
+    for (Hub& hub : hubs_) {
+      const int node = hub_[hub.body];
+      hub.v = lu_.block(node, node), hub.w = lu_.block(node + 1, node + 1);
+    }
+    rhs_.assign(hubs_.empty() ? 0 : lu_.unknowns(), 0.0);
+    for (int b = 0; b < system.n(); ++b) {
+      bodies_[b] = {1 / system.bodies[b].mass, system.bodies[b].inertia_inverse};
+      if (hub_[b] >= 0) hub_of(b).inertia = system.bodies[b].inertia;
+    }
+  }
+
+  int parts() const { return nodes_.parts(); }
+  const Part& part(int k) const { return system_.joints[nodes_.part(k).joint].parts[nodes_.part(k).part]; }
+  const PartIndex& index(int k) const { return nodes_.part(k); }
+  BlockLU& lu() { return lu_; }
+  int unknowns() const { return lu_.unknowns(); }
+
+  // The rotational block of A, J unless set; false where it is singular.
+  bool set_rotational(int body, const Mat3& A) {
+    if (hub_[body] < 0) return invert(A, bodies_[body].rotational);
+    hub_of(body).inertia = A;
+    return true;
+  }
+
+  // Rows and columns at the same configuration.
+  void assemble(const Constraints& joints) {
+    struct Same {
+      const Mat3& rotations(const Place&, const Mat3& G) const { return G; }
+      const Rows& rows(const Place&, const Rows& G) const { return G; }
+    };
+    fill(Same{}, Jacobians{joints});
+  }
+  void assemble(const Constraints& rows, const Constraints& columns) {
+    struct Other {
+      const Jacobians at;
+      Mat3 rotations(const Place& place, const Mat3&) const { return at.rotations(place); }
+      Rows rows(const Place& place, const Rows&) const { return at.rows(place); }
+    };
+    fill(Other{{rows}}, Jacobians{columns});
+  }
+  // Rows of the caller's: rotations(place, C), all that is not known of a spherical part, and rows(place, C), with C the
+  // columns' Jacobian there.
+  template <class RowsOf>
+  void assemble(const RowsOf& rows, const Jacobians& columns) {
+    fill(rows, columns);
+  }
+
+  // A y + Gc^T lam = f, G y = g: six values a body in `f` become y, three a part in `g` lam; adjust(values) may change
+  // what stands on the right before and the multipliers after the solve.
+  template <class Adjust>
+  void solve(double* f, double* g, Adjust adjust) {
+    double* const rhs = hubs_.empty() ? g : rhs_.data();
+    if (rhs != g) std::copy_n(g, 3 * parts(), rhs);
+    for (int b = 0; b < system_.n(); ++b) {
+      double* const y = f + 6 * b;
+      if (hub_[b] >= 0) {
+        std::copy_n(y, 6, rhs + 3 * hub_[b]);
+        continue;
+      }
+      for (int i = 0; i < 3; ++i) y[i] *= bodies_[b].translational;
+      store(times(bodies_[b].rotational, load3(y + 3)), y + 3);
+    }
+    adjust(rhs);
+    for (const End& end : ends_) {
+      const double* const y = f + 6 * end.body;
+      double* const row = rhs + 3 * end.part;
+      subtract(end.G, y + 3, row);
+      if (end.translation == Translation::unit)
+        for (int i = 0; i < 3; ++i) row[i] -= end.sign * y[i];
+      else if (end.translation == Translation::full)
+        subtract(full_[end.full].Gv, y, row);
+    }
+    lu_.solve(rhs);
+    adjust(rhs);
+    respond(rhs, f);
+    if (rhs != g) std::copy_n(rhs, 3 * parts(), g);
+  }
+  void solve(double* f, double* g) {
+    solve(f, g, [](double*) {});
+  }
+  // As solve() where f = 0: `y` is what the multipliers do, - A^-1 Gc^T lam, whatever rows they were solved for with.
+  void solve_rows(double* g, double* y) {
+    std::fill_n(y, 6 * system_.n(), 0.0);
+    double* const rhs = hubs_.empty() ? g : rhs_.data();
+    if (rhs != g) {
+      std::fill(rhs_.begin(), rhs_.end(), 0.0);
+      std::copy_n(g, 3 * parts(), rhs);
+    }
+    lu_.solve(rhs);
+    respond(rhs, y);
+    if (rhs != g) std::copy_n(rhs, 3 * parts(), g);
+  }
+
+ private:
+  static constexpr size_t kMostEnds = 4;  // a body between two revolute joints; above, a hub is cheaper
+
+  // What the rows of a part say of a body's translation: nothing, plus or minus the translation itself, or more.
+  enum class Translation { none, unit, full };
+  // At a body to be eliminated: the rows G and W = A^-1 Gc^T.
+  struct End : Place {
+    Translation translation = Translation::none;
+    double G[kBlock] = {}, W[kBlock] = {};
+    double sign = 0, mobility = 0;  // a unit translation's, and over the mass
+    int full = -1;                  // place of the translations that are more than that
+  };
+  // V and M^-1 Vc^T of an end.
+  struct Full {
+    double Gv[kBlock] = {}, Wv[kBlock] = {};
+  };
+  struct Pair {
+    int row, column;
+    double* block;
+  };
+  // A^-1 of a body to be eliminated.
+  struct Mobility {
+    double translational = 0;
+    Mat3 rotational = Mat3::Zero();
+  };
+  struct Hub {
+    int body;
+    Mat3 inertia = Mat3::Zero();
+    double *v = nullptr, *w = nullptr;  // its diagonal blocks
+  };
+  struct HubEnd : Place {
+    SideBlocks blocks;
+  };
+
+  // y - A^-1 Gc^T lam, and y of the hubs, out of the solution of lu_.
+  void respond(const double* solution, double* y) const {
+    for (const End& end : ends_) {
+      double* const own = y + 6 * end.body;
+      const double* const lam = solution + 3 * end.part;
+      subtract(end.W, lam, own + 3);
+      if (end.translation == Translation::unit)
+        for (int i = 0; i < 3; ++i) own[i] -= end.mobility * lam[i];
+      else if (end.translation == Translation::full)
+        subtract(full_[end.full].Wv, lam, own);
+    }
+    for (const Hub& hub : hubs_) std::copy_n(solution + 3 * hub_[hub.body], 6, y + 6 * hub.body);
+  }
+
+  Hub& hub_of(int body) { return hubs_[(hub_[body] - parts()) / 2]; }
+
+  // The ends at one body and the blocks they meet in.
+  void add_body(const std::vector<Place>& places) {
+    const int first = static_cast<int>(ends_.size());
+    for (const Place& place : places) {
+      if (const int hub = hub_[place.body]; hub >= 0) {
+        hub_ends_.push_back({place, SideBlocks::of(lu_, place.part, hub, hub + 1)});
+        continue;
+      }
+      End end{place};
+      if (place.part_data->translational())
+        end.translation = place.part_data->spherical ? Translation::unit : Translation::full;
+      if (place.part_data->spherical) {
+        end.sign = place.side == kChild ? 1 : -1;
+        end.mobility = end.sign / system_.bodies[place.body].mass;
+      }
+      ends_.push_back(end);
+    }
+    const int last = static_cast<int>(ends_.size());
+    write_out_translations(first, last);
+    for (int row = first; row < last; ++row)
+      for (int column = first; column < last; ++column)
+        pairs_.push_back({row, column, lu_.block(ends_[row].part, ends_[column].part)});
+  }
+
+  // Where one end of a body has more than a unit translation, all that meet it need theirs as matrices.
+  void write_out_translations(int first, int last) {
+    const auto is_full = [](const End& end) { return end.translation == Translation::full; };
+    if (std::none_of(ends_.begin() + first, ends_.begin() + last, is_full)) return;
+    for (int e = first; e < last; ++e) {
+      if (ends_[e].translation == Translation::none) continue;
+      ends_[e].full = static_cast<int>(full_.size());
+      full_.emplace_back();
+      put_diagonal(full_.back().Gv, ends_[e].sign);
+      put_diagonal(full_.back().Wv, ends_[e].mobility);
+    }
+  }
+
+  void plan(const std::vector<std::vector<Place>>& places_at) {
+    std::vector<std::vector<int>> parts_of(system_.joints.size());
+    for (int k = 0; k < parts(); ++k) parts_of[nodes_.part(k).joint].push_back(k);
+    std::set<BlockLU::Entry> entries;
+    for (int b = 0; b < system_.n(); ++b)
+      for (const Place& row : places_at[b]) {
+        if (hub_[b] >= 0)
+          for (int node : {hub_[b], hub_[b] + 1}) entries.insert({row.part, node}), entries.insert({node, row.part});
+        else
+          for (const Place& column : places_at[b]) entries.insert({row.part, column.part});
+      }
+    std::erase_if(entries, [](const BlockLU::Entry& entry) { return entry.first == entry.second; });
+    std::vector<int> order;
+    auto append = [&](int item) {
+      if (item >= system_.n())
+        order.insert(order.end(), parts_of[item - system_.n()].begin(), parts_of[item - system_.n()].end());
+      else if (hub_[item] >= 0)
+        order.insert(order.end(), {hub_[item], hub_[item] + 1});
+    };
+    const EliminationOrder items = elimination_order(system_);
+    for (int item : items.tree) append(item);
+    const size_t sparse = order.size();
+    for (int item : items.loops) append(item);
+    lu_.plan(order, static_cast<int>(order.size() - sparse), entries);
+  }
+
+  template <class RowsOf>
+  void fill(const RowsOf& rows, const Jacobians& columns) {
+    lu_.set_zero();
+    for (int k = 0; k < parts(); ++k)
+      for (int r = part(k).rows(); r < 3; ++r) padding_[k][(kColumn + 1) * r] = 1;
+    for (End& end : ends_) {
+      const Mobility& body = bodies_[end.body];
+      if (end.part_data->spherical) {
+        const Mat3 C = columns.rotations(end);
+        put(end.G, rows.rotations(end, C));
+        put(end.W, body.rotational * C.transpose());
+        continue;
+      }
+      const Rows C = columns.rows(end), G = rows.rows(end, C);
+      put(end.G, G.w);
+      put(end.W, body.rotational * C.w.transpose());
+      if (end.translation != Translation::full) continue;
+      put(full_[end.full].Gv, G.v);
+      put(full_[end.full].Wv, C.v.transpose() * body.translational);
+    }
+    for (const Pair& pair : pairs_) {
+      const End &row = ends_[pair.row], &column = ends_[pair.column];
+      subtract_product(row.G, column.W, pair.block);
+      if (row.translation == Translation::none || column.translation == Translation::none) continue;
+      if (row.translation == Translation::unit && column.translation == Translation::unit)
+        for (int i = 0; i < 3; ++i) pair.block[(kColumn + 1) * i] -= row.sign * column.mobility;
+      else
+        subtract_product(full_[row.full].Gv, full_[column.full].Wv, pair.block);
+    }
+    for (const Hub& hub : hubs_) put_diagonal(hub.v, system_.bodies[hub.body].mass), put(hub.w, hub.inertia);
+    for (const HubEnd& end : hub_ends_) {
+      const Rows C = columns.rows(end), G = rows.rows(end, C);
+      end.blocks.put_rows(G.v, G.w);
+      end.blocks.put_columns(C);
+    }
+  }
+
+  const System& system_;
+  Nodes nodes_;
+  BlockLU lu_;  // of -S: parts first, then v and w of every hub
+  std::vector<Mobility> bodies_;
+  std::vector<int> hub_;  // first node of a body that is a hub, else -1
+  std::vector<Hub> hubs_;
+  std::vector<End> ends_;
+  std::vector<HubEnd> hub_ends_;
+  std::vector<Full> full_;
+  std::vector<Pair> pairs_;
+  std::vector<double*> padding_;
+  std::vector<double> rhs_;
+};
+
+}  // namespace lieeuler

@@ -1,0 +1,157 @@
+// Projection of a state onto Phi = 0 and G u = 0, by the least change in the metric of the masses:
+//
+//   q <- q * d,  M d + G^T mu = 0,  G d = -Phi      repeated with one matrix (simplified Newton)
+//   u <- M^-1 (M u - G^T nu),       G u = 0         at the new q
+//
+// then (a, lam) of the index-1 system there. Redundant rows are left to the null space of the saddle point.
+#pragma once
+
+#include <variant>
+
+#include "solve/newton.hpp"
+#include "model/scales.hpp"
+#include "solve/schur.hpp"
+
+namespace lieeuler {
+
+// Scaled pivots below this say why a method came to a halt: within 1e-3 of a singular position.
+inline constexpr double kNearlySingular = 1e-6;
+
+class Projection {
+  using Solver = std::variant<SaddlePoint, SchurComplement>;
+  static Solver make_solver(const System& system) {
+    if (SchurComplement::fits(system)) return Solver(std::in_place_type<SchurComplement>, system);
+    return Solver(std::in_place_type<SaddlePoint>, system);
+  }
+  template <class Use>
+  auto solve(const Use& use) {
+    return std::visit(use, solver_);
+  }
+
+ public:
+  explicit Projection(const System& system)
+      : system_(system), joints_(system), solver_(make_solver(system)), change_(system.n() + 1),
+        momentum_(system.n() + 1), mu_(system.rows(), 0.0) {}
+
+  // Counts the redundant rows where the run starts and factors the matrix there.
+  Status start(const State& state) {
+    joints_.update(state.frames);
+    if (!solve([&](auto& s) { return s.find_redundancy(joints_); })) return Status::singular_matrix;
+    return factor();
+  }
+  // A rank that is higher elsewhere was that of a singular position. Leaves the matrix factored.
+  Status confirm_rank() {
+    const int expected = redundant_rows();
+    int found;
+    if (expected == 0) return Status::success;
+    if (!solve([&](auto& s) { return s.count_redundancy(joints_, found); }) || found < expected)
+      return Status::singular_matrix;
+    return factor();
+  }
+
+  // Evaluates the joints there; they refer to `state` until the next call.
+  void move_to(const State& state) { joints_.update(state.frames); }
+  Status factor() {
+    return solve([&](auto& s) { return s.factor(joints_); }) ? Status::success : Status::singular_matrix;
+  }
+
+  // Projects from a matrix of its own.
+  Status project(State& state, const Scales& scales, Counters& counters) {
+    move_to(state);
+    ++counters.factorizations;
+    if (const Status status = factor(); status != Status::success) return status;
+    return settle(state, scales, counters);
+  }
+
+  // Projects with the matrix factored last, at a configuration close by, and factors it at the result.
+  Status settle(State& state, const Scales& scales, Counters& counters) {
+    if (const Status status = close(state, scales.length); status != Status::success) return status;
+    update_angles(system_, state.frames, state.u, state.angles);
+    ++counters.factorizations;
+    ++counters.force_evaluations;
+    if (const Status status = factor(); status != Status::success) return status;
+    solve([&](auto& s) { project_velocities(s, state); });
+    solve([&](auto& s) { s.accelerate(joints_, state); });
+    return Status::success;
+  }
+
+  // (a, lam) of the index-1 system, and the matrix factored there.
+  Status accelerate(State& state) {
+    move_to(state);
+    if (const Status status = factor(); status != Status::success) return status;
+    solve([&](auto& s) { s.accelerate(joints_, state); });
+    return Status::success;
+  }
+
+  const Constraints& joints() const { return joints_; }
+  int redundant_rows() const {
+    return std::visit([](const auto& s) { return s.redundant(); }, solver_);
+  }
+  // Of the joints that close loops: near a singular position it goes to zero.
+  double smallest_pivot() {
+    return solve([](auto& s) { return s.smallest_pivot(); });
+  }
+
+ private:
+  static constexpr double kEps = std::numeric_limits<double>::epsilon();
+  static constexpr double kFloor = 4 * kEps;    // a correction of this size is rounding
+  static constexpr double kNoise = 1e3 * kEps;  // below this, corrections that no longer shrink are rounding
+  static constexpr double kNoisyTerms = 8;      // roundings in a row of Phi: of x, R s, their differences and products
+  static constexpr int kMostIterations = 12;
+
+  void project_velocities(SchurComplement& solver, State& state) { solver.project(state.u); }
+  void project_velocities(SaddlePoint& solver, State& state) {
+    for (int b = 0; b < system_.n(); ++b) momentum_[b] = canonical_momentum(system_.bodies[b], state.u[b]);
+    solver.project(joints_, momentum_, state.u, mu_.data());
+  }
+
+  // Phi = 0, attitudes orthogonal, to rounding.
+  Status close(State& state, double length) {
+    double last = 1;  // the guess is within one length and one radian: a first correction of 1e-8 leaves 1e-16
+    for (int k = 0; k < kMostIterations; ++k) {
+      move_to(state);
+      solve([&](auto& s) { s.displace(joints_, change_); });
+      double size = 0, sum = 0;
+      for (int b = 0; b < system_.n(); ++b) {
+        size = std::max({size, change_[b].v.cwiseAbs().maxCoeff() / length, change_[b].w.cwiseAbs().maxCoeff()});
+        sum += change_[b].v.sum() + change_[b].w.sum();
+      }
+      if (!std::isfinite(sum)) return Status::non_finite;  // max() above would hide a NaN
+      if (k > 0 && size > kNoise && size > 0.5 * last) {
+        if (!closed()) return Status::newton_failed;
+        break;  // near a singular position the correction is rounding of Phi, magnified
+      }
+      apply(state);
+      if (size <= kFloor || (k > 0 && (size * size <= kFloor * last || size <= kNoise))) break;
+      if (k + 1 == kMostIterations) return Status::newton_failed;
+      last = size;
+    }
+    move_to(state);
+    return Status::success;
+  }
+  // Whether Phi is rounding of the positions and axes it is made of.
+  bool closed() const {
+    for (size_t j = 0; j < system_.joints.size(); ++j) {
+      const JointState& here = joints_[static_cast<int>(j)];
+      for (const Part& part : system_.joints[j].parts)
+        if ((here.position(part).cwiseAbs() - kNoisyTerms * kEps * here.terms(part)).maxCoeff() > 0) return false;
+    }
+    return true;
+  }
+  // The correction to first order: what that leaves of R^T R - I, its square, goes with the next one's polish.
+  void apply(State& state) {
+    for (int b = 0; b < system_.n(); ++b) {
+      Frame& frame = state.frames[b];
+      frame.x += change_[b].v;
+      frame.R = polished(frame.R + frame.R * hat(change_[b].w));
+    }
+  }
+
+  const System& system_;
+  Constraints joints_;
+  Solver solver_;
+  std::vector<Twist> change_, momentum_;
+  std::vector<double> mu_;
+};
+
+}  // namespace lieeuler

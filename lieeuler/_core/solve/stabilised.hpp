@@ -1,0 +1,236 @@
+// The linear systems of the stabilised Lagrangian methods on trees, in two parts instead of one of twice the size.
+//
+// Newton's system for (du, dLam, dxi, dmu), with A = M - h df/du, K the stiffness onto xi and N the slope of the velocity
+// rows, is
+//
+//   A du + h K dxi + G^T dLam = r_u        M (dxi - du) + Gn^T dmu = r_xi
+//   G du + h N dxi            = r_lam      G T dxi                 = r_mu
+//
+// du follows from the second of the first column's rows. What is left, with c = dLam + dmu, couples only through
+// E = A M^-1 Gn^T - G^T = O(h):
+//
+//   [A + h K, G^T; G T, 0] (dxi, c) = (r_u + A M^-1 r_xi - E dmu, r_mu)
+//   G M^-1 Gn^T dmu                 = r_lam + G M^-1 r_xi - (G + h N) dxi
+//
+// and since (G + h N) dxi is r_mu but for O(h) dxi, which changes little from one step to the next, dmu is known well
+// beforehand, and a sweep over the two shrinks the error by O(h^2).
+//
+// In place of S = G M^-1 Gn^T stands the one of q_n, O(h) away, as long as a pass over what that leaves of the rows shrinks
+// them well.
+#pragma once
+
+#include "solve/delassus.hpp"
+
+namespace lieeuler {
+
+class StabilisedSolve {
+ public:
+  // `delassus` holds S of q_n, factored, when the iteration of a step begins.
+  StabilisedSolve(const System& system, Delassus& delassus)
+      : system_(system), delassus_(delassus), slopes_(2 * delassus_.parts()), rows_(3 * delassus_.parts(), 0.0),
+        target_(rows_), correction_(rows_), mu_(rows_), core_rhs_(6 * system.n() + rows_.size(), 0.0), total_(core_rhs_),
+        velocity_(system.n() + 1), response_(velocity_), balance_(velocity_), shift_(velocity_),
+        guessed_(delassus_.parts()), excess_(delassus_.parts(), Vec3::Zero()) {}
+
+  // Where the sweeps converge by construction: no damping, and no loops, whose redundant rows need the whole matrix.
+  static bool suits(const System& system) {
+    return elimination_order(system).loops.empty() &&
+           std::all_of(system.forces.begin(), system.forces.end(), [](const Force& f) { return f.damping == 0; });
+  }
+
+  // Rows at the guess, columns of the multipliers at q_n; u and T there.
+  void linearise(const Constraints& joints, const Constraints& before, const std::vector<Twist>& u,
+                 const std::vector<Mat3>& tangents, double h) {
+    if (h != h_) forget();
+    joints_ = &joints, before_ = &before, u_ = &u, tangents_ = &tangents, h_ = h;
+    fresh_ = false;
+  }
+  // What one step leaves for the next to guess by.
+  void forget() { std::fill(excess_.begin(), excess_.end(), Vec3::Zero()); }
+  // h N T of one side of a part that is not spherical.
+  Rows& slope(int part, Side side) { return slopes_[2 * part + side]; }
+
+  // Solves for the corrections r -> (du, dLam, dxi, dmu), laid out as in `nodes`. core(x) solves with the first matrix;
+  // `tolerance` is the rounding of dxi, translations over `length`. False where the sweeps do not converge. Rows of
+  // position and velocity hold in any case: the former are rows of the first system, and dmu is solved last.
+  template <class Core>
+  bool solve(std::vector<double>& r, const Nodes& nodes, const Core& core, double length, double tolerance) {
+    double coupling = kCaution * start(r, nodes, length);
+    double last = std::numeric_limits<double>::infinity();
+    for (int sweep = 0; sweep < kMostSweeps; ++sweep) {
+      core(core_rhs_.data());
+      for (size_t i = 0; i < total_.size(); ++i) total_[i] = sweep == 0 ? core_rhs_[i] : total_[i] + core_rhs_[i];
+      if (!follow(tolerance * length)) return false;
+      const double change = largest(correction_);
+      if (coupling * change <= kRounding * tolerance) return finish(r, nodes);
+      std::fill(core_rhs_.begin(), core_rhs_.end(), 0.0);
+      const double left = couple(length);
+      coupling = std::max(coupling, kCaution * left / change);
+      if (left <= kRounding * tolerance) return finish(r, nodes);
+      if (!(left < kSlow * last)) return left <= kNoise * tolerance && finish(r, nodes);
+      last = left;
+    }
+    return false;
+  }
+
+ private:
+  static constexpr int kMostSweeps = 12;
+  static constexpr double kSlow = 0.3;
+  static constexpr double kNoise = 1e3;  // times the tolerance: what no longer shrinks there is rounding
+  static constexpr double kCaution = 10;  // on the size of E, seen along one direction
+  static constexpr double kStale = 0.01;  // ratio of what a pass leaves above which S is renewed
+  static constexpr double kRounding = 4;  // times the tolerance: what the products of a sweep round to
+
+  // A M^-1 y - y for one body, h times the slope of the gyroscopic torque: rotations only. `rate` is M^-1 y.
+  Vec3 gyroscopic(int b, const Vec3& y, const Vec3& rate) const {
+    const Vec3& w = (*u_)[b].w;
+    return h_ * (w.cross(y) - angular_momentum(system_.bodies[b], w).cross(rate));
+  }
+  static double largest(const std::vector<double>& values) {
+    double size = 0;
+    for (double value : values) size = std::max(size, std::abs(value));
+    return size;
+  }
+  // The first right-hand sides, with dmu as if (G + h N) dxi - r_mu were that of the last solve. Returns the size of E, of
+  // M^-1 E dmu over dmu.
+  double start(const std::vector<double>& r, const Nodes& nodes, double length) {
+    for (int b = 0; b < system_.n(); ++b) {
+      const Twist own = load(&r[3 * nodes.v(b)]), drift = load(&r[3 * nodes.xi_v(b)]);
+      shift_[b] = velocity(system_.bodies[b], drift);
+      store(Twist{own.v + drift.v, own.w + drift.w + gyroscopic(b, drift.w, shift_[b].w)}, &core_rhs_[6 * b]);
+    }
+    for (int k = 0; k < delassus_.parts(); ++k) {
+      const Vec3 position = load3(&r[3 * nodes.mu(k)]), rate = load3(&r[3 * nodes.lam(k)]);
+      store(position, &core_rhs_[6 * system_.n() + 3 * k]);
+      guessed_[k] = position + excess_[k];
+      store(Vec3(guessed_[k] - rate - row_rate(k, shift_)), &rows_[3 * k]);
+      excess_[k] = -position;
+    }
+    std::fill(mu_.begin(), mu_.end(), 0.0);
+    clear_correction();
+    pass();
+    accept_correction();
+    const double multipliers = largest(correction_), coupled = couple(length);
+    return multipliers > 0 ? coupled / multipliers : std::numeric_limits<double>::infinity();
+  }
+  // The change of dmu that the latest change of dxi, in core_rhs_, asks for beyond what stood for it before; what that
+  // leaves of the rows is at most `wanted`, or rounding. False where S is singular.
+  bool follow(double wanted) {
+    for (int b = 0; b < system_.n(); ++b) velocity_[b] = load(&core_rhs_[6 * b]);
+    velocity_[system_.n()] = Twist{};
+    for (int k = 0; k < delassus_.parts(); ++k) {
+      const Vec3 rate = row_rate(k, velocity_) + slope_rate(k);
+      store(Vec3(load3(&rows_[3 * k]) + rate - guessed_[k]), &rows_[3 * k]);
+      excess_[k] += rate;
+      guessed_[k].setZero();
+    }
+    clear_correction();
+    double last = largest(rows_);
+    for (;;) {
+      pass();
+      const double left = largest(rows_);
+      if (left <= wanted || fresh_) break;
+      const bool stale = !(left <= kStale * last);  // a NaN too
+      if (stale && left <= kRounding * wanted) break;
+      if (stale && !renew()) return false;
+      last = left;
+    }
+    accept_correction();
+    return true;
+  }
+  // h N T dxi of one part, dxi in velocity_.
+  Vec3 slope_rate(int k) const {
+    const Joint& joint = joint_of(k);
+    Vec3 rate = Vec3::Zero();
+    for (Side side : kSides) {
+      const int b = side == kChild ? joint.child : joint.parent;
+      if (b == system_.n()) continue;
+      if (delassus_.part(k).spherical)
+        rate += h_ * state_of(k).anchor_rate_change(side, (*u_)[b].w, times((*tangents_)[b], velocity_[b].w));
+      else
+        rate += slopes_[2 * k + side].v * velocity_[b].v + slopes_[2 * k + side].w * velocity_[b].w;
+    }
+    return rate;
+  }
+
+  // Solves - S dmu = rows_ and adds it to the correction; rows_ becomes what that leaves of it.
+  void pass() {
+    target_ = rows_;
+    delassus_.solve_rows(rows_.data(), flat(response_));
+    for (size_t i = 0; i < rows_.size(); ++i) correction_[i] += rows_[i];
+    for (int b = 0; b < system_.n(); ++b) velocity_[b].v += response_[b].v, velocity_[b].w += response_[b].w;
+    for (int k = 0; k < delassus_.parts(); ++k)
+      store(Vec3(load3(&target_[3 * k]) - row_rate(k, response_)), &rows_[3 * k]);
+  }
+  bool renew() {
+    delassus_.assemble(*joints_, *before_);
+    fresh_ = true;
+    return delassus_.lu().factor();
+  }
+  void clear_correction() {
+    std::fill(correction_.begin(), correction_.end(), 0.0);
+    std::fill(velocity_.begin(), velocity_.end(), Twist{});
+  }
+  // correction_ is a change of dmu, velocity_ its - M^-1 Gn^T dmu.
+  void accept_correction() {
+    for (size_t i = 0; i < mu_.size(); ++i) mu_[i] += correction_[i];
+    for (int b = 0; b < system_.n(); ++b) shift_[b].v += velocity_[b].v, shift_[b].w += velocity_[b].w;
+  }
+  // Adds - E times the latest change of dmu to the right-hand side; its size as a velocity.
+  double couple(double length) {
+    std::fill(balance_.begin(), balance_.end(), Twist{});
+    for (int k = 0; k < delassus_.parts(); ++k) {
+      const Joint& joint = joint_of(k);
+      state_of(k).subtract_reaction_change(delassus_.part(k), (*before_)[delassus_.index(k).joint],
+                                           load3(&correction_[3 * k]), balance_[joint.parent], balance_[joint.child]);
+    }
+    double size = 0;
+    for (int b = 0; b < system_.n(); ++b) {
+      const Body& body = system_.bodies[b];
+      const Vec3 v = -balance_[b].v;
+      const Vec3 w = gyroscopic(b, times(body.inertia, velocity_[b].w), velocity_[b].w) - balance_[b].w;
+      size = std::max({size, v.cwiseAbs().maxCoeff() / (body.mass * length),
+                       times(body.inertia_inverse, w).cwiseAbs().maxCoeff()});
+      for (int i = 0; i < 3; ++i) core_rhs_[6 * b + i] += v[i], core_rhs_[6 * b + 3 + i] += w[i];
+    }
+    return size;
+  }
+  // du = dxi - shift, dLam = c - dmu.
+  bool finish(std::vector<double>& r, const Nodes& nodes) {
+    for (int k = 0; k < delassus_.parts(); ++k) {
+      const Vec3 mu = load3(&mu_[3 * k]);
+      store(mu, &r[3 * nodes.mu(k)]);
+      store(Vec3(load3(&total_[6 * system_.n() + 3 * k]) - mu), &r[3 * nodes.lam(k)]);
+    }
+    for (int b = 0; b < system_.n(); ++b) {
+      const Twist xi = load(&total_[6 * b]);
+      store(xi, &r[3 * nodes.xi_v(b)]);
+      store(Twist{xi.v - shift_[b].v, xi.w - shift_[b].w}, &r[3 * nodes.v(b)]);
+    }
+    return true;
+  }
+
+  const Joint& joint_of(int k) const { return system_.joints[delassus_.index(k).joint]; }
+  const JointState& state_of(int k) const { return (*joints_)[delassus_.index(k).joint]; }
+  // The rows of one part applied to velocities.
+  Vec3 row_rate(int k, const std::vector<Twist>& u) const {
+    return state_of(k).velocity(delassus_.part(k), u[joint_of(k).parent], u[joint_of(k).child]);
+  }
+
+  const System& system_;
+  Delassus& delassus_;
+  const Constraints *joints_ = nullptr, *before_ = nullptr;
+  const std::vector<Twist>* u_ = nullptr;
+  const std::vector<Mat3>* tangents_ = nullptr;
+  double h_ = 0;
+  bool fresh_ = false;  // S is that of this iteration
+  std::vector<Rows> slopes_;
+  std::vector<double> rows_, target_;  // of - S dmu: what is left now, and before the last pass
+  std::vector<double> correction_, mu_, core_rhs_, total_;
+  std::vector<Twist> velocity_, response_, balance_;
+  std::vector<Twist> shift_;  // dxi - du = M^-1 (r_xi - Gn^T dmu)
+  std::vector<Vec3> guessed_;   // of (G + h N) dxi, until the first sweep has found it
+  std::vector<Vec3> excess_;    // (G + h N) dxi - r_mu
+};
+
+}  // namespace lieeuler

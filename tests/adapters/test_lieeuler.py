@@ -1,0 +1,171 @@
+"""The lieeuler adapter: its joints and forces against the common ones, its motion against dense index-1 equations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import lieeuler
+from crosscheck.adapters.lieeuler import build_problem
+from crosscheck.scene import mechanics
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.model import GROUND
+from lieeuler import _kernel
+from tests.adapters import pairs
+from tests.scene.test_mechanics import aligned_pair, springs
+from tests.scene_making import JOINT_TYPES, drawn, jointed_pair, make_scene, moved, random_body, random_joint, unit
+
+seeds = st.integers(0, 2**31)
+EPS = np.finfo(float).eps
+
+
+def batch(scene):
+    return scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]
+
+
+@pytest.mark.parametrize("kind", JOINT_TYPES)
+@pytest.mark.parametrize("ground", [True, False])
+@settings(max_examples=15)
+@given(seed=seeds)
+def test_rows_of_every_joint_are_the_common_ones(kind, ground, seed):
+    rng = np.random.default_rng(seed)
+    scene = jointed_pair(rng, kind)
+    if ground:
+        scene = make_scene(list(scene.bodies[1:]), [random_joint(rng, kind, GROUND, 0)])
+    common = Constraints(scene)
+    system = _kernel.System(list(scene.masses), list(scene.inertias), scene.gravity)
+    for joint in build_joints(scene):
+        joint.add_to(system)
+    state = batch(scene)
+    kernel = _kernel.constraints(system, scene.x0, scene.R0, scene.v0, scene.w0, np.zeros(common.m))
+    size = 1 + np.abs(kernel["gamma"]).max() + np.abs(kernel["phi"]).max()
+    assert np.abs(kernel["phi"] - common.position(*state[:2])[0]).max() < 50 * EPS * size
+    assert np.abs(kernel["G"] - common.jacobian(*state[:2])[0]).max() < 50 * EPS * size
+    assert np.abs(kernel["gamma"] - common.gamma(*state)[0]).max() < 50 * EPS * size
+
+
+def build_joints(scene):
+    """Joints alone: random states do not satisfy them, so that no Problem can be built."""
+    from crosscheck.adapters.lieeuler import _joint
+
+    return [_joint(scene, joint) for joint in scene.joints]
+
+
+@pytest.mark.parametrize("parent", [GROUND, 0])
+@settings(max_examples=25)
+@given(seed=seeds)
+def test_forces_are_the_common_ones_and_their_derivatives_hold(parent, seed):
+    from crosscheck.adapters.lieeuler import _force
+
+    rng = np.random.default_rng(seed)
+    aligned = aligned_pair(rng, parent)  # the angle of a torsional spring is meant for axes that coincide
+    scene = make_scene(list(aligned.bodies), list(aligned.joints), springs(rng, parent, damping=0.7, loads=True))
+    system = _kernel.System(list(scene.masses), list(scene.inertias), scene.gravity)
+    for force in scene.forces:
+        _force(scene, force).add_to(system)
+    x, R, u = scene.x0, scene.R0, np.hstack([scene.v0, scene.w0])
+
+    def values(x, R, u):
+        return _kernel.forces(system, x, R, np.ascontiguousarray(u[:, :3]), np.ascontiguousarray(u[:, 3:]))
+
+    here = values(x, R, u)
+    common = mechanics.applied_forces(scene, *batch(scene))[0].reshape(-1, 6)
+    common[:, 3:] += np.cross(scene.w0, np.einsum("nij,nj->ni", scene.inertias, scene.w0))
+    size = 1 + np.abs(common).max()
+    assert np.abs(here["f"].reshape(-1, 6) - common).max() < 100 * EPS * size
+    d, step = rng.normal(size=u.shape), 1e-5
+    by_q = (values(*moved(x, R, step * d), u)["f"] - values(*moved(x, R, -step * d), u)["f"]) / (2 * step)
+    by_u = (values(x, R, u + step * d)["f"] - values(x, R, u - step * d)["f"]) / (2 * step)
+    slope = 1 + np.abs(here["by_q"]).max() + np.abs(here["by_u"]).max()
+    # differences: truncation step^2 times third derivatives, which grow as the spring is short; rounding eps / step
+    assert np.abs(by_q - here["by_q"] @ d.ravel()).max() < 1e-6 * slope
+    assert np.abs(by_u - here["by_u"] @ d.ravel()).max() < 1e-8 * slope
+
+
+def exact(scene, duration):
+    """x, R of the scene after `duration` by DOP853 on the dense index-1 equations, without projection."""
+    n = scene.n
+
+    def rate(_, y):
+        x, R, v, w = unpack(y)
+        a, alpha, _ = mechanics.index1(scene, x[None], R[None], v[None], w[None])
+        spin = R @ np.cross(w[:, None, :], np.eye(3)).swapaxes(1, 2)
+        return np.concatenate([v.ravel(), spin.ravel(), a.ravel(), alpha.ravel()])
+
+    def unpack(y):
+        return (y[:3 * n].reshape(n, 3), y[3 * n:12 * n].reshape(n, 3, 3), y[12 * n:15 * n].reshape(n, 3),
+                y[15 * n:].reshape(n, 3))
+
+    start = np.concatenate([scene.x0.ravel(), scene.R0.ravel(), scene.v0.ravel(), scene.w0.ravel()])
+    return unpack(solve_ivp(rate, (0, duration), start, "DOP853", rtol=1e-10, atol=1e-12).y[:, -1])
+
+
+CASES = [(kind, method) for kind in JOINT_TYPES for method, record in lieeuler.METHODS.items() if record.order == 1]
+
+
+@pytest.fixture(scope="module")
+def moving():
+    """One closed scene for every joint type, with springs, dampers and loads on it, and its state after 0.2 s."""
+    made = {}
+    for number, kind in enumerate(JOINT_TYPES):
+        rng = np.random.default_rng(100 + number)
+        forces = [*pairs.loads(), *([pairs.torsion()] if kind in pairs.SPRUNG else [])]
+        scene = drawn(lambda rng=rng, kind=kind, forces=forces: jointed_pair(rng, kind, forces))
+        made[kind] = scene, exact(scene, 0.2)
+    return made
+
+
+@pytest.mark.parametrize(("kind", "method"), CASES)
+def test_every_method_is_first_order_on_every_joint_and_force(moving, kind, method):
+    scene, (x, R, _, _) = moving[kind]
+    problem, steps = build_problem(scene), (2e-3, 1e-3, 5e-4, 2.5e-4)
+    errors = []
+    for h in steps:
+        run = lieeuler.integrate(problem, method, h, [0, 0.2])
+        errors.append(np.hypot(np.abs(run.x[-1] - x).max(), np.abs(run.R[-1] - R).max()))
+        held = lieeuler.METHODS[method].held
+        size = 1 + np.abs(run.v).max() + np.abs(run.w).max()
+        if "position" in held:
+            assert run.stats.maxima["constraint_position"] < 200 * EPS * size
+        if "velocity" in held:
+            assert run.stats.maxima["constraint_velocity"] < 200 * EPS * size
+        if "acceleration" in held and method != "INDEX1_LE":
+            assert run.stats.maxima["constraint_acceleration"] < 1e4 * EPS * size**2
+    order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert order == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.parametrize("kind", JOINT_TYPES)
+def test_start_accelerations_and_multipliers_are_index_1(moving, kind):
+    scene = moving[kind][0]
+    run = lieeuler.integrate(build_problem(scene), "DAE3L_LE", 1e-3, [0, 1e-3])
+    a, alpha, lam = (values[0] for values in mechanics.index1(scene, *batch(scene)))
+    size = 1 + max(np.abs(a).max(), np.abs(alpha).max(), np.abs(lam).max())
+    for mine, common in ((run.a[0], a), (run.alpha[0], alpha), (run.lam[0], lam)):
+        assert np.abs(mine - common).max() < 1e4 * EPS * size  # condition number of G M^-1 G^T
+
+
+def test_torsional_spring_counts_full_turns():
+    """A wheel on a hinge against a torsional spring turns many times before it comes back: a plain oscillator."""
+    rng = np.random.default_rng(5)
+    axis = unit(rng)
+    body = random_body(rng, "wheel")
+    inertia, stiffness, speed = 0.5, 0.02, 6.0
+    wheel = lieeuler.Body(body.mass, inertia * np.eye(3))
+    hinge = lieeuler.revolute_joint(-1, 0, np.zeros(3), np.zeros(3), axis, axis)
+    spring = lieeuler.TorsionalSpring(-1, 0, axis, axis, stiffness, 0.0)
+    problem = lieeuler.Problem([wheel], [hinge], np.zeros(3), np.zeros((1, 3)), [np.eye(3)], np.zeros((1, 3)),
+                               [speed * axis], [spring])
+    rate = np.sqrt(stiffness / inertia)
+    assert speed / rate > 4 * np.pi  # the amplitude: several turns
+    h = 1e-4
+    run = lieeuler.integrate(problem, "DAE1H_LSE", h, [0, 20.0])
+    angle = speed / rate * np.sin(rate * 20.0)
+    # symplectic Euler on an oscillator: phase error h rate / 2 relative to the amplitude
+    expected = Rotation.from_rotvec(angle * axis).as_matrix()
+    assert np.abs(run.R[-1, 0] - expected).max() < h * speed
+    assert abs(run.stats.maxima["energy_error"]) < h * rate

@@ -1,0 +1,224 @@
+"""MuJoCo's models, in both forms: the scene and nothing else; their equations of motion; what they refuse."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import crosscheck
+from crosscheck import adapters
+from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.mujoco import models
+from crosscheck.errors import EngineError
+from crosscheck.scene import mechanics
+from crosscheck.scene.model import Force, Scene
+from crosscheck.scene.states import States
+from tests.adapters.pairs import loaded_pair
+from tests.scene_making import JOINT_TYPES, make_scene, random_body
+
+ROUNDING = 1e-12  # some thousand roundings of numbers of size 1: sums over a chain, relative
+CONDITIONING = 1e-10  # of two different eliminations of one system
+LONG_CHAIN = 1e-8  # the same for 64 bodies in joint coordinates, whose mass matrix has a condition number of 1e8
+MASS_RATIO = 1e-8  # the same where a light body carries a heavy one: G M^-1 G^T has a condition number of 7e6
+LOOPS = ("bricard", "double_four_bar", "four_bar", "parallelogram", "slider_crank", "taut_chain")
+RODS = ("rod_pendulum", "iftomm_simple_pendulum")
+OPEN = tuple(name for name in crosscheck.scenes() if name not in LOOPS + RODS)
+SLIDES = ("cylindrical", "prismatic", "planar", "point_on_line", "point_on_plane")
+
+
+def _relative(found: np.ndarray, wanted: np.ndarray) -> float:
+    return float(np.abs(found - wanted).max() / max(1.0, np.abs(wanted).max()))
+
+
+def _reason(scene: Scene, form: str | None, method: str = "RK4") -> str | None:
+    return adapters.get("mujoco").unsupported(scene, RunSpec(method, step=1e-3, form=form))
+
+
+def _states(scene: Scene, form: str, steps: int = 4, method: str = "RK4") -> States:
+    step = 1e-5 if "stiff" in scene.tags else 1e-3  # an explicit method has to resolve the fastest rate
+    short = scene.replace(duration=step * steps, samples=steps + 1)
+    return adapters.get("mujoco").run(short, RunSpec(method, step=step, form=form)).states
+
+
+MODELS = [(name, form) for name in crosscheck.scenes() for form in ("tree", "maximal")
+          if _reason(crosscheck.load_scene(name), form) is None]
+
+
+@pytest.mark.parametrize(("name", "form"), MODELS)
+def test_model_is_the_scene_and_nothing_else(name: str, form: str) -> None:
+    import mujoco
+
+    scene = crosscheck.load_scene(name)
+    model = models.build(scene, "RK4", 1e-3, form)
+    springs = [force for force in scene.forces if force.type == "linear_spring"]
+    torsions = [force for force in scene.forces if force.type == "torsional_spring"]
+    _, closing = models.closures(scene, form)
+    rods = sum(joint.type in ("distance", "universal") for joint in closing)
+    points = sum({"distance": 0, "revolute": 2}.get(joint.type, 1) for joint in closing)
+
+    assert model.nbody == scene.n + 1
+    assert (model.neq, model.ntendon) == (points + rods, len(springs) + rods)
+    assert model.nu == sum(force.type in ("constant_force", "constant_torque") for force in scene.forces)
+    absent = (model.ngeom, model.nsensor, model.npair, model.nflex, model.nexclude, model.nplugin, model.nmocap)
+    assert absent == (0,) * len(absent)
+    for extra in (model.dof_armature, model.dof_frictionloss, model.jnt_limited, model.tendon_limited,
+                  model.tendon_frictionloss, model.tendon_armature, model.body_gravcomp, model.opt.wind,
+                  [model.opt.density, model.opt.viscosity]):
+        assert not np.any(extra)
+    for found, wanted in ((model.jnt_stiffness, [force.parameters["stiffness"] for force in torsions]),
+                          (model.dof_damping, [force.parameters["damping"] for force in torsions]),
+                          (model.tendon_stiffness, [force.parameters["stiffness"] for force in springs]),
+                          (model.tendon_damping, [force.parameters["damping"] for force in springs])):
+        assert sorted(found[np.nonzero(found)]) == sorted(value for value in wanted if value)
+    assert model.opt.gravity.tolist() == scene.gravity.tolist()
+    assert model.opt.disableflags == mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_CONTACT
+
+
+@pytest.mark.parametrize(("name", "form"), MODELS)
+def test_bodies_are_those_of_the_scene(name: str, form: str) -> None:
+    import mujoco
+
+    scene = crosscheck.load_scene(name)
+    model = models.build(scene, "RK4", 1e-3, form)
+    data = mujoco.MjData(model)
+    models.set_initial_state(scene, model, data)
+    mujoco.mj_forward(model, data)
+    for index in range(scene.n):
+        body = model.body(str(index)).id
+        frame = data.ximat[body].reshape(3, 3)  # principal axes
+        inertia = frame @ np.diag(model.body_inertia[body]) @ frame.T
+        assert model.body_mass[body] == scene.masses[index]
+        assert _relative(data.xipos[body], scene.x0[index]) < ROUNDING
+        assert _relative(data.xmat[body].reshape(3, 3), scene.R0[index]) < ROUNDING
+        assert _relative(inertia, scene.R0[index] @ scene.inertias[index] @ scene.R0[index].T) < ROUNDING
+
+
+@pytest.mark.parametrize("name", OPEN)
+def test_tree_accelerations_are_those_of_the_scene(name: str) -> None:
+    """At every sample the engine's own accelerations solve the equations of motion at the engine's own state."""
+    scene = crosscheck.load_scene(name)
+    states = _states(scene, "tree")
+    a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w)
+    assert _relative(states.v[0], scene.v0) < ROUNDING
+    assert _relative(states.w[0], scene.w0) < ROUNDING
+    bound = {"chain_64": LONG_CHAIN, "light_heavy": MASS_RATIO}.get(name, CONDITIONING)
+    assert _relative(states.a, a) < bound
+    assert _relative(states.alpha, alpha) < bound
+
+
+@pytest.mark.parametrize("kind", [kind for kind in JOINT_TYPES if kind != "distance"])
+@pytest.mark.parametrize("inward", [False, True])
+def test_tree_with_every_joint_and_force_either_way_round(kind: str, inward: bool) -> None:
+    scene = loaded_pair(kind, inward)
+    states = _states(scene, "tree", steps=40)
+    a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w)
+    assert _relative(states.x[0], scene.x0) < ROUNDING
+    assert _relative(states.a, a) < CONDITIONING
+    assert _relative(states.alpha, alpha) < CONDITIONING
+    run = crosscheck.run(scene, "mujoco", "RK4", step=1e-3, duration=0.04, samples=2)
+    bounds = {"position": 1e-13, "velocity": 1e-12, "acceleration": 1e-9}  # rounding, growing with derivatives
+    assert all(run.stats[f"constraint_{level}"] < bound for level, bound in bounds.items())
+
+
+@pytest.mark.parametrize("method", ["Euler", "implicit", "implicitfast", "discrete"])
+def test_accelerations_are_derivatives_whatever_the_integrator_calls_them(method: str) -> None:
+    """In MuJoCo's `discrete`, qacc is the change over a step, in the metric of the springs and dampers."""
+    scene = loaded_pair("cylindrical")
+    states = _states(scene, "tree", method=method)
+    a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w)
+    assert _relative(states.a, a) < CONDITIONING
+    assert _relative(states.alpha, alpha) < CONDITIONING
+
+
+def test_free_bodies_fly_in_either_form() -> None:
+    rng = np.random.default_rng(8)
+    scene = make_scene([random_body(rng, "first"), random_body(rng, "second")], [])
+    tree, maximal = (_states(scene, form) for form in ("tree", "maximal"))
+    a, alpha, _ = mechanics.index1(scene, tree.x, tree.R, tree.v, tree.w)
+    assert _relative(tree.a, a) < ROUNDING
+    assert _relative(tree.alpha, alpha) < ROUNDING
+    assert np.array_equal(tree.x, maximal.x)
+
+
+ORDERS = [("double_pendulum", "maximal"), ("universal_pendulum", "maximal"), ("hinge_pendulum", "maximal"),
+          ("fixed_pair", "maximal"), ("rod_pendulum", "maximal"), ("four_bar", "tree"), ("bricard", "tree")]
+
+
+@pytest.mark.parametrize(("name", "form"), ORDERS)
+@pytest.mark.parametrize("method", ["RK4", "discrete"])
+def test_tight_constraints_converge_to_truth(name: str, form: str, method: str) -> None:
+    """Velocities with order 1, as documented by the adapter, and RK4's positions with order 2."""
+    scene = crosscheck.load_scene(name).replace(duration=0.5, samples=3)
+    truth = crosscheck.truth(scene).states
+    assert adapters.get("mujoco").documented_order(scene, RunSpec(method, form=form)) == 1
+    errors = []
+    for step in (5e-4, 2.5e-4):
+        run = crosscheck.run(scene, "mujoco", method, step=step, form=form, monitor=False)
+        errors.append([np.abs(getattr(run, field) - getattr(truth, field)).max() for field in ("x", "R", "v", "w")])
+    orders = np.log2(np.divide(*errors))
+    # the house bands; from above, where the first term is not alone yet
+    assert orders.min() > 1 - 0.1
+    if method == "RK4":
+        assert orders[:2].min() > 2 - 0.15
+
+
+def test_softness_is_mujocos_own_or_its_stiffest() -> None:
+    scene = crosscheck.load_scene("double_pendulum")
+    own, tight = (models.build(scene, "RK4", 1e-3, "maximal", softness) for softness in ("default", "tight"))
+    assert np.all(own.eq_solref == [0.02, 1.0])
+    assert np.all(own.eq_solimp == [0.9, 0.95, 0.001, 0.5, 2.0])
+    assert np.all(tight.eq_solref == [0.002, 1.0])
+    assert np.all(tight.eq_solimp[:, :2] == 0.9999)
+    runs = [crosscheck.run(scene, "mujoco", "RK4", step=1e-2, form="maximal", softness=softness, duration=0.1)
+            for softness in ("default", "tight", None)]
+    assert [run.stats["softness"] for run in runs] == ["default", "tight", "tight"]
+    assert np.array_equal(runs[1].x, runs[2].x)
+    assert "softness" not in crosscheck.run(scene, "mujoco", "RK4", step=1e-2, duration=0.1).stats  # nothing is soft
+
+
+def test_discrete_differs_from_euler_where_there_is_damping_or_stiffness() -> None:
+    scene = crosscheck.load_scene("damped_pendulum").replace(duration=0.5, samples=3)
+    first, second = (crosscheck.run(scene, "mujoco", method, step=1e-3, monitor=False)
+                     for method in ("discrete", "Euler"))
+    assert np.abs(first.x - second.x).max() > 1e-6
+
+
+def test_the_best_form_is_found() -> None:
+    forms = {name: adapters.get("mujoco").form(crosscheck.load_scene(name), RunSpec("RK4"))
+             for name in crosscheck.scenes()}
+    assert {name for name, form in forms.items() if form == "maximal"} == set(RODS)
+
+
+@pytest.mark.parametrize("kind", SLIDES)
+def test_maximal_has_no_slides(kind: str) -> None:
+    reason = _reason(loaded_pair(kind, spring=False), "maximal")
+    assert reason is not None
+    assert kind in reason
+    assert "joint" in reason
+
+
+def test_what_cannot_be_modelled_is_said() -> None:
+    spring = crosscheck.load_scene("torsion_wheel")
+    assert "torsional spring of joint 'hinge'" in (_reason(spring, "maximal") or "")
+    rod = crosscheck.load_scene("rod_pendulum")
+    assert "'rod'" in (_reason(rod, "tree") or "")
+    assert "form pivot" in (_reason(rod, "pivot") or "")
+    crank = crosscheck.load_scene("slider_crank")
+    guides = [dataclasses.replace(joint, type="prismatic", parent_axis=np.eye(3)[0], child_axis=np.eye(3)[0])
+              for joint in crank.joints]
+    assert "closes a loop" in (_reason(crank.replace(joints=tuple(guides)), "tree") or "")
+    # both hinges of a loop's last body sprung: one of them is no coordinate
+    bar = crosscheck.load_scene("four_bar")
+    sprung = tuple(Force("torsional_spring", None, None, joint.name,
+                         {"stiffness": 1.0, "rest_angle": 0.0, "damping": 0.0}) for joint in bar.joints)
+    assert "torsional spring" in (_reason(bar.replace(forces=sprung), "tree") or "")
+    assert _reason(bar.replace(forces=sprung[-1:]), "tree") is None
+
+
+@pytest.mark.parametrize(("name", "form"), [("heavy_top", "maximal"), ("slider_crank", "tree")])
+@pytest.mark.parametrize("monitor", [True, False])
+def test_divergence_under_constraints_is_an_engine_error(name: str, form: str, monitor: bool) -> None:
+    """With a step of half a second every stage is far outside the region of stability; nothing is reset in silence."""
+    scene = crosscheck.load_scene(name).replace(duration=200.0, samples=3)
+    with pytest.raises(EngineError, match=r"MuJoCo warned: .*Try a smaller step|diverged"):
+        crosscheck.run(scene, "mujoco", "RK4", step=0.5, form=form, monitor=monitor)

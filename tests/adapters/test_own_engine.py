@@ -1,0 +1,192 @@
+"""Engines of the user's own: the documented example, the defaults, one clear error for everything that is missing."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import crosscheck
+from crosscheck import adapters
+from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.verification import job
+from tests import ROOT
+
+EXAMPLE = f"{ROOT / 'examples' / 'my_engine.py'}:PivotRK4"
+BAD = f"{ROOT / 'tests' / 'bad_engines.py'}"
+
+
+@pytest.fixture(scope="module")
+def verified():
+    return job.verify("smoke", ["single_pendulum", "double_pendulum"], [EXAMPLE], 1)
+
+
+def test_the_example_is_judged_like_a_built_in_engine(verified):
+    record, elsewhere = (record for record in verified.records if record.engine == EXAMPLE)
+    assert record.outcome == "pass"
+    assert record.documented_order == 4
+    # Four evaluations of a smooth right-hand side: the order of the classical method, to the margin of every test here.
+    assert record.orders["position"]["observed"] == pytest.approx(4.0, abs=0.15)
+    assert elsewhere.outcome == "unsupported"
+    assert elsewhere.message == "it knows one body on a ball joint with the ground"
+    assert record.version.startswith("file ")
+
+
+def test_it_is_in_the_report_and_in_its_files(verified, tmp_path):
+    folder = job.write(verified, tmp_path / "report").parent
+    pages = "".join(page.read_text(encoding="utf-8") for page in folder.rglob("*.html"))
+    assert f"{EXAMPLE} RK4" in pages
+    assert "it knows one body on a ball joint with the ground" in pages
+    for name in ("results.json", "junit.xml", "runs.csv", "summary.md"):
+        if (folder / name).exists():
+            assert "my_engine.py:PivotRK4" in (folder / name).read_text(encoding="utf-8")
+
+
+def test_its_own_command_repeats_its_run(verified, tmp_path):
+    import shlex
+
+    record = next(record for record in verified.records if record.engine == EXAMPLE)
+    words = shlex.split(record.command)
+    done = subprocess.run([sys.executable, "-m", "crosscheck", *words[1:]], capture_output=True, text=True,
+                          timeout=120, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert f"{EXAMPLE} RK4: success, 1000 steps" in done.stdout
+    assert (tmp_path / "run.csv").is_file()
+
+
+def test_a_module_in_the_current_folder(tmp_path):
+    (tmp_path / "mine.py").write_text((ROOT / "examples" / "my_engine.py").read_text(encoding="utf-8")
+                                      + "\n__version__ = '0.7'\n", encoding="utf-8")
+    program = Path(sys.executable).with_name("crosscheck")
+    for name in ("mine:PivotRK4", "mine.py:PivotRK4"):
+        done = subprocess.run([str(program), "list", "--engine", name], capture_output=True, text=True, timeout=60,
+                              cwd=tmp_path, env={**os.environ, "COLUMNS": "200"})
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.splitlines()[-1].split() == [name, "0.7", "RK4"]
+
+
+def test_two_files_of_one_name_are_two_engines(tmp_path):
+    for folder, method in (("a", "One"), ("b", "Two")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "same.py").write_text(
+            f"class E:\n    name = 'e'\n    methods = ({method!r},)\n    def unsupported(self, scene, spec): ...\n"
+            "    def run(self, scene, spec): ...\n", encoding="utf-8")
+    assert adapters.methods(f"{tmp_path}/a/same.py:E") == ("One",)
+    assert adapters.methods(f"{tmp_path}/b/same.py:E") == ("Two",)
+
+
+def test_defaults():
+    adapter = adapters.get(f"{BAD}:Resting")
+    scene = crosscheck.load_scene("single_pendulum").replace(samples=6)
+    spec = RunSpec("Rest", step=0.1)
+    assert (adapter.documented_order(scene, spec), adapter.held_levels(scene, spec)) == (1, frozenset())
+    assert (adapter.options, adapter.forms, adapter.adaptive_methods) == (frozenset(), (), ())
+    raw = adapter.run(scene, spec)
+    assert isinstance(raw, RawRun)
+    assert (raw.steps, raw.step) == (100, 0.1)
+    assert adapter.unsupported(scene, RunSpec("Rest", step=0.1, form="tree")) == (
+        "form tree is not among those of this engine: it names none")
+    with pytest.raises(crosscheck.ArgumentError, match=r"form: .*Resting does not have this option; it has none"):
+        crosscheck.run(scene, f"{BAD}:Resting", "Rest", step=0.1, form="tree")
+    with pytest.raises(crosscheck.ArgumentError, match=r"Resting Rest needs a fixed step"):
+        crosscheck.run(scene, f"{BAD}:Resting", "Rest")
+
+
+@pytest.mark.parametrize(("name", "words"), [
+    ("no_such_module:Engine", "and there is no module of this name"),
+    ("mojoco:RK4", "did you mean 'mujoco'"),
+    ("no/such/file.py:Engine", "engine: there is no file no/such/file.py"),
+    (f"{BAD}:Restless", "has no class 'Restless'; engines there: Resting, Killed"),
+    (f"{BAD}:Nameless", "`methods` has to be a tuple of names"),
+    (f"{BAD}:", "a class is given as module:Class"),
+    (":Engine", "a class is given as module:Class"),
+    ("json:loads", "cannot be made without arguments: TypeError"),
+    ("json:JSONDecoder", "has no method unsupported(scene, spec)"),
+])
+def test_what_is_missing_gets_one_clear_error(name, words):
+    for lookup in (adapters.get, lambda name: job.select_engines([name])):
+        with pytest.raises(crosscheck.ArgumentError) as caught:
+            lookup(name)
+        assert words in str(caught.value)
+        assert str(caught.value).startswith("engine")
+
+
+def test_wrong_states_are_named(tmp_path):
+    path = tmp_path / "shapes.py"
+    path.write_text("""
+import numpy as np
+from crosscheck.scene.states import States
+
+class Shapes:
+    name = "shapes"
+    methods = ("flat", "late", "few", "text")
+
+    def unsupported(self, scene, spec):
+        return None
+
+    def run(self, scene, spec):
+        n = scene.samples - (spec.method == "few")
+        t = scene.t[:n] * (2.0 if spec.method == "late" else 1.0)
+        shape = (n, 3) if spec.method == "flat" else (n, 1, 3)
+        x = [["a"]] if spec.method == "text" else np.zeros(shape)
+        return States(t, x, np.tile(np.eye(3), (n, 1, 1, 1)), np.zeros((n, 1, 3)), np.zeros((n, 1, 3)))
+""", encoding="utf-8")
+    for method, words in (("flat", "x of shape (251, 3), not (251, 1, 3)"), ("late", "other times"),
+                          ("few", "250 samples, not 251"), ("text", "something else than numbers in x")):
+        with pytest.raises(crosscheck.EngineError) as caught:
+            crosscheck.run("single_pendulum", f"{path}:Shapes", method, step=0.1, samples=251)
+        assert words in str(caught.value)
+
+
+def test_a_module_that_crashes_on_import_is_one_error(tmp_path):
+    path = tmp_path / "crash.py"
+    path.write_text("import ctypes\nctypes.string_at(0)\n", encoding="utf-8")
+    with pytest.raises(crosscheck.EngineError, match=r"crash.py:E cannot be loaded: .*SIGSEGV"):
+        job.select_engines([f"{path}:E"])
+
+
+def test_it_takes_part_in_assert_agree():
+    brief = crosscheck.load_scene("single_pendulum").replace(duration=1.0, samples=11)
+    crosscheck.assert_agree(brief, [(EXAMPLE, "RK4", {"step": 2e-3}), "mujoco:RK4"])
+
+
+def test_the_example_is_as_short_as_promised():
+    body = (ROOT / "examples" / "my_engine.py").read_text(encoding="utf-8").partition("class PivotRK4")[2]
+    assert len([line for line in body.splitlines() if line.strip()]) <= 40
+
+
+def test_states_as_lists_become_arrays():
+    adapter = adapters.get(EXAMPLE)
+    scene = crosscheck.load_scene("single_pendulum").replace(duration=0.1, samples=3)
+    listed = adapter._engine.run(scene, RunSpec("RK4", step=0.05))
+    adapter_like = type("Lists", (), {"name": "lists", "methods": ("RK4",), "unsupported": lambda *_: None,
+                                      "run": lambda *_: type(listed)(*(np.asarray(getattr(listed, each)).tolist()
+                                                                       for each in ("t", "x", "R", "v", "w")))})
+    from crosscheck.adapters.foreign import own
+
+    raw = own.completed(adapter_like(), "lists", "1").run(scene, RunSpec("RK4", step=0.05))
+    assert raw.states.R.shape == (3, 1, 3, 3)
+
+
+def test_the_documented_adapter_works(tmp_path):
+    text = (ROOT / "docs" / "adding-an-engine.md").read_text(encoding="utf-8")
+    path = tmp_path / "scipy_engine.py"
+    path.write_text(text.partition("```python\n")[2].partition("```")[0], encoding="utf-8")
+    brief = crosscheck.load_scene("double_pendulum").replace(duration=1.0, samples=11)
+    # Bounds from rtol and the scene's own growth of errors, see `crosscheck.judge.tolerances.adaptive`.
+    crosscheck.assert_agree(brief, [(f"{path}:SciPy", "DOP853", {"rtol": 1e-8})])
+    with pytest.raises(crosscheck.Unsupported, match="DOP853 is adaptive here"):
+        crosscheck.run(brief, f"{path}:SciPy", "DOP853", step=1e-3)
+
+
+@pytest.mark.slow  # two minutes of compiling
+@pytest.mark.parametrize("method", ["SymplecticEuler", "RKMK4", "RKMK8"])
+def test_compiled_pinocchio_takes_the_steps_of_its_adapter(method):
+    compiled, plain = (crosscheck.run("double_pendulum", engine, method, step=0.01, samples=11)
+                       for engine in ("examples/pinocchio_compiled.py:Compiled", "pinocchio"))
+
+    for quantity in ("x", "R", "v", "w", "a"):
+        ours, theirs = getattr(compiled, quantity), getattr(plain, quantity)
+        assert np.abs(ours - theirs).max() <= 1e-9 * np.abs(theirs).max()

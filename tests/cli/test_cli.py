@@ -1,0 +1,234 @@
+"""The command line: what it prints, and what it answers to mistakes."""
+
+import csv
+import importlib.metadata
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "mujoco")
+
+
+def crosscheck(*words, **options):
+    return subprocess.run([sys.executable, "-m", "crosscheck", *words], capture_output=True, text=True, timeout=120,
+                          env={**os.environ, "COLUMNS": "200"}, **options)
+
+
+@pytest.fixture(scope="module")
+def verified(tmp_path_factory):
+    out = tmp_path_factory.mktemp("verify") / "latest"
+    return crosscheck("verify", *QUICK, "--out", str(out)), out
+
+
+def test_verify_prints_one_table_and_where_the_report_is(verified):
+    done, out = verified
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("energy error") == 1
+    assert "mujoco RK4" in done.stdout
+    assert done.stdout.splitlines()[-1] == f"report: {out / 'index.html'}"
+    assert done.stdout.splitlines()[-2].startswith("All 5 runs pass (")
+    assert "single_pendulum: Trust mujoco" in done.stdout
+    assert (out / "index.html").is_file()
+
+
+def test_verify_as_json(tmp_path):
+    done = crosscheck("verify", *QUICK, "--json", "--out", str(tmp_path / "latest"))
+    document = json.loads(done.stdout)
+    assert document["exit_code"] == done.returncode == 0
+    assert {record["outcome"] for record in document["records"]} == {"pass"}
+    assert document["report"].endswith("index.html")
+
+
+def test_list_names_scenes_engines_and_methods():
+    done = crosscheck("list")
+    assert done.returncode == 0
+    for word in ("heavy_top", "triple_pendulum", "lieeuler", "DAE1H_LSE", "mujoco", "pinocchio", "exudyn", "RK67"):
+        assert word in done.stdout
+
+
+def test_run_writes_its_trajectory(tmp_path):
+    target = tmp_path / "run.csv"
+    done = crosscheck("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2", "--csv",
+                      str(target), "--samples", "11")
+    assert done.returncode == 0, done.stderr
+    with open(target, newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 11
+    assert float(rows[-1]["t [s]"]) == 10.0
+    radius = [sum(float(row[f"pendulum x_{axis} [m]"]) ** 2 for axis in "xyz") for row in rows]
+    # The centre of mass hangs one metre from the origin; MuJoCo's ball joint holds that to rounding.
+    assert radius == pytest.approx([1.0] * 11, abs=1e-14)
+
+
+def test_run_without_a_method_takes_the_fastest_in_house_one_and_names_those_of_other_engines():
+    done = crosscheck("run", "single_pendulum", "--duration", "1")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("lieeuler taylor (maximal): success")
+    assert "\npendulum: x(1 s) = (" in done.stdout
+    refused = crosscheck("run", "single_pendulum", "--engine", "mujoco")
+    assert refused.returncode == 2
+    assert "mujoco has Euler" in refused.stderr
+
+
+def test_run_prints_csv_alone_on_request():
+    done = crosscheck("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2", "--csv", "-",
+                      "--samples", "3")
+    assert done.stdout.splitlines()[0].startswith("t [s],pendulum x_x [m]")
+    assert len(done.stdout.splitlines()) == 4
+
+
+def test_truth_tells_its_source_and_doubt():
+    done = crosscheck("truth", "heavy_top")
+    assert done.returncode == 0, done.stderr
+    assert "elliptic" in done.stdout
+    assert "x(1 s) = (0.17334396409" in done.stdout  # ENGINES.md, scene C
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (("run", "no_such_scene", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2"), "no_such_scene"),
+    (("run", "single_pendulum", "--engine", "mojoco", "--method", "RK4", "--step", "1e-2"), "did you mean 'mujoco'"),
+    (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK5", "--step", "1e-2"), "RK4"),
+    (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4"), "step"),
+    (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "-1"), "step: a finite number"),
+    (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2", "--map", "exp"),
+     "coordinate_map"),
+    (("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2", "--csv",
+      "no/such/folder/run.csv"), "cannot be written"),
+    (("verify", "--profile", "quick"), "default or smoke"),
+    (("verify", "--engine", "bullet"), "bullet"),
+    (("verify", "--scene", "no_such_scene"), "no_such_scene"),
+    (("verify", "--jobs", "0"), "at least 1"),
+])
+def test_a_mistake_gets_one_clear_line(words, message, tmp_path):
+    done = crosscheck(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_importing_the_package_is_light():
+    heavy = ("numpy", "scipy", "mujoco", "pinocchio", "exudyn", "heyoka", "plotly", "pandas", "lieeuler")
+    code = f"import sys, crosscheck, crosscheck.cli.app; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_public_names():
+    import crosscheck as package
+
+    assert set(package.__all__) >= {"load_scene", "run", "methods", "engines", "scenes", "truth", "assert_agree",
+                                    "SceneError", "Unsupported", "EngineError", "ArgumentError", "Trajectory"}
+    for name in package.__all__:
+        assert callable(getattr(package, name))
+    assert package.engines() == ("lieeuler", "mujoco", "pinocchio", "exudyn")
+    assert "DAE1L_LSE" in package.methods("lieeuler")
+    assert set(package.scenes()) >= {"single_pendulum", "double_pendulum", "heavy_top", "triple_pendulum"}
+    with pytest.raises(AttributeError, match="no_such_name"):
+        package.no_such_name  # noqa: B018
+
+
+def files_below(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("holding", [{"thesis.tex": "years of work"},
+                                     {"results.json": '{"meta": {"command": "make thesis"}}'},
+                                     {"results.json": '{"meta": {"command": "crosscheck verify"}}', "mine.txt": "x"}])
+def test_a_folder_that_is_no_report_is_never_replaced(tmp_path, holding):
+    for name, text in holding.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    before = files_below(tmp_path)
+    done = crosscheck("verify", *QUICK, "--out", str(tmp_path))
+    assert done.returncode == 2
+    assert "holds something else than a report" in done.stderr
+    assert files_below(tmp_path) == before
+
+
+def test_a_place_that_cannot_hold_a_report_is_refused_before_anything_runs(tmp_path):
+    taken = tmp_path / "taken"
+    taken.write_text("a file", encoding="utf-8")
+    for out, message in ((taken, "a file is there"), (taken / "below", "cannot be written"),
+                         (Path("/proc/nowhere/latest"), "cannot be written")):
+        done = crosscheck("verify", *QUICK, "--out", str(out))
+        assert (done.returncode, len(done.stderr.strip().splitlines())) == (2, 1)
+        assert message in done.stderr
+    assert taken.read_text(encoding="utf-8") == "a file"
+
+
+def test_an_older_report_is_replaced(verified):
+    _, out = verified
+    from crosscheck.verification import job
+
+    job.check_out(out)
+    (out / "notes.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(job.ArgumentError, match="something else"):
+        job.check_out(out)
+    (out / "notes.txt").unlink()
+
+
+def test_an_unforeseen_error_is_one_line_and_not_the_exit_code_of_a_verdict():
+    code = ("from crosscheck.cli import app\nfrom crosscheck.running import run\n"
+            "def broken(*a, **k): raise RuntimeError('two\\nlines')\n"
+            "run.run = broken\napp.main()")
+    words = ("run", "single_pendulum", "--engine", "mujoco", "--method", "RK4", "--step", "1e-2")
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.startswith("crosscheck: RuntimeError: two lines")
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_an_engine_that_is_not_installed_is_listed_as_such(monkeypatch, capsys):
+    from crosscheck.adapters import get
+    from crosscheck.cli import app
+    from crosscheck.judge.plan import PENDING
+    from crosscheck.running import provenance
+    from crosscheck.verification.cell import Cell, run_cell
+
+    def missing(self):
+        raise importlib.metadata.PackageNotFoundError("mujoco")
+
+    monkeypatch.setattr(type(get("mujoco")), "version", missing)
+    app.list_()
+    assert "not installed" in next(line for line in capsys.readouterr().out.splitlines() if "mujoco" in line)
+    assert provenance.describe(["mujoco"])["engines"] == {"mujoco": "not installed"}
+    record = run_cell(Cell("single_pendulum", "mujoco", "RK4", None, PENDING))
+    assert (record.outcome, record.message) == ("unsupported", "not installed")
+
+
+def running_in_group(group):
+    """Processes of a group that still run; one that ended but is not yet collected by its parent does not."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, its_group = stat.read_text(encoding="utf-8").rpartition(")")[2].split()[:3]
+        except OSError:
+            continue
+        if its_group == str(group) and state != "Z":
+            found.append(stat.parent.name)
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="tells running processes by /proc")
+def test_an_interrupt_ends_the_workers_and_says_so(tmp_path):
+    process = subprocess.Popen([sys.executable, "-m", "crosscheck", "verify", "--scene", "double_pendulum",
+                                "--engine", "pinocchio", "--out", str(tmp_path / "out")], text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    time.sleep(5)  # in the midst of its cells, which take a minute
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert said.strip().splitlines()[-1] == "crosscheck: interrupted; nothing was written"
+    assert list(tmp_path.iterdir()) == []
+    for _ in range(50):  # the workers were told to end before their parent did; give them a moment to do so
+        left = running_in_group(process.pid)
+        if not left:
+            break
+        time.sleep(0.1)
+    assert left == []

@@ -1,0 +1,73 @@
+"""`crosscheck history` as a user sees it, on a store of made-up runs."""
+
+import pytest
+from typer.testing import CliRunner
+
+from crosscheck.cli.app import app
+from crosscheck.errors import ArgumentError
+from crosscheck.history.store import load, open_store, run_from_document, save
+from tests.history.store.documents import document, record
+
+NAMES = [f"2026-11-{day:02d}T02-00-00Z-00ff" for day in range(1, 7)]
+CELL = ("--scene", "single_pendulum", "--engine", "mujoco", "--method", "RK4")
+
+
+@pytest.fixture
+def store(tmp_path):
+    path = str(tmp_path / "history.sqlite")
+    opened = open_store(path)
+    for day, name in enumerate(NAMES, 1):
+        content = document([record(ratio=0.01 if day < 4 else 0.013)], started=f"2026-11-{day:02d}T02:00:00+00:00")
+        save(opened, run_from_document(name, content, good=day != 4))
+    return path
+
+
+def history(*words, store):
+    done = CliRunner().invoke(app, ["history", *words, "--store", store], env={"COLUMNS": "250"})
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    return done
+
+
+def test_list_has_the_newest_first(store):
+    lines = history("list", store=store).stdout.splitlines()
+    assert [line.split()[0] for line in lines[1:]] == NAMES[::-1]
+    assert "mujoco 4.0.0" in lines[1]
+
+
+def test_show_has_the_figures_of_one_run(store):
+    text = history("show", "2026-11-05", "--metric", "speed ratio", "--metric", "position error", store=store).stdout
+    assert text.startswith(NAMES[4])
+    assert "0.013" in text
+    assert "1e-06" in text
+    with pytest.raises(ArgumentError, match="did you mean 'speed ratio'"):
+        history("show", "--metric", "sped ratio", store=store)
+
+
+def test_compare_names_what_became_worse(store):
+    done = history("compare", "2026-11-03", "2026-11-04", store=store)
+    assert done.exit_code == 1
+    assert "✗ speed: single_pendulum, mujoco RK4: 1.30 times the time per step" in done.stdout
+    done = history("compare", "2026-11-04", store=store)
+    assert done.exit_code == 0
+    assert "nothing beyond rounding and noise" in done.stdout
+
+
+def test_trend_marks_the_change(store, tmp_path):
+    page = tmp_path / "trend.html"
+    lines = history("trend", "speed ratio", *CELL, "--page", str(page), store=store).stdout.splitlines()
+    assert lines[0] == "speed ratio of mujoco RK4 on single_pendulum, 6 runs"
+    assert lines[1].startswith("▁▁▁███")
+    assert lines[2] == "   ◆"
+    assert lines[3].startswith(f"◆ {NAMES[3]}: 0.01 -> 0.013")
+    assert page.is_file()
+    with pytest.raises(ArgumentError, match="speed ratio"):
+        history("trend", "sped", *CELL, store=store)
+    with pytest.raises(ArgumentError, match="no run in the store has this"):
+        history("trend", "speed ratio", *CELL[:-1], "RK5", store=store)
+
+
+def test_accept_makes_a_run_the_one_to_compare_with(store):
+    assert not load(open_store(store), NAMES[3]).good
+    assert history("accept", "2026-11-04", store=store).stdout == f"accepted: {NAMES[3]}\n"
+    assert load(open_store(store), NAMES[3]).good

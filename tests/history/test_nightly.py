@@ -1,0 +1,225 @@
+"""The nightly run: kills lose nothing, seeded regressions are on the first page, unchanged runs raise no alarm."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from crosscheck.cli.app import app
+from crosscheck.errors import ArgumentError
+from crosscheck.history import nightly
+from crosscheck.history.store import open_store, recent
+from crosscheck.report import load_report
+from tests import ROOT
+
+SEEDS = ROOT / "tests" / "seeds"
+FEW = f"{SEEDS / 'few.py'}:Few"
+QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", FEW, "--jobs", "1")
+TIMED = ("--profile", "full", "--scene", "single_pendulum", "--engine", FEW, "--jobs", "1")
+
+
+def command(out, *words, seed=""):
+    environment = {**os.environ, "CROSSCHECK_TEST_SEED": seed, "COLUMNS": "200", "PYTHONPATH": os.pathsep.join(
+        filter(None, (str(SEEDS), os.environ.get("PYTHONPATH"))))}
+    environment.pop("CROSSCHECK_STORE", None)
+    return {"args": [sys.executable, "-m", "crosscheck", "nightly", *words, "--out", str(out)],
+            "env": environment, "text": True, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+
+
+def night(out, *words, **more):
+    return subprocess.run(**command(out, *words, **more), timeout=1500)
+
+
+def latest(out):
+    return json.loads((out / "latest" / "results.json").read_text(encoding="utf-8"))
+
+
+def history_names(out):
+    return [run.name for run in recent(open_store(out.parent / "history.sqlite"), 100)]
+
+
+TIMES = {"time", "started", "seconds", "wall_time", "us_per_step", "seconds_per_second", "seconds_deviation", "speed",
+         "timing", "recommended", "trust", "calibration", "compared_with", "changes"}
+"""Keys that hold times, or what depends on them."""
+
+
+def timeless(value):
+    if isinstance(value, dict):
+        return {key: timeless(each) for key, each in value.items() if key not in TIMES}
+    return [timeless(each) for each in value] if isinstance(value, list) else value
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    out = tmp_path_factory.mktemp("nights") / "nightly"
+    return night(out, *QUICK), out
+
+
+def test_a_night_leaves_report_history_and_summary(undisturbed):
+    done, out = undisturbed
+    assert done.returncode == 0, done.stdout + done.stderr
+    folder, = (path for path in out.iterdir() if nightly.NAME.fullmatch(path.name))
+    assert (out / "latest").readlink() == Path(folder.name)
+    assert sorted(path.name for path in out.iterdir()) == [".lock", folder.name, "latest"]
+    assert (folder / "index.html").is_file()
+    assert (folder / "summary.txt").read_text(encoding="utf-8") == done.stdout
+    assert done.stdout.splitlines()[0].startswith("crosscheck nightly")
+    assert "first run, nothing to compare with" in done.stdout
+    assert len(done.stdout.splitlines()) < 40
+    assert history_names(out) == [folder.name]
+    assert latest(out)["changes"] is None
+
+
+def test_any_report_can_be_put_into_a_history(undisturbed, tmp_path):
+    words = ["history", "add", str(undisturbed[1] / "latest"), "--store", str(tmp_path / "other.sqlite")]
+    first, second = (CliRunner().invoke(app, words).stdout for _ in range(2))
+    assert first.startswith("added: ")
+    assert second == first.replace("added", "already there")
+    run, = recent(open_store(tmp_path / "other.sqlite"))
+    assert (run.profile, run.good) == ("smoke", True)
+
+
+def kill_within(out, words, moment, later=0.0):
+    """Start a nightly run and kill it `later` (s) than its journal has so many lines; whether it was still at work."""
+    process = subprocess.Popen(**command(out, *words))
+    journal = out / nightly.RUNNING / "journal.jsonl"
+    while process.poll() is None:
+        if journal.exists() and journal.read_bytes().count(b"\n") >= moment:
+            time.sleep(later)
+            process.send_signal(signal.SIGKILL)
+            break
+        time.sleep(0.01)
+    process.communicate(timeout=60)
+    return process.returncode == -signal.SIGKILL
+
+
+def test_a_killed_night_goes_on_and_ends_as_if_nothing_had_happened(undisturbed, tmp_path):
+    out = tmp_path / "nightly"
+    journal = out / nightly.RUNNING / "journal.jsonl"
+    for moment in (3, 9):
+        assert kill_within(out, QUICK, moment)
+        assert not (out / "latest").exists()
+        # What a kill in the midst of a write leaves; the wider run above may have met it or not.
+        with open(journal, "ab") as file:
+            file.write(b'{"stage":"cell","key":"[half')
+    ended = {json.loads(line)["key"]: line for line in journal.read_bytes().splitlines()[:-1]}
+    assert len(ended) >= 9
+    kept = tmp_path / "journal.jsonl"
+    kept.hardlink_to(journal)  # the run removes its journal at the end
+    done = night(out, *QUICK)
+    assert done.returncode == 0, done.stdout + done.stderr
+    again = {json.loads(line)["key"]: line for line in kept.read_bytes().splitlines()}
+    assert ended.items() <= again.items()  # nothing that had ended was run again
+    assert timeless(load_report(out / "latest")) == timeless(load_report(undisturbed[1] / "latest"))
+    assert len(history_names(out)) == 1
+
+
+def test_a_wrong_coefficient_and_another_version_are_named_on_the_first_page(undisturbed):
+    _, out = undisturbed
+    before = latest(out)
+    done = night(out, *QUICK, seed="coefficient,version")
+    assert done.returncode == 1, done.stdout + done.stderr
+    changes = latest(out)["changes"]
+    found = {(change["kind"], change["engine"], change["method"]) for change in changes}
+    assert {("version", FEW, ""), ("outcome", FEW, "rattle4"), ("accuracy", FEW, "rattle4")} <= found
+    assert {change["method"] for change in changes if change["bad"]} == {"rattle4"}
+    page = (out / "latest" / "index.html").read_text(encoding="utf-8")
+    for change in changes:
+        assert change["text"].split("'")[0] in page
+    assert "version 0.1.0, now 0.1.1" in done.stdout
+    assert f"- accuracy: {FEW} rattle4 on single_pendulum: " in done.stdout
+    # It is compared with the last good run, and it is not one: mended, there is nothing to tell.
+    assert latest(out)["meta"]["compared_with"] == recent(open_store(out.parent / "history.sqlite"))[1].name
+    mended = night(out, *QUICK)
+    assert (mended.returncode, latest(out)["changes"]) == (0, []), mended.stdout
+    assert timeless(latest(out)) == timeless(before)
+
+
+def test_what_another_version_left_is_set_aside(tmp_path):
+    out = tmp_path / "nightly"
+    wanted = nightly.Wanted("smoke", ["single_pendulum"], ["lieeuler"])
+    out.mkdir()
+    heading, resumed = nightly._begin(out, wanted)
+    assert not resumed
+    assert nightly._begin(out, wanted) == (heading, True)
+    (out / ".running" / "journal.jsonl").write_text("results of old code\n", encoding="utf-8")
+    other, resumed = nightly._begin(out, nightly.Wanted("smoke", ["heavy_top"], ["lieeuler"]))
+    assert not resumed
+    assert other["fingerprint"] != heading["fingerprint"]
+    kept = out / f".abandoned-{heading['name']}" / "journal.jsonl"
+    assert kept.read_text(encoding="utf-8") == "results of old code\n"
+
+
+def test_so_many_runs_are_kept_and_never_less_than_the_latest(tmp_path):
+    names = [f"2026-11-{day:02d}T02-00-00Z-00ff" for day in range(1, 8)]
+    for name in names:
+        (tmp_path / name).mkdir()
+        (tmp_path / f".abandoned-{name}").mkdir()
+    nightly._point_latest(tmp_path, names[0])
+    nightly._prune(tmp_path, 3)
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {"latest", names[0], *names[-3:], *(f".abandoned-{name}" for name in names[-3:])}
+
+
+def test_the_link_changes_at_once(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        nightly._point_latest(tmp_path, name)
+        assert (tmp_path / "latest").resolve() == tmp_path / name
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["latest", "one", "two"]
+
+
+def test_wrong_arguments_get_one_clear_line(tmp_path):
+    (tmp_path / "thesis.tex").write_text("years of work", encoding="utf-8")
+    for out, more, message in ((tmp_path, {}, "holds something else than nightly runs"),
+                               (tmp_path / "thesis.tex", {}, "--out"),
+                               (tmp_path / "n", {"keep": 0}, "keep has to be at least 1"),
+                               (tmp_path / "n", {"where": "mysql://x/y"}, "mysql is not supported")):
+        with pytest.raises(ArgumentError, match=message):
+            nightly.nightly(out, nightly.Wanted("smoke", ["single_pendulum"], ["lieeuler"]), **more)
+    assert (tmp_path / "thesis.tex").read_text(encoding="utf-8") == "years of work"
+
+
+def test_two_nights_in_one_folder_exclude_each_other(tmp_path):
+    with nightly._alone(tmp_path), pytest.raises(ArgumentError, match="another nightly run is at work"):
+        nightly.nightly(tmp_path, nightly.Wanted("smoke", ["single_pendulum"], ["lieeuler"]))
+
+
+@pytest.mark.slow
+def test_ten_kills_at_random_moments(undisturbed, tmp_path):
+    out = tmp_path / "nightly"
+    generator = random.Random(20261121)
+    kills = 0
+    # The moments spread over the journal's lines, so that a busy machine has them too; each somewhere within a task.
+    for moment in sorted(generator.choices(range(12), k=10)):
+        kills += kill_within(out, QUICK, moment, generator.uniform(0.0, 0.5))
+        if (out / "latest").exists():
+            assert timeless(load_report(out / "latest")) == timeless(load_report(undisturbed[1] / "latest"))
+    assert kills >= 8  # one near the end may come too late
+    done = night(out, *QUICK)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert timeless(load_report(out / "latest")) == timeless(load_report(undisturbed[1] / "latest"))
+    for name in history_names(out):
+        assert (out / name / "index.html").is_file()
+
+
+@pytest.mark.slow
+def test_ten_unchanged_nights_raise_no_alarm_and_a_slowdown_of_thirty_per_cent_does(tmp_path):
+    out = tmp_path / "nightly"
+    for _ in range(11):
+        done = night(out, *TIMED)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert [change for change in latest(out)["changes"] or [] if change["bad"]] == []
+    done = night(out, *TIMED, seed="slower")
+    assert done.returncode == 1, done.stdout + done.stderr
+    slower = {change["engine"] for change in latest(out)["changes"] if change["kind"] == "speed" and change["bad"]}
+    assert slower == {FEW}
+    page = (out / "latest" / "index.html").read_text(encoding="utf-8")
+    assert "times the time per step" in page

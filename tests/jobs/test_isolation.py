@@ -1,0 +1,156 @@
+"""Engines that crash, hang, return NaN, eat memory or print: each costs one verdict, and the report is complete."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from crosscheck.jobs import grid
+from crosscheck.jobs.workers.process import GIGABYTE, Limits
+from crosscheck.verification import job
+from crosscheck.verification.guarded import guarded_timing, limits
+from tests import ROOT
+from tests.grid_tasks import sleep_for, square_or_die
+
+REASONS = {
+    "Killed": "SIGKILL (killed from outside",
+    "NotANumber": "the state is not finite at t = ",
+    "Segfaulting": "SIGSEGV (a crash inside the engine",
+    "Hungry": "more memory than the limit of 0.8 GB resident",
+    "HungryChild": "more memory than the limit of 0.8 GB resident",
+    "Chatting": "it printed 8 lines, first: Traceback (most recent call last): ??[31m{",
+    "Exiting": "ended the process (exit code 0)",
+    "Odd": "run returned list; it has to return crosscheck.scene.states.States",
+    "Raising": "Local: no such luck",
+}
+
+
+def bad(name):
+    return f"tests/bad_engines.py:{name}"
+
+
+@pytest.fixture(scope="module")
+def results():
+    names = [*(bad(name) for name in REASONS), "mujoco"]
+    return job.verify("smoke", ["single_pendulum"], names, limits=limits(300.0, 0.8))
+
+
+@pytest.mark.parametrize("name", REASONS)
+def test_every_failure_is_one_failed_verdict_with_its_reason(results, name):
+    record, = [record for record in results.records if record.engine == bad(name)]
+    assert record.outcome in ("fail", "error")
+    findings = [finding for finding in record.findings if finding.kind == "run" and finding.status == "fail"]
+    assert len(findings) == 1
+    assert REASONS[name] in findings[0].detail
+    assert REASONS[name] in record.message
+
+
+def test_an_engine_that_crashes_before_its_run_is_one_failed_verdict():
+    from crosscheck.judge.plan import profile
+    from crosscheck.verification.listing import all_cells
+
+    cell, = all_cells(["single_pendulum"], [bad("Moody")], profile("default"))
+    assert (cell.engine, cell.method) == (bad("Moody"), "Rest")
+    record, = job.verify("smoke", ["single_pendulum"], [bad("Moody")]).records
+    assert record.outcome == "error"
+    assert "SIGSEGV" in record.message
+
+
+def test_an_engine_that_hangs_is_one_failed_verdict(tmp_path):
+    results = job.verify("smoke", ["single_pendulum"], [bad("Hanging")], limits=limits(4.0, 0.8))
+    record, = results.records
+    assert record.outcome == "error"
+    assert record.message == "stopped: it did not end within the time limit of 4 s"
+    assert results.exit_code == 1
+    assert record.message in job.write(results, tmp_path / "report").read_text(encoding="utf-8")
+
+
+def test_the_rest_goes_on(results):
+    others = [record for record in results.records if record.engine == "mujoco"]
+    assert len(others) == 5
+    assert all(record.outcome == "pass" for record in others)
+    assert results.exit_code == 1
+
+
+def test_the_report_is_complete(results, tmp_path):
+    page = job.write(results, tmp_path / "report")
+    document = json.loads((page.parent / "results.json").read_text(encoding="utf-8"))
+    assert [record["label"] for record in document["records"]] == [record.label for record in results.records]
+    shown = page.read_text(encoding="utf-8")
+    for name in REASONS:
+        assert bad(name) in shown
+    assert not {"\x00", "\x1b"} & set(shown)
+
+
+def test_a_timing_study_goes_on_without_the_engine_that_ends_it():
+    from crosscheck.judge.plan import PLANS
+    from crosscheck.references import truth
+    from crosscheck.scene.file import load_scene
+    from crosscheck.verification.cell import Cell, Timing
+
+    plan = PLANS["single_pendulum"]
+    truth(load_scene("single_pendulum").replace(duration=plan.window, samples=6))
+    cells = [Cell("single_pendulum", engine, method, None, plan)
+             for engine, method in (("mujoco", "RK4"), (bad("Segfaulting"), "Rest"), ("mujoco", "Euler"))]
+    points, reasons = guarded_timing(Timing(tuple(cells), (4, 1, 1), 1, (1e-2, 1e-2, 1e-2)))
+    assert [len(each) for each in points] == [5, 0, 5]
+    assert list(reasons) == [1]
+    assert "SIGSEGV" in reasons[1]
+
+
+def test_a_worker_lives_on_and_its_successor_too():
+    results = grid.run_tasks(square_or_die, [2, -1, 3, -2, 4], 1)
+    assert [results[index] for index in (0, 2, 4)] == [4, 9, 16]
+    assert "SIGKILL" in results[1].message
+    assert results[3].message == "ValueError: minus two is not liked"
+    assert isinstance(results[3].error, ValueError)
+
+
+def test_the_time_limit_is_that_of_each_task():
+    results = grid.run_tasks(sleep_for, [2.2, 2.2, 60.0, 0.1], 1, limits=Limits(time=4.0))
+    assert [results[index] for index in (0, 1, 3)] == [2.2, 2.2, 0.1]
+    assert results[2].message == "stopped: it did not end within the time limit of 4 s"
+
+
+def test_limits_are_positive():
+    assert limits(10.0, 2.0) == Limits(10.0, 2.0 * GIGABYTE)
+    for wrong in ({"time_limit": 0.0}, {"memory_limit": -1.0}, {"time_limit": float("nan")}):
+        with pytest.raises(job.ArgumentError, match=next(iter(wrong)).replace("_", "-")):
+            limits(**wrong)
+
+
+def test_another_executor_runs_the_same_workers():
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(1) as threads:
+        results = grid.run_tasks(square_or_die, [3, -1, 5], limits=Limits(time=30.0), executor=threads)
+    assert (results[0], results[2]) == (9, 25)
+    assert "SIGKILL" in results[1].message
+
+
+def test_what_cannot_travel_is_told():
+    lost = grid.run_tasks(lambda task: task, [1], 1)[0]
+    assert "cannot be sent to a worker" in lost.message
+    assert "cannot be sent" in grid.run_tasks(square_or_die, [lambda: None], 1)[0].message
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="reads /proc")
+def test_a_worker_ends_with_its_parent(tmp_path):
+    told = tmp_path / "pid"
+    program = ("import pathlib, sys; from crosscheck.jobs import grid; from tests.grid_tasks import tell_and_sleep; "
+               "grid.run_tasks(tell_and_sleep, [pathlib.Path(sys.argv[1])], 1)")
+    parent = subprocess.Popen([sys.executable, "-c", program, str(told)], cwd=ROOT)
+    await_true(lambda: told.exists() and told.read_text())
+    parent.kill()
+    parent.wait()
+    await_true(lambda: not Path(f"/proc/{told.read_text()}").exists())
+
+
+def await_true(condition, watchdog=120.0):
+    began = time.monotonic()
+    while not condition():
+        assert time.monotonic() - began < watchdog
+        time.sleep(0.1)

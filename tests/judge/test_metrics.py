@@ -1,0 +1,121 @@
+"""Errors against truth and observed orders."""
+
+import numpy as np
+import pytest
+
+from crosscheck.errors import ArgumentError
+from crosscheck.judge.metrics import Plateau, attitude_angle, errors, observed_order
+from crosscheck.scene.file import load_scene
+from crosscheck.scene.states import States
+
+EPS = np.finfo(float).eps
+
+
+def turned(angle, axis=(1.0, 2.0, -2.0)):
+    """Rotation about an axis by Rodrigues' formula, the versine written so that it keeps its digits near 0."""
+    x, y, z = np.array(axis) / np.linalg.norm(axis)
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * K + 2 * np.sin(angle / 2) ** 2 * K @ K
+
+
+@pytest.mark.parametrize("angle", [1e-12, 1e-9, 1e-6, 1e-3, 0.5, 1.5, 3.0, np.pi - 1e-6])
+def test_angle_between_attitudes(angle):
+    start = turned(0.7, (3.0, -1.0, 0.5))
+    # Three products of rotations, each element rounded: some ten eps in the angle, whatever its size.
+    assert attitude_angle(start, start @ turned(angle)) == pytest.approx(angle, abs=20 * EPS, rel=0)
+
+
+def test_angle_is_symmetric_and_zero_on_itself():
+    R, S = turned(1.1), turned(0.4, (0.0, 1.0, 0.3))
+    assert attitude_angle(R, R) < 5 * EPS
+    assert attitude_angle(R, S) == pytest.approx(attitude_angle(S, R), abs=5 * EPS)
+
+
+def standing(scene, samples=5):
+    """A scene's initial state, repeated at `samples` times."""
+    def still(values):
+        return np.repeat(values[None], samples, axis=0)
+    return States(np.linspace(0, 1, samples), still(scene.x0), still(scene.R0), still(scene.v0), still(scene.w0))
+
+
+def test_errors_name_the_worst_body_and_time():
+    scene = load_scene("double_pendulum")
+    truth, run = standing(scene), standing(scene)
+    run.x[3, 1] += [0.0, 3e-3, 4e-3]
+    run.x[4, 0] += [1e-3, 0.0, 0.0]
+    run.R[2, 0] = run.R[2, 0] @ turned(1e-5)
+    found = errors(scene, run, truth)
+    position, attitude = found["position"], found["attitude"]
+    # Differences of numbers of size one: an eps each.
+    assert position.max == pytest.approx(5e-3, abs=4 * EPS)
+    assert (position.time, position.body) == (0.75, scene.bodies[1].name)
+    assert position.end == pytest.approx(1e-3, abs=4 * EPS)
+    assert attitude.max == pytest.approx(1e-5, abs=20 * EPS)
+    assert attitude.body == scene.bodies[0].name
+    assert found["velocity"].max == 0.0
+    assert errors(scene, run, truth, until=0.5)["position"].max == 0.0
+
+
+def test_a_run_that_blew_up_is_infinitely_wrong():
+    scene = load_scene("single_pendulum")
+    run = standing(scene)
+    run.x[2:] = np.nan
+    found = errors(scene, run, standing(scene))["position"]
+    assert (found.max, found.end) == (np.inf, np.inf)
+    assert found.time == 0.5
+
+
+def test_different_output_times_are_refused():
+    scene = load_scene("single_pendulum")
+    with pytest.raises(ArgumentError, match="samples="):
+        errors(scene, standing(scene, 4), standing(scene, 5))
+
+
+def test_order_of_a_power_law_is_exact():
+    steps = np.array([0.1, 0.05, 0.025, 0.0125])
+    order = observed_order(steps, 3.0 * steps**4)
+    assert order.observed == pytest.approx(4.0, abs=1e-12)  # logarithms of a few eps
+    assert (order.used, len(order.pairs)) == (4, 3)
+
+
+def test_steps_on_the_rounding_plateau_do_not_count():
+    steps = 0.1 / 2.0 ** np.arange(6)
+    floor = 1e-13
+    values = np.maximum(steps**4, floor)
+    values[4:] = floor
+    order = observed_order(steps, values, Plateau(floor))
+    assert order.used == 4
+    assert order.observed == pytest.approx(4.0, abs=1e-12)
+    assert observed_order(steps[2:], values[2:], Plateau(floor)).observed is None
+
+
+def test_finer_steps_show_an_order_that_the_next_term_hides():
+    steps = [4e-3 / 2**k for k in range(8)]
+    errors = [h * (1 - 200 * h) for h in steps]  # at 4 ms the next term takes 0.8 of the first one away
+    coarse = observed_order(steps[:4], errors[:4])
+    assert coarse.observed < 0.7
+    assert not coarse.settled
+    fine = observed_order(steps, errors, finest=4)
+    assert fine.used == 4
+    assert fine.observed == pytest.approx(1.0, abs=0.03)
+    assert fine.settled
+
+
+def test_an_order_settles_where_three_slopes_agree_and_is_exhausted_on_the_plateau():
+    steps = [1e-2 / 2**k for k in range(5)]
+    assert observed_order(steps[:4], [h**2 for h in steps[:4]]).settled
+    assert not observed_order(steps[:3], [h**2 for h in steps[:3]]).settled
+    assert not observed_order(steps, [h**2 for h in steps], Plateau(1e-9)).exhausted
+    assert observed_order(steps, [h**2 for h in steps], Plateau(1e-6)).exhausted
+
+
+def test_order_is_not_fitted_across_a_failed_step():
+    assert observed_order([0.4, 0.2, 0.1, 0.05], [np.inf, 0.2, 0.1, 0.05]).used == 3
+    assert observed_order([0.4, 0.2, 0.1, 0.05], [0.4, np.inf, 0.1, 0.05]).observed is None
+
+
+def test_errors_that_vanish_are_no_slope():
+    """A run that hits truth exactly at one step, and rounding at finer ones; no warning of a logarithm."""
+    plateau = Plateau(0.0, 1e-8, 4)
+    assert observed_order([0.4, 0.2, 0.1, 0.05], [1e-9, 0.0, 1e-15, 1e-15], plateau).observed is None
+    assert observed_order([0.4, 0.2, 0.1, 0.05], [0.0, 0.0, 0.0, 0.0], plateau).observed is None

@@ -1,0 +1,278 @@
+"""Work, momentum and reactions of runs, against balances that know nothing of the constraint Jacobian."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import crosscheck
+from crosscheck.running.trajectory import Trajectory
+from crosscheck.scene import mechanics
+from crosscheck.scene.model import GROUND, Joint, Scene
+from lieeuler.methods import EULER_METHODS
+
+EPS = np.finfo(float).eps
+
+
+def sampled(name: str, duration: float, step: float) -> Scene:
+    """The scene with a sample at every step."""
+    return crosscheck.load_scene(name).replace(duration=duration, samples=round(duration / step) + 1)
+
+
+def integral(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Running integral from the first time on, trapezoidal rule."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+
+
+def slope(steps: tuple[float, ...], errors: list[float]) -> float:
+    return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
+
+
+# --- energy ----------------------------------------------------------------------------------------------------------
+
+
+def without_dampers(scene: Scene) -> Scene:
+    forces = [dataclasses.replace(force, parameters={**force.parameters, "damping": 0.0})
+              if "damping" in force.parameters else force for force in scene.forces]
+    return scene.replace(forces=tuple(forces))
+
+
+def dissipated_power(scene: Scene, traj: Trajectory) -> np.ndarray:
+    """What the dampers take out of the motion, W, (T,): minus their forces times the velocities."""
+    state = traj.x, traj.R, traj.v, traj.w
+    dampers = mechanics.applied_forces(scene, *state) - mechanics.applied_forces(without_dampers(scene), *state)
+    velocities = np.concatenate([traj.v, traj.w], axis=2).reshape(len(traj.t), -1)
+    return -np.einsum("tk,tk->t", dampers, velocities)
+
+
+@pytest.mark.parametrize("name", ["damped_pendulum", "branching_tree"])
+@pytest.mark.parametrize("method", EULER_METHODS)
+def test_energy_lost_is_the_work_of_the_dampers(name, method):
+    steps, gaps = (2e-3, 1e-3, 5e-4), []
+    for step in steps:
+        scene = sampled(name, 2.0, step)
+        traj = crosscheck.run(scene, "lieeuler", method, step=step, monitor=False)
+        power = dissipated_power(scene, traj)
+        assert power.min() > -EPS * power.max()
+        work = integral(traj.t, power)
+        gaps.append(np.abs(traj.energy - traj.energy[0] + work).max())
+    assert work[-1] > 3 * gaps[-1]  # a damper half or twice as strong would show
+    assert slope(steps, gaps) == pytest.approx(1, abs=0.1)  # the project's margin for orders of Euler methods
+
+
+# --- momentum --------------------------------------------------------------------------------------------------------
+
+# joined to the ground by a ball, or a rod, at the origin; all other forces are gravity or act between bodies
+FREE_TO_TURN = ("single_pendulum", "double_pendulum", "triple_pendulum", "heavy_top", "fixed_pair", "chain_8",
+                "prismatic_slider", "branching_tree", "rod_pendulum")
+
+
+def momentum_change(name: str, method: str, step: float) -> float:
+    """Largest change of the angular momentum about the vertical, over its size at the start."""
+    scene = crosscheck.load_scene(name)
+    traj = crosscheck.run(scene.replace(duration=min(2.0, scene.duration), samples=101), "lieeuler", method, step=step,
+                          monitor=False)
+    momentum = traj.momentum_vertical
+    return float(np.abs(momentum - momentum[0]).max() / abs(momentum[0]))
+
+
+@pytest.mark.parametrize("name", FREE_TO_TURN)
+@pytest.mark.parametrize("method", ["DAE3H_LE", "DAE2H_LSE", "DAE1H_LSE"])
+def test_momentum_about_the_vertical_is_conserved_by_symplectic_methods(name, method):
+    # a symmetry of the discrete Lagrangian: only the rounding of two thousand steps is left, 1e-12 by agreement
+    assert momentum_change(name, method, 1e-3) < 1e-12
+
+
+@pytest.mark.parametrize("name", ["single_pendulum", "double_pendulum", "triple_pendulum", "fixed_pair", "chain_8"])
+def test_momentum_drifts_at_first_order_where_the_anchors_drift_apart(name):
+    """DAE2H_LE leaves Phi of the size of h, and reactions at two points that do not coincide have a moment."""
+    steps = (2e-3, 1e-3, 5e-4)
+    changes = [momentum_change(name, "DAE2H_LE", step) for step in steps]
+    assert min(changes) > 1e-6
+    assert slope(steps, changes) == pytest.approx(1, abs=0.1)
+
+
+# --- reactions -------------------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass
+class Wrenches:
+    """Forces (T, n, 3) and moments about the centres of mass (T, n, 3), world axes."""
+
+    x: np.ndarray
+    force: np.ndarray
+    moment: np.ndarray
+
+    def add(self, body: int, point: np.ndarray, force: np.ndarray, torque: np.ndarray | float = 0.0) -> None:
+        """A force (T, 3) at a world point (T, 3), and a torque, on a body; on the ground they do nothing."""
+        if body != GROUND:
+            self.force[:, body] += force
+            self.moment[:, body] += np.cross(point - self.x[:, body], force) + torque
+
+
+def in_world(R: np.ndarray, body: int, vector: np.ndarray) -> np.ndarray:
+    vector = np.asarray(vector)
+    return np.broadcast_to(vector, (len(R), 3)) if body == GROUND else R[:, body] @ vector
+
+
+def world_point(traj: Trajectory, body: int, s: np.ndarray) -> np.ndarray:
+    return in_world(traj.R, body, s) + (0.0 if body == GROUND else traj.x[:, body])
+
+
+def point_velocity(traj: Trajectory, body: int, s: np.ndarray) -> np.ndarray:
+    if body == GROUND:
+        return np.zeros((len(traj.t), 3))
+    spin = np.einsum("tij,tj->ti", traj.R[:, body], traj.w[:, body])
+    return traj.v[:, body] + np.cross(spin, in_world(traj.R, body, s))
+
+
+def spring_wrenches(scene: Scene, traj: Trajectory, wrenches: Wrenches) -> None:
+    """The loads and springs of the scene in world axes, written here from the text of the scene format."""
+    for force in scene.forces:
+        p = force.parameters
+        if force.type == "linear_spring":
+            ends = [(force.parent, p["parent_point"]), (force.child, p["child_point"])]
+            (foot, head), (start, end) = ([reader(traj, *each) for each in ends]
+                                          for reader in (world_point, point_velocity))
+            length = np.linalg.norm(head - foot, axis=1, keepdims=True)
+            along = (head - foot) / length
+            rate = np.sum(along * (end - start), axis=1, keepdims=True)
+            pull = (p["stiffness"] * (length - p["free_length"]) + p["damping"] * rate) * along
+            wrenches.add(force.parent, foot, pull)
+            wrenches.add(force.child, head, -pull)
+        elif force.type == "constant_force":
+            vector = in_world(traj.R, force.child if p["frame"] == "body" else GROUND, p["force"])
+            wrenches.add(force.child, world_point(traj, force.child, p["child_point"]), vector)
+        elif force.type == "constant_torque":
+            wrenches.moment[:, force.child] += in_world(traj.R, force.child if p["frame"] == "body" else GROUND,
+                                                        p["torque"])
+        else:
+            joint = next(joint for joint in scene.joints if joint.name == force.joint)
+            torque = torsion_torque(scene, joint, p, traj)
+            wrenches.moment[:, joint.child] += torque
+            if joint.parent != GROUND:
+                wrenches.moment[:, joint.parent] -= torque
+
+
+def torsion_torque(scene: Scene, joint: Joint, p: dict, traj: Trajectory) -> np.ndarray:
+    """On the child, world."""
+    axis = in_world(traj.R, joint.parent, joint.parent_axis)
+    spin = np.einsum("tij,tj->ti", traj.R[:, joint.child], traj.w[:, joint.child])
+    if joint.parent != GROUND:
+        spin = spin - np.einsum("tij,tj->ti", traj.R[:, joint.parent], traj.w[:, joint.parent])
+    rate = np.sum(axis * spin, axis=1)
+    angle = mechanics.torsion_angles(scene, traj.R, traj.w, traj.t)[joint.name]
+    return -(p["stiffness"] * (angle - p["rest_angle"]) + p["damping"] * rate)[:, None] * axis
+
+
+def needed(scene: Scene, traj: Trajectory, a: np.ndarray, alpha: np.ndarray) -> Wrenches:
+    """What the joints must put on every body: m a and d(R J w)/dt, less gravity, loads and springs (Newton-Euler)."""
+    spin = np.einsum("nij,tnj->tni", scene.inertias, traj.w)
+    rate = np.einsum("nij,tnj->tni", scene.inertias, alpha) + np.cross(traj.w, spin)
+    applied = Wrenches(traj.x, np.zeros_like(traj.x), np.zeros_like(traj.x))
+    spring_wrenches(scene, traj, applied)
+    return Wrenches(traj.x, scene.masses[:, None] * (a - scene.gravity) - applied.force,
+                    np.einsum("tnij,tnj->tni", traj.R, rate) - applied.moment)
+
+
+def contact(traj: Trajectory, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
+    """Where the joint's force acts on the child and on the parent, world.
+
+    Each at its own anchor where the anchors coincide (some methods let them drift apart), otherwise where the child's
+    anchor has got to on the parent.
+    """
+    child = world_point(traj, joint.child, joint.child_anchor)
+    own = joint.type in ("spherical", "universal", "revolute", "fixed")
+    return child, world_point(traj, joint.parent, joint.parent_anchor) if own else child
+
+
+def inward(scene: Scene) -> list[Joint]:
+    """The joints of a tree from its leaves inwards: every joint comes after those of the bodies it carries."""
+    left, order = list(scene.joints), []
+    while left:
+        carried = {joint.parent for joint in left}
+        leaf = next(joint for joint in left if joint.child not in carried)
+        order.append(leaf)
+        left.remove(leaf)
+    return order
+
+
+def tree_reactions(scene: Scene, traj: Trajectory, a: np.ndarray,
+                   alpha: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Force and torque of every joint on its child, at the child's anchor, from the leaves of the tree inwards."""
+    open_balance = needed(scene, traj, a, alpha)
+    result = {}
+    for joint in inward(scene):
+        force, moment = open_balance.force[:, joint.child], open_balance.moment[:, joint.child]
+        at_child, at_parent = contact(traj, joint)
+        torque = moment - np.cross(at_child - traj.x[:, joint.child], force)
+        result[joint.name] = force, torque
+        open_balance.add(joint.parent, at_parent, force, torque)
+    return result
+
+
+def size_of(reactions: dict[str, tuple[np.ndarray, np.ndarray]]) -> float:
+    return 1.0 + max(float(np.abs(part).max()) for pair in reactions.values() for part in pair)
+
+
+def largest_gap(mine: dict[str, tuple[np.ndarray, np.ndarray]],
+                theirs: dict[str, tuple[np.ndarray, np.ndarray]], skip: int = 0) -> float:
+    return max(float(np.abs(p - q)[skip:].max()) for name in theirs
+               for p, q in zip(mine[name], theirs[name], strict=True))
+
+
+TREES = ("universal_pendulum", "hinge_pendulum", "cylindrical_pendulum", "prismatic_slider", "planar_slider",
+         "fixed_pair", "rod_pendulum", "bead_on_line", "puck_on_plane", "damped_pendulum", "torsion_wheel",
+         "loaded_pendulum", "branching_tree", "chain_8", "triple_pendulum")
+LOOPS = ("slider_crank", "four_bar", "bricard", "parallelogram")
+
+
+@pytest.mark.parametrize("name", TREES)
+@pytest.mark.parametrize("method", [*EULER_METHODS, "INDEX1_LE", "BAUMGARTE_LE"])
+def test_reactions_in_a_tree_are_those_of_newton_and_euler(name, method):
+    scene = crosscheck.load_scene(name).replace(duration=1.0, samples=26)
+    traj = crosscheck.run(scene, "lieeuler", method, step=2e-3, monitor=False)
+    expected = tree_reactions(scene, traj, traj.a, traj.alpha)
+    # G^T lam and the sums here go over the same handful of terms per body, n bodies outwards
+    bound = 100 * EPS * scene.n * size_of(expected)
+    if method in ("DAE3L_LE", "DAE2L_LE", "DAE2L_LSE"):  # a = (u - u_n) / h: a few roundings of M u, over h
+        momentum = max(scene.masses.max() * np.abs(traj.v).max(), np.abs(scene.inertias).max() * np.abs(traj.w).max())
+        bound += 4 * EPS * momentum / traj.stats["step"]
+    assert largest_gap(traj.reactions, expected) < bound
+
+
+@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize("method", ["DAE3L_LE", "DAE1L_LSE", "DAE1H_LSE"])
+def test_reactions_in_a_loop_balance_every_body(name, method):
+    """Where rows are redundant the reactions are one set of many; each must carry the motion."""
+    scene = crosscheck.load_scene(name).replace(duration=1.0, samples=26)
+    traj = crosscheck.run(scene, "lieeuler", method, step=2e-3, monitor=False)
+    balance = needed(scene, traj, traj.a, traj.alpha)
+    for joint in scene.joints:
+        force, torque = traj.reactions[joint.name]
+        at_child, at_parent = contact(traj, joint)
+        balance.add(joint.child, at_child, -force, -torque)
+        balance.add(joint.parent, at_parent, force, torque)
+    bound = 100 * EPS * scene.n * size_of(traj.reactions)
+    if method == "DAE3L_LE":  # Newton ends at h |du| = 4 eps, 4 eps / h^2 in the accelerations of rods of about 1 m
+        bound += 4 * EPS / traj.stats["step"] ** 2 * scene.masses.max()
+    assert np.abs(balance.force).max() < bound
+    assert np.abs(balance.moment).max() < bound
+
+
+@pytest.mark.parametrize("name", ["hinge_pendulum", "prismatic_slider", "branching_tree", "triple_pendulum"])
+def test_reactions_follow_from_the_velocities_alone(name):
+    """Accelerations by central differences of the run's own velocities: no multiplier, no equation of motion."""
+    steps, gaps = (2e-3, 1e-3, 5e-4), []
+    for step in steps:
+        scene = sampled(name, 1.0, step)
+        traj = crosscheck.run(scene, "lieeuler", "DAE1H_LSE", step=step, monitor=False)
+        rates = [np.gradient(values, traj.t, axis=0) for values in (traj.v, traj.w)]
+        expected = tree_reactions(scene, traj, *rates)
+        inside = {key: tuple(part[2:-2] for part in pair) for key, pair in expected.items()}
+        mine = {key: tuple(part[2:-2] for part in pair) for key, pair in traj.reactions.items()}
+        gaps.append(largest_gap(mine, inside))
+    assert gaps[-1] < 0.05 * size_of(expected)
+    assert slope(steps, gaps) == pytest.approx(1, abs=0.1)

@@ -1,0 +1,110 @@
+"""The order study keeps to its bound of time and refines nothing that is past saving; the plans of stiff scenes."""
+
+import dataclasses
+
+import pytest
+
+from crosscheck.errors import EngineError
+from crosscheck.judge.plan import ScenePlan, halved
+from crosscheck.scene.file import load_scene
+from crosscheck.verification import budget, order_study
+from crosscheck.verification.cell import Cell, run_cell
+from tests.fake_engine import FakeEngine, install
+
+PLAN = ScenePlan(0.5, {1: 1e-3}, {1: halved(4e-3)}, samples=26)
+# At a microsecond a step the four runs of the study take 0.125, 0.25, 0.5 and 1 ms.
+ALL, THREE, TWO = 2e-3, 1.5e-3, 0.6e-3
+
+
+class Clocked(FakeEngine):
+    """Tells the clock of the study a microsecond a step."""
+
+    now = 0.0
+
+    def run(self, scene, spec):
+        """As the base."""
+        raw = super().run(scene, spec)
+        self.now += raw.wall_time
+        return raw
+
+
+def judged(monkeypatch, most_seconds, **flaws):
+    engine = install(monkeypatch, Clocked(**flaws))
+    monkeypatch.setattr(order_study, "clock", lambda: engine.now)
+    return run_cell(Cell("single_pendulum", "fake", "Plain", None, PLAN, most_seconds=most_seconds))
+
+
+def orders(record):
+    return {finding.kind: finding for finding in record.findings if finding.kind.startswith("order")}
+
+
+def test_a_study_within_its_bound_is_not_cut(monkeypatch):
+    record = judged(monkeypatch, ALL)
+    assert (len(record.ladder), record.ladder_cut) == (4, "")
+    assert {finding.status for finding in orders(record).values()} == {"ok"}
+
+
+def test_three_steps_within_the_bound_show_an_order(monkeypatch):
+    record = judged(monkeypatch, THREE)
+    assert len(record.ladder) == 3
+    assert record.ladder_cut == "cut before a step of 0.0005 s, with which the study would take more than 0.0015 s"
+    assert record.orders["position"]["observed"] == pytest.approx(2.0, abs=1e-3)
+    assert record.outcome == "pass"
+
+
+def test_fewer_than_three_steps_show_none_and_say_why(monkeypatch):
+    record = judged(monkeypatch, TWO)
+    assert len(record.ladder) == 2
+    assert record.orders == {}
+    for finding in orders(record).values():
+        assert finding.status == "unjudged"
+        assert finding.detail == f"order not measured: {record.ladder_cut}"
+
+
+def test_what_a_cut_study_left_undecided_is_no_failure_and_what_it_decided_is(monkeypatch):
+    undecided = judged(monkeypatch, ALL, claimed_order=1, real_order=1, size=1e-3, further=-200.0)
+    assert "cut before" in undecided.ladder_cut
+    assert orders(undecided)["order position"].status == "unjudged"
+    assert "finer steps may lift it" in orders(undecided)["order position"].detail
+    assert orders(judged(monkeypatch, ALL, real_order=1))["order position"].status == "fail"
+
+
+def test_a_hopeless_run_is_not_refined(monkeypatch):
+    hopeless = judged(monkeypatch, None, claimed_order=1, real_order=1, size=1e4, further=-200.0)
+    assert len(hopeless.ladder) == 4
+    assert hopeless.outcome == "fail"
+
+
+class EndsEarly(FakeEngine):
+    """Cannot step the whole scene, only its first second."""
+
+    def run(self, scene, spec):
+        """As the base, or the failure."""
+        if scene.duration > 1.0:
+            raise EngineError("lost the solution at t = 7 s")
+        return super().run(scene, spec)
+
+
+def test_an_order_is_measured_where_only_the_main_run_fails(monkeypatch):
+    install(monkeypatch, EndsEarly())
+    record = run_cell(Cell("single_pendulum", "fake", "Plain", None, PLAN))
+    assert record.outcome == "fail"
+    assert len(record.ladder) == 4
+    assert {finding.status for finding in orders(record).values()} == {"ok"}
+
+
+def test_no_step_of_a_stiff_scene_is_longer_than_its_fastest_decay():
+    scene = load_scene("stiff_damped").replace(duration=0.05)
+    longest = budget._longest_step(scene)
+    assert longest == pytest.approx(1 / 2e4, rel=0.05)  # of a damper of 2e4 N s/m on a mass of 1 kg
+    plan = budget.plan_within(scene, "stiff_damped", 20_000)
+    assert max(plan.steps.values()) <= longest
+    assert max(ladder[0] for ladder in plan.ladders.values()) <= longest * (1 + 1e-12)
+    assert plan.most_steps <= 20_000
+
+
+def test_a_scene_without_springs_takes_any_step():
+    assert budget._longest_step(load_scene("double_pendulum")) == float("inf")
+    soft = load_scene("spring_pendulum")
+    assert budget._longest_step(dataclasses.replace(soft, forces=())) == float("inf")
+    assert 0.05 < budget._longest_step(soft) < 1.0

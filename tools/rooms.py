@@ -1,0 +1,155 @@
+"""Measure the structure of `crosscheck` from its imports: rooms, floors, imports between rooms, circles.
+
+    python tools/rooms.py [FOLDER]        FOLDER: a checkout; default: the one this file is in
+
+A room is a folder of the package, or a module beside the folders; `lieeuler` is one room. Imports inside functions and
+for type checkers count like any other. The floor of a room is the longest chain of imports below it.
+`tests/test_rooms.py` holds the package to `MAY_IMPORT`.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+BASE = {"errors", "files"}
+DATA = BASE | {"jobs", "scene", "document"}
+RUNS = DATA | {"references", "adapters", "running"}
+JUDGED = RUNS | {"judge"}
+REPORTED = JUDGED | {"verification", "report"}
+
+MAY_IMPORT: dict[str, set[str]] = {
+    "errors": set(),
+    "files": set(),
+    "jobs": BASE,
+    "scene": BASE,
+    "document": {"errors"},
+    "references": BASE | {"scene"},
+    "adapters": BASE | {"scene", "jobs", "lieeuler"},
+    "running": BASE | {"scene", "jobs", "references", "adapters"},
+    "judge": BASE | {"scene", "document", "references"},
+    "inspection": RUNS,
+    "diagnosis": JUDGED,
+    "testing": JUDGED,
+    "verification": JUDGED,
+    "report": BASE | {"document"},
+    "studies": REPORTED,
+    "history": REPORTED,
+    "cli": REPORTED | {"inspection", "diagnosis", "testing", "studies", "history"},
+    "__main__": {"cli"},
+    "lieeuler": set(),
+}
+"""What each room may import, bottom up. The package itself (`__init__`) names public functions by text only."""
+
+Edges = dict[str, set[str]]
+
+
+def modules(root: Path) -> dict[str, Path]:
+    """Modules of both packages by their dotted names."""
+    found = {}
+    for package in ("crosscheck", "lieeuler"):
+        for file in sorted((root / package).rglob("*.py")):
+            parts = file.relative_to(root).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
+    return found
+
+
+def imports(known: Mapping[str, Path]) -> Edges:
+    """For each module the modules of both packages it imports, wherever in the file."""
+    edges: Edges = {}
+    for name, file in known.items():
+        targets = set()
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                targets |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                targets |= {f"{node.module}.{alias.name}" if f"{node.module}.{alias.name}" in known else node.module
+                            for alias in node.names}
+        edges[name] = {target for target in targets if target in known} - {name}
+    return edges
+
+
+def room(module: str) -> str:
+    """The room of a module; the package `crosscheck` itself is "__init__"."""
+    package, _, rest = module.partition(".")
+    return "lieeuler" if package == "lieeuler" else rest.partition(".")[0] or "__init__"
+
+
+def between(edges: Edges) -> Edges:
+    """Imports between rooms."""
+    rooms: Edges = {}
+    for module, targets in edges.items():
+        rooms.setdefault(room(module), set()).update({room(target) for target in targets} - {room(module)})
+    return rooms
+
+
+def circles(edges: Edges) -> list[list[str]]:
+    """Sets of nodes that import each other, each sorted (strongly connected components of more than one node)."""
+    below = {node: reachable(edges, node) for node in edges}
+    groups = {frozenset({node, *(other for other in below[node] if node in below.get(other, ()))}) for node in edges}
+    return sorted(sorted(group) for group in groups if len(group) > 1)
+
+
+def reachable(edges: Edges, start: str) -> set[str]:
+    """All that `start` imports, directly or not."""
+    seen: set[str] = set()
+    ready = [start]
+    while ready:
+        new = edges.get(ready.pop(), set()) - seen
+        seen |= new
+        ready += new
+    return seen
+
+
+def floors(edges: Edges) -> dict[str, int]:
+    """The floor of each room, from 1; rooms of a circle share none, so a circle raises ValueError."""
+    if circles(edges):
+        raise ValueError("rooms in a circle have no floor")
+    known: dict[str, int] = {}
+
+    def floor(node: str) -> int:
+        if node not in known:
+            known[node] = 1 + max((floor(target) for target in edges.get(node, ())), default=0)
+        return known[node]
+
+    return {node: floor(node) for node in edges}
+
+
+def violations(edges: Edges) -> list[str]:
+    """Imports that `MAY_IMPORT` does not allow, and rooms it does not know."""
+    found = []
+    for module, targets in sorted(edges.items()):
+        for target in sorted(targets):
+            here, there = room(module), room(target)
+            if here == there or here == "__init__":
+                continue
+            if here not in MAY_IMPORT:
+                found.append(f"{module}: the room {here!r} is not in MAY_IMPORT")
+            elif there not in MAY_IMPORT[here] and there != "__init__":
+                found.append(f"{module} imports {target}: {here} may not import {there}")
+    return found
+
+
+def report(root: Path) -> Iterable[str]:
+    """Lines of the summary."""
+    edges = imports(modules(root))
+    rooms = between(edges)
+    loops = circles(rooms)
+    yield f"rooms {len(rooms)}"
+    yield f"floors {'none: circles' if loops else max(floors(rooms).values())}"
+    yield f"imports between rooms {sum(map(len, rooms.values()))}"
+    for loop in loops:
+        yield f"circle between rooms: {', '.join(loop)}"
+    inside = circles(edges)
+    for loop in inside:
+        yield f"circle between modules: {', '.join(loop)}"
+    yield f"circles between rooms {len(loops)}, between modules {len(inside)}"
+    broken = violations(edges)
+    yield from broken
+    yield f"imports against the rule {len(broken)}"
+
+
+if __name__ == "__main__":
+    print(*report(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1]), sep="\n")

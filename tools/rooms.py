@@ -47,12 +47,13 @@ Edges = dict[str, set[str]]
 
 
 def modules(root: Path) -> dict[str, Path]:
-    """Modules of both packages by their dotted names."""
+    """Modules of both packages by their dotted names, the compiled one by its stub."""
     found = {}
     for package in ("crosscheck", "lieeuler"):
         for file in sorted((root / package).rglob("*.py")):
             parts = file.relative_to(root).with_suffix("").parts
             found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
+        found |= {".".join(stub.relative_to(root).with_suffix("").parts): stub for stub in (root / package).glob("*.pyi")}
     return found
 
 

@@ -12,8 +12,7 @@ import importlib.metadata
 import importlib.util
 
 from crosscheck.adapters.base import Engine
-from crosscheck.errors import ArgumentError
-from crosscheck.spelling import unknown
+from crosscheck.errors import ArgumentError, unknown
 
 _ADAPTERS = {
     "lieeuler": ("crosscheck.adapters.lieeuler", "LieEuler"),

@@ -32,8 +32,8 @@ class RunSpec:
 class RawRun:
     """What `Engine.run` returns: states at the scene's output times, and what stepping cost.
 
-    `maxima` covers every step (keys of `crosscheck.running.trajectory.MAXIMA`), `constraint_acceleration` included
-    where the engine has accelerations; an adapter builds it with `crosscheck.running.trajectory.Monitor`, or leaves it
+    `maxima` covers every step (keys of `crosscheck.scene.monitor.MAXIMA`), `constraint_acceleration` included
+    where the engine has accelerations; an adapter builds it with `crosscheck.scene.monitor.Monitor`, or leaves it
     None when `spec.monitor` is false.
     """
 

@@ -184,7 +184,7 @@ def _stepped(scene: Scene, spec: RunSpec, model: Model) -> RawRun:
 
 def _controlled(scene: Scene, spec: RunSpec, model: Model) -> RawRun:
     """With error control; a step ends at every output time."""
-    from crosscheck.running.trajectory import Monitor
+    from crosscheck.scene.monitor import Monitor
 
     simulator = _simulator(scene, spec, model)
     integrator, context, plant = simulator.get_mutable_integrator(), simulator.get_context(), model.plant

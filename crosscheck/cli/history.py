@@ -153,7 +153,7 @@ def _digest(path: Path) -> str:
 
 
 def _no(what: str, name: str, known: list[str]) -> str:
-    from crosscheck.spelling import unknown
+    from crosscheck.errors import unknown
 
     return unknown(what, name, known) if known else "no run in the store has this scene, engine, method and form"
 

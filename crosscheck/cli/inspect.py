@@ -22,11 +22,10 @@ def inspect(
 
     Exit code 0: all agree with truth; 1: one does not; 2: the check itself failed.
     """
-    from crosscheck.errors import ArgumentError
+    from crosscheck.errors import ArgumentError, unknown
     from crosscheck.inspection import inspect as examine
     from crosscheck.running.run import CHOICES
     from crosscheck.scene.file import load_scene
-    from crosscheck.spelling import unknown
 
     if form is not None and form not in CHOICES["form"]:
         raise ArgumentError(unknown("--form", form, CHOICES["form"]))

@@ -76,9 +76,9 @@ def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str |
              options: dict[str, Any]) -> Subject:
     from crosscheck import adapters
     from crosscheck.diagnosis.observe import Subject
+    from crosscheck.errors import unknown
+    from crosscheck.running.methods import best_method
     from crosscheck.running.run import ENGINE_OPTIONS
-    from crosscheck.spelling import unknown
-    from crosscheck.testing.agreement import best_method
 
     adapter = adapters.get(engine) if isinstance(engine, str) else engine
     chosen = best_method(adapter, scene) if method is None else method

@@ -230,10 +230,10 @@ def _cell_of(change: Change) -> tuple[str, str, bool]:
 
 def _measure_again(results: Results, doubtful: set[tuple[str, str, bool]], name: str, journal: Journal,
                    limits: Limits | None) -> None:
+    from crosscheck.jobs.journal import Stages
     from crosscheck.judge.plan import profile
-    from crosscheck.stages import Stages
-    from crosscheck.studies.speeds import measure_speed
     from crosscheck.verification import job
+    from crosscheck.verification.speed import measure_speed
 
     cells = {(scene, label) for scene, label, _ in doubtful}
     # A change of a whole engine names no scene.

@@ -10,11 +10,12 @@ import dataclasses
 import json
 import os
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from crosscheck.errors import ArgumentError
-from crosscheck.jobs.grid import Crash
+from crosscheck.jobs.grid import Crash, Limits, run_tasks
 
 CRASH = "crash"
 
@@ -107,3 +108,28 @@ def _scalar(value: Any) -> Any:
     if hasattr(value, "item"):
         return value.item()
     raise TypeError(f"{type(value).__name__} cannot be written into a journal")
+
+
+@dataclasses.dataclass
+class Stages:
+    """Stages of a run: many tasks of one kind, without those that the journal holds already."""
+
+    jobs: int
+    journal: Journal | None
+    count: Callable[[str], None]  # called as each task ends
+
+    def run(self, stage: str, function: Callable[[Any], Any], tasks: Sequence[Any], keys: Sequence[str],
+            labels: Sequence[str], limits: Limits | None = None) -> list[Any]:
+        """Results of one stage, in order; `keys` name the tasks in the journal, `labels` in the progress bar."""
+        results = [self.journal.get(stage, key) if self.journal else None for key in keys]
+        missing = [index for index, result in enumerate(results) if result is None]
+        for index in set(range(len(tasks))) - set(missing):
+            self.count(labels[index])
+
+        def ended(position: int, result: Any) -> None:
+            index = missing[position]
+            results[index] = self.journal.put(stage, keys[index], result) if self.journal else result
+            self.count(labels[index])
+
+        run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits)
+        return results

@@ -8,10 +8,9 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
-from crosscheck.errors import ArgumentError
+from crosscheck.errors import ArgumentError, unknown
 from crosscheck.judge.tolerances import BOUNDS, BY_USER
 from crosscheck.judge.verdict import Record
-from crosscheck.spelling import unknown
 
 Overrides = tuple[tuple[str, float, str], ...]
 """(kind of finding, bound in its unit, reason)."""

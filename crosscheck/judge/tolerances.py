@@ -17,7 +17,7 @@ import numpy as np
 
 from crosscheck.judge.metrics import QUANTITIES, Plateau
 from crosscheck.references.base import Reference
-from crosscheck.references.stiffness import fastest
+from crosscheck.references.rates import fastest
 from crosscheck.scene.model import GROUND, Scene
 
 EPS = float(np.finfo(float).eps)
@@ -303,3 +303,25 @@ def orthogonality(engine: str, steps: int) -> Tol:
 def order_margin(order: int) -> float:
     """How far below the documented order the observed one may lie."""
     return ORDER_MARGIN.get(order, ORDER_MARGIN_HIGH)
+
+
+def rounding_levels(scene: Scene, truth: Reference) -> dict[str, tuple[float, float]]:
+    """(a, b) per figure: rounding moves it by no more than a + b n^0.6 in n steps.
+
+    On one machine the same code gives the same bits; another processor or library may round otherwise.
+
+    Figures: the compared quantities in their units, "energy" over the largest kinetic energy, "momentum" in
+    kg m^2/s. As `rounding`: the doubt of truth, and 50 eps (`grading`) times the size, magnified
+    as the scene magnifies a perturbation.
+    """
+    scale = scales(scene, truth)
+    sizes = {quantity: scale.of(quantity) for quantity in QUANTITIES}
+    fixed = {quantity: truth.allowed * max(1.0, size) for quantity, size in sizes.items()}
+    step = grading(scene) * EPS * truth.amplification
+    growing = {quantity: step * size for quantity, size in sizes.items()}
+    levels = {quantity: (fixed[quantity], growing[quantity]) for quantity in QUANTITIES}
+    for name, rule in (("energy", energy), ("momentum", momentum)):
+        a, b = (rule(scene, truth, {quantity: Tol(value, "rounding") for quantity, value in part.items()}).value
+                for part in (fixed, growing))
+        levels[name] = (a, b)
+    return levels

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from crosscheck.errors import CrosscheckError
 from crosscheck.scene.states import States
 
 
@@ -33,5 +34,5 @@ class Reference:
         return self.states.t
 
 
-class TruthError(Exception):
+class TruthError(CrosscheckError):
     """The two formulations of a scene's truth disagree beyond what its conditioning explains."""

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from scipy.integrate import DOP853, Radau
 
-from crosscheck.scene.model import Scene
-
 DECAYS = 5000.0
 """Rate of the fastest decay times the duration from which on the implicit method is used: an explicit one needs the
 steps that stability allows, a hundred thousand evaluations and more."""
@@ -30,16 +28,6 @@ def eigenvalues(rates: Callable[[float, np.ndarray], np.ndarray], start: np.ndar
     """Eigenvalues (1/s) of the derivative of dy/dt = rates(t, y) by y at `start`."""
     columns = [rates(0.0, start + step) - rates(0.0, start - step) for step in DIFFERENCE * np.eye(len(start))]
     return np.linalg.eigvals(np.array(columns).T / (2 * DIFFERENCE))
-
-
-def fastest(scene: Scene) -> float:
-    """Rate (1/s) of the fastest decay or oscillation of a scene with springs, at its start; 0 without springs."""
-    if not any(force.type.endswith("spring") for force in scene.forces):
-        return 0.0
-    from crosscheck.references.maximal import Maximal
-
-    equations = Maximal(scene)
-    return float(max(abs(eigenvalues(equations.rates, equations.initial()))))
 
 
 def integrator(values: np.ndarray, duration: float, tightest: float) -> tuple[type[Any], float]:

@@ -16,11 +16,10 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
-from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported
+from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported, unknown
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.checks import MOST_SAMPLES
 from crosscheck.scene.model import Scene
-from crosscheck.spelling import unknown
 
 if TYPE_CHECKING:
     from crosscheck.references.base import Reference

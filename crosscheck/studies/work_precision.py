@@ -326,7 +326,7 @@ def check_names(engines: Sequence[str], methods: Sequence[str] | None) -> None:
     """Raise `ArgumentError` for an engine whose times compare with no other, or a method that none of them has."""
     from crosscheck.adapters import has_own_environment
     from crosscheck.adapters import methods as methods_of
-    from crosscheck.spelling import unknown
+    from crosscheck.errors import unknown
 
     known: list[str] = []
     for name in engines:

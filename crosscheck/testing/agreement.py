@@ -16,6 +16,7 @@ from crosscheck.judge import tolerances
 from crosscheck.judge.metrics import QUANTITIES, differences
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
+from crosscheck.running.methods import best_method
 from crosscheck.scene.model import Scene
 
 Entry = str | Sequence[Any]
@@ -152,20 +153,6 @@ def contender(entry: Entry, scene: Scene, truth: Reference, step: float | None =
         else:
             options["step"] = _judgeable_step(scene, truth, order) if step is None else step
     return Contender(engine, method, tuple(sorted(options.items())))
-
-
-def best_method(adapter: Any, scene: Scene) -> str:
-    """The last method of the highest documented order that the engine can run on this scene."""
-    from crosscheck.adapters.base import RunSpec
-
-    specs = [RunSpec(method, step=1e-3) for method in adapter.methods]
-    usable = [(adapter.documented_order(scene, spec) or 0, index) for index, spec in enumerate(specs)
-              if adapter.unsupported(scene, spec) is None]
-    if not usable:
-        from crosscheck.errors import Unsupported
-
-        raise Unsupported(f"{adapter.name}: {adapter.unsupported(scene, specs[0])}")
-    return adapter.methods[max(usable)[1]]
 
 
 def _judgeable_step(scene: Scene, truth: Reference, order: int) -> float:

@@ -11,7 +11,7 @@ import dataclasses
 import math
 
 from crosscheck.judge.plan import PLANS, SHARE, STUDY_SAMPLES, ScenePlan, halved, parts, plan_from_truth
-from crosscheck.references.stiffness import fastest
+from crosscheck.references.rates import fastest
 from crosscheck.scene.model import Scene
 
 WINDOWS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002)

@@ -16,6 +16,7 @@ from crosscheck.judge.continuity import judge_continuity
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.overrides import override
 from crosscheck.judge.plan import PLANS, RTOLS, STUDY_SAMPLES, ScenePlan, plan_without_truth
+from crosscheck.judge.tolerances import rounding_levels
 from crosscheck.judge.verdict import (
     Finding,
     Record,
@@ -27,7 +28,6 @@ from crosscheck.judge.verdict import (
     settle,
 )
 from crosscheck.references.base import Reference
-from crosscheck.rounding import rounding_levels
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.scene.model import Scene
 from crosscheck.verification.attempts import attempt
@@ -169,7 +169,7 @@ def command(cell: Cell, step: float | None, rtol: float | None) -> str:
 
 def _main_run(record: Record, scene: Scene, reference: Reference, window: Reference,
               held: frozenset[str], budgeted: bool) -> None:
-    from crosscheck.running.trajectory import MAXIMA
+    from crosscheck.scene.monitor import MAXIMA
 
     traj = _whole_run(record, scene)
     if traj is None:
@@ -215,7 +215,7 @@ def _whole_run(record: Record, scene: Scene) -> Any:
 
 def _unjudged_run(record: Record, scene: Scene, held: frozenset[str], cell: Cell) -> None:
     """Run and judge what needs no truth: energy, held constraint levels, orthogonality."""
-    from crosscheck.running.trajectory import MAXIMA
+    from crosscheck.scene.monitor import MAXIMA
 
     traj = _whole_run(record, scene)
     if record.outcome == "unsupported":

@@ -14,19 +14,18 @@ from typing import Any
 from crosscheck.errors import ArgumentError
 from crosscheck.files import finite
 from crosscheck.jobs.grid import Crash, Limits
-from crosscheck.jobs.journal import Journal
+from crosscheck.jobs.journal import Journal, Stages
 from crosscheck.judge.overrides import Overrides
 from crosscheck.judge.plan import PENDING, PLANS, Profile, ScenePlan
 from crosscheck.judge.plan import profile as profile_called
 from crosscheck.judge.verdict import PASSING, Finding, Record
 from crosscheck.running import provenance, support
-from crosscheck.stages import Stages
-from crosscheck.studies.speeds import measure_speed
 from crosscheck.verification import trust
 from crosscheck.verification.cell import Cell, Timing, prepare_truth
 from crosscheck.verification.guarded import check_engines, guarded_cell, guarded_timing
 from crosscheck.verification.guarded import limits as default_limits
 from crosscheck.verification.listing import all_cells
+from crosscheck.verification.speed import measure_speed
 
 Progress = Callable[[int, int, str], None]
 """Called with (tasks done, tasks in all, what ended last)."""

@@ -7,11 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from crosscheck.adapters.base import RawRun
-from crosscheck.running.trajectory import MAXIMA, Monitor, derive
+from crosscheck.running.trajectory import derive
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import GROUND, Body, Force, Joint
+from crosscheck.scene.monitor import MAXIMA, Monitor
 from crosscheck.scene.states import States
 from tests.scene_making import make_scene, moved
 

@@ -14,7 +14,7 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 if TYPE_CHECKING:
-    from crosscheck.running.trajectory import Monitor
+    from crosscheck.scene.monitor import Monitor
 
 CHUNK = 16384
 """Steps whose history is held at once while every step is monitored: some megabytes."""
@@ -69,7 +69,7 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
 
 
 def _monitor(scene: Scene) -> Monitor:
-    from crosscheck.running.trajectory import Monitor
+    from crosscheck.scene.monitor import Monitor
 
     return Monitor(scene)
 

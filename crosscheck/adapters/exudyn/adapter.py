@@ -154,7 +154,7 @@ def _drop_unknown_accelerations(states: States, every: int) -> None:
 
 def _maxima(scene: Scene, model: models.Model, t: np.ndarray, data: list[np.ndarray]) -> dict[str, float]:
     """Maxima over all steps; the start has no accelerations of its own (see `_drop_unknown_accelerations`)."""
-    from crosscheck.running.trajectory import Monitor
+    from crosscheck.scene.monitor import Monitor
 
     monitor = Monitor(scene)
     monitor.update(scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])

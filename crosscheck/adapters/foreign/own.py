@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec, steps_per_sample
-from crosscheck.errors import ArgumentError, EngineError
+from crosscheck.errors import ArgumentError, EngineError, unknown
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
-from crosscheck.spelling import unknown
 
 FIRST = 1
 """The order claimed for a fixed-step method about which its engine says nothing: a method that converges has it."""

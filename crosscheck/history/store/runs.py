@@ -7,10 +7,9 @@ import json
 import statistics
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from crosscheck.errors import ArgumentError
+from crosscheck.errors import ArgumentError, unknown
 from crosscheck.history.store.figures import Figure, figures
 from crosscheck.history.store.schema import tables
-from crosscheck.spelling import unknown
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection, Engine, Row

@@ -1,0 +1,19 @@
+"""Which method of an engine to take where the user names none."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from crosscheck.adapters.base import RunSpec
+from crosscheck.errors import Unsupported
+from crosscheck.scene.model import Scene
+
+
+def best_method(adapter: Any, scene: Scene) -> str:
+    """The last method of the highest documented order that the engine can run on this scene."""
+    specs = [RunSpec(method, step=1e-3) for method in adapter.methods]
+    usable = [(adapter.documented_order(scene, spec) or 0, index) for index, spec in enumerate(specs)
+              if adapter.unsupported(scene, spec) is None]
+    if not usable:
+        raise Unsupported(f"{adapter.name}: {adapter.unsupported(scene, specs[0])}")
+    return adapter.methods[max(usable)[1]]

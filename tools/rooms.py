@@ -53,7 +53,8 @@ def modules(root: Path) -> dict[str, Path]:
         for file in sorted((root / package).rglob("*.py")):
             parts = file.relative_to(root).with_suffix("").parts
             found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
-        found |= {".".join(stub.relative_to(root).with_suffix("").parts): stub for stub in (root / package).glob("*.pyi")}
+        stubs = (root / package).glob("*.pyi")
+        found |= {".".join(stub.relative_to(root).with_suffix("").parts): stub for stub in stubs}
     return found
 
 

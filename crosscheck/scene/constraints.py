@@ -82,10 +82,11 @@ class Separation:
 
 @dataclasses.dataclass(frozen=True)
 class Basic:
-    """A basic constraint of METHODS section 2: (left . right - offset) / unit, or all of `right` where `left` is None.
+    """A basic constraint: (left . right - offset) / unit, or all of `right` where `left` is None.
 
-    dot-1 multiplies two axes, dot-2 an axis and a separation, distance a separation by itself; spherical is a
-    separation alone. Every derivative follows from those of the factors by the product rule.
+    Equations (2.1) to (2.4) of docs/theory.md: dot-1 multiplies two axes, dot-2 an axis and a separation, distance a
+    separation by itself; spherical is a separation alone. Every derivative follows from those of the factors by the
+    product rule.
     """
 
     left: BodyVector | Separation | None

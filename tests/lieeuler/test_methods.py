@@ -1,4 +1,4 @@
-"""What each method must show (METHODS section 4): constraint levels, order, invariants."""
+"""What each method must show (docs/theory.md, section 5): constraint levels, order, invariants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The kernel against the dense oracle, and against the prototype figures of METHODS section 4."""
+"""The kernel against the dense oracle, and against the prototype figures in section 5 of docs/theory.md."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import lieeuler
 from tests import oracle
 from tests.lieeuler.systems import SYSTEMS
 
-AGREEMENT = 1e-12  # of METHODS: both solve the same equations to rounding, 100 steps accumulate little of it
+AGREEMENT = 1e-12  # both solve the same equations to rounding, 100 steps accumulate little of it
 
 
 def oracle_system(problem):

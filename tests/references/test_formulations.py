@@ -30,7 +30,8 @@ def test_planar_pendulum(build, formulation, rate):
     angle, angle_rate = pendulum(np.sqrt(mass * g * length / (inertia + mass * length**2)), start, rate, scene.t)
     states = FORMULATIONS[formulation](scene)
     exact = length * np.column_stack([-np.sin(angle), np.zeros_like(angle), -np.cos(angle)])
-    # METHODS section 7: what a formulation reaches on a well-conditioned scene; angular rates are up to 10 times larger
+    # (14.1) of docs/theory.md: what a formulation reaches on a well-conditioned scene; angular rates are up to 10 times
+    # larger
     np.testing.assert_allclose(states.x[:, 0], exact, rtol=0, atol=1e-12)
     np.testing.assert_allclose(states.w[:, 0, 1], angle_rate, rtol=0, atol=1e-11)
 
@@ -56,8 +57,8 @@ def motions(tree):
 
 def test_agree_in_everything(motions):
     one, other = motions["taylor"], motions["maximal"]
-    # METHODS section 7 with the amplification of the top, 241, which is the largest. Velocities carry a factor of the
-    # rates of the scene (150 / s in the top), accelerations its square.
+    # (14.1) of docs/theory.md with the amplification of the top, 241, which is the largest. Velocities carry a factor
+    # of the rates of the scene (150 / s in the top), accelerations its square.
     rate = max(1.0, np.max(np.abs(one.w)))
     for name, factor in (("x", 1.0), ("R", 1.0), ("v", rate), ("w", rate), ("a", rate**2), ("alpha", rate**2)):
         difference = np.max(np.abs(getattr(one, name) - getattr(other, name)))

@@ -87,7 +87,7 @@ def agree(scene):
 @pytest.mark.parametrize("kind", JOINT_TYPES)
 def test_joint_in_a_tree(kind, order):
     scene = joined(kind, 10 + JOINT_TYPES.index(kind), *order)
-    # minimal coordinates keep the joints closed at rounding level; METHODS section 7 asks no more of a position
+    # minimal coordinates keep the joints closed at rounding level; (14.1) of docs/theory.md asks no more of a position
     assert max(abs(value) for value in closing_error(scene, agree(scene))) < 1e-12
 
 
@@ -150,7 +150,7 @@ def test_torsion_follows_full_turns():
     angle = 0.3 + np.exp(-decay * t) * (start * np.cos(swing * t) + (rate + decay * start) / swing * np.sin(swing * t))
     assert np.max(angle) > 4 * np.pi
     exact = np.column_stack([np.cos(angle), np.sin(angle)])
-    # METHODS section 7, with the turns of order ten that the angle makes
+    # (14.1) of docs/theory.md, with the turns of order ten that the angle makes
     np.testing.assert_allclose(states.R[:, 0, :2, 0], exact, rtol=0, atol=1e-11)
 
 
@@ -220,7 +220,7 @@ def test_seeded_error_in_a_loop_is_caught(monkeypatch):
 
 
 def test_damping_of_the_second_formulation_moves_nothing(monkeypatch):
-    """Twice Baumgarte's damping: the same motion, to the bound of METHODS section 7."""
+    """Twice Baumgarte's damping: the same motion, to the bound of (14.1) of docs/theory.md."""
     scene = joined("cylindrical", 80)
     before = maximal.Maximal(scene).run()
     monkeypatch.setattr(maximal, "DAMPING", 2 * maximal.DAMPING)

@@ -1,0 +1,100 @@
+"""Every path, module and name that a document mentions exists."""
+
+from __future__ import annotations
+
+import functools
+import re
+from pathlib import Path
+
+import pytest
+
+from tests import ROOT
+
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+PACKAGES = ("lieeuler", "crosscheck")
+FOLDERS = (ROOT, ROOT / "docs", ROOT / "lieeuler" / "_core", ROOT / "crosscheck", ROOT / "lieeuler")
+"""Where a path in a document may start."""
+WRITTEN = ("reports/", "results/", "build/", ".venv/", "my_")
+"""Paths that a run, a build or the reader makes."""
+CODE = re.compile(r"`([^`\n]+)`")
+LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
+PATH = re.compile(r"[\w.-]+(?:/[\w.*{},-]+)+/?|\w+\.(?:py|hpp|cpp)")
+MODULE = re.compile(r"(?:lieeuler|crosscheck)(?:\.\w+)+")
+NAME = re.compile(r"_?[A-Z]\w*[a-z]\w*[A-Z]\w*|[A-Z][a-z]\w*(?:::\w+)+|\w+(?:::\w+)*\([^)]*\)")
+"""CamelCase, C++ names, and calls: what a reader would look for in the sources."""
+
+
+def spans(document: Path, pattern: re.Pattern[str]) -> set[str]:
+    """Code spans of the prose, and the words of shell blocks, that match the pattern as a whole."""
+    text = document.read_text("utf-8")
+    blocks = re.findall(r"^```(?:sh|console)?\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    words = {word for block in blocks for word in block.split()} if pattern is PATH else set()
+    return {span for span in words | set(CODE.findall(prose)) if pattern.fullmatch(span)}
+
+
+@functools.cache
+def sources() -> str:
+    """All code of the checkout that a document may speak of."""
+    files = [file for folder in (*PACKAGES, "tests", "benchmarks", "examples", "tools", "scenarios")
+             for kind in ("py", "pyi", "hpp", "cpp", "toml", "js") for file in (ROOT / folder).rglob(f"*.{kind}")
+             if file.name != "test_docs.py"]
+    return "\n".join(file.read_text("utf-8") for file in files)
+
+
+def missing_paths(document: Path) -> set[str]:
+    """Paths in code spans, shell blocks and links that lead nowhere."""
+    text = document.read_text("utf-8")
+    links = {link for link in LINK.findall(text) if not (document.parent / link).exists()}
+    paths = {path for path in spans(document, PATH) if not path.startswith(WRITTEN)
+             and (path.split("/")[0] in {entry.name for folder in FOLDERS for entry in folder.iterdir()}
+                  or path.endswith((".py", ".hpp", ".cpp")))}
+    return links | {path for path in paths if not any(list(folder.glob(path.rstrip("/"))) for folder in FOLDERS)}
+
+
+def missing_modules(document: Path) -> set[str]:
+    """Dotted names of our packages of which no part beyond the package is a module or stands in the sources."""
+    missing = set()
+    for dotted in spans(document, MODULE):
+        package, *rest = dotted.split(".")
+        here = ROOT / package
+        while rest and ((here / rest[0]).is_dir() or (here / f"{rest[0]}.py").is_file()):
+            here /= rest.pop(0)
+        if any(not re.search(rf"\b{name}\b", sources()) for name in rest):
+            missing.add(dotted)
+    return missing
+
+
+def missing_names(document: Path) -> set[str]:
+    """Classes and functions of which the last part stands nowhere in the sources."""
+    return {name for name in spans(document, NAME)
+            if not re.search(rf"\b{re.escape(re.split('::', name.partition('(')[0])[-1])}\b", sources())}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda document: document.name)
+def test_what_a_document_names_exists(document):
+    assert not missing_paths(document) | missing_modules(document) | missing_names(document)
+
+
+def test_what_is_missing_is_found(tmp_path):
+    """A seeded document: what does not exist is named, its neighbours that do are not."""
+    (tmp_path / "there.md").touch()
+    document = tmp_path / "wrong.md"
+    document.write_text("`tests/nowhere.py` `tests/oracle.py` `nowhere.hpp` `model/joints.hpp` [a](gone.md)\n"
+                        "`lieeuler.not_there` `lieeuler.integrate` `crosscheck.judge.not_there` [b](there.md)\n"
+                        "`GoneStepper` `EulerStepper` `gone_hook(z)` `residual(z, r)` `reports/latest/index.html`\n"
+                        "```sh\n.venv/bin/python -m pytest tests/lieeuler/test_gone.py\n```\n", "utf-8")
+    assert missing_paths(document) == {"tests/nowhere.py", "nowhere.hpp", "gone.md", "tests/lieeuler/test_gone.py"}
+    assert missing_modules(document) == {"lieeuler.not_there", "crosscheck.judge.not_there"}
+    assert missing_names(document) == {"GoneStepper", "gone_hook(z)"}
+
+
+def test_equations_are_numbered_once_and_cited_ones_exist():
+    theory = (ROOT / "docs" / "theory.md").read_text("utf-8")
+    tags = re.findall(r"\\tag\{([\d.]+)\}|\| \((\d+\.\d+)\) \|$", theory, re.MULTILINE)
+    numbers = [tag or row for tag, row in tags]
+    assert len(numbers) == len(set(numbers)) == theory.count("```math") + theory.count("$$") // 2 + 4
+    cited = re.findall(r"\((\d+\.\d+)\)(?: to \((\d+\.\d+)\))? of docs/theory\.md", sources())
+    assert cited
+    assert {number for pair in cited for number in pair if number} <= set(numbers)
+    assert "METHODS section" not in sources()

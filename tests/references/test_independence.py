@@ -38,7 +38,7 @@ def test_imports_nothing_under_test(file):
 
 SERIES = {"taylor", "articulated", "joint_motion", "loops", "tree", "tree_loads", "generic", "series"}
 CLOSED = {"closed_form", "free_body", "elliptic"}
-MAXIMAL = {"maximal", "world", "world_rows", "world_loads", "stiffness"}
+MAXIMAL = {"maximal", "world", "world_rows", "world_loads", "stiffness", "rates"}
 
 
 def test_the_formulations_share_no_equations():

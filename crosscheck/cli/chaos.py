@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from crosscheck.cli import options
+from crosscheck.cli.console import console, progress_bar
 from crosscheck.cli.options import Engines, chosen, figure, figures
 
 SCENES = ("thrown_double", "thrown_triple")
@@ -26,7 +27,6 @@ def chaos(
 
     Exit code 0: no distribution differs; 1: one does.
     """
-    from crosscheck.cli.app import progress_bar
     from crosscheck.studies import chaos as job
 
     settings = job.Settings(duration, step, time_limit)
@@ -40,7 +40,7 @@ def chaos(
 def _print(document: dict[str, Any]) -> None:
     from rich.table import Table
 
-    console = options.console(200)
+    terminal = console(200)
     table = Table("scene", "run", "horizon, s", "until, s", "energy error", "momentum error", "worst", "distance",
                   "effective samples", "p", "verdict", box=None)
     for run in document["runs"]:
@@ -48,6 +48,6 @@ def _print(document: dict[str, Any]) -> None:
         verdict = run["verdict"] or f"{run['status']}: {run['reason']}"
         table.add_row(run["scene"], run["label"], *values, run["worst"],
                       *figures(run[key] for key in ("distance", "effective")), figure(run["p"]), verdict)
-    console.print(table)
-    console.print(f"One false alarm in {1 / document['false_alarm']:.0f} studies: the smallest p of a way counts "
+    terminal.print(table)
+    terminal.print(f"One false alarm in {1 / document['false_alarm']:.0f} studies: the smallest p of a way counts "
                   "against that over the number of all comparisons.")

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from crosscheck.cli import options
+from crosscheck.cli.console import console, progress_bar
 from crosscheck.cli.options import Engines, chosen
 
 
@@ -22,7 +23,6 @@ def drift(
     out: Annotated[Path, typer.Option(help="folder of the JSON and CSV")] = Path("reports/drift"),
 ) -> None:
     """Long runs: is the energy error a band, does the momentum hold, do constraints and attitudes?"""
-    from crosscheck.cli.app import progress_bar
     from crosscheck.studies import drift_job as job
 
     request = job.Request(chosen(scene) or job.SCENES, chosen(engine), chosen(method), step, steps, time_limit)
@@ -35,7 +35,7 @@ def drift(
 def _print(document: dict[str, Any]) -> None:
     from rich.table import Table
 
-    console = options.console(220)
+    terminal = console(220)
     table = Table("scene", "run", "steps", "s", "energy band", "slope, 1/s", "slope T / band", "growth", "energy",
                   "momentum band", "momentum", "position, m", "velocity, m/s", "orthogonality", box=None)
     for run in document["runs"]:
@@ -47,4 +47,4 @@ def _print(document: dict[str, Any]) -> None:
                       *(f"{run[key]:.2g}" for key in ("energy_band", "energy_slope", "energy_trend", "energy_growth")),
                       run["energy_verdict"], f"{run['momentum_band']:.1e}", run["momentum_verdict"],
                       *(f"{run[key]:.1e}" for key in ("constraint_position", "constraint_velocity", "orthogonality")))
-    console.print(table)
+    terminal.print(table)

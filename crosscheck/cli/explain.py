@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from crosscheck.cli.options import console as terminal
+from crosscheck.cli.console import console
 from crosscheck.cli.options import figure
 from crosscheck.files import finite
 
@@ -41,9 +41,9 @@ def _print(answer: Any) -> None:
     """The page: verdict, what was seen, evidence, what to change."""
     from rich.table import Table
 
-    console = terminal(160)
+    terminal = console(160)
     mark = {"agrees": "✓", "named": "✗", "unknown": "?"}[answer.outcome]
-    console.print(f"{mark} {answer.sentence}", style={"agrees": "green", "named": "bold red"}.get(answer.outcome,
+    terminal.print(f"{mark} {answer.sentence}", style={"agrees": "green", "named": "bold red"}.get(answer.outcome,
                                                                                                  "bold yellow"))
     seen = Table(box=None, show_header=False, pad_edge=False)
     seen.add_row("difference from truth for vanishing steps", f"{answer.deviation:.1e}", "largest of |dx|/L, |dR|, "
@@ -54,13 +54,13 @@ def _print(answer: Any) -> None:
     if answer.documented_order is not None:
         observed = "at rounding" if answer.observed_order is None else f"{answer.observed_order:.2f}"
         seen.add_row("observed order", observed, f"documented {answer.documented_order}")
-    console.print(seen)
+    terminal.print(seen)
     if answer.evidence:
         table = Table("", "hypothesis", "residual before", "after", "fitted", "residual of", box=None, pad_edge=False,
                       title=f"evidence, {answer.tried} hypotheses tried (✓ explains, · does not)", title_justify="left")
         for each in answer.evidence:
             table.add_row("✓" if each.holds else "·", each.hypothesis, figure(each.before), figure(each.after),
                           "; ".join(text for text in (each.magnitude, each.note) if text), each.quantity)
-        console.print(table)
+        terminal.print(table)
     for cause in answer.causes:
-        console.print(f"what to change: {cause.mend} ({cause.name})")
+        terminal.print(f"what to change: {cause.mend} ({cause.name})")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from crosscheck.cli.console import console
 from crosscheck.errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def list_(store: Store = None, limit: Annotated[int, typer.Option(help="the last
             machine = f"{run.environment['processor']}, {run.environment['cores']} cores"
             table.add_row(run.name, run.profile, str(run.exit_code), "yes" if run.good else "",
                           run.environment["commit"], machine, engines)
-    _console().print(table)
+    console(200).print(table)
 
 
 @app.command()
@@ -63,7 +63,7 @@ def show(run: Run = "latest", store: Store = None,
                           *("" if figure is None else f"{figure.value:.4g}" for figure in figures))
     typer.echo(f"{found.name}: {found.command}, exit code {found.exit_code}, "
                f"commit {found.environment['commit'] or 'unknown'}")
-    _console().print(table)
+    console(200).print(table)
 
 
 @app.command()
@@ -167,9 +167,3 @@ def _opened(where: str | None) -> Iterator[Engine]:
         yield engine
     finally:
         engine.dispose()
-
-
-def _console() -> Any:
-    from rich.console import Console
-
-    return Console(width=None if sys.stdout.isatty() else 200, highlight=False)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from crosscheck.cli.console import console
 
 if TYPE_CHECKING:
     from crosscheck.inspection import Deviation, Inspection
@@ -37,32 +38,30 @@ def inspect(
 
 
 def _print(found: Inspection) -> None:
-    from rich.console import Console
 
-    # without a terminal Rich would fold tables at 80 columns, which no log needs
-    console = Console(width=None if sys.stdout.isatty() else 200, highlight=False)
+    terminal = console(200)
     truth, scene = found.truth, found.scene
     assert truth.masses is not None
     assert truth.x is not None
     assert truth.kinetic is not None
     assert truth.potential is not None
     centre = truth.masses @ truth.x[0] / truth.masses.sum()
-    console.print(f"{scene.name}: {scene.n} bodies, {truth.masses.sum():.6g} kg, centre of mass at t = 0 "
+    terminal.print(f"{scene.name}: {scene.n} bodies, {truth.masses.sum():.6g} kg, centre of mass at t = 0 "
                   f"({', '.join(f'{value:.6g}' for value in centre)}) m, kinetic energy {truth.kinetic[0]:.6g} J, "
                   f"potential {truth.potential[0]:.6g} J; the start and {len(found.states.t) - 1} random states")
-    console.print(_table(found))
+    terminal.print(_table(found))
     for probe in found.probes:
         for reason in dict.fromkeys(probe.notes.values()):
             missing = ", ".join(quantity for quantity, note in probe.notes.items() if note == reason)
-            console.print(f"{probe.label} does not tell {missing}: {reason}", markup=False)
+            terminal.print(f"{probe.label} does not tell {missing}: {reason}", markup=False)
     for label, reason in found.skipped.items():
-        console.print(f"{label} is left out: {reason}", markup=False)
+        terminal.print(f"{label} is left out: {reason}", markup=False)
     if found.offenders:
-        console.print(f"FIRST OFFENDER: {found.offenders[0]}", markup=False, style="bold red")
+        terminal.print(f"FIRST OFFENDER: {found.offenders[0]}", markup=False, style="bold red")
     elif found.probes:
-        console.print(f"all agree with truth: no deviation of {len(found.probes)} models is beyond its bound")
+        terminal.print(f"all agree with truth: no deviation of {len(found.probes)} models is beyond its bound")
     for offender in found.offenders[1:]:
-        console.print(f"  then: {offender}", markup=False)
+        terminal.print(f"  then: {offender}", markup=False)
 
 
 def _table(found: Inspection) -> Any:

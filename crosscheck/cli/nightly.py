@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from crosscheck.cli.console import progress_bar
+
 
 def nightly(
     scene: Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated; "
@@ -27,7 +29,6 @@ def nightly(
 
     Exit code 0: all within tolerance and no finding; 1: a verdict failed or something became worse; 2: the run failed.
     """
-    from crosscheck.cli.app import progress_bar
     from crosscheck.history import nightly as job
     from crosscheck.verification.guarded import limits
 

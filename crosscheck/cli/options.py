@@ -1,16 +1,16 @@
-"""What the commands of studies share: their options, and how their tables look."""
+"""Options that several commands share, and figures in their tables."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
+SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]
+EngineNames = Annotated[list[str] | None, typer.Option("--engine", help=(
+    "a name, name==version, or a class of your own as module:Class or path/file.py:Class; may be repeated; "
+    "default: all"))]
 Engines = Annotated[list[str] | None, typer.Option("--engine", help="may be repeated; default: all")]
 
 
@@ -32,13 +32,6 @@ def time_limit(consequence: str) -> Any:
 def chosen(names: Iterable[str] | None) -> tuple[str, ...] | None:
     """Names as a study takes them: None for all."""
     return tuple(names) if names else None
-
-
-def console(width: int) -> Console:
-    """The terminal; where there is none, so many columns: Rich would fold tables at 80, which no log needs."""
-    from rich.console import Console
-
-    return Console(width=None if sys.stdout.isatty() else width, highlight=False)
 
 
 def figure(value: float | None, missing: str = "") -> str:

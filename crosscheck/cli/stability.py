@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from crosscheck.cli import options
+from crosscheck.cli.console import console, progress_bar
 from crosscheck.cli.options import Engines, chosen, figure, figures
 
 
@@ -24,7 +25,6 @@ def stability(
 
     A study that was killed goes on where it was when it is started again with the same arguments.
     """
-    from crosscheck.cli.app import progress_bar
     from crosscheck.studies import stability_job as job
 
     request = job.Request(chosen(scene), chosen(engine), chosen(method), time_limit, jobs)
@@ -37,7 +37,7 @@ def stability(
 def _print(document: dict[str, Any]) -> None:
     from rich.table import Table
 
-    console = options.console(200)
+    terminal = console(200)
     table = Table("scene", "run", "h_max, s", "steps", "error there", "ms", "common step, s", "error there", "unusable",
                   box=None)
     for row in document["rows"]:
@@ -48,14 +48,14 @@ def _print(document: dict[str, Any]) -> None:
         table.add_row(row["scene"], f"{row['engine']} {row['method']}", largest,
                       "" if row["steps"] is None else str(row["steps"]), figure(row["error"]),
                       figure(row["milliseconds"]), figure(row["common_step"]), common, row["failures"] or row["reason"])
-    console.print(table)
+    terminal.print(table)
     best = Table("scene", "largest in-house step, s", "", "largest of the stock engines", "", "ratio",
                  "of all others, with steppers added here", "", "ratio", box=None)
     for line in document["scenes"]:
         own, stock, ratio, other, ratio_any = figures(
             line[key] for key in ("own_h_max", "stock_h_max", "ratio", "any_h_max", "ratio_any"))
         best.add_row(line["scene"], own, line["own"], stock, line["stock"], ratio, other, line["any"], ratio_any)
-    console.print(best)
+    terminal.print(best)
     left = sum(row["outcome"] == "unsupported" for row in document["rows"])
-    console.print(f"{len(document['rows'])} ways, {left} of them unsupported by their engine (reasons in the table), "
+    terminal.print(f"{len(document['rows'])} ways, {left} of them unsupported by their engine (reasons in the table), "
                   f"{document['meta']['seconds']:.0f} s with {document['meta']['jobs']} worker processes")

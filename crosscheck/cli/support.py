@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from crosscheck.cli.console import console
 
 if TYPE_CHECKING:
     from crosscheck.running.support import Support
@@ -16,7 +17,6 @@ def support(
     reasons: Annotated[bool, typer.Option(help="say why what is missing is missing")] = True,
 ) -> None:
     """Which joints, forces and systems each engine can model, in which form, and why not the rest."""
-    from rich.console import Console
     from rich.table import Table
 
     from crosscheck import adapters
@@ -32,13 +32,12 @@ def support(
         table.add_row(kind if kind != last else "", item, *(_cell(entry, len(adapters.methods(entry.engine)))
                                                             for entry in row))
         last = kind
-    # without a terminal Rich would fold tables at 80 columns, which no log needs
-    console = Console(width=None if sys.stdout.isatty() else 160, highlight=False)
-    console.print(table)
-    console.print("yes: by all methods; a / b: by a of b methods")
+    terminal = console(160)
+    terminal.print(table)
+    terminal.print("yes: by all methods; a / b: by a of b methods")
     if reasons:
         for line in _reasons(found):
-            console.print(line, markup=False)
+            terminal.print(line, markup=False)
 
 
 def _cell(entry: Support, methods: int) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 import typer
 
-from crosscheck.cli.options import console as terminal
+from crosscheck.cli.console import console
 from crosscheck.report.headline import OUTCOMES, headline, sentence
 from crosscheck.report.overview import worst_first
 
@@ -18,7 +18,7 @@ def print_verdicts(results: Any, page: Path) -> None:
     """Every run, what is wrong in the groups of the first page, what to trust, the headline, and the report's place."""
     from rich.table import Table
 
-    console = terminal(160)
+    terminal = console(160)
     table = Table("scene", "run", "verdict", "step or rtol", "order", "position error, m", "bound, m", "judged to",
                   "energy error", "us/step", box=None, pad_edge=False)
     for record in results.records:
@@ -29,7 +29,7 @@ def print_verdicts(results: Any, page: Path) -> None:
             "" if order is None else f"{order:.2f}", _number(position.get("judged")), _number(position.get("bound")),
             "" if record.judged_until is None else f"{record.judged_until:g} s", _number(record.energy_error),
             "" if record.us_per_step is None else f"{record.us_per_step:.3g}", style=STYLES.get(record.outcome, ""))
-    console.print(table)
+    terminal.print(table)
     document = results.plain()
     # Not through Rich from here: what is folded cannot be searched, and a path cannot be clicked or copied.
     for group in worst_first(document["records"]):

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from crosscheck.cli import options
+from crosscheck.cli.console import console, progress_bar
 from crosscheck.cli.options import Engines, chosen, figure, figures
 
 SHOWN = (1, 4, 7)
@@ -24,7 +25,6 @@ def work_precision(
     out: Annotated[Path, typer.Option(help="folder of the page, JSON and CSV")] = Path("reports/work-precision"),
 ) -> None:
     """Errors against stepping time and force evaluations, and who leads at 1e-2 ... 1e-11."""
-    from crosscheck.cli.app import progress_bar
     from crosscheck.studies import work_precision_job as job
 
     request = job.Request(chosen(scene) or job.SCENES, chosen(engine), chosen(method), repeats, time_limit, bound)
@@ -37,10 +37,10 @@ def work_precision(
 def _print(document: dict[str, Any]) -> None:
     from rich.table import Table
 
-    console = options.console(180)
+    terminal = console(180)
     for scene in document["scenes"]:
         if scene["failure"]:
-            console.print(f"{scene['name']}: no truth: {scene['failure']}", markup=False)
+            terminal.print(f"{scene['name']}: no truth: {scene['failure']}", markup=False)
             continue
         table = Table("end error, m", "fastest", "best of lieeuler", "ms", "best of the others", "ms", "factor",
                       "heyoka, ms", "to heyoka", box=None, title=f"{scene['name']}, {scene['duration']:g} s",
@@ -50,11 +50,11 @@ def _print(document: dict[str, Any]) -> None:
                 (front[key] for key in ("own_cost", "other_cost", "factor", "bound_cost", "to_bound")), "-")
             table.add_row(f"{front['level']:.0e}", front["winner"] or "-", front["own"] or "-", own,
                           front["other"] or "-", other, factor, bound, to_bound)
-        console.print(table)
-        console.print(_by_method(scene))
+        terminal.print(table)
+        terminal.print(_by_method(scene))
         counts = {status: sum(rung["status"] == status for rung in scene["rungs"])
                   for status in ("success", "error", "skipped")}
-        console.print(f"{counts['success']} runs, {counts['error']} failed, {counts['skipped']} left out; medians of "
+        terminal.print(f"{counts['success']} runs, {counts['error']} failed, {counts['skipped']} left out; medians of "
                       f"{document['meta']['repeats']}\n")
 
 

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import os
 import shlex
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -199,8 +200,10 @@ def check_out(out: Path) -> None:
             raise ArgumentError(f"--out {out}: this folder holds something else than a report of crosscheck, and would "
                                 "be replaced; choose an empty folder or one that does not exist yet")
         place = next(folder for folder in out.resolve().parents if folder.exists())
-        if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
-            raise ArgumentError(f"--out {out}: {place} cannot be written; choose another folder")
+        try:
+            tempfile.TemporaryDirectory(dir=place).cleanup()  # rights alone do not tell: root may write into /proc
+        except OSError:
+            raise ArgumentError(f"--out {out}: {place} cannot be written; choose another folder") from None
     except OSError as error:
         raise ArgumentError(f"--out {out}: {error.strerror or error}") from None
 

@@ -1,0 +1,70 @@
+"""The terminal: its width, the progress of a job, complaints."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+Progress = Callable[[int, int | None, str], None]
+"""Called with the number of tasks done, that of all tasks or None, and what is at work."""
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it: 128 and the number of the signal."""
+
+PAUSE = 10.0
+"""s between two lines of progress where the error stream is no terminal."""
+
+
+def console(width: int) -> Console:
+    """The terminal. Where there is none, it has COLUMNS columns, or `width`: Rich would fold tables at 80."""
+    from rich.console import Console
+
+    piped = not sys.stdout.isatty() and not os.environ.get("COLUMNS")
+    return Console(width=width if piped else None, highlight=False)
+
+
+@contextlib.contextmanager
+def progress_bar() -> Iterator[Progress]:
+    """Progress on the error stream: a bar in a terminal, elsewhere a plain line now and then."""
+    if not sys.stderr.isatty():
+        yield _Lines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (BarColumn(bar_width=30), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("starting", total=None)
+        yield lambda done, total, label: bar.update(task, completed=done, total=total, description=label)
+
+
+class _Lines:
+    """Progress in plain lines, the first once `PAUSE` is over: a short job prints none."""
+
+    def __init__(self) -> None:
+        self._began = self._printed = time.monotonic()
+
+    def __call__(self, done: int, total: int | None, label: str) -> None:
+        now = time.monotonic()
+        if now - self._printed >= PAUSE:
+            self._printed = now
+            of = "" if total is None else f" of {total}"
+            print(f"{now - self._began:.0f} s: {done}{of} done, {label}", file=sys.stderr, flush=True)
+
+
+def complain(message: str) -> None:
+    """One line on the error stream."""
+    print(f"crosscheck: {' '.join(message.split())}", file=sys.stderr)
+
+
+def interrupted() -> str:
+    """What is left of a command that was interrupted."""
+    kept = {"nightly": "the same command goes on from here", "study": "what was finished is in the folder of --out"}
+    return f"interrupted; {kept.get(' '.join(sys.argv[1:2]), 'nothing was written')}"

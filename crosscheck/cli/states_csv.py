@@ -1,0 +1,37 @@
+"""States over time as CSV, to a file or to the terminal."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import sys
+from typing import Any
+
+from crosscheck.errors import ArgumentError
+
+
+def write_csv(scene: Any, states: Any, target: str) -> None:
+    """States as CSV, one line per output time, full precision."""
+    header = ["t [s]"]
+    for body in scene.bodies:
+        header += [f"{body.name} x_{axis} [m]" for axis in "xyz"]
+        header += [f"{body.name} R_{row}{column}" for row in "123" for column in "123"]
+        header += [f"{body.name} v_{axis} [m/s]" for axis in "xyz"]
+        header += [f"{body.name} w_{axis} [rad/s]" for axis in "xyz"]
+    extra = {"energy": "energy [J]", "constraint_position": "constraint position",
+             "constraint_velocity": "constraint velocity", "constraint_acceleration": "constraint acceleration",
+             "orthogonality": "orthogonality"}
+    series = {title: getattr(states, name) for name, title in extra.items() if getattr(states, name, None) is not None}
+    with contextlib.ExitStack() as stack:
+        try:
+            stream = sys.stdout if target == "-" else stack.enter_context(open(target, "w", newline="",
+                                                                               encoding="utf-8"))
+        except OSError as error:
+            raise ArgumentError(f"--csv {target}: cannot be written ({error.strerror})") from None
+        writer = csv.writer(stream)
+        writer.writerow(header + list(series))
+        for k, time in enumerate(states.t):
+            row = [time]
+            for i in range(scene.n):
+                row += [*states.x[k, i], *states.R[k, i].ravel(), *states.v[k, i], *states.w[k, i]]
+            writer.writerow([repr(float(value)) for value in [*row, *(values[k] for values in series.values())]])

@@ -1,0 +1,32 @@
+"""`crosscheck truth`: the independent truth of a scene."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from crosscheck.cli.states_csv import write_csv
+
+
+def truth(
+    scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
+    csv_file: Annotated[str | None, typer.Option("--csv", help="write the states here; - for the terminal")] = None,
+) -> None:
+    """The independent truth of a scene: where it comes from, how far to trust it, the end state."""
+    from crosscheck.references import truth as truth_of
+    from crosscheck.scene.file import load_scene
+
+    loaded = load_scene(scene)
+    reference = truth_of(loaded)
+    if csv_file is not None:
+        write_csv(loaded, reference.states, csv_file)
+    if csv_file == "-":
+        return
+    typer.echo(f"{loaded.name}: {reference.source}")
+    typer.echo(f"checked against: {reference.second_source}")
+    typer.echo(f"they differ by {reference.disagreement:.1e}, allowed {reference.allowed:.1e}")
+    typer.echo(f"a perturbation grows {reference.amplification:.3g}-fold over {loaded.duration:g} s; "
+               f"comparable up to {reference.horizon:g} s")
+    for body, position in zip(loaded.bodies, reference.states.x[-1], strict=True):
+        typer.echo(f"{body.name}: x({loaded.duration:g} s) = ({', '.join(f'{value:.15g}' for value in position)}) m")

@@ -1,0 +1,54 @@
+"""`crosscheck verify`: every method and engine over the scenes, judged, and the report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from crosscheck.cli.console import progress_bar
+from crosscheck.cli.options import EngineNames, SceneNames
+
+
+def verify(
+    scene: SceneNames = None,
+    engine: EngineNames = None,
+    profile: Annotated[str, typer.Option(help="default; smoke: first seconds, three steps, no timing; full: every "
+                                         "scene, within a budget of steps")] = "default",
+    jobs: Annotated[int, typer.Option(help="worker processes")] = 2,
+    time_limit: Annotated[float, typer.Option(help="s for one run and its order study")] = 1800.0,
+    memory_limit: Annotated[float, typer.Option(help="GB resident of one worker process")] = 4.0,
+    tolerance_file: Annotated[Path | None, typer.Option("--tolerances", help="TOML file of your own bounds")] = None,
+    tol: Annotated[list[str] | None, typer.Option(help="a bound of your own, quantity=value; may be repeated")] = None,
+    out: Annotated[Path, typer.Option(help="folder of the report")] = Path("reports/latest"),
+    as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
+) -> None:
+    """Run every method and engine over the scenes, judge them, write the report.
+
+    Exit code 0: all within tolerance; 1: a verdict failed; 2: the run itself failed.
+    """
+    from crosscheck.cli.verdicts import print_verdicts
+    from crosscheck.judge import overrides
+    from crosscheck.verification import job
+    from crosscheck.verification.guarded import limits
+
+    own = overrides.read(tolerance_file, tol or ())
+    job.check_out(out)
+    within = limits(time_limit, memory_limit)
+    with progress_bar() as progress:
+        results = job.verify(profile, scene, engine, jobs, progress, limits=within, overrides=own)
+        page = job.write(results, out)
+    if as_json:
+        typer.echo(json.dumps(_brief(results.plain(), page), indent=1))
+    else:
+        print_verdicts(results, page)
+    raise typer.Exit(results.exit_code)
+
+
+def _brief(document: dict[str, Any], page: Path) -> dict[str, Any]:
+    """The document without its curves, which only the report needs."""
+    scenes = [{key: value for key, value in scene.items() if key != "curves"} for scene in document["scenes"]]
+    records = [{key: value for key, value in record.items() if key != "curves"} for record in document["records"]]
+    return {**document, "scenes": scenes, "records": records, "report": str(page)}

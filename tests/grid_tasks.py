@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
+import stat
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -33,3 +37,67 @@ def tell_and_sleep(path: Path) -> None:
     """Writes which process this is, and is busy for long."""
     path.write_text(str(os.getpid()))
     time.sleep(600)
+
+
+def helper_then_death(path: Path, session: bool = False) -> None:
+    """Forks a helper that holds every pipe for long, and dies; the path gets the helper's process."""
+    helper = os.fork()
+    if not helper:
+        if session:
+            os.setsid()
+        time.sleep(600)
+        os._exit(0)
+    path.write_text(str(helper))
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def helper_left(path: Path) -> int:
+    """Starts a helper in a session of its own that outlives the task; the path gets its process."""
+    helper = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], start_new_session=True)
+    path.write_text(str(helper.pid))
+    return helper.pid
+
+
+def scribble(content: bytes) -> int:
+    """Writes into every pipe of the process that it can find, which it does not own."""
+    written = 0
+    for descriptor in range(3, 64):
+        with contextlib.suppress(OSError):
+            if stat.S_ISFIFO(os.fstat(descriptor).st_mode):
+                written += os.write(descriptor, content)
+    return written
+
+
+def close_pipes(seconds: float) -> None:
+    """Closes what the process does not own, and sleeps."""
+    os.closerange(3, 64)
+    time.sleep(seconds)
+
+
+def replace_pipes(path: Path) -> int:
+    """Puts a file of its own in the place of every pipe."""
+    with open(path, "wb") as file:
+        for descriptor in range(3, 64):
+            with contextlib.suppress(OSError):
+                if stat.S_ISFIFO(os.fstat(descriptor).st_mode):
+                    os.dup2(file.fileno(), descriptor)
+    return 1
+
+
+def return_twice(number: int) -> int:
+    """Forks, and both processes return."""
+    os.fork()
+    return number
+
+
+def die_once(path: Path) -> int:
+    """Dies at the first time, as if killed from outside; the path remembers."""
+    if not path.exists():
+        path.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 1
+
+
+def call(task: tuple) -> object:
+    """`task[0](*task[1:])`: tasks of several kinds in one worker."""
+    return task[0](*task[1:])

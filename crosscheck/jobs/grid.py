@@ -11,14 +11,15 @@ import functools
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from crosscheck.jobs.workers.process import Crash, Crew, Limits, isolated
+from crosscheck.jobs.workers.crew import Crew, isolated
+from crosscheck.jobs.workers.process import Crash, Limits
 
 __all__ = ["Crash", "Limits", "run_tasks"]
 
 
 def run_tasks(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int = 2,
               done: Callable[[int, Any], None] | None = None, limits: Limits | None = None,
-              executor: concurrent.futures.Executor | None = None) -> list[Any]:
+              executor: concurrent.futures.Executor | None = None, again: bool = False) -> list[Any]:
     """Results of `function(task)` for every task, in order, computed by `jobs` worker processes.
 
     Parameters
@@ -29,6 +30,7 @@ def run_tasks(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int = 
     limits : time and resident memory of one task
     executor : what runs the tasks instead of `jobs` threads here, say `dask.distributed.Client(address)
         .get_executor()`; each of its workers keeps a worker process of ours beside it
+    again : run a task once more whose process was killed from outside
 
     Returns
     -------
@@ -45,7 +47,7 @@ def run_tasks(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int = 
     flying: dict[concurrent.futures.Future[Any], int] = {}
     try:
         for index, task in waiting:
-            flying[pool.submit(functools.partial(run, function, task, limits))] = index
+            flying[pool.submit(functools.partial(run, function, task, limits, again))] = index
         for future in concurrent.futures.as_completed(flying):
             index = flying[future]
             failure = future.exception()

@@ -119,8 +119,11 @@ class Stages:
     count: Callable[[str], None]  # called as each task ends
 
     def run(self, stage: str, function: Callable[[Any], Any], tasks: Sequence[Any], keys: Sequence[str],
-            labels: Sequence[str], limits: Limits | None = None) -> list[Any]:
-        """Results of one stage, in order; `keys` name the tasks in the journal, `labels` in the progress bar."""
+            labels: Sequence[str], limits: Limits | None = None, again: bool = False) -> list[Any]:
+        """Results of one stage, in order; `keys` name the tasks in the journal, `labels` in the progress bar.
+
+        With `again`, a task whose process was killed from outside runs once more.
+        """
         results = [self.journal.get(stage, key) if self.journal else None for key in keys]
         missing = [index for index, result in enumerate(results) if result is None]
         for index in set(range(len(tasks))) - set(missing):
@@ -131,5 +134,5 @@ class Stages:
             results[index] = self.journal.put(stage, keys[index], result) if self.journal else result
             self.count(labels[index])
 
-        run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits)
+        run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, again=again)
         return results

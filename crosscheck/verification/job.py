@@ -145,7 +145,7 @@ def recommend(results: Results) -> None:
 def _truths(stages: Stages, names: list[str], settings: Profile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """What the report says about every scene, and the plans of those that did not fail."""
     found = stages.run("truth", prepare_truth, [(name, settings.whole, settings.most_steps) for name in names], names,
-                       [f"truth of {name}" for name in names])
+                       [f"truth of {name}" for name in names], again=True)  # every run of the scene needs it
     described = [_failed_scene(name, each) if isinstance(each, Crash) else each
                  for name, each in zip(names, found, strict=True)]
     plans = {scene["name"]: scene.pop("plan") for scene in described if "failure" not in scene}

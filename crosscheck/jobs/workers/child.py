@@ -6,7 +6,7 @@ Nothing but the standard library is imported here: this also runs in environment
 
 from __future__ import annotations
 
-import contextlib
+import atexit
 import faulthandler
 import os
 import pickle
@@ -16,9 +16,9 @@ import threading
 import time
 import traceback
 import warnings
-from typing import Any, BinaryIO
+from typing import Any
 
-from crosscheck.jobs.workers import output
+from crosscheck.jobs.workers import frames, output
 
 GRACE = 30.0
 """s beyond the time limit after which a worker whose parent has vanished ends itself, whatever it is at."""
@@ -27,48 +27,103 @@ GLANCE = 1.0
 """s between two looks whether the parent still lives."""
 
 
+class _Lost(Exception):
+    """Nobody sends requests any more, or this is no worker but a fork of one."""
+
+
+class _Parent:
+    """The worker's ends of the two pipes, taken from the standard streams."""
+
+    def __init__(self) -> None:
+        self._requests, self._answers = os.dup(0), os.dup(1)
+        self._pid, self._own = os.getpid(), self._identities()
+        self._lock = threading.Lock()  # an engine's thread may report where it is while another answers
+        self.number = 0
+
+    def receive(self) -> bytes:
+        """The next request, whatever its number, which the answers to it will bear."""
+        header = self._read(frames.HEADER.size)
+        self.number = frames.number_of(header)
+        length, checksum = frames.size(header, self.number)
+        content = self._read(length)
+        frames.check(content, checksum)
+        return content
+
+    def send(self, content: bytes) -> None:
+        """Answer the current request."""
+        if os.getpid() != self._pid:  # a fork that returned from the engine's code
+            raise _Lost
+        if self._identities() != self._own:
+            raise OSError("an engine put something else into the place of the pipe to the parent")
+        left = memoryview(frames.framed(self.number, content))
+        with self._lock:
+            while left:
+                left = left[os.write(self._answers, left):]
+
+    def _read(self, count: int) -> bytes:
+        content = b""
+        while len(content) < count:
+            part = os.read(self._requests, count - len(content))
+            if not part:
+                raise _Lost
+            content += part
+        return content
+
+    def _identities(self) -> list[tuple[int, int]]:
+        about = [os.fstat(descriptor) for descriptor in (self._requests, self._answers)]
+        return [(each.st_dev, each.st_ino) for each in about]
+
+
 def main() -> None:
     """Serve one parent; called by the command line of `crosscheck.jobs.workers.process`."""
-    # Ctrl-C reaches the whole process group; the parent alone answers it, and ends its workers.
+    # Ctrl-C at the parent's terminal is answered by the parent, which ends its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    requests, answers = _take_streams()
+    parent, pid = _Parent(), os.getpid()
+    _discard_streams()
     faulthandler.enable()  # a crash inside an engine then prints where Python was
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
-    output.listen(lambda label: _send(answers, pickle.dumps(("at", label))))
+    output.listen(lambda label: parent.send(pickle.dumps(("at", label))))
+    try:
+        _serve(parent)
+    except (_Lost, BrokenPipeError):
+        if os.getpid() == pid:
+            atexit._run_exitfuncs()
+            _end_group()
+        os._exit(0)
+
+
+def _serve(parent: _Parent) -> None:
     said: list[str] = []
-    with contextlib.suppress(EOFError, BrokenPipeError):
-        path = pickle.load(requests)
-        if path is not None:
-            sys.path[:] = path
-        while True:
-            seconds, payload = pickle.load(requests)
-            # Not the parent's watch, which comes first; this one ends orphans inside a C loop that never returns.
-            if seconds is not None:
-                faulthandler.dump_traceback_later(min(seconds + GRACE, threading.TIMEOUT_MAX), exit=True)
-            answer = _answer(payload, said)
-            faulthandler.cancel_dump_traceback_later()
-            _send(answers, answer)
+    path = pickle.loads(parent.receive())
+    if path is not None:
+        sys.path[:] = path
+    while True:
+        seconds, payload = pickle.loads(parent.receive())
+        # Not the parent's watch, which comes first; this one ends orphans inside a C loop that never returns.
+        if seconds is not None:
+            faulthandler.dump_traceback_later(min(seconds + GRACE, threading.TIMEOUT_MAX), exit=True)
+        answer = _answer(payload, said)
+        faulthandler.cancel_dump_traceback_later()
+        parent.send(answer)
 
 
 def _end_with_parent(parent: int) -> None:
     """Nobody reads an orphan's answer: a killed night leaves no run behind that takes the machine from the next."""
     while os.getppid() == parent:
         time.sleep(GLANCE)
-    os._exit(1)
+    _end_group()
 
 
-def _send(answers: BinaryIO, answer: bytes) -> None:
-    pickle.dump(answer, answers)  # bytes in bytes: an answer that cannot be understood leaves the stream in step
-    answers.flush()
+def _end_group() -> None:
+    """End this process and the helpers that engines left in its group."""
+    os.killpg(0, signal.SIGKILL)
 
 
-def _take_streams() -> tuple[BinaryIO, BinaryIO]:
-    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+def _discard_streams() -> None:
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
     os.dup2(2, 1)
-    return requests, answers
 
 
 def _answer(payload: bytes, said: list[str]) -> bytes:

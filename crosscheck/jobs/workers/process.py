@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import pickle
+import secrets
 import signal
 import subprocess
 import sys
@@ -15,9 +17,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from crosscheck.jobs.workers.frames import BrokenFrame, framed
+from crosscheck.jobs.workers.pipes import TICK, Ended, Pipes, ended
+
 GIGABYTE = 2**30
-TICK = 0.05
-"""s between two looks at a busy worker: memory fills at a few gigabytes a second at most."""
+
+MARK = "CROSSCHECK_WORKERS"
+"""Environment variable that names the workers a process descends from: it finds helpers in sessions of their own."""
+
+PATIENCE = 5.0
+"""s that a process may take to end after it closed its pipes."""
 
 FAMILY = 20
 """Ticks between two looks for processes that the worker started; finding them takes milliseconds."""
@@ -54,6 +63,7 @@ class Crash:
     details: str = ""  # traceback, or the last that was printed
     error: Exception | None = dataclasses.field(default=None, compare=False)  # what the task raised
     at: str = ""  # what it had turned to, see `crosscheck.jobs.workers.output.at`
+    signal: str = ""  # that ended the process from outside our limits: "SIGKILL"
 
 
 class Worker:
@@ -70,12 +80,18 @@ class Worker:
         folder = str(Path(__file__).resolve().parents[2])
         # One thread per worker, so that two workers do not time each other.
         single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        self._mark = secrets.token_hex(8)
+        marks = {MARK: " ".join(filter(None, (os.environ.get(MARK), self._mark)))}
         command = [python or sys.executable, "-P", "-c", BOOT, folder]
+        # A process group of its own, which ends as a whole.
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._printed,
-                                         env={**single, **os.environ})
+                                         env={**single, **os.environ, **marks}, process_group=0)
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._pipes = Pipes(self._process.pid, self._process.stdin, self._process.stdout)
         self._reason: str | None = None
         self._path = list(sys.path) if python is None else None
-        self._greeted = False
+        self._number = 0  # of the last request
         self._at = ""
 
     def call(self, function: Callable[..., Any], arguments: tuple[Any, ...], limits: Limits | None = None) -> Any:
@@ -91,13 +107,13 @@ class Worker:
             return Crash(f"the task cannot be sent to a worker: {error}", error=error)
         os.ftruncate(self._printed.fileno(), 0)
         self._at = ""
-        ended = threading.Event()
-        watch = threading.Thread(target=self._watch, args=(limits, ended), daemon=True)
+        over = threading.Event()
+        watch = threading.Thread(target=self._watch, args=(limits, over), daemon=True)
         watch.start()
         try:
             answer = self._exchange((limits.time, payload))
         finally:
-            ended.set()
+            over.set()
             watch.join()
         if answer is None:
             return self._obituary()
@@ -109,7 +125,7 @@ class Worker:
     @property
     def alive(self) -> bool:
         """Whether it can take another task."""
-        return self._process.poll() is None and self._reason is None
+        return self._reason is None and not ended(self._process.pid) and self._pipes.quiet()
 
     def memory(self) -> int:
         """Resident bytes of the process alone; 0 where it is gone."""
@@ -126,65 +142,77 @@ class Worker:
         return os.pread(self._printed.fileno(), 1 << 16, max(0, size - (1 << 16))).decode("utf-8", "replace")
 
     def close(self) -> None:
-        """Let an idle worker end by itself, without waiting for it: its input ends."""
+        """Let an idle worker end by itself, and end the helpers that engines left behind; does not wait for it."""
         for stream in (self._process.stdin, self._process.stdout):
-            try:
+            with contextlib.suppress(OSError):
                 stream.close()  # type: ignore[union-attr]
-            except OSError:  # it died with a request half written
-                self.kill()
-        # An engine's threads may keep a process from ending.
-        threading.Thread(target=self._bury, daemon=True).start()
+        # Not a daemon: this process stays until the worker and its helpers have ended.
+        threading.Thread(target=self._bury).start()
 
     def kill(self, reason: str = "stopped") -> None:
         """End it and every process it started, at once."""
-        import psutil
-
         self._reason = self._reason or reason
-        if self._process.poll() is not None:
-            return
-        family = self._family()
-        self._process.kill()
-        for process in family:
-            try:
-                process.kill()
-            except psutil.Error:  # it was faster
-                continue
+        self._end_helpers()
 
     def _bury(self) -> None:
-        try:
-            self._process.wait(5.0)
-        except subprocess.TimeoutExpired:
-            self.kill()
+        if self._process.returncode is None:
+            self._wait()
+            self._end_helpers()
             self._process.wait()
         self._printed.close()
 
+    def _wait(self) -> None:
+        """Give the process time to end by itself."""
+        began = time.monotonic()
+        while not ended(self._process.pid) and time.monotonic() - began < PATIENCE:
+            time.sleep(TICK / 5)
+
+    def _end_helpers(self) -> None:
+        """End the whole process group, and what left it for a group of its own.
+
+        The process must not have been reaped: as long as it is there no other group bears its number.
+        """
+        import psutil
+
+        if self._process.returncode is not None:
+            return
+        with contextlib.suppress(OSError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        for process in psutil.process_iter():
+            with contextlib.suppress(psutil.Error, OSError):
+                if self._mark in process.environ().get(MARK, ""):
+                    process.kill()
+
     def _exchange(self, request: tuple[float | None, bytes]) -> tuple[Any, ...] | None:
         """The answer to a request, or None where the process ended instead."""
-        stdin, stdout = self._process.stdin, self._process.stdout
-        assert stdin is not None
-        assert stdout is not None
         try:
-            if not self._greeted:
-                pickle.dump(self._path, stdin)
-                self._greeted = True
-            pickle.dump(request, stdin)
-            stdin.flush()
+            if not self._number:
+                self._pipes.send(framed(0, pickle.dumps(self._path)))
+            self._number += 1
+            self._pipes.send(framed(self._number, pickle.dumps(request)))
             while True:
-                answer = pickle.load(stdout)
-                kind, content, *rest = pickle.loads(answer)
+                kind, content, *rest = pickle.loads(self._pipes.receive(self._number))
                 if kind != "at":
                     return kind, content, *rest
                 self._at = content
-        except (EOFError, OSError):
+        except Ended:
+            self._wait()
+            if not ended(self._process.pid):
+                self.kill("stopped: it closed the pipe through which it answers")
             return None
-        except Exception as error:  # the answer holds something that cannot be made here
-            return "raised", f"the result cannot be received: {type(error).__name__}: {error}", "", error, ()
+        except BrokenFrame:
+            self.kill("stopped: something in it wrote to the pipe through which it answers")
+            return None
+        except Exception as error:  # what arrived whole cannot be made here: the worker may not have sent it
+            words = f"the result cannot be received: {type(error).__name__}: {error}"
+            self.kill(words)
+            return "raised", words, "", error, ()
 
-    def _watch(self, limits: Limits, ended: threading.Event) -> None:
+    def _watch(self, limits: Limits, over: threading.Event) -> None:
         """Kill the worker where the running task goes beyond its limits."""
         began, tick = time.monotonic(), 0
         family: list[Any] = []
-        while not ended.wait(TICK):
+        while not over.wait(TICK):
             if limits.time is not None and time.monotonic() - began > limits.time:
                 return self.kill(f"stopped: it did not end within the time limit of {limits.time:g} s")
             if limits.memory is not None:
@@ -207,13 +235,15 @@ class Worker:
             return []
 
     def _obituary(self) -> Crash:
+        self._end_helpers()
         code = self._process.wait()
         printed = self.printed()
-        if self._reason is None:
-            self._reason = f"the worker process died while it ran this: {_cause(code)}"
-            if code > 0 and printed.strip():
-                self._reason += f"; it said: {printed.strip().splitlines()[-1]}"
-        return Crash(self._reason, printed, at=self._at)
+        if self._reason is not None:
+            return Crash(self._reason, printed, at=self._at)
+        self._reason = f"the worker process died while it ran this: {_cause(code)}"
+        if code > 0 and printed.strip():
+            self._reason += f"; it said: {printed.strip().splitlines()[-1]}"
+        return Crash(self._reason, printed, at=self._at, signal=_signal(code) if code < 0 else "")
 
 
 def _resident(process: Any) -> int:
@@ -226,82 +256,20 @@ def _resident(process: Any) -> int:
         return 0
 
 
+def _signal(code: int) -> str:
+    try:
+        return signal.Signals(-code).name
+    except ValueError:
+        return f"signal {-code}"
+
+
 def _cause(code: int) -> str:
     """Why a process ended, from its exit code."""
     if code >= 0:
         return f"something in it ended the process (exit code {code})"
-    try:
-        name = signal.Signals(-code).name
-    except ValueError:
-        name = f"signal {-code}"
+    name = _signal(code)
     words = {"SIGSEGV": "a crash inside the engine, wrong memory accessed", "SIGABRT": "the engine aborted",
              "SIGBUS": "a crash inside the engine", "SIGFPE": "a crash inside the engine, division by zero",
              "SIGILL": "an instruction this processor does not have",
              "SIGKILL": "killed from outside, as the system does when memory runs out"}
     return f"{name} ({words[name]})" if name in words else name
-
-
-class Crew:
-    """Workers that live on from task to task: one is started when a task comes and none is idle."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._idle: list[Worker] = []
-        self._all: set[Worker] = set()
-        self._ending = False
-
-    def call(self, function: Callable[[Any], Any], task: Any, limits: Limits | None = None) -> Any:
-        """`function(task)` in a worker: its result, or a `Crash`. For any thread."""
-        with self._lock:
-            if self._ending:
-                return Crash("not run: stopped before it began")
-            worker = self._idle.pop() if self._idle else Worker()
-            self._all.add(worker)
-        if not worker.alive:  # ended while it had nothing to do
-            worker = self._replaced(worker)
-        result = worker.call(function, (task,), limits)
-        most = limits.memory / 2 if limits is not None and limits.memory is not None else None
-        if not worker.alive or (most is not None and worker.memory() > most):  # what earlier tasks left counts too
-            self._dismiss(worker)
-        else:
-            with self._lock:
-                self._idle.append(worker)
-        return result
-
-    def close(self) -> None:
-        """Let every worker end; none may be busy."""
-        with self._lock:
-            workers, self._all, self._idle = list(self._all), set(), []
-        for worker in workers:
-            worker.close()
-
-    def kill(self) -> None:
-        """End every worker at once, busy or not; no new one is started."""
-        with self._lock:
-            self._ending = True
-            workers = list(self._all)
-        for worker in workers:
-            worker.kill("stopped by an interrupt")
-
-    def _replaced(self, worker: Worker) -> Worker:
-        self._dismiss(worker)
-        with self._lock:
-            fresh = Worker()
-            self._all.add(fresh)
-        return fresh
-
-    def _dismiss(self, worker: Worker) -> None:
-        with self._lock:
-            self._all.discard(worker)
-        worker.close()
-
-
-_crew: Crew | None = None
-
-
-def isolated(function: Callable[[Any], Any], task: Any, limits: Limits | None = None) -> Any:
-    """`function(task)` in a worker process beside this one: what an executor on another machine is given to run."""
-    global _crew
-    if _crew is None:
-        _crew = Crew()
-    return _crew.call(function, task, limits)

@@ -1,0 +1,92 @@
+"""What an engine does to its worker ends with the worker: pipes, helpers, forks."""
+
+import time
+from pathlib import Path
+
+import pytest
+
+from crosscheck.jobs import grid
+from crosscheck.jobs.workers import frames
+from crosscheck.jobs.workers.process import Limits
+from tests import grid_tasks as tasks
+from tests.jobs.test_isolation import await_true
+
+GUARD = Limits(time=60.0)
+
+
+def after(*task, limits=GUARD):
+    """The result of a task, and that of one after it in the same worker, if that is still there."""
+    found, *rest = grid.run_tasks(tasks.call, [task, (tasks.square_or_die, 2), (tasks.square_or_die, 3)], 1,
+                                  limits=limits)
+    assert rest == [4, 9]
+    return found
+
+
+def running(told):
+    """Whether the process whose number a file holds does anything."""
+    try:
+        return Path(f"/proc/{int(told.read_text())}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+@pytest.mark.parametrize("session", [False, True], ids=["its group", "a session of its own"])
+def test_a_helper_that_holds_the_pipes_ends_with_its_worker(tmp_path, session):
+    began = time.monotonic()
+    found = after(tasks.helper_then_death, tmp_path / "pid", session)
+    assert "SIGKILL" in found.message
+    assert time.monotonic() - began < GUARD.time  # the helper sleeps ten times as long
+    await_true(lambda: not running(tmp_path / "pid"))
+
+
+def test_a_helper_ends_with_the_last_task(tmp_path):
+    grid.run_tasks(tasks.helper_left, [tmp_path / "pid"], 1)
+    await_true(lambda: not running(tmp_path / "pid"))
+
+
+@pytest.mark.parametrize("content", [b"g", b"garbage 123\n", bytes(300), frames.framed(1, b"no pickle"),
+                                     frames.framed(7, b"")], ids=["a letter", "text", "zeros", "a frame", "a late one"])
+def test_bytes_in_a_pipe_cost_their_own_task(content):
+    found = after(tasks.scribble, content)
+    assert isinstance(found, grid.Crash)
+
+
+def test_closed_pipes_cost_their_own_task():
+    assert "closed the pipe" in after(tasks.close_pipes, 600.0).message
+
+
+def test_replaced_pipes_cost_their_own_task(tmp_path):
+    assert "into the place of the pipe" in after(tasks.replace_pipes, tmp_path / "file").message
+
+
+def test_a_fork_answers_nothing():
+    assert after(tasks.return_twice, 5) == 5
+
+
+def test_a_task_that_may_runs_again_after_a_kill_from_outside(tmp_path):
+    assert "SIGKILL" in grid.run_tasks(tasks.die_once, [tmp_path / "first"], 1)[0].message
+    assert grid.run_tasks(tasks.die_once, [tmp_path / "second"], 1, again=True) == [1]
+    assert "SIGKILL" in grid.run_tasks(tasks.square_or_die, [-1], 1, again=True)[0].message
+
+
+def test_large_tasks_and_results_arrive_whole():
+    content = bytes(range(256)) * 40_000
+    assert grid.run_tasks(tasks.call, [(bytes.upper, content)], 1) == [content.upper()]
+
+
+@pytest.mark.parametrize("spoil", [lambda frame: frame[1:], lambda frame: b"?" + frame, lambda frame: frame[:-1] + b"?",
+                                   lambda frame: frames.framed(4, b"content")])
+def test_a_broken_frame_is_seen(spoil):
+    with pytest.raises(frames.BrokenFrame):
+        taken_apart(spoil(frames.framed(3, b"content")))
+
+
+def taken_apart(frame):
+    """The content of a frame of request 3."""
+    _, checksum = frames.size(frame[:frames.HEADER.size], 3)
+    frames.check(frame[frames.HEADER.size:], checksum)
+    return frame[frames.HEADER.size:]
+
+
+def test_a_whole_frame_is_taken():
+    assert taken_apart(frames.framed(3, b"content")) == b"content"

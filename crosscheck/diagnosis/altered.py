@@ -38,7 +38,8 @@ class Model:
         points = Points(x[None], R[None], v[None], w[None], np.zeros((1, self.scene.n, 6)), np.zeros(1, int), found)
         terms = Terms(self.scene, points, self.forces, self.constraints, self.rank)
         self.rank = terms.rank
-        return terms.rates(self.physics)[0]
+        rates: np.ndarray = terms.rates(self.physics)[0]
+        return rates
 
 
 def predict(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray) -> States:
@@ -144,7 +145,8 @@ def exponential(theta: np.ndarray) -> np.ndarray:
     """exp(hat(theta)), (n, 3, 3)."""
     from scipy.spatial.transform import Rotation
 
-    return Rotation.from_rotvec(theta).as_matrix()
+    found: np.ndarray = Rotation.from_rotvec(theta).as_matrix()
+    return found
 
 
 def step_joints(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order: int, h: float,

@@ -161,7 +161,8 @@ def _precise(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) ->
 
     solved = least_squares(residual, theta, method="lm", x_scale=np.maximum(np.abs(theta), 0.1), xtol=1e-13, ftol=1e-13,
                            gtol=1e-13, max_nfev=30 * (len(theta) + 1))
-    return solved.x
+    found: np.ndarray = solved.x
+    return found
 
 
 def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:

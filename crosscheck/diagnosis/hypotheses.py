@@ -165,7 +165,8 @@ def _rotated(theta: np.ndarray, J: np.ndarray) -> np.ndarray:
     from scipy.spatial.transform import Rotation
 
     Q = Rotation.from_rotvec(theta).as_matrix()
-    return Q @ J @ Q.T
+    found: np.ndarray = Q @ J @ Q.T
+    return found
 
 
 def _changed(p: Physics, bodies: tuple[int, ...], change: Callable[[np.ndarray, int], np.ndarray]) -> Physics:

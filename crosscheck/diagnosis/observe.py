@@ -225,14 +225,16 @@ def extrapolated(runs: list[np.ndarray], counts: tuple[int, ...], first: int) ->
     h = 1.0 / np.array(counts, dtype=float)
     basis = np.column_stack([np.ones_like(h), *(h ** (first + k) for k in range(len(h) - 1))])
     weights = np.linalg.inv(basis)[0]
-    return np.einsum("k,k...->...", weights, np.array(runs))
+    found: np.ndarray = np.einsum("k,k...->...", weights, np.array(runs))
+    return found
 
 
 def rates(y: np.ndarray, interval: float) -> tuple[np.ndarray, float]:
     """dy/dt (1/s) at the inner times, (T - 8, n, 18), and an estimate of its error."""
     def apply(stencil: tuple[float, ...]) -> np.ndarray:
         neighbours = np.lib.stride_tricks.sliding_window_view(y, len(stencil), axis=0)
-        return neighbours @ np.array(stencil) / interval
+        found: np.ndarray = neighbours @ np.array(stencil) / interval
+        return found
 
     fine, rough = apply(STENCIL), apply(SHORTER)
     return fine, TRUNCATION * float(np.abs(fine - rough).max())

@@ -282,7 +282,7 @@ def _substeps(subject: Subject, first: Observation, order: int, known: Known, re
     if altered.Joints.fit(scene):
         steppers.append(("joints", altered.step_joints))
     for name, stepper in steppers:
-        def at(k: int, stepper=stepper) -> np.ndarray:
+        def at(k: int, stepper: Callable[..., tuple[np.ndarray, ...]] = stepper) -> np.ndarray:
             n = asked * k
             found = stepper(brief, known.physics, *known.start, order, brief.duration / n, n)
             return _there(scale.flat(States(np.zeros(1), *(part[None] for part in found)))[0], known)

@@ -8,6 +8,7 @@ way, with the G du/dt that was observed, which leaves the constraint forces free
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -110,7 +111,8 @@ class Terms:
             target = target + (2 * p.gain[0] * self.constraints.velocity(x, R, v, w)
                                + p.gain[1] * self.constraints.position(x, R))[:, keep]
         lam = solve @ (flat @ free.reshape(len(f), -1, 1) + target[..., None])
-        return free - (np.swapaxes(weighted, 1, 2) @ lam).reshape(free.shape)
+        found: np.ndarray = free - (np.swapaxes(weighted, 1, 2) @ lam).reshape(free.shape)
+        return found
 
     def _spins(self, p: Physics) -> tuple[np.ndarray, np.ndarray]:
         """J w and w x J w; kept as long as the inertias are the same array, as all that follows."""
@@ -140,7 +142,8 @@ class Terms:
         else:
             rank = int(np.count_nonzero(values[0] > mechanics.RANK_TOLERANCE**2 * values[0].max(initial=0.0)))
         values, vectors = values[:, S.shape[1] - rank:], vectors[:, :, S.shape[1] - rank:]
-        return (vectors / values[:, None]) @ np.swapaxes(vectors, 1, 2)
+        found: np.ndarray = (vectors / values[:, None]) @ np.swapaxes(vectors, 1, 2)
+        return found
 
 
 def _rank(G: np.ndarray, masses: np.ndarray, inertias: np.ndarray) -> int:
@@ -153,7 +156,8 @@ def _rank(G: np.ndarray, masses: np.ndarray, inertias: np.ndarray) -> int:
     return int(np.count_nonzero(singular > mechanics.RANK_TOLERANCE * singular[0]))
 
 
-def _spring(scene: Scene, force: Force, points: Points) -> tuple[str, np.ndarray, np.ndarray, np.ndarray, tuple]:
+def _spring(scene: Scene, force: Force,
+            points: Points) -> tuple[str, np.ndarray, np.ndarray, np.ndarray, tuple[Any, ...]]:
     """(type, generalised force of a unit pull or of the load (P, n, 6), length or angle, its rate, bodies)."""
     x, R, p = points.x, points.R, force.parameters
     unit = np.zeros((len(x), scene.n, 6))
@@ -166,7 +170,7 @@ def _spring(scene: Scene, force: Force, points: Points) -> tuple[str, np.ndarray
         pull = (there - here) / np.where(length > 0, length, 1.0)[:, None]
         for (body, s), along in zip(ends, (pull, -pull), strict=True):
             _push(unit, R, body, s, along)
-        bodies: tuple = (force.parent, force.child)
+        bodies: tuple[Any, ...] = (force.parent, force.child)
     elif force.type == "torsional_spring":
         joint = next(joint for joint in scene.joints if joint.name == force.joint)
         axis = joint.parent_axis if joint.parent == GROUND else R[:, joint.parent] @ joint.parent_axis

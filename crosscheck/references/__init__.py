@@ -7,6 +7,8 @@ maximal ones.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from crosscheck.errors import Unsupported
@@ -44,7 +46,7 @@ def compute(scene: Scene) -> Reference:
     from crosscheck.references import closed_form, conditioning, taylor
 
     integrator = taylor.Taylor(scene)
-    coefficients: list = []
+    coefficients: list[Any] = []
     series = integrator.states(integrator.run(coefficients=coefficients))
     conditions = conditioning.measure(integrator)
     compared = _compared(scene, conditions.horizon)

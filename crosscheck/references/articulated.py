@@ -21,8 +21,12 @@ velocities and weight count as zero.
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 from crosscheck.references.generic import (
+    ByBody,
+    Matrix,
+    Vector,
     add,
     apply,
     apply_transposed,
@@ -46,7 +50,7 @@ from crosscheck.scene.model import GROUND
 NONE = [ZERO, ZERO, ZERO]
 
 
-def gyroscopic(inertia, w):
+def gyroscopic(inertia: Matrix, w: Vector) -> Vector:
     """w x J w, body axes.
 
     As w x (J - s) w, s the middle one of the entries on the diagonal: equal moments then leave exactly nothing, where
@@ -57,12 +61,12 @@ def gyroscopic(inertia, w):
                            for i, row in enumerate(inertia)], w))
 
 
-def centripetal(w, lever):
+def centripetal(w: Vector, lever: Vector) -> Vector:
     """w x (w x lever), body axes."""
     return cross(w, cross(w, lever))
 
 
-def weight(mass, gravity):
+def weight(mass: float, gravity: Vector) -> Vector:
     """m g in the axes of `gravity`."""
     return scale(mass, gravity)
 
@@ -71,12 +75,12 @@ def weight(mass, gravity):
 class Answer:
     """I, K, M and the (tau, f) of each column: what a body answers at its reference point."""
 
-    inertia: list
-    coupling: list
-    mass: list
-    columns: list
+    inertia: Vector
+    coupling: Vector
+    mass: Vector
+    columns: Vector
 
-    def times(self, alpha, A) -> tuple[list, list]:
+    def times(self, alpha: Vector, A: Vector) -> tuple[Vector, Vector]:
         """H (alpha, A)."""
         return (add(apply(self.inertia, alpha), apply(self.coupling, A)),
                 add(apply_transposed(self.coupling, alpha), apply(self.mass, A)))
@@ -86,12 +90,12 @@ class Answer:
 class Eliminated:
     """du = -rest - Z^T (alpha, A) of a joint's motions, and the motions with their bias."""
 
-    motions: list
-    bias: tuple
-    Z: list
-    rest: list
+    motions: Vector
+    bias: tuple[Any, ...]
+    Z: Vector
+    rest: Vector
 
-    def forward(self, column: int, alpha, A) -> tuple[list, list, list]:
+    def forward(self, column: int, alpha: Vector, A: Vector) -> tuple[Vector, Vector, Vector]:
         """du, and the accelerations that the joint makes of those carried along."""
         du = [-(dot(turn, alpha) + dot(shift, A)) - rest
               for (turn, shift), rest in zip(self.Z, self.rest[column], strict=True)]
@@ -106,13 +110,13 @@ class Eliminated:
 class Rod:
     """F = phi e of a body on a rod, or F = 0 of a free one (no direction): its acceleration from that carried along."""
 
-    factors: tuple
-    columns: list
-    e: list | None = None
+    factors: tuple[Any, ...]
+    columns: Vector
+    e: Vector | None = None
     stiffness: object = 0.0  # 1 / (e . M^-1 e)
-    loads: list = dataclasses.field(default_factory=list)  # phi at carried acceleration zero
+    loads: Vector = dataclasses.field(default_factory=list)  # phi at carried acceleration zero
 
-    def forward(self, column: int, alpha, A) -> list:
+    def forward(self, column: int, alpha: Vector, A: Vector) -> Vector:
         """The acceleration of the reference point; `alpha` is not needed."""
         force = scale(-1.0, self.columns[column][1])
         if self.e is not None:
@@ -120,8 +124,8 @@ class Rod:
         return solve_factored(self.factors, force)
 
 
-def accelerations(tree: Tree, frames: dict[int, Frame], wrenches: dict[int, list],
-                  efforts: dict[int, list] | None = None) -> tuple[dict, dict, dict]:
+def accelerations(tree: Tree, frames: dict[int, Frame], wrenches: ByBody,
+                  efforts: ByBody | None = None) -> tuple[ByBody, ByBody, ByBody]:
     """alpha, A and derivatives of speeds: by body, a list over columns each.
 
     `wrenches` maps bodies to columns of (force, torque about the centre of mass), own axes, the ground excepted;
@@ -129,8 +133,8 @@ def accelerations(tree: Tree, frames: dict[int, Frame], wrenches: dict[int, list
     """
     count = len(next(iter(wrenches.values())))
     gravity = _gravity(tree, frames)
-    hanging: dict[int, list] = {link.body: [] for link in tree.links}
-    joints: dict[int, list] = {}
+    hanging: dict[int, list[Answer]] = {link.body: [] for link in tree.links}
+    joints: ByBody = {}
     for link in reversed(tree.links):
         body, frame = link.body, frames[link.body]
         answer = _own(link, frame, gravity[body], wrenches[body])
@@ -141,7 +145,7 @@ def accelerations(tree: Tree, frames: dict[int, Frame], wrenches: dict[int, list
             hanging[link.parent].append(_carried(passed, frame, frames[link.parent], link))
     alpha = {GROUND: [ZERO] * count}
     A = {GROUND: [ZERO] * count}
-    rates: dict[int, list] = {}
+    rates: ByBody = {}
     for link in tree.links:
         body = link.body
         results = [_outward(link, frames, joints[body], column, alpha[link.parent][column], A[link.parent][column])
@@ -150,7 +154,7 @@ def accelerations(tree: Tree, frames: dict[int, Frame], wrenches: dict[int, list
     return alpha, A, rates
 
 
-def _gravity(tree: Tree, frames: dict[int, Frame]) -> dict[int, list]:
+def _gravity(tree: Tree, frames: dict[int, Frame]) -> ByBody:
     """Gravity in the axes of every body."""
     gravity = {GROUND: tree.scene.gravity.tolist()}
     for link in tree.links:
@@ -162,7 +166,7 @@ def _gravity(tree: Tree, frames: dict[int, Frame]) -> dict[int, list]:
     return gravity
 
 
-def _own(link: Link, frame: Frame, gravity, wrenches: list) -> Answer:
+def _own(link: Link, frame: Frame, gravity: Any, wrenches: Vector) -> Answer:
     """What the body alone answers."""
     r = hat(frame.lever)
     mass = [[link.mass if i == j else 0.0 for j in range(3)] for i in range(3)]
@@ -184,9 +188,9 @@ def _sum(one: Answer, other: Answer) -> Answer:
                   combine(one.mass, 1.0, other.mass), columns)
 
 
-def _through_joint(link: Link, frame: Frame, answer: Answer, efforts: list | None) -> tuple[list, Answer]:
+def _through_joint(link: Link, frame: Frame, answer: Answer, efforts: Vector | None) -> tuple[Vector, Answer]:
     """The stages of a joint, in the order of their elimination, and what is left at its point in the inner body."""
-    stages: list = []
+    stages: Vector = []
     if link.turn == FREE:
         turn, answer = _free_turn(answer)
         stages.append(turn)
@@ -199,7 +203,7 @@ def _through_joint(link: Link, frame: Frame, answer: Answer, efforts: list | Non
     return stages, answer
 
 
-def _free_turn(answer: Answer) -> tuple[tuple, Answer]:
+def _free_turn(answer: Answer) -> tuple[tuple[Any, ...], Answer]:
     """alpha = -(rest + coupling A): no torque at the reference point."""
     factors = factor_symmetric(answer.inertia)
     rest = [solve_factored(factors, tau) for tau, _ in answer.columns]
@@ -210,11 +214,12 @@ def _free_turn(answer: Answer) -> tuple[tuple, Answer]:
     return (rest, solved), Answer(NONE, NONE, mass, columns)
 
 
-def _eliminate(answer: Answer, motions: list, bias: tuple, efforts: list | None) -> tuple[Eliminated, Answer]:
+def _eliminate(answer: Answer, motions: Vector, bias: tuple[Any, ...],
+               efforts: Vector | None) -> tuple[Eliminated, Answer]:
     """Take motions (angular, linear) with their accelerations at constant speeds out of what a body answers."""
     Y = [answer.times(*motion) for motion in motions]
     factors = factor_symmetric([[dot(turn, y[0]) + dot(shift, y[1]) for y in Y] for turn, shift in motions])
-    Z: list[tuple[list, list]] = [([], []) for _ in motions]
+    Z: list[tuple[Vector, Vector]] = [([], []) for _ in motions]
     for part in range(2):
         for entries in zip(*(y[part] for y in Y), strict=True):
             for z, value in zip(Z, solve_factored(factors, list(entries)), strict=True):
@@ -274,7 +279,7 @@ def _carried(passed: Answer, frame: Frame, inner: Frame, link: Link) -> Answer:
     return Answer(inertia, combine(coupling, 1.0, moved), mass, columns)
 
 
-def _drag(link: Link, frame: Frame, inner: Frame) -> list:
+def _drag(link: Link, frame: Frame, inner: Frame) -> Vector:
     """Acceleration of the joint's point at constant speeds, over the one carried along; inner axes."""
     drag = centripetal(inner.w, frame.arm)
     if link.outward or link.shift == "none":
@@ -282,7 +287,8 @@ def _drag(link: Link, frame: Frame, inner: Frame) -> list:
     return add(drag, scale(2.0, cross(inner.w, frame.shifting)))
 
 
-def _outward(link: Link, frames: dict[int, Frame], stages: list, column: int, alpha, A) -> tuple[list, list, list]:
+def _outward(link: Link, frames: dict[int, Frame], stages: Vector, column: int, alpha: Vector,
+             A: Vector) -> tuple[Vector, Vector, Vector]:
     """alpha, A and the derivatives of the speeds of a body from the accelerations of its inner one."""
     frame, inner = frames[link.body], frames[link.parent]
     at_joint = add(A, cross(alpha, frame.arm))

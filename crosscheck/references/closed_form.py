@@ -15,6 +15,7 @@ Bruels-Cardona top comes within 7e-7 rad of the vertical.
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -94,7 +95,7 @@ class Solution:
         self._roots(u0, w[0] ** 2 + w[1] ** 2)
         self._phase(u0, E[2, 0] * w[1] - E[2, 1] * w[0])  # du/dt = z . R (w x e)
 
-    def _roots(self, u0, transverse) -> None:
+    def _roots(self, u0: Any, transverse: Any) -> None:
         """u1, u2, u3 of du/dt^2 = (1 - u^2)(h - b u) - (l - c u)^2, by Viete's formula: all three are real."""
         mp = self.mp
         b = 2 * mp.mpf(self.top.mass) * self.g * self.length / self.A
@@ -110,7 +111,7 @@ class Solution:
         self.nu = mp.sqrt(b * (self.u3 - self.u1)) / 2
         self.m = (self.u2 - self.u1) / (self.u3 - self.u1)
 
-    def _phase(self, u0, rate) -> None:
+    def _phase(self, u0: Any, rate: Any) -> None:
         """Argument of sn at t = 0, on the branch where u moves the way it starts."""
         mp = self.mp
         span = self.u2 - self.u1
@@ -120,7 +121,7 @@ class Solution:
         self.n_minus, self.n_plus = span / (1 - self.u1), -span / (1 + self.u1)
         self.jacobi = elliptic.Jacobi(mp, self.m, start if rate >= 0 else -start, [self.n_minus, self.n_plus])
 
-    def angles(self, t: float) -> tuple:
+    def angles(self, t: float) -> tuple[Any, ...]:
         """theta, phi, psi and dtheta/dt, dphi/dt at t; dpsi/dt follows from the constant spin."""
         mp = self.mp
         tau = self.jacobi.start + self.nu * mp.mpf(t)
@@ -168,7 +169,8 @@ def solve(scene: Scene) -> States:
     spin = np.cross(w, lever)
 
     def turned(vectors: np.ndarray) -> np.ndarray:
-        return np.einsum("tij,tj->ti", R, np.broadcast_to(vectors, (len(R), 3)))
+        found: np.ndarray = np.einsum("tij,tj->ti", R, np.broadcast_to(vectors, (len(R), 3)))
+        return found
 
     x, v = joint.parent_anchor + turned(lever), turned(spin)
     a = turned(np.cross(alpha, lever) + np.cross(w, spin))

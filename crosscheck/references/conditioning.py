@@ -67,7 +67,8 @@ def _growth(integrator: Taylor, t: np.ndarray, size: float) -> np.ndarray:
         worst = [np.sqrt(np.mean(np.sum(derivative**2, axis=-2), axis=-1)) for derivative in stacked]
     else:
         worst = [np.linalg.norm(derivative, ord=2, axis=(-2, -1)) for derivative in stacked]
-    return np.max(worst, axis=(0, 2))
+    found: np.ndarray = np.max(worst, axis=(0, 2))
+    return found
 
 
 def _all_directions(integrator: Taylor, length: float) -> np.ndarray:
@@ -80,7 +81,8 @@ def _all_directions(integrator: Taylor, length: float) -> np.ndarray:
         change = integrator.closure(_moved(integrator, unit)) - integrator.closure(_moved(integrator, -unit))
         rows.append(change / (2 * CLOSURE_STEP))
     _, _, V = np.linalg.svd(np.array(rows).T)
-    return V[2 * integrator.rank:] * units
+    found: np.ndarray = V[2 * integrator.rank:] * units
+    return found
 
 
 def _units(integrator: Taylor, length: float) -> np.ndarray:
@@ -108,7 +110,7 @@ def _moved(integrator: Taylor, step: np.ndarray) -> np.ndarray:
             place = at.start
             if link.turn == FREE and table is tree.coordinates:  # the cosine differs from 1 by less than a rounding
                 half = 0.5 * _taken(entries, 3)
-                state[place:place + 4] = quaternion_product(state[place:place + 4], [1.0, *half])
+                state[place:place + 4] = quaternion_product(state[place:place + 4].tolist(), [1.0, *half])
                 place += 4
             else:
                 state[place:place + link.turn] += _taken(entries, link.turn)

@@ -24,7 +24,7 @@ def context() -> Any:
     return mp
 
 
-def frame(mp: Any, along: Sequence) -> Any:
+def frame(mp: Any, along: Sequence[Any]) -> Any:
     """A right-handed orthonormal frame (columns) whose third vector points along the given one."""
     norm = mp.norm(mp.matrix(list(along)))
     third = [mp.mpf(entry) / norm for entry in along]
@@ -57,13 +57,13 @@ def pose_in_doubles(world: Any, E: Any, axes: Any, w: Any) -> tuple[np.ndarray, 
 class Jacobi:
     """sn, cn, dn of parameter m, and the integral of 1 / (1 - n sn^2) from an argument `start` on."""
 
-    def __init__(self, mp: Any, m: Any, start: Any, characteristics: Sequence) -> None:
+    def __init__(self, mp: Any, m: Any, start: Any, characteristics: Sequence[Any]) -> None:
         self.mp, self.m, self.start = mp, m, start
         self.quarter = mp.ellipk(m)
         self._complete = {n: mp.ellippi(n, m) for n in characteristics}
         self._at_start = {n: self._from_zero(n, start) for n in characteristics}
 
-    def functions(self, tau: Any) -> tuple:
+    def functions(self, tau: Any) -> tuple[Any, ...]:
         """sn, cn, dn."""
         return tuple(self.mp.ellipfun(kind, tau, m=self.m) for kind in ("sn", "cn", "dn"))
 

@@ -6,77 +6,90 @@ and serves both for its symbolic equations and for evaluating accelerations at s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
+Number = Any  # a float, an array over time or a symbolic expression
+Vector = list[Number]
+Matrix = list[Vector]
+ByBody = dict[int, list[Any]]
+"""A list for every body, over columns of applied wrenches where it holds accelerations."""
+Factors = tuple[Matrix, Vector]
+"""L below its diagonal and 1 / D of L D L^T."""
 
-def add(*vectors):
+
+def add(*vectors: Vector) -> Vector:
     """Sum of vectors, entry by entry."""
     return [sum(entries[1:], entries[0]) for entries in zip(*vectors, strict=True)]
 
 
-def scale(factor, vector):
+def scale(factor: Number, vector: Sequence[Number]) -> Vector:
     """factor times vector."""
     return [factor * entry for entry in vector]
 
 
-def dot(a, b):
+def dot(a: Sequence[Number], b: Sequence[Number]) -> Number:
     """a . b"""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def cross(a, b):
+def cross(a: Sequence[Number], b: Sequence[Number]) -> Vector:
     """a x b"""
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
-def outer(a, b):
+def outer(a: Vector, b: Vector) -> Matrix:
     """a b^T"""
     return [[x * y for y in b] for x in a]
 
 
-def hat(a):
+def hat(a: Vector) -> Matrix:
     """The matrix of a x (.)"""
     return [[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]]
 
 
-def transpose(matrix):
+def transpose(matrix: Matrix) -> Matrix:
     """Transpose of a 3x3 matrix."""
     return [list(column) for column in zip(*matrix, strict=True)]
 
 
-def apply(matrix, vector):
+def apply(matrix: Matrix, vector: Sequence[Number]) -> Vector:
     """matrix times vector."""
     return [dot(row, vector) for row in matrix]
 
 
-def apply_transposed(matrix, vector):
+def apply_transposed(matrix: Matrix, vector: Sequence[Number]) -> Vector:
     """Transpose of matrix, times vector."""
     return apply(transpose(matrix), vector)
 
 
-def multiply(a, b):
+def multiply(a: Matrix, b: Matrix) -> Matrix:
     """Product of two 3x3 matrices."""
     return transpose([apply(a, column) for column in transpose(b)])
 
 
-def combine(a, factor, b):
+def combine(a: Matrix, factor: float, b: Matrix) -> Matrix:
     """a + factor b of 3x3 matrices, factor a float."""
     return [[x + factor * y for x, y in zip(row_a, row_b, strict=True)] for row_a, row_b in zip(a, b, strict=True)]
 
 
-def congruent(rotation, symmetric):
+def congruent(rotation: Matrix, symmetric: Matrix) -> Matrix:
     """rotation symmetric rotation^T; the lower half is mirrored, which keeps symbolic results small."""
     half = multiply(rotation, symmetric)
     upper = {(i, j): dot(half[i], rotation[j]) for i in range(3) for j in range(i, 3)}
     return [[upper[min(i, j), max(i, j)] for j in range(3)] for i in range(3)]
 
 
-def factor_symmetric(s):
+def factor_symmetric(s: Matrix) -> Factors:
     """L D L^T of a symmetric positive definite matrix of any size: the rows of L below its diagonal, and 1 / D."""
-    lower, inverse = [], []
+    lower: Matrix = []
+    inverse: Vector = []
     for i in range(len(s)):
-        row, pivot = [], s[i][i]
-        scaled: list = []  # L_ik D_k
+        row: Vector = []
+        pivot = s[i][i]
+        scaled: Vector = []  # L_ik D_k
         for j in range(i):
             entry = s[i][j]
             for k in range(j):
@@ -89,7 +102,7 @@ def factor_symmetric(s):
     return lower, inverse
 
 
-def solve_factored(factors, rhs):
+def solve_factored(factors: Factors, rhs: Sequence[Number]) -> Vector:
     """Solution of s x = rhs from `factor_symmetric(s)`."""
     lower, inverse = factors
     x = list(rhs)
@@ -103,18 +116,18 @@ def solve_factored(factors, rhs):
     return x
 
 
-def turn_about(axis, angle):
+def turn_about(axis: Sequence[Number], angle: Number) -> Vector:
     """Quaternion of the rotation by `angle` about a unit vector of floats."""
     sine = _function("sin", 0.5 * angle)
     return [_function("cos", 0.5 * angle), *(component * sine for component in axis)]
 
 
-def square_root(value):
+def square_root(value: Number) -> Number:
     """Square root over any number type."""
     return _function("sqrt", value)
 
 
-def _function(name, value):
+def _function(name: str, value: Number) -> Number:
     """An elementary function of a float, an array, a type that brings its own, or a symbolic expression."""
     if isinstance(value, float | np.ndarray):
         return getattr(np, name)(value)
@@ -125,7 +138,7 @@ def _function(name, value):
     return getattr(heyoka, name)(value)
 
 
-def quaternion_product(p, q):
+def quaternion_product(p: Sequence[Number], q: Sequence[Number]) -> Vector:
     """Hamilton product p q."""
     pw, px, py, pz = p
     qw, qx, qy, qz = q
@@ -133,12 +146,12 @@ def quaternion_product(p, q):
             pw * qy - px * qz + py * qw + pz * qx, pw * qz + px * qy - py * qx + pz * qw]
 
 
-def conjugate(q):
+def conjugate(q: Sequence[Number]) -> Vector:
     """Inverse of a unit quaternion."""
     return [q[0], -q[1], -q[2], -q[3]]
 
 
-def rotation(q):
+def rotation(q: Sequence[Number]) -> Matrix:
     """Rotation matrix of a unit quaternion."""
     w, x, y, z = q
     return [[w * w + x * x - y * y - z * z, 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],

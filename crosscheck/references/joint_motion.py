@@ -50,16 +50,16 @@ class Frame:
     velocities of unit speeds of the joint; `spin_bias`, `shift_bias`, the accelerations they show at constant speeds.
     """
 
-    q: list
-    turn: list
-    lever: list
-    arm: list
-    rod: list = dataclasses.field(default_factory=lambda: ZERO)
-    w: list = dataclasses.field(default_factory=lambda: ZERO)
-    shifting: list = dataclasses.field(default_factory=lambda: ZERO)
-    columns: list = dataclasses.field(default_factory=list)
-    spin_bias: list = dataclasses.field(default_factory=lambda: ZERO)
-    shift_bias: list = dataclasses.field(default_factory=lambda: ZERO)
+    q: list[Any]
+    turn: list[Any]
+    lever: list[Any]
+    arm: list[Any]
+    rod: list[Any] = dataclasses.field(default_factory=lambda: ZERO)
+    w: list[Any] = dataclasses.field(default_factory=lambda: ZERO)
+    shifting: list[Any] = dataclasses.field(default_factory=lambda: ZERO)
+    columns: list[Any] = dataclasses.field(default_factory=list)
+    spin_bias: list[Any] = dataclasses.field(default_factory=lambda: ZERO)
+    shift_bias: list[Any] = dataclasses.field(default_factory=lambda: ZERO)
 
 
 STILL = Frame(IDENTITY, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], ZERO, ZERO)  # the ground
@@ -88,13 +88,13 @@ class Tree:
         self.start = q
         self.kept = {link.body: quaternion_product(conjugate(q[link.parent]), q[link.body]) for link in links}
 
-    def split(self, link: Link, state: Sequence, table: dict[int, slice]) -> tuple[list, list]:
+    def split(self, link: Link, state: Sequence[Any], table: dict[int, slice]) -> tuple[list[Any], list[Any]]:
         """Entries of a link that belong to its turn and to its shift."""
         entries = [*state[table[link.body]]]
         cut = len(entries) - COORDINATES[link.shift]
         return entries[:cut], entries[cut:]
 
-    def frames(self, state: Sequence, moving: bool = True) -> dict[int, Frame]:
+    def frames(self, state: Sequence[Any], moving: bool = True) -> dict[int, Frame]:
         """Frames of all bodies and the ground; without velocities where `moving` is False, of coordinates alone."""
         frames = {GROUND: STILL}
         for link in self.links:
@@ -103,7 +103,7 @@ class Tree:
                 self._set_in_motion(link, state, frame, frames[link.parent])
         return frames
 
-    def _placed(self, link: Link, state: Sequence, inner: Frame) -> Frame:
+    def _placed(self, link: Link, state: Sequence[Any], inner: Frame) -> Frame:
         turn, shift = self.split(link, state, self.coordinates)
         kept = self.kept[link.body]
         if link.turn == FREE:
@@ -125,7 +125,7 @@ class Tree:
             arm = add(arm, moved)
         return Frame(q, rotation(relative), scale(-1.0, point), arm, moved)
 
-    def _set_in_motion(self, link: Link, state: Sequence, frame: Frame, inner: Frame) -> None:
+    def _set_in_motion(self, link: Link, state: Sequence[Any], frame: Frame, inner: Frame) -> None:
         turning, shifting = self.split(link, state, self.speeds)
         carried = apply_transposed(frame.turn, inner.w)
         axes = [*link.axes]
@@ -209,9 +209,9 @@ class Tree:
             placed[link.body] = R, point, velocity
         return placed
 
-    def rates(self, state: Sequence, frames: dict[int, Frame], accelerations: dict[int, list]) -> list:
+    def rates(self, state: Sequence[Any], frames: dict[int, Frame], accelerations: dict[int, list[Any]]) -> list[Any]:
         """d state / dt; `accelerations` are the derivatives of each link's speeds."""
-        result: list = [0.0] * self.size
+        result: list[Any] = [0.0] * self.size
         for link in self.links:
             turn, _ = self.split(link, state, self.coordinates)
             turning, shifting = self.split(link, state, self.speeds)

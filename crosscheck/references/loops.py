@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.references.generic import (
+    ByBody,
     add,
     apply,
     apply_transposed,
@@ -42,8 +43,8 @@ class Cut:
     """
 
     joint: Joint
-    direction: list | None = None
-    other: list | None = None
+    direction: list[Any] | None = None
+    other: list[Any] | None = None
 
 
 @dataclasses.dataclass
@@ -51,9 +52,9 @@ class Row:
     """A row at one state: joint, point, n, t, `rest`, its value and its rate of change."""
 
     joint: Joint
-    place: list
-    n: list
-    t: list
+    place: list[Any]
+    n: list[Any]
+    t: list[Any]
     rest: Any
     value: Any
     rate: Any
@@ -69,12 +70,12 @@ def cuts(scene: Scene, joints: tuple[Joint, ...]) -> list[Cut]:
     return found
 
 
-def _vectors(joint: Joint, relative: np.ndarray) -> list[tuple]:
+def _vectors(joint: Joint, relative: np.ndarray) -> list[tuple[Any, ...]]:
     """(direction, other) of the rows of a joint; `relative` takes parent to child axes at the start."""
     if joint.type == "distance":
         return [(None, None)]
     across = list(np.eye(3)) if joint.type in ONE_POINT else []
-    pairs: list[tuple] = []
+    pairs: list[tuple[Any, ...]] = []
     if joint.type == "fixed":
         pairs = [(np.eye(3)[k], relative[:, k - 1]) for k in range(3)]
     elif joint.type == "universal":
@@ -106,7 +107,7 @@ def row(cut: Cut, loads: Loads) -> Row:
     d = add(place, scale(-1.0, anchor))
     swept = cross(w_i, add(place, scale(-1.0, reference)))
     slip = add(velocity, scale(-1.0, add(carried, swept)))  # of the child's point past the parent
-    if cut.other is not None:
+    if cut.direction is not None and cut.other is not None:
         p, b = apply(R_i, cut.direction), apply(loads.placed[j][0], cut.other)
         t = cross(b, p)
         rest = dot(p, cross(spin, cross(spin, b))) - dot(t, cross(w_i, spin))
@@ -121,7 +122,7 @@ def row(cut: Cut, loads: Loads) -> Row:
     return Row(joint, place, n, ZERO, rest, value, dot(n, slip))
 
 
-def unit_wrenches(found: Row, loads: Loads) -> dict[int, tuple[list, list]]:
+def unit_wrenches(found: Row, loads: Loads) -> dict[int, tuple[list[Any], list[Any]]]:
     """Wrenches of a unit multiplier on the bodies of a row, own axes."""
     alone = Loads(loads.tree, loads.frames, loads.placed)
     alone.push_at(found.joint.child, found.place, found.n, found.t)
@@ -129,7 +130,7 @@ def unit_wrenches(found: Row, loads: Loads) -> dict[int, tuple[list, list]]:
     return alone.wrenches
 
 
-def acceleration(found: Row, loads: Loads, alpha: dict, A: dict, column: int) -> Any:
+def acceleration(found: Row, loads: Loads, alpha: ByBody, A: ByBody, column: int) -> Any:
     """n . (a_j - a_i) + t . (alpha_j - alpha_i) of a row in one column of accelerations, own axes."""
     total = 0.0
     for body, sign in ((found.joint.child, 1.0), (found.joint.parent, -1.0)):
@@ -143,7 +144,7 @@ def acceleration(found: Row, loads: Loads, alpha: dict, A: dict, column: int) ->
     return total
 
 
-def response(rows: list[Row], loads: Loads, alpha: dict, A: dict) -> list[list]:
+def response(rows: list[Row], loads: Loads, alpha: ByBody, A: ByBody) -> list[list[Any]]:
     """Acceleration along each row by a unit multiplier of each, symmetric; the upper half is mirrored."""
     upper = {(r, k): acceleration(rows[r], loads, alpha, A, k + 1)
              for r in range(len(rows)) for k in range(r, len(rows))}
@@ -156,7 +157,7 @@ def rank(S: np.ndarray) -> int:
     return int(np.count_nonzero(values > DEPENDENT * values[-1]))
 
 
-def multipliers(S: list[list], rhs: list, shift: float) -> list:
+def multipliers(S: list[list[Any]], rhs: list[Any], shift: float) -> list[Any]:
     """Solution of S lam = rhs; where rows depend on others (shift > 0) the one of least norm.
 
     (S + shift) is regular; each repetition brings the remainder down by shift over the least eigenvalue of S that is
@@ -172,7 +173,8 @@ def multipliers(S: list[list], rhs: list, shift: float) -> list:
     return lam
 
 
-def linear_relations(tree: Tree, gaps: Callable[[np.ndarray], tuple], initial: np.ndarray) -> np.ndarray | None:
+def linear_relations(tree: Tree, gaps: Callable[[np.ndarray], tuple[Any, ...]],
+                     initial: np.ndarray) -> np.ndarray | None:
     """Orthonormal C (k, coordinates) with C (q - q0) = 0 wherever the loops are closed, None where that is not linear.
 
     Parallelograms are of this kind: their angles keep fixed ratios, also through the positions where rows of loops lose

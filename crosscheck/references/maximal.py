@@ -48,7 +48,8 @@ def gyroscopic(inertia: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 def weight(masses: np.ndarray, gravity: np.ndarray) -> np.ndarray:
     """Weights (n, 3)."""
-    return masses[:, None] * gravity
+    found: np.ndarray = masses[:, None] * gravity
+    return found
 
 
 class Maximal:
@@ -130,7 +131,8 @@ class Maximal:
         """G M^-1/2, (m, 6 n)."""
         scaled = G / np.sqrt(self.scene.masses)[:, None]
         scaled[:, :, 3:] = np.matmul(G[:, :, 3:].transpose(1, 0, 2), self.root).transpose(1, 0, 2)
-        return scaled.reshape(len(G), -1)
+        found: np.ndarray = scaled.reshape(len(G), -1)
+        return found
 
     def motion(self, y: np.ndarray) -> tuple[Motion, np.ndarray]:
         """Unpack x (n, 3), q (n, 4), v (n, 3), w (n, 3), and angles of torsional springs and of hinges."""

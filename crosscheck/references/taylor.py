@@ -17,7 +17,7 @@ import numpy as np
 from crosscheck.references import loops
 from crosscheck.references.articulated import accelerations, centripetal
 from crosscheck.references.base import TruthError
-from crosscheck.references.generic import add, apply, cross, scale
+from crosscheck.references.generic import ByBody, add, apply, cross, scale
 from crosscheck.references.joint_motion import ZERO, Tree
 from crosscheck.references.series import ORDERS, Series, shifted
 from crosscheck.references.tree import FREE, unfold
@@ -77,7 +77,7 @@ class Taylor:
         if self.rank < len(S):
             self.shift = loops.SHIFT * float(np.trace(np.array(S))) / self.rank
 
-    def _columns(self, state: Sequence) -> tuple:
+    def _columns(self, state: Sequence[Any]) -> tuple[Any, ...]:
         """Loads, rows of loops, and accelerations alpha, A and of speeds, by body and column."""
         tree = self.tree
         frames = tree.frames(state)
@@ -96,7 +96,8 @@ class Taylor:
                     for link in tree.links}
         return loads, rows, *accelerations(tree, frames, wrenches, efforts)
 
-    def _loop_terms(self, loads: Loads, rows: list, alpha: dict, A: dict, speeding: dict) -> tuple:
+    def _loop_terms(self, loads: Loads, rows: list[Any], alpha: ByBody, A: ByBody,
+                    speeding: ByBody) -> tuple[Any, ...]:
         """Right side and response of the multipliers' equations."""
         if self.relations is None:
             free = [-1.0 * (loops.acceleration(found, loads, alpha, A, 0) + found.rest) for found in rows]
@@ -107,7 +108,7 @@ class Taylor:
                   for column in columns] for relation in self.relations.tolist()]
         return [-1.0 * line[0] for line in along], [line[1:] for line in along]
 
-    def _angle(self, name: str | None, state: Sequence):
+    def _angle(self, name: str | None, state: Sequence[Any]) -> Any:
         """Angle of the joint of that name, None where none is meant."""
         if name is None:
             return None
@@ -116,7 +117,7 @@ class Taylor:
             return state[self.tree.size + self.springs.index(joint)]
         return tree_angle(joint, self.tree, state)
 
-    def _solved(self, state: Sequence) -> tuple:
+    def _solved(self, state: Sequence[Any]) -> tuple[Any, ...]:
         """Loads, and alpha, A and derivatives of speeds with the loops closed, by body."""
         loads, rows, *columns = self._columns(state)
         factors = [1.0]
@@ -128,7 +129,7 @@ class Taylor:
                    for body, parts in column.items()} for column in columns)
         return loads, *closed
 
-    def _rates(self, state: Sequence) -> list:
+    def _rates(self, state: Sequence[Any]) -> list[Any]:
         """d state / dt."""
         loads, _, _, speeding = self._solved(state)
         turning = [angle_rate(joint, loads.frames, loads.placed) for joint in self.springs]
@@ -159,7 +160,7 @@ class Taylor:
             state[self.tree.size + k] += change - 2 * np.pi * np.round(change / (2 * np.pi))
 
     def run(self, initial: np.ndarray | None = None, times: np.ndarray | None = None,
-            coefficients: list | None = None) -> np.ndarray:
+            coefficients: list[Any] | None = None) -> np.ndarray:
         """State vectors (T, dimension) at `times`, by default the scene's output times, from the scene's start.
 
         `coefficients` collects, for each step, (step length, Taylor coefficients (dimension, order + 1)).
@@ -168,8 +169,9 @@ class Taylor:
         integrator.time = 0.0
         integrator.state[:] = self.initial if initial is None else initial
 
-        def keep(after):
-            coefficients.append((after.last_h, after.tc.copy()))
+        def keep(after: Any) -> bool:
+            if coefficients is not None:
+                coefficients.append((after.last_h, after.tc.copy()))
             return True
 
         options = {} if coefficients is None else {"callback": keep}
@@ -177,7 +179,8 @@ class Taylor:
         if outcome != self._success:
             raise TruthError(f"{SOURCE}: integration of {self.scene.name!r} ended with {outcome}; "
                              "a loop may pass a singular position there, or a spring of some length shrink to nothing")
-        return states
+        found: np.ndarray = states
+        return found
 
     def normalised(self, states: np.ndarray) -> np.ndarray:
         """State vectors (T, dimension) with their unit vectors scaled to unit length."""
@@ -230,7 +233,7 @@ class Taylor:
             w[:, body], spin[:, body] = _stack(frame.w, len(x)), _stack(alpha[body], len(x))
         return States(self.scene.t, x, attitudes, v, w, a, spin)
 
-    def derivative_maxima(self, coefficients: list) -> tuple[np.ndarray, np.ndarray]:
+    def derivative_maxima(self, coefficients: list[Any]) -> tuple[np.ndarray, np.ndarray]:
         """Largest |d^k x/dt^k| and |d^k R/dt^k|_F over the run and the bodies, k = 0 ... ORDERS.
 
         Each step's Taylor polynomials are expanded anew at SUBPOINTS points of the step; poses are series made of
@@ -261,6 +264,6 @@ def _coefficients(entry: Series | float, length: int) -> np.ndarray:
     return constant
 
 
-def _stack(entries: Sequence, length: int) -> np.ndarray:
+def _stack(entries: Sequence[Any], length: int) -> np.ndarray:
     """Columns of a vector whose entries are arrays over time or constants, (length, size)."""
     return np.stack([np.broadcast_to(entry, (length,)) for entry in entries], axis=-1)

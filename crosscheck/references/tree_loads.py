@@ -28,22 +28,22 @@ class Loads:
         self.tree, self.frames, self.placed = tree, frames, placed
         self.wrenches = dict.fromkeys(frames, (ZERO, ZERO))
 
-    def lever(self, body: int, anchor: list) -> list:
+    def lever(self, body: int, anchor: list[Any]) -> list[Any]:
         """From the reference point of a body to a point given from its centre of mass, own axes."""
         return add(self.frames[body].lever, anchor)
 
-    def point(self, body: int, anchor: list) -> tuple[list, list]:
+    def point(self, body: int, anchor: list[Any]) -> tuple[list[Any], list[Any]]:
         """A body's point and its velocity, world."""
         R, reference, velocity = self.placed[body]
         lever = self.lever(body, anchor)
         return add(reference, apply(R, lever)), add(velocity, apply(R, cross(self.frames[body].w, lever)))
 
-    def push(self, body: int, force: list, torque: list) -> None:
+    def push(self, body: int, force: list[Any], torque: list[Any]) -> None:
         """Add a wrench, own axes."""
         old_force, old_torque = self.wrenches[body]
         self.wrenches[body] = add(old_force, force), add(old_torque, torque)
 
-    def push_at(self, body: int, place: list, force: list, torque: list) -> None:
+    def push_at(self, body: int, place: list[Any], force: list[Any], torque: list[Any]) -> None:
         """Add a force at a point of space, and a torque; all in world axes."""
         R, reference, _ = self.placed[body]
         arm = add(apply_transposed(R, add(place, scale(-1.0, reference))), scale(-1.0, self.frames[body].lever))
@@ -88,7 +88,7 @@ class Loads:
         self.push_at(force.child, end, scale(-1.0, pull), ZERO)
 
 
-def spring_pull(factor: Any, separation: list) -> list:
+def spring_pull(factor: Any, separation: list[Any]) -> list[Any]:
     """Force on the parent's end of a spring."""
     return scale(factor, separation)
 
@@ -105,7 +105,7 @@ def angle_rate(joint: Joint, frames: dict[int, Frame], placed: dict[int, tuple[A
     return dot(axis, add(seen, scale(-1.0, frames[joint.parent].w)))
 
 
-def start_angle(joint: Joint, q: dict[int, list]) -> float:
+def start_angle(joint: Joint, q: dict[int, list[Any]]) -> float:
     """Angle in (-pi, pi] of a joint's child relative to its parent, from their quaternions.
 
     The turn relative Q0^T, with Q0 the shortest one from child axis to parent axis, is about the parent axis: its

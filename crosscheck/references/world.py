@@ -43,28 +43,33 @@ class Motion:
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a x b of arrays (k, 3); several times faster than numpy.cross for a few vectors."""
-    return np.matmul((a @ HAT).reshape(-1, 3, 3), b[:, :, None])[:, :, 0]
+    found: np.ndarray = np.matmul((a @ HAT).reshape(-1, 3, 3), b[:, :, None])[:, :, 0]
+    return found
 
 
 def dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a . b of arrays (k, 3), (k,)."""
-    return (a * b).sum(axis=1)
+    found: np.ndarray = (a * b).sum(axis=1)
+    return found
 
 
 def turned(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """R s of arrays (k, 3, 3) and (k, 3)."""
-    return np.matmul(R, vectors[:, :, None])[:, :, 0]
+    found: np.ndarray = np.matmul(R, vectors[:, :, None])[:, :, 0]
+    return found
 
 
 def back(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """R^T s of arrays (k, 3, 3) and (k, 3)."""
-    return np.matmul(vectors[:, None, :], R)[:, 0]
+    found: np.ndarray = np.matmul(vectors[:, None, :], R)[:, 0]
+    return found
 
 
 def rotation(q: np.ndarray) -> np.ndarray:
     """Attitudes (n, 3, 3) of quaternions (n, 4) of any length but zero."""
     products = (q[:, :, None] * q[:, None, :]).reshape(-1, 16)
-    return ((products @ QUADRATIC) / products[:, ::5].sum(axis=1)[:, None]).reshape(-1, 3, 3)
+    found: np.ndarray = ((products @ QUADRATIC) / products[:, ::5].sum(axis=1)[:, None]).reshape(-1, 3, 3)
+    return found
 
 
 def centripetal(omega: np.ndarray, lever: np.ndarray) -> np.ndarray:

@@ -56,7 +56,8 @@ class TorsionalSpring:
 
     def rate(self, motion: Motion) -> float:
         """d angle/dt."""
-        return motion.R[self.parent] @ self.axis @ (motion.omega[self.child] - motion.omega[self.parent])
+        found: float = motion.R[self.parent] @ self.axis @ (motion.omega[self.child] - motion.omega[self.parent])
+        return found
 
     def add(self, motion: Motion, angle: float, torque: np.ndarray) -> None:
         """Add to the torques (n + 1, 3)."""

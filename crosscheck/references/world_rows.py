@@ -9,6 +9,7 @@ Jacobian belong to v in world axes and w in body axes: R s^ has an exact zero ab
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,8 @@ class Coincidence:
                 self._difference(centripetal(motion.omega[self.both], levers)))
 
     def _difference(self, points: np.ndarray) -> np.ndarray:
-        return (points[len(self.i):] - points[:len(self.i)]).ravel()
+        found: np.ndarray = (points[len(self.i):] - points[:len(self.i)]).ravel()
+        return found
 
 
 class Perpendicular:
@@ -154,7 +156,8 @@ class Relations:
         normal, mark = turned(motion.R[self.i], self.normal), turned(motion.R[self.j], self.mark)
         across = cross(turned(motion.R[self.i], self.axis), normal)
         change = np.arctan2(dots(across, mark), dots(normal, mark)) - motion.hinges
-        return motion.hinges + change - 2 * np.pi * np.round(change / (2 * np.pi))
+        found: np.ndarray = motion.hinges + change - 2 * np.pi * np.round(change / (2 * np.pi))
+        return found
 
     def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
@@ -167,7 +170,7 @@ KINDS = (Coincidence, Perpendicular, Across, Rod)
 POINTED = ("spherical", "universal", "revolute", "fixed")  # joints whose anchors coincide
 
 
-def kinds(scene: Scene) -> list:
+def kinds(scene: Scene) -> list[Any]:
     """The rows of all joints of a scene, one record a kind that occurs."""
     uses: dict[type, list[Row]] = {kind: [] for kind in KINDS}
     for joint in scene.joints:

@@ -126,7 +126,7 @@ def grading(scene: Scene) -> float:
 
 def rounding(scene: Scene, truth: Reference, size: float, steps: int) -> float:
     """What rounding alone may do to a quantity of this size in that many steps, on top of the doubt of truth itself."""
-    return (truth.allowed * max(1.0, size)
+    return (truth.error * max(1.0, size)
             + grading(scene) * EPS * size * truth.amplification * max(1, steps) ** 0.6)
 
 
@@ -316,7 +316,7 @@ def rounding_levels(scene: Scene, truth: Reference) -> dict[str, tuple[float, fl
     """
     scale = scales(scene, truth)
     sizes = {quantity: scale.of(quantity) for quantity in QUANTITIES}
-    fixed = {quantity: truth.allowed * max(1.0, size) for quantity, size in sizes.items()}
+    fixed = {quantity: truth.error * max(1.0, size) for quantity, size in sizes.items()}
     step = grading(scene) * EPS * truth.amplification
     growing = {quantity: step * size for quantity, size in sizes.items()}
     levels = {quantity: (fixed[quantity], growing[quantity]) for quantity in QUANTITIES}

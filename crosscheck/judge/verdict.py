@@ -179,8 +179,8 @@ def _conservative(scene: Scene, truth: Reference) -> bool:
     scale = tolerances.scales(scene, truth)
     pairs = [(mechanics.energy(scene, truth.states), scale.kinetic),
              (mechanics.momentum_vertical(scene, truth.states), scale.momentum)]
-    # Energies of the size of the kinetic energy, errors of states up to `allowed`, some ten terms.
-    return all(np.abs(values - values[0]).max() <= 10 * truth.allowed * size for values, size in pairs)
+    # Energies of the size of the kinetic energy, errors of states up to `error`, some ten terms.
+    return all(np.abs(values - values[0]).max() <= 10 * truth.error * size for values, size in pairs)
 
 
 def judge_invariants(scene: Scene, traj: Any, truth: Reference, bounds: Bounds) -> list[Finding]:

@@ -29,6 +29,12 @@ class Reference:
     attitude_derivatives: np.ndarray  # (11,) k-th entry: max over time and bodies of |d^k R / dt^k|_F
 
     @property
+    def error(self) -> float:
+        """What this truth may be wrong by, of |dx| / length and |dR|_F, up to the horizon: never less than how far the
+        formulations differ, nor than what rounding does on such a scene."""
+        return max(self.allowed, self.disagreement)
+
+    @property
     def t(self) -> np.ndarray:
         """Output times, (T,)."""
         return self.states.t

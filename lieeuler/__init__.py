@@ -1,5 +1,6 @@
 """Lie group Euler integrators for rigid multibody systems with joints; conventions in `lieeuler.types`."""
 
+from lieeuler.ensemble import EnsembleSolution, integrate_ensemble
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
 from lieeuler.forces import ConstantLoad, LinearSpring, TorsionalSpring
 from lieeuler.integrate import integrate
@@ -29,6 +30,7 @@ __all__ = [
     "Body",
     "ConstantLoad",
     "Dot",
+    "EnsembleSolution",
     "IntegrationError",
     "Interrupted",
     "Joint",
@@ -43,6 +45,7 @@ __all__ = [
     "distance_joint",
     "fixed_joint",
     "integrate",
+    "integrate_ensemble",
     "planar_joint",
     "point_on_line_joint",
     "point_on_plane_joint",

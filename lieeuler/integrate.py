@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import logging
-from typing import Any
 
 import numpy as np
 
@@ -81,35 +81,14 @@ def integrate(
     Interrupted
         Ctrl-C; carries the trajectory so far.
     """
-    if not isinstance(problem, Problem):
-        raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
-    record = _method(method)
-    if not isinstance(coordinate_map, str) or coordinate_map not in COORDINATE_MAPS:
-        raise ArgumentError(f"coordinate_map must be one of {', '.join(COORDINATE_MAPS)}, not {coordinate_map!r}")
-    if record.composition and coordinate_map == "ccsk":
-        raise ArgumentError(f"{method} composes symmetric steps and ccsk is not symmetric; use exp or cayley")
-    if record.formulation == "index1" and coordinate_map != "exp":
-        raise ArgumentError(f"{method} works with the exponential map; leave coordinate_map out")
-    _check_switches(spin_free, monitor)
-    gains = _gains(record, alpha, beta)
-    t = _output_times(t_eval)
-    frames = spin_free_frames(problem) if (_spins_out(record) if spin_free is None else spin_free) else None
-    kernel = problem.kernel if frames is None else frames.kernel
-    start = problem.x, problem.R, problem.v, problem.w if frames is None else frames.w
-    tolerance = _tolerance(record, step, rtol)
-    if tolerance is not None:
-        result = _adaptive(kernel, record, start, t, tolerance, monitor)
-        solution = Solution.from_kernel(result, t, method, None)
-    else:
-        assert step is not None  # _tolerance has seen to it
-        steps, counts = _steps(t, step)
-        if record.tableau is not None:
-            result = _kernel.integrate_runge_kutta(kernel, record.tableau.kernel, *start, steps, counts, monitor)
-        else:
-            result = _kernel.integrate(
-                kernel, coordinate_map, record.formulation == "hamilton", record.level, record.index1_output,
-                *gains, record.composition, *start, steps, counts, monitor)
-        solution = Solution.from_kernel(result, t, method, max(steps))
+    check_problem(problem)
+    for name, value in (("spin_free", spin_free), ("monitor", monitor)):
+        check_switch(name, value, optional=name == "spin_free")
+    plan = plan_run(method, step, rtol, t_eval, coordinate_map, alpha, beta, monitor)
+    frames = spin_free_frames(problem) if (plan.spins_out if spin_free is None else spin_free) else None
+    kernel, w = (problem.kernel, problem.w) if frames is None else (frames.kernel, frames.w)
+    result = _kernel.integrate(kernel, plan.run, problem.x, problem.R, problem.v, w)
+    solution = Solution.from_kernel(result, plan.t, method, plan.step)
     if frames is not None:
         frames.restore(solution.t, solution.R, solution.w, solution.alpha)
         solution.stats.spin_free = frames.bodies
@@ -126,18 +105,54 @@ def integrate(
     return solution
 
 
-def _spins_out(method: Method) -> bool:
-    """Whether spin-free frames are the default: not for the Euler methods, which are the papers'."""
-    return "rtol" in method.controls or method.order != 1
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """A method with all its arguments checked.
+
+    Attributes
+    ----------
+    run : what the kernel runs
+    t : (T,) output times, s
+    step : the largest step used, s; None where the method chooses its steps
+    spins_out : whether spin-free frames are the default, which they are not for the Euler methods of the papers
+    """
+
+    run: _kernel.Run
+    t: np.ndarray
+    step: float | None
+    spins_out: bool
 
 
-def _adaptive(kernel: _kernel.System, method: Method, start: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
-              t: np.ndarray, rtol: float, monitor: bool) -> dict[str, Any]:
-    times = (t - t[0]).tolist()
+def plan_run(method: str, step: float | None, rtol: float | None, t_eval: ArrayLike | None, coordinate_map: str,
+             alpha: float | None, beta: float | None, monitor: bool) -> Plan:
+    """Check the arguments of a run, as `integrate` describes them, and make what the kernel runs."""
+    record = _method(method)
+    if not isinstance(coordinate_map, str) or coordinate_map not in COORDINATE_MAPS:
+        raise ArgumentError(f"coordinate_map must be one of {', '.join(COORDINATE_MAPS)}, not {coordinate_map!r}")
+    if record.composition and coordinate_map == "ccsk":
+        raise ArgumentError(f"{method} composes symmetric steps and ccsk is not symmetric; use exp or cayley")
+    if record.formulation == "index1" and coordinate_map != "exp":
+        raise ArgumentError(f"{method} works with the exponential map; leave coordinate_map out")
+    gains = _gains(record, alpha, beta)
+    t = _output_times(t_eval)
+    tolerance = _tolerance(record, step, rtol)
+    spins_out = "rtol" in record.controls or record.order != 1
+    if tolerance is not None:
+        return Plan(_adaptive(record, (t - t[0]).tolist(), tolerance, monitor), t, None, spins_out)
+    assert step is not None  # _tolerance has seen to it
+    steps, counts = _steps(t, step)
+    if record.tableau is not None:
+        run = _kernel.runge_kutta(record.tableau.kernel, steps, counts, monitor)
+    else:
+        run = _kernel.euler(coordinate_map, record.formulation == "hamilton", record.level, record.index1_output,
+                            *gains, record.composition, steps, counts, monitor)
+    return Plan(run, t, max(steps), spins_out)
+
+
+def _adaptive(method: Method, times: list[float], rtol: float, monitor: bool) -> _kernel.Run:
     if method.tableau is not None:
-        return _kernel.integrate_adaptive_runge_kutta(kernel, method.tableau.kernel, *start, times, rtol, monitor)
-    run = {"seulex": _kernel.integrate_seulex, "taylor": _kernel.integrate_taylor}[method.name]
-    return run(kernel, *start, times, rtol, monitor)
+        return _kernel.adaptive_runge_kutta(method.tableau.kernel, times, rtol, monitor)
+    return {"seulex": _kernel.seulex, "taylor": _kernel.taylor}[method.name](times, rtol, monitor)
 
 
 def _method(name: str) -> Method:
@@ -148,10 +163,16 @@ def _method(name: str) -> Method:
     return METHODS[name]
 
 
-def _check_switches(spin_free: bool | None, monitor: bool) -> None:
-    for name, value in (("spin_free", spin_free), ("monitor", monitor)):
-        if not (isinstance(value, bool) or (value is None and name == "spin_free")):
-            raise ArgumentError(f"{name} must be True or False, not {value!r}")
+def check_problem(problem: Problem) -> None:
+    """Refuse what is no problem."""
+    if not isinstance(problem, Problem):
+        raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
+
+
+def check_switch(name: str, value: bool | None, optional: bool = False) -> None:
+    """Refuse what is neither True nor False."""
+    if not (isinstance(value, bool) or (value is None and optional)):
+        raise ArgumentError(f"{name} must be True or False, not {value!r}")
 
 
 def _gains(method: Method, alpha: float | None, beta: float | None) -> tuple[float, float]:

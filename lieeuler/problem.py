@@ -107,7 +107,7 @@ class Problem:
     def _check_constraints(self) -> None:
         if not self.joints:
             return
-        levels = _kernel.constraint_levels(self.kernel, self.x, self.R, self.v, self.w)
+        levels = _kernel.constraint_levels(self.kernel, self.x, self.R, self.v, self.w)[0]
         for name, size, gap in zip(("joints", "velocity constraints"), ("length", "speed"), levels, strict=True):
             if not gap <= CLOSED:
                 raise ArgumentError(f"the initial state violates the {name} by {gap:.3g} of the system's {size}; "

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 
-class Status(enum.Enum):
-    """How an integration ended."""
+class Status(enum.StrEnum):
+    """How an integration ended; each equals its value, a text."""
 
     SUCCESS = "success"
     NEWTON_FAILED = "newton_failed"

@@ -46,15 +46,21 @@ class SpinFreeFrames:
     kernel: _kernel.System
     w: np.ndarray
 
-    def restore(self, t: np.ndarray, R: np.ndarray, w: np.ndarray, alpha: np.ndarray) -> None:
+    def restore(self, t: np.ndarray, R: np.ndarray, w: np.ndarray, alpha: np.ndarray | None = None) -> None:
         """Turn R (T, n, 3, 3), w and alpha (T, n, 3) of the frames into those of the bodies, in place; t in s."""
         for body, axis, rate in zip(self.bodies, self.axes, self.rates, strict=True):
             spin = rate * axis
             turn = _rotations(axis, rate * (t - t[:1]))  # body to frame; a run may end before its first sample
-            slope = alpha[:, body] - np.cross(spin, w[:, body])
+            if alpha is not None:
+                slope = alpha[:, body] - np.cross(spin, w[:, body])
+                alpha[:, body] = np.einsum("tji,tj->ti", turn, slope)
             R[:, body] = R[:, body] @ turn
             w[:, body] = np.einsum("tji,tj->ti", turn, w[:, body]) + spin
-            alpha[:, body] = np.einsum("tji,tj->ti", turn, slope)
+
+
+def symmetric_bodies(problem: Problem) -> tuple[int, ...]:
+    """The bodies that a spin-free frame would carry, should they spin."""
+    return tuple(b for b in range(problem.n) if _axis(problem, b) is not None)
 
 
 def spin_free_frames(problem: Problem) -> SpinFreeFrames | None:

@@ -46,14 +46,18 @@ inline const char* name_of(Status status) {
   return "unknown";
 }
 
-inline State make_state(const System& system, const Array& x, const Array& R, const Array& v, const Array& w) {
-  const size_t n = system.n();
-  require(x.size() == 3 * n && R.size() == 9 * n && v.size() == 3 * n && w.size() == 3 * n,
+// The state with the given index, of as many as the arrays hold.
+inline State make_state(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
+                        size_t index = 0) {
+  const size_t n = system.n(), count = x.size() / (3 * n);
+  require(index < count && x.size() == 3 * n * count && R.size() == 9 * n * count && v.size() == 3 * n * count &&
+              w.size() == 3 * n * count,
           "x, R, v and w must be those of the system's bodies");
   State state(system);
   for (size_t b = 0; b < n; ++b) {
-    state.frames[b] = {vec3(x.data() + 3 * b), mat3(R.data() + 9 * b)};
-    state.u[b] = {vec3(v.data() + 3 * b), vec3(w.data() + 3 * b)};
+    const size_t body = index * n + b;
+    state.frames[b] = {vec3(x.data() + 3 * body), mat3(R.data() + 9 * body)};
+    state.u[b] = {vec3(v.data() + 3 * body), vec3(w.data() + 3 * body)};
   }
   return state;
 }

@@ -8,6 +8,7 @@
 #include <chrono>
 
 #include "run/adaptive.hpp"
+#include "run/ensemble.hpp"
 #include "python/arrays.hpp"
 #include "methods/extrapolation.hpp"
 #include "python/probes.hpp"
@@ -102,24 +103,26 @@ struct Samples {
   }
 };
 
-// run(record, interrupted) fills an Outcome; the interpreter is free meanwhile.
-template <class Run>
-nb::dict execute(const System& system, size_t most, const Run& run) {
-  Samples samples(most, system);
+// Whether Ctrl-C was pressed; takes the interpreter's lock.
+bool ctrl_c() {
+  nb::gil_scoped_acquire gil;
+  if (PyErr_CheckSignals() == 0) return false;
+  if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) nb::raise_python_error();  // a handler of the user's own
+  PyErr_Clear();
+  return true;
+}
+
+nb::dict integrate(const System& system, const Run& method, const Array& x, const Array& R, const Array& v,
+                   const Array& w) {
+  const State initial = make_state(system, x, R, v, w);
+  Samples samples(method.samples, system);
   const Record record = [&](int, const State& state) { samples.append(state); };
-  const Interrupted interrupted = [] {
-    nb::gil_scoped_acquire gil;
-    if (PyErr_CheckSignals() == 0) return false;
-    if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) nb::raise_python_error();  // a handler of the user's own
-    PyErr_Clear();
-    return true;
-  };
   Outcome outcome;
   double seconds;
   {
     nb::gil_scoped_release release;
     const auto start = std::chrono::steady_clock::now();
-    outcome = run(record, interrupted);
+    outcome = method.run(system, initial, record, ctrl_c);
     seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
   const size_t T = outcome.samples, n = system.n(), m = system.rows();
@@ -153,68 +156,109 @@ nb::dict execute(const System& system, size_t most, const Run& run) {
   return result;
 }
 
+// The runs of many members: samples of states, and how each ended. `systems` holds one system for all, or one for each.
+nb::dict integrate_ensemble(const std::vector<const System*>& systems, const Run& method, const Array& x,
+                            const Array& R, const Array& v, const Array& w, int threads) {
+  require(!systems.empty() && threads > 0, "an ensemble needs a system and a thread");
+  const size_t T = method.samples, n = systems[0]->n(), N = x.size() / (3 * n);
+  require(systems.size() == 1 || systems.size() == N, "one system, or one for each member");
+  for (const System* system : systems) require(system->n() == static_cast<int>(n), "systems of equal size");
+  const double nothing = std::numeric_limits<double>::quiet_NaN();
+  std::vector<double> xs(N * T * n * 3, nothing), Rs(N * T * n * 9, nothing), vs(xs), ws(xs), times(N, 0.0);
+  std::vector<Status> statuses(N, Status::interrupted);
+  std::vector<std::int64_t> steps(N, 0), rejected(N, 0);
+  auto member = [&](size_t k, const Interrupted& stopped) {
+    const System& system = *systems[systems.size() == 1 ? 0 : k];
+    const State initial = make_state(system, x, R, v, w, k);
+    const Record record = [&](int sample, const State& state) {
+      for (size_t b = 0; b < n; ++b) {
+        const size_t at = (k * T + sample) * n + b;
+        put(xs, 3 * at, state.frames[b].x), put(Rs, 9 * at, state.frames[b].R);
+        put(vs, 3 * at, state.u[b].v), put(ws, 3 * at, state.u[b].w);
+      }
+    };
+    const Outcome outcome = method.run(system, initial, record, stopped);
+    statuses[k] = outcome.status, times[k] = outcome.time_of_failure;
+    steps[k] = outcome.counters.steps, rejected[k] = outcome.counters.rejected_steps;
+  };
+  bool interrupted;
+  double seconds;
+  {
+    nb::gil_scoped_release release;
+    const auto start = std::chrono::steady_clock::now();
+    interrupted = on_threads(N, threads, ctrl_c, member);
+    seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+  nb::dict result;
+  result["x"] = make_array(std::move(xs), {N, T, n, 3});
+  result["R"] = make_array(std::move(Rs), {N, T, n, 3, 3});
+  result["v"] = make_array(std::move(vs), {N, T, n, 3});
+  result["w"] = make_array(std::move(ws), {N, T, n, 3});
+  result["time"] = make_array(std::move(times), {N});
+  std::vector<std::string> names;
+  for (const Status status : statuses) names.emplace_back(name_of(status));
+  result["status"] = names;
+  result["steps"] = steps;
+  result["rejected_steps"] = rejected;
+  result["interrupted"] = interrupted;
+  result["wall_time"] = seconds;
+  return result;
+}
+
 void require_steps(const std::vector<double>& steps, const std::vector<std::int64_t>& counts) {
   require(!steps.empty() && steps.size() == counts.size(), "every interval has a step and a count");
   for (size_t k = 0; k < steps.size(); ++k)
     require(std::isfinite(steps[k]) && steps[k] > 0 && counts[k] > 0, "every interval needs steps that advance");
 }
 
-nb::dict integrate(const System& system, const std::string& map, bool hamiltonian, const std::string& level,
-                   bool index1_output, double alpha, double beta, const std::vector<double>& composition,
-                   const Array& x, const Array& R, const Array& v, const Array& w, const std::vector<double>& steps,
-                   const std::vector<std::int64_t>& counts, bool monitored) {
+Run euler(const std::string& map, bool hamiltonian, const std::string& level, bool index1_output, double alpha,
+          double beta, const std::vector<double>& composition, const std::vector<double>& steps,
+          const std::vector<std::int64_t>& counts, bool monitored) {
   require_steps(steps, counts);
   const Level levels = level == "position"     ? Level::position
                        : level == "velocity"   ? Level::velocity
                        : level == "stabilised" ? Level::stabilised
                                                : Level::acceleration;
   const Method method{hamiltonian, levels, index1_output, {alpha, beta}, composition};
-  const State initial = make_state(system, x, R, v, w);
-  return execute(system, steps.size() + 1, [&](const Record& record, const Interrupted& interrupted) {
-    const auto run = map == "cayley" ? run_method<CayleyMap> : (map == "ccsk" ? run_method<CcskMap> : run_method<ExpMap>);
-    return run(system, method, initial, steps, counts, monitored, record, interrupted);
-  });
+  const auto run = map == "cayley" ? run_method<CayleyMap> : (map == "ccsk" ? run_method<CcskMap> : run_method<ExpMap>);
+  return {[=](const System& system, const State& initial, const Record& record, const Interrupted& interrupted) {
+            return run(system, method, initial, steps, counts, monitored, record, interrupted);
+          },
+          steps.size() + 1};
 }
 
-nb::dict integrate_runge_kutta(const System& system, const Tableau& tableau, const Array& x, const Array& R,
-                               const Array& v, const Array& w, const std::vector<double>& steps,
-                               const std::vector<std::int64_t>& counts, bool monitored) {
+Run runge_kutta(const Tableau& tableau, const std::vector<double>& steps, const std::vector<std::int64_t>& counts,
+                bool monitored) {
   require_steps(steps, counts);
-  const State initial = make_state(system, x, R, v, w);
-  FixedMuntheKaas stepper(system, tableau);
-  return execute(system, steps.size() + 1, [&](const Record& record, const Interrupted& interrupted) {
-    return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
-  });
+  return {[=](const System& system, const State& initial, const Record& record, const Interrupted& interrupted) {
+            FixedMuntheKaas stepper(system, tableau);
+            return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+          },
+          steps.size() + 1};
 }
 
 // t_eval starts at zero.
 template <class Stepper, class... Arguments>
-nb::dict integrate_adaptive(const System& given, const Array& x, const Array& R, const Array& v, const Array& w,
-                            const std::vector<double>& t_eval, double rtol, bool monitored,
-                            const Arguments&... arguments) {
+Run adaptive(const std::vector<double>& t_eval, double rtol, bool monitored, const Arguments&... arguments) {
   require(t_eval.size() > 1 && std::isfinite(t_eval.front()) && std::isfinite(t_eval.back()) && rtol > 0 && rtol < 1 &&
               std::adjacent_find(t_eval.begin(), t_eval.end(), [](double a, double b) { return !(a < b); }) ==
                   t_eval.end(),
           "output times must increase, and the tolerance lie between 0 and 1");
-  System system = given;  // other runs of the same system may have another duration
-  system.slowest = 1 / (t_eval.back() - t_eval.front());
-  Stepper stepper(system, arguments...);
-  const State initial = make_state(system, x, R, v, w);
-  return execute(system, t_eval.size(), [&](const Record& record, const Interrupted& interrupted) {
-    return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
-  });
+  return {[=](const System& given, const State& initial, const Record& record, const Interrupted& interrupted) {
+            System system = given;  // other runs of the same system may have another duration
+            system.slowest = 1 / (t_eval.back() - t_eval.front());
+            Stepper stepper(system, arguments...);
+            return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
+          },
+          t_eval.size()};
 }
 
-nb::dict integrate_adaptive_runge_kutta(const System& system, const Tableau& tableau, const Array& x, const Array& R,
-                                        const Array& v, const Array& w, const std::vector<double>& t_eval, double rtol,
-                                        bool monitored) {
-  return integrate_adaptive<AdaptiveMuntheKaas>(system, x, R, v, w, t_eval, rtol, monitored, tableau);
+Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double>& t_eval, double rtol, bool monitored) {
+  return adaptive<AdaptiveMuntheKaas>(t_eval, rtol, monitored, tableau);
 }
 
 // Largest entries of Phi and of G u as parts of the sizes of the system: lengths of its length, rates of its rate.
-std::pair<double, double> constraint_levels(const System& system, const Array& x, const Array& R, const Array& v,
-                                            const Array& w) {
-  const State state = make_state(system, x, R, v, w);
+std::pair<double, double> constraint_levels(const System& system, const State& state) {
   const Scales scales = Scales::of_motion(system, state);
   const double rate = std::max(scales.rate, scales.natural(system));
   double position = 0, velocity = 0;
@@ -229,6 +273,17 @@ std::pair<double, double> constraint_levels(const System& system, const Array& x
     }
   }
   return {position, rate > 0 ? velocity / rate : velocity};  // without a rate nothing moves
+}
+
+// The two levels (N, 2) of N states.
+nb::object levels_of_states(const System& system, const Array& x, const Array& R, const Array& v, const Array& w) {
+  const size_t n = system.n(), N = x.size() / (3 * n);
+  std::vector<double> levels;
+  for (size_t k = 0; k < N; ++k) {
+    const auto [position, velocity] = constraint_levels(system, make_state(system, x, R, v, w, k));
+    levels.insert(levels.end(), {position, velocity});
+  }
+  return make_array(std::move(levels), {N, 2});
 }
 
 }  // namespace
@@ -270,15 +325,18 @@ NB_MODULE(_kernel, m) {
         at_most(extra, count + 1, 1), at_most(dense, inside, 0);
         new (self) Tableau{stages, weights, order, errors, extra, dense};
       });
+  nb::class_<Run>(m, "Run");
+  m.def("euler", &euler);
+  m.def("runge_kutta", &runge_kutta);
+  m.def("adaptive_runge_kutta", &adaptive_runge_kutta);
+  m.def("seulex", &adaptive<AdaptiveExtrapolation>);
+  m.def("taylor", &adaptive<TaylorStepper>);
   m.def("integrate", &integrate);
-  m.def("integrate_runge_kutta", &integrate_runge_kutta);
-  m.def("integrate_adaptive_runge_kutta", &integrate_adaptive_runge_kutta);
-  m.def("integrate_seulex", &integrate_adaptive<AdaptiveExtrapolation>);
-  m.def("integrate_taylor", &integrate_adaptive<TaylorStepper>);
+  m.def("integrate_ensemble", &integrate_ensemble);
   m.def("taylor_coefficients", &taylor_coefficients);
   m.def("project", &project);
   m.def("constraints", &constraints);
-  m.def("constraint_levels", &constraint_levels);
+  m.def("constraint_levels", &levels_of_states);
   m.def("forces", &forces);
   m.def("map_values", [](const std::string& map, const Vec3& xi, const Mat3& J, double h) {
     return map == "cayley" ? map_values<CayleyMap>(xi, J, h)

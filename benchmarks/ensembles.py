@@ -1,0 +1,152 @@
+"""Trajectories per second of ensembles beside `mujoco.rollout` with the same threads, and a loop over `integrate`.
+
+Run with `python -m benchmarks.ensembles`. Members start with angular velocities scattered about the scene's; each
+contender gets the coarsest setting of a ladder whose median error over the members (largest component of the bodies'
+positions after 10 s, against Taylor at rtol 1e-13) is at most the one asked for. Contenders take turns in one process;
+medians over the rounds, of the stepping alone without the building of models.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+import crosscheck
+import lieeuler
+from crosscheck.adapters.lieeuler import build_problem
+
+SCENES = ("single_pendulum", "double_pendulum")
+ERRORS = (1e-3, 1e-6)
+DURATION = 10.0  # s
+SCATTER = 0.1  # rad/s
+STEPS = (0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4, 5e-5)
+RTOLS = tuple(10.0**-k for k in range(2, 13))
+
+
+@dataclasses.dataclass(frozen=True)
+class Contender:
+    """`run(states, control)` returns end positions (N, n, 3) and the seconds it took."""
+
+    name: str
+    controls: Sequence[float]
+    run: Callable[[dict[str, np.ndarray], float], tuple[np.ndarray, float]]
+
+
+def members(scene: Any, count: int) -> dict[str, np.ndarray]:
+    """States of a chain of ball joints from the ground."""
+    w = scene.w0 + SCATTER * np.random.default_rng(1).standard_normal((count, scene.n, 3))
+    v = np.zeros_like(w)
+    for body, joint in enumerate(scene.joints):
+        above = v[:, body - 1] + np.cross(w[:, body - 1], joint.parent_anchor) @ scene.R0[body - 1].T if body else 0.0
+        v[:, body] = above - np.cross(w[:, body], joint.child_anchor) @ scene.R0[body].T
+    return {"v": v, "w": w}
+
+
+def contenders(scene: Any, threads: int) -> list[Contender]:
+    """Ensembles of two methods, the loop, and MuJoCo's Runge-Kutta rule of order 4."""
+    problem = build_problem(scene)
+
+    def ensemble(method: str) -> Any:
+        def run(states: dict[str, np.ndarray], rtol: float) -> tuple[np.ndarray, float]:
+            began = time.perf_counter()
+            many = lieeuler.integrate_ensemble(problem, method, rtol=rtol, t_eval=[0.0, DURATION], threads=threads,
+                                               **states)
+            return many.x[:, -1], time.perf_counter() - began
+        return run
+
+    def loop(states: dict[str, np.ndarray], rtol: float) -> tuple[np.ndarray, float]:
+        began = time.perf_counter()
+        ends = [lieeuler.integrate(dataclasses.replace(problem, v=v, w=w), "taylor", rtol=rtol, monitor=False,
+                                   t_eval=[0.0, DURATION]).x[-1] for v, w in zip(states["v"], states["w"], strict=True)]
+        return np.array(ends), time.perf_counter() - began
+
+    return [Contender("ensemble taylor", RTOLS, ensemble("taylor")),
+            Contender("ensemble rkmk853", RTOLS, ensemble("rkmk853")),
+            Contender("loop over integrate, taylor", RTOLS, loop),
+            Contender("mujoco.rollout RK4", STEPS, mujoco_rollout(scene, threads))]
+
+
+def mujoco_rollout(scene: Any, threads: int) -> Callable[[dict[str, np.ndarray], float], tuple[np.ndarray, float]]:
+    """`mujoco.rollout`: the threads step members of one model, all states of all steps are kept."""
+    import mujoco
+    from mujoco import rollout
+
+    from crosscheck.adapters.mujoco.models import build, set_initial_state
+
+    def run(states: dict[str, np.ndarray], step: float) -> tuple[np.ndarray, float]:
+        model = build(scene, "RK4", step)
+        data = mujoco.MjData(model)
+        count = len(states["w"])
+        size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        first = np.empty(size)
+        starts = np.empty((count, size))
+        for k in range(count):
+            bodies = tuple(dataclasses.replace(body, velocity=states["v"][k, i], angular_velocity=states["w"][k, i])
+                           for i, body in enumerate(scene.bodies))
+            set_initial_state(scene.replace(bodies=bodies), model, data)
+            mujoco.mj_getState(model, data, first, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+            starts[k] = first
+        datas = [mujoco.MjData(model) for _ in range(threads)]
+        steps = round(DURATION / step)
+        ends = np.empty((count, scene.n, 3))
+        block = max(1, 2_000_000 // steps)  # rollout keeps the state of every step
+        seconds = 0.0
+        for low in range(0, count, block):
+            began = time.perf_counter()
+            states_out, _ = rollout.rollout(model, datas, starts[low:low + block], nstep=steps)
+            seconds += time.perf_counter() - began
+            for k, last in enumerate(states_out[:, -1]):
+                mujoco.mj_setState(model, data, np.ascontiguousarray(last), mujoco.mjtState.mjSTATE_FULLPHYSICS)
+                mujoco.mj_kinematics(model, data)
+                ends[low + k] = [data.body(str(body)).xipos for body in range(scene.n)]
+        return ends, seconds
+
+    return run
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.ensembles", description=__doc__.splitlines()[0])
+    parser.add_argument("--members", type=int, default=10000, help="(default: 10000)")
+    parser.add_argument("--threads", type=int, default=2, help="(default: 2)")
+    parser.add_argument("--rounds", type=int, default=3, help="(default: 3)")
+    options = parser.parse_args(arguments)
+    for name in SCENES:
+        scene = crosscheck.load_scene(name).replace(duration=DURATION, samples=2)
+        few = members(scene, 20)
+        truth = lieeuler.integrate_ensemble(build_problem(scene), "taylor", rtol=1e-13, t_eval=[0.0, DURATION], **few)
+        states = members(scene, options.members)
+        for wanted in ERRORS:
+            chosen = []
+            for contender in contenders(scene, options.threads):
+                for control in contender.controls:
+                    ends, _ = contender.run(few, control)
+                    error = float(np.median(np.abs(ends - truth.x[:, -1]).max(axis=(1, 2))))
+                    if error <= wanted:
+                        chosen.append((contender, control, error))
+                        break
+                else:
+                    print(f"{name} {wanted:g}: {contender.name} does not reach it")
+            seconds: dict[str, list[float]] = {contender.name: [] for contender, _, _ in chosen}
+            # Slow contenders run a part of the members; trajectories per second is what is compared.
+            parts = {contender.name: 1 if contender.name.startswith("ensemble") else 20 for contender, _, _ in chosen}
+            for _ in range(options.rounds):
+                for contender, control, _ in chosen:
+                    count = max(2, options.members // parts[contender.name])
+                    part = {key: value[:count] for key, value in states.items()}
+                    seconds[contender.name].append(contender.run(part, control)[1] / len(part["w"]))
+            best = statistics.median(seconds[chosen[0][0].name])
+            for contender, control, error in chosen:
+                each = statistics.median(seconds[contender.name])
+                print(f"{name} error {wanted:g}: {contender.name} at {control:g} (error {error:.1e}): "
+                      f"{1 / each:.0f} trajectories/s, ensemble taylor is {each / best:.1f} times as fast")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,276 @@
+"""`integrate_ensemble`: many initial states, and parameters, of one problem in one call, on threads."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import logging
+import numbers
+import os
+from collections.abc import Mapping
+
+import numpy as np
+
+from lieeuler import _kernel
+from lieeuler.checks import LARGEST, real
+from lieeuler.errors import ArgumentError
+from lieeuler.integrate import check_problem, check_switch, plan_run
+from lieeuler.problem import CLOSED, Problem
+from lieeuler.solution import Status
+from lieeuler.spin_free import SpinFreeFrames, spin_free_frames, symmetric_bodies
+from lieeuler.types import ArrayLike
+
+log = logging.getLogger("lieeuler")
+
+GROUPS = ("bodies", "joints", "forces")
+MOST_MEMBERS = 10_000_000
+
+
+@dataclasses.dataclass(frozen=True)
+class EnsembleSolution:
+    """Trajectories of N members at T output times, in the conventions of `lieeuler.types`.
+
+    Attributes
+    ----------
+    t : (T,)
+        s
+    x, v, w : (N, T, n, 3)
+    R : (N, T, n, 3, 3)
+        NaN from where a member failed.
+    status : (N,) of lieeuler.Status
+    t_end : (N,)
+        Where each member ended, s.
+    steps, rejected_steps : (N,)
+    wall_time : float
+        s, of all members together.
+    method : str
+    """
+
+    t: np.ndarray
+    x: np.ndarray
+    R: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+    status: np.ndarray
+    t_end: np.ndarray
+    steps: np.ndarray
+    rejected_steps: np.ndarray
+    wall_time: float
+    method: str
+
+    @property
+    def success(self) -> np.ndarray:
+        """(N,) whether each member reached the last output time."""
+        return np.asarray(self.status == Status.SUCCESS, dtype=bool)
+
+    def __repr__(self) -> str:
+        ended = int(self.success.sum())
+        return (f"EnsembleSolution({self.method}: {ended} of {len(self.status)} members reached {self.t[-1]:.6g} s, "
+                f"{self.steps.sum()} steps, {self.wall_time:.3g} s of computing)")
+
+
+def integrate_ensemble(
+    problem: Problem,
+    method: str,
+    step: float | None = None,
+    t_eval: ArrayLike | None = None,
+    *,
+    rtol: float | None = None,
+    x: ArrayLike | None = None,
+    R: ArrayLike | None = None,
+    v: ArrayLike | None = None,
+    w: ArrayLike | None = None,
+    parameters: Mapping[str, ArrayLike] | None = None,
+    coordinate_map: str = "exp",
+    alpha: float | None = None,
+    beta: float | None = None,
+    spin_free: bool | None = None,
+    threads: int = 0,
+) -> EnsembleSolution:
+    """Integrate many members of one problem: each has its own state, parameters, steps and status.
+
+    A member's trajectory does not depend on the other members, nor on the number of threads, to the last bit. The
+    interpreter is free meanwhile. Where bodies are symmetric (`lieeuler.spin_free`), or parameters differ, a system is
+    built for every member, which takes some 0.3 ms each; `spin_free=False` avoids the first.
+
+    Parameters
+    ----------
+    problem : Problem
+        What all members share; its state stands for what is not given.
+    method, step, t_eval, rtol, coordinate_map, alpha, beta, spin_free
+        As `lieeuler.integrate` takes them.
+    x, R, v, w : (N, n, 3), (N, n, 3, 3), (N, n, 3), (N, n, 3), optional
+        Initial states, conventions of `lieeuler.types`; each satisfies the joints to rounding level.
+    parameters : mapping of paths to arrays (N, ...), optional
+        Such as "bodies.0.mass" (N,), "bodies.0.inertia" (N, 3, 3), "joints.1.child_anchor" (N, 3),
+        "forces.0.stiffness" (N,), "gravity" (N, 3); a last index names one component, as in "gravity.2" (N,).
+    threads : int
+        0: as many as the process may use processors.
+
+    Returns
+    -------
+    EnsembleSolution
+
+    Raises
+    ------
+    ArgumentError
+        A wrong argument, also a state of a member that violates the joints. A member that fails later raises nothing:
+        it is NaN from where it failed, with its status.
+    KeyboardInterrupt
+        Ctrl-C.
+    """
+    check_problem(problem)
+    check_switch("spin_free", spin_free, optional=True)
+    threads = _threads(threads)
+    plan = plan_run(method, step, rtol, t_eval, coordinate_map, alpha, beta, monitor=False)
+    values = _parameters(problem, parameters or {})
+    states, N = _states(problem, {"x": x, "R": R, "v": v, "w": w}, values)
+    spins = plan.spins_out if spin_free is None else spin_free
+    frames: list[SpinFreeFrames | None] = []
+    if values or (spins and symmetric_bodies(problem)):
+        members = [_member(problem, k, states, values) for k in range(N)]
+        frames = [spin_free_frames(member) if spins else None for member in members]
+        systems = [member.kernel if each is None else each.kernel for member, each in zip(members, frames, strict=True)]
+        states["w"] = np.stack([member.w if each is None else each.w
+                                for member, each in zip(members, frames, strict=True)])
+    else:
+        _check_states(problem, states)
+        systems = [problem.kernel]
+    result = _kernel.integrate_ensemble(systems, plan.run, states["x"], states["R"], states["v"], states["w"],
+                                        min(threads, N))
+    if result["interrupted"]:
+        raise KeyboardInterrupt("interrupted during an ensemble")
+    for k, each in enumerate(frames):
+        if each is not None:
+            each.restore(plan.t, result["R"][k], result["w"][k])
+    status = np.array([Status(name) for name in result["status"]], dtype=object)
+    solution = EnsembleSolution(
+        t=plan.t, x=result["x"], R=result["R"], v=result["v"], w=result["w"], status=status,
+        t_end=plan.t[0] + result["time"], steps=np.array(result["steps"]),
+        rejected_steps=np.array(result["rejected_steps"]), wall_time=result["wall_time"], method=method)
+    log.info("%r", solution)
+    return solution
+
+
+def _threads(threads: int) -> int:
+    if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or not 0 <= threads <= 1024:
+        raise ArgumentError(f"threads must be a whole number from 0 (all processors) to 1024, not {threads!r}")
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return int(threads) or allowed or 1
+
+
+def _parameters(problem: Problem, given: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
+    """Arrays (N, ...) by path, each of the shape of what it replaces."""
+    if not isinstance(given, Mapping):
+        raise ArgumentError(f"parameters must map paths such as 'bodies.0.mass' to arrays, not {given!r}")
+    found = {}
+    for path, values in given.items():
+        shape = np.shape(_at(problem, path))
+        array = real(values)
+        if array is None or array.shape[1:] != shape or array.ndim == 0 or not np.isfinite(array).all():
+            raise ArgumentError(f"parameters[{path!r}] must be finite numbers of shape {('N', *shape)}")
+        found[path] = array
+    return found
+
+
+def _split(problem: Problem, path: str) -> tuple[str, int, str, tuple[int, ...]]:
+    """Group, index in it, field, and index of a component of a path; ("", 0, "gravity", ...) for gravity."""
+    words = path.split(".") if isinstance(path, str) else []
+    tail = words[1:] if words[:1] == ["gravity"] else words[3:]
+    if not all(word.isdecimal() for word in tail) or not words:
+        raise ArgumentError(_unknown(path, "a path such as 'bodies.0.mass'"))
+    component = tuple(int(word) for word in tail)
+    if words[0] == "gravity":
+        return "", 0, "gravity", component
+    if words[0] not in GROUPS:
+        raise ArgumentError(_unknown(path, _among(words[0], [*GROUPS, "gravity"])))
+    items = getattr(problem, words[0])
+    if len(words) < 3 or not words[1].isdecimal() or int(words[1]) >= len(items):
+        raise ArgumentError(_unknown(path, f"{words[0]}.K.NAME with K from 0 to {len(items) - 1}"))
+    item = items[int(words[1])]
+    names = [field.name for field in dataclasses.fields(item)
+             if np.asarray(getattr(item, field.name)).dtype.kind == "f"]
+    if words[2] not in names:
+        raise ArgumentError(_unknown(path, _among(words[2], names)))
+    return words[0], int(words[1]), words[2], component
+
+
+def _among(word: str, allowed: list[str]) -> str:
+    near = difflib.get_close_matches(word, allowed, n=1)
+    return (f"did you mean {near[0]!r}? " if near else "") + f"one of {', '.join(allowed)}"
+
+
+def _unknown(path: str, wanted: str) -> str:
+    return f"parameters: there is no {path!r}: {wanted}"
+
+
+def _at(problem: Problem, path: str) -> np.ndarray:
+    """The value that a path names in the problem."""
+    group, index, field, component = _split(problem, path)
+    value = np.asarray(getattr(getattr(problem, group)[index] if group else problem, field))
+    if len(component) > value.ndim or any(i >= size for i, size in zip(component, value.shape, strict=False)):
+        raise ArgumentError(_unknown(path, f"{field} has the shape {value.shape}"))
+    return np.asarray(value[component])
+
+
+def _states(problem: Problem, given: Mapping[str, ArrayLike | None],
+            values: Mapping[str, np.ndarray]) -> tuple[dict[str, np.ndarray], int]:
+    """Contiguous arrays (N, n, ...) of all states, and N."""
+    arrays, counts = {}, {f"parameters[{path!r}]": len(array) for path, array in values.items()}
+    for name, value in given.items():
+        if value is None:
+            continue
+        shape = getattr(problem, name).shape
+        array = real(value)
+        if array is None or array.shape[1:] != shape or array.ndim == 0:
+            raise ArgumentError(f"{name} must be numbers of shape {('N', *shape)}")
+        if not np.isfinite(array).all() or np.abs(array).max(initial=0.0) > LARGEST:
+            raise ArgumentError(f"{name} must be finite and below {LARGEST:g}")
+        arrays[name], counts[name] = array, len(array)
+    if not counts:
+        raise ArgumentError("an ensemble needs x, R, v, w or parameters: arrays with one entry a member")
+    N = next(iter(counts.values()))
+    if set(counts.values()) != {N} or not 0 < N <= MOST_MEMBERS:
+        sizes = ", ".join(f"{name} {count}" for name, count in counts.items())
+        raise ArgumentError(f"all arrays must have as many members, from 1 to {MOST_MEMBERS}; here: {sizes}")
+    for name in ("x", "R", "v", "w"):
+        if name not in arrays:
+            arrays[name] = np.repeat(getattr(problem, name)[None], N, axis=0)
+    return arrays, N
+
+
+def _check_states(problem: Problem, states: Mapping[str, np.ndarray]) -> None:
+    R = states["R"]
+    wrong = (np.abs(np.swapaxes(R, 2, 3) @ R - np.eye(3)).max(axis=(1, 2, 3)) > 1e-10) | (
+        np.linalg.det(R) < 0).any(axis=1)
+    if wrong.any():
+        raise ArgumentError(f"R of member {int(np.argmax(wrong))} must hold rotation matrices")
+    if not problem.joints:
+        return
+    levels = _kernel.constraint_levels(problem.kernel, states["x"], R, states["v"], states["w"])
+    open_ = ~(levels <= CLOSED)
+    if open_.any():
+        member, level = np.argwhere(open_)[0]
+        what, size = (("joints", "length"), ("velocity constraints", "speed"))[level]
+        raise ArgumentError(f"the initial state of member {member} violates the {what} by {levels[member, level]:.3g} "
+                            f"of the system's {size}; project it first (bound {CLOSED:g})")
+
+
+def _member(problem: Problem, k: int, states: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]) -> Problem:
+    """The problem of one member; its state and parameters are checked as those of any problem are."""
+    try:
+        groups = {group: list(getattr(problem, group)) for group in GROUPS}
+        gravity = problem.gravity
+        for path, array in values.items():
+            group, index, field, component = _split(problem, path)
+            target = groups[group][index] if group else None
+            value = np.array(gravity if target is None else getattr(target, field))
+            value[component] = array[k]
+            if target is None:
+                gravity = value
+            else:
+                groups[group][index] = dataclasses.replace(target, **{field: value if value.ndim else float(value)})
+        return Problem(tuple(groups["bodies"]), tuple(groups["joints"]), gravity, states["x"][k], states["R"][k],
+                       states["v"][k], states["w"][k], tuple(groups["forces"]))
+    except ArgumentError as error:
+        raise ArgumentError(f"member {k}: {error}") from None

@@ -1,0 +1,151 @@
+"""Ensembles: each member is the run that `integrate` makes, whatever the others do, on any number of threads."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import lieeuler
+from lieeuler import Status
+from tests.lieeuler import systems
+
+T = np.linspace(0.0, 1.0, 6)
+FIELDS = ("x", "R", "v", "w")
+
+
+def spun(problem, count, seed=1, size=0.1):
+    """States (count, ...) with other angular velocities, of chains of ball joints from the ground."""
+    rng = np.random.default_rng(seed)
+    w = problem.w + size * rng.standard_normal((count, *problem.w.shape))
+    v = np.zeros_like(w)
+    for k in range(count):
+        for j, joint in enumerate(problem.joints):
+            above = np.zeros(3)
+            if j > 0:
+                above = v[k, j - 1] + problem.R[j - 1] @ np.cross(w[k, j - 1], joint.parent_anchor)
+            v[k, j] = above - problem.R[j] @ np.cross(w[k, j], joint.child_anchor)
+    return {"v": v, "w": w}
+
+
+def member(problem, states, k):
+    return dataclasses.replace(problem, **{name: values[k] for name, values in states.items()})
+
+
+WAYS = [("taylor", {"rtol": 1e-9}), ("rkmk853", {"rtol": 1e-8}), ("seulex", {"rtol": 1e-8}), ("rkmk4", {"step": 0.01}),
+        ("DAE1L_LSE", {"step": 0.01}), ("DAE2H_LSE", {"step": 0.01, "coordinate_map": "cayley"}),
+        ("rattle4", {"step": 0.01})]
+
+
+@pytest.mark.parametrize(("method", "controls"), WAYS)
+@pytest.mark.parametrize("make", systems.SYSTEMS.values(), ids=systems.SYSTEMS)
+def test_each_member_is_the_run_of_its_own_state(make, method, controls):
+    problem = make()
+    states = spun(problem, 3)
+    many = lieeuler.integrate_ensemble(problem, method, t_eval=T, threads=2, **states, **controls)
+    assert (many.status == Status.SUCCESS).all()
+    assert many.success.all()
+    for k in range(3):
+        alone = lieeuler.integrate(member(problem, states, k), method, t_eval=T, **controls)
+        for name in FIELDS:
+            np.testing.assert_array_equal(getattr(many, name)[k], getattr(alone, name))
+        assert many.steps[k] == alone.stats.steps
+
+
+@pytest.mark.parametrize(("method", "controls"), WAYS)
+def test_results_do_not_depend_on_the_number_of_threads(method, controls):
+    problem = systems.double_pendulum()
+    states = spun(problem, 23)
+    one, two, four = (lieeuler.integrate_ensemble(problem, method, t_eval=T, threads=threads, **states, **controls)
+                      for threads in (1, 2, 4))
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+        np.testing.assert_array_equal(getattr(one, name), getattr(four, name))
+    assert len(np.unique(one.x[:, -1], axis=0)) == 23
+
+
+def test_parameters_change_each_member():
+    problem = systems.spring_chain(2)
+    masses, stiffness, down = np.array([0.5, 1.0, 2.0]), np.array([5.0, 10.0, 20.0]), np.array([-9.0, -9.81, -10.0])
+    many = lieeuler.integrate_ensemble(
+        problem, "taylor", rtol=1e-9, t_eval=T,
+        parameters={"bodies.0.mass": masses, "forces.0.stiffness": stiffness, "gravity.2": down})
+    for k in range(3):
+        body = dataclasses.replace(problem.bodies[0], mass=masses[k])
+        spring = dataclasses.replace(problem.forces[0], stiffness=stiffness[k])
+        alone = lieeuler.integrate(
+            dataclasses.replace(problem, bodies=(body, problem.bodies[1]), forces=(spring,),
+                                gravity=[0.0, 0.0, down[k]]), "taylor", rtol=1e-9, t_eval=T)
+        np.testing.assert_array_equal(many.x[k], alone.x)
+
+
+def test_a_member_that_fails_is_nan_from_there_and_harms_no_other():
+    problem = systems.double_pendulum()
+    states = spun(problem, 5)
+    wild = spun(dataclasses.replace(problem), 5, seed=3, size=1e4)
+    for name in states:
+        states[name][2] = wild[name][2]
+    many = lieeuler.integrate_ensemble(problem, "DAE1L_LSE", step=0.01, t_eval=T, threads=2, **states)
+    with pytest.raises(lieeuler.IntegrationError) as failure:
+        lieeuler.integrate(member(problem, states, 2), "DAE1L_LSE", step=0.01, t_eval=T)
+    assert many.status[2] == failure.value.status
+    assert many.t_end[2] == failure.value.solution.t_end
+    reached = len(failure.value.solution.t)
+    assert np.isfinite(many.x[2, :reached]).all()
+    assert np.isnan(many.x[2, reached:]).all()
+    assert np.isnan(many.R[2, reached:]).all()
+    others = [0, 1, 3, 4]
+    assert (many.status[others] == "success").all()
+    alone = lieeuler.integrate_ensemble(problem, "DAE1L_LSE", step=0.01, t_eval=T,
+                                        **{name: values[others] for name, values in states.items()})
+    np.testing.assert_array_equal(many.x[others], alone.x)
+
+
+def test_other_threads_of_python_run_meanwhile():
+    problem = systems.double_pendulum()
+    seen = []
+    ended = threading.Event()
+
+    def look():
+        while not ended.wait(0.001):
+            seen.append(time.perf_counter())
+
+    watcher = threading.Thread(target=look)
+    watcher.start()
+    began = time.perf_counter()
+    lieeuler.integrate_ensemble(problem, "DAE1L_LSE", step=1e-4, t_eval=[0.0, 5.0], threads=1, **spun(problem, 4))
+    over = time.perf_counter()
+    ended.set()
+    watcher.join()
+    inside = [moment for moment in seen if began < moment < over]
+    assert len(inside) > 3
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    ({}, "needs x, R, v, w or parameters"),
+    ({"w": np.zeros((2, 3))}, r"w must be numbers of shape \('N', 2, 3\)"),
+    ({"w": np.zeros((2, 2, 3)), "x": np.zeros((3, 2, 3))}, "as many members"),
+    ({"w": np.zeros((2, 2, 3)), "R": 2 * np.ones((2, 2, 3, 3))}, "R of member 0 must hold rotation matrices"),
+    ({"w": np.full((2, 2, 3), np.nan)}, "w must be finite"),
+    ({"w": np.ones((2, 2, 3))}, "member 0 violates the velocity constraints"),
+    ({"parameters": {"bodies.0.mas": [1.0]}}, "did you mean 'mass'"),
+    ({"parameters": {"bodys.0.mass": [1.0]}}, "did you mean 'bodies'"),
+    ({"parameters": {"bodies.7.mass": [1.0]}}, "with K from 0 to 1"),
+    ({"parameters": {"bodies.0.mass": 1.0}}, "must be finite numbers of shape"),
+    ({"parameters": {"bodies.0.mass": [1.0, -1.0]}}, "member 1: mass must be positive"),
+    ({"parameters": {"gravity.3": [1.0]}}, "gravity has the shape"),
+    ({"w": np.zeros((2, 2, 3)), "threads": -1}, "threads must be"),
+])
+def test_a_wrong_argument_is_one_sentence(arguments, words):
+    with pytest.raises(lieeuler.ArgumentError, match=words):
+        lieeuler.integrate_ensemble(systems.double_pendulum(), "taylor", rtol=1e-6, t_eval=T, **arguments)
+
+
+def test_its_text_is_one_line():
+    problem = systems.double_pendulum()
+    text = repr(lieeuler.integrate_ensemble(problem, "taylor", rtol=1e-6, t_eval=T, **spun(problem, 2)))
+    assert text.startswith("EnsembleSolution(taylor: 2 of 2 members reached 1 s")
+    assert "\n" not in text

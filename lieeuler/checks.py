@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import numbers
-from typing import SupportsFloat
+from typing import Any, SupportsFloat
 
 import numpy as np
 
@@ -116,3 +117,16 @@ def normals(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     n1 = n1 - (n1 @ axis) * axis
     n1 /= np.linalg.norm(n1)
     return n1, np.cross(axis, n1)
+
+
+class Frozen:
+    """A frozen dataclass whose copies hold its fields, arrays read-only again, and nothing that it computed."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)

@@ -19,6 +19,10 @@ class IntegrationError(RuntimeError):
         super().__init__(f"{status.value} at t = {solution.t_end:.6g} s: {advice}")
         self.status, self.advice, self.solution = status, advice, solution
 
+    def __reduce__(self) -> tuple[type, tuple[Status, str, Solution]]:
+        """As an exception is copied: from the arguments of `__init__`, of which `args` holds the message alone."""
+        return type(self), (self.status, self.advice, self.solution)
+
 
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C during an integration; `solution` holds the trajectory so far."""
@@ -26,3 +30,7 @@ class Interrupted(KeyboardInterrupt):
     def __init__(self, solution: Solution) -> None:
         super().__init__(f"interrupted at t = {solution.t_end:.6g} s")
         self.solution = solution
+
+    def __reduce__(self) -> tuple[type, tuple[Solution]]:
+        """As for `IntegrationError`."""
+        return type(self), (self.solution,)

@@ -10,13 +10,13 @@ import dataclasses
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import body_index, normals, number, unit, vector
+from lieeuler.checks import Frozen, body_index, normals, number, unit, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.types import GROUND
 
 
 @dataclasses.dataclass(frozen=True)
-class LinearSpring:
+class LinearSpring(Frozen):
     """Pulls two points at distance L together with stiffness (L - free_length) + damping dL/dt.
 
     Parameters
@@ -56,7 +56,7 @@ class LinearSpring:
 
 
 @dataclasses.dataclass(frozen=True)
-class TorsionalSpring:
+class TorsionalSpring(Frozen):
     """Torque -(stiffness (theta - rest_angle) + damping dtheta/dt) on the child about a revolute or cylindrical axis.
 
     theta: R_parent^T R_child = exp(theta hat(parent_axis)) Q0, with Q0 the shortest rotation that takes child_axis to
@@ -102,7 +102,7 @@ class TorsionalSpring:
 
 
 @dataclasses.dataclass(frozen=True)
-class ConstantLoad:
+class ConstantLoad(Frozen):
     """A force at a point of a body and a torque on it, both constant in the world or in the body.
 
     Parameters

@@ -29,13 +29,13 @@ from typing import Any
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import body_index, normals, number, positive, rotation, unit, vector
+from lieeuler.checks import Frozen, body_index, normals, number, positive, rotation, unit, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.types import ArrayLike
 
 
 @dataclasses.dataclass(frozen=True)
-class Dot:
+class Dot(Frozen):
     """One scalar constraint row  scale * A . B - constant = 0.
 
     A and B are "difference" (child anchor minus parent anchor, world), or an axis fixed in "parent" or "child"
@@ -60,7 +60,7 @@ class Dot:
 
 
 @dataclasses.dataclass(frozen=True)
-class Joint:
+class Joint(Frozen):
     """Basic constraints between two bodies, or a body and the ground (index -1).
 
     Parameters

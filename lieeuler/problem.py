@@ -8,7 +8,7 @@ import functools
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import SMALLEST, array, positive, vector
+from lieeuler.checks import SMALLEST, Frozen, array, positive, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.forces import Force
 from lieeuler.joints import Joint
@@ -19,7 +19,7 @@ CLOSED = 1e-8
 
 
 @dataclasses.dataclass(frozen=True)
-class Body:
+class Body(Frozen):
     """A rigid body.
 
     Parameters
@@ -49,7 +49,7 @@ class Body:
 
 
 @dataclasses.dataclass(frozen=True)
-class Problem:
+class Problem(Frozen):
     """A rigid multibody system with its initial state.
 
     Parameters

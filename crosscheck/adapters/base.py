@@ -54,7 +54,8 @@ class Engine(Protocol):
     `States`: `crosscheck.adapters.foreign.own` has the defaults for the rest.
 
     It may also have `options` (names of the optional fields of `RunSpec` it knows; without it, all), `adaptive_methods`
-    (those that take rtol; with it, the others must be given a step) and `forms` (model forms, the preferred one first).
+    (those that take rtol; with it, the others must be given a step), `fixed_step_methods` (those that take a step,
+    where they are more than the others) and `forms` (model forms, the preferred one first).
     """
 
     name: str

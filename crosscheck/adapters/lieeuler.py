@@ -68,6 +68,7 @@ class LieEuler:
     methods = tuple(lieeuler.METHODS)
     forms = ("maximal",)
     adaptive_methods = tuple(name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls)
+    fixed_step_methods = tuple(name for name, method in lieeuler.METHODS.items() if "step" in method.controls)
     options = frozenset({"form", "coordinate_map", "spin_free", "alpha", "beta"})
 
     def version(self) -> str:

@@ -11,29 +11,28 @@ from crosscheck.cli import options
 from crosscheck.cli.console import console, progress_bar
 from crosscheck.cli.options import Engines, chosen, figure, figures
 
-SCENES = ("thrown_double", "thrown_triple")
-
 
 def chaos(
-    scene: Annotated[list[str] | None, options.scenes(" ".join(SCENES))] = None,
+    scene: Annotated[list[str] | None, options.scenes("thrown_double thrown_triple")] = None,
     engine: Engines = None,
     method: Annotated[list[str] | None, options.methods("rattle2 rattle4 DAE1H_LSE RK4 RK44 RKMK4")] = None,
     duration: Annotated[float, typer.Option(min=1.0, help="s, of each run")] = 2000.0,
     step: Annotated[float, typer.Option(min=1e-9, help="s; a power of 2 keeps clocks that add it up exact")] = 2.0**-8,
     time_limit: Annotated[float, options.time_limit("longer ones are left out")] = 120.0,
-    out: Annotated[Path, typer.Option(help="folder of the JSON and CSV")] = Path("reports/chaos"),
+    out: Annotated[Path, typer.Option(help="folder of the page, JSON and CSV")] = Path("reports/chaos"),
 ) -> None:
     """Do methods and engines agree on energies and heights of chaotic scenes, past the time where trajectories can?
 
     Exit code 0: no distribution differs; 1: one does.
     """
-    from crosscheck.studies import chaos as job
+    from crosscheck.studies.chaos import ChaosAsk, ChaosStudy
+    from crosscheck.studies.study import conduct
 
-    settings = job.Settings(duration, step, time_limit)
+    ask = ChaosAsk(chosen(scene), chosen(engine), chosen(method), time_limit, duration, step)
     with progress_bar() as progress:
-        document = job.study(chosen(scene) or SCENES, chosen(engine), chosen(method), settings, out, progress)
+        document = conduct(ChaosStudy(), ask, out, progress)
     _print(document)
-    typer.echo(f"table: {out / 'chaos.csv'}")
+    typer.echo(f"page: {out / 'index.html'}")
     raise typer.Exit(int(any(run["verdict"] == "differs" for run in document["runs"])))
 
 

@@ -20,16 +20,17 @@ def drift(
                                          "as the default is")] = 2.0**-10,
     steps: Annotated[int, typer.Option(min=2, help="of each run")] = 1_000_000,
     time_limit: Annotated[float, options.time_limit("longer ones are left out")] = 120.0,
-    out: Annotated[Path, typer.Option(help="folder of the JSON and CSV")] = Path("reports/drift"),
+    out: Annotated[Path, typer.Option(help="folder of the page, JSON and CSV")] = Path("reports/drift"),
 ) -> None:
     """Long runs: is the energy error a band, does the momentum hold, do constraints and attitudes?"""
-    from crosscheck.studies import drift_job as job
+    from crosscheck.studies.drift import DriftAsk, DriftStudy
+    from crosscheck.studies.study import conduct
 
-    request = job.Request(chosen(scene) or job.SCENES, chosen(engine), chosen(method), step, steps, time_limit)
+    ask = DriftAsk(chosen(scene), chosen(engine), chosen(method), time_limit, step, steps)
     with progress_bar() as progress:
-        document = job.study(request, out, progress)
+        document = conduct(DriftStudy(), ask, out, progress)
     _print(document)
-    typer.echo(f"table: {out / 'drift.csv'}")
+    typer.echo(f"page: {out / 'index.html'}")
 
 
 def _print(document: dict[str, Any]) -> None:

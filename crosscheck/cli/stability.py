@@ -25,11 +25,12 @@ def stability(
 
     A study that was killed goes on where it was when it is started again with the same arguments.
     """
-    from crosscheck.studies import stability_job as job
+    from crosscheck.studies.stability import Stability, StabilityAsk
+    from crosscheck.studies.study import conduct
 
-    request = job.Request(chosen(scene), chosen(engine), chosen(method), time_limit, jobs)
+    ask = StabilityAsk(chosen(scene), chosen(engine), chosen(method), time_limit, jobs)
     with progress_bar() as progress:
-        document = job.study(request, out, progress)
+        document = conduct(Stability(), ask, out, progress)
     _print(document)
     typer.echo(f"page: {out / 'index.html'}")
 

@@ -25,11 +25,12 @@ def work_precision(
     out: Annotated[Path, typer.Option(help="folder of the page, JSON and CSV")] = Path("reports/work-precision"),
 ) -> None:
     """Errors against stepping time and force evaluations, and who leads at 1e-2 ... 1e-11."""
-    from crosscheck.studies import work_precision_job as job
+    from crosscheck.studies.study import conduct
+    from crosscheck.studies.work_precision import WorkPrecision, WorkPrecisionAsk
 
-    request = job.Request(chosen(scene) or job.SCENES, chosen(engine), chosen(method), repeats, time_limit, bound)
+    ask = WorkPrecisionAsk(chosen(scene), chosen(engine), chosen(method), time_limit, repeats, bound)
     with progress_bar() as progress:
-        document = job.study(request, out, progress)
+        document = conduct(WorkPrecision(), ask, out, progress)
     _print(document)
     typer.echo(f"page: {out / 'index.html'}")
 

@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 from crosscheck.studies.frontier import BOUND
-
-if TYPE_CHECKING:
-    from crosscheck.studies.work_precision import Rung
+from crosscheck.studies.rung import Rung, errors_into
 
 TOLERANCES = (1e-3, 1e-6, 1e-9, 1e-12, 1e-15)
 """Each is an order of its own, and a compilation of seconds."""
@@ -39,8 +37,6 @@ class Bound:
 
     def rung(self, rtol: float) -> Rung:
         """The run at a tolerance, with its errors; compiles the series."""
-        from crosscheck.studies.work_precision import Rung, errors_into
-
         rung = Rung(self._scene.name, BOUND, "taylor", None, "bound: heyoka", None, rtol)
         try:
             unrolled = len(self._series.initial) <= LARGEST_UNROLLED

@@ -11,13 +11,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
-from crosscheck.studies.work_precision import Progress, Way
+from crosscheck.studies.drift import long_ways, too_long
+from crosscheck.studies.study import Ask, Progress
+from crosscheck.verification.ladder import Way
 
 FALSE_ALARM = 0.01
 """Probability that a study without any difference finds one."""
@@ -45,6 +48,7 @@ class Comparison:
     step: float  # s
     duration: float  # s
     horizon: float  # s, until which a perturbation of 1e-15 stays below 1e-10
+    comparisons: int = 1  # of the whole study, which share its false alarms
     status: str = "success"  # or "error", "skipped"
     reason: str = ""
     verdict: str = ""  # "agrees", "differs" or "undecided"
@@ -58,12 +62,12 @@ class Comparison:
 
 
 @dataclasses.dataclass(frozen=True)
-class Settings:
-    """How long each run is, its step, and the stepping time (s) beyond which it is left out."""
+class ChaosAsk(Ask):
+    """Also how long each run is and its step; one that would step longer than `time_limit` (s) is left out."""
 
+    time_limit: float = 120.0
     duration: float = 2000.0  # s
     step: float = 2.0**-8  # s
-    time_limit: float = 120.0
 
 
 def observables(scene: Scene, states: States) -> dict[str, np.ndarray]:
@@ -139,7 +143,7 @@ def laws(long: Scene) -> dict[str, Law]:
     return {name: Law.of(values[1:].reshape(RUNS, each)) for name, values in series.items()}
 
 
-def measure(scene: Scene, selected: Sequence[Way], comparisons: int, settings: Settings, progress: Progress,
+def measure(scene: Scene, selected: Sequence[Way], comparisons: int, ask: ChaosAsk, progress: Progress,
             keep: Callable[[list[Comparison]], None]) -> list[Comparison]:
     """Compare every way with the reference; `keep` is called after each with all so far.
 
@@ -149,16 +153,17 @@ def measure(scene: Scene, selected: Sequence[Way], comparisons: int, settings: S
     from crosscheck.references import truth as reference
 
     progress(0, len(selected), f"{scene.name}: reference")
-    long = long_scene(scene, settings.duration)
+    long = long_scene(scene, ask.duration)
     truth = laws(long)
     horizon = reference(scene).horizon
     done: list[Comparison] = []
     for index, way in enumerate(selected):
         progress(index, len(selected), f"{scene.name}: {way.label}")
-        found = Comparison(scene.name, way.engine, way.method, way.label, settings.step, long.duration, horizon)
+        found = Comparison(scene.name, way.engine, way.method, way.label, ask.step, long.duration, horizon,
+                           comparisons)
         done.append(found)
         try:
-            _run_into(found, way, long, settings.time_limit, truth, comparisons)
+            _run_into(found, way, long, ask.time_limit, truth, comparisons)
         except Exception as error:  # whatever an engine raises is a row of the study
             found.status, found.reason = "error", " ".join(str(error).split()) or type(error).__name__
         keep(done)
@@ -169,7 +174,6 @@ def _run_into(found: Comparison, way: Way, long: Scene, time_limit: float, truth
               comparisons: int) -> None:
     from crosscheck.running.run import run
     from crosscheck.scene.mechanics import kinetic_energy
-    from crosscheck.studies.drift import too_long
 
     reason = too_long(long, way, found.step, round(long.duration / found.step), time_limit)
     if reason:
@@ -183,34 +187,37 @@ def _run_into(found: Comparison, way: Way, long: Scene, time_limit: float, truth
     judge(found, truth, observables(long, states), comparisons)
 
 
-def study(scenes: Sequence[str], engines: Sequence[str] | None, methods: Sequence[str] | None, settings: Settings,
-          out: Any, progress: Progress) -> dict[str, Any]:
-    """Measure, write chaos.json and chaos.csv into `out` after every run, and return the document.
+class ChaosStudy:
+    """Do methods and engines agree on energies and heights past the time where trajectories can?"""
 
-    Raises `ArgumentError` for wrong names or a folder that must not be replaced; a failed run is a row.
-    """
-    from crosscheck import adapters as all_engines
-    from crosscheck.running import provenance
-    from crosscheck.scene.file import load_scene
-    from crosscheck.studies import results_folder
-    from crosscheck.studies.drift import chosen
-    from crosscheck.studies.work_precision import check_names
+    name = "chaos"
 
-    names = tuple(engines or all_engines.names())
-    check_names(names, tuple(methods) if methods else None)
-    loaded = [load_scene(name) for name in scenes]
-    results_folder.check(out, "chaos")
-    document: dict[str, Any] = {"study": "chaos", "meta": provenance.describe(names), "false_alarm": FALSE_ALARM,
-                                "comparisons": 0, "runs": []}
-    selected = [chosen(scene, names, methods) for scene in loaded]
-    document["comparisons"] = sum(
-        len(ways) * (1 + len(scene.bodies)) for scene, ways in zip(loaded, selected, strict=True))
-    for scene, ways in zip(loaded, selected, strict=True):
-        before = list(document["runs"])
+    def scenes(self) -> tuple[str, ...]:
+        """Free flights of jointed bodies."""
+        return "thrown_double", "thrown_triple"
 
-        def keep(found: list[Comparison], before: list[dict[str, Any]] = before) -> None:
-            document["runs"] = [*before, *(dataclasses.asdict(each) for each in found)]
-            results_folder.write(out, document, document["runs"])
+    def cells(self, ask: ChaosAsk, engines: tuple[str, ...], scenes: Sequence[Scene]) -> list[tuple[Scene, list[Way]]]:
+        """A scene and its ways each."""
+        return [(scene, long_ways(scene, engines, ask.methods)) for scene in scenes]
 
-        measure(scene, ways, document["comparisons"], settings, progress, keep)
-    return document
+    def measure(self, ask: ChaosAsk, cells: list[tuple[Scene, list[Way]]], out: Path, progress: Progress,
+                keep: Callable[[list[Comparison]], None]) -> None:
+        """Scene after scene, kept after every run."""
+        before: list[Comparison] = []
+        comparisons = sum(len(selected) * (1 + scene.n) for scene, selected in cells)
+        for scene, selected in cells:
+            earlier = tuple(before)
+
+            def kept(found: list[Comparison], earlier: tuple[Comparison, ...] = earlier) -> None:
+                keep([*earlier, *found])
+
+            before += measure(scene, selected, comparisons, ask, progress, kept)
+
+    def document(self, ask: ChaosAsk, results: list[Comparison]) -> dict[str, Any]:
+        """The comparisons, and how often chance alone makes a study differ."""
+        return {"false_alarm": FALSE_ALARM, "comparisons": max((each.comparisons for each in results), default=0),
+                "runs": [dataclasses.asdict(each) for each in results]}
+
+    def table(self, document: dict[str, Any]) -> list[dict[str, Any]]:
+        """A line a run."""
+        return list(document["runs"])

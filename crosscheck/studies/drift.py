@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from crosscheck.scene.model import Scene
-from crosscheck.studies.work_precision import Progress, Way, ways
+from crosscheck.studies.study import Ask, Progress
+from crosscheck.verification.ladder import Way, ways
 
 METHODS = ("rattle2", "rattle4", "DAE1H_LSE", "RK4", "RK44", "RKMK4")
 """By default the symmetric methods, an Euler method that holds all levels, and explicit Runge-Kutta of order 4."""
@@ -100,15 +102,6 @@ def judge(t: np.ndarray, errors: np.ndarray, steps: int) -> tuple[float, float, 
     return band, slope, trend, exponent, verdict
 
 
-def chosen(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None) -> list[Way]:
-    """The ways to be run: each method in the first form that can model the scene."""
-    found: dict[tuple[str, str], Way] = {}
-    for way in ways(scene, engines, methods or METHODS)[0]:
-        if not way.adaptive:
-            found.setdefault((way.engine, way.method), way)
-    return list(found.values())
-
-
 def measure(scene: Scene, selected: Sequence[Way], step: float, steps: int, time_limit: float, progress: Progress,
             keep: Callable[[list[Drift]], None]) -> list[Drift]:
     """The long runs, one after the other; `keep` is called after each with all so far.
@@ -179,3 +172,55 @@ def fill_in(drift: Drift, traj: Any) -> None:
     if traj.constraint_acceleration is not None:
         drift.constraint_acceleration = float(traj.constraint_acceleration.max())
     drift.orthogonality = float(traj.orthogonality.max())
+
+
+@dataclasses.dataclass(frozen=True)
+class DriftAsk(Ask):
+    """Also the step and how many of them each run takes."""
+
+    time_limit: float = 120.0  # s of one run
+    step: float = 2.0**-10  # s; an engine that adds up its steps misses sample times by one step where it rounds
+    steps: int = 1_000_000
+
+
+def long_ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None) -> list[Way]:
+    """The ways of long runs: each method with a fixed step in the first form that can model the scene."""
+    found: dict[tuple[str, str], Way] = {}
+    for way in ways(scene, engines, methods or METHODS)[0]:
+        if not way.adaptive:
+            found.setdefault((way.engine, way.method), way)
+    return list(found.values())
+
+
+class DriftStudy:
+    """What energy, momentum, constraints and attitudes do over very many steps."""
+
+    name = "drift"
+
+    def scenes(self) -> tuple[str, ...]:
+        """One body, and two."""
+        return "single_pendulum", "double_pendulum"
+
+    def cells(self, ask: DriftAsk, engines: tuple[str, ...], scenes: Sequence[Scene]) -> list[tuple[Scene, list[Way]]]:
+        """A scene and its ways each."""
+        return [(scene, long_ways(scene, engines, ask.methods)) for scene in scenes]
+
+    def measure(self, ask: DriftAsk, cells: list[tuple[Scene, list[Way]]], out: Path, progress: Progress,
+                keep: Callable[[list[Drift]], None]) -> None:
+        """Scene after scene, kept after every run."""
+        before: list[Drift] = []
+        for scene, selected in cells:
+            earlier = tuple(before)
+
+            def kept(drifts: list[Drift], earlier: tuple[Drift, ...] = earlier) -> None:
+                keep([*earlier, *drifts])
+
+            before += measure(scene, selected, ask.step, ask.steps, ask.time_limit, progress, kept)
+
+    def document(self, ask: DriftAsk, results: list[Drift]) -> dict[str, Any]:
+        """The runs."""
+        return {"runs": [dataclasses.asdict(drift) for drift in results]}
+
+    def table(self, document: dict[str, Any]) -> list[dict[str, Any]]:
+        """A line a run."""
+        return list(document["runs"])

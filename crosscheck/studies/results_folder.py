@@ -61,12 +61,13 @@ def journal(out: Path, study: str, state: str, types: dict[str, Any]) -> Iterato
     path.unlink()
 
 
-def write(out: Path, document: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], page: str | None = None,
-          static: Sequence[str] = ()) -> None:
-    """Write <study>.json, <study>.csv of its rows and, with a page, index.html and what it needs beside it.
+def write(out: Path, document: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write <study>.json, <study>.csv of its rows and index.html with what it needs beside it.
 
-    Numbers that are not finite become null, and empty cells. `static` are files of the report's pages.
+    Numbers that are not finite become null, and empty cells.
     """
+    from crosscheck.report.standalone import write_page
+
     study = document["study"]
     document = finite(document)
     put(out / f"{study}.json", json.dumps(document, indent=1, allow_nan=False))
@@ -76,12 +77,4 @@ def write(out: Path, document: Mapping[str, Any], rows: Sequence[Mapping[str, An
         writer.writeheader()
         writer.writerows(finite(list(rows)))
     put(out / f"{study}.csv", table.getvalue())
-    if page is not None:
-        import plotly.offline
-
-        from crosscheck.report.pages import HERE, environment
-
-        put(out / "plotly.min.js", plotly.offline.get_plotlyjs())
-        for name in static:
-            put(out / name, (HERE / "static" / name).read_text(encoding="utf-8"))
-        put(out / "index.html", environment().get_template(page).render(document=document))
+    write_page(out, f"{study}.html.j2", document=document, meta=document["meta"])

@@ -1,199 +1,229 @@
-"""The stability map: the largest step at which a method still gives a usable answer, scene by scene.
+"""The stability map: the largest usable step of every way, scene by scene.
 
-Runs have two samples, so that a step is the duration over any whole number of steps. A run is usable where it ends
-with an error against truth below `USABLE`; everything else, whatever name its failure has, is not. The error of one
-run may be small by accident, so that a step counts only where slightly shorter ones are usable too.
+Every way is searched in a worker process (`crosscheck.studies.bisection`) and kept in a journal as it ends.
 """
 
 from __future__ import annotations
 
-import collections
 import dataclasses
-import math
-import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from crosscheck.errors import ArgumentError, EngineError, Unsupported
-from crosscheck.references.base import Reference
+from crosscheck import adapters as all_engines
+from crosscheck.jobs.grid import Crash, Limits, run_tasks
+from crosscheck.jobs.journal import Journal
+from crosscheck.jobs.workers.process import GIGABYTE
+from crosscheck.running import provenance
 from crosscheck.scene.model import Scene
+from crosscheck.studies import results_folder
+from crosscheck.studies.bisection import COMMON, USABLE, Row, Task, search
+from crosscheck.studies.study import Ask, Progress
 
-USABLE = 0.1
-"""End error, as a share of how far the scene's bodies move or in rad, up to which a run says something."""
+TAG = "hard"
+ALSO = ("single_pendulum", "double_pendulum", "heavy_top")
+"""What the hard scenes are compared with: everyday ones."""
 
-CLOSE = 1.05
-"""The bisection ends where the step found and the next unusable one differ by less than this factor, or by one step."""
+OWN = "lieeuler"
 
-FINER = (1.15, 1.35)
-"""The usable step has to be usable at these many times its number of steps as well."""
+ADDED = ("pinocchio",)
+"""Engines without an integrator: their methods are steppers of this package over the engine's dynamics."""
 
-COMMON = 5
-"""The common step is the time in which the scene turns or falls by a radian, over this."""
+WAYS = 60
+"""A way may take this many times the limit of one run; its search makes some forty runs, most of them short."""
 
+PATIENCE = 900.0
+"""s that a way may take in any case: on a crowded machine, loading an engine alone takes a minute."""
 
-@dataclasses.dataclass(frozen=True)
-class Attempt:
-    """One run: its outcome is "usable", "inaccurate", or the name of its failure."""
+TRUTH_LIMIT = 1800.0
+"""s that the truth of one scene may take; that of stiff_damped takes a hundred on a machine that is free."""
 
-    steps: int
-    outcome: str
-    error: float | None  # share of the motion, or rad
-    wall_time: float  # s, of stepping; of the whole run where it failed
-    message: str = ""
+MEMORY = 4.0 * GIGABYTE
 
+SHADES = (0.95, 0.5, 0.1, 0.01)
+"""Shares of the largest step of a scene that bound the shades of the map, the first of which is as good as the best."""
 
-@dataclasses.dataclass(frozen=True)
-class Target:
-    """What runs of one scene are compared with: the true end, and the motion in m that makes position errors shares."""
-
-    scene: Scene  # two samples
-    x: np.ndarray  # (n, 3) true positions at the end
-    R: np.ndarray  # (n, 3, 3) true attitudes at the end
-    moved: float  # how far a body gets from its start at most: of a sleeping top that stays up this is little
-    attitudes: bool  # positions do not depend on attitudes here, so that these count
+TYPES = {"truth": dict[str, str], "way": Row}
 
 
 @dataclasses.dataclass(frozen=True)
-class Way:
-    """One engine and method, in the engine's preferred form, on one scene (a name or a path)."""
+class StabilityAsk(Ask):
+    """Also the number of worker processes. All scenes: the hard ones and `ALSO`."""
 
-    scene: str
-    engine: str
-    method: str
-    time_limit: float  # s of one run
+    time_limit: float = 2.0  # s of one run
+    jobs: int = 2
 
 
-def target(scene: Scene, truth: Reference) -> Target:
-    """The true state at the end of a scene, or at the last sample before its horizon, past which truth is not certain.
-    """
-    from crosscheck.judge import tolerances
+class Stability:
+    """The largest usable steps. A study that was killed goes on where it was."""
 
-    last = int(np.count_nonzero(truth.t <= truth.horizon * (1 + 1e-12))) - 1
-    if last < 1:
-        raise ArgumentError(f"scene {scene.name!r}: chaotic from its first sample on; give it more samples")
-    moved = float(np.linalg.norm(truth.states.x[:last + 1] - truth.states.x[0], axis=-1).max())
-    moved = moved or tolerances.scales(scene, truth).of("position")  # where nothing moves, anything is an error
-    tied = scene.joints or any(force.type in ("linear_spring", "constant_force") for force in scene.forces)
-    short = scene.replace(duration=float(truth.t[last]), samples=2)
-    return Target(short, truth.states.x[last], truth.states.R[last], moved, not tied)
+    name = "stability"
 
+    def __init__(self) -> None:
+        self._seconds = 0.0  # of all sessions
 
-def attempt(goal: Target, engine: str, method: str, steps: int) -> Attempt:
-    """Run with a number of steps of equal length; every failure of the run is an outcome with a name.
+    def scenes(self) -> tuple[str, ...]:
+        """Everyday scenes, then the hard ones."""
+        return (*ALSO, *hard_scenes())
 
-    Raises `Unsupported` where the engine cannot run the scene in this way.
-    """
-    from crosscheck.running.run import run
+    def cells(self, ask: StabilityAsk, engines: tuple[str, ...], scenes: Sequence[Scene]) -> list[Task]:
+        """A way on a scene each."""
+        return [Task(scene, engine, method, ask.time_limit) for scene in ask.scenes or self.scenes()
+                for engine in engines for method in fixed_step_methods(engine)
+                if ask.methods is None or method in ask.methods]
 
-    began = time.perf_counter()
-    try:
-        traj = run(goal.scene, engine, method, step=goal.scene.duration / steps, monitor=False)
-    except (Unsupported, ArgumentError):
-        raise
-    except Exception as error:  # whatever a foreign engine raises is what its user meets
-        return Attempt(steps, _failure(error), None, time.perf_counter() - began, " ".join(str(error).split())[:200])
-    found = end_error(goal, traj.x[-1], traj.R[-1])
-    outcome = "usable" if found <= USABLE else "inaccurate"
-    return Attempt(steps, outcome, found if math.isfinite(found) else None, traj.wall_time)
+    def measure(self, ask: StabilityAsk, cells: list[Task], out: Path, progress: Progress,
+                keep: Callable[[list[Row]], None]) -> None:
+        """In worker processes, kept as each way ends."""
+        from crosscheck.scene.file import load_scene
 
+        hashes = {task.scene: load_scene(task.scene).hash for task in cells}
+        engines = dict.fromkeys(task.engine for task in cells)
+        state = provenance.code_digest(engines, [dataclasses.asdict(ask), hashes])
+        found: list[Row | None] = [None] * len(cells)
+        with results_folder.journal(out, self.name, state, TYPES) as journal:
+            def kept(index: int, row: Row) -> None:
+                found[index] = row
+                self._seconds = journal.seconds
+                rows = [each for each in found if each is not None]
+                keep(rows)
+                progress(len(rows), len(cells), cells[index].key)
 
-def _failure(error: Exception) -> str:
-    """A run's failure in one word: the status where it has one."""
-    status = getattr(error, "status", None)
-    if status is not None:
-        return str(status.value)
-    if isinstance(error, EngineError):
-        return "diverged" if "diverged" in str(error) else "engine_error"
-    return type(error).__name__
+            _measure(cells, ask, journal, kept, progress)
 
+    def document(self, ask: StabilityAsk, results: list[Row]) -> dict[str, Any]:
+        """The map, the largest steps of each scene, and every run."""
+        meta = {"time_limit": ask.time_limit, "jobs": ask.jobs, "seconds": self._seconds}
+        return {"meta": meta, "usable": USABLE, "common": COMMON, "scenes": summary(results), "map": shaded(results),
+                "rows": [dataclasses.asdict(row) for row in results]}
 
-def end_error(goal: Target, x: np.ndarray, R: np.ndarray) -> float:
-    """Largest position error over the motion; where positions do not depend on attitudes, also their angle."""
-    from crosscheck.judge.metrics import attitude_angle
-
-    found = float(np.linalg.norm(x - goal.x, axis=-1).max()) / goal.moved
-    if goal.attitudes:
-        found = max(found, float(attitude_angle(R, goal.R).max()))
-    return found if math.isfinite(found) else math.inf
+    def table(self, document: dict[str, Any]) -> list[dict[str, Any]]:
+        """A line a way."""
+        return [{key: value for key, value in row.items() if key != "runs"} for row in document["rows"]]
 
 
-class Search:
-    """The bisection for one way; keeps every run."""
+def _measure(ways: list[Task], ask: StabilityAsk, journal: Journal, keep: Callable[[int, Row], None],
+             progress: Progress) -> None:
+    """Hand the row of every way to `keep`, from the journal where it is there."""
+    untrue = _without_truth(list(dict.fromkeys(way.scene for way in ways)), ask.jobs, journal, progress)
+    open_ways = []
+    for index, way in enumerate(ways):
+        row = journal.get("way", way.key)
+        if row is None and way.scene in untrue:
+            row = _failed(way, untrue[way.scene])
+        if row is None:
+            open_ways.append(index)
+        else:
+            keep(index, row)
 
-    def __init__(self, goal: Target, engine: str, method: str, time_limit: float) -> None:
-        self._goal, self._engine, self._method, self._time_limit = goal, engine, method, time_limit
-        self.runs: dict[int, Attempt] = {}
+    def done(place: int, row: Any) -> None:
+        way = ways[open_ways[place]]
+        if isinstance(row, Crash):  # not into the journal: what a crowded machine stopped may end the next time
+            keep(open_ways[place], _failed(way, row.message))
+        else:
+            keep(open_ways[place], journal.put("way", way.key, row))
 
-    def run(self, steps: int) -> Attempt:
-        """The run with this number of steps, from memory where it was made before."""
-        if steps not in self.runs:
-            self.runs[steps] = attempt(self._goal, self._engine, self._method, steps)
-        return self.runs[steps]
-
-    def usable(self, steps: int) -> bool:
-        """Whether this number of steps, and somewhat larger ones, are usable."""
-        return all(self.run(math.ceil(factor * steps)).outcome == "usable" for factor in (1.0, *FINER))
-
-    def fewest(self) -> int | None:
-        """The fewest usable steps; None where runs get longer than the limit before one is usable."""
-        steps = 1
-        while not self.usable(steps):
-            if self._too_slow(steps):
-                return None
-            steps *= 2
-        low, high = steps // 2, steps  # unusable (or no step at all), usable
-        while high - low > 1 and high > CLOSE * low:
-            middle = max(low + 1, min(high - 1, round(math.sqrt(max(low, 1) * high))))
-            low, high = (low, middle) if self.usable(middle) else (middle, high)
-        return high
-
-    def _too_slow(self, steps: int) -> bool:
-        """Whether twice as many steps would go beyond the limit; asked twice, for the machine may have been busy."""
-        if 2 * self.runs[steps].wall_time <= self._time_limit:
-            return False
-        again = attempt(self._goal, self._engine, self._method, steps)
-        return 2 * min(again.wall_time, self.runs[steps].wall_time) > self._time_limit
+    run_tasks(search, [ways[index] for index in open_ways], ask.jobs, done,
+              Limits(max(PATIENCE, WAYS * ask.time_limit), MEMORY))
 
 
-def search(way: Way) -> dict[str, Any]:
-    """The row of one way. An unsupported scene, and a way without a usable step within the limit, are rows too."""
-    from crosscheck import adapters
-    from crosscheck.adapters.base import RunSpec
-    from crosscheck.judge.plan import natural_time
+def _failed(way: Task, reason: str) -> Row:
+    from crosscheck.scene.file import load_scene
+
+    return Row(load_scene(way.scene).name, way.engine, way.method, "failed", reason=reason)
+
+
+def _without_truth(scenes: list[str], jobs: int, journal: Journal, progress: Progress) -> dict[str, str]:
+    """Why some scenes have no truth. That of the others is in the cache then, and costs their ways no time."""
+    kept = {scene: journal.get("truth", scene) for scene in scenes}
+    missing = [scene for scene, entry in kept.items() if entry is None]
+
+    def done(place: int, result: Any) -> None:
+        if isinstance(result, Crash):
+            kept[missing[place]] = {"reason": result.message}
+        else:
+            kept[missing[place]] = journal.put("truth", missing[place], {"reason": ""})
+        progress(place + 1, len(missing), f"truth of {missing[place]}")
+
+    run_tasks(prepare, missing, jobs, done, Limits(TRUTH_LIMIT, MEMORY))
+    return {scene: entry["reason"] for scene, entry in kept.items() if entry["reason"]}
+
+
+def prepare(scene: str) -> None:
+    """Put the truth of a scene into the cache; raises what `crosscheck.truth` raises."""
     from crosscheck.references import truth
     from crosscheck.scene.file import load_scene
 
-    scene = load_scene(way.scene)
-    row = blank(scene.name, way)
-    common = max(1, math.ceil(COMMON * scene.duration / natural_time(scene)))
-    goal = target(scene, truth(scene))
-    common = max(1, round(common * goal.scene.duration / scene.duration))
-    adapter = adapters.get(way.engine)
-    reason = adapter.unsupported(goal.scene, RunSpec(way.method, step=goal.scene.duration / common))
-    if reason is not None:
-        return row | {"outcome": "unsupported", "reason": reason}
-    hunt = Search(goal, way.engine, way.method, way.time_limit)
-    try:
-        shared = hunt.run(common)  # first, for it also loads the engine, which is no part of the time of a run
-        fewest = hunt.fewest()
-    except Unsupported as error:  # some adapters find out while they build
-        return row | {"outcome": "unsupported", "reason": str(error)}
-    failures = collections.Counter(run.outcome for run in hunt.runs.values() if run.outcome != "usable")
-    worst = next((run.message for run in hunt.runs.values() if run.message), "")
-    row |= {"common_step": goal.scene.duration / common, "common_outcome": shared.outcome, "common_error": shared.error,
-            "failures": ", ".join(f"{name} {count}" for name, count in sorted(failures.items())), "reason": worst,
-            "runs": [dataclasses.asdict(hunt.runs[steps]) for steps in sorted(hunt.runs)]}
-    if fewest is None:
-        return row | {"outcome": "none within the limit",
-                      "reason": f"finer runs would take more than {way.time_limit:g} s; {worst}".rstrip("; ")}
-    best = hunt.runs[fewest]
-    return row | {"outcome": "usable", "h_max": goal.scene.duration / fewest, "steps": fewest, "error": best.error,
-                  "milliseconds": 1e3 * best.wall_time}
+    truth(load_scene(scene))
 
 
-def blank(scene: str, way: Way) -> dict[str, Any]:
-    """A row with nothing measured."""
-    return {"scene": scene, "engine": way.engine, "method": way.method, "outcome": "", "h_max": None, "steps": None,
-            "error": None, "milliseconds": None, "common_step": None, "common_outcome": "", "common_error": None,
-            "failures": "", "reason": "", "runs": []}
+def hard_scenes() -> tuple[str, ...]:
+    """Names of the built-in scenes with the tag "hard"."""
+    from crosscheck.scene.file import load_scene, scene_names
+
+    return tuple(name for name in scene_names() if TAG in load_scene(name).tags)
+
+
+def fixed_step_methods(engine: str) -> tuple[str, ...]:
+    """Methods that take a step and do not change it."""
+    adapter = all_engines.get(engine)
+    fixed = getattr(adapter, "fixed_step_methods", None)
+    if fixed is not None:
+        return tuple(fixed)
+    return tuple(name for name in adapter.methods if name not in getattr(adapter, "adaptive_methods", ()))
+
+
+def summary(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Per scene the largest usable step in-house, among engines with integrators of their own, and among all others.
+
+    `ratio` is in-house over the former, `ratio_any` over the latter; None where either is missing.
+    """
+    found = []
+    for scene in dict.fromkeys(row.scene for row in rows):
+        usable = [row for row in rows if row.scene == scene and row.h_max is not None]
+        own = _largest([row for row in usable if row.engine == OWN])
+        stock = _largest([row for row in usable if row.engine not in (OWN, *ADDED)])
+        other = _largest([row for row in usable if row.engine != OWN])
+        found.append({"scene": scene, "own": _label(own), "own_h_max": _step(own), "stock": _label(stock),
+                      "stock_h_max": _step(stock), "ratio": _ratio(own, stock), "any": _label(other),
+                      "any_h_max": _step(other), "ratio_any": _ratio(own, other)})
+    return found
+
+
+def shaded(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """The map: for every engine and method a cell per scene, shaded from 0, the scene's largest step, to `SHADES`."""
+    scenes = list(dict.fromkeys(row.scene for row in rows))
+    largest = {scene: max((row.h_max for row in rows if row.scene == scene and row.h_max), default=0.0)
+               for scene in scenes}
+    by_way: dict[tuple[str, str], dict[str, Row]] = {}
+    for row in rows:
+        by_way.setdefault((row.engine, row.method), {})[row.scene] = row
+    return [{"engine": engine, "method": method, "cells": [_cell(cells.get(scene), scene, largest[scene])
+                                                           for scene in scenes]}
+            for (engine, method), cells in by_way.items()]
+
+
+def _cell(row: Row | None, scene: str, largest: float) -> dict[str, Any]:
+    """A cell of the map; `row` is None where this way was not measured."""
+    if row is None:
+        return {"scene": scene, "h_max": None, "shade": None, "common_error": None, "outcome": "", "reason": ""}
+    step = row.h_max
+    return {"scene": scene, "h_max": step, "common_error": row.common_error, "outcome": row.outcome,
+            "shade": None if step is None else sum(step < share * largest for share in SHADES),
+            "reason": row.failures or row.reason}
+
+
+def _largest(rows: Sequence[Row]) -> Row | None:
+    return max(rows, key=lambda row: row.h_max or 0.0, default=None)
+
+
+def _label(row: Row | None) -> str:
+    return "" if row is None else f"{row.engine} {row.method}"
+
+
+def _step(row: Row | None) -> float | None:
+    return None if row is None else row.h_max
+
+
+def _ratio(one: Row | None, other: Row | None) -> float | None:
+    return one.h_max / other.h_max if one and other and one.h_max and other.h_max else None

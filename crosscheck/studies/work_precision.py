@@ -11,22 +11,23 @@ import dataclasses
 import math
 import statistics
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from crosscheck.errors import ArgumentError
+from crosscheck.errors import Unsupported
 from crosscheck.judge.plan import natural_time
-from crosscheck.references.base import Reference
+from crosscheck.references.base import Reference, TruthError
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import States
+from crosscheck.studies import frontier
+from crosscheck.studies.bound import TOLERANCES, Bound
+from crosscheck.studies.rung import Rung, errors_into
+from crosscheck.studies.study import Ask, Progress
+from crosscheck.verification.ladder import INTERVALS, Way, ladder, reference, ways
 
-INTERVALS = 64
-"""Of the samples for the largest errors. A power of two, as the step counts of ladders are up to a factor 3."""
-
-RTOLS = tuple(10.0**-power for power in range(1, 15))
-"""Relative tolerances of the adaptive methods."""
+FRONTIERS = {"end position": ("end_position", "m"), "end attitude": ("end_attitude", "rad"),
+             "largest position": ("max_position", "m"), "largest attitude": ("max_attitude", "rad")}
+"""Errors by which a frontier is drawn: column of a rung, and unit."""
 
 GOOD, LEAST_GAIN = 1e-9, 1.3
 """Below the error `GOOD`, two finer rungs in a row that gain less than this factor end a ladder: round-off rules."""
@@ -37,109 +38,6 @@ WAITED = 0.03
 CLEAN, TRIES, PATIENCE = 3, 6, 0.1
 """A turn is the fastest of so many undisturbed tries, out of so many at most, in about so many seconds: the first finds
 the caches full of another engine's data, which for runs of 50 us doubles the time."""
-
-Progress = Callable[[int, int | None, str], Any]
-
-
-@dataclasses.dataclass(frozen=True)
-class Way:
-    """One way to integrate a scene."""
-
-    engine: str
-    method: str
-    form: str | None
-    adaptive: bool
-    order: int | None
-
-    @property
-    def label(self) -> str:
-        """Engine, method and form."""
-        return f"{self.engine} {self.method}" + (f" ({self.form})" if self.form else "")
-
-
-@dataclasses.dataclass
-class Rung:
-    """One run of a way. Lengths in m, angles in rad, largest over the bodies; times are of stepping alone.
-
-    `setup_ms` is everything else: the engine's model and the conversion of its two samples.
-    """
-
-    scene: str
-    engine: str
-    method: str
-    form: str | None
-    label: str
-    step: float | None  # s
-    rtol: float | None
-    status: str = "success"  # or "error", "skipped"
-    reason: str = ""
-    steps: int | None = None
-    rejected_steps: int | None = None
-    force_evaluations: int | None = None  # where the engine counts them
-    end_position: float | None = None
-    end_attitude: float | None = None
-    max_position: float | None = None  # over the samples that the steps meet
-    max_attitude: float | None = None
-    samples: int | None = None  # those of the largest errors
-    wall_ms: float | None = None  # median over the repeats
-    wall_deviation_ms: float | None = None  # their median absolute deviation
-    setup_ms: float | None = None
-    repeats: int = 0
-    times: list[tuple[float, float]] = dataclasses.field(default_factory=list, repr=False)  # s, stepping and set-up
-
-    def plain(self) -> dict[str, Any]:
-        """As a row of a table."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "times"}
-
-
-def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = None) -> tuple[list[Way], list[Rung]]:
-    """Every way to integrate the scene, and a skipped rung with the reason for each combination that does not exist.
-
-    Parameters
-    ----------
-    engines : names as `crosscheck.adapters.get` takes them, none in an environment of its own
-    methods : only these; None for all
-    """
-    from crosscheck.adapters import get
-    from crosscheck.adapters.base import RunSpec
-
-    found, missing = [], []
-    for name in engines:
-        adapter = get(name)
-        adaptive = tuple(getattr(adapter, "adaptive_methods", None) or ())
-        for form in tuple(getattr(adapter, "forms", ())) or (None,):
-            for method in adapter.methods:
-                if methods is not None and method not in methods:
-                    continue
-                varies = method in adaptive
-                spec = RunSpec(method, None if varies else scene.duration / 64, RTOLS[0] if varies else None, form=form)
-                reason = adapter.unsupported(scene, spec)
-                way = Way(name, method, form, varies, None if reason else adapter.documented_order(scene, spec))
-                if reason is None:
-                    found.append(way)
-                else:
-                    missing.append(dataclasses.replace(_rung(scene, way, None), status="skipped", reason=reason))
-    return found, missing
-
-
-def ladder(scene: Scene, way: Way) -> Iterator[tuple[int | None, float]]:
-    """(steps, step in s) of a fixed-step way, coarse to fine without end, or (None, rtol) of an adaptive one.
-
-    The first step is about four natural times of the scene, for methods up to order 2 one; it then shrinks by 3/2 and
-    4/3 in turn, for these by 2: errors of low order differ less from step to step.
-    """
-    if way.adaptive:
-        yield from ((None, rtol) for rtol in RTOLS)
-        return
-    low = way.order is not None and way.order <= 2
-    natural = scene.duration / natural_time(scene) / (1 if low else 4)
-    count = 2 ** max(1, math.floor(math.log2(max(natural, 1.0))))
-    while True:
-        yield count, scene.duration / count
-        if not low:
-            yield count * 3 // 2, scene.duration / (count * 3 // 2)
-        count *= 2
-
 
 def measure(scene: Scene, chosen: Sequence[Way], truth: Reference, repeats: int, time_limit: float,
             progress: Progress, keep: Callable[[list[Rung]], None], bound: bool = True) -> list[Rung]:
@@ -153,8 +51,6 @@ def measure(scene: Scene, chosen: Sequence[Way], truth: Reference, repeats: int,
     keep : called with all rungs after each round, so that a kill loses no more than one
     bound : also the Taylor series of heyoka
     """
-    from crosscheck.studies.bound import TOLERANCES, Bound
-
     rungs: list[Rung] = []
     runs: list[tuple[Rung, Callable[[], float]]] = []
     total = len(chosen) + (len(TOLERANCES) if bound else 0)
@@ -186,7 +82,7 @@ def _walk(scene: Scene, way: Way, truth: Reference, time_limit: float) -> list[R
     last, pace = None, 0.0  # the last rung that ran, and what it says about the next: s per step, or s of a run
     best, stale = math.inf, 0  # least error, and the rungs in a row without gain
     for count, value in ladder(scene, way):
-        rung = _rung(scene, way, value)
+        rung = Rung.of(scene, way, value)
         rungs.append(rung)
         if last and pace * (count or 1) > time_limit:
             # one busy moment of the machine must not end a ladder; should it fail now, so will the timed rounds
@@ -221,11 +117,6 @@ GROWTH = 1.5
 """An adaptive run at a tenth of the tolerance takes about this much longer at least, by the order of the methods."""
 
 
-def _rung(scene: Scene, way: Way, value: float | None) -> Rung:
-    return Rung(scene.name, way.engine, way.method, way.form, way.label, None if way.adaptive else value,
-                value if way.adaptive else None)
-
-
 def _explore(scene: Scene, rung: Rung, count: int | None, truth: Reference) -> float:
     """Fill in the errors of a rung; returns the seconds of its stepping. A failure is written into the rung."""
     intervals = INTERVALS if count is None else min(INTERVALS, count & -count)
@@ -236,23 +127,7 @@ def _explore(scene: Scene, rung: Rung, count: int | None, truth: Reference) -> f
         return 0.0
     rung.steps = traj.steps
     errors_into(rung, scene, traj, truth, intervals)
-    return traj.wall_time
-
-
-def errors_into(rung: Rung, scene: Scene, run: Any, truth: Reference, intervals: int) -> None:
-    """Fill in the errors of a run at `intervals` + 1 even times against the truth at more of them."""
-    from crosscheck.judge.metrics import errors
-
-    found = errors(scene, run, _thinned(truth.states, intervals))
-    rung.samples = intervals + 1
-    for quantity in ("position", "attitude"):
-        setattr(rung, f"end_{quantity}", found[quantity].end)
-        setattr(rung, f"max_{quantity}", found[quantity].max)
-
-
-def _thinned(states: States, intervals: int) -> States:
-    every = (len(states.t) - 1) // intervals
-    return States(states.t[::every], states.x[::every], states.R[::every], states.v[::every], states.w[::every])
+    return float(traj.wall_time)
 
 
 def _run(scene: Scene, rung: Rung, samples: int) -> Any:
@@ -270,7 +145,7 @@ def _timer(scene: Scene, rung: Rung) -> Callable[[], float]:
         rung.steps = traj.steps
         rung.rejected_steps = traj.stats.get("rejected_steps")
         rung.force_evaluations = traj.stats.get("force_evaluations")
-        return traj.wall_time
+        return float(traj.wall_time)
 
     return once
 
@@ -307,33 +182,87 @@ def _take(rung: Rung, once: Callable[[], float]) -> None:
     rung.setup_ms = 1e3 * statistics.median(pair[1] for pair in rung.times)
 
 
-def reference(scene: Scene) -> tuple[Scene, Reference]:
-    """The scene, ended where its truth stops being comparable, and its truth at `INTERVALS` + 1 times.
+@dataclasses.dataclass(frozen=True)
+class WorkPrecisionAsk(Ask):
+    """Also how many rounds, and whether heyoka shows what is possible."""
 
-    Raises `crosscheck.references.TruthError` or `Unsupported` for a scene without truth.
-    """
-    from crosscheck.references import truth
-
-    sampled = scene.replace(samples=INTERVALS + 1)
-    found = truth(sampled)
-    if found.horizon < scene.duration * (1 - 1e-12):
-        sampled = sampled.replace(duration=float(np.floor(10 * found.horizon) / 10) or found.horizon)
-        found = truth(sampled)
-    return sampled, found
+    repeats: int = 5
+    bound: bool = True
 
 
-def check_names(engines: Sequence[str], methods: Sequence[str] | None) -> None:
-    """Raise `ArgumentError` for an engine whose times compare with no other, or a method that none of them has."""
-    from crosscheck.adapters import has_own_environment
-    from crosscheck.adapters import methods as methods_of
-    from crosscheck.errors import unknown
+@dataclasses.dataclass(frozen=True)
+class Ladders:
+    """The ways of one scene, whose rungs take turns."""
 
-    known: list[str] = []
-    for name in engines:
-        if has_own_environment(name):
-            raise ArgumentError(f"engine: {name} runs in an environment of its own, so that its times compare with no "
-                                f"other; name the installed version, {name.partition('==')[0]}")
-        known += methods_of(name)
-    for method in methods or ():
-        if method not in known:
-            raise ArgumentError(unknown("method", method, tuple(dict.fromkeys(known))))
+    scene: Scene
+    engines: tuple[str, ...]
+
+
+@dataclasses.dataclass
+class Ladder:
+    """What is known of one scene: its truth or why there is none, and all rungs."""
+
+    name: str
+    description: str
+    duration: float
+    failure: str | None = None
+    truth: dict[str, str | float] | None = None
+    rungs: list[Rung] = dataclasses.field(default_factory=list)
+
+    def plain(self) -> dict[str, Any]:
+        """As the document has it, with its frontiers."""
+        rungs = [rung.plain() for rung in self.rungs]
+        fronts = {name: [dataclasses.asdict(front) for front in frontier.frontier(frontier.curves(rungs, column))]
+                  for name, (column, _) in FRONTIERS.items()}
+        return {"name": self.name, "description": self.description, "duration": self.duration, "failure": self.failure,
+                "truth": self.truth, "rungs": rungs, "frontier": fronts if rungs else {}}
+
+
+class WorkPrecision:
+    """What every engine, form and method pays for its error."""
+
+    name = "work-precision"
+
+    def scenes(self) -> tuple[str, ...]:
+        """Two pendulums and the heavy top."""
+        return "single_pendulum", "double_pendulum", "heavy_top"
+
+    def cells(self, ask: WorkPrecisionAsk, engines: tuple[str, ...], scenes: Sequence[Scene]) -> list[Ladders]:
+        """A scene each: only runs that take turns compare in time."""
+        return [Ladders(scene, engines) for scene in scenes]
+
+    def measure(self, ask: WorkPrecisionAsk, cells: list[Ladders], out: Path, progress: Progress,
+                keep: Callable[[list[Ladder]], None]) -> None:
+        """Scene after scene, kept after every round; one without truth says why."""
+        results: list[Ladder] = []
+        for cell in cells:
+            scene = cell.scene
+            found = Ladder(scene.name, scene.description, scene.duration)
+            results.append(found)
+            try:
+                progress(0, None, f"{scene.name}: truth")
+                sampled, truth = reference(scene)
+            except (Unsupported, TruthError) as error:
+                found.failure = " ".join(str(error).split())
+                keep(results)
+                continue
+            found.duration = sampled.duration
+            found.truth = {"source": truth.source, "disagreement": truth.disagreement,
+                           "amplification": truth.amplification}
+            chosen, refused = ways(sampled, cell.engines, ask.methods)
+            missing = [Rung.of(sampled, way, None, "skipped", reason) for way, reason in refused]
+
+            def kept(rungs: list[Rung], found: Ladder = found, missing: list[Rung] = missing) -> None:
+                found.rungs = [*rungs, *missing]
+                keep(results)
+
+            measure(sampled, chosen, truth, ask.repeats, ask.time_limit, progress, kept, ask.bound)
+
+    def document(self, ask: WorkPrecisionAsk, results: list[Ladder]) -> dict[str, Any]:
+        """Per scene its rungs and frontiers."""
+        return {"meta": {"repeats": ask.repeats, "time_limit": ask.time_limit},
+                "scenes": [ladder.plain() for ladder in results]}
+
+    def table(self, document: dict[str, Any]) -> list[dict[str, Any]]:
+        """A line a rung."""
+        return [rung for scene in document["scenes"] for rung in scene["rungs"]]

@@ -5,8 +5,9 @@ import itertools
 import pytest
 
 from crosscheck.running import provenance
-from crosscheck.studies import results_folder, stability_job
-from crosscheck.studies.stability import COMMON, USABLE, Way, blank
+from crosscheck.studies import results_folder
+from crosscheck.studies.bisection import Row
+from crosscheck.studies.stability import Stability, StabilityAsk
 from tests.browser.conftest import Watched
 
 SCENES = ("single_pendulum", "fast_top_1500", "sleeping_top_below")
@@ -19,22 +20,21 @@ def folder(tmp_path_factory):
     """A page of figures made up, with a failure of every kind."""
     rows = []
     for index, (scene, (engine, method)) in enumerate(itertools.product(SCENES, WAYS)):
-        row = blank(scene, Way(scene, engine, method, 1.0))
         if index == 4:
-            row |= {"outcome": "unsupported", "reason": "no such joint"}
+            found = {"outcome": "unsupported", "reason": "no such joint"}
         elif index == 7:
-            row |= {"outcome": "none within the limit", "reason": "finer runs would take more than 1 s " * 5,
-                    "failures": "diverged 3"}
+            found = {"outcome": "none within the limit", "reason": "finer runs would take more than 1 s " * 5,
+                     "failures": "diverged 3"}
         else:
-            row |= {"outcome": "usable", "h_max": 0.3 / (1 + index) ** 2, "steps": 10 + index, "error": 0.09,
-                    "milliseconds": 1.5, "common_step": 0.01, "common_outcome": "usable", "common_error": 1e-5 * index,
-                    "failures": "inaccurate 3, map_domain 2"}
-        rows.append(row)
-    document = {"study": stability_job.STUDY, "usable": USABLE, "common": COMMON, "rows": rows,
-                "scenes": stability_job.summary(rows), "map": stability_job.shaded(rows),
-                "meta": provenance.describe(["lieeuler"]) | {"time_limit": 1.0, "jobs": 2, "seconds": 12.0}}
+            found = {"outcome": "usable", "h_max": 0.3 / (1 + index) ** 2, "steps": 10 + index, "error": 0.09,
+                     "milliseconds": 1.5, "common_step": 0.01, "common_outcome": "usable", "common_error": 1e-5 * index,
+                     "failures": "inaccurate 3, map_domain 2"}
+        rows.append(Row(scene, engine, method, **found))
+    study = Stability()
+    more = study.document(StabilityAsk(), rows)
+    document = {"study": study.name} | more | {"meta": provenance.describe(["lieeuler"]) | more["meta"]}
     out = tmp_path_factory.mktemp("stability")
-    results_folder.write(out, document, rows, "stability.html.j2", stability_job.STATIC)
+    results_folder.write(out, document, study.table(document))
     return out
 
 

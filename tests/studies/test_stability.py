@@ -11,8 +11,10 @@ from typer.testing import CliRunner
 from crosscheck import load_scene
 from crosscheck.cli.app import app
 from crosscheck.errors import ArgumentError
-from crosscheck.studies import stability, stability_job
-from crosscheck.studies.stability import Attempt, Search
+from crosscheck.studies import bisection, stability
+from crosscheck.studies.bisection import Attempt, Row, Search, Task
+from crosscheck.studies.stability import Stability, StabilityAsk
+from crosscheck.studies.study import conduct
 
 ONE = ["study", "stability", "single_pendulum", "--engine", "lieeuler", "--time-limit", "20", "--jobs", "1"]
 
@@ -25,7 +27,7 @@ def pretend(monkeypatch, outcome, seconds=1e-6):
         made.append(steps)
         return Attempt(steps, outcome(steps), None, seconds * steps)
 
-    monkeypatch.setattr(stability, "attempt", attempt)
+    monkeypatch.setattr(bisection, "attempt", attempt)
     return made
 
 
@@ -33,7 +35,7 @@ def pretend(monkeypatch, outcome, seconds=1e-6):
 def test_the_bisection_finds_the_fewest_usable_steps(monkeypatch, limit):
     pretend(monkeypatch, lambda steps: "usable" if steps >= limit else "inaccurate")
     found = Search(None, "engine", "method", 10.0).fewest()
-    assert limit <= found <= max(limit, math.ceil(stability.CLOSE * limit))
+    assert limit <= found <= max(limit, math.ceil(bisection.CLOSE * limit))
 
 
 def test_a_step_that_is_usable_by_chance_does_not_count(monkeypatch):
@@ -51,25 +53,24 @@ def test_the_error_counts_positions_and_of_free_bodies_attitudes():
     scene = load_scene("single_pendulum").replace(samples=2)
     x, R = np.zeros((1, 3)), np.eye(3)[None]
     quarter = np.array([[[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
-    jointed, free = (stability.Target(scene, x, R, 2.0, attitudes) for attitudes in (False, True))
-    assert stability.end_error(jointed, x + np.array([0.0, 0.3, 0.4]), quarter) == pytest.approx(0.25)
-    assert stability.end_error(free, x, quarter) == pytest.approx(np.pi / 2)
-    assert stability.end_error(jointed, np.full((1, 3), np.nan), R) == math.inf
+    jointed, free = (bisection.Target(scene, x, R, 2.0, attitudes) for attitudes in (False, True))
+    assert bisection.end_error(jointed, x + np.array([0.0, 0.3, 0.4]), quarter) == pytest.approx(0.25)
+    assert bisection.end_error(free, x, quarter) == pytest.approx(np.pi / 2)
+    assert bisection.end_error(jointed, np.full((1, 3), np.nan), R) == math.inf
 
 
 def row(scene, engine, method, step, outcome="usable"):
-    return {"scene": scene, "engine": engine, "method": method, "h_max": step, "outcome": outcome, "failures": "",
-            "reason": "", "common_error": None}
+    return Row(scene, engine, method, outcome, step)
 
 
 def test_the_summary_takes_the_largest_steps_and_the_map_shades_by_them():
     rows = [row("a", "lieeuler", "one", 0.2), row("a", "lieeuler", "two", 0.4), row("a", "mujoco", "RK4", 0.1),
             row("a", "pinocchio", "RKMK8", 0.8), row("b", "lieeuler", "one", None, "failed"),
             row("b", "mujoco", "RK4", 0.3)]
-    first, second = stability_job.summary(rows)
+    first, second = stability.summary(rows)
     assert (first["own"], first["ratio"], first["ratio_any"]) == ("lieeuler two", 4.0, 0.5)
     assert (second["own"], second["stock"], second["ratio"]) == ("", "mujoco RK4", None)
-    shades = {(line["method"], cell["scene"]): cell["shade"] for line in stability_job.shaded(rows)
+    shades = {(line["method"], cell["scene"]): cell["shade"] for line in stability.shaded(rows)
               for cell in line["cells"]}
     assert shades["RKMK8", "a"] == 0
     assert shades["two", "a"] == 1
@@ -99,8 +100,8 @@ def test_the_command_and_its_page(tmp_path):
 def test_a_killed_study_goes_on_where_it_was(tmp_path, monkeypatch):
     """The first way ends, then the study does; the next one does not run it again."""
     # whoever edits a file of the package between the two has changed the code, and begins anew
-    monkeypatch.setattr(stability_job.provenance, "code_digest", lambda *_: 64 * "0")
-    request = stability_job.Request(("single_pendulum",), ("lieeuler",), ("rattle2", "rattle4"), 20.0, 1)
+    monkeypatch.setattr(stability.provenance, "code_digest", lambda *_: 64 * "0")
+    request = StabilityAsk(("single_pendulum",), ("lieeuler",), ("rattle2", "rattle4"), 20.0, 1)
 
     class Killed(BaseException):
         pass
@@ -110,17 +111,17 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path, monkeypatch):
             raise Killed
 
     with pytest.raises(Killed):
-        stability_job.study(request, tmp_path, progress)
+        conduct(Stability(), request, tmp_path, progress)
     asked = []
-    real = stability_job.run_tasks
+    real = stability.run_tasks
 
     def watched(function, tasks, *more):
         asked.extend(tasks)
         return real(function, tasks, *more)
 
-    monkeypatch.setattr(stability_job, "run_tasks", watched)
-    document = stability_job.study(request, tmp_path, lambda *_: None)
-    assert [way.method for way in asked if isinstance(way, stability.Way)] == ["rattle4"]
+    monkeypatch.setattr(stability, "run_tasks", watched)
+    document = conduct(Stability(), request, tmp_path, lambda *_: None)
+    assert [way.method for way in asked if isinstance(way, Task)] == ["rattle4"]
     assert [row["method"] for row in document["rows"]] == ["rattle2", "rattle4"]
     assert all(row["outcome"] == "usable" for row in document["rows"])
 
@@ -128,4 +129,4 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path, monkeypatch):
 def test_folders_of_other_things_are_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("")
     with pytest.raises(ArgumentError, match="something else"):
-        stability_job.study(stability_job.Request(("single_pendulum",)), tmp_path, lambda *_: None)
+        conduct(Stability(), StabilityAsk(("single_pendulum",)), tmp_path, lambda *_: None)

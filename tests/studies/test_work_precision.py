@@ -12,7 +12,9 @@ from crosscheck import load_scene
 from crosscheck.cli.app import app
 from crosscheck.errors import ArgumentError
 from crosscheck.studies import work_precision
-from crosscheck.studies.work_precision import INTERVALS, Way, check_names, ladder, measure, reference, ways
+from crosscheck.studies.study import check_names, conduct
+from crosscheck.studies.work_precision import WorkPrecision, WorkPrecisionAsk, measure
+from crosscheck.verification.ladder import INTERVALS, Way, ladder, reference, ways
 
 
 def quietly(*_):
@@ -109,7 +111,7 @@ def test_every_combination_is_a_way_or_has_a_reason(swing):
     found, missing = ways(scene, names)
     combinations = sum(len(adapters.get(name).forms) * len(adapters.methods(name)) for name in names)
     assert len(found) + len(missing) == combinations
-    assert all(rung.status == "skipped" and rung.reason for rung in missing)
+    assert all(reason for _, reason in missing)
     assert {way.method for way in found if way.engine == "lieeuler"} == set(adapters.methods("lieeuler"))
 
 
@@ -126,13 +128,12 @@ def test_wrong_names_and_folders(tmp_path):
 
 def test_a_scene_without_truth_is_told(tmp_path, monkeypatch):
     from crosscheck.references import TruthError
-    from crosscheck.studies import work_precision_job as job
 
     def disagree(scene):
         raise TruthError("two formulations disagree")
 
-    monkeypatch.setattr(job, "reference", disagree)
-    document = job.study(job.Request(("single_pendulum",), ("lieeuler",)), tmp_path, quietly)
+    monkeypatch.setattr(work_precision, "reference", disagree)
+    document = conduct(WorkPrecision(), WorkPrecisionAsk(("single_pendulum",), ("lieeuler",)), tmp_path, quietly)
     assert document["scenes"][0]["failure"] == "two formulations disagree"
     assert "two formulations disagree" in (tmp_path / "index.html").read_text()
 

@@ -62,7 +62,7 @@ def _says_nothing(error: float | None, quantity: str, scene: dict[str, Any]) -> 
         return True
     size = {"position": max(scales["length"], scales["reach"]), "attitude": 1.0, "velocity": scales["speed"],
             "angular velocity": scales["rate"]}[quantity]
-    return error > size
+    return bool(error > size)
 
 
 def _order_rounding(record: dict[str, Any], quantity: str, scene: dict[str, Any]) -> float | None:

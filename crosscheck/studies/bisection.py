@@ -1,0 +1,217 @@
+"""The largest step at which a method still gives a usable answer on a scene, by bisection.
+
+Runs have two samples, so that a step is the duration over any whole number of steps. A run is usable where it ends
+with an error against truth below `USABLE`; everything else, whatever name its failure has, is not. The error of one
+run may be small by accident, so that a step counts only where slightly shorter ones are usable too.
+"""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import math
+import time
+
+import numpy as np
+
+from crosscheck.errors import ArgumentError, EngineError, Unsupported
+from crosscheck.references.base import Reference
+from crosscheck.scene.model import Scene
+
+USABLE = 0.1
+"""End error, as a share of how far the scene's bodies move or in rad, up to which a run says something."""
+
+CLOSE = 1.05
+"""The bisection ends where the step found and the next unusable one differ by less than this factor, or by one step."""
+
+FINER = (1.15, 1.35)
+"""The usable step has to be usable at these many times its number of steps as well."""
+
+COMMON = 5
+"""The common step is the time in which the scene turns or falls by a radian, over this."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Attempt:
+    """One run: its outcome is "usable", "inaccurate", or the name of its failure."""
+
+    steps: int
+    outcome: str
+    error: float | None  # share of the motion, or rad
+    wall_time: float  # s, of stepping; of the whole run where it failed
+    message: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Target:
+    """What runs of one scene are compared with: the true end, and the motion in m that makes position errors shares."""
+
+    scene: Scene  # two samples
+    x: np.ndarray  # (n, 3) true positions at the end
+    R: np.ndarray  # (n, 3, 3) true attitudes at the end
+    moved: float  # how far a body gets from its start at most: of a sleeping top that stays up this is little
+    attitudes: bool  # positions do not depend on attitudes here, so that these count
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """One engine and method, in the engine's preferred form, on one scene (a name or a path)."""
+
+    scene: str
+    engine: str
+    method: str
+    time_limit: float  # s of one run
+
+    @property
+    def key(self) -> str:
+        """In the journal and in the progress."""
+        return f"{self.scene} {self.engine} {self.method}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """What is known of one way; `outcome` is "usable", "none within the limit", "unsupported" or "failed"."""
+
+    scene: str
+    engine: str
+    method: str
+    outcome: str = ""
+    h_max: float | None = None  # s
+    steps: int | None = None
+    error: float | None = None  # there
+    milliseconds: float | None = None  # of stepping, there
+    common_step: float | None = None  # s
+    common_outcome: str = ""
+    common_error: float | None = None
+    failures: str = ""  # what unusable runs ended with, and how many
+    reason: str = ""
+    runs: tuple[Attempt, ...] = ()
+
+
+def target(scene: Scene, truth: Reference) -> Target:
+    """The true state at the end of a scene, or at the last sample before its horizon, past which truth is not certain.
+    """
+    from crosscheck.judge import tolerances
+
+    last = int(np.count_nonzero(truth.t <= truth.horizon * (1 + 1e-12))) - 1
+    if last < 1:
+        raise ArgumentError(f"scene {scene.name!r}: chaotic from its first sample on; give it more samples")
+    moved = float(np.linalg.norm(truth.states.x[:last + 1] - truth.states.x[0], axis=-1).max())
+    moved = moved or tolerances.scales(scene, truth).of("position")  # where nothing moves, anything is an error
+    tied = scene.joints or any(force.type in ("linear_spring", "constant_force") for force in scene.forces)
+    short = scene.replace(duration=float(truth.t[last]), samples=2)
+    return Target(short, truth.states.x[last], truth.states.R[last], moved, not tied)
+
+
+def attempt(goal: Target, engine: str, method: str, steps: int) -> Attempt:
+    """Run with a number of steps of equal length; every failure of the run is an outcome with a name.
+
+    Raises `Unsupported` where the engine cannot run the scene in this way.
+    """
+    from crosscheck.running.run import run
+
+    began = time.perf_counter()
+    try:
+        traj = run(goal.scene, engine, method, step=goal.scene.duration / steps, monitor=False)
+    except (Unsupported, ArgumentError):
+        raise
+    except Exception as error:  # whatever a foreign engine raises is what its user meets
+        return Attempt(steps, _failure(error), None, time.perf_counter() - began, " ".join(str(error).split())[:200])
+    found = end_error(goal, traj.x[-1], traj.R[-1])
+    outcome = "usable" if found <= USABLE else "inaccurate"
+    return Attempt(steps, outcome, found if math.isfinite(found) else None, traj.wall_time)
+
+
+def _failure(error: Exception) -> str:
+    """A run's failure in one word: the status where it has one."""
+    status = getattr(error, "status", None)
+    if status is not None:
+        return str(status.value)
+    if isinstance(error, EngineError):
+        return "diverged" if "diverged" in str(error) else "engine_error"
+    return type(error).__name__
+
+
+def end_error(goal: Target, x: np.ndarray, R: np.ndarray) -> float:
+    """Largest position error over the motion; where positions do not depend on attitudes, also their angle."""
+    from crosscheck.judge.metrics import attitude_angle
+
+    found = float(np.linalg.norm(x - goal.x, axis=-1).max()) / goal.moved
+    if goal.attitudes:
+        found = max(found, float(attitude_angle(R, goal.R).max()))
+    return found if math.isfinite(found) else math.inf
+
+
+class Search:
+    """The bisection for one way; keeps every run."""
+
+    def __init__(self, goal: Target, engine: str, method: str, time_limit: float) -> None:
+        self._goal, self._engine, self._method, self._time_limit = goal, engine, method, time_limit
+        self.runs: dict[int, Attempt] = {}
+
+    def run(self, steps: int) -> Attempt:
+        """The run with this number of steps, from memory where it was made before."""
+        if steps not in self.runs:
+            self.runs[steps] = attempt(self._goal, self._engine, self._method, steps)
+        return self.runs[steps]
+
+    def usable(self, steps: int) -> bool:
+        """Whether this number of steps, and somewhat larger ones, are usable."""
+        return all(self.run(math.ceil(factor * steps)).outcome == "usable" for factor in (1.0, *FINER))
+
+    def fewest(self) -> int | None:
+        """The fewest usable steps; None where runs get longer than the limit before one is usable."""
+        steps = 1
+        while not self.usable(steps):
+            if self._too_slow(steps):
+                return None
+            steps *= 2
+        low, high = steps // 2, steps  # unusable (or no step at all), usable
+        while high - low > 1 and high > CLOSE * low:
+            middle = max(low + 1, min(high - 1, round(math.sqrt(max(low, 1) * high))))
+            low, high = (low, middle) if self.usable(middle) else (middle, high)
+        return high
+
+    def _too_slow(self, steps: int) -> bool:
+        """Whether twice as many steps would go beyond the limit; asked twice, for the machine may have been busy."""
+        if 2 * self.runs[steps].wall_time <= self._time_limit:
+            return False
+        again = attempt(self._goal, self._engine, self._method, steps)
+        return 2 * min(again.wall_time, self.runs[steps].wall_time) > self._time_limit
+
+
+def search(task: Task) -> Row:
+    """The row of one way. An unsupported scene, and a way without a usable step within the limit, are rows too."""
+    from crosscheck import adapters
+    from crosscheck.adapters.base import RunSpec
+    from crosscheck.judge.plan import natural_time
+    from crosscheck.references import truth
+    from crosscheck.scene.file import load_scene
+
+    scene = load_scene(task.scene)
+    row = Row(scene.name, task.engine, task.method)
+    common = max(1, math.ceil(COMMON * scene.duration / natural_time(scene)))
+    goal = target(scene, truth(scene))
+    common = max(1, round(common * goal.scene.duration / scene.duration))
+    adapter = adapters.get(task.engine)
+    reason = adapter.unsupported(goal.scene, RunSpec(task.method, step=goal.scene.duration / common))
+    if reason is not None:
+        return dataclasses.replace(row, outcome="unsupported", reason=reason)
+    hunt = Search(goal, task.engine, task.method, task.time_limit)
+    try:
+        shared = hunt.run(common)  # first, for it also loads the engine, which is no part of the time of a run
+        fewest = hunt.fewest()
+    except Unsupported as error:  # some adapters find out while they build
+        return dataclasses.replace(row, outcome="unsupported", reason=str(error))
+    failures = collections.Counter(run.outcome for run in hunt.runs.values() if run.outcome != "usable")
+    worst = next((run.message for run in hunt.runs.values() if run.message), "")
+    row = dataclasses.replace(
+        row, common_step=goal.scene.duration / common, common_outcome=shared.outcome, common_error=shared.error,
+        failures=", ".join(f"{name} {count}" for name, count in sorted(failures.items())), reason=worst,
+        runs=tuple(hunt.runs[steps] for steps in sorted(hunt.runs)))
+    if fewest is None:
+        return dataclasses.replace(row, outcome="none within the limit", reason=(
+            f"finer runs would take more than {task.time_limit:g} s; {worst}".rstrip("; ")))
+    best = hunt.runs[fewest]
+    return dataclasses.replace(row, outcome="usable", h_max=goal.scene.duration / fewest, steps=fewest,
+                               error=best.error, milliseconds=1e3 * best.wall_time)

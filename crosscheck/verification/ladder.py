@@ -1,0 +1,112 @@
+"""Ladders: the ways to integrate a scene, and the steps or tolerances that each of them walks down.
+
+A way is an engine, a method and a form. Truth is known at `INTERVALS` + 1 even times, which the steps of a ladder meet.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from crosscheck.judge.plan import natural_time
+from crosscheck.references.base import Reference
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+
+INTERVALS = 64
+"""Of the samples for the largest errors. A power of two, as the step counts of ladders are up to a factor 3."""
+
+RTOLS = tuple(10.0**-power for power in range(1, 15))
+"""Relative tolerances of the adaptive methods."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Way:
+    """One way to integrate a scene."""
+
+    engine: str
+    method: str
+    form: str | None
+    adaptive: bool
+    order: int | None
+
+    @property
+    def label(self) -> str:
+        """Engine, method and form."""
+        return f"{self.engine} {self.method}" + (f" ({self.form})" if self.form else "")
+
+
+def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = None,
+         default_form: bool = False) -> tuple[list[Way], list[tuple[Way, str]]]:
+    """Every way to integrate the scene, and each combination that does not exist with the reason.
+
+    Parameters
+    ----------
+    engines : names as `crosscheck.adapters.get` takes them
+    methods : only these; None for all
+    default_form : only the form that the engine chooses by itself, which a way then leaves open
+    """
+    from crosscheck.adapters import get
+    from crosscheck.adapters.base import RunSpec
+
+    found, missing = [], []
+    for name in engines:
+        adapter = get(name)
+        adaptive = tuple(getattr(adapter, "adaptive_methods", None) or ())
+        forms = (None,) if default_form else tuple(getattr(adapter, "forms", ())) or (None,)
+        for form in forms:
+            for method in adapter.methods:
+                if methods is not None and method not in methods:
+                    continue
+                varies = method in adaptive
+                spec = RunSpec(method, None if varies else scene.duration / 64, RTOLS[0] if varies else None, form=form)
+                reason = adapter.unsupported(scene, spec)
+                way = Way(name, method, form, varies, None if reason else adapter.documented_order(scene, spec))
+                if reason is None:
+                    found.append(way)
+                else:
+                    missing.append((way, reason))
+    return found, missing
+
+
+def ladder(scene: Scene, way: Way) -> Iterator[tuple[int | None, float]]:
+    """(steps, step in s) of a fixed-step way, coarse to fine without end, or (None, rtol) of an adaptive one.
+
+    The first step is about four natural times of the scene, for methods up to order 2 one; it then shrinks by 3/2 and
+    4/3 in turn, for these by 2: errors of low order differ less from step to step.
+    """
+    if way.adaptive:
+        yield from ((None, rtol) for rtol in RTOLS)
+        return
+    low = way.order is not None and way.order <= 2
+    natural = scene.duration / natural_time(scene) / (1 if low else 4)
+    count = 2 ** max(1, math.floor(math.log2(max(natural, 1.0))))
+    while True:
+        yield count, scene.duration / count
+        if not low:
+            yield count * 3 // 2, scene.duration / (count * 3 // 2)
+        count *= 2
+
+
+def reference(scene: Scene) -> tuple[Scene, Reference]:
+    """The scene, ended where its truth stops being comparable, and its truth at `INTERVALS` + 1 times.
+
+    Raises `crosscheck.references.TruthError` or `Unsupported` for a scene without truth.
+    """
+    from crosscheck.references import truth
+
+    sampled = scene.replace(samples=INTERVALS + 1)
+    found = truth(sampled)
+    if found.horizon < scene.duration * (1 - 1e-12):
+        sampled = sampled.replace(duration=float(np.floor(10 * found.horizon) / 10) or found.horizon)
+        found = truth(sampled)
+    return sampled, found
+
+
+def thinned(states: States, intervals: int) -> States:
+    """Every so many of the states, so that `intervals` remain."""
+    every = (len(states.t) - 1) // intervals
+    return States(states.t[::every], states.x[::every], states.R[::every], states.v[::every], states.w[::every])

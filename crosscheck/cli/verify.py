@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,11 +26,12 @@ def verify(
     out: Annotated[Path, typer.Option(help="folder of the report")] = Path("reports/latest"),
     as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
 ) -> None:
-    """Run every method and engine over the scenes, judge them, write the report.
+    """Run every method and engine over the scenes, judge them, write the report; goes on after a kill.
 
     Exit code 0: all within tolerance; 1: a verdict failed; 2: the run itself failed.
     """
     from crosscheck.cli.verdicts import print_verdicts
+    from crosscheck.jobs.resume import resumable
     from crosscheck.judge import overrides
     from crosscheck.verification import job
     from crosscheck.verification.guarded import limits
@@ -37,8 +39,11 @@ def verify(
     own = overrides.read(tolerance_file, tol or ())
     job.check_out(out)
     within = limits(time_limit, memory_limit)
-    with progress_bar() as progress:
-        results = job.verify(profile, scene, engine, jobs, progress, limits=within, overrides=own)
+    identity = job.fingerprint(profile, scene, engine, within, dataclasses.astuple(within), own)
+    with resumable(out, identity, job.JOURNAL_TYPES) as kept, progress_bar() as progress:
+        if kept.results:
+            typer.echo(f"going on with a run that was killed: {kept.results} results are kept", err=True)
+        results = job.verify(profile, scene, engine, jobs, progress, kept.journal, within, own)
         page = job.write(results, out)
     if as_json:
         typer.echo(json.dumps(_brief(results.plain(), page), indent=1))

@@ -26,7 +26,6 @@ from crosscheck.history.changes import Change, compare
 from crosscheck.history.store.figures import SPEED
 from crosscheck.history.summary import summary
 from crosscheck.jobs.journal import Journal
-from crosscheck.running import provenance
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
@@ -167,9 +166,11 @@ def _begin(out: Path, wanted: Wanted) -> tuple[dict[str, str], bool]:
 
     What another version of the code, of an engine or of a scene has left cannot be gone on with: it is set aside.
     """
+    from crosscheck.verification import job
+
     for leftover in [*out.glob(f"{ASIDE}*"), *out.glob(f".{LATEST}-*")]:
         _discard(leftover)
-    fingerprint = fingerprint_of(wanted)
+    fingerprint = job.fingerprint(wanted.profile, wanted.scenes, wanted.engines, wanted.limits, wanted.command)
     path = out / RUNNING / "run.json"
     with contextlib.suppress(FileNotFoundError, ValueError):
         heading = json.loads(path.read_text(encoding="utf-8"))
@@ -183,18 +184,6 @@ def _begin(out: Path, wanted: Wanted) -> tuple[dict[str, str], bool]:
     path.parent.mkdir()
     _write_whole(path, json.dumps(heading))
     return heading, False
-
-
-def fingerprint_of(wanted: Wanted) -> str:
-    """Digest of all that results depend on: scenes, versions, our code and kernel, what is asked for."""
-    from crosscheck.judge.plan import profile
-    from crosscheck.scene.file import load_scene
-    from crosscheck.verification import job
-
-    settings = profile(wanted.profile)
-    names = job.select_scenes(wanted.scenes, settings.every_scene)
-    engines = job.select_engines(wanted.engines, wanted.limits)
-    return provenance.code_digest(engines, [wanted.command, [[name, load_scene(name).hash] for name in names]])
 
 
 def _compared(results: Results, name: str, history_store: Engine, journal: Journal, limits: Limits | None

@@ -56,6 +56,10 @@ class Journal:
         if len(whole) < len(content):
             os.truncate(path, len(whole))
 
+    def __len__(self) -> int:
+        """How many results earlier sessions left."""
+        return len(self._found)
+
     @property
     def seconds(self) -> float:
         """Time spent on the run so far, in this session and in those that were killed."""
@@ -124,14 +128,14 @@ class Stages:
 
         With `again`, a task whose process was killed from outside runs once more.
         """
-        results = [self.journal.get(stage, key) if self.journal else None for key in keys]
+        results = [self.journal.get(stage, key) if self.journal is not None else None for key in keys]
         missing = [index for index, result in enumerate(results) if result is None]
         for index in set(range(len(tasks))) - set(missing):
             self.count(labels[index])
 
         def ended(position: int, result: Any) -> None:
             index = missing[position]
-            results[index] = self.journal.put(stage, keys[index], result) if self.journal else result
+            results[index] = self.journal.put(stage, keys[index], result) if self.journal is not None else result
             self.count(labels[index])
 
         run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, again=again)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import shlex
 import tempfile
 import time
@@ -84,6 +85,16 @@ def select_engines(names: Sequence[str] | None, within: Limits | None = None) ->
     return list(dict.fromkeys(names or adapters.names()))
 
 
+def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, within: Limits | None,
+                *more: Any) -> str:
+    """Digest of all that results depend on: scenes, versions, our code and kernel, `more` that JSON knows."""
+    from crosscheck.scene.file import load_scene
+
+    names = select_scenes(scenes, profile_called(profile).every_scene)
+    return provenance.code_digest(select_engines(engines, within), [
+        profile, [[name, load_scene(name).hash] for name in names], *more])
+
+
 def verify(profile: str = "default", scenes: Sequence[str] | None = None, engines: Sequence[str] | None = None,
            jobs: int = 2, progress: Progress | None = None, journal: Journal | None = None,
            limits: Limits | None = None, overrides: Overrides = ()) -> Results:
@@ -126,7 +137,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         profile, scenes, engines, jobs, overrides)}
     if settings.speed:
         meta["calibration"] = measure_speed(records, settings.speed, dataclasses.replace(stages, jobs=1), within)
-    meta["seconds"] = journal.seconds if journal else time.perf_counter() - started
+    meta["seconds"] = journal.seconds if journal is not None else time.perf_counter() - started
     for scene in described:
         scene["plan"] = dataclasses.asdict(plans[scene["name"]]) if scene["name"] in plans else None
     results = Results(meta, described, records, support.of_scenes(scene_names, engine_names, within))
@@ -225,12 +236,18 @@ def write(results: Results, out: Path) -> Path:
 
     Returns the path of the page to open; raises `ArgumentError` where `check_out` does, and where writing fails.
     """
+    import psutil
+
     from crosscheck.report import write_report
 
     check_out(out)
     out = out.resolve()
     aside = out.with_name(f".{out.name}.{os.getpid()}.new")
     old = out.with_name(f".{out.name}.{os.getpid()}.old")
+    for leftover in out.parent.glob(f".{out.name}.*.*"):
+        if (left := re.fullmatch(r"\.(\d+)\.(new|old)", leftover.name.removeprefix(f".{out.name}"))) and (
+                not psutil.pid_exists(int(left[1]))):
+            _remove(leftover)  # of a process that was killed as it wrote
     try:
         write_report(results.plain(), aside)
         if out.exists():

@@ -202,15 +202,15 @@ def test_an_engine_that_is_not_installed_is_listed_as_such(monkeypatch, capsys):
     assert (record.outcome, record.message) == ("unsupported", "not installed")
 
 
-def running_in_group(group):
-    """Processes of a group that still run; one that ended but is not yet collected by its parent does not."""
+def running_in_session(session):
+    """Processes of a session that still run; one that ended but is not yet collected by its parent does not."""
     found = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
-            state, _, its_group = stat.read_text(encoding="utf-8").rpartition(")")[2].split()[:3]
+            state, _, _, its_session = stat.read_text(encoding="utf-8").rpartition(")")[2].split()[:4]
         except OSError:
             continue
-        if its_group == str(group) and state != "Z":
+        if its_session == str(session) and state != "Z":
             found.append(stat.parent.name)
     return found
 
@@ -227,7 +227,7 @@ def test_an_interrupt_ends_the_workers_and_says_so(tmp_path):
     assert said.strip().splitlines()[-1] == "crosscheck: interrupted; nothing was written"
     assert list(tmp_path.iterdir()) == []
     for _ in range(50):  # the workers were told to end before their parent did; give them a moment to do so
-        left = running_in_group(process.pid)
+        left = running_in_session(process.pid)
         if not left:
             break
         time.sleep(0.1)

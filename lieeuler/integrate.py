@@ -40,6 +40,7 @@ def integrate(
     alpha: float | None = None,
     beta: float | None = None,
     spin_free: bool | None = None,
+    polish: bool = True,
     monitor: bool = True,
 ) -> Solution:
     """Integrate a problem with a fixed step, or with steps that follow a tolerance.
@@ -65,6 +66,9 @@ def integrate(
     spin_free : bool, optional
         Carry symmetric bodies in frames that do not spin with them where the problem allows it (`lieeuler.spin_free`).
         Default: for the methods of higher order, not for the Euler methods.
+    polish : bool
+        After every step bring attitudes back to rotations to rounding (docs/theory.md, section 3). False shows what the
+        group update alone preserves; only for the Euler methods.
     monitor : bool
         Evaluate energy, constraint levels and orthogonality after every step (`solution.stats.maxima`).
 
@@ -82,9 +86,9 @@ def integrate(
         Ctrl-C; carries the trajectory so far.
     """
     check_problem(problem)
-    for name, value in (("spin_free", spin_free), ("monitor", monitor)):
+    for name, value in (("spin_free", spin_free), ("polish", polish), ("monitor", monitor)):
         check_switch(name, value, optional=name == "spin_free")
-    plan = plan_run(method, step, rtol, t_eval, coordinate_map, alpha, beta, monitor)
+    plan = plan_run(method, step, rtol, t_eval, coordinate_map, alpha, beta, monitor, polish)
     frames = spin_free_frames(problem) if (plan.spins_out if spin_free is None else spin_free) else None
     kernel, w = (problem.kernel, problem.w) if frames is None else (frames.kernel, frames.w)
     result = _kernel.integrate(kernel, plan.run, problem.x, problem.R, problem.v, w)
@@ -124,7 +128,7 @@ class Plan:
 
 
 def plan_run(method: str, step: float | None, rtol: float | None, t_eval: ArrayLike | None, coordinate_map: str,
-             alpha: float | None, beta: float | None, monitor: bool) -> Plan:
+             alpha: float | None, beta: float | None, monitor: bool, polish: bool = True) -> Plan:
     """Check the arguments of a run, as `integrate` describes them, and make what the kernel runs."""
     record = _method(method)
     if not isinstance(coordinate_map, str) or coordinate_map not in COORDINATE_MAPS:
@@ -133,6 +137,8 @@ def plan_run(method: str, step: float | None, rtol: float | None, t_eval: ArrayL
         raise ArgumentError(f"{method} composes symmetric steps and ccsk is not symmetric; use exp or cayley")
     if record.formulation == "index1" and coordinate_map != "exp":
         raise ArgumentError(f"{method} works with the exponential map; leave coordinate_map out")
+    if not polish and (record.composition or record.formulation == "index1"):
+        raise ArgumentError(f"{method} always polishes its attitudes; polish=False is for the Euler methods")
     gains = _gains(record, alpha, beta)
     t = _output_times(t_eval)
     tolerance = _tolerance(record, step, rtol)
@@ -145,7 +151,7 @@ def plan_run(method: str, step: float | None, rtol: float | None, t_eval: ArrayL
         run = _kernel.runge_kutta(record.tableau.kernel, steps, counts, monitor)
     else:
         run = _kernel.euler(coordinate_map, record.formulation == "hamilton", record.level, record.index1_output,
-                            *gains, record.composition, steps, counts, monitor)
+                            *gains, record.composition, polish, steps, counts, monitor)
     return Plan(run, t, max(steps), spins_out)
 
 

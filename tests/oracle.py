@@ -190,3 +190,21 @@ def integrate(system, method, q, u, h, steps, coordinate_map="exp", gains=(0.0, 
     else:
         a = np.linalg.solve(system.M, system.force(u) - system.G(q).T @ lam)
     return q, u, a, lam
+
+
+def additive_step(system, q, u, h):
+    """Comparator: the rotation matrix is added to, R + h R hat(w), as a vector would be; no group, no polish.
+
+    Explicit in the accelerations of the index-1 system, so that a step is cheap. The centres of mass follow from the
+    attitudes and the velocities are projected, so that both constraint levels hold and only the update differs. Joints
+    are listed from the ground outwards.
+    """
+    a, _ = system.index1(q, u)
+    u = u + h * a
+    R = np.array([q[1][b] @ (np.eye(3) + h * hat(u[6 * b + 3:6 * b + 6])) for b in range(system.n)])
+    x = np.zeros((system.n, 3))
+    for parent, child, above, below in system.joints:
+        x[child] = (above if parent < 0 else x[parent] + R[parent] @ above) - R[child] @ below
+    G = system.G((x, R))
+    MG = np.linalg.solve(system.M, G.T)
+    return (x, R), u - MG @ np.linalg.solve(G @ MG, G @ u)

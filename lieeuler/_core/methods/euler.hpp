@@ -102,6 +102,8 @@ class EulerStepper {
 
   // Velocities to rounding level as well, not h times them.
   void polish_velocities() { newton_.polishes = true; }
+  // Leaves in the attitudes what rounding does to products of rotations: shows what the group update alone preserves.
+  void keep_rounding() { polishes_attitudes_ = false; }
   // Solves steps to this error, relative to the sizes of the system, in place of rounding level.
   void solve_to(double accuracy) { accuracy_ = std::max(accuracy, std::numeric_limits<double>::epsilon()); }
 
@@ -191,7 +193,8 @@ class EulerStepper {
   }
   // The new configuration is final: attitudes back to rounding level, joints evaluated there.
   void settle() {
-    for (int b = 0; b < system_.n(); ++b) state_.frames[b].R = polished(state_.frames[b].R);
+    if (polishes_attitudes_)
+      for (int b = 0; b < system_.n(); ++b) state_.frames[b].R = polished(state_.frames[b].R);
     evaluate_joints();
   }
   void evaluate_joints() {
@@ -241,6 +244,7 @@ class EulerStepper {
 
   double length_ = 1, speed_ = 1;
   double accuracy_ = std::numeric_limits<double>::epsilon();
+  bool polishes_attitudes_ = true;
   double mobility_ = 0;  // angular velocity a unit impulse at an anchor can give, at most
 
  private:

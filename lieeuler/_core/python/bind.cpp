@@ -212,14 +212,14 @@ void require_steps(const std::vector<double>& steps, const std::vector<std::int6
 }
 
 Run euler(const std::string& map, bool hamiltonian, const std::string& level, bool index1_output, double alpha,
-          double beta, const std::vector<double>& composition, const std::vector<double>& steps,
+          double beta, const std::vector<double>& composition, bool polish, const std::vector<double>& steps,
           const std::vector<std::int64_t>& counts, bool monitored) {
   require_steps(steps, counts);
   const Level levels = level == "position"     ? Level::position
                        : level == "velocity"   ? Level::velocity
                        : level == "stabilised" ? Level::stabilised
                                                : Level::acceleration;
-  const Method method{hamiltonian, levels, index1_output, {alpha, beta}, composition};
+  const Method method{hamiltonian, levels, index1_output, {alpha, beta}, composition, polish};
   const auto run = map == "cayley" ? run_method<CayleyMap> : (map == "ccsk" ? run_method<CcskMap> : run_method<ExpMap>);
   return {[=](const System& system, const State& initial, const Record& record, const Interrupted& interrupted) {
             return run(system, method, initial, steps, counts, monitored, record, interrupted);

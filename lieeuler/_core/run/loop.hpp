@@ -86,6 +86,7 @@ struct Method {
   bool index1_output;  // (a, lam) from the index-1 system at the new state
   Gains gains;
   std::vector<double> composition;  // weights of a composition of RATTLE; empty: the method itself
+  bool polish = true;  // bring attitudes back to rounding level after every step; compositions always do
 };
 
 struct Outcome {
@@ -168,9 +169,11 @@ Outcome run_method(const System& system, const Method& method, const State& init
   }
   if (method.hamiltonian) {
     HamiltonStepper<Map> stepper(system, method.level, method.index1_output);
+    if (!method.polish) stepper.keep_rounding();
     return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
   }
   LagrangeStepper<Map> stepper(system, method.level, method.index1_output, method.gains);
+  if (!method.polish) stepper.keep_rounding();
   return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
 }
 

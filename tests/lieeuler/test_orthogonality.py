@@ -1,0 +1,52 @@
+"""What the group update preserves by itself, without the polish after every step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import lieeuler
+from benchmarks import orthogonality
+from tests.lieeuler.systems import SYSTEMS
+
+STEPS, STEP = 2000, 1e-3
+EPS = np.finfo(float).eps
+
+
+@pytest.mark.parametrize("scene", ["single_pendulum", "double_pendulum"])
+@pytest.mark.parametrize("method", [*lieeuler.EULER_METHODS, "INDEX1_LE", "BAUMGARTE_LE"])
+def test_group_update_alone_stays_on_the_group(scene, method):
+    problem = SYSTEMS[scene]()
+    polished, plain = (orthogonality.of_method(problem, method, STEP, [STEPS], polish)[0] for polish in (True, False))
+    assert polished <= 4 * EPS  # one product of two rotations, and the rounding of measuring it
+    # Each step multiplies by a rotation known to rounding: three products and three sums an entry, all to one side.
+    assert polished < plain <= 6 * EPS * STEPS
+
+
+def test_the_polish_changes_nothing_else():
+    problem, t = SYSTEMS["double_pendulum"](), [0.0, 1.0]
+    one, other = (lieeuler.integrate(problem, "DAE1L_LSE", STEP, t, polish=polish) for polish in (True, False))
+    # Rounding of 1000 steps, grown by what the scene does to perturbations in a second, which is below 100.
+    assert np.abs(one.x - other.x).max() < 100 * 1000 * EPS
+    assert one.stats.newton_iterations == pytest.approx(other.stats.newton_iterations, rel=0.01)
+
+
+@pytest.mark.parametrize("scene", ["single_pendulum", "double_pendulum"])
+def test_an_additive_update_leaves_the_group(scene):
+    """Each step stretches two axes by 1 + (h w)^2 / 2: after a time t by h times the integral of w^2 / 2 and more."""
+    problem = SYSTEMS[scene]()
+    coarse, fine = (orthogonality.of_additive(problem, step, [round(0.5 / step)])[0] for step in (4e-3, 2e-3))
+    assert fine > 1e-3
+    assert coarse / fine == pytest.approx(2, rel=0.1)  # first order in the step
+
+
+@pytest.mark.parametrize("method", ["rattle2", "rkmk4", "seulex", "taylor"])
+def test_other_methods_refuse_to_leave_it_out(method):
+    with pytest.raises(lieeuler.ArgumentError, match="always polishes"):
+        lieeuler.integrate(SYSTEMS["single_pendulum"](), method, t_eval=[0, 1], polish=False,
+                           **({"step": 1e-2} if method in ("rattle2", "rkmk4") else {}))
+
+
+def test_polish_is_a_switch():
+    with pytest.raises(lieeuler.ArgumentError, match="polish must be True or False"):
+        lieeuler.integrate(SYSTEMS["single_pendulum"](), "DAE1L_LSE", 1e-2, [0, 1], polish=1)

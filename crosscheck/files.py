@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -31,3 +32,16 @@ def put(path: Path, text: str) -> None:
     """Replace a file by a text."""
     with replacing(path) as aside:
         aside.write_text(text, encoding="utf-8")
+
+
+def cache_folder() -> Path:
+    """Where truth and environments of engines are kept: CROSSCHECK_CACHE, else `crosscheck` in the user's cache."""
+    if chosen := os.environ.get("CROSSCHECK_CACHE"):
+        return Path(chosen)
+    if sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    elif sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / "crosscheck"

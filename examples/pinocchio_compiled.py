@@ -17,7 +17,7 @@ import numpy as np
 from crosscheck.adapters.common import lie_steppers, stepping, tree
 from crosscheck.adapters.pinocchio import models
 from crosscheck.errors import EngineError
-from crosscheck.references.cache import folder
+from crosscheck.files import cache_folder
 
 SOURCE = Path(__file__).with_suffix(".cpp")
 FLAGS = ("-std=c++20", "-O3", "-fno-math-errno", "-DNDEBUG", "-shared", "-fPIC", "-DBOOST_MPL_LIMIT_LIST_SIZE=30",
@@ -115,7 +115,7 @@ def library():
 
     prefix = next(above for above in Path(pinocchio.__file__).parents if (above / "include" / "pinocchio").is_dir())
     text = SOURCE.read_bytes() + repr((FLAGS, str(prefix), importlib.metadata.version("pin"))).encode()
-    built = folder() / f"pinocchio-{hashlib.sha256(text).hexdigest()[:16]}.so"
+    built = cache_folder() / f"pinocchio-{hashlib.sha256(text).hexdigest()[:16]}.so"
     if not built.exists():
         built.parent.mkdir(parents=True, exist_ok=True)
         aside = built.with_suffix(f".{os.getpid()}")

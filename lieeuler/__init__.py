@@ -1,7 +1,7 @@
 """Lie group Euler integrators for rigid multibody systems with joints; conventions in `lieeuler.types`."""
 
 from lieeuler.ensemble import EnsembleSolution, integrate_ensemble
-from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
+from lieeuler.errors import ArgumentError, IntegrationError, Interrupted, LieEulerError
 from lieeuler.forces import ConstantLoad, LinearSpring, TorsionalSpring
 from lieeuler.integrate import integrate
 from lieeuler.joints import (
@@ -34,6 +34,7 @@ __all__ = [
     "IntegrationError",
     "Interrupted",
     "Joint",
+    "LieEulerError",
     "LinearSpring",
     "Method",
     "Problem",

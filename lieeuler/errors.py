@@ -8,11 +8,15 @@ if TYPE_CHECKING:
     from lieeuler.solution import Solution, Status
 
 
-class ArgumentError(ValueError):
+class LieEulerError(Exception):
+    """Base of all errors of lieeuler: the message is written for the user."""
+
+
+class ArgumentError(LieEulerError, ValueError):
     """A wrong argument; the message names it and says what is allowed."""
 
 
-class IntegrationError(RuntimeError):
+class IntegrationError(LieEulerError, RuntimeError):
     """An integration ended early. Carries `status`, `advice` and the trajectory so far in `solution`."""
 
     def __init__(self, status: Status, advice: str, solution: Solution) -> None:

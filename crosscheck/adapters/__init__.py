@@ -7,24 +7,13 @@ version ("mujoco==3.3.7").
 from __future__ import annotations
 
 import functools
-import importlib
 import importlib.metadata
-import importlib.util
+from collections.abc import Sequence
 
+from crosscheck.adapters import built_in
 from crosscheck.adapters.base import Engine
 from crosscheck.errors import ArgumentError, unknown
-
-_ADAPTERS = {
-    "lieeuler": ("crosscheck.adapters.lieeuler", "LieEuler"),
-    "mujoco": ("crosscheck.adapters.mujoco.adapter", "MuJoCo"),
-    "pinocchio": ("crosscheck.adapters.pinocchio.adapter", "Pinocchio"),
-    "exudyn": ("crosscheck.adapters.exudyn.adapter", "Exudyn"),
-}
-_MORE = {
-    "drake": ("crosscheck.adapters.drake", "Drake", "pydrake"),
-    "dart": ("crosscheck.adapters.dart", "Dart", "dartpy"),
-}
-"""Optional engines, of the extra [more-engines], and the module each needs: listed where it is installed."""
+from crosscheck.scene.model import Scene
 
 _GROUP = "crosscheck.engines"
 
@@ -32,9 +21,8 @@ _GROUP = "crosscheck.engines"
 def names() -> tuple[str, ...]:
     """Names of the engines: the four built in, the optional ones that are installed, then those other packages offer as
     entry points, sorted."""
-    more = [name for name, (_, _, needed) in _MORE.items() if importlib.util.find_spec(needed) is not None]
     offered = {point.name for point in importlib.metadata.entry_points(group=_GROUP)}
-    return (*_ADAPTERS, *more, *sorted(offered - set(_ADAPTERS) - set(_MORE)))
+    return (*built_in.listed(), *sorted(offered - set(built_in.ENTRIES)))
 
 
 def get(name: str) -> Engine:
@@ -50,9 +38,8 @@ def get(name: str) -> Engine:
 
 @functools.cache
 def _get(name: str) -> Engine:
-    if name in _ADAPTERS or name in _MORE:
-        module, adapter = (_ADAPTERS.get(name) or _MORE[name])[:2]
-        return getattr(importlib.import_module(module), adapter)()
+    if name in built_in.ENTRIES:
+        return built_in.ENTRIES[name].make()
     if has_own_environment(name):
         from crosscheck.adapters.foreign.versions import Versioned
 
@@ -62,7 +49,7 @@ def _get(name: str) -> Engine:
     for point in importlib.metadata.entry_points(group=_GROUP, name=name):
         return own.completed(point.load()(), name, point.dist.version if point.dist else "unknown")
     if is_own(name):
-        return own.load(name)
+        return own.load(name, names())
     raise ArgumentError(unknown("engine", name, names()))
 
 
@@ -89,3 +76,19 @@ def has_own_environment(name: str) -> bool:
 def methods(name: str) -> tuple[str, ...]:
     """Names of the methods of the engine called `name`; raises `ArgumentError` where there is no such engine."""
     return get(name).methods
+
+
+def turning(name: str, scene: Scene, form: str | None) -> Sequence[int]:
+    """Bodies that the model of an engine carries on SO(3), see `Engine`; every body where the engine does not say."""
+    declared = getattr(get(name.partition("==")[0]), "turning", None)
+    return range(scene.n) if declared is None else declared(scene, form)
+
+
+def pace(name: str) -> int:
+    """How slowly runs of an engine step, see `Engine`; slow ones are started first."""
+    return getattr(get(name), "pace", 0)
+
+
+def on_group(name: str) -> bool:
+    """Whether an engine keeps attitudes on SO(3) by construction, see `Engine`."""
+    return getattr(get(name), "on_group", False)

@@ -28,6 +28,15 @@ class RunSpec:
     node: str | None = None  # "lie" | "euler_parameters": rigid bodies of Exudyn
 
 
+ENGINE_OPTIONS = tuple(field.name for field in dataclasses.fields(RunSpec)
+                       if field.name not in ("method", "step", "rtol", "monitor"))
+"""What an engine may list in its `options`."""
+
+CHOICES = {"form": ("tree", "maximal", "pivot"), "coordinate_map": ("exp", "cayley", "ccsk"),
+           "softness": ("tight", "default"), "node": ("lie", "euler_parameters")}
+"""The words that options take."""
+
+
 @dataclasses.dataclass
 class RawRun:
     """What `Engine.run` returns: states at the scene's output times, and what stepping cost.
@@ -53,9 +62,17 @@ class Engine(Protocol):
     Entry points and classes of the user's own need only `name`, `methods`, `unsupported` and `run`, which may return
     `States`: `crosscheck.adapters.foreign.own` has the defaults for the rest.
 
-    It may also have `options` (names of the optional fields of `RunSpec` it knows; without it, all), `adaptive_methods`
-    (those that take rtol; with it, the others must be given a step), `fixed_step_methods` (those that take a step,
-    where they are more than the others) and `forms` (model forms, the preferred one first).
+    It may also declare:
+
+    - `options`: names of the optional fields of `RunSpec` it knows; without it, all;
+    - `adaptive_methods`: those that take rtol; with it, the others must be given a step;
+    - `fixed_step_methods`: those that take a step, where they are more than the others;
+    - `forms`: model forms, the preferred one first;
+    - `pace`: 0, or more the slower its runs are, which a grid of runs then starts first;
+    - `on_group`: True where attitudes stay on SO(3) by construction, so that no product of rotations leaves it;
+    - `dash`, `marker`: how figures draw it, in Matplotlib's words;
+    - `turning(scene, form)`: the bodies its model carries on coordinates of SO(3), a free body among them: where its
+      methods have a known defect on such coordinates, these are the bodies it shows on.
     """
 
     name: str

@@ -8,6 +8,8 @@ import numpy as np
 
 import lieeuler
 from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.errors import ArgumentError, CrosscheckError
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.states import States
 
@@ -20,31 +22,21 @@ def build_problem(scene: Scene) -> lieeuler.Problem:
     return lieeuler.Problem(bodies, joints, scene.gravity, scene.x0, scene.R0, scene.v0, scene.w0, forces)
 
 
+def start(problem: lieeuler.Problem, step: float = 1e-6) -> lieeuler.Solution:
+    """A run of one step (s): its first row is the initial state with the kernel's own index-1 values."""
+    return lieeuler.integrate(problem, "INDEX1_LE", step, np.array([0.0, step]), monitor=False)
+
+
 def _joint(scene: Scene, joint: Joint) -> lieeuler.Joint:
-    ends = joint.parent, joint.child, joint.parent_anchor, joint.child_anchor
-    axes = joint.parent_axis, joint.child_axis
-    match joint.type:
-        case "spherical":
-            return lieeuler.spherical_joint(*ends)
-        case "distance":
-            return lieeuler.distance_joint(*ends, joint.length)
-        case "point_on_line":
-            return lieeuler.point_on_line_joint(*ends, joint.parent_axis)
-        case "point_on_plane":
-            return lieeuler.point_on_plane_joint(*ends, joint.parent_axis)
-        case "universal":
-            return lieeuler.universal_joint(*ends, *axes)
-        case "revolute":
-            return lieeuler.revolute_joint(*ends, *axes)
-        case "cylindrical":
-            return lieeuler.cylindrical_joint(*ends, *axes)
-        case "planar":
-            return lieeuler.planar_joint(*ends, *axes)
-    parent_attitude = np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]
-    relative = scene.R0[joint.child].T @ parent_attitude
-    if joint.type == "prismatic":
-        return lieeuler.prismatic_joint(*ends, *axes, relative)
-    return lieeuler.fixed_joint(*ends, relative)
+    """The joint by the function of lieeuler that bears its type's name, which takes what the type needs, in order."""
+    kind = JOINT_TYPES[joint.type]
+    parameters = [getattr(joint, key) for key, needed in kind.needs.items() if needed]
+    if kind.keeps_attitude:
+        parent_attitude = np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]
+        parameters.append(scene.R0[joint.child].T @ parent_attitude)
+    made: lieeuler.Joint = getattr(lieeuler, f"{joint.type}_joint")(
+        joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, *parameters)
+    return made
 
 
 def _force(scene: Scene, force: Force) -> lieeuler.forces.Force:
@@ -61,6 +53,10 @@ def _force(scene: Scene, force: Force) -> lieeuler.forces.Force:
     return lieeuler.ConstantLoad(force.child, torque=p["torque"], frame=p["frame"])
 
 
+class IntegrationError(CrosscheckError, lieeuler.IntegrationError):
+    """lieeuler's error of this name as one of crosscheck: a run ended early; status, advice and the way so far."""
+
+
 class LieEuler:
     """The methods of `lieeuler.METHODS`, in maximal coordinates with multipliers."""
 
@@ -70,6 +66,8 @@ class LieEuler:
     adaptive_methods = tuple(name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls)
     fixed_step_methods = tuple(name for name, method in lieeuler.METHODS.items() if "step" in method.controls)
     options = frozenset({"form", "coordinate_map", "spin_free", "alpha", "beta"})
+    dash, marker = "-", "o"
+    on_group = True
 
     def version(self) -> str:
         """Version of the installed package."""
@@ -101,13 +99,20 @@ class LieEuler:
 
         Raises
         ------
-        lieeuler.IntegrationError
+        IntegrationError
             The run ended early.
+        ArgumentError
+            A wrong argument, in the kernel's words.
         """
-        solution = lieeuler.integrate(
-            build_problem(scene), spec.method, spec.step, scene.t, rtol=spec.rtol,
-            coordinate_map=spec.coordinate_map or "exp", alpha=spec.alpha, beta=spec.beta, spin_free=spec.spin_free,
-            monitor=spec.monitor)
+        try:
+            solution = lieeuler.integrate(
+                build_problem(scene), spec.method, spec.step, scene.t, rtol=spec.rtol,
+                coordinate_map=spec.coordinate_map or "exp", alpha=spec.alpha, beta=spec.beta, spin_free=spec.spin_free,
+                monitor=spec.monitor)
+        except lieeuler.IntegrationError as ended:
+            raise IntegrationError(ended.status, ended.advice, ended.solution) from ended
+        except lieeuler.LieEulerError as error:
+            raise ArgumentError(str(error)) from error
         fields = [field.name for field in dataclasses.fields(States)]
         stats = solution.stats
         counters = {name: getattr(stats, name) for name in ("rejected_steps", "force_evaluations", "newton_iterations",

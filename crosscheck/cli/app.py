@@ -47,16 +47,9 @@ def main() -> None:
     except Exception as error:
         if os.environ.get("CROSSCHECK_TRACEBACK"):
             raise
-        complain(str(error) if _is_for_the_user(error) else
+        complain(str(error) if isinstance(error, CrosscheckError) else
                  f"{type(error).__name__}: {error} (CROSSCHECK_TRACEBACK=1 in the environment shows where)")
         raise SystemExit(2) from None
-
-
-def _is_for_the_user(error: Exception) -> bool:
-    """Whether its message needs no name of a class. `lieeuler` is asked only where it is loaded already."""
-    lieeuler = sys.modules.get("lieeuler")
-    own = () if lieeuler is None else (lieeuler.IntegrationError, lieeuler.ArgumentError)
-    return isinstance(error, (CrosscheckError, *own))
 
 
 if __name__ == "__main__":

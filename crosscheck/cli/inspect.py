@@ -23,9 +23,9 @@ def inspect(
 
     Exit code 0: all agree with truth; 1: one does not; 2: the check itself failed.
     """
+    from crosscheck.adapters.base import CHOICES
     from crosscheck.errors import ArgumentError, unknown
     from crosscheck.inspection import inspect as examine
-    from crosscheck.running.run import CHOICES
     from crosscheck.scene.file import load_scene
 
     if form is not None and form not in CHOICES["form"]:

@@ -75,10 +75,10 @@ def explain(scene: Scene | str | os.PathLike[str], engine: str | Engine, method:
 def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str | None,
              options: dict[str, Any]) -> Subject:
     from crosscheck import adapters
+    from crosscheck.adapters.base import ENGINE_OPTIONS
     from crosscheck.diagnosis.observe import Subject
     from crosscheck.errors import unknown
     from crosscheck.running.methods import best_method
-    from crosscheck.running.run import ENGINE_OPTIONS
 
     adapter = adapters.get(engine) if isinstance(engine, str) else engine
     chosen = best_method(adapter, scene) if method is None else method

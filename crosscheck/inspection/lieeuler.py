@@ -10,20 +10,16 @@ from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
-STEP = 1e-6
-"""s, of the run that yields the start: its index-1 accelerations belong to t = 0, whatever the step."""
-
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     """The kernel's `Problem` in maximal coordinates, each state as the start of a run of one step."""
-    import lieeuler
-    from crosscheck.adapters.lieeuler import build_problem
+    from crosscheck.adapters.lieeuler import build_problem, start
 
     starts = []
     for k in range(len(states.t)):
         problem = build_problem(posed(scene, states, k))
-        starts.append(lieeuler.integrate(problem, "INDEX1_LE", STEP, np.array([0.0, STEP]), monitor=False))
-    x, R, v, w, a, alpha, lam = (np.array([getattr(start, field)[0] for start in starts])
+        starts.append(start(problem))
+    x, R, v, w, a, alpha, lam = (np.array([getattr(each, field)[0] for each in starts])
                                  for field in ("x", "R", "v", "w", "a", "alpha", "lam"))
     masses = np.array([body.mass for body in problem.bodies])
     inertias = np.array([body.inertia for body in problem.bodies])

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
     from crosscheck.scene.model import Scene
+
+Turning = Callable[[str, "Scene", str | None], Sequence[int]]
+"""Engine, scene and form to the bodies that its model carries on SO(3): `crosscheck.adapters.turning`."""
 
 STATE = ("position", "attitude", "velocity", "angular velocity")
 
@@ -24,19 +27,20 @@ class Known:
 
     engine: str  # a name, or a version of one as in "mujoco==3", which stands for every one that begins so
     methods: tuple[str, ...]
-    scenes: Container[str] | Callable[[str, str | None], bool] | None  # names or paths, or by name and form; None: any
+    scenes: Container[str] | Callable[[str, str | None, Turning], bool] | None  # names or paths, or a rule; None: any
     forms: tuple[str, ...] | None  # None: any form
     kinds: tuple[str, ...]  # kinds of findings it explains, as in `crosscheck.judge.verdict`
     reason: str
     practical: bool = False  # shows at the plan's practical step, and is not looked for elsewhere
     always: bool = True  # it has to show in every such run: where it does not, it has vanished
 
-    def covers(self, engine: str, method: str, scene: str, form: str | None, practical: bool) -> bool:
+    def covers(self, engine: str, method: str, scene: str, form: str | None, practical: bool,
+               turning: Turning) -> bool:
         """Whether the entry is about this run."""
         version = "==" in self.engine and (engine + ".").startswith(self.engine + ".")
         return (self.practical == practical and (self.engine == engine or version) and method in self.methods
                 and (self.forms is None or form in self.forms)
-                and (self.scenes is None or (self.scenes(scene, form) if callable(self.scenes)
+                and (self.scenes is None or (self.scenes(scene, form, turning) if callable(self.scenes)
                                              else scene in self.scenes)))
 
 
@@ -88,7 +92,7 @@ CONING = 0.1
 
 
 @functools.lru_cache(maxsize=64)
-def _naive(engine: str, scene: str, form: str | None) -> str:
+def _naive(engine: str, scene: str, form: str | None, on_group: Turning) -> str:
     """Whether summed joint velocities show on a scene: "no" where no joint of the model turns on SO(3), "surely" where
     such a body's axis of rotation moves from the start, else "maybe": turns about one axis add up."""
     from crosscheck.errors import ArgumentError, SceneError
@@ -99,7 +103,7 @@ def _naive(engine: str, scene: str, form: str | None) -> str:
         loaded = as_scene(scene)
     except (ArgumentError, SceneError):  # no scene at all, so that nothing is known about it
         return "no"
-    turning = list(_on_balls(engine, loaded, form or "tree"))
+    turning = list(on_group(engine, loaded, form))
     if not turning:
         return "no"
     _, alpha, _ = mechanics.index1(loaded, loaded.x0[None], loaded.R0[None], loaded.v0[None], loaded.w0[None])
@@ -111,24 +115,8 @@ def _naive(engine: str, scene: str, form: str | None) -> str:
     return "surely" if np.linalg.norm(np.cross(w, alpha), axis=1).max() > least else "maybe"
 
 
-def _on_balls(engine: str, scene: Scene, form: str) -> Iterator[int]:
-    """Bodies that an engine's model carries on a ball, or leaves free, which is a ball as well."""
-    if engine == "pinocchio":
-        from crosscheck.adapters.pinocchio.models import decompose
-
-        links, parts, _ = decompose(scene, form)
-        yield from (link.body for link in links if link.body not in parts
-                    and any(part.kind == "ball" for part in link.parts))
-    else:
-        from crosscheck.adapters.mujoco.models import closures
-
-        branches, _ = closures(scene, form)
-        yield from (branch.body for branch in branches
-                    if branch.joint is None or branch.joint.type in ("spherical", "point_on_line", "point_on_plane"))
-
-
-def _summed(engine: str, word: str) -> Callable[[str, str | None], bool]:
-    return lambda scene, form: _naive(engine, scene, form) == word
+def _summed(engine: str, word: str) -> Callable[[str, str | None, Turning], bool]:
+    return lambda scene, form, turning: _naive(engine, scene, form, turning) == word
 
 
 KNOWN: tuple[Known, ...] = (
@@ -164,6 +152,7 @@ KNOWN: tuple[Known, ...] = (
 )
 
 
-def entries(engine: str, method: str, scene: str, form: str | None, practical: bool = False) -> tuple[Known, ...]:
-    """The known defects that are about this run."""
-    return tuple(entry for entry in KNOWN if entry.covers(engine, method, scene, form, practical))
+def entries(engine: str, method: str, scene: str, form: str | None, turning: Turning,
+            practical: bool = False) -> tuple[Known, ...]:
+    """The known defects that are about this run; `turning` asks the engine's adapter."""
+    return tuple(entry for entry in KNOWN if entry.covers(engine, method, scene, form, practical, turning))

@@ -292,9 +292,9 @@ def vacuous(scene: Scene, truth: Reference, bounds: dict[str, Tol],
     return frozenset(found | {kind for kind, (bound, size) in sizes.items() if bound and bound.value > size})
 
 
-def orthogonality(engine: str, steps: int) -> Tol:
-    """Bound of max |R^T R - I| over a run."""
-    if engine == "lieeuler":
+def orthogonality(on_group: bool, steps: int) -> Tol:
+    """Bound of max |R^T R - I| over a run; `on_group` where the engine declares that it keeps to SO(3)."""
+    if on_group:
         return Tol(ORTHOGONALITY, "attitudes stay on the group by construction: rounding level")
     growth = max(ORTHOGONALITY, 4 * EPS * steps)
     return Tol(growth, f"rounding of one product a step, {steps} steps, never more than 4 eps each")

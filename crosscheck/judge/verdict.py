@@ -300,12 +300,14 @@ def undecided(findings: list[Finding], orders: dict[str, Order]) -> bool:
     return any(not orders[quantity].settled and not orders[quantity].exhausted for quantity in low)
 
 
-def settle(record: Record) -> Record:
+def settle(record: Record, turning: known.Turning) -> Record:
     """Mark known defects, notice vanished ones, and set the outcome.
 
-    A bound the user set is his: no known defect excuses what exceeds it, and what keeps it has not vanished.
+    `turning` is `crosscheck.adapters.turning`. A bound the user set is his: no known defect excuses what exceeds it,
+    and what keeps it has not vanished.
     """
-    for entry in known.entries(record.engine, record.method, record.scene, record.form, record.practical):
+    for entry in known.entries(record.engine, record.method, record.scene, record.form, turning,
+                               record.practical):
         seen = [finding for finding in record.findings if finding.kind in entry.kinds and finding.status != "unjudged"
                 and not finding.why.startswith(tolerances.BY_USER)]
         failing = [finding for finding in seen if finding.status == "fail"]

@@ -8,7 +8,6 @@ import hashlib
 import importlib.metadata
 import os
 import pathlib
-import sys
 import tempfile
 import warnings
 import zipfile
@@ -16,6 +15,7 @@ import zlib
 
 import numpy as np
 
+from crosscheck.files import cache_folder
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -24,19 +24,6 @@ _STATES = ("t", "x", "R", "v", "w", "a", "alpha")
 _OTHERS = tuple(field.name for field in dataclasses.fields(Reference) if field.name != "states")
 _TEXT = ("source", "second_source")
 _ARRAYS = ("position_derivatives", "attitude_derivatives")
-
-
-def folder() -> pathlib.Path:
-    """Where references are kept: CROSSCHECK_CACHE, else `crosscheck` in the user's cache folder."""
-    if chosen := os.environ.get("CROSSCHECK_CACHE"):
-        return pathlib.Path(chosen)
-    if sys.platform == "darwin":
-        base = pathlib.Path.home() / "Library" / "Caches"
-    elif sys.platform == "win32":
-        base = pathlib.Path(os.environ.get("LOCALAPPDATA") or pathlib.Path.home() / "AppData" / "Local")
-    else:
-        base = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache")
-    return base / "crosscheck"
 
 
 @functools.cache
@@ -56,7 +43,7 @@ def formula_version() -> str:
 
 def path(scene: Scene) -> pathlib.Path:
     """File of a scene's reference."""
-    return folder() / f"{scene.hash[:40]}-{formula_version()[:12]}.npz"
+    return cache_folder() / f"{scene.hash[:40]}-{formula_version()[:12]}.npz"
 
 
 def load(scene: Scene) -> Reference | None:

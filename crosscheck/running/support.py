@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Iterable
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +17,10 @@ from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
 from crosscheck.adapters.common.links import IDENTITY
 from crosscheck.jobs.grid import Crash, Limits, run_tasks
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene, rotation_from_quaternion
-from crosscheck.scene.schema import JointType
 
-JOINTS: tuple[str, ...] = get_args(JointType)
+JOINTS = tuple(JOINT_TYPES)
 FORCES = ("linear_spring", "torsional_spring", "constant_force", "constant_torque")
 DURATION = 1e-3  # s: long enough for a few steps, short enough that accelerations hardly change
 STEPS = 4
@@ -137,14 +137,13 @@ def _body(k: int) -> Body:
 
 def _joint(kind: str, parent: int, child: int, name: str) -> Joint:
     """A joint whose axes coincide (universal: are at right angles) in the given attitudes of its bodies."""
-    axis, other = np.array([0.6, 0.0, 0.8]), None
-    if kind in ("universal", "revolute", "cylindrical", "prismatic", "planar"):
+    axis, other, needs = np.array([0.6, 0.0, 0.8]), None, JOINT_TYPES[kind].needs
+    if needs["child_axis"]:
         inner, outer = (np.eye(3) if k == GROUND else rotation_from_quaternion(_body(k).attitude)
                         for k in (parent, child))
-        other = outer.T @ inner @ (np.array([-0.8, 0.0, 0.6]) if kind == "universal" else axis)
+        other = outer.T @ inner @ (np.array([-0.8, 0.0, 0.6]) if JOINT_TYPES[kind].axes == "perpendicular" else axis)
     return Joint(name, kind, parent, child, np.array([0.2, -0.1, 0.3]), np.array([0.1, 0.2, 0.5]),
-                 None if other is None and not kind.startswith("point_on") else axis, other,
-                 0.7 if kind == "distance" else None)
+                 axis if needs["parent_axis"] else None, other, 0.7 if needs["length"] else None)
 
 
 def _force(kind: str, parent: int = GROUND, child: int = 0) -> Force:

@@ -9,8 +9,9 @@ import dataclasses
 
 import numpy as np
 
-from crosscheck.scene.checks import PARALLEL_AXES, Draft
+from crosscheck.scene.checks import Draft
 from crosscheck.scene.constraints import Constraints, cross
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import RANK_TOLERANCE
 from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
 from crosscheck.scene.schema import EntryError
@@ -19,7 +20,6 @@ ALLOWED_VIOLATION = 1e-8
 """Of the largest anchor length (positions), times max(1, |w|) (velocities); without units for dot-1 rows. A state
 written with ten digits passes, a wrong one does not."""
 
-_POINT_JOINTS = ("spherical", "universal", "revolute", "fixed")  # their anchors coincide
 _ITERATIONS = 200
 _DIFFERENCE = 1e-5  # in the weighted displacement: a Hessian to about 1e-10, it only has to guide Newton's method
 _STRAIGHT = 1e-4  # of the scene's length, and rad: for less displacement the curvature cannot be felt
@@ -78,7 +78,7 @@ def _tree(scene: Scene, known: list[bool]) -> list[tuple[Joint, int]]:
     """
     order = []
     for _ in range(scene.n):
-        choices = [(joint.type not in _POINT_JOINTS, k) for k, joint in enumerate(scene.joints)
+        choices = [(not JOINT_TYPES[joint.type].anchors_coincide, k) for k, joint in enumerate(scene.joints)
                    if _known(joint.parent, known) != known[joint.child]]
         if not choices:
             break
@@ -174,7 +174,7 @@ def _check_axes(scene: Scene, attitudes: np.ndarray) -> None:
     """Opposite axes close the rows of a joint too, yet its angle then turns the other way for the child."""
     R = np.concatenate([attitudes, np.eye(3)[None]])
     for index, joint in enumerate(scene.joints):
-        if joint.type not in PARALLEL_AXES:
+        if JOINT_TYPES[joint.type].axes != "parallel":
             continue
         child = scene.bodies[joint.child].name
         if (R[joint.parent] @ joint.parent_axis) @ (R[joint.child] @ joint.child_axis) < 0:

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import msgspec
 import numpy as np
 
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene
 from crosscheck.scene.schema import (
     LARGEST,
@@ -21,13 +22,6 @@ from crosscheck.scene.schema import (
     listed,
     nearest,
 )
-
-PARALLEL_AXES = ("revolute", "cylindrical", "prismatic", "planar")
-"""Types of joints whose two axes point the same way."""
-
-_TWO_AXES = ("universal", *PARALLEL_AXES)
-_PARENT_AXIS = ("point_on_line", "point_on_plane")
-_TORSION_JOINTS = ("revolute", "cylindrical")
 
 INERTIA_ROUNDING = 1e-12
 """Relative: entries written with 15 digits or computed in double precision stay symmetric and on the triangle bound
@@ -156,9 +150,7 @@ def _joint(scene: SceneEntry, index: int, joint: JointEntry) -> Joint:
     child = _body_index(f"{entry}: child", scene.bodies, joint.child, ground=False)
     if parent == child:
         raise EntryError(f"{entry}: child", f'joins the body "{joint.child}" to itself', "name two different bodies")
-    wanted = {"parent_axis": joint.type in _TWO_AXES + _PARENT_AXIS, "child_axis": joint.type in _TWO_AXES,
-              "length": joint.type == "distance"}
-    for key, needed in wanted.items():
+    for key, needed in JOINT_TYPES[joint.type].needs.items():
         value = getattr(joint, key)
         example = "1.0 (m)" if key == "length" else "[0.0, 0.0, 1.0]"
         if needed and value is None:
@@ -201,7 +193,8 @@ def _torsion_joint(entry: str, joints: Iterable[JointEntry], name: str) -> str:
     if name not in types:
         raise EntryError(entry, f'no joint is named "{name}"',
                          f"{nearest(name, types)}write one of {listed(types) or '(the scene has no joints)'}")
-    if types[name] not in _TORSION_JOINTS:
+    if not JOINT_TYPES[types[name]].has_angle:
+        turning = [kind for kind, entry in JOINT_TYPES.items() if entry.has_angle]
         raise EntryError(entry, f'"{name}" is a {types[name]} joint, it has no angle',
-                         f"name a joint of type {listed(_TORSION_JOINTS)}")
+                         f"name a joint of type {listed(turning)}")
     return name

@@ -21,6 +21,7 @@ import dataclasses
 
 import numpy as np
 
+from crosscheck.scene.joints import JOINT_TYPES, Row
 from crosscheck.scene.model import Joint, Scene
 
 _ZERO = np.zeros(3)
@@ -160,38 +161,28 @@ def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray
     d = Separation(BodyVector(joint.parent, joint.parent_anchor), BodyVector(joint.child, joint.child_anchor))
     relative = child_attitude.T @ parent_attitude
 
-    def dot1(a_i: np.ndarray, a_j: np.ndarray) -> Basic:
-        return Basic(BodyVector(joint.parent, a_i), BodyVector(joint.child, a_j))
+    inner = dict(zip(("e1", "e2", "e3"), np.eye(3), strict=True))
+    outer = dict(zip(("f1", "f2", "f3"), relative.T, strict=True))
+    if joint.parent_axis is not None:
+        n1, n2 = normal_references(joint.parent_axis)
+        inner |= {"axis": joint.parent_axis, "n1": n1, "n2": n2}
+        if joint.child_axis is not None:
+            b = relative @ n2
+            b -= (b @ joint.child_axis) * joint.child_axis
+            outer |= {"axis": joint.child_axis, "b": b / max(float(np.linalg.norm(b)), np.finfo(float).tiny)}
 
-    def dot2(a_i: np.ndarray) -> Basic:
-        return Basic(BodyVector(joint.parent, a_i), d)
+    def basic(row: Row) -> Basic:
+        match row.kind:
+            case "point":
+                return Basic(None, d)
+            case "distance":
+                return Basic(d, d, joint.length**2, 2 * joint.length)
+            case "dot1":
+                return Basic(BodyVector(joint.parent, inner[row.parent]), BodyVector(joint.child, outer[row.child]))
+            case "dot2":
+                return Basic(BodyVector(joint.parent, inner[row.parent]), d)
 
-    point = [Basic(None, d)]
-    if joint.type == "spherical":
-        return point
-    if joint.type == "distance":
-        return [Basic(d, d, joint.length**2, 2 * joint.length)]
-    if joint.type == "fixed":
-        return point + [dot1(np.eye(3)[k], relative[:, (k + 1) % 3]) for k in range(3)]
-    a = joint.parent_axis
-    if joint.type == "universal":
-        return [*point, dot1(a, joint.child_axis)]
-    if joint.type == "point_on_plane":
-        return [dot2(a)]
-    n1, n2 = normal_references(a)
-    across = [dot2(n1), dot2(n2)]
-    if joint.type == "point_on_line":
-        return across
-    parallel = [dot1(n1, joint.child_axis), dot1(n2, joint.child_axis)]
-    if joint.type == "revolute":
-        return point + parallel
-    if joint.type == "planar":
-        return [*parallel, dot2(a)]
-    if joint.type == "cylindrical":
-        return parallel + across
-    b = relative @ n2
-    b -= (b @ joint.child_axis) * joint.child_axis
-    return [*parallel, *across, dot1(n1, b / np.linalg.norm(b))]
+    return [basic(row) for row in JOINT_TYPES[joint.type].rows]
 
 
 class Constraints:

@@ -6,9 +6,11 @@ import difflib
 import math
 import re
 from collections.abc import Iterable
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import msgspec
+
+from crosscheck.scene.joints import JOINT_TYPES
 
 VERSION = 1
 """The version of the scene format this package reads."""
@@ -19,8 +21,6 @@ LARGEST = 1e100
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 Quaternion = tuple[float, float, float, float]
-JointType = Literal["spherical", "universal", "revolute", "cylindrical", "prismatic", "planar", "fixed", "distance",
-                    "point_on_line", "point_on_plane"]
 
 
 class EntryError(Exception):
@@ -47,7 +47,7 @@ class JointEntry(msgspec.Struct, frozen=True):
     """One of [[joints]]."""
 
     name: str
-    type: JointType
+    type: str
     parent: str
     child: str
     parent_anchor: Vector
@@ -138,7 +138,6 @@ _EXPECTED = {
 
 _PLAIN_TYPES = {"float": "a number", "int": "a whole number", "str": "text", "bool": "true or false",
                 "array": "a list", "object": "a table", "null": "nothing"}
-_JOINT_TYPES = get_args(JointType)
 
 
 def listed(names: Iterable[str]) -> str:
@@ -195,11 +194,12 @@ def _check_keys(data: dict[str, Any]) -> None:
         for index, table in enumerate(tables if isinstance(tables, list) else []):
             if not isinstance(table, dict):
                 continue
+            types: Iterable[str] = {"forces": FORCE_ENTRIES, "joints": JOINT_TYPES}.get(group, ())
+            kind = table.get("type")
+            if types and (not isinstance(kind, str) or kind not in types):
+                raise _bad_type(data, (group, index), kind, types)
             if group == "forces":
-                kind = table.get("type")
-                if not isinstance(kind, str) or kind not in FORCE_ENTRIES:
-                    raise _bad_type(data, (group, index), kind, FORCE_ENTRIES)
-                allowed = ("type", *FORCE_ENTRIES[kind].__struct_fields__)
+                allowed = ("type", *FORCE_ENTRIES[str(kind)].__struct_fields__)
             else:
                 allowed = (BodyEntry if group == "bodies" else JointEntry).__struct_fields__
             _check_table_keys(data, (group, index), allowed)
@@ -242,13 +242,8 @@ def _translated(data: Any, message: str) -> EntryError:
     missing = re.search(r"missing required field `(\w+)`", problem)
     if missing:
         key = missing.group(1)
-        if key == "type":
-            return _bad_type(data, path, None, _JOINT_TYPES)
         return EntryError(entry_name(data, (*path, key)), "missing", f"add {key}: {_EXPECTED[key]}")
     keys = [part for part in path if isinstance(part, str)]
-    if keys[-1:] == ["type"]:
-        kind = data[path[0]][path[1]]["type"]
-        return _bad_type(data, path[:-1], kind, _JOINT_TYPES)
     problem = re.sub(r"`(\w+)`", lambda match: _PLAIN_TYPES.get(match.group(1), match.group(1)), problem)
     return EntryError(entry_name(data, path), problem[:1].lower() + problem[1:],
                       f"write {_EXPECTED[keys[-1]]}" if keys else "write a table of keys")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck import adapters
 from crosscheck.errors import Unsupported
 from crosscheck.jobs.workers import output
 from crosscheck.judge import tolerances
@@ -123,7 +124,6 @@ def _described(name: str, whole: bool, most_steps: int) -> dict[str, Any]:
 
 def run_cell(cell: Cell) -> Record:
     """Run and judge one cell. Whatever happens, a record comes back."""
-    from crosscheck import adapters
     from crosscheck.adapters.base import RunSpec
     from crosscheck.references import truth
 
@@ -154,7 +154,7 @@ def run_cell(cell: Cell) -> Record:
     if record.outcome == "unsupported":
         return record
     override(record, cell.overrides)
-    return settle(record)
+    return settle(record, adapters.turning)
 
 
 def command(cell: Cell, step: float | None, rtol: float | None) -> str:
@@ -229,12 +229,12 @@ def _unjudged_run(record: Record, scene: Scene, held: frozenset[str], cell: Cell
         _totals(record, scene, traj, None, maxima)
         record.curves = run_curves(scene, traj, {}, None)
     override(record, cell.overrides)
-    if settle(record).outcome == "pass":
+    if settle(record, adapters.turning).outcome == "pass":
         record.outcome, record.message = "unjudged", f"unjudged: no truth ({cell.no_truth})"
 
 
 def _judge_orthogonality(record: Record, traj: Any, maxima: dict[str, float]) -> None:
-    tol = tolerances.orthogonality(record.engine, traj.steps)
+    tol = tolerances.orthogonality(adapters.on_group(record.engine), traj.steps)
     drift = max(float(traj.orthogonality.max()), maxima.get("orthogonality", 0.0))
     record.findings.append(Finding("orthogonality", "ok" if drift <= tol.value else "fail", drift, tol.value, "1",
                                    tol.why, "every step"))

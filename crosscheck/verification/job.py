@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from crosscheck import adapters
 from crosscheck.errors import ArgumentError
 from crosscheck.files import finite
 from crosscheck.jobs.grid import Crash, Limits
@@ -79,8 +80,6 @@ def select_scenes(names: Sequence[str] | None, every: bool = False) -> list[str]
 
 def select_engines(names: Sequence[str] | None, within: Limits | None = None) -> list[str]:
     """Names of the engines to run; `ArgumentError` or `EngineError` for one that is not there or cannot be loaded."""
-    from crosscheck import adapters
-
     check_engines(names or (), within)
     return list(dict.fromkeys(names or adapters.names()))
 
@@ -173,7 +172,8 @@ def _records(stages: Stages, cells: list[Cell], plans: dict[str, Any], described
     bodies = {scene["name"]: len(scene["bodies"]) for scene in described if scene["name"] in plans}
     # The longest first, so that no worker is left alone with one at the end.
     ready = sorted((index for index, cell in enumerate(cells) if cell.scene in plans),
-                   key=lambda index: (_pace(cells[index]), -bodies[cells[index].scene] * cells[index].plan.most_steps))
+                   key=lambda index: (-adapters.pace(cells[index].engine),
+                                      -bodies[cells[index].scene] * cells[index].plan.most_steps))
     chosen = [cells[index] for index in ready]
     found = stages.run("cell", guarded_cell, chosen, [_key(cell) for cell in chosen],
                        [f"{cell.scene}: {cell.label}" for cell in chosen], limits=within)
@@ -183,14 +183,6 @@ def _records(stages: Stages, cells: list[Cell], plans: dict[str, Any], described
         record.default_form = cell.default_form
     _label(records)
     return records
-
-
-PACES = ("pinocchio", "exudyn")
-"""Engines whose runs take longest, the slowest first: our own loops in Python step through Pinocchio's equations."""
-
-
-def _pace(cell: Cell) -> int:
-    return PACES.index(cell.engine) if cell.engine in PACES else len(PACES)
 
 
 def _key(cell: Cell) -> str:

@@ -3,6 +3,7 @@
 
 import pytest
 
+from crosscheck import adapters
 from crosscheck.judge import known
 from crosscheck.judge.verdict import Finding, Record, settle
 from tests import SCENARIOS
@@ -10,13 +11,13 @@ from tests import SCENARIOS
 
 @pytest.mark.parametrize("scene", ["single_pendulum", "heavy_top", "chain_8", str(SCENARIOS / "double_pendulum.toml")])
 def test_naive_rk4_is_known_wherever_a_ball_joint_turns(scene):
-    assert known.entries("pinocchio", "RK4naive", scene, "tree")
-    assert not known.entries("pinocchio", "RKMK4", scene, "tree")
+    assert known.entries("pinocchio", "RK4naive", scene, "tree", adapters.turning)
+    assert not known.entries("pinocchio", "RKMK4", scene, "tree", adapters.turning)
 
 
 @pytest.mark.parametrize("scene", ["hinge_pendulum", "universal_pendulum", "slider_crank", "no_such_scene"])
 def test_naive_rk4_is_not_excused_where_no_joint_turns_on_so3(scene):
-    assert not known.entries("pinocchio", "RK4naive", scene, "tree")
+    assert not known.entries("pinocchio", "RK4naive", scene, "tree", adapters.turning)
 
 
 def test_naive_rk4_need_not_show_where_a_body_may_keep_its_axis():
@@ -24,15 +25,16 @@ def test_naive_rk4_need_not_show_where_a_body_may_keep_its_axis():
     for scene, form, sure in (("puck_on_plane", "tree", True), ("rod_pendulum", "tree", True),
                               ("iftomm_simple_pendulum", "tree", False), ("four_bar", "maximal", False),
                               ("double_four_bar", "maximal", False), ("universal_pendulum", "maximal", True)):
-        entry, = (each for each in known.entries("pinocchio", "RK4naive", scene, form) if each.reason == known.NAIVE)
+        entry, = (each for each in known.entries("pinocchio", "RK4naive", scene, form, adapters.turning)
+                  if each.reason == known.NAIVE)
         assert entry.always == sure, (scene, form)
 
 
 def test_mujocos_rk4_is_known_to_be_naive_before_version_4():
-    assert known.entries("mujoco==3.3.7", "RK4", "single_pendulum", "tree")
+    assert known.entries("mujoco==3.3.7", "RK4", "single_pendulum", "tree", adapters.turning)
     for engine, scene in (("mujoco==3.3.7", "hinge_pendulum"), ("mujoco==4.0.0", "single_pendulum"),
                           ("mujoco", "single_pendulum"), ("mujoco==30.1", "single_pendulum")):
-        assert not known.entries(engine, "RK4", scene, "tree")
+        assert not known.entries(engine, "RK4", scene, "tree", adapters.turning)
 
 
 def _settled(scene, observed):
@@ -41,7 +43,7 @@ def _settled(scene, observed):
     record.findings = [Finding(kind, "ok", 1e-6, 1e-5, "", "") for kind in kinds]
     record.findings += [Finding(kind, "ok" if observed > 3.85 else "fail", observed, 3.85, "1", "")
                         for kind in known.ORDERS]
-    return settle(record)
+    return settle(record, adapters.turning)
 
 
 def test_naive_rk4_shows_as_known_and_fails_once_it_is_fourth_order():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import crosscheck.references as references
+from crosscheck.files import cache_folder
 from crosscheck.references import cache
 
 
@@ -120,7 +121,7 @@ def test_default_folder_is_the_users(monkeypatch, tmp_path):
     monkeypatch.delenv("CROSSCHECK_CACHE", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert cache.folder() == tmp_path / "crosscheck"
+    assert cache_folder() == tmp_path / "crosscheck"
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setattr(pathlib.Path, "home", lambda: tmp_path)
-    assert cache.folder() == tmp_path / ".cache" / "crosscheck"
+    assert cache_folder() == tmp_path / ".cache" / "crosscheck"

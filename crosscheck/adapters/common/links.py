@@ -14,6 +14,7 @@ import numpy as np
 
 from crosscheck.adapters.common.spanning import spanning_tree
 from crosscheck.scene.constraints import normal_references
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
@@ -132,44 +133,31 @@ def link(scene: Scene, joint: Joint, outward: bool = True) -> Link:
     axes = [np.zeros(3) if axis is None else axis for axis in (joint.parent_axis, joint.child_axis)]
     ends = [(joint.parent, joint.parent_anchor, axes[0]), (joint.child, joint.child_anchor, axes[1])]
     (parent, parent_anchor, parent_axis), (body, child_anchor, axis) = ends if outward else ends[::-1]
-    zero = IDENTITY
-    if joint.type in ("revolute", "cylindrical", "planar"):
+    zero, kind = IDENTITY, JOINT_TYPES[joint.type]
+    if kind.zero == "axes":
         zero = shortest_rotation(joint.child_axis, joint.parent_axis)
         zero = zero if outward else zero * CONJUGATE
-    elif joint.type in ("prismatic", "fixed", "universal"):
+    elif kind.zero == "start":
         zero = relative_attitude(scene, parent, body)
-    parts = _parts(scene, joint, parent, body, outward, parent_axis, axis, zero)
+    parts = _rod(scene, joint, parent, body, outward) if "rod" in kind.motion else tuple(
+        _part(motion, joint, axis, rotation_from_quaternion(zero).T @ parent_axis) for motion in kind.motion)
+    if not outward and kind.axes == "parent":  # the guide is fixed in the joint's parent, here the outer body
+        parts = parts[::-1]
     return Link(body, parent, joint.type, parent_anchor, child_anchor, axis, zero, parts, joint.name, outward)
 
 
-def _parts(scene: Scene, joint: Joint, parent: int, body: int, outward: bool, parent_axis: np.ndarray,
-           axis: np.ndarray, zero: np.ndarray) -> tuple[Part, ...]:
-    turn, ball = Part("turn", axis), Part("ball")
-    match joint.type:
-        case "spherical":
-            return (ball,)
-        case "revolute":
-            return (turn,)
-        case "prismatic":
-            return (Part("slide", axis),)
-        case "cylindrical":
-            return Part("slide", axis), turn
-        case "planar":
-            return (*_slides(axis), turn)
-        case "universal":
-            return Part("turn", rotation_from_quaternion(zero).T @ parent_axis), turn
-        case "point_on_line" | "point_on_plane":
-            guide = joint.parent_axis  # fixed in the joint's parent, be it the inner body or the outer one
-            slides = (Part("slide", guide),) if joint.type == "point_on_line" else _slides(guide)
-            return (*slides, ball) if outward else (ball, *slides)
-        case "distance":
-            return _rod(scene, joint, parent, body, outward)
-    return ()
-
-
-def _slides(normal: np.ndarray) -> tuple[Part, Part]:
-    n1, n2 = normal_references(normal)
-    return Part("slide", n1), Part("slide", n2)
+def _part(motion: str, joint: Joint, axis: np.ndarray, inner_axis: np.ndarray) -> Part:
+    """A word of `JointType.motion`; `axis` is the outer body's, `inner_axis` the inner one's in the outer's frame."""
+    guided = JOINT_TYPES[joint.type].axes == "parent"  # with one axis, which is fixed in the joint's parent
+    along = joint.parent_axis if guided else axis
+    match motion:
+        case "ball":
+            return Part("ball")
+        case "turn parent":
+            return Part("turn", inner_axis)
+        case "slide n1" | "slide n2":
+            return Part("slide", normal_references(along)[motion == "slide n2"])
+    return Part(motion, along)
 
 
 def _rod(scene: Scene, joint: Joint, parent: int, body: int, outward: bool) -> tuple[Part, ...]:

@@ -41,6 +41,8 @@ class Exudyn:
     methods = tuple(ORDERS)
     forms = ("maximal", "pivot", "tree")
     options = frozenset({"form", "node"})
+    dash, marker = "-.", "^"
+    pace = 1
     adaptive_methods: tuple[str, ...] = ()
 
     def version(self) -> str:

@@ -9,6 +9,7 @@ import os
 import sys
 import time
 import types
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -93,10 +94,11 @@ def _complete(states: States) -> None:
                 raise EngineError(f"the states hold something else than numbers in {name}") from None
 
 
-def load(name: str) -> Completed:
+def load(name: str, known: Iterable[str]) -> Completed:
     """The engine that "module:Class" or "path/file.py:Class" names.
 
-    Modules are also looked for in the current folder. Raises `ArgumentError` where there is no such engine, or it lacks
+    Modules are also looked for in the current folder; `known` are the names of other engines, for the message. Raises
+    `ArgumentError` where there is no such engine, or it lacks
     what an engine must have.
     """
     home, _, attribute = name.rpartition(":")
@@ -110,9 +112,7 @@ def load(name: str) -> Completed:
     except ModuleNotFoundError as error:
         if error.name != home.partition(".")[0]:  # something that the module needs
             raise ArgumentError(f"engine: {home} cannot be imported: {error}; install it") from error
-        from crosscheck import adapters
-
-        raise ArgumentError(f"{unknown('engine', home, adapters.names())}; and there is no module of this name"
+        raise ArgumentError(f"{unknown('engine', home, known)}; and there is no module of this name"
                             ) from None
     except Exception as error:
         raise ArgumentError(f"engine: {home} cannot be imported: {type(error).__name__}: {error}") from error

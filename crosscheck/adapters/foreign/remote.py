@@ -7,14 +7,16 @@ Imported there, where only the engine and what its adapter needs are installed.
 
 from __future__ import annotations
 
+import functools
 from typing import Any
+
+from crosscheck.adapters import built_in
+from crosscheck.adapters.base import Engine
 
 
 def describe(engine: str) -> dict[str, Any]:
     """What the adapter says about itself without a scene."""
-    from crosscheck import adapters
-
-    adapter: Any = adapters.get(engine)
+    adapter: Any = _adapter(engine)
     found = {"version": adapter.version(), "methods": tuple(adapter.methods), "forms": tuple(adapter.forms),
              "options": frozenset(adapter.options)}
     return found | {"adaptive_methods": tuple(adapter.adaptive_methods)}
@@ -22,6 +24,9 @@ def describe(engine: str) -> dict[str, Any]:
 
 def ask(engine: str, question: str, *arguments: Any) -> Any:
     """The answer of the adapter's method `question`."""
-    from crosscheck import adapters
+    return getattr(_adapter(engine), question)(*arguments)
 
-    return getattr(adapters.get(engine), question)(*arguments)
+
+@functools.cache
+def _adapter(engine: str) -> Engine:
+    return built_in.ENTRIES[engine].make()

@@ -19,6 +19,7 @@ from typing import Any
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.foreign import remote
 from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported
+from crosscheck.files import cache_folder
 from crosscheck.scene.model import Scene
 
 PACKAGES = {"mujoco": "mujoco", "pinocchio": "pin", "exudyn": "exudyn"}
@@ -99,11 +100,9 @@ def split(name: str) -> tuple[str, str]:
 
 def folder(engine: str, version: str) -> Path:
     """Where the environment of this version is kept."""
-    from crosscheck.references import cache
-
     python = f"{platform.python_implementation().lower()}{sys.version_info[0]}.{sys.version_info[1]}"
     needed = hashlib.sha256(" ".join(NEEDED).encode()).hexdigest()[:6]  # an environment made for less is not taken
-    return cache.folder() / "engines" / f"{PACKAGES[engine]}-{version}-{python}-{needed}"
+    return cache_folder() / "engines" / f"{PACKAGES[engine]}-{version}-{python}-{needed}"
 
 
 def environment(engine: str, version: str) -> str:

@@ -20,6 +20,7 @@ from crosscheck.adapters.common import stepping, tree
 from crosscheck.adapters.mujoco import models
 from crosscheck.adapters.mujoco.models import INTEGRATORS, build, set_initial_state
 from crosscheck.errors import EngineError
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -33,6 +34,7 @@ class MuJoCo:
     methods = tuple(INTEGRATORS)
     forms = ("tree", "maximal")
     options = frozenset({"form", "softness"})
+    dash, marker = "--", "s"
     adaptive_methods: tuple[str, ...] = ()
 
     def version(self) -> str:
@@ -69,6 +71,12 @@ class MuJoCo:
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"
         return models.obstacle(scene, form)
+
+    def turning(self, scene: Scene, form: str | None) -> list[int]:
+        """Bodies on a ball or free."""
+        branches, _ = models.closures(scene, form or "tree")
+        return [branch.body for branch in branches
+                if branch.joint is None or "ball" in JOINT_TYPES[branch.joint.type].motion]
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` when MuJoCo warns or the state stops being finite."""

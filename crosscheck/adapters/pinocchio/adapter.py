@@ -28,6 +28,8 @@ class Pinocchio:
     methods = tuple(ORDERS)
     forms = ("tree", "maximal")
     options = frozenset({"form", "alpha", "beta"})
+    dash, marker = ":", "D"
+    pace = 2
     adaptive_methods: tuple[str, ...] = ()
 
     def version(self) -> str:
@@ -55,6 +57,12 @@ class Pinocchio:
         if (spec.alpha or spec.beta) and not any(models.decompose(scene, form)[1:]):
             return "alpha, beta: joint coordinates hold every joint of this scene, there is nothing to stabilise"
         return None
+
+    def turning(self, scene: Scene, form: str | None) -> list[int]:
+        """Bodies on a ball or free."""
+        links, parts, _ = models.decompose(scene, form or "tree")
+        return [link.body for link in links if link.body not in parts and any(part.kind == "ball"
+                                                                             for part in link.parts)]
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` when the state stops being finite."""

@@ -1,0 +1,134 @@
+"""The arguments of a run: names and numbers checked, and made one request. Numbers are Python's or NumPy's."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import numbers
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.base import CHOICES, ENGINE_OPTIONS, Engine, RunSpec
+from crosscheck.errors import ArgumentError, Unsupported, unknown
+from crosscheck.scene.checks import MOST_SAMPLES
+from crosscheck.scene.model import Scene
+
+SCENE_OPTIONS = ("samples", "duration")
+OPTIONS = (*SCENE_OPTIONS, "monitor", *ENGINE_OPTIONS)
+
+MOST_STEPS = 1e10
+"""Of one run; the fastest engine here needs an hour for them, and a longer run is a misprint of the step."""
+
+
+def request(engine: str, adapter: Engine, method: str, step: float | None, rtol: float | None,
+            options: Mapping[str, Any]) -> RunSpec:
+    """The request of one run from the arguments of `crosscheck.run`; raises `ArgumentError` or `Unsupported`."""
+    if not isinstance(method, str):
+        raise ArgumentError(f"method: a name is wanted, not {type(method).__name__}; allowed: "
+                            f"{', '.join(adapter.methods)}")
+    if method not in adapter.methods:
+        raise ArgumentError(unknown(f"method of {engine}", method, adapter.methods))
+    for name in options:
+        if name not in OPTIONS:
+            raise ArgumentError(unknown("option", name, OPTIONS))
+    if step is not None and rtol is not None:
+        raise ArgumentError("step and rtol: only one of them can be given")
+    given = {name: options[name] for name in ENGINE_OPTIONS if options.get(name) is not None}
+    known = getattr(adapter, "options", ENGINE_OPTIONS)
+    for name in ("spin_free", "monitor"):
+        if not isinstance(options.get(name), bool | np.bool_ | None):
+            raise ArgumentError(f"{name}: True or False is wanted, not {options[name]!r}")
+    if "spin_free" in given:
+        given["spin_free"] = bool(given["spin_free"])
+        if "spin_free" not in known and given.pop("spin_free"):
+            raise Unsupported(f"{engine} {method}: spin_free=True is not available; leave it out")
+    for name in given:
+        if name not in known:
+            has = ", ".join(sorted(known)) or "none"
+            raise ArgumentError(f"{name}: {engine} does not have this option; it has {has}")
+    for name, choices in CHOICES.items():
+        if name in given and not (isinstance(given[name], str) and given[name] in choices):
+            raise ArgumentError(unknown(name, given[name], choices))
+    for name in ("alpha", "beta"):
+        if name in given:
+            given[name] = _number(name, given[name], lowest=0.0)
+    flag = options.get("monitor")
+    monitor = flag is None or bool(flag)
+    spec = RunSpec(method, _positive("step", step), _positive("rtol", rtol), monitor=monitor, **given)
+    _check_step_control(engine, adapter, spec)
+    return spec
+
+
+def _check_step_control(engine: str, adapter: Engine, spec: RunSpec) -> None:
+    """Adapters that name their `adaptive_methods` get step and rtol checked here; others answer for themselves."""
+    adaptive = getattr(adapter, "adaptive_methods", None)
+    if adaptive is None or spec.method in adaptive:
+        return
+    if spec.rtol is not None:
+        raise ArgumentError(f"rtol: {engine} {spec.method} runs with a fixed step here; give step= (s) instead")
+    if spec.step is None:
+        raise ArgumentError(f"step: {engine} {spec.method} needs a fixed step; give step= (s)")
+
+
+def overridden(scene: Scene, options: Mapping[str, Any]) -> Scene:
+    """The scene with the options' own samples and duration."""
+    changes: dict[str, Any] = {}
+    if options.get("samples") is not None:
+        samples = _scalar(options["samples"])
+        whole = isinstance(samples, numbers.Integral) and not isinstance(samples, bool)
+        if not whole or not 2 <= samples <= MOST_SAMPLES:
+            raise ArgumentError(f"samples: a whole number of at least 2 and at most {MOST_SAMPLES} is wanted, not "
+                                f"{_brief(samples)}")
+        changes["samples"] = int(samples)
+    if options.get("duration") is not None:
+        changes["duration"] = _positive("duration", options["duration"])
+    return dataclasses.replace(scene, **changes) if changes else scene
+
+
+def _positive(name: str, value: Any) -> float | None:
+    if value is None:
+        return None
+    number = _number(name, value, lowest=0.0)
+    if number == 0.0:
+        raise ArgumentError(f"{name}: a positive number is wanted, not {value!r}")
+    return number
+
+
+def _number(name: str, value: Any, lowest: float) -> float:
+    """`value` as a double: the one nearest to the decimals it is written with, where it has fewer bits.
+
+    `np.float32(0.01)` is meant as 0.01; taken bit by bit it is smaller, and one step more would fit into an interval.
+    """
+    given = _scalar(value)
+    try:
+        number = math.nan
+        if isinstance(given, numbers.Real) and not isinstance(given, bool):
+            number = float(str(given)) if isinstance(given, np.floating) else float(given)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number) or number < lowest:
+        raise ArgumentError(f"{name}: a finite number not below {lowest:g} is wanted, not {_brief(value)}")
+    return number
+
+
+def _scalar(value: Any) -> Any:
+    """The scalar in an array without axes; anything else as it is."""
+    return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
+
+
+def _brief(value: Any) -> str:
+    """A wrong value for a message, in one line that stays readable whatever was given."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to print integers of thousands of digits
+        return f"this {type(value).__name__}"
+    return text if len(text) <= 60 and "\n" not in text else f"this {type(value).__name__}"
+
+
+def check_length(scene: Scene, spec: RunSpec) -> None:
+    """Steps beyond counting would end in an overflow or never."""
+    if spec.step is not None and not max(scene.duration / spec.step, scene.samples) <= MOST_STEPS:
+        raise ArgumentError(f"step: {spec.step:g} s cuts {scene.duration:g} s with {scene.samples} samples into more "
+                            f"than {MOST_STEPS:g} steps; give a larger step or a shorter duration")

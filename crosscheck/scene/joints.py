@@ -1,0 +1,92 @@
+"""The types of joints: one entry of one table each.
+
+Schema, checks, constraint rows, initial states, tree links and the adapter of lieeuler read this table. The references
+keep their own, so that a wrong entry here cannot make them wrong alike.
+
+Rows, with d the vector from the parent's anchor to the child's, a the parent's axis and n1, n2 its reference vectors:
+`Row("point")` is d = 0, `Row("distance")` is (d . d - c^2) / (2 c), `Row("dot1", p, c)` the product of a vector of the
+parent with one of the child, `Row("dot2", p)` the product of a vector of the parent with d. The vectors by their names
+are built in `crosscheck.scene.constraints`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+Zero = Literal["identity", "axes", "start"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """A basic constraint of a joint, its vectors by name."""
+
+    kind: Literal["point", "dot1", "dot2", "distance"]
+    parent: str = ""
+    child: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class JointType:
+    """What a type of joint is.
+
+    Attributes
+    ----------
+    rows : its constraint rows in their order.
+    motion : what it leaves free, from the parent outwards: "slide", "turn" (along, about the axis), "slide n1",
+        "slide n2" (along the references of the axis), "turn parent" (about the parent's axis), "ball", "rod" (two turns
+        of a rod's direction and a ball at its end).
+    axes : which axes it needs and how they lie in the world: "parallel" and "perpendicular" need both.
+    zero : the attitude of the child in the parent from which its coordinates count: "axes" is the shortest rotation
+        that takes the child's axis to the parent's, "start" the one of the initial state.
+    length : whether it needs one.
+    """
+
+    rows: tuple[Row, ...]
+    motion: tuple[str, ...] = ()
+    axes: Literal["none", "parent", "parallel", "perpendicular"] = "none"
+    zero: Zero = "identity"
+    length: bool = False
+
+    @property
+    def needs(self) -> dict[str, bool]:
+        """The optional keys of a scene file: whether the type needs each."""
+        return {"parent_axis": self.axes != "none", "child_axis": self.axes in ("parallel", "perpendicular"),
+                "length": self.length}
+
+    @property
+    def anchors_coincide(self) -> bool:
+        """Whether it holds the two anchors together."""
+        return self.rows[0].kind == "point"
+
+    @property
+    def keeps_attitude(self) -> bool:
+        """Whether rows hold the relative attitude of the initial state."""
+        return any(row.child in ("b", "f1", "f2", "f3") for row in self.rows)
+
+    @property
+    def has_angle(self) -> bool:
+        """Whether it turns about one axis that both bodies keep, and about nothing else, wherever it slides to."""
+        return self.axes == "parallel" and self.motion in (("turn",), ("slide", "turn"))
+
+
+_POINT = Row("point")
+_PARALLEL = (Row("dot1", "n1", "axis"), Row("dot1", "n2", "axis"))
+_ON_LINE = (Row("dot2", "n1"), Row("dot2", "n2"))
+_ON_PLANE = Row("dot2", "axis")
+_ALL_AXES = (Row("dot1", "e1", "f2"), Row("dot1", "e2", "f3"), Row("dot1", "e3", "f1"))
+_PLANE = ("slide n1", "slide n2")
+
+JOINT_TYPES: dict[str, JointType] = {
+    "spherical": JointType((_POINT,), ("ball",)),
+    "universal": JointType((_POINT, Row("dot1", "axis", "axis")), ("turn parent", "turn"), "perpendicular", "start"),
+    "revolute": JointType((_POINT, *_PARALLEL), ("turn",), "parallel", "axes"),
+    "cylindrical": JointType((*_PARALLEL, *_ON_LINE), ("slide", "turn"), "parallel", "axes"),
+    "prismatic": JointType((*_PARALLEL, *_ON_LINE, Row("dot1", "n1", "b")), ("slide",), "parallel", "start"),
+    "planar": JointType((*_PARALLEL, _ON_PLANE), (*_PLANE, "turn"), "parallel", "axes"),
+    "fixed": JointType((_POINT, *_ALL_AXES), zero="start"),
+    "distance": JointType((Row("distance"),), ("rod",), length=True),
+    "point_on_line": JointType(_ON_LINE, ("slide", "ball"), "parent"),
+    "point_on_plane": JointType((_ON_PLANE,), (*_PLANE, "ball"), "parent"),
+}
+"""By the names that scene files use, in the order in which messages list them."""

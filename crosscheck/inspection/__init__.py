@@ -63,7 +63,8 @@ def probe(adapter: Any, scene: Scene, at: States, form: str | None = None) -> Pr
     if None not in reasons:  # some engines have a form for some of their methods only
         raise Unsupported(reasons[0])
     try:
-        return own(scene, at, form)
+        found: Probe = own(scene, at, form)
+        return found
     except (Unsupported, EngineError):
         raise
     except ImportError as error:

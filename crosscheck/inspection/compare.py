@@ -69,7 +69,8 @@ def _total(probe: Probe) -> float | None:
 def _centre(probe: Probe) -> np.ndarray | None:
     if probe.com is not None or probe.masses is None or probe.x is None:
         return probe.com
-    return np.einsum("n,tnk->tk", probe.masses, probe.x) / probe.masses.sum()
+    found: np.ndarray | None = np.einsum("n,tnk->tk", probe.masses, probe.x) / probe.masses.sum()
+    return found
 
 
 def _projected(reference: Reference, probe: Probe) -> Iterator[tuple[str, np.ndarray]]:
@@ -98,7 +99,8 @@ def _own_velocities(probe: Probe, k: int, N: np.ndarray) -> np.ndarray:
     if probe.closing is not None:  # what moves no body must follow the engine's own constraints
         rows = np.concatenate([rows, probe.closing[k]])
         wanted = np.concatenate([N, np.zeros((len(probe.closing[k]), N.shape[1]))])
-    return np.linalg.lstsq(rows, wanted, rcond=None)[0]
+    found: np.ndarray = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+    return found
 
 
 def _reactions(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[str, np.ndarray]]:

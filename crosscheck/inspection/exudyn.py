@@ -89,7 +89,8 @@ def _maximal(scene: Scene) -> dict[str, Any]:
 
 
 def _free_spin(scene: Scene, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    return np.einsum("nji,nj->ni", scene.R0, np.linalg.solve(matrix, right).reshape(-1, 6)[:, 3:])
+    found: np.ndarray = np.einsum("nji,nj->ni", scene.R0, np.linalg.solve(matrix, right).reshape(-1, 6)[:, 3:])
+    return found
 
 
 def _tree(scene: Scene) -> dict[str, Any]:

@@ -16,4 +16,5 @@ def best_method(adapter: Any, scene: Scene) -> str:
               if adapter.unsupported(scene, spec) is None]
     if not usable:
         raise Unsupported(f"{adapter.name}: {adapter.unsupported(scene, specs[0])}")
-    return adapter.methods[max(usable)[1]]
+    found: str = adapter.methods[max(usable)[1]]
+    return found

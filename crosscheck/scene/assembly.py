@@ -258,7 +258,8 @@ def _newton_step(constraints: Constraints, guess: _State, unweighted: np.ndarray
             hessian[first:first + 6] += (bent[:6] - bent[6:]) / (2 * _DIFFERENCE)
     curvatures, directions = np.linalg.eigh(along @ (hessian + hessian.T) @ along.T / 2)
     slope = directions.T @ along @ (z + hessian @ closing)
-    return closing - along.T @ (directions @ (slope / np.maximum(np.abs(curvatures), _LEAST_CURVATURE)))
+    found: np.ndarray = closing - along.T @ (directions @ (slope / np.maximum(np.abs(curvatures), _LEAST_CURVATURE)))
+    return found
 
 
 def _inverse_root_mass(scene: Scene) -> np.ndarray:
@@ -293,7 +294,8 @@ def _at_rounding(constraints: Constraints, rows: np.ndarray, length: float, numb
 
 def _length_scale(scene: Scene, state: _State) -> float:
     rods = [joint.length for joint in scene.joints if joint.length is not None]
-    return max(_anchor_length(scene), float(np.abs(state.x).max()), *rods)
+    found: float = max(_anchor_length(scene), float(np.abs(state.x).max()), *rods)
+    return found
 
 
 def _moved(state: _State, steps: np.ndarray) -> _State:
@@ -320,4 +322,5 @@ def _right_tangents(theta: np.ndarray) -> np.ndarray:
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 1 / 2 - angle**2 / 24 + angle**4 / 720, (1 - np.cos(safe)) / safe**2)
     second = np.where(small, 1 / 6 - angle**2 / 120 + angle**4 / 5040, (safe - np.sin(safe)) / safe**3)
-    return np.eye(3) - first * hat + second * hat @ hat
+    found: np.ndarray = np.eye(3) - first * hat + second * hat @ hat
+    return found

@@ -36,16 +36,19 @@ class BodyVector:
 
     def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
         """The vector itself; `x` is not looked at."""
-        return R[:, self.body] @ self.s
+        found: np.ndarray = R[:, self.body] @ self.s
+        return found
 
     def rate(self, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Its time derivative; `v` is not looked at."""
-        return np.einsum("tij,tj->ti", R[:, self.body], cross(w[:, self.body], self.s))
+        found: np.ndarray = np.einsum("tij,tj->ti", R[:, self.body], cross(w[:, self.body], self.s))
+        return found
 
     def centripetal(self, R: np.ndarray, w: np.ndarray) -> np.ndarray:
         """The part of its second derivative that is quadratic in w."""
         spin = w[:, self.body]
-        return np.einsum("tij,tj->ti", R[:, self.body], cross(spin, cross(spin, self.s)))
+        found: np.ndarray = np.einsum("tij,tj->ti", R[:, self.body], cross(spin, cross(spin, self.s)))
+        return found
 
     def add_rows(self, G: np.ndarray, R: np.ndarray, directions: np.ndarray) -> None:
         """Add the rows of `directions` (T, r, 3) times the Jacobian of the vector to G (T, r, n + 1, 6)."""
@@ -62,17 +65,20 @@ class Separation:
 
     def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
         """d."""
-        return (x[:, self.child.body] + self.child.value(x, R)
+        found: np.ndarray = (x[:, self.child.body] + self.child.value(x, R)
                 - x[:, self.parent.body] - self.parent.value(x, R))
+        return found
 
     def rate(self, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Its time derivative."""
-        return (v[:, self.child.body] + self.child.rate(R, v, w)
+        found: np.ndarray = (v[:, self.child.body] + self.child.rate(R, v, w)
                 - v[:, self.parent.body] - self.parent.rate(R, v, w))
+        return found
 
     def centripetal(self, R: np.ndarray, w: np.ndarray) -> np.ndarray:
         """The part of its second derivative that is quadratic in w."""
-        return self.child.centripetal(R, w) - self.parent.centripetal(R, w)
+        found: np.ndarray = self.child.centripetal(R, w) - self.parent.centripetal(R, w)
+        return found
 
     def add_rows(self, G: np.ndarray, R: np.ndarray, directions: np.ndarray) -> None:
         """As with `BodyVector`."""
@@ -115,15 +121,18 @@ class Basic:
         dq = self.right.rate(R, v, w)
         if self.left is None:
             return dq
-        return (_dot(self.left.rate(R, v, w), self.right.value(x, R)) + _dot(self.left.value(x, R), dq)) / self.unit
+        rows: np.ndarray = _dot(self.left.rate(R, v, w), self.right.value(x, R)) + _dot(self.left.value(x, R), dq)
+        return rows / self.unit
 
     def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Its rows of gamma, (T, rows)."""
         ddq = self.right.centripetal(R, w)
         if self.left is None:
             return ddq
-        return (_dot(self.left.centripetal(R, w), self.right.value(x, R)) + _dot(self.left.value(x, R), ddq)
-                + 2 * _dot(self.left.rate(R, v, w), self.right.rate(R, v, w))) / self.unit
+        rows: np.ndarray = (_dot(self.left.centripetal(R, w), self.right.value(x, R))
+                            + _dot(self.left.value(x, R), ddq)
+                            + 2 * _dot(self.left.rate(R, v, w), self.right.rate(R, v, w)))
+        return rows / self.unit
 
     def add_rows(self, G: np.ndarray, x: np.ndarray, R: np.ndarray) -> None:
         """Add its rows of the Jacobian to G (T, rows, n + 1, 6)."""
@@ -246,7 +255,8 @@ class Constraints:
     def acceleration(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray,
                      alpha: np.ndarray) -> np.ndarray:
         """G du/dt + gamma, (T, m), with du/dt = (a world, alpha body axes)."""
-        return self.velocity(x, R, a, alpha) + self.gamma(x, R, v, w)
+        found: np.ndarray = self.velocity(x, R, a, alpha) + self.gamma(x, R, v, w)
+        return found
 
     def jacobian(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
         """G, (T, m, 6n): per body in order three columns for v (world) and three for w (body axes)."""
@@ -277,4 +287,5 @@ def _with_ground(values: np.ndarray, ground: np.ndarray = _ZERO) -> np.ndarray:
 
 
 def _dot(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    return np.einsum("tk,tk->t", p, q)[:, None]
+    found: np.ndarray = np.einsum("tk,tk->t", p, q)[:, None]
+    return found

@@ -32,7 +32,8 @@ def kinetic_energy(scene: Scene, states: StateArrays) -> np.ndarray:
     """Kinetic energy, (T,) in J."""
     translation = np.einsum("n,tnk,tnk->t", scene.masses, states.v, states.v)
     rotation = np.einsum("tnj,njk,tnk->t", states.w, scene.inertias, states.w)
-    return 0.5 * (translation + rotation)
+    found: np.ndarray = 0.5 * (translation + rotation)
+    return found
 
 
 def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[str, np.ndarray]) -> np.ndarray:
@@ -45,13 +46,15 @@ def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[st
             energy = energy + 0.5 * p["stiffness"] * (np.linalg.norm(d, axis=-1) - p["free_length"]) ** 2
         elif force.type == "torsional_spring":
             energy = energy + 0.5 * p["stiffness"] * (angles[force.joint] - p["rest_angle"]) ** 2
-    return energy
+    found: np.ndarray = energy
+    return found
 
 
 def energy(scene: Scene, states: StateArrays) -> np.ndarray:
     """Kinetic energy - sum of m g . x + spring energies, (T,) in J."""
     angles = torsion_angles(scene, states.R, states.w, states.t)
-    return kinetic_energy(scene, states) + potential_energy(scene, states.x, states.R, angles)
+    found: np.ndarray = kinetic_energy(scene, states) + potential_energy(scene, states.x, states.R, angles)
+    return found
 
 
 def momentum_vertical(scene: Scene, states: StateArrays) -> np.ndarray:
@@ -60,13 +63,15 @@ def momentum_vertical(scene: Scene, states: StateArrays) -> np.ndarray:
     up = -scene.gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
     orbital = np.einsum("n,tnk->tk", scene.masses, cross(states.x, states.v))
     spin = np.einsum("tnij,njk,tnk->ti", states.R, scene.inertias, states.w)
-    return (orbital + spin) @ up
+    found: np.ndarray = (orbital + spin) @ up
+    return found
 
 
 def orthogonality(R: np.ndarray) -> np.ndarray:
     """Largest entry of |R^T R - I| over all bodies, (T,)."""
     gap = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3))
-    return gap.reshape(len(R), -1).max(axis=1, initial=0.0)
+    found: np.ndarray = gap.reshape(len(R), -1).max(axis=1, initial=0.0)
+    return found
 
 
 def torsion_angles(scene: Scene, R: np.ndarray, w: np.ndarray | None = None, t: np.ndarray | None = None,
@@ -192,13 +197,15 @@ def _point(x: np.ndarray, R: np.ndarray, body: int, s: tuple[float, ...]) -> np.
     """World position (T, 3) of a body-fixed point; one of the ground does not move."""
     if body == GROUND:
         return np.broadcast_to(np.array(s), (len(x), 3))
-    return x[:, body] + R[:, body] @ np.array(s)
+    found: np.ndarray = x[:, body] + R[:, body] @ np.array(s)
+    return found
 
 
 def _point_velocity(R: np.ndarray, v: np.ndarray, w: np.ndarray, body: int, s: tuple[float, ...]) -> np.ndarray:
     if body == GROUND:
         return np.zeros((len(v), 3))
-    return v[:, body] + np.einsum("tij,tj->ti", R[:, body], cross(w[:, body], np.array(s)))
+    found: np.ndarray = v[:, body] + np.einsum("tij,tj->ti", R[:, body], cross(w[:, body], np.array(s)))
+    return found
 
 
 def _in_world(vector: tuple[float, ...], frame: str, R: np.ndarray) -> np.ndarray:
@@ -225,7 +232,8 @@ def _spring_pull(force: Force, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: n
     direction = d / np.where(length > 0, length, 1.0)[:, None]
     rate = np.einsum("tk,tk->t", direction, _point_velocity(R, v, w, force.child, p["child_point"])
                      - _point_velocity(R, v, w, force.parent, p["parent_point"]))
-    return (p["stiffness"] * (length - p["free_length"]) + p["damping"] * rate)[:, None] * direction
+    found: np.ndarray = (p["stiffness"] * (length - p["free_length"]) + p["damping"] * rate)[:, None] * direction
+    return found
 
 
 def _torsion_joints(scene: Scene) -> list[Joint]:
@@ -245,7 +253,8 @@ def _torsion_rate(joint: Joint, R: np.ndarray, w: np.ndarray) -> np.ndarray:
     spin = np.einsum("tij,tj->ti", R[:, joint.child], w[:, joint.child])
     if joint.parent != GROUND:
         spin = spin - np.einsum("tij,tj->ti", R[:, joint.parent], w[:, joint.parent])
-    return np.einsum("tk,tk->t", spin, _parent_axis(joint, R))
+    found: np.ndarray = np.einsum("tk,tk->t", spin, _parent_axis(joint, R))
+    return found
 
 
 def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -259,7 +268,8 @@ def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
         return 2 * np.outer(n1, n1) - np.eye(3)
     x, y, z = cross(start, end)
     hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + hat + hat @ hat / (1 + cosine)
+    found: np.ndarray = np.eye(3) + hat + hat @ hat / (1 + cosine)
+    return found
 
 
 def _wrapped_angle(joint: Joint, R: np.ndarray) -> np.ndarray:
@@ -268,4 +278,5 @@ def _wrapped_angle(joint: Joint, R: np.ndarray) -> np.ndarray:
     pointer = _turn(R, joint.child, shortest_rotation(joint.child_axis, joint.parent_axis).T @ n1)
     sine = np.einsum("tk,tk->t", _turn(R, joint.parent, n2), pointer)
     cosine = np.einsum("tk,tk->t", _turn(R, joint.parent, n1), pointer)
-    return np.arctan2(sine, cosine)
+    found: np.ndarray = np.arctan2(sine, cosine)
+    return found

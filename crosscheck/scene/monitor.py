@@ -56,7 +56,8 @@ class Monitor:
         self._angles = {joint: float(values[-1]) for joint, values in angles.items()}
         kinetic = mechanics.kinetic_energy(self._scene, batch)
         self._kinetic = float(np.maximum(self._kinetic, kinetic.max()))
-        return kinetic + mechanics.potential_energy(self._scene, x, R, angles)
+        found: np.ndarray = kinetic + mechanics.potential_energy(self._scene, x, R, angles)
+        return found
 
 
 def level_norms(constraints: Constraints, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,

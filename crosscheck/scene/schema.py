@@ -194,7 +194,7 @@ def _check_keys(data: dict[str, Any]) -> None:
         for index, table in enumerate(tables if isinstance(tables, list) else []):
             if not isinstance(table, dict):
                 continue
-            types: Iterable[str] = {"forces": FORCE_ENTRIES, "joints": JOINT_TYPES}.get(group, ())
+            types = tuple(FORCE_ENTRIES if group == "forces" else JOINT_TYPES if group == "joints" else ())
             kind = table.get("type")
             if types and (not isinstance(kind, str) or kind not in types):
                 raise _bad_type(data, (group, index), kind, types)

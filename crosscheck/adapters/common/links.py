@@ -192,7 +192,8 @@ def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     if cosine < -1 + 1e-12:  # beyond it the formula below has lost every digit of the axis
         return np.concatenate([[0.0], normal_references(end)[0]])
     quaternion = np.concatenate([[1.0 + cosine], np.cross(start, end)])
-    return quaternion / np.linalg.norm(quaternion)
+    found: np.ndarray = quaternion / np.linalg.norm(quaternion)
+    return found
 
 
 def multiply(p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -210,9 +211,10 @@ def relative_attitude(scene: Scene, parent: int, body: int) -> np.ndarray:
 
 def relative_velocity(scene: Scene, parent: int, body: int) -> np.ndarray:
     """Initial angular velocity of `body` relative to `parent`, rad/s, the body's axes."""
-    if parent == GROUND:
-        return scene.w0[body]
-    return scene.w0[body] - scene.R0[body].T @ scene.R0[parent] @ scene.w0[parent]
+    w: np.ndarray = scene.w0[body]
+    if parent != GROUND:
+        w = w - scene.R0[body].T @ scene.R0[parent] @ scene.w0[parent]
+    return w
 
 
 def separation(scene: Scene, parent: int, body: int, parent_anchor: np.ndarray,

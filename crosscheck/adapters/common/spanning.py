@@ -75,7 +75,8 @@ def relative_pose(scene: Scene, parent: int, body: int) -> tuple[np.ndarray, np.
 
 def in_body(scene: Scene, start: int, end: int, vector: np.ndarray) -> np.ndarray:
     """Components in the frame of `end` of a vector given in that of `start`, at t = 0."""
-    return pose(scene, end)[1].T @ pose(scene, start)[1] @ vector
+    found: np.ndarray = pose(scene, end)[1].T @ pose(scene, start)[1] @ vector
+    return found
 
 
 def redundant_rows(scene: Scene) -> int:

@@ -169,11 +169,13 @@ def forward(chain: Sequence[Link], motions: Sequence[Motion], t: np.ndarray, acc
 
 
 def _turn(R: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    return np.einsum("tij,tj->ti", R, vector)
+    found: np.ndarray = np.einsum("tij,tj->ti", R, vector)
+    return found
 
 
 def _turn_back(R: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    return np.einsum("tji,tj->ti", R, vector)
+    found: np.ndarray = np.einsum("tji,tj->ti", R, vector)
+    return found
 
 
 def _parent(states: States, link: Link) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -68,7 +68,8 @@ class _Tree:
 
 
 def _parallel(arm: np.ndarray) -> np.ndarray:
-    return arm @ arm * np.eye(3) - np.outer(arm, arm)
+    found: np.ndarray = arm @ arm * np.eye(3) - np.outer(arm, arm)
+    return found
 
 
 def spanned(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:

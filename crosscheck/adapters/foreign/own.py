@@ -52,10 +52,12 @@ class Completed:
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
         """By the engine's method of this name, else by its table `orders`; None for adaptive methods."""
         if hasattr(self._engine, "documented_order"):
-            return self._engine.documented_order(scene, spec)
+            claimed: int | None = self._engine.documented_order(scene, spec)
+            return claimed
         if spec.method in self.adaptive_methods:
             return None
-        return (getattr(self._engine, "orders", None) or {}).get(spec.method, FIRST)
+        found: int | None = (getattr(self._engine, "orders", None) or {}).get(spec.method, FIRST)
+        return found
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """By the engine's method of this name, else none."""
@@ -66,7 +68,8 @@ class Completed:
         """The engine's answer; a form it does not have is refused here."""
         if spec.form is not None and spec.form not in self.forms:
             return f"form {spec.form} is not among those of this engine: {', '.join(self.forms) or 'it names none'}"
-        return self._engine.unsupported(scene, spec)
+        found: str | None = self._engine.unsupported(scene, spec)
+        return found
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """The engine's run; raises `EngineError` where it returns something else than states."""

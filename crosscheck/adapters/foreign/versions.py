@@ -52,15 +52,18 @@ class Versioned:
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
         """As the adapter says it there."""
-        return self._ask("documented_order", scene, spec)
+        found: int | None = self._ask("documented_order", scene, spec)
+        return found
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """As the adapter says it there."""
-        return self._ask("held_levels", scene, spec)
+        found: frozenset[str] = self._ask("held_levels", scene, spec)
+        return found
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """As the adapter says it there."""
-        return self._ask("unsupported", scene, spec)
+        found: str | None = self._ask("unsupported", scene, spec)
+        return found
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate in the engine's own environment."""

@@ -257,7 +257,8 @@ def _add_load(mujoco: Any, spec: Any, frames: dict[int, Any], index: int, force:
 def _quaternion(attitude: np.ndarray) -> np.ndarray:
     from scipy.spatial.transform import Rotation
 
-    return Rotation.from_matrix(attitude).as_quat(scalar_first=True)
+    found: np.ndarray = Rotation.from_matrix(attitude).as_quat(scalar_first=True)
+    return found
 
 
 def set_initial_state(scene: Scene, model: Any, data: Any) -> None:

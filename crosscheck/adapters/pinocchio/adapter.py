@@ -105,7 +105,8 @@ def _stepper(method: str, h: float, model: models.Model, dynamics: Dynamics) -> 
     import pinocchio
 
     def integrate(q: np.ndarray, tangent: np.ndarray) -> np.ndarray:
-        return pinocchio.integrate(model.model, q, tangent)
+        found: np.ndarray = pinocchio.integrate(model.model, q, tangent)
+        return found
 
     if method == "SymplecticEuler":
         return lie_steppers.symplectic_euler(h, integrate, dynamics)

@@ -71,14 +71,17 @@ class Dynamics:
         """Joint accelerations, a copy: Pinocchio overwrites its own at the next call."""
         pin = self._pin
         torque, wrenches = self._applied(q, v)
+        found: np.ndarray
         if self.closure is None:
             external = () if wrenches is None else (wrenches,)
             if not self.factorizes:
-                return pin.aba(self._model, self.data, q, v, torque, *external).copy()
+                found = pin.aba(self._model, self.data, q, v, torque, *external).copy()
+                return found
             bias = pin.rnea(self._model, self.data, q, v, np.zeros(self._model.nv), *external).copy()
             pin.crba(self._model, self.data, q)
             pin.cholesky.decompose(self._model, self.data)
-            return pin.cholesky.solve(self._model, self.data, torque - bias)
+            found = pin.cholesky.solve(self._model, self.data, torque - bias)
+            return found
         if wrenches is not None:
             pin.computeJointJacobians(self._model, self.data, q)
             for joint in range(1, self._model.njoints):
@@ -87,7 +90,9 @@ class Dynamics:
         c = self.closure
         if c.redundant:
             return redundant.accelerations(self._model, self.data, c, q, v, torque)
-        return pin.constraintDynamics(self._model, self.data, q, v, torque, c.models, c.workspaces, c.settings).copy()
+        found = pin.constraintDynamics(self._model, self.data, q, v, torque, c.models, c.workspaces, c.settings)
+        found = found.copy()
+        return found
 
     def applied(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Generalized force (nv,) of gravity, springs, loads and velocities: the mass matrix times the accelerations
@@ -95,7 +100,8 @@ class Dynamics:
         torque, wrenches = self._applied(q, v)
         still = np.zeros(self._model.nv)
         external = () if wrenches is None else (wrenches,)
-        return torque - self._pin.rnea(self._model, self.data, q, v, still, *external)
+        found: np.ndarray = torque - self._pin.rnea(self._model, self.data, q, v, still, *external)
+        return found
 
     def _applied(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, Any]:
         """(joint torques, external forces of all joints in their frames or None where there are none)."""

@@ -48,7 +48,8 @@ def accelerations(model: Any, data: Any, closure: Closure, q: np.ndarray, v: np.
     share = U.T @ residual / sigma
     _keep_forces(closure, sizes, -U @ (share / sigma))
     free = solve_triangular(root, torque - pin.nonLinearEffects(model, data, q, v), lower=True)
-    return solve_triangular(root.T, free - W.T @ share)
+    found: np.ndarray = solve_triangular(root.T, free - W.T @ share)
+    return found
 
 
 def _keep_forces(closure: Closure, sizes: list[int], forces: np.ndarray) -> None:

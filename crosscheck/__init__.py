@@ -15,6 +15,7 @@ _HOMES = {
     "engines": ("adapters", "names"),
     "methods": ("adapters", "methods"),
     "truth": ("running.run", "truth"),
+    "advise": ("verification.advice", "advise"),
     "explain": ("diagnosis", "explain"),
     "inspect": ("inspection", "inspect"),
     "assert_agree": ("testing.agreement", "assert_agree"),

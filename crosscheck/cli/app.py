@@ -6,6 +6,7 @@ import os
 
 import typer
 
+from crosscheck.cli.advise import advise
 from crosscheck.cli.console import INTERRUPTED, complain, interrupted
 from crosscheck.cli.explain import explain
 from crosscheck.cli.history import app as history
@@ -23,7 +24,7 @@ from crosscheck.errors import CrosscheckError
 app = typer.Typer(name="crosscheck", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
                   help="One multibody scene, many engines, every result measured against independent truth. Begin with "
                        "`crosscheck list` and `crosscheck verify --scene double_pendulum --profile smoke`.")
-for command in (verify, run, truth, explain, inspect, support, report, nightly):
+for command in (verify, advise, run, truth, explain, inspect, support, report, nightly):
     app.command()(command)
 app.command("list")(list_)
 app.add_typer(history)

@@ -1,0 +1,116 @@
+"""Advice against reality: how often what `crosscheck.advise` says is met, and is it the cheapest?
+
+    python -m benchmarks.advice [--scene NAME ...] [--engine NAME ...] [--limit SECONDS]
+
+For every scene, engine and error the advised run is made and its error measured. Brute force then tries every method of
+the engine at numbers of steps that grow by a fifth, and at tolerances a quarter power of ten apart, as long as a run is
+no dearer than the advised one; the cheapest that meet the error take turns with it, and the medians are compared.
+Cells whose advised run takes longer than the limit are only checked for their error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+from collections.abc import Iterator
+
+import numpy as np
+
+import crosscheck
+from crosscheck.errors import CrosscheckError
+from crosscheck.scene.model import Scene
+from crosscheck.verification.advice import Advice
+from crosscheck.verification.ladder import Way, ways
+
+ERRORS = (1e-2, 1e-4, 1e-6)
+WITHIN = 1.5
+ROUNDS = 5
+
+
+def error_of(scene: Scene, traj: crosscheck.Trajectory) -> float:
+    """Largest |component of x - truth| (m) at the samples where truth is comparable."""
+    truth = crosscheck.truth(scene)
+    keep = truth.t <= truth.horizon * (1 + 1e-12)
+    return float(np.abs(traj.x[keep] - truth.states.x[keep]).max())
+
+
+def sizes(scene: Scene, way: Way) -> Iterator[dict[str, float]]:
+    """Arguments of ever finer runs."""
+    if way.adaptive:
+        yield from ({"rtol": 10.0 ** (-quarter / 4)} for quarter in range(4, 57))
+        return
+    interval, count = scene.duration / (scene.samples - 1), 1.0
+    while True:
+        yield {"step": interval / round(count)}
+        count = max(count + 1, 1.2 * count)
+
+
+def rivals(scene: Scene, engine: str, found: Advice) -> list[tuple[str, dict[str, float], float]]:
+    """(method, step or rtol, s) of runs no dearer than the advised one that meet its error."""
+    better = []
+    for way in ways(scene, [engine], default_form=True)[0]:
+        dear = 0
+        for size in sizes(scene, way):
+            try:
+                traj = crosscheck.run(scene, engine, way.method, monitor=False, **size)
+            except Exception:  # a run that fails meets no error
+                if size.get("step", 1.0) < (found.step or 0.0) / 4:
+                    break
+                continue
+            if error_of(scene, traj) <= found.wanted:
+                better.append((way.method, size, traj.wall_time))
+                break
+            dear += traj.wall_time > (found.cost or 0.0)
+            if dear > 1:
+                break
+    return sorted(better, key=lambda each: each[2])[:3]
+
+
+def ratio(scene: Scene, engine: str, found: Advice) -> float:
+    """Cost of the advised run over that of the cheapest of brute force, medians of turns."""
+    mine = {"step": found.step} if found.step else {"rtol": found.rtol}
+    runs = [(found.method, mine), *((method, size) for method, size, _ in rivals(scene, engine, found))]
+    times: list[list[float]] = [[] for _ in runs]
+    for _ in range(ROUNDS):
+        for own, (method, size) in zip(times, runs, strict=True):
+            own.append(min(crosscheck.run(scene, engine, method, monitor=False, **size).wall_time for _ in range(3)))
+    medians = [statistics.median(own) for own in times]
+    return medians[0] / min(medians)
+
+
+def main() -> None:
+    """Print a line a cell and the shares."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--scene", action="append")
+    parser.add_argument("--engine", action="append")
+    parser.add_argument("--limit", type=float, default=1.0, help="s of the advised run")
+    given = parser.parse_args()
+    met, told, cheap, timed, none = 0, 0, 0, 0, 0
+    for name in given.scene or crosscheck.scenes():
+        scene = crosscheck.load_scene(name)
+        for engine in given.engine or crosscheck.engines():
+            for error in ERRORS:
+                try:
+                    found = crosscheck.advise(scene, engine=engine, error=error)
+                except CrosscheckError as reason:
+                    print(f"{name} {engine}: {' '.join(str(reason).split())[:100]}", flush=True)
+                    break
+                if found.method is None:
+                    none += 1
+                    print(f"{name} {engine} {error:.0e}: no method, least {found.least}", flush=True)
+                    continue
+                traj = crosscheck.run(scene, engine, found.method, step=found.step, rtol=found.rtol)
+                told, met = told + 1, met + (error_of(scene, traj) <= error)
+                text = f"{name} {engine} {error:.0e}: {found.method} {found.step or found.rtol:.3g}, error " \
+                       f"{error_of(scene, traj):.1e}"
+                if (found.cost or 0.0) <= given.limit:
+                    over = ratio(scene, engine, found)
+                    timed, cheap = timed + 1, cheap + (over <= WITHIN)
+                    text += f", {over:.2f} of the cheapest"
+                print(text, flush=True)
+    print(f"error met: {met} of {told} advised; cost within {WITHIN} of the cheapest: {cheap} of {timed} timed; "
+          f"no method: {none}")
+
+
+if __name__ == "__main__":
+    main()

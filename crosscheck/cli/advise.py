@@ -1,0 +1,50 @@
+"""`crosscheck advise`: which method of an engine to take for an error, at which step."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from crosscheck.cli.options import figure
+
+if TYPE_CHECKING:
+    from crosscheck.verification.advice import Advice
+
+
+def advise(
+    scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
+    engine: Annotated[str, typer.Option(help="a name, name==version, or a class of your own as module:Class")],
+    error: Annotated[float, typer.Option(help="m; largest |component of x - truth| over bodies and output times")],
+    as_json: Annotated[bool, typer.Option("--json", help="print everything as JSON")] = False,
+) -> None:
+    """The cheapest method of an engine for an error, its largest step, and where it breaks; by runs against truth.
+
+    The first call for a scene and engine makes these runs, in half a minute at most; later ones read what it found.
+    Exit code 0: a method reaches the error; 1: none does.
+    """
+    from crosscheck.verification.advice import advise as find
+
+    found = find(scene, engine=engine, error=error)
+    if as_json:
+        typer.echo(json.dumps(dataclasses.asdict(found), indent=1))
+    else:
+        for line in _lines(found):
+            typer.echo(line)
+    raise typer.Exit(int(found.method is None))
+
+
+def _lines(found: Advice) -> list[str]:
+    asked = f"{found.scene} with {found.engine}, position error at most {found.wanted:g} m up to {found.until:g} s"
+    if found.method is None:
+        least = "no run ended" if found.least is None else f"the least error found is {found.least:.1e} m"
+        return [f"{asked}: no method reaches it, {least}"]
+    size = f"step     {figure(found.step)} s" if found.step else f"rtol     {figure(found.rtol)}"
+    breaks = "at no step tried, up to one output time" if found.breaks_at is None else (
+        f"at {'step' if found.step else 'rtol'} {figure(found.breaks_at)}{' s' if found.step else ''}: there it fails, "
+        "or is wrong by a tenth of the scene's size")
+    return [asked, f"method   {found.method}{f', form {found.form}' if found.form else ''}", size,
+            f"error    {found.error:.1e} m", f"cost     {1e3 * (found.cost or 0.0):.3g} ms of stepping",
+            f"breaks   {breaks}", f"command  {found.command}"]

@@ -1,0 +1,102 @@
+"""Which method of an engine to take on a scene for an error, at which step, and what that costs; by runs against truth.
+
+`crosscheck.verification.walks` makes the runs, once for all errors.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import shlex
+
+from crosscheck.errors import ArgumentError
+from crosscheck.scene.model import Scene
+from crosscheck.verification.walks import USELESS, Step, Walk
+
+
+@dataclasses.dataclass(frozen=True)
+class Advice:
+    """What to run. Where no method reaches the error, `method` and all that belongs to it are None."""
+
+    scene: str
+    engine: str
+    wanted: float  # m, the error asked for
+    until: float  # s, up to where truth is comparable
+    least: float | None  # m, the least error that any run had
+    method: str | None = None
+    form: str | None = None  # the engine's own choice
+    step: float | None = None  # s, the largest that was found; None for an adaptive method
+    rtol: float | None = None
+    error: float | None = None  # m, measured: the largest |component of x - truth| over bodies and samples
+    cost: float | None = None  # s of stepping
+    breaks_at: float | None = None  # step (s) or rtol of the finest coarser run that fails or says nothing
+    command: str | None = None
+
+
+def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) -> Advice:
+    """The cheapest method of an engine whose error on a scene is at most `error`, with its largest step.
+
+    The first call for a scene and engine runs every method at many steps, for at most half a minute, and keeps what it
+    found; further calls, for any error, read that.
+
+    Parameters
+    ----------
+    scene : Scene, str or path
+        From `crosscheck.load_scene`, or what it takes.
+    engine : str
+        As `crosscheck.run` takes it.
+    error : float
+        m; the largest |component of x - truth| over all bodies and output times that is allowed.
+
+    Raises
+    ------
+    ArgumentError, SceneError
+        As `crosscheck.run`.
+    Unsupported
+        The engine cannot model the scene, or the scene has no truth.
+    TruthError
+        The two formulations of the truth disagree.
+    """
+    from crosscheck.scene.file import as_scene
+    from crosscheck.verification.walks import walk
+
+    wanted = _wanted(error)
+    loaded = as_scene(scene)
+    name = scene.name if isinstance(scene, Scene) else os.fspath(scene)
+    return choose(walk(loaded, engine), wanted, name)
+
+
+def choose(found: Walk, wanted: float, scene: str) -> Advice:
+    """The advice for an error (m) from all runs of an engine; `scene` is its name or path for the command."""
+    known = [step.error for step in found.steps if step.error is not None]
+    reaching = found.reaching(wanted)
+    advice = Advice(found.scene, found.engine, wanted, found.until, min(known, default=None))
+    if not reaching:
+        return advice
+    best = reaching[0]
+    size = f"--step {best.step:.12g}" if best.step else f"--rtol {best.rtol!r}"
+    words = f"crosscheck run {shlex.quote(scene)} --engine {shlex.quote(found.engine)} --method {best.method} {size}"
+    return dataclasses.replace(
+        advice, method=best.method, form=best.form, step=best.step, rtol=best.rtol, error=best.error, cost=best.cost,
+        breaks_at=breaks_at(found, best), command=words)
+
+
+def breaks_at(found: Walk, best: Step) -> float | None:
+    """Step (s) or rtol of the finest run coarser than `best` that failed or is wrong by a tenth of the scene's size.
+
+    None where none did: then the method still gives a meaningful answer at the coarsest step there is.
+    """
+    broken = [step for step in found.of(best.method) if step.fineness < best.fineness
+              and (step.error is None or step.error > USELESS * found.size)]
+    return (broken[-1].step or broken[-1].rtol) if broken else None
+
+
+def _wanted(error: float) -> float:
+    try:
+        wanted = float(error)
+    except (TypeError, ValueError):
+        wanted = math.nan
+    if isinstance(error, bool) or not (math.isfinite(wanted) and wanted > 0):
+        raise ArgumentError(f"error: a positive number of metres is wanted, not {error!r}")
+    return wanted

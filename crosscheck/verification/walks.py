@@ -1,0 +1,299 @@
+"""What every method of one engine reaches on one scene, and for what time: runs at ever finer steps, kept on disk.
+
+All ways of the engine, in its default form, walk down at once, the cheapest next run first, by halved steps or by
+tolerances half a power of ten apart. Then the steps between two halves are searched around the errors of `LEVELS`, and
+the cheapest runs take turns for their times. An engine gets `BUDGET` seconds on a scene, the loading of its package and
+the truth apart. Steps divide the interval between two output times, as those of `crosscheck.run` do.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import heapq
+import itertools
+import math
+import statistics
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crosscheck.errors import Unsupported
+from crosscheck.references.base import Reference
+from crosscheck.scene.model import Scene
+from crosscheck.verification.ladder import Way, ways
+
+if TYPE_CHECKING:
+    from crosscheck.running.trajectory import Trajectory
+
+BUDGET = 30.0
+"""s of all runs of one engine on one scene."""
+
+WALK, SEARCH = 0.6, 0.85
+"""Shares of the budget after which the walk ends, and the search between halves; the rest is for times."""
+
+LEVELS = tuple(10.0**-power for power in (2, 4, 6, 8, 10, 3, 5, 7, 9, 11, 1))
+"""Largest position errors, m, around which steps are searched, in this order."""
+
+RTOLS = tuple(10.0 ** (-half / 2) for half in range(2, 29))
+"""Relative tolerances of adaptive methods."""
+
+CLOSE = 1.12
+"""The search ends where the number of steps found and the next that is too inaccurate differ by less."""
+
+ROUND_OFF = 1e-9
+"""m; errors below it that do not fall any more are rounding."""
+
+GAIN = 0.7
+"""A run with half the step, or a third of the tolerance, has an error below this share of the other's."""
+
+NEAR = 1.6
+"""Ways that pay at most so many times the least for an error take turns with the cheapest."""
+
+ROUNDS = 5
+"""Turns of each of them; the medians count."""
+
+TRIES, SHORT = 3, 0.02
+"""A turn is the fastest of so many runs, of as many as begin within so many s."""
+
+LOST = 4.0
+"""A way whose error another one of no lower order beats at this share of its cost walks on no further."""
+
+USELESS = 0.1
+"""A run with an error above this share of the scene's size says nothing any more."""
+
+
+@dataclasses.dataclass
+class Step:
+    """One run of a method. `error` is the largest |component of x - truth| over bodies and samples."""
+
+    method: str
+    form: str | None
+    order: int | None
+    step: float | None  # s
+    rtol: float | None
+    steps: int
+    error: float | None = None  # m; None where the run failed
+    cost: float | None = None  # s of stepping
+    reason: str = ""  # of the failure
+    repeats: int = 1
+
+    @property
+    def fineness(self) -> float:
+        """Grows from coarse to fine."""
+        return 1.0 / (self.step or self.rtol or math.inf)
+
+
+@dataclasses.dataclass
+class Walk:
+    """All runs of one engine on one scene."""
+
+    scene: str
+    engine: str
+    size: float  # m, how large the scene is
+    until: float  # s, the last sample that counts: past the horizon no truth is comparable
+    seconds: float = 0.0  # spent
+    steps: list[Step] = dataclasses.field(default_factory=list)
+
+    def of(self, method: str) -> list[Step]:
+        """The runs of a method, coarse to fine."""
+        return sorted((step for step in self.steps if step.method == method), key=lambda step: step.fineness)
+
+    def reaching(self, error: float) -> list[Step]:
+        """Per method its coarsest run with at most this error, the cheapest method first."""
+        found: dict[str, Step] = {}
+        for step in self.steps:
+            if step.error is not None and step.error <= error:
+                best = found.get(step.method)
+                if best is None or step.fineness < best.fineness:
+                    found[step.method] = step
+        return sorted(found.values(), key=lambda step: step.cost or 0.0)
+
+
+def walk(scene: Scene, engine: str, again: bool = False) -> Walk:
+    """The walk of an engine, from the disk where it is there, unless `again`.
+
+    Raises `Unsupported` where the engine cannot model the scene, `TruthError` and `Unsupported` where it has no truth.
+    """
+    found = None if again else kept(scene, engine)
+    if found is None:
+        from crosscheck.references import truth
+
+        chosen, refused = ways(scene, [engine], default_form=True)
+        if not chosen:
+            raise Unsupported(f"{engine} on scene {scene.name!r}: {refused[0][1] if refused else 'it has no method'}")
+        found = _Walker(scene, engine, truth(scene)).go(chosen)
+        _keep(scene, engine, found)
+    return found
+
+
+def kept(scene: Scene, engine: str) -> Walk | None:
+    """The walk of an engine on the disk, made by this code and these versions; None where there is none."""
+    import msgspec
+
+    try:
+        return msgspec.json.decode(_path(scene, engine).read_bytes(), type=Walk)
+    except (OSError, msgspec.DecodeError):
+        return None
+
+
+def _keep(scene: Scene, engine: str, found: Walk) -> None:
+    import msgspec
+
+    from crosscheck.files import replacing
+
+    path = _path(scene, engine)
+    with contextlib.suppress(OSError):  # then it is walked again the next time
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as aside:
+            aside.write_bytes(msgspec.json.encode(found))
+
+
+def _path(scene: Scene, engine: str) -> Path:
+    from crosscheck.references import cache
+    from crosscheck.running import provenance
+
+    digest = provenance.code_digest([engine], [engine, scene.hash, scene.duration, scene.samples, BUDGET])
+    name = hashlib.sha256(engine.encode()).hexdigest()[:8]
+    return cache.folder() / f"walk-{scene.hash[:24]}-{name}-{digest[:16]}.json"
+
+
+class _Walker:
+    """One walk under way."""
+
+    def __init__(self, scene: Scene, engine: str, truth: Reference) -> None:
+        from crosscheck.judge import tolerances
+
+        self._scene, self._engine, self._truth = scene, engine, truth
+        self._last = max(1, int(np.count_nonzero(truth.t <= truth.horizon * (1 + 1e-12))) - 1)
+        self._interval = scene.duration / (scene.samples - 1)
+        size = tolerances.scales(scene, truth).of("position")
+        self._found = Walk(scene.name, engine, size, float(truth.t[self._last]))
+        self._began = time.perf_counter()
+
+    def go(self, chosen: Sequence[Way]) -> Walk:
+        """Walk, search, take times."""
+        self._load(chosen[0])
+        self._began = time.perf_counter()
+        self._walk(chosen)
+        self._search(chosen)
+        self._turns()
+        self._found.seconds = time.perf_counter() - self._began
+        return self._found
+
+    def _load(self, way: Way) -> None:
+        """Import the engine and fill caches: no part of the budget."""
+        self._run(way, 1e-1 if way.adaptive else self._interval)
+
+    def _left(self, share: float = 1.0) -> float:
+        return share * BUDGET - (time.perf_counter() - self._began)
+
+    def _run(self, way: Way, value: float) -> tuple[Step, float]:
+        """One run, and the seconds that it took in all. A failure is told in it."""
+        fixed, varied = (None, value) if way.adaptive else (value, None)
+        step = Step(way.method, way.form, way.order, fixed, varied, 0)
+        start = time.perf_counter()
+        try:
+            traj, step.cost = self._timed(step)
+        except Exception as error:  # whatever an engine raises is where its method breaks
+            step.reason = " ".join(str(error).split()) or type(error).__name__
+            return step, time.perf_counter() - start
+        wall = time.perf_counter() - start
+        step.form, step.steps = traj.form, traj.steps
+        step.step = traj.stats.get("step", step.step) if step.rtol is None else None
+        until = self._last + 1
+        found = float(np.abs(traj.x[:until] - self._truth.states.x[:until]).max())
+        step.error = found if math.isfinite(found) else None
+        return step, wall
+
+    def _timed(self, step: Step) -> tuple[Trajectory, float]:
+        """A run of this step or tolerance and its s of stepping: of a short one the shortest of a few."""
+        from crosscheck.running.run import run
+
+        began, costs = time.perf_counter(), []
+        while True:
+            traj = run(self._scene, self._engine, step.method, step=step.step, rtol=step.rtol, monitor=False)
+            costs.append(float(traj.wall_time))
+            if len(costs) == TRIES or time.perf_counter() - began > SHORT:
+                return traj, min(costs)
+
+    def _walk(self, chosen: Sequence[Way]) -> None:
+        """All ways by halves or tolerances, the cheapest next run first."""
+        order = itertools.count()
+        heap = [(0.0, next(order), way, self._values(way), 0.0) for way in chosen]
+        while heap:
+            expected, _, way, values, last = heapq.heappop(heap)
+            if expected >= self._left(WALK):
+                continue
+            value = next(values, None)
+            if value is None:
+                continue
+            step, wall = self._run(way, value)
+            self._found.steps.append(step)
+            if not self._done(way, step):
+                grown = 1.5 if way.adaptive else 2.0
+                heapq.heappush(heap, (grown * max(wall, 0.5 * last), next(order), way, values, wall))
+
+    def _values(self, way: Way) -> Iterator[float]:
+        if way.adaptive:
+            return iter(RTOLS)
+        return (self._interval / 2**power for power in range(31))
+
+    def _done(self, way: Way, step: Step) -> bool:
+        """Whether finer runs of this way are of no use: rounding rules, or another way is far ahead."""
+        own = [each.error for each in self._found.of(way.method) if each.error is not None]
+        if len(own) > 1 and own[-2] < ROUND_OFF and own[-1] > GAIN * own[-2]:
+            return True
+        if step.error is None or step.cost is None:
+            return False
+        rank = math.inf if way.adaptive else way.order or 0
+        return any(other.method != way.method and other.error is not None and other.cost is not None
+                   and (math.inf if other.rtol else other.order or 0) >= rank
+                   and LOST * other.cost < step.cost and other.error < step.error / LOST
+                   for other in self._found.steps)
+
+    def _search(self, chosen: Sequence[Way]) -> None:
+        """Fewer steps than the walk's for the errors of `LEVELS`, in the brackets that may be the cheapest."""
+        for level in LEVELS:
+            reaching = self._found.reaching(level)
+            if not reaching:
+                continue
+            for way in (way for way in chosen if not way.adaptive):
+                self._bisect(way, level)
+
+    def _bisect(self, way: Way, level: float) -> None:
+        while True:
+            steps = self._found.of(way.method)
+            good = next((k for k, step in enumerate(steps) if step.error is not None and step.error <= level), None)
+            if not good:  # the level is not reached, or by the coarsest run
+                return
+            coarse, fine = (max(1, round(self._interval / (step.step or self._interval))) for step in
+                            (steps[good - 1], steps[good]))
+            middle = round(math.sqrt(coarse * fine))
+            pace = (steps[good].cost or 0.0) / fine
+            least = self._found.reaching(level)[0].cost or 0.0
+            if (middle in (coarse, fine) or fine < CLOSE * coarse or coarse * pace > least
+                    or 2 * middle * pace > self._left(SEARCH)):
+                return
+            self._found.steps.append(self._run(way, self._interval / middle)[0])
+
+    def _turns(self) -> None:
+        """Times of the cheapest runs, in turns."""
+        rivals: list[Step] = []
+        for level in LEVELS:
+            found = self._found.reaching(level)
+            rivals += [step for step in found[:6] if (step.cost or 0.0) <= NEAR * (found[0].cost or 0.0)
+                       and not any(step is other for other in rivals)]
+        times: list[list[float]] = [[] for _ in rivals]
+        for _ in range(ROUNDS):
+            for own, step in zip(times, rivals, strict=True):
+                if TRIES * (step.cost or 0.0) < self._left():
+                    with contextlib.suppress(Exception):  # it ran before: the time that is known stays
+                        own.append(self._timed(step)[1])
+        for own, step in zip(times, rivals, strict=True):
+            if own:
+                step.cost, step.repeats = statistics.median(own), len(own)

@@ -1,0 +1,151 @@
+"""Advice: what it chooses from known runs, what its walk finds of an engine of known errors, and a real engine."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import crosscheck
+from crosscheck import adapters
+from crosscheck.adapters.base import RawRun, steps_per_sample
+from crosscheck.cli.app import app
+from crosscheck.errors import ArgumentError, EngineError, Unsupported
+from crosscheck.verification import walks
+from crosscheck.verification.advice import choose
+from crosscheck.verification.walks import Step, Walk, walk
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch, tmp_path_factory):
+    """Walks of a few seconds, kept apart from those of users."""
+    monkeypatch.setattr(walks, "BUDGET", 8.0)
+
+
+def step(method, size, error, cost, order=2):
+    return Step(method, "tree", order, size, None, round(1 / size), error, cost)
+
+
+KNOWN = Walk("scene", "engine", size=1.0, until=1.0, steps=[
+    step("fine", 0.1, 1e-3, 2.0), step("fine", 0.05, 2e-4, 4.0), step("fine", 0.2, 0.5, 1.0),
+    step("cheap", 0.1, 2e-2, 0.1), step("cheap", 0.01, 9e-4, 1.5), step("cheap", 0.2, None, None)])
+
+
+def test_the_cheapest_method_with_its_largest_step_is_chosen():
+    loose, tight = choose(KNOWN, 1e-3, "my scene.toml"), choose(KNOWN, 5e-4, "scene")
+    assert (loose.method, loose.step, loose.error, loose.cost) == ("cheap", 0.01, 9e-4, 1.5)
+    assert loose.breaks_at == 0.2  # a run that failed
+    assert loose.command == "crosscheck run 'my scene.toml' --engine engine --method cheap --step 0.01"
+    assert (tight.method, tight.step, tight.breaks_at) == ("fine", 0.05, 0.2)  # a run wrong by half of the scene
+
+
+def test_no_method_is_named_where_none_reaches_the_error():
+    found = choose(KNOWN, 1e-5, "scene")
+    assert (found.method, found.step, found.command, found.least) == (None, None, None, 2e-4)
+
+
+@dataclasses.dataclass
+class Known:
+    """Position errors of `floor` + 0.0817 h^order along x; a step costs 10 us, and steps above `limit` (s) fail."""
+
+    order: int
+    floor: float = 0.0
+    limit: float = np.inf
+    refuses: str | None = None
+
+    name = "known"
+    methods = ("Plain",)
+    runs = 0
+
+    def version(self):
+        return "1"
+
+    def documented_order(self, scene, spec):
+        return self.order
+
+    def held_levels(self, scene, spec):
+        return frozenset()
+
+    def unsupported(self, scene, spec):
+        return self.refuses
+
+    def run(self, scene, spec):
+        from crosscheck.references import truth
+
+        self.runs += 1
+        per, h = steps_per_sample(scene, spec.step)
+        if h > self.limit:
+            raise EngineError("it diverged")
+        states = truth(scene).states
+        x = states.x + (self.floor + 0.0817 * h**self.order) * np.array([1.0, 0.0, 0.0])
+        count = per * (scene.samples - 1)
+        return RawRun(dataclasses.replace(states, x=x), wall_time=1e-5 * count, steps=count, step=h)
+
+
+@pytest.fixture
+def pretend(monkeypatch, tmp_path):
+    """Puts an engine in the place of all, with truths kept and walks elsewhere."""
+    def use(engine):
+        monkeypatch.setattr(adapters, "get", lambda name: engine)
+        monkeypatch.setattr(walks, "_path", lambda scene, name: tmp_path / f"{scene.hash}-{name}.json")
+        return engine
+    return use
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+@pytest.mark.parametrize("error", [1e-2, 1e-4, 1e-6])
+def test_the_largest_step_is_found_to_a_few_percent(pretend, order, error):
+    if order == 1 and error == 1e-6:
+        pytest.skip("1e6 steps")
+    pretend(Known(order))
+    found = crosscheck.advise("single_pendulum", engine="known", error=error)
+    scene = crosscheck.load_scene("single_pendulum")
+    interval = scene.duration / (scene.samples - 1)
+    fewest = max(1.0, interval / (error / 0.0817) ** (1 / order))  # steps in an interval, not yet a whole number
+    assert found.error <= error
+    assert fewest <= round(interval / found.step) <= max(np.ceil(fewest), walks.CLOSE * fewest + 1)
+
+
+def test_a_wrong_model_reaches_nothing_and_a_limit_of_steps_is_named(pretend):
+    pretend(Known(2, floor=1e-3, limit=0.03))
+    found = crosscheck.advise("single_pendulum", engine="known", error=1e-4)
+    assert found.method is None
+    assert 1e-3 <= found.least < 1.1e-3
+    rough = crosscheck.advise("single_pendulum", engine="known", error=2e-3)
+    assert rough.breaks_at > 0.03 >= rough.step
+
+
+def test_one_walk_serves_every_error_and_is_kept(pretend):
+    engine = pretend(Known(2))
+    first = crosscheck.advise("single_pendulum", engine="known", error=1e-3)
+    made = engine.runs
+    assert crosscheck.advise("single_pendulum", engine="known", error=1e-3) == first
+    crosscheck.advise("single_pendulum", engine="known", error=1e-5)
+    assert engine.runs == made
+    walk(crosscheck.load_scene("single_pendulum"), "known", again=True)
+    assert engine.runs > made
+
+
+def test_wrong_arguments_and_scenes_that_an_engine_cannot_model(pretend):
+    for error in (0.0, -1.0, float("nan"), float("inf"), "much", True, None):
+        with pytest.raises(ArgumentError, match="positive number of metres"):
+            crosscheck.advise("single_pendulum", engine="mujoco", error=error)
+    with pytest.raises(ArgumentError, match="mujocco"):
+        crosscheck.advise("single_pendulum", engine="mujocco", error=1e-3)
+    pretend(Known(2, refuses="no such joint"))
+    with pytest.raises(Unsupported, match="no such joint"):
+        crosscheck.advise("single_pendulum", engine="known", error=1e-3)
+
+
+def test_a_real_run_keeps_what_the_advice_promises():
+    found = crosscheck.advise("single_pendulum", engine="mujoco", error=1e-4)
+    traj = crosscheck.run("single_pendulum", "mujoco", found.method, step=found.step, rtol=found.rtol)
+    error = np.abs(traj.x - crosscheck.truth("single_pendulum").states.x).max()
+    assert error <= 1e-4
+    assert error == pytest.approx(found.error, rel=1e-9)
+    assert traj.form == found.form
+    done = CliRunner().invoke(app, ["advise", "single_pendulum", "--engine", "mujoco", "--error", "1e-4"])
+    assert done.exit_code == 0, done.output
+    assert found.command in done.output
+    words = found.command.split()
+    assert CliRunner().invoke(app, words[1:]).exit_code == 0

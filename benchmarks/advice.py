@@ -18,6 +18,7 @@ import numpy as np
 
 import crosscheck
 from crosscheck.errors import CrosscheckError
+from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
 from crosscheck.verification.advice import Advice
 from crosscheck.verification.ladder import Way, ways
@@ -27,7 +28,7 @@ WITHIN = 1.5
 ROUNDS = 5
 
 
-def error_of(scene: Scene, traj: crosscheck.Trajectory) -> float:
+def error_of(scene: Scene, traj: Trajectory) -> float:
     """Largest |component of x - truth| (m) at the samples where truth is comparable."""
     truth = crosscheck.truth(scene)
     keep = truth.t <= truth.horizon * (1 + 1e-12)

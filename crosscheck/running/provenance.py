@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import functools
 import hashlib
 import importlib.metadata
 import importlib.util
@@ -36,10 +37,19 @@ def code_digest(engine_names: Iterable[str], more: Any) -> str:
 
     Results of one study have to come from one state of all these.
     """
-    names = list(engine_names)
+    names = tuple(engine_names)
     versions = {key: value for key, value in describe(names).items()
                 if key in ("engines", "packages", "python", "machine")}
     digest = hashlib.sha256(json.dumps([more, versions], sort_keys=True).encode())
+    digest.update(_sources_digest(names))
+    return digest.hexdigest()
+
+
+@functools.cache
+def _sources_digest(names: tuple[str, ...]) -> bytes:
+    """Digest of our code and kernel, and of the files of engines of the user's own, as this process found them first:
+    that is what it has imported, whoever edits them later."""
+    digest = hashlib.sha256()
     kernel = importlib.util.find_spec("lieeuler._kernel")
     package = importlib.util.find_spec("lieeuler")
     sources = [*sorted(Path(__file__).parents[1].rglob("*.py"))]
@@ -50,7 +60,7 @@ def code_digest(engine_names: Iterable[str], more: Any) -> str:
     sources += [path for path in (Path(name.rpartition(":")[0]) for name in names) if path.suffix == ".py"]
     for source in sources:
         digest.update(source.read_bytes())
-    return digest.hexdigest()
+    return digest.digest()
 
 
 def engine_version(name: str) -> str:

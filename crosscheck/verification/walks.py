@@ -154,12 +154,12 @@ def _keep(scene: Scene, engine: str, found: Walk) -> None:
 
 
 def _path(scene: Scene, engine: str) -> Path:
-    from crosscheck.references import cache
+    from crosscheck.files import cache_folder
     from crosscheck.running import provenance
 
     digest = provenance.code_digest([engine], [engine, scene.hash, scene.duration, scene.samples, BUDGET])
     name = hashlib.sha256(engine.encode()).hexdigest()[:8]
-    return cache.folder() / f"walk-{scene.hash[:24]}-{name}-{digest[:16]}.json"
+    return cache_folder() / f"walk-{scene.hash[:24]}-{name}-{digest[:16]}.json"
 
 
 class _Walker:

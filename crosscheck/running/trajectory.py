@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from crosscheck.adapters.base import RawRun
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import JointHistory, histories
 from crosscheck.scene.model import Scene
 from crosscheck.scene.monitor import level_norms
 
@@ -45,6 +47,11 @@ class Trajectory:
     steps: int
     status: str
     stats: dict[str, Any]  # the run's counters, "step" (s), and its maxima over every step by the keys of MAXIMA
+
+    @functools.cached_property
+    def joints(self) -> dict[str, JointHistory]:
+        """Coordinates of the joints that have them, by name: `.position` and `.velocity` over time."""
+        return histories(self.scene, self)
 
 
 def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:

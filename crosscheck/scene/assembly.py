@@ -6,19 +6,18 @@ Positions and velocities change by the least amount in the metric of the mass ma
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 
+from crosscheck.scene import joint_options, starts
 from crosscheck.scene.checks import Draft
 from crosscheck.scene.constraints import Constraints, cross
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import RANK_TOLERANCE
-from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
+from crosscheck.scene.model import GROUND, Joint, Scene
 from crosscheck.scene.schema import EntryError
-
-ALLOWED_VIOLATION = 1e-8
-"""Of the largest anchor length (positions), times max(1, |w|) (velocities); without units for dot-1 rows. A state
-written with ten digits passes, a wrong one does not."""
+from crosscheck.scene.starts import ALLOWED_VIOLATION, Configuration, anchor_length, bodies_at
 
 _ITERATIONS = 200
 _DIFFERENCE = 1e-5  # in the weighted displacement: a Hessian to about 1e-10, it only has to guide Newton's method
@@ -26,20 +25,6 @@ _STRAIGHT = 1e-4  # of the scene's length, and rad: for less displacement the cu
 _LEAST_CURVATURE = 0.1  # of the distance itself, which has 1
 _SETTLED = 1e-12  # of the scene's length, and rad: far below the allowed violation, well above rounding
 _LARGEST_TURN = 0.5  # rad in one correction: the chart of a rotation is far from flat beyond it
-
-
-@dataclasses.dataclass(frozen=True)
-class _State:
-    """Positions (n, 3), unit quaternions (n, 4), velocities (n, 3), angular velocities (n, 3), as in a scene."""
-
-    x: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    w: np.ndarray
-
-    @property
-    def R(self) -> np.ndarray:
-        return rotation_from_quaternion(self.q)
 
 
 def completed(draft: Draft) -> Scene:
@@ -52,20 +37,26 @@ def completed(draft: Draft) -> Scene:
         names the joint with the largest gap. Or axes that point opposite ways.
     """
     scene = draft.scene
-    state = _State(scene.x0, np.array([body.attitude for body in scene.bodies]), scene.v0, scene.w0)
+    state = Configuration(scene.x0, np.array([body.attitude for body in scene.bodies]), scene.v0, scene.w0)
+    state, shifts = starts.attitudes(draft, state)
+    scene = scene.replace(bodies=bodies_at(scene, state))  # from here on prismatic and fixed joints keep this attitude
+    draft = dataclasses.replace(draft, scene=scene)
     # taken before any correction: prismatic and fixed joints keep the relative attitude of the file
     constraints = Constraints(scene)
-    state = _tree_positions(draft, state)
+    state = _tree_positions(draft, state, shifts)
     if not draft.assemble:
         _check_positions(constraints, state)
-    state = _tree_velocities(draft, _close_positions(constraints, state))
+    state = _close_positions(constraints, state)
+    state, speeds = starts.spins(draft, state)
+    state = _tree_velocities(draft, state, speeds)
     if not draft.assemble:
         _check_velocities(constraints, state)
     state = _close_velocities(constraints, state)
     _check_axes(scene, state.R)
-    bodies = tuple(dataclasses.replace(body, position=state.x[k], attitude=state.q[k], velocity=state.v[k],
-                                       angular_velocity=state.w[k]) for k, body in enumerate(scene.bodies))
-    return scene.replace(bodies=bodies)
+    done = scene.replace(bodies=bodies_at(scene, state))
+    if not draft.assemble:
+        starts.check(draft, done)
+    return joint_options.with_forces(done)
 
 
 # --- open positions and velocities -----------------------------------------------------------------------------------
@@ -93,7 +84,7 @@ def _known(body: int, known: list[bool]) -> bool:
     return body == GROUND or known[body]
 
 
-def _tree_positions(draft: Draft, state: _State) -> _State:
+def _tree_positions(draft: Draft, state: Configuration, shifts: Mapping[str, np.ndarray]) -> Configuration:
     """Place the bodies without a position, outwards from the ground and from bodies that have one.
 
     Where the joint leaves the anchors free they coincide as well, which is the least distance it allows; on a distance
@@ -108,6 +99,8 @@ def _tree_positions(draft: Draft, state: _State) -> _State:
         gap = R[joint.parent] @ joint.parent_anchor - R[joint.child] @ joint.child_anchor
         if joint.length is not None:
             gap = gap + joint.length * down
+        if joint.name in shifts:
+            gap = gap + R[joint.parent] @ shifts[joint.name]
         x[body] = x[joint.parent] + gap if body == joint.child else x[joint.child] - gap
     for k in range(scene.n):
         if not known[k]:
@@ -117,7 +110,7 @@ def _tree_positions(draft: Draft, state: _State) -> _State:
     return dataclasses.replace(state, x=x[:-1])
 
 
-def _tree_velocities(draft: Draft, state: _State) -> _State:
+def _tree_velocities(draft: Draft, state: Configuration, speeds: Mapping[str, np.ndarray]) -> Configuration:
     """Velocities of the bodies without one: anchors do not move relative to each other, seen from the parent.
 
     In a group of bodies that no joint ties to the ground or to a given velocity, the first is at rest.
@@ -135,6 +128,8 @@ def _tree_velocities(draft: Draft, state: _State) -> _State:
         arm = R[joint.child] @ joint.child_anchor
         carried = x[joint.child] + arm - x[joint.parent]
         change = cross(spin[joint.parent], carried) - cross(spin[joint.child], arm)
+        if joint.name in speeds:
+            change = change + R[joint.parent] @ speeds[joint.name]
         v[body] = v[joint.parent] + change if body == joint.child else v[joint.child] - change
     return dataclasses.replace(state, v=v[:-1])
 
@@ -142,19 +137,19 @@ def _tree_velocities(draft: Draft, state: _State) -> _State:
 # --- the check of a given state --------------------------------------------------------------------------------------
 
 
-def _check_positions(constraints: Constraints, state: _State) -> None:
+def _check_positions(constraints: Constraints, state: Configuration) -> None:
     phi = constraints.position(state.x[None], state.R[None])[0]
     _check_level(constraints, phi, 1.0, "position", "attitude")
 
 
-def _check_velocities(constraints: Constraints, state: _State) -> None:
+def _check_velocities(constraints: Constraints, state: Configuration) -> None:
     rates = constraints.velocity(state.x[None], state.R[None], state.v[None], state.w[None])[0]
     spin = max(1.0, float(np.linalg.norm(state.w, axis=1).max()))
     _check_level(constraints, rates, spin, "velocity", "angular_velocity")
 
 
 def _check_level(constraints: Constraints, rows: np.ndarray, spin: float, linear: str, angular: str) -> None:
-    L = _anchor_length(constraints.scene)
+    L = anchor_length(constraints.scene)
     if constraints.m == 0:
         return
     index, gap, unit = _largest_gap(constraints, rows, L)
@@ -183,12 +178,6 @@ def _check_axes(scene: Scene, attitudes: np.ndarray) -> None:
                              f'reverse one of the two, or correct the attitude of "{child}"')
 
 
-def _anchor_length(scene: Scene) -> float:
-    """The largest anchor length, m; 1 m where all anchors are zero."""
-    anchors = [anchor for joint in scene.joints for anchor in (joint.parent_anchor, joint.child_anchor)]
-    return max((float(np.linalg.norm(anchor)) for anchor in anchors), default=0.0) or 1.0
-
-
 def _largest_gap(constraints: Constraints, rows: np.ndarray, L: float) -> tuple[int, float, str]:
     """(joint index, row value, unit) of the largest row, lengths counted in units of L."""
     row = int(np.argmax(np.abs(rows) / np.where(constraints.dimensionless, 1.0, L)))
@@ -199,7 +188,7 @@ def _largest_gap(constraints: Constraints, rows: np.ndarray, L: float) -> tuple[
 # --- closing the joints ----------------------------------------------------------------------------------------------
 
 
-def _close_positions(constraints: Constraints, guess: _State) -> _State:
+def _close_positions(constraints: Constraints, guess: Configuration) -> Configuration:
     """The state nearest to `guess` with Phi = 0: min |z|^2 / 2 with z the mass-weighted displacement.
 
     The displacement of a body is (x - x_guess, theta) with R = R_guess exp(hat(theta)). Newton's method on the
@@ -222,14 +211,14 @@ def _close_positions(constraints: Constraints, guess: _State) -> _State:
         if closed and largest < _SETTLED:
             return _moved(guess, (unweighted @ z).reshape(-1, 6))
         z = z + step * (_LARGEST_TURN / max(largest, _LARGEST_TURN))
-    index, gap, unit = _largest_gap(constraints, phi, _anchor_length(scene))
+    index, gap, unit = _largest_gap(constraints, phi, anchor_length(scene))
     joint = scene.joints[index]
     raise EntryError(f'joints[{index}] "{joint.name}"', f"the joints cannot be closed together, this one keeps the "
                      f"largest gap, {abs(gap):.3g}{unit}", "check its anchors, axes and length against those of the "
                      "other joints, or give attitudes and positions nearer to a closed state")
 
 
-def _linearised(constraints: Constraints, guess: _State, unweighted: np.ndarray,
+def _linearised(constraints: Constraints, guess: Configuration, unweighted: np.ndarray,
                 z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Phi (K, m) and its derivative by z (K, m, 6n) at K weighted displacements z (K, 6n) from the guess."""
     n = constraints.scene.n
@@ -241,7 +230,7 @@ def _linearised(constraints: Constraints, guess: _State, unweighted: np.ndarray,
     return constraints.position(x, R), G.reshape(len(z), -1, 6 * n) @ unweighted
 
 
-def _newton_step(constraints: Constraints, guess: _State, unweighted: np.ndarray, z: np.ndarray, phi: np.ndarray,
+def _newton_step(constraints: Constraints, guess: Configuration, unweighted: np.ndarray, z: np.ndarray, phi: np.ndarray,
                  W: np.ndarray, curved: bool) -> np.ndarray:
     """Step (6n,) to z + W^T lam = 0, Phi = 0: least-norm across the rows, Newton along their null space."""
     U, sigma, Vt = np.linalg.svd(W)
@@ -271,7 +260,7 @@ def _inverse_root_mass(scene: Scene) -> np.ndarray:
     return B
 
 
-def _close_velocities(constraints: Constraints, state: _State) -> _State:
+def _close_velocities(constraints: Constraints, state: Configuration) -> Configuration:
     """The velocities nearest to the given ones, mass-weighted, with G u = 0."""
     scene = constraints.scene
     size = _length_scale(scene, state) * float(np.abs(state.w).max()) + float(np.abs(state.v).max())
@@ -292,13 +281,13 @@ def _at_rounding(constraints: Constraints, rows: np.ndarray, length: float, numb
     return bool(np.all(np.abs(rows) <= 50 * np.finfo(float).eps * sizes))
 
 
-def _length_scale(scene: Scene, state: _State) -> float:
+def _length_scale(scene: Scene, state: Configuration) -> float:
     rods = [joint.length for joint in scene.joints if joint.length is not None]
-    found: float = max(_anchor_length(scene), float(np.abs(state.x).max()), *rods)
+    found: float = max(anchor_length(scene), float(np.abs(state.x).max()), *rods)
     return found
 
 
-def _moved(state: _State, steps: np.ndarray) -> _State:
+def _moved(state: Configuration, steps: np.ndarray) -> Configuration:
     """The state after translations in the world and rotations in body axes, (..., n, 6)."""
     angles = np.linalg.norm(steps[..., 3:], axis=-1, keepdims=True)
     turns = np.concatenate([np.cos(angles / 2), 0.5 * np.sinc(angles / (2 * np.pi)) * steps[..., 3:]], axis=-1)

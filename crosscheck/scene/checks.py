@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import msgspec
 import numpy as np
 
+from crosscheck.scene import joint_options
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene
 from crosscheck.scene.schema import (
@@ -23,6 +24,8 @@ from crosscheck.scene.schema import (
     nearest,
 )
 
+IDENTITY = (1.0, 0.0, 0.0, 0.0)
+
 INERTIA_ROUNDING = 1e-12
 """Relative: entries written with 15 digits or computed in double precision stay symmetric and on the triangle bound
 (a thin disc, I_z = I_x + I_y) to about 1e-15; a thousandfold of that still catches every misprint."""
@@ -35,6 +38,15 @@ MOST_SAMPLES = 10**7
 
 
 @dataclasses.dataclass(frozen=True)
+class Start:
+    """Coordinates of one joint at the start, from which the state of its child follows."""
+
+    joint: int
+    position: tuple[float, ...] | None
+    velocity: tuple[float, ...] | None
+
+
+@dataclasses.dataclass(frozen=True)
 class Draft:
     """A checked scene in which positions and velocities may still be open."""
 
@@ -42,6 +54,9 @@ class Draft:
     given_positions: tuple[bool, ...]
     given_velocities: tuple[bool, ...]
     assemble: bool
+    starts: tuple[Start, ...] = ()
+    given_attitudes: tuple[bool, ...] | None = None  # None: all
+    given_spins: tuple[bool, ...] | None = None
 
 
 def draft(entry: SceneEntry) -> Draft:
@@ -55,9 +70,17 @@ def draft(entry: SceneEntry) -> Draft:
         bodies=tuple(_body(f'bodies[{i}] "{body.name}"', body) for i, body in enumerate(entry.bodies)),
         joints=tuple(_joint(entry, i, joint) for i, joint in enumerate(entry.joints)),
         forces=tuple(_force(entry, i, force) for i, force in enumerate(entry.forces)),
+        left_out=tuple(entry.left_out),
     )
-    return Draft(scene, tuple(body.position is not None for body in entry.bodies),
-                 tuple(body.velocity is not None for body in entry.bodies), entry.assemble)
+    starts = (Start(i, *joint_options.start(f'joints[{i}] "{joint.name}"', joint))
+              for i, joint in enumerate(entry.joints))
+    held = {i for i, joint in enumerate(entry.joints)
+            if joint.reference_attitude is not None and JOINT_TYPES[joint.type].keeps_attitude}
+    given = {key: tuple(getattr(body, key) is not None for body in entry.bodies)
+             for key in ("position", "velocity", "attitude", "angular_velocity")}
+    return Draft(scene, given["position"], given["velocity"], entry.assemble,
+                 tuple(each for each in starts if each.position or each.velocity or each.joint in held),
+                 given["attitude"], given["angular_velocity"])
 
 
 def _check_run(entry: SceneEntry) -> None:
@@ -95,8 +118,9 @@ def _body(entry: str, body: BodyEntry) -> Body:
     if body.mass < SMALLEST:
         raise EntryError(f"{entry}: mass", f"{body.mass:g} kg is out of range", f"write a number above {SMALLEST:g}")
     inertia = _inertia(f"{entry}: inertia", np.array(body.inertia))
-    attitude = _unit(f"{entry}: attitude", body.attitude, "write a quaternion w, x, y, z, say [1.0, 0.0, 0.0, 0.0]")
-    return Body(body.name, body.mass, inertia, attitude, np.array(body.angular_velocity),
+    attitude = _unit(f"{entry}: attitude", body.attitude or IDENTITY,
+                     "write a quaternion w, x, y, z, say [1.0, 0.0, 0.0, 0.0]")
+    return Body(body.name, body.mass, inertia, attitude, np.array(body.angular_velocity or (0.0, 0.0, 0.0)),
                 np.array(body.position or (0.0, 0.0, 0.0)), np.array(body.velocity or (0.0, 0.0, 0.0)))
 
 
@@ -166,8 +190,15 @@ def _joint(scene: SceneEntry, index: int, joint: JointEntry) -> Joint:
                          f"write a number above {SMALLEST:g}")
     parent_axis, child_axis = (None if axis is None else _unit(f"{entry}: {key}", axis, "write the axis's direction")
                                for key, axis in (("parent_axis", joint.parent_axis), ("child_axis", joint.child_axis)))
+    joint_options.check_types(entry, joint)
+    reference = None
+    if joint.reference_attitude is not None:
+        reference = _unit(f"{entry}: reference_attitude", joint.reference_attitude, "write a quaternion w, x, y, z")
+    elastic = {key: joint_options.elastic(entry, joint, key)
+               for key in ("armature", "damping", "stiffness", "rest_position")}
     return Joint(joint.name, joint.type, parent, child, np.array(joint.parent_anchor), np.array(joint.child_anchor),
-                 parent_axis, child_axis, joint.length)
+                 parent_axis, child_axis, joint.length, reference, joint_options.start(entry, joint)[0],
+                 mimic=joint_options.mimic(entry, joint, scene.joints), **elastic)
 
 
 def _force(scene: SceneEntry, index: int, force: ForceEntry) -> Force:

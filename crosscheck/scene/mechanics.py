@@ -21,11 +21,16 @@ RANK_TOLERANCE = 1e-9
 class StateArrays(Protocol):
     """Anything with times and states of all bodies: `States`, `Trajectory`."""
 
-    t: np.ndarray
-    x: np.ndarray
-    R: np.ndarray
-    v: np.ndarray
-    w: np.ndarray
+    @property
+    def t(self) -> np.ndarray: ...
+    @property
+    def x(self) -> np.ndarray: ...
+    @property
+    def R(self) -> np.ndarray: ...
+    @property
+    def v(self) -> np.ndarray: ...
+    @property
+    def w(self) -> np.ndarray: ...
 
 
 def kinetic_energy(scene: Scene, states: StateArrays) -> np.ndarray:

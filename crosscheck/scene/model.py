@@ -35,6 +35,23 @@ def rotation_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def quaternion_from_rotation(R: np.ndarray) -> np.ndarray:
+    """Unit quaternions (..., 4), w first and not negative, of rotation matrices (..., 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    found: np.ndarray = Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Mimic:
+    """The coordinate of a joint follows that of another: ratio times it, plus offset (rad or m)."""
+
+    joint: str
+    ratio: float
+    offset: float = 0.0
+
+
 @dataclasses.dataclass(frozen=True)
 class Body:
     """A rigid body in its initial state."""
@@ -66,11 +83,20 @@ class Joint:
     parent_axis: Any = None  # (3,) unit, parent's frame; None for types without one
     child_axis: Any = None  # (3,) unit, child's frame; None for types without one
     length: Any = None  # m, distance joints only
+    reference: Any = None  # (4,) quaternion of the child in the parent at zero coordinates; None: the type's default
+    start: tuple[float, ...] | None = None  # coordinates at the start, which say at which turn angles begin
+    armature: tuple[float, ...] = ()  # kg m^2 or kg per coordinate; energy 1/2 armature rate^2 and nothing else
+    damping: tuple[float, ...] = ()  # per coordinate; with the next two, written again as forces of the scene
+    stiffness: tuple[float, ...] = ()
+    rest_position: tuple[float, ...] = ()
+    mimic: Mimic | None = None
 
     def __post_init__(self) -> None:
         for field in ("parent_anchor", "child_anchor", "parent_axis", "child_axis"):
             if getattr(self, field) is not None:
                 object.__setattr__(self, field, _frozen(getattr(self, field), (3,)))
+        if self.reference is not None:
+            object.__setattr__(self, "reference", _frozen(self.reference, (4,)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,6 +108,7 @@ class Force:
     child: Any  # body index; None where the type has none
     joint: Any  # joint name, torsional springs only
     parameters: dict[str, Any]
+    of_joint: str = ""  # the joint whose damping or stiffness this is
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,6 +125,7 @@ class Scene:
     description: str = ""
     source: str = ""
     tags: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()  # what an import dropped; no part of the hash
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", _frozen(self.gravity, (3,)))
@@ -158,7 +186,17 @@ class Scene:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
+_NOT_HASHED = frozenset({"reference", "start", "damping", "stiffness", "rest_position", "of_joint"})
+"""Fields that say how coordinates count, or that stand among the forces of the scene as well."""
+
+
 def _plain(record: Any) -> dict[str, Any]:
     """A dataclass as JSON-ready values; floats keep every bit through repr."""
-    fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
+    fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)
+              if field.name not in _NOT_HASHED}
+    for name in ("armature", "mimic"):  # scenes without them keep the hash they had before there were any
+        if not fields.get(name):
+            fields.pop(name, None)
+        elif name == "mimic":
+            fields[name] = dataclasses.astuple(fields[name])
     return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in fields.items()}

@@ -12,8 +12,12 @@ import msgspec
 
 from crosscheck.scene.joints import JOINT_TYPES
 
-VERSION = 1
-"""The version of the scene format this package reads."""
+VERSIONS = (1, 2)
+"""The versions of the scene format this package reads."""
+
+SECOND = {"joints": ("reference_attitude", "position", "velocity", "armature", "damping", "stiffness", "rest_position",
+                     "mimic"), "": ("left_out",)}
+"""Keys that a file may have from version 2 on, by their table."""
 
 LARGEST = 1e100
 """Magnitude of the largest number a scene may hold; products of three such still are doubles."""
@@ -37,10 +41,18 @@ class BodyEntry(msgspec.Struct, frozen=True):
     name: str
     mass: float
     inertia: Matrix
-    attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    attitude: Quaternion | None = None
+    angular_velocity: Vector | None = None
     position: Vector | None = None
     velocity: Vector | None = None
+
+
+class MimicEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The key `mimic` of one of [[joints]]."""
+
+    joint: str
+    ratio: float
+    offset: float = 0.0
 
 
 class JointEntry(msgspec.Struct, frozen=True):
@@ -55,6 +67,14 @@ class JointEntry(msgspec.Struct, frozen=True):
     parent_axis: Vector | None = None
     child_axis: Vector | None = None
     length: float | None = None
+    reference_attitude: Quaternion | None = None
+    position: float | list[float] | None = None
+    velocity: float | list[float] | None = None
+    armature: float | list[float] | None = None
+    damping: float | list[float] | None = None
+    stiffness: float | list[float] | None = None
+    rest_position: float | list[float] | None = None
+    mimic: MimicEntry | None = None
 
 
 class LinearSpringEntry(msgspec.Struct, frozen=True, tag_field="type", tag="linear_spring"):
@@ -115,11 +135,12 @@ class SceneEntry(msgspec.Struct, frozen=True):
     source: str = ""
     tags: list[str] = []
     assemble: bool = False
+    left_out: list[str] = []
 
 
 _VECTOR_METRES = "three numbers in m"
 _EXPECTED = {
-    "schema": f"{VERSION}", "name": 'a name in quotes', "description": "one line in quotes", "source": "text in quotes",
+    "schema": "2", "name": 'a name in quotes', "description": "one line in quotes", "source": "text in quotes",
     "tags": 'a list of words, ["smooth"]', "gravity": "three numbers in m/s^2, [0.0, 0.0, -9.81]",
     "duration": "a number of seconds > 0", "samples": "a whole number >= 2", "assemble": "true or false",
     "bodies": "at least one [[bodies]] table", "joints": "[[joints]] tables", "forces": "[[forces]] tables",
@@ -132,6 +153,9 @@ _EXPECTED = {
     "length": "a number of m > 0", "parent_point": _VECTOR_METRES, "child_point": _VECTOR_METRES,
     "stiffness": "a number >= 0 in N/m (N m/rad for a torsional spring)", "damping": "a number >= 0 in SI units",
     "free_length": "a number of m >= 0", "rest_angle": "a number of rad", "joint": "the name of a joint",
+    "reference_attitude": "a quaternion of four numbers w, x, y, z", "armature": "a number >= 0 in kg m^2 or kg",
+    "rest_position": "a number of rad or m", "mimic": 'a table, { joint = "motor", ratio = 3.0 }',
+    "ratio": "a number", "offset": "a number of rad or m", "left_out": "a list of texts",
     "frame": '"world" or "body"', "force": "three numbers in N", "torque": "three numbers in N m",
 }
 
@@ -181,9 +205,18 @@ def decode(data: dict[str, Any]) -> SceneEntry:
 
 def _check_version(data: dict[str, Any]) -> None:
     if "schema" not in data:
-        raise EntryError("schema", "missing", f"add schema = {VERSION} at the top of the file")
-    if type(data["schema"]) is not int or data["schema"] != VERSION:
-        raise EntryError("schema", f"version {data['schema']!r} is not known here", f"write schema = {VERSION}")
+        raise EntryError("schema", "missing", "add schema = 1 at the top of the file")
+    if type(data["schema"]) is not int or data["schema"] not in VERSIONS:
+        raise EntryError("schema", f"version {data['schema']!r} is not known here", "write schema = 1")
+    if data["schema"] >= 2:
+        return
+    for group, keys in SECOND.items():
+        tables = data.get(group, []) if group else [data]
+        for index, table in enumerate(tables if isinstance(tables, list) else []):
+            for key in keys:
+                if isinstance(table, dict) and key in table:
+                    path = (group, index, key) if group else (key,)
+                    raise EntryError(entry_name(data, path), "is a key of version 2", "write schema = 2 at the top")
 
 
 def _check_keys(data: dict[str, Any]) -> None:

@@ -1,0 +1,119 @@
+"""What a joint may have besides its geometry: coordinates at the start, springs and dampers, armature, mimic.
+
+Springs and dampers of a joint become forces of the scene, so that whoever has these has the joint's too. About an axis
+it is a torsional spring. Along an axis it is a linear spring-damper whose far end lies on the axis, so far behind the
+parent's anchor that the child's anchor never passes it: its length is then that distance plus the slide, exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from crosscheck.scene.coordinates import COUNTS, histories
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.mechanics import torsion_angles
+from crosscheck.scene.model import Force, Joint, Mimic, Scene
+from crosscheck.scene.schema import EntryError, JointEntry, listed, nearest
+from crosscheck.scene.states import States
+
+ELASTIC = {"revolute": ("angle",), "prismatic": ("slide",), "cylindrical": ("angle", "slide")}
+"""Types that may have damping, stiffness and armature, and what each of their coordinates is."""
+
+Values = float | list[float] | None
+
+
+def start(entry: str, joint: JointEntry) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
+    """The coordinates and their rates that the file gives, checked."""
+    found: list[tuple[float, ...] | None] = []
+    for key, given in (("position", joint.position), ("velocity", joint.velocity)):
+        if given is None:
+            found.append(None)
+            continue
+        count = COUNTS.get(joint.type, 0)
+        if count == 4 and key == "velocity":
+            count = 3
+        if count == 0:
+            raise EntryError(f"{entry}: {key}", f"a {joint.type} joint has no coordinate", "remove it")
+        found.append(_many(f"{entry}: {key}", given, count))
+    position, velocity = found
+    if position is not None and joint.type == "spherical" and not any(position):
+        raise EntryError(f"{entry}: position", "all its numbers are zero", "write a quaternion w, x, y, z")
+    return position, velocity
+
+
+def _many(entry: str, given: float | list[float], count: int) -> tuple[float, ...]:
+    values = tuple(given) if isinstance(given, list) else (float(given),)
+    if len(values) != count:
+        wanted = "one number" if count == 1 else f"{count} numbers"
+        raise EntryError(entry, f"{len(values)} given", f"write {wanted}")
+    return values
+
+
+def elastic(entry: str, joint: JointEntry, key: str) -> tuple[float, ...]:
+    """Armature, damping, stiffness or rest position per coordinate; empty where the file has none."""
+    given: Values = getattr(joint, key)
+    if given is None:
+        return ()
+    if joint.type not in ELASTIC:
+        raise EntryError(f"{entry}: {key}", f"a {joint.type} joint cannot have it", "remove it, or use a joint of type "
+                         f"{listed(ELASTIC)}")
+    values = _many(f"{entry}: {key}", given, len(ELASTIC[joint.type]))
+    if key != "rest_position" and min(values) < 0:
+        raise EntryError(f"{entry}: {key}", f"{min(values):g} is negative", "write a number >= 0")
+    return values
+
+
+def mimic(entry: str, joint: JointEntry, joints: Sequence[JointEntry]) -> Mimic | None:
+    """The joint whose coordinate this one follows."""
+    if joint.mimic is None:
+        return None
+    one = {each.name: each.type for each in joints if COUNTS.get(each.type) == 1}
+    if joint.name not in one:
+        raise EntryError(f"{entry}: mimic", f"a {joint.type} joint cannot have it", "use a revolute or prismatic joint")
+    motor = joint.mimic.joint
+    if motor not in one or motor == joint.name:
+        raise EntryError(f"{entry}: mimic", f'no other revolute or prismatic joint is named "{motor}"',
+                         f"{nearest(motor, one)}write one of {listed(set(one) - {joint.name}) or '(there is none)'}")
+    return Mimic(motor, joint.mimic.ratio, joint.mimic.offset)
+
+
+def with_forces(scene: Scene) -> Scene:
+    """The scene with the springs and dampers of its joints among its forces; its initial state is complete."""
+    made = [force for joint in scene.joints if any(joint.damping) or any(joint.stiffness)
+            for force in _forces(scene, joint)]
+    return scene.replace(forces=(*scene.forces, *made)) if made else scene
+
+
+def _forces(scene: Scene, joint: Joint) -> list[Force]:
+    states = States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+    here = histories(scene, states)[joint.name]
+    position, velocity = (np.atleast_1d(values[0]) for values in (here.position, here.velocity))
+    found = []
+    for k, kind in enumerate(ELASTIC[joint.type]):
+        stiffness, damping, rest = ((values or (0.0,) * len(ELASTIC[joint.type]))[k]
+                                    for values in (joint.stiffness, joint.damping, joint.rest_position))
+        if not stiffness and not damping:
+            continue
+        if kind == "angle":
+            force = Force("torsional_spring", None, None, joint.name, {}, joint.name)
+            angle = float(torsion_angles(scene.replace(forces=(force,)), scene.R0[None])[joint.name][0])
+            force.parameters.update(stiffness=stiffness, rest_angle=rest + (angle - float(position[k])),
+                                    damping=damping)
+        else:
+            reach = 1.0 + abs(float(position[k])) + abs(rest) + abs(float(velocity[k])) * scene.duration
+            back = 2.0 ** math.ceil(math.log2(8.0 * reach))  # a power of two: adding it loses the fewest digits
+            force = Force("linear_spring", joint.parent, joint.child, None, {
+                "parent_point": tuple((joint.parent_anchor - back * joint.parent_axis).tolist()),
+                "child_point": tuple(joint.child_anchor.tolist()), "stiffness": stiffness,
+                "free_length": back + rest, "damping": damping}, joint.name)
+        found.append(force)
+    return found
+
+
+def check_types(entry: str, joint: JointEntry) -> None:
+    """A reference attitude belongs to joints whose coordinates or rows count from one."""
+    if joint.reference_attitude is not None and not (joint.type in COUNTS or JOINT_TYPES[joint.type].keeps_attitude):
+        raise EntryError(f"{entry}: reference_attitude", f"a {joint.type} joint has none", "remove it")

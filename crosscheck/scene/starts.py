@@ -1,0 +1,129 @@
+"""States that follow from joint coordinates: attitudes and angular velocities, from the ground outwards."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+
+import numpy as np
+
+from crosscheck.scene import coordinates
+from crosscheck.scene.checks import Draft, Start
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.model import GROUND, Body, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.schema import EntryError
+from crosscheck.scene.states import States
+
+ALLOWED_VIOLATION = 1e-8
+"""Of the largest anchor length (positions), times max(1, |w|) (velocities); without units for dot-1 rows. A state
+written with ten digits passes, a wrong one does not."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Configuration:
+    """Positions (n, 3), unit quaternions (n, 4), velocities (n, 3), angular velocities (n, 3), as in a scene."""
+
+    x: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+
+    @property
+    def R(self) -> np.ndarray:
+        return rotation_from_quaternion(self.q)
+
+
+def bodies_at(scene: Scene, state: Configuration) -> tuple[Body, ...]:
+    """The bodies of the scene in another configuration."""
+    return tuple(dataclasses.replace(body, position=state.x[k], attitude=state.q[k], velocity=state.v[k],
+                                     angular_velocity=state.w[k]) for k, body in enumerate(scene.bodies))
+
+
+def anchor_length(scene: Scene) -> float:
+    """The largest anchor length, m; 1 m where all anchors are zero."""
+    anchors = [anchor for joint in scene.joints for anchor in (joint.parent_anchor, joint.child_anchor)]
+    return max((float(np.linalg.norm(anchor)) for anchor in anchors), default=0.0) or 1.0
+
+
+
+def _outwards(draft: Draft, starts: Iterable[Start]) -> list[Start]:
+    """Joints with given coordinates, each after the one that moves its parent."""
+    left, ordered = list(starts), []
+    joints = draft.scene.joints
+    while left:
+        moved = {joints[start.joint].child for start in left}
+        start = next((start for start in left if joints[start.joint].parent not in moved), None)
+        if start is None:
+            name = joints[left[0].joint].name
+            raise EntryError(f'joints[{left[0].joint}] "{name}": position', "the joints with positions form a loop",
+                             "leave position and velocity out of the joint that closes it")
+        left.remove(start)
+        ordered.append(start)
+    return ordered
+
+
+def attitudes(draft: Draft, state: Configuration) -> tuple[Configuration, dict[str, np.ndarray]]:
+    """Attitudes that follow from joint coordinates, and by joint how far its anchors are apart (parent's axes)."""
+    scene, q, shifts = draft.scene, state.q.copy(), {}
+    R = np.concatenate([state.R, np.eye(3)[None]])
+    for start in _outwards(draft, (each for each in draft.starts
+                                   if each.position or scene.joints[each.joint].reference is not None)):
+        joint = scene.joints[start.joint]
+        if start.position is None and not JOINT_TYPES[joint.type].keeps_attitude:
+            continue
+        relative, shift = coordinates.relative_pose(joint, np.array(start.position or (0.0,)))
+        attitude = R[joint.parent] @ relative
+        given = draft.given_attitudes is None or draft.given_attitudes[joint.child]
+        gap = float(np.abs(attitude - R[joint.child]).max())
+        if given and gap > ALLOWED_VIOLATION and not draft.assemble:
+            raise _contradiction(draft, start, "attitude", gap, "")
+        R[joint.child], q[joint.child] = attitude, quaternion_from_rotation(attitude)
+        if start.position is not None:
+            shifts[joint.name] = shift
+    return dataclasses.replace(state, q=q), shifts
+
+
+def spins(draft: Draft, state: Configuration) -> tuple[Configuration, dict[str, np.ndarray]]:
+    """Angular velocities that follow from joint coordinates, and by joint the rate of its anchors (parent's axes)."""
+    scene, w, speeds = draft.scene, state.w.copy(), {}
+    R = np.concatenate([state.R, np.eye(3)[None]])
+    now = coordinates.histories(scene.replace(bodies=bodies_at(scene, state)), States(
+        np.zeros(1), state.x[None], state.R[None], state.v[None], state.w[None]))
+    for start in _outwards(draft, (each for each in draft.starts if each.position or each.velocity)):
+        joint = scene.joints[start.joint]
+        given = draft.given_spins is None or draft.given_spins[joint.child]
+        if start.velocity is None and given:
+            continue
+        position = np.atleast_1d(now[joint.name].position[0]) if start.position is None else np.array(start.position)
+        rates = np.zeros(3) if start.velocity is None else np.array(start.velocity)
+        turn, speed = coordinates.relative_rates(joint, position, rates)
+        inner = np.zeros(3) if joint.parent == GROUND else w[joint.parent]
+        spin = R[joint.child].T @ R[joint.parent] @ (inner + turn)
+        gap = float(np.abs(spin - w[joint.child]).max())
+        if given and gap > ALLOWED_VIOLATION * max(1.0, float(np.abs(spin).max())) and not draft.assemble:
+            raise _contradiction(draft, start, "angular_velocity", gap, " rad/s")
+        w[joint.child] = spin
+        speeds[joint.name] = speed
+    return dataclasses.replace(state, w=w), speeds
+
+
+def _contradiction(draft: Draft, start: Start, key: str, gap: float, unit: str) -> EntryError:
+    joint = draft.scene.joints[start.joint]
+    child = draft.scene.bodies[joint.child].name
+    return EntryError(f'joints[{start.joint}] "{joint.name}"', f'its coordinates and the {key} of "{child}" differ by '
+                      f"{gap:.3g}{unit} (allowed {ALLOWED_VIOLATION:g})", "leave one of the two out, or correct it")
+
+
+def check(draft: Draft, scene: Scene) -> None:
+    """A given position or velocity of a body may have put the joint elsewhere than its coordinates say."""
+    found = coordinates.histories(scene, States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None],
+                                                scene.w0[None]))
+    L = anchor_length(scene)
+    for start in draft.starts:
+        joint = scene.joints[start.joint]
+        for key, given, unit in (("position", start.position, ""), ("velocity", start.velocity, "/s")):
+            if given is None or joint.type == "spherical":  # its attitude has been compared already
+                continue
+            gap = float(np.abs(np.atleast_1d(getattr(found[joint.name], key)[0]) - np.array(given)).max())
+            if gap > ALLOWED_VIOLATION * max(1.0, L, *(abs(value) for value in given)):
+                raise _contradiction(draft, start, key, gap, f" rad{unit} or m{unit}")

@@ -208,3 +208,43 @@ def additive_step(system, q, u, h):
     G = system.G((x, R))
     MG = np.linalg.solve(system.M, G.T)
     return (x, R), u - MG @ np.linalg.solve(G @ MG, G @ u)
+
+
+def alpha_coefficients(radius):
+    """(alpha_m, alpha_f, gamma, beta) of generalized-alpha."""
+    alpha_m, alpha_f = (2 * radius - 1) / (radius + 1), radius / (radius + 1)
+    gamma = 0.5 + alpha_f - alpha_m
+    return alpha_m, alpha_f, gamma, (gamma + 0.5)**2 / 4
+
+
+def alpha_step(system, radius, q0, u0, a0, A0, h, guess):
+    """One step of generalized-alpha, stabilised index 2; returns q, u, a, A, lam and the solution as the next guess."""
+    alpha_m, alpha_f, gamma, beta = alpha_coefficients(radius)
+    nu, m, G0 = 6 * system.n, system.m, system.G(q0)
+
+    def unpack(z):
+        a, lam, eta = z[:nu], z[nu:nu + m], z[nu + m:]
+        A = ((1 - alpha_f) * a + alpha_f * a0 - alpha_m * A0) / (1 - alpha_m)
+        xi = u0 + h * ((0.5 - beta) * A0 + beta * A) - np.linalg.solve(system.M, G0.T @ eta)
+        u = u0 + h * ((1 - gamma) * A0 + gamma * A)
+        return system.move(q0, h, xi, exp_series), u, a, A, lam
+
+    def residual(z):
+        q, u, a, _, lam = unpack(z)
+        G = system.G(q)
+        return np.concatenate([h * (system.M @ a - system.force(u) + G.T @ lam), G @ u, system.phi(q) / h])
+
+    z = newton(residual, guess)
+    return (*unpack(z), z)
+
+
+def integrate_alpha(system, radius, q, u, h, steps):
+    """States (q, u, lam) after every step, and the multipliers of the index-1 system there."""
+    a, lam = system.index1(q, u)
+    alpha_m, alpha_f, *_ = alpha_coefficients(radius)
+    ahead = (alpha_m - alpha_f) * h
+    A, _ = system.index1(system.move(q, ahead, u + ahead / 2 * a, exp_series), u + ahead * a)
+    guess = np.r_[a, lam, np.zeros(system.m)]
+    for _ in range(steps):
+        q, u, a, A, lam, guess = alpha_step(system, radius, q, u, a, A, h, guess)
+        yield q, u, lam, system.index1(q, u)[1]

@@ -1,10 +1,15 @@
-// A chain of n pendulum bodies stepped by one method, without Python: counts heap allocations inside the step loop,
-// and is the program that callgrind and the sanitizers look at.
+// A chain of n pendulum bodies, or the four-bar linkage, stepped by one method without Python: counts heap allocations
+// inside the step loop, and is the program that callgrind looks at.
 //
-//   chain_driver METHOD BODIES STEPS H   prints   "allocations N  x X Y Z  iterations K"
+//   chain_driver METHOD BODIES|four_bar STEPS H [COEFFICIENTS]   prints   "allocations N  x X Y Z  iterations K"
+//
+// COEFFICIENTS: a file of rows, each "length values...": the weights of a composition, or of a Runge-Kutta rule its order and
+// five groups "rows row..." (benchmarks/driver.py writes it). Methods that choose their steps take H for their tolerance.
 #define EIGEN_RUNTIME_NO_MALLOC
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <fstream>
 #include <new>
 #include <string>
 
@@ -17,8 +22,9 @@ void* operator new(std::size_t size) {
 void operator delete(void* p) noexcept { std::free(p); }
 void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
-#include "run/loop.hpp"
+#include "methods/extrapolation.hpp"
 #include "methods/rkmk.hpp"
+#include "run/loop.hpp"
 #include "methods/taylor.hpp"
 
 using namespace lieeuler;
@@ -45,20 +51,56 @@ static State hanging_sideways(const System& system) {
   return state;
 }
 
-template <class Stepper>
-static Status start(Stepper& stepper, const State& initial, double h) {
-  return stepper.start(initial, h);
-}
-// Its steps are its own: as many as asked for fit into the time.
-static Status start(TaylorStepper& stepper, const State& initial, double) {
-  return stepper.start(initial, 0, 1e6, 1e-12);
+// scenarios/four_bar.toml
+static System four_bar() {
+  System system{{}, {}, {}, {0, 0, -9.81}};
+  const auto body = [&](double mass, const Vec3& moments) {
+    const Mat3 J = moments.asDiagonal();
+    system.bodies.push_back({mass, J, J.inverse()});
+  };
+  body(2, {0.1, 0.15, 0.1}), body(1.5, {0.004, 0.18, 0.18}), body(1.75, {0.005, 0.28, 0.28});
+  const auto hinge = [&](int parent, int child, double at_parent, double at_child) {
+    const int row = system.rows();
+    Joint joint{parent, child, {at_parent, 0, 0}, {at_child, 0, 0}, {Part{true, {}, row}, Part{false, {}, row + 3}}};
+    for (const Vec3& normal : {Vec3(1, 0, 0), Vec3(0, 0, -1)})
+      joint.parts[1].dots.push_back({Carrier::parent_axis, Carrier::child_axis, normal, {0, 1, 0}, 0, 1});
+    system.joints.push_back(joint);
+  };
+  hinge(3, 0, 0, -0.2), hinge(0, 1, 0.2, -0.6), hinge(1, 2, 0.6, 0.7), hinge(3, 2, 1.8, -0.7);
+  return system;
 }
 
-template <class Stepper>
-static Status step(Stepper& stepper, Counters& counters, Watch&) {
-  return stepper.step(counters);
+static State cranked(const System& system) {
+  State state(system);
+  const double halves[] = {-1, -1.0 / 3, -2}, rates[] = {4.375, -0.875, 1};
+  const double from[] = {0.2, 0.6, -0.7}, to[] = {0.2, 0.6, -0.7};
+  Vec3 pin = Vec3::Zero(), speed = Vec3::Zero();
+  for (int b = 0; b < 3; ++b) {
+    Frame& frame = state.frames[b];
+    frame.R = Eigen::AngleAxisd(2 * std::atan(halves[b]), Vec3::UnitY()).toRotationMatrix();
+    const Vec3 w(0, rates[b], 0), first = frame.R * Vec3(from[b], 0, 0), second = frame.R * Vec3(to[b], 0, 0);
+    frame.x = pin + first;
+    state.u[b] = {speed + w.cross(first), w};
+    pin = frame.x + second, speed = state.u[b].v + w.cross(second);
+  }
+  return state;
 }
-static Status step(TaylorStepper& stepper, Counters& counters, Watch& watch) { return stepper.step(counters, watch); }
+
+// Steppers for `run`, and those for `run_adaptive`, which take as many steps as asked for in a time without end.
+template <class Stepper>
+static Status start(Stepper& stepper, const State& initial, double h) {
+  if constexpr (requires { stepper.start(initial, h); })
+    return stepper.start(initial, h);
+  else
+    return stepper.start(initial, 0, 1e6, h);
+}
+template <class Stepper>
+static Status step(Stepper& stepper, Counters& counters, Watch& watch) {
+  if constexpr (requires { stepper.step(counters); })
+    return stepper.step(counters);
+  else
+    return stepper.step(counters, watch);
+}
 
 template <class Stepper>
 static int drive(Stepper&& stepper, const System& system, int steps, double h) {
@@ -66,12 +108,14 @@ static int drive(Stepper&& stepper, const System& system, int steps, double h) {
   Counters counters;
   const Interrupted never = [] { return false; };
   Watch watch(never, system);
-  if (start(stepper, hanging_sideways(system), h) != Status::success) return 2;
+  const bool loop = system.joints.size() > system.bodies.size();
+  if (start(stepper, loop ? cranked(system) : hanging_sideways(system), h) != Status::success) return 2;
   if (step(stepper, counters, watch) != Status::success) return 2;
   const long before = allocations;
   Eigen::internal::set_is_malloc_allowed(false);
   for (int k = 1; k < steps; ++k)
     if (step(stepper, counters, watch) != Status::success) return 2;
+  if constexpr (!requires { stepper.step(counters); }) stepper.state();  // TaylorStepper leaves (a, lam) until then
   Eigen::internal::set_is_malloc_allowed(true);
   const long inside = allocations - before;
   const Vec3& x = stepper.state().frames[system.n() - 1].x;
@@ -80,21 +124,41 @@ static int drive(Stepper&& stepper, const System& system, int steps, double h) {
   return inside == 0 ? 0 : 1;
 }
 
+static std::vector<double> read_row(std::istream& file) {
+  size_t length = 0;
+  file >> length;
+  std::vector<double> row(length);
+  for (double& value : row) file >> value;
+  return row;
+}
+static std::vector<std::vector<double>> read_rows(std::istream& file) {
+  size_t count = 0;
+  file >> count;
+  std::vector<std::vector<double>> rows(count);
+  for (auto& row : rows) row = read_row(file);
+  return rows;
+}
+static Tableau read_tableau(std::istream& file) {
+  Tableau rule;
+  file >> rule.order;
+  rule.stages = read_rows(file), rule.weights = read_rows(file).at(0);
+  rule.errors = read_rows(file), rule.extra = read_rows(file), rule.dense = read_rows(file);
+  return rule;
+}
+
 int main(int argc, char** argv) {
-  if (argc != 5) return 64;
-  const std::string method = argv[1];
-  const System system = chain(std::atoi(argv[2]));
+  if (argc < 5) return 64;
+  const std::string method = argv[1], bodies = argv[2];
+  const System system = bodies == "four_bar" ? four_bar() : chain(std::stoi(bodies));
   const int steps = std::atoi(argv[3]);
   const double h = std::atof(argv[4]);
-  if (method == "rkmk4") {
-    const Tableau kutta{{{0.5}, {0, 0.5}, {0, 0, 1}}, {1. / 6, 1. / 3, 1. / 3, 1. / 6}, 4, {}, {}, {}};
-    return drive(FixedMuntheKaas(system, kutta), system, steps, h);
-  }
+  std::ifstream coefficients(argc > 5 ? argv[5] : "");
+  if (method == "rkmk4") return drive(FixedMuntheKaas(system, read_tableau(coefficients)), system, steps, h);
+  if (method.starts_with("rkmk")) return drive(AdaptiveMuntheKaas(system, read_tableau(coefficients)), system, steps, h);
   if (method == "taylor") return drive(TaylorStepper(system), system, steps, h);
-  if (method == "rattle4") {
-    const double a = 1 / (4 - std::cbrt(4.0));
-    return drive(CompositionStepper<ExpMap>(system, {a, a, 1 - 4 * a, a, a}), system, steps, h);
-  }
+  if (method == "seulex") return drive(AdaptiveExtrapolation(system), system, steps, h);
+  if (method.starts_with("rattle"))
+    return drive(CompositionStepper<ExpMap>(system, read_row(coefficients)), system, steps, h);
   if (method == "INDEX1_LE") return drive(LagrangeStepper<ExpMap>(system, Level::acceleration, false, {}), system, steps, h);
   if (method == "BAUMGARTE_LE")
     return drive(LagrangeStepper<ExpMap>(system, Level::acceleration, false, {5, 5}), system, steps, h);

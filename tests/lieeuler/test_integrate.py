@@ -7,7 +7,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sysconfig
 import threading
 from pathlib import Path
 
@@ -154,10 +153,10 @@ def test_monitor_can_be_switched_off():
 @pytest.fixture(scope="session")
 def chain_driver(tmp_path_factory):
     """The kernel's headers compiled into a program that counts allocations."""
-    import cmeel  # noqa: F401  (its prefix holds the Eigen headers the kernel is built with)
+    import cmeel  # its prefix holds the Eigen headers the kernel is built with
 
     compiler = os.environ.get("CXX") or shutil.which("c++")
-    eigen = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "include", "eigen3")
+    eigen = Path(cmeel.__file__).parents[1] / "cmeel.prefix" / "include" / "eigen3"
     program = tmp_path_factory.mktemp("core") / "chain_driver"
     source = ROOT / "tests" / "core" / "chain_driver.cpp"
     subprocess.run([compiler, "-std=c++20", "-O1", "-I", eigen, "-I", ROOT / "lieeuler" / "_core", source,

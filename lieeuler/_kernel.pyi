@@ -1,15 +1,40 @@
 """The compiled core, see lieeuler/_core/python/bind.cpp."""
 
+import enum
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+class Carrier(enum.Enum):
+    difference = 0
+    parent = 1
+    child = 2
+
+class CoordinateMap(enum.Enum):
+    exp = 0
+    cayley = 1
+    ccsk = 2
+
+class Formulation(enum.Enum):
+    lagrange = 0
+    hamilton = 1
+
+class Level(enum.Enum):
+    position = 0
+    velocity = 1
+    stabilised = 2
+    acceleration = 3
+
+class Method:
+    def __init__(self, formulation: Formulation, level: Level, index1_output: bool, alpha: float, beta: float,
+                 composition: Sequence[float], spectral_radius: float | None, polish: bool, /) -> None: ...
+
 class System:
     def __init__(self, masses: Sequence[float], inertias: Sequence[np.ndarray], gravity: np.ndarray) -> None: ...
     def set_spin(self, body: int, spin: np.ndarray) -> None: ...
     def add_joint(self, parent: int, child: int, parent_anchor: np.ndarray, child_anchor: np.ndarray, spherical: bool,
-                  carriers: Sequence[str], axes: Sequence[np.ndarray], constants: Sequence[float],
+                  carriers: Sequence[Carrier], axes: Sequence[np.ndarray], constants: Sequence[float],
                   scales: Sequence[float]) -> None: ...
     def add_linear_spring(self, parent: int, child: int, parent_point: np.ndarray, child_point: np.ndarray,
                           stiffness: float, free_length: float, damping: float) -> None: ...
@@ -29,9 +54,8 @@ class Tableau:
 class Run:
     """A method with its steps or its tolerance, ready to run a system from a state."""
 
-def euler(coordinate_map: str, hamiltonian: bool, level: str, index1_output: bool, alpha: float, beta: float,
-          composition: Sequence[float], polish: bool, steps: Sequence[float], counts: Sequence[int],
-          monitor: bool) -> Run: ...
+def implicit(coordinate_map: CoordinateMap, method: Method, steps: Sequence[float], counts: Sequence[int],
+             monitor: bool) -> Run: ...
 def runge_kutta(tableau: Tableau, steps: Sequence[float], counts: Sequence[int], monitor: bool) -> Run: ...
 def adaptive_runge_kutta(tableau: Tableau, t_eval: Sequence[float], rtol: float, monitor: bool) -> Run: ...
 def seulex(t_eval: Sequence[float], rtol: float, monitor: bool) -> Run: ...
@@ -48,4 +72,4 @@ def constraint_levels(system: System, x: np.ndarray, R: np.ndarray, v: np.ndarra
 def constraints(system: System, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
                 lam: np.ndarray) -> dict[str, Any]: ...
 def forces(system: System, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> dict[str, Any]: ...
-def map_values(coordinate_map: str, xi: np.ndarray, J: np.ndarray, h: float) -> dict[str, Any]: ...
+def map_values(coordinate_map: CoordinateMap, xi: np.ndarray, J: np.ndarray, h: float) -> dict[str, Any]: ...

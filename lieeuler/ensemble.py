@@ -84,6 +84,7 @@ def integrate_ensemble(
     coordinate_map: str = "exp",
     alpha: float | None = None,
     beta: float | None = None,
+    spectral_radius: float | None = None,
     spin_free: bool | None = None,
     threads: int = 0,
 ) -> EnsembleSolution:
@@ -97,7 +98,7 @@ def integrate_ensemble(
     ----------
     problem : Problem
         What all members share; its state stands for what is not given.
-    method, step, t_eval, rtol, coordinate_map, alpha, beta, spin_free
+    method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, spin_free
         As `lieeuler.integrate` takes them.
     x, R, v, w : (N, n, 3), (N, n, 3, 3), (N, n, 3), (N, n, 3), optional
         Initial states, conventions of `lieeuler.types`; each satisfies the joints to rounding level.
@@ -122,7 +123,7 @@ def integrate_ensemble(
     check_problem(problem)
     check_switch("spin_free", spin_free, optional=True)
     threads = _threads(threads)
-    plan = plan_run(method, step, rtol, t_eval, coordinate_map, alpha, beta, monitor=False)
+    plan = plan_run(method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, monitor=False)
     values = _parameters(problem, parameters or {})
     states, N = _states(problem, {"x": x, "R": R, "v": v, "w": w}, values)
     spins = plan.spins_out if spin_free is None else spin_free

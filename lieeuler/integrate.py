@@ -39,6 +39,7 @@ def integrate(
     coordinate_map: str = "exp",
     alpha: float | None = None,
     beta: float | None = None,
+    spectral_radius: float | None = None,
     spin_free: bool | None = None,
     polish: bool = True,
     monitor: bool = True,
@@ -60,9 +61,12 @@ def integrate(
         In place of `step`, for methods with "rtol" among their controls: the error wanted, relative to the sizes of the
         system (m), one radian, and their rates. It is not rigorous, but proportional to the error. Default 1e-8.
     coordinate_map : "exp" | "cayley" | "ccsk"
-        Only for the Euler methods and their compositions.
+        Only for the implicit methods and the compositions; those of order two and up need a symmetric one, not ccsk.
     alpha, beta : float, optional
         Baumgarte gains, 1/s; only for BAUMGARTE_LE.
+    spectral_radius : float, optional
+        Only for generalized_alpha: from 0, where motions much faster than the step are gone after it, to 1, where they
+        keep their size. Default 0.8.
     spin_free : bool, optional
         Carry symmetric bodies in frames that do not spin with them where the problem allows it (`lieeuler.spin_free`).
         Default: for the methods of higher order, not for the Euler methods.
@@ -88,7 +92,7 @@ def integrate(
     check_problem(problem)
     for name, value in (("spin_free", spin_free), ("polish", polish), ("monitor", monitor)):
         check_switch(name, value, optional=name == "spin_free")
-    plan = plan_run(method, step, rtol, t_eval, coordinate_map, alpha, beta, monitor, polish)
+    plan = plan_run(method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, monitor, polish)
     frames = spin_free_frames(problem) if (plan.spins_out if spin_free is None else spin_free) else None
     kernel, w = (problem.kernel, problem.w) if frames is None else (frames.kernel, frames.w)
     result = _kernel.integrate(kernel, plan.run, problem.x, problem.R, problem.v, w)
@@ -128,18 +132,19 @@ class Plan:
 
 
 def plan_run(method: str, step: float | None, rtol: float | None, t_eval: ArrayLike | None, coordinate_map: str,
-             alpha: float | None, beta: float | None, monitor: bool, polish: bool = True) -> Plan:
+             alpha: float | None, beta: float | None, spectral_radius: float | None, monitor: bool,
+             polish: bool = True) -> Plan:
     """Check the arguments of a run, as `integrate` describes them, and make what the kernel runs."""
     record = _method(method)
     if not isinstance(coordinate_map, str) or coordinate_map not in COORDINATE_MAPS:
         raise ArgumentError(f"coordinate_map must be one of {', '.join(COORDINATE_MAPS)}, not {coordinate_map!r}")
-    if record.composition and coordinate_map == "ccsk":
-        raise ArgumentError(f"{method} composes symmetric steps and ccsk is not symmetric; use exp or cayley")
+    if record.formulation != "index1" and record.order != 1 and coordinate_map == "ccsk":
+        raise ArgumentError(f"{method} would fall to order 1 with ccsk, which is not symmetric; use exp or cayley")
     if record.formulation == "index1" and coordinate_map != "exp":
         raise ArgumentError(f"{method} works with the exponential map; leave coordinate_map out")
-    if not polish and (record.composition or record.formulation == "index1"):
+    if not polish and (record.order != 1 or record.formulation == "index1"):
         raise ArgumentError(f"{method} always polishes its attitudes; polish=False is for the Euler methods")
-    gains = _gains(record, alpha, beta)
+    gains, radius = _gains(record, alpha, beta), _spectral_radius(record, spectral_radius)
     t = _output_times(t_eval)
     tolerance = _tolerance(record, step, rtol)
     spins_out = "rtol" in record.controls or record.order != 1
@@ -150,8 +155,9 @@ def plan_run(method: str, step: float | None, rtol: float | None, t_eval: ArrayL
     if record.tableau is not None:
         run = _kernel.runge_kutta(record.tableau.kernel, steps, counts, monitor)
     else:
-        run = _kernel.euler(coordinate_map, record.formulation == "hamilton", record.level, record.index1_output,
-                            *gains, record.composition, polish, steps, counts, monitor)
+        rule = _kernel.Method(_kernel.Formulation[record.formulation], _kernel.Level[record.level],
+                              record.index1_output, *gains, record.composition, radius, polish)
+        run = _kernel.implicit(_kernel.CoordinateMap[coordinate_map], rule, steps, counts, monitor)
     return Plan(run, t, max(steps), spins_out)
 
 
@@ -189,6 +195,17 @@ def _gains(method: Method, alpha: float | None, beta: float | None) -> tuple[flo
     first, second = method.gains
     return (first if alpha is None else number("alpha", alpha, lowest=0.0),
             second if beta is None else number("beta", beta, lowest=0.0))
+
+
+def _spectral_radius(method: Method, value: float | None) -> float | None:
+    if method.spectral_radius is None:
+        if value is not None:
+            raise ArgumentError(f"spectral_radius belongs to generalized_alpha; {method.name} has none")
+        return None
+    radius = method.spectral_radius if value is None else number("spectral_radius", value, lowest=0.0)
+    if radius > 1:
+        raise ArgumentError(f"spectral_radius must lie between 0 and 1, not {value!r}")
+    return radius
 
 
 def _tolerance(method: Method, step: float | None, rtol: float | None) -> float | None:

@@ -102,7 +102,7 @@ class Joint(Frozen):
     def add_to(self, system: _kernel.System) -> None:
         """Add this joint to the compiled system."""
         system.add_joint(self.parent, self.child, self.parent_anchor, self.child_anchor, self.spherical,
-                         [carrier for dot in self.dots for carrier in (dot.a, dot.b)],
+                         [_kernel.Carrier[carrier] for dot in self.dots for carrier in (dot.a, dot.b)],
                          [axis for dot in self.dots for axis in (dot.a_axis, dot.b_axis)],
                          [dot.constant for dot in self.dots], [dot.scale for dot in self.dots])
 

@@ -7,6 +7,8 @@ Sources
 [BM] Bou-Rabee and Marsden, Hamilton-Pontryagin integrators, doi:10.1007/s10208-008-9030-4
 [MK] Munthe-Kaas, High order Runge-Kutta methods on manifolds, doi:10.1016/S0168-9274(98)00030-0
 [B]  Baumgarte, Stabilization of constraints, doi:10.1016/0045-7825(72)90018-7
+[BCA] Bruels, Cardona and Arnold, Lie group generalized-alpha, doi:10.1016/j.mechmachtheory.2011.07.017; in stabilised
+      index-2 form: Arnold, Bruels and Cardona, doi:10.1007/s00211-014-0633-1
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ class Method:
     name : str
         What users type.
     formulation : "lagrange" | "hamilton" | "index1"
-        Implicit Euler for the Lagrangian equations, symplectic Euler for the Hamiltonian ones, or accelerations solved
+        Implicit steps of the Lagrangian equations, symplectic Euler for the Hamiltonian ones, or accelerations solved
         from the index-1 system.
     level : "position" | "velocity" | "stabilised" | "acceleration"
         The constraint equation solved in the step; "stabilised" is position and velocity together.
@@ -45,6 +47,8 @@ class Method:
     composition : tuple of float
         Weights of the stages where the method is a composition of RATTLE steps; RATTLE is half a step of DAE2H_LSE and
         half a step of its adjoint.
+    spectral_radius : float or None
+        Default of generalized-alpha's spectral radius at infinite frequency, where the method takes one.
     tableau : Tableau or None
         Of an explicit Runge-Kutta rule.
     controls : tuple of "step", "rtol"
@@ -60,6 +64,7 @@ class Method:
     source: str
     gains: tuple[float, float] | None = None
     composition: tuple[float, ...] = ()
+    spectral_radius: float | None = None
     tableau: Tableau | None = None
     controls: tuple[str, ...] = ("step",)
 
@@ -96,6 +101,7 @@ _P1 = "doi:10.1177/1687814019842406"
 _P2 = "doi:10.1177/1687814018764154"
 _BM = "doi:10.1007/s10208-008-9030-4"
 _MK = "doi:10.1016/S0168-9274(98)00030-0"
+_BCA = "doi:10.1016/j.mechmachtheory.2011.07.017, doi:10.1007/s00211-014-0633-1"
 _ALL = ("position", "velocity", "acceleration")
 
 
@@ -123,6 +129,7 @@ METHODS: dict[str, Method] = {
         Method("INDEX1_LE", "lagrange", "acceleration", False, ("acceleration",), 1, f"{_P1}, comparator"),
         Method("BAUMGARTE_LE", "lagrange", "acceleration", False, (), 1,
                f"{_P1}, comparator; doi:10.1016/0045-7825(72)90018-7", gains=(5.0, 5.0)),
+        Method("generalized_alpha", "lagrange", "stabilised", True, _ALL, 2, _BCA, spectral_radius=0.8),
         _rattle("rattle2", 2, (1.0,), _BM),
         _rattle("rattle4", 4, SUZUKI_4, f"{_BM}, doi:10.1016/0375-9601(90)90962-N"),
         _rattle("rattle6", 6, KAHAN_LI_6, f"{_BM}, doi:10.1090/S0025-5718-97-00873-9"),

@@ -24,6 +24,7 @@ class RunSpec:
     spin_free: bool | None = None  # only ever given to an engine that lists it in `options`
     alpha: float | None = None
     beta: float | None = None
+    spectral_radius: float | None = None  # of generalized_alpha
     softness: str | None = None  # "tight" | "default": equality constraints of MuJoCo
     node: str | None = None  # "lie" | "euler_parameters": rigid bodies of Exudyn
 

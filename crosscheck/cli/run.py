@@ -24,6 +24,7 @@ def run(
     node: Annotated[str | None, typer.Option(help="lie or euler_parameters: Exudyn's rigid bodies")] = None,
     alpha: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")] = None,
     beta: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of positions, not squared")] = None,
+    spectral_radius: Annotated[float | None, typer.Option(help="0 to 1, of generalized_alpha; default 0.8")] = None,
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
     duration: Annotated[float | None, typer.Option(help="s; default: the scene's")] = None,
 ) -> None:
@@ -38,7 +39,7 @@ def run(
         method = "taylor"
         rtol = 1e-9 if step is None and rtol is None else rtol
     given = {"form": form, "coordinate_map": coordinate_map, "softness": softness, "node": node, "alpha": alpha,
-             "beta": beta, "samples": samples, "duration": duration}
+             "beta": beta, "spectral_radius": spectral_radius, "samples": samples, "duration": duration}
     options = {key: value for key, value in given.items() if value is not None}
     loaded = load_scene(scene)
     traj = run_scene(loaded, engine, method, step=step, rtol=rtol, **options)

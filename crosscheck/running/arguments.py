@@ -51,7 +51,7 @@ def request(engine: str, adapter: Engine, method: str, step: float | None, rtol:
     for name, choices in CHOICES.items():
         if name in given and not (isinstance(given[name], str) and given[name] in choices):
             raise ArgumentError(unknown(name, given[name], choices))
-    for name in ("alpha", "beta"):
+    for name in ("alpha", "beta", "spectral_radius"):
         if name in given:
             given[name] = _number(name, given[name], lowest=0.0)
     flag = options.get("monitor")

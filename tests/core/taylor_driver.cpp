@@ -34,7 +34,7 @@ static Scene hung(double mass, const Mat3& J, const std::vector<Vec3>& hooks, co
   const int n = static_cast<int>(attitudes.size());
   System system{{}, {}, {}, {0, 0, -9.81}};
   for (int b = 0; b < n; ++b) {
-    system.bodies.push_back({mass, J, J.inverse()});
+    system.bodies.emplace_back(mass, J);
     system.joints.push_back({b == 0 ? n : b - 1, b, hooks[b], anchor, {Part{true, {}, 3 * b}}});
   }
   State state(system);

@@ -22,7 +22,7 @@ struct Machine {
 
   int add_body(const Vec3& position, const Vec3& velocity = Vec3::Zero(), const Vec3& rate = Vec3::Zero()) {
     const Mat3 J = Vec3(0.1, 0.2, 0.15).asDiagonal();
-    system.bodies.push_back({1.0, J, J.inverse()});
+    system.bodies.emplace_back(1.0, J);
     x.push_back(position), v.push_back(velocity), w.push_back(rate);
     return system.n() - 1;
   }
@@ -115,7 +115,11 @@ Outcome drive(const Machine& m, const std::string& method, double step, const Re
     FixedMuntheKaas stepper(system, rule);
     return run(stepper, system, start, steps, counts, true, record, interrupted);
   }
-  Method euler{method[4] == 'H', Level::velocity, method[3] == '1', {}, {}};
+  if (method == "generalized_alpha") {
+    LagrangeStepper<ExpMap> stepper(system, GeneralizedAlpha(0.8));
+    return run(stepper, system, start, steps, counts, true, record, interrupted);
+  }
+  Method euler{method[4] == 'H' ? Formulation::hamilton : Formulation::lagrange, Level::velocity, method[3] == '1'};
   const double a = 1 / (4 - std::cbrt(4.0));
   if (method == "rattle4") euler.composition = {a, a, 1 - 4 * a, a, a};
   if (method[3] == '3') euler.level = Level::position;

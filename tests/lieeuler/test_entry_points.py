@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import lieeuler
+from lieeuler import _kernel
 from tests.kernel_mutations import EXTREME, FIELDS, ODD, case, judged, layouts
 from tests.lieeuler.systems import SYSTEMS
 
@@ -193,3 +194,17 @@ def test_any_call_is_refused_or_ends_with_a_name(seed, monkeypatch):
         make, options = case(random)
         if options.get("step") is not None:  # odd numbers may ask steps that follow a tolerance for any number of them
             judged(make, **options)
+
+
+def test_an_unknown_word_is_no_level_map_or_carrier():
+    """The kernel took every unknown level for the acceleration level, and every unknown map for exp."""
+    for words, known in ((_kernel.Level, "velocity"), (_kernel.CoordinateMap, "exp"), (_kernel.Carrier, "parent"),
+                         (_kernel.Formulation, "hamilton")):
+        assert known in words.__members__
+        with pytest.raises(KeyError):
+            words["no such word"]
+    for wrong in ("velocity", "no such word", 17, None):
+        with pytest.raises(TypeError):
+            _kernel.Method(_kernel.Formulation.lagrange, wrong, False, 0.0, 0.0, (), None, True)
+        with pytest.raises(TypeError):
+            _kernel.map_values(wrong, np.zeros(3), np.eye(3), 1.0)

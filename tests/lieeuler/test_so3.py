@@ -53,10 +53,10 @@ def test_values_against_sixty_digits(name, axis):
             theta = angle * axis
             if not inside(name, theta):
                 continue
-            value = _kernel.map_values(name, theta, np.eye(3), 1.0)
+            value = _kernel.map_values(_kernel.CoordinateMap[name], theta, np.eye(3), 1.0)
             E, D = mp_map(name, theta), mp_right_tangent(name, theta)
             momentum = mp.lu_solve(D.T, mp.matrix(INERTIA @ theta))
-            kernel_momentum = _kernel.map_values(name, theta, INERTIA, 1.0)["momentum"]
+            kernel_momentum = _kernel.map_values(_kernel.CoordinateMap[name], theta, INERTIA, 1.0)["momentum"]
             exact = np.array(E.tolist(), dtype=float)
             tangent = np.array((E.T * D).tolist(), dtype=float)
             conditioning = max(1.0, np.linalg.norm(np.linalg.inv(tangent)))
@@ -73,7 +73,7 @@ def test_identities(name, angle, direction, h):
         return
     theta = angle * np.array(direction) / np.linalg.norm(direction)
     xi = theta / h
-    value = _kernel.map_values(name, xi, INERTIA, h)
+    value = _kernel.map_values(_kernel.CoordinateMap[name], xi, INERTIA, h)
     assert value["inside"] == (name != "ccsk" or bool(abs((h * xi)[1]) < np.pi / 2))
     if not inside(name, theta):
         return
@@ -92,11 +92,12 @@ def test_derivatives_against_central_differences(name, angle, which, h):
     xi = angle / h * AXES[which]
     if not inside(name, h * xi * 1.01):
         return
-    value = _kernel.map_values(name, xi, INERTIA, h)
+    value = _kernel.map_values(_kernel.CoordinateMap[name], xi, INERTIA, h)
     step = 1e-5 * max(1.0, np.linalg.norm(xi))
     slope, turn = np.empty((3, 3)), np.empty((3, 3))
     for j in range(3):
-        ahead, behind = (_kernel.map_values(name, xi + sign * step * np.eye(3)[j], INERTIA, h) for sign in (1, -1))
+        ahead, behind = (_kernel.map_values(_kernel.CoordinateMap[name], xi + d * np.eye(3)[j], INERTIA, h)
+                         for d in (step, -step))
         slope[:, j] = (ahead["momentum"] - behind["momentum"]) / (2 * step)
         W = value["rotation"].T @ (ahead["rotation"] - behind["rotation"]) / (2 * step * h)
         turn[:, j] = W[2, 1], W[0, 2], W[1, 0]
@@ -109,10 +110,10 @@ def test_derivatives_against_central_differences(name, angle, which, h):
 def test_domains():
     identity = np.eye(3)
     edge = np.array([0, 2 * np.pi, 0])
-    assert _kernel.map_values("exp", 0.999 * edge, identity, 1.0)["inside"]
-    assert not _kernel.map_values("exp", 1.001 * edge, identity, 1.0)["inside"]
-    assert not _kernel.map_values("ccsk", edge / 4 * 1.001, identity, 1.0)["inside"]
-    assert _kernel.map_values("cayley", 1e3 * edge, identity, 1.0)["inside"]
+    assert _kernel.map_values(_kernel.CoordinateMap.exp, 0.999 * edge, identity, 1.0)["inside"]
+    assert not _kernel.map_values(_kernel.CoordinateMap.exp, 1.001 * edge, identity, 1.0)["inside"]
+    assert not _kernel.map_values(_kernel.CoordinateMap.ccsk, edge / 4 * 1.001, identity, 1.0)["inside"]
+    assert _kernel.map_values(_kernel.CoordinateMap.cayley, 1e3 * edge, identity, 1.0)["inside"]
 
 
 def test_hat_of_the_oracle_is_the_cross_product():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import sysconfig
 from pathlib import Path
 
 import numpy as np
@@ -194,10 +193,10 @@ def test_a_spring_of_zero_length_has_no_series():
 @pytest.fixture(scope="session")
 def taylor_driver(tmp_path_factory):
     """The kernel's headers compiled into a program that counts allocations."""
-    import cmeel  # noqa: F401  (its prefix holds the Eigen headers the kernel is built with)
+    import cmeel  # its prefix holds the Eigen headers the kernel is built with
 
     compiler = os.environ.get("CXX") or shutil.which("c++")
-    eigen = Path(sysconfig.get_path("purelib"), "cmeel.prefix", "include", "eigen3")
+    eigen = Path(cmeel.__file__).parents[1] / "cmeel.prefix" / "include" / "eigen3"
     program = tmp_path_factory.mktemp("core") / "taylor_driver"
     source = ROOT / "tests" / "core" / "taylor_driver.cpp"
     subprocess.run([compiler, "-std=c++20", "-O1", "-I", eigen, "-I", ROOT / "lieeuler" / "_core", source,

@@ -14,6 +14,14 @@ namespace lieeuler {
 // The constraint equations of a step; stabilised: position and velocity.
 enum class Level { position, velocity, stabilised, acceleration };
 
+// The unknowns of a step, and how Newton's matrix is laid out and solved with.
+struct Layout {
+  bool doubled_unknowns = false;  // a second set of velocities and multipliers: xi and mu beside u and Lam
+  bool doubled_matrix = false;    // in Newton's matrix too
+  bool second_order = false;      // the matrix holds second derivatives of the constraints
+  bool eliminates = false;        // it couples bodies by constraint rows alone, and they are eliminated beforehand
+};
+
 // Equations supplies begin(), guess(z), residual(z, r), factor(), exact_matrix(), has_velocity_rows(level), finish(), and
 // projects(level): whether finish() factors the saddle point at the new state.
 template <class Equations, class Map>
@@ -32,7 +40,7 @@ class EulerStepper {
     }
     lu_.expect_deficiency(saddle_.redundant() * (nodes_.doubled() ? 2 : 1));
     if (const Status status = solve_index1(); status != Status::success) return status;
-    equations().begin();
+    if (const Status status = equations().begin(); status != Status::success) return status;
     std::fill(z_.begin(), z_.end(), 0.0);
     predictor_.reset(z_.size());
     newton_.reset(z_.size());
@@ -113,17 +121,15 @@ class EulerStepper {
   const Constraints& joints() const { return joints_; }
 
  protected:
-  // nodes_doubled, doubled: the unknowns, and Newton's matrix, with a second set of velocities and multipliers. eliminates:
-  // Newton's matrix couples bodies by constraint rows alone.
-  EulerStepper(const System& system, Level level, bool index1_output, bool nodes_doubled, bool doubled, bool second_order,
-               bool eliminates)
-      : system_(system), level_(level), index1_output_(index1_output), second_order_(second_order), nodes_(system, nodes_doubled), columns_(nodes_), joints_(system),
-        start_joints_(system), saddle_(system), start_(system), state_(system), maps_(system.n() + 1),
-        xi_(system.n() + 1), force_(system.n() + 1), z_(3 * nodes_.count(), 0.0) {
-    if (eliminates)
+  EulerStepper(const System& system, Level level, bool index1_output, const Layout& layout)
+      : system_(system), level_(level), index1_output_(index1_output), second_order_(layout.second_order),
+        nodes_(system, layout.doubled_unknowns), columns_(nodes_), joints_(system), start_joints_(system),
+        saddle_(system), start_(system), state_(system), maps_(system.n() + 1), xi_(system.n() + 1),
+        force_(system.n() + 1), z_(3 * nodes_.count(), 0.0) {
+    if (layout.eliminates)
       core_.emplace(system);
     else
-      plan_matrix(doubled);
+      plan_matrix(layout.doubled_matrix);
     for (const Joint& joint : system.joints)
       for (Side side : kSides) {
         const int b = side == kChild ? joint.child : joint.parent;

@@ -27,7 +27,8 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   enum class Kind { euler, rattle };
 
   HamiltonStepper(const System& system, Level level, bool index1_output, Kind kind = Kind::euler)
-      : Base(system, level, index1_output, false, false, level == Level::velocity, eliminates(system)),
+      : Base(system, level, index1_output,
+             {.second_order = level == Level::velocity, .eliminates = eliminates(system)}),
         rattle_(kind == Kind::rattle), rotations_(system.n() + 1), slopes_(system.n()), tangents_(slopes_),
         velocity_slopes_(level == Level::velocity ? system.n() : 0), momentum_(system.n() + 1),
         impulse_(system.n() + 1), change_(rattle_ ? system.n() + 1 : 0), mu_(system.rows(), 0.0) {
@@ -74,9 +75,10 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   bool by_velocity() const { return level_ == Level::velocity; }
   double impulse_time() const { return rattle_ ? 0.5 * h_ : h_; }
 
-  void begin() {
+  Status begin() {
     for (int b = 0; b < system_.n(); ++b) momentum_[b] = canonical_momentum(system_.bodies[b], state_.u[b]);
     if (rattle_) carried_.assign(system_.n(), {});
+    return Status::success;
   }
   void guess(std::vector<double>& z) const {
     for (int b = 0; b < system_.n(); ++b) store(state_.u[b], &z[3 * nodes_.v(b)]);
@@ -114,7 +116,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
 
   // Where only the rows of joints couple bodies: no dampers, no loops.
   static bool eliminates(const System& system) {
-    return elimination_order(system).loops.empty() &&
+    return is_forest(system) &&
            std::all_of(system.forces.begin(), system.forces.end(), [](const Force& f) { return f.damping == 0; });
   }
 

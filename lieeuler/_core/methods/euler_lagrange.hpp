@@ -7,12 +7,16 @@
 //   stabilised    Phi(q) = 0, G u = 0                           M xi = M u - G_n^T mu     DAE2L_LSE, DAE1L_LSE
 //   acceleration  G a + gamma + 2 alpha G u + beta^2 Phi = 0    xi = u, a = (u - u_n)/h   INDEX1_LE, BAUMGARTE_LE
 //
+// and the stabilised generalized-alpha method, which differs by numbers in the first and third column
+// (methods/generalized_alpha.hpp).
+//
 // Unknowns: u of each body, Lam of each joint; when stabilised also xi and mu.
 #pragma once
 
 #include <optional>
 
 #include "methods/euler.hpp"
+#include "methods/generalized_alpha.hpp"
 #include "solve/stabilised.hpp"
 
 namespace lieeuler {
@@ -28,12 +32,10 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
  public:
   LagrangeStepper(const System& system, Level level, bool index1_output, Gains gains)
-      : Base(system, level, index1_output, level == Level::stabilised, !splits(system, level) && level == Level::stabilised,
-             true, eliminates(system, level)),
-        gains_(gains), tangents_(system.n() + 1), stiffness_of_(system.n() + 1), balance_(system.n() + 1), drift_(system.n() + 1) {
-    if (splits(system, level)) split_.emplace(system, this->saddle_.delassus());
-    if (!this->core_) find_blocks();
-  }
+      : LagrangeStepper(system, level, index1_output, gains, std::nullopt) {}
+  // Generalized-alpha.
+  LagrangeStepper(const System& system, const GeneralizedAlpha& alpha)
+      : LagrangeStepper(system, Level::stabilised, true, {}, alpha) {}
 
   static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
   static constexpr bool projects(Level) { return false; }
@@ -69,9 +71,10 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     generalized_forces(system_, state_.frames, state_.u, start_.angles, force_);
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
-      const Twist &u = state_.u[b], &u_n = start_.u[b], &f = force_[b];
-      balance_[b] = {body.mass * (u.v - u_n.v) - h_ * f.v, times(body.inertia, u.w - u_n.w) - h_ * f.w};
-      if (stabilised()) drift_[b] = momentum(body, {xi_[b].v - u.v, xi_[b].w - u.w});
+      const Twist &u = state_.u[b], &f = force_[b], from = alpha_ ? alpha_->from(b) : start_.u[b];
+      balance_[b] = {body.mass * (u.v - from.v) - force_time() * f.v,
+                     times(body.inertia, u.w - from.w) - force_time() * f.w};
+      if (stabilised()) drift_[b] = momentum(body, drift_of(b));
     }
     for (int k = 0; k < nodes_.parts(); ++k) {
       this->subtract_reaction(k, this->here(k), -load3(&z[3 * nodes_.lam(k)]), balance_);
@@ -93,6 +96,22 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
 
  private:
+  LagrangeStepper(const System& system, Level level, bool index1_output, Gains gains, std::optional<GeneralizedAlpha> alpha)
+      : Base(system, level, index1_output, layout(system, level, alpha.has_value())), gains_(gains),
+        alpha_(std::move(alpha)), force_share_(alpha_ ? alpha_->force_share() : 1),
+        velocity_share_(alpha_ ? alpha_->velocity_share() : 1), tangents_(system.n() + 1),
+        stiffness_of_(system.n() + 1), balance_(system.n() + 1), drift_(system.n() + 1) {
+    if (!alpha_ && splits(system, level)) split_.emplace(system, this->saddle_.delassus());
+    if (!this->core_) find_blocks();
+  }
+  static Layout layout(const System& system, Level level, bool alpha) {
+    const bool stabilised = level == Level::stabilised;
+    return {.doubled_unknowns = stabilised,
+            .doubled_matrix = stabilised && (alpha || !splits(system, level)),
+            .second_order = true,
+            .eliminates = !alpha && eliminates(system, level)};
+  }
+
   using Base::columns_, Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_, Base::state_;
   using Base::system_, Base::xi_, Base::z_, Base::force_;
 
@@ -101,6 +120,15 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   };
   static bool splits(const System& system, Level level) {
     return level == Level::stabilised && StabilisedSolve::suits(system);
+  }
+  // theta: what a force acts for in a step.
+  double force_time() const { return force_share_ * h_; }
+  // xi - u, but for the multipliers.
+  Twist drift_of(int b) const {
+    const Twist &xi = xi_[b], &u = state_.u[b];
+    if (!alpha_) return {xi.v - u.v, xi.w - u.w};
+    const Twist carry = alpha_->carry(b);
+    return {xi.v - velocity_share_ * u.v - carry.v, xi.w - velocity_share_ * u.w - carry.w};
   }
   bool stabilised() const { return level_ == Level::stabilised; }
   bool doubled() const { return columns_.doubled(); }
@@ -134,15 +162,37 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     return PairBlocks::of(lu_, columns_.v(row), columns_.w(row), columns_.xi_v(column), columns_.xi_w(column));
   }
 
-  void begin() {
+  Status begin() {
     if (split_) split_->forget();
+    return alpha_ ? begin_alpha() : Status::success;
+  }
+  // The accelerations here, and those a little later or earlier.
+  Status begin_alpha() {
+    const double whole = std::exchange(h_, alpha_->ahead(h_));
+    start_ = state_;
+    bool inside = true;
+    for (int b = 0; b < system_.n(); ++b) {
+      const Twist &u = start_.u[b], &a = start_.a[b];
+      xi_[b] = {u.v + 0.5 * h_ * a.v, u.w + 0.5 * h_ * a.w};
+      state_.u[b] = {u.v + h_ * a.v, u.w + h_ * a.w};
+      inside = this->move(b) && inside;
+    }
+    h_ = whole;
+    if (!inside) return Status::map_domain;
+    this->evaluate_joints();
+    if (const Status status = this->solve_index1(); status != Status::success) return status;
+    alpha_->start(start_.a, state_.a);
+    alpha_->prepare(start_.u, h_);
+    state_ = start_;
+    joints_.update(state_.frames);
+    return this->saddle_.factor(joints_) ? Status::success : Status::singular_matrix;
   }
   void guess(std::vector<double>& z) const {
     for (int b = 0; b < system_.n(); ++b) {
       store(state_.u[b], &z[3 * nodes_.v(b)]);
       store(state_.u[b], &z[3 * nodes_.xi_v(b)]);
     }
-    this->guess_multipliers(h_, z);
+    this->guess_multipliers(force_time(), z);
   }
 
   bool configure(const std::vector<double>& z) {
@@ -169,7 +219,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   // Where a joint's second derivatives and the forces keep to one body each: spherical joints without forces, on trees.
   // The acceleration level has rows of its own.
   static bool eliminates(const System& system, Level level) {
-    return level != Level::acceleration && system.forces.empty() && elimination_order(system).loops.empty() &&
+    return level != Level::acceleration && system.forces.empty() && is_forest(system) &&
            std::all_of(system.joints.begin(), system.joints.end(), [](const Joint& joint) {
              return std::all_of(joint.parts.begin(), joint.parts.end(), [](const Part& part) { return part.spherical; });
            });
@@ -213,21 +263,21 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     return true;
   }
 
-  // J - h df/du of the body's own gyroscopic torque.
+  // J - theta df/du of the body's own gyroscopic torque.
   Mat3 inertia_block(int b) const {
     const Body& body = system_.bodies[b];
     const Vec3& w = state_.u[b].w;
-    return body.inertia + h_ * gyroscopic_slope(w, angular_momentum(body, w), body.inertia);
+    return body.inertia + force_time() * gyroscopic_slope(w, angular_momentum(body, w), body.inertia);
   }
-  // M - h df/du, and M (xi - u) below it.
+  // M - theta df/du, and M (xi - rho u) below it.
   void body_blocks(int b) {
     const Body& body = system_.bodies[b];
     const BodyBlocks& blocks = bodies_[b];
     put_diagonal(blocks.v, body.mass);
     put(blocks.w, inertia_block(b));
     if (!doubled()) return;
-    put_diagonal(blocks.xi_v, body.mass), put_diagonal(blocks.xi_v_v, -body.mass);
-    put(blocks.xi_w, body.inertia), put(blocks.xi_w_w, -body.inertia);
+    put_diagonal(blocks.xi_v, body.mass), put_diagonal(blocks.xi_v_v, -velocity_share_ * body.mass);
+    put(blocks.xi_w, body.inertia), put(blocks.xi_w_w, -velocity_share_ * body.inertia);
   }
 
   // h d(G^T Lam)/dq T, onto the columns of xi.
@@ -241,7 +291,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     blocks.add(1, this->here(k).geometric_stiffness(part, row, column, impulse), T);
   }
 
-  // - h df/du onto the columns of u, - h^2 df/dq T onto those of xi.
+  // - theta df/du onto the columns of u, - theta h df/dq T onto those of xi.
   void add_force_blocks(size_t k) {
     const Force& force = system_.forces[k];
     const ForceState here(force, state_.frames, state_.u, start_.angles[k]);
@@ -250,9 +300,9 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
         const PairBlocks& by_position = spring_blocks_[4 * k + 2 * row + column];
         if (!by_position.ww) continue;  // the ground
         const Mat3& T = tangents_[column == kChild ? force.child : force.parent];
-        by_position.add(-h_ * h_, here.by_position(row, column), T);
+        by_position.add(-force_time() * h_, here.by_position(row, column), T);
         if (force.damping == 0) continue;
-        this->force_blocks_[4 * k + 2 * row + column].add(-h_, here.by_velocity(row, column), Mat3::Identity());
+        this->force_blocks_[4 * k + 2 * row + column].add(-force_time(), here.by_velocity(row, column), Mat3::Identity());
       }
   }
 
@@ -293,6 +343,10 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   Status finish() {
     if (!configure(z_)) return Status::map_domain;
     this->settle();
+    if (alpha_) {
+      alpha_->advance(start_.u, state_.u, h_);
+      alpha_->prepare(state_.u, h_);
+    }
     if (this->index1_output_) return this->solve_index1();
     if (split_ && !this->saddle_.factor(joints_)) return Status::singular_matrix;
     this->store_multipliers(h_);
@@ -302,6 +356,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
 
   Gains gains_;
+  std::optional<GeneralizedAlpha> alpha_;
+  const double force_share_, velocity_share_;  // theta / h and rho; 1 for implicit Euler
   std::optional<StabilisedSolve> split_;
   std::vector<Mat3> tangents_, stiffness_of_;
   std::vector<Twist> balance_, drift_;  // residuals of the dynamics and of M xi = M u - G_n^T mu

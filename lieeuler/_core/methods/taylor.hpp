@@ -85,7 +85,7 @@ class TaylorStepper {
   }
 
   static bool is_small(const System& system, const HingeTree& tree) {
-    if (!elimination_order(system).loops.empty()) return false;
+    if (!is_forest(system)) return false;
     return SmallSaddle(system, ReferencePoints(system, tree, true)).parts() <= SmallSaddle::kMostParts;
   }
 

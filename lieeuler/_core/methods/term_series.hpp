@@ -11,7 +11,8 @@ inline constexpr int kMostOrder = 40;
 // Attitudes, angular velocities, positions of the reference points of all bodies; the ground is last, at rest.
 class BodySeries {
  public:
-  // R: the fourth row of order j + 1 is order j of the angular momentum about the reference point, body axes.
+  // R: the fourth row of order j + 1 is order j of the angular momentum about the reference point, body axes, less a
+  // multiple of w that no torque notices (see deviation).
   std::vector<std::vector<Columns>> R;
   std::vector<std::vector<Doubled>> w;
   std::vector<std::vector<Quad>> x;
@@ -20,7 +21,7 @@ class BodySeries {
       : R(system.n() + 1, std::vector<Columns>(kMostOrder + 3)),
         w(system.n() + 1, std::vector<Doubled>(kMostOrder + 3)), x(system.n() + 1, std::vector<Quad>(kMostOrder + 3)), system_(system), points_(points) {
     put_upper(R.back()[0], Mat3::Identity());
-    for (int b = 0; b < system.n(); ++b) inertia_.push_back(points.inertia(b));
+    for (int b = 0; b < system.n(); ++b) inertia_.push_back(deviation(points.inertia(b)));
   }
 
   void start(const State& state) {

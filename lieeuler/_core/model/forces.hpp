@@ -182,7 +182,7 @@ inline double most_turn(const System& system, double elsewhere) {
 inline void generalized_forces(const System& system, const std::vector<Frame>& frames, const std::vector<Twist>& u,
                                const std::vector<double>& last_angles, std::vector<Twist>& f) {
   applied_forces(system, frames, u, last_angles, f);
-  for (int b = 0; b < system.n(); ++b) f[b].w -= u[b].w.cross(times(system.bodies[b].inertia, u[b].w) + system.bodies[b].spin);
+  for (int b = 0; b < system.n(); ++b) f[b].w += gyroscopic_torque(system.bodies[b], u[b].w);
 }
 
 // Angles of the torsional springs (zero for other forces), unwrapped against the last ones.

@@ -18,6 +18,22 @@ struct EliminationOrder {
   std::vector<int> loops;  // joints
 };
 
+// Whether joints close no loop.
+inline bool is_forest(const System& system) {
+  std::vector<int> base(system.n() + 1);  // of the bodies joined so far, one stands for all
+  for (size_t b = 0; b < base.size(); ++b) base[b] = static_cast<int>(b);
+  const auto root = [&](int body) {
+    while (base[body] != body) body = base[body] = base[base[body]];
+    return body;
+  };
+  for (const Joint& joint : system.joints) {
+    const int parent = root(joint.parent), child = root(joint.child);
+    if (parent == child) return false;
+    base[child] = parent;
+  }
+  return true;
+}
+
 inline EliminationOrder elimination_order(const System& system) {
   const int n = system.n(), ground = n, none = -1;
   std::vector<std::vector<int>> joints_at(n + 1);

@@ -17,6 +17,9 @@
 
 namespace lieeuler {
 
+// Maps from R^3 onto SO(3).
+enum class CoordinateMap { exp, cayley, ccsk };
+
 using Vec3 = Eigen::Vector3d;
 using Mat3 = Eigen::Matrix3d;
 

@@ -1,6 +1,7 @@
 // The mechanical system, constant during a run, and its configuration.
 #pragma once
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <vector>
 
@@ -8,10 +9,21 @@
 
 namespace lieeuler {
 
+// An inertia J without the middle one of its moments, J - s I. w x (J w) does not change with s, and keeps its digits where
+// the largest entries cancel: those of a needle, of a disk.
+inline Mat3 deviation(const Mat3& inertia) {
+  const Eigen::SelfAdjointEigenSolver<Mat3> moments(inertia, Eigen::EigenvaluesOnly);
+  return inertia - moments.eigenvalues()[1] * Mat3::Identity();
+}
+
 struct Body {
   double mass;
   Mat3 inertia, inertia_inverse;  // about the centre of mass, body axes
-  Vec3 spin = Vec3::Zero();       // constant angular momentum inside the body, body axes: -w x (J w + spin) turns it
+  Mat3 inertia_deviation;
+  Vec3 spin = Vec3::Zero();  // constant angular momentum inside the body, body axes: -w x (J w + spin) turns it
+
+  Body(double mass, const Mat3& inertia)
+      : mass(mass), inertia(inertia), inertia_inverse(inertia.inverse()), inertia_deviation(deviation(inertia)) {}
 };
 
 // Position of the centre of mass (world) and attitude (body to world).
@@ -117,6 +129,11 @@ inline Twist velocity(const Body& body, const Twist& p) { return {p.v / body.mas
 
 // J w + spin, body axes.
 inline Vec3 angular_momentum(const Body& body, const Vec3& w) { return times(body.inertia, w) + body.spin; }
+
+// -w x (J w + spin)
+inline Vec3 gyroscopic_torque(const Body& body, const Vec3& w) {
+  return (times(body.inertia_deviation, w) + body.spin).cross(w);
+}
 
 // p = M u, the spin included, and u of it.
 inline Twist canonical_momentum(const Body& body, const Twist& u) {

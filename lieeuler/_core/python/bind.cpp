@@ -1,6 +1,7 @@
 // Python bindings; no mathematics.
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
@@ -20,10 +21,6 @@ using namespace lieeuler;
 
 namespace {
 
-Carrier carrier(const std::string& name) {
-  return name == "difference" ? Carrier::difference : (name == "parent" ? Carrier::parent_axis : Carrier::child_axis);
-}
-
 // The parent as the kernel counts it.
 int parent_of(const System& system, int parent, int child) {
   const int n = system.n();
@@ -33,7 +30,7 @@ int parent_of(const System& system, int parent, int child) {
 
 // Dot rows are given flat: two carriers and two axes each.
 void add_joint(System& system, int parent, int child, const Vec3& parent_anchor, const Vec3& child_anchor,
-               bool spherical, const std::vector<std::string>& carriers, const std::vector<Vec3>& axes,
+               bool spherical, const std::vector<Carrier>& carriers, const std::vector<Vec3>& axes,
                const std::vector<double>& constants, const std::vector<double>& scales) {
   const size_t dots = constants.size();
   require(axes.size() == 2 * dots && carriers.size() == 2 * dots && scales.size() == dots,
@@ -47,8 +44,8 @@ void add_joint(System& system, int parent, int child, const Vec3& parent_anchor,
   if (spherical) add_part(true);
   for (size_t k = 0; k < dots; ++k, ++row) {
     if (k % 3 == 0) add_part(false);
-    joint.parts.back().dots.push_back({carrier(carriers[2 * k]), carrier(carriers[2 * k + 1]), axes[2 * k],
-                                       axes[2 * k + 1], constants[k], scales[k]});
+    joint.parts.back().dots.push_back({carriers[2 * k], carriers[2 * k + 1], axes[2 * k], axes[2 * k + 1],
+                                       constants[k], scales[k]});
   }
   system.joints.push_back(joint);
   measure(system, joint);
@@ -211,18 +208,11 @@ void require_steps(const std::vector<double>& steps, const std::vector<std::int6
     require(std::isfinite(steps[k]) && steps[k] > 0 && counts[k] > 0, "every interval needs steps that advance");
 }
 
-Run euler(const std::string& map, bool hamiltonian, const std::string& level, bool index1_output, double alpha,
-          double beta, const std::vector<double>& composition, bool polish, const std::vector<double>& steps,
-          const std::vector<std::int64_t>& counts, bool monitored) {
+Run implicit(CoordinateMap map, const Method& method, const std::vector<double>& steps,
+             const std::vector<std::int64_t>& counts, bool monitored) {
   require_steps(steps, counts);
-  const Level levels = level == "position"     ? Level::position
-                       : level == "velocity"   ? Level::velocity
-                       : level == "stabilised" ? Level::stabilised
-                                               : Level::acceleration;
-  const Method method{hamiltonian, levels, index1_output, {alpha, beta}, composition, polish};
-  const auto run = map == "cayley" ? run_method<CayleyMap> : (map == "ccsk" ? run_method<CcskMap> : run_method<ExpMap>);
   return {[=](const System& system, const State& initial, const Record& record, const Interrupted& interrupted) {
-            return run(system, method, initial, steps, counts, monitored, record, interrupted);
+            return run_method(map, system, method, initial, steps, counts, monitored, record, interrupted);
           },
           steps.size() + 1};
 }
@@ -291,13 +281,39 @@ nb::object levels_of_states(const System& system, const Array& x, const Array& R
 NB_MODULE(_kernel, m) {
   // A Problem keeps its System, and what Python has not freed when it ends is no leak: test_repeated_runs.py looks for those.
   nb::set_leak_warnings(false);
+  nb::enum_<Carrier>(m, "Carrier")
+      .value("difference", Carrier::difference)
+      .value("parent", Carrier::parent_axis)
+      .value("child", Carrier::child_axis);
+  nb::enum_<CoordinateMap>(m, "CoordinateMap")
+      .value("exp", CoordinateMap::exp)
+      .value("cayley", CoordinateMap::cayley)
+      .value("ccsk", CoordinateMap::ccsk);
+  nb::enum_<Formulation>(m, "Formulation")
+      .value("lagrange", Formulation::lagrange)
+      .value("hamilton", Formulation::hamilton);
+  nb::enum_<Level>(m, "Level")
+      .value("position", Level::position)
+      .value("velocity", Level::velocity)
+      .value("stabilised", Level::stabilised)
+      .value("acceleration", Level::acceleration);
+  nb::class_<Method>(m, "Method")
+      .def("__init__",
+           [](Method* self, Formulation formulation, Level level, bool index1_output, double alpha, double beta,
+              const std::vector<double>& composition, std::optional<double> spectral_radius, bool polish) {
+             require(!spectral_radius || (*spectral_radius >= 0 && *spectral_radius <= 1),
+                     "the spectral radius lies between 0 and 1");
+             new (self)
+                 Method{formulation, level, index1_output, {alpha, beta}, composition, spectral_radius, polish};
+           },
+           nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none(), nb::arg());
   nb::class_<System>(m, "System")
       .def("__init__",
            [](System* self, const std::vector<double>& masses, const std::vector<Mat3>& inertias, const Vec3& gravity) {
              require(masses.size() == inertias.size(), "every body needs a mass and an inertia");
              new (self) System{{}, {}, {}, gravity};
              for (size_t b = 0; b < masses.size(); ++b) {
-               self->bodies.push_back({masses[b], inertias[b], inertias[b].inverse()});
+               self->bodies.emplace_back(masses[b], inertias[b]);
                measure(*self, self->bodies.back());
              }
            })
@@ -326,7 +342,7 @@ NB_MODULE(_kernel, m) {
         new (self) Tableau{stages, weights, order, errors, extra, dense};
       });
   nb::class_<Run>(m, "Run");
-  m.def("euler", &euler);
+  m.def("implicit", &implicit);
   m.def("runge_kutta", &runge_kutta);
   m.def("adaptive_runge_kutta", &adaptive_runge_kutta);
   m.def("seulex", &adaptive<AdaptiveExtrapolation>);
@@ -338,8 +354,9 @@ NB_MODULE(_kernel, m) {
   m.def("constraints", &constraints);
   m.def("constraint_levels", &levels_of_states);
   m.def("forces", &forces);
-  m.def("map_values", [](const std::string& map, const Vec3& xi, const Mat3& J, double h) {
-    return map == "cayley" ? map_values<CayleyMap>(xi, J, h)
-                           : (map == "ccsk" ? map_values<CcskMap>(xi, J, h) : map_values<ExpMap>(xi, J, h));
+  m.def("map_values", [](CoordinateMap map, const Vec3& xi, const Mat3& J, double h) {
+    return map == CoordinateMap::exp      ? map_values<ExpMap>(xi, J, h)
+           : map == CoordinateMap::cayley ? map_values<CayleyMap>(xi, J, h)
+                                          : map_values<CcskMap>(xi, J, h);
   });
 }

@@ -29,13 +29,7 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
   std::optional<Projection> projection;  // of samples between steps
   State sample(system);
   double reached = t_eval.front();
-  auto end = [&](Status status) {
-    outcome.status = status;
-    outcome.maxima = monitor.maxima;
-    outcome.time_of_failure = reached;
-    outcome.redundant_rows = stepper.redundant_rows();
-    return outcome;
-  };
+  const auto end = [&](Status status) { return ended(outcome, status, reached, monitor, stepper); };
   if (const Status status = stepper.start(initial, t_eval.front(), t_eval.back(), rtol); status != Status::success)
     return end(status);
   if (!is_finite(stepper.state())) return end(Status::non_finite);

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 
 #include "linalg/denormals.hpp"
 #include "methods/euler_lagrange.hpp"
@@ -80,13 +81,17 @@ class Monitor {
   double start_energy_ = 0;
 };
 
+enum class Formulation { lagrange, hamilton };
+
+// A method of one matrix a step.
 struct Method {
-  bool hamiltonian;
+  Formulation formulation;
   Level level;
   bool index1_output;  // (a, lam) from the index-1 system at the new state
-  Gains gains;
-  std::vector<double> composition;  // weights of a composition of RATTLE; empty: the method itself
-  bool polish = true;  // bring attitudes back to rounding level after every step; compositions always do
+  Gains gains = {};
+  std::vector<double> composition = {};  // weights of a composition of RATTLE; empty: the method itself
+  std::optional<double> spectral_radius = {};  // of generalized-alpha, in place of implicit Euler
+  bool polish = true;  // bring attitudes back to rounding level after every step; Euler methods alone may not
 };
 
 struct Outcome {
@@ -110,6 +115,16 @@ inline bool is_finite(const State& state) {
   return std::all_of(state.lam.begin(), state.lam.end(), [](double lam) { return std::isfinite(lam); });
 }
 
+// What a run ends with, at the time reached.
+template <class Stepper>
+Outcome ended(Outcome outcome, Status status, double reached, const Monitor& monitor, const Stepper& stepper) {
+  outcome.status = status;
+  outcome.maxima = monitor.maxima;
+  outcome.time_of_failure = reached;
+  outcome.redundant_rows = stepper.redundant_rows();
+  return outcome;
+}
+
 // Where the samples go; each call appends one.
 using Record = std::function<void(int sample, const State&)>;
 // Steps of what is not a number pass for good ones where no test of a step sees it. Of an interval of 1e10 steps most
@@ -126,13 +141,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
   Monitor monitor(system, monitored);
   double t = 0, h = 0;
   Watch watch(interrupted, system);
-  auto end = [&](Status status) {
-    outcome.status = status;
-    outcome.maxima = monitor.maxima;
-    outcome.time_of_failure = t;
-    outcome.redundant_rows = stepper.redundant_rows();
-    return outcome;
-  };
+  const auto end = [&](Status status) { return ended(outcome, status, t, monitor, stepper); };
   for (size_t k = 0; k < steps.size(); ++k) {
     if (steps[k] != h) {
       h = steps[k];
@@ -167,14 +176,27 @@ Outcome run_method(const System& system, const Method& method, const State& init
     CompositionStepper<Map> stepper(system, method.composition);
     return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
   }
-  if (method.hamiltonian) {
+  if (method.formulation == Formulation::hamilton) {
     HamiltonStepper<Map> stepper(system, method.level, method.index1_output);
     if (!method.polish) stepper.keep_rounding();
+    return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+  }
+  if (method.spectral_radius) {
+    LagrangeStepper<Map> stepper(system, GeneralizedAlpha(*method.spectral_radius));
     return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
   }
   LagrangeStepper<Map> stepper(system, method.level, method.index1_output, method.gains);
   if (!method.polish) stepper.keep_rounding();
   return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+}
+
+inline Outcome run_method(CoordinateMap map, const System& system, const Method& method, const State& initial,
+                          const std::vector<double>& steps, const std::vector<std::int64_t>& counts, bool monitored,
+                          const Record& record, const Interrupted& interrupted) {
+  const auto run = map == CoordinateMap::exp      ? run_method<ExpMap>
+                   : map == CoordinateMap::cayley ? run_method<CayleyMap>
+                                                  : run_method<CcskMap>;
+  return run(system, method, initial, steps, counts, monitored, record, interrupted);
 }
 
 }  // namespace lieeuler

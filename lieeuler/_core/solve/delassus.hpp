@@ -34,7 +34,7 @@ class Delassus {
         places_at[body].push_back({k, nodes_.part(k).joint, body, side, &part(k)});
       }
     places_at.pop_back();
-    const bool loops = !elimination_order(system).loops.empty();
+    const bool loops = !is_forest(system);
     for (int b = 0; b < system.n(); ++b)
       if (loops || places_at[b].size() > kMostEnds) {
         hub_[b] = nodes_.parts() + 2 * static_cast<int>(hubs_.size());

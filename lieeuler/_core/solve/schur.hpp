@@ -17,7 +17,7 @@ class SchurComplement {
     for (const Joint& joint : system.joints)
       for (int body : {joint.parent, joint.child}) parts[body] += static_cast<int>(joint.parts.size());
     parts[system.n()] = 0;
-    return elimination_order(system).loops.empty() && *std::max_element(parts.begin(), parts.end()) <= kMostParts;
+    return is_forest(system) && *std::max_element(parts.begin(), parts.end()) <= kMostParts;
   }
 
   explicit SchurComplement(const System& system) : system_(system), force_(system.n() + 1) {

@@ -34,7 +34,7 @@ class StabilisedSolve {
 
   // Where the sweeps converge by construction: no damping, and no loops, whose redundant rows need the whole matrix.
   static bool suits(const System& system) {
-    return elimination_order(system).loops.empty() &&
+    return is_forest(system) &&
            std::all_of(system.forces.begin(), system.forces.end(), [](const Force& f) { return f.damping == 0; });
   }
 

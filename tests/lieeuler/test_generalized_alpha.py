@@ -1,0 +1,116 @@
+"""generalized_alpha against the dense oracle, the prototype's figures, and truth (theory note, generalized-alpha)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import crosscheck
+import lieeuler
+from crosscheck.adapters.lieeuler import build_problem
+from tests import oracle
+from tests.lieeuler import accuracy
+from tests.lieeuler.systems import SYSTEMS, spring_chain
+from tests.lieeuler.test_methods import ROUNDING
+from tests.lieeuler.test_oracle import AGREEMENT, oracle_system
+
+NAME = "generalized_alpha"
+
+
+def oracle_run(system, radius, h, steps):
+    problem = SYSTEMS[system]()
+    u0 = np.hstack([problem.v, problem.w]).ravel()
+    return list(oracle.integrate_alpha(oracle_system(problem), radius, (problem.x, problem.R), u0, h, steps))
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.5, 0.8, 1.0])
+@pytest.mark.parametrize("system", ["single_pendulum", "double_pendulum"])
+def test_kernel_agrees_with_dense_oracle(system, radius):
+    h, steps = 1e-2, 50
+    *_, ((x, R), u, _, lam) = oracle_run(system, radius, h, steps)
+    solution = lieeuler.integrate(SYSTEMS[system](), NAME, h, [0, steps * h], spectral_radius=radius)
+    assert np.abs(solution.x[-1] - x).max() < AGREEMENT
+    assert np.abs(solution.R[-1] - R).max() < AGREEMENT
+    speed, noise = np.abs(u).max(), 1e3 * np.finfo(float).eps / h  # accelerations remember u over h, and it rounds
+    assert np.abs(np.hstack([solution.v[-1], solution.w[-1]]).ravel() - u).max() < AGREEMENT * max(1.0, speed)
+    assert np.abs(solution.lam[-1] - lam).max() < noise * np.abs(lam).max()
+
+
+# Errors at one second of x and of the method's own multipliers, largest component, spectral radius 0.8: the prototype.
+FIGURES = {20: ("4.35e-03", "8.60e-02"), 40: ("1.09e-03", "2.13e-02"), 80: ("2.74e-04", "5.31e-03"),
+           160: ("6.87e-05", "1.33e-03")}
+
+
+@pytest.mark.parametrize("steps", FIGURES)
+def test_prototype_figures_to_all_printed_digits(steps):
+    problem = SYSTEMS["single_pendulum"]()
+    truth = lieeuler.integrate(problem, "rkmk853", rtol=1e-13, t_eval=[0, 1])
+    *_, (_, _, lam, _) = oracle_run("single_pendulum", 0.8, 1 / steps, steps)
+    solution = lieeuler.integrate(problem, NAME, 1 / steps, [0, 1])
+    errors = np.abs(solution.x[-1] - truth.x[-1]).max(), np.abs(lam - truth.lam[-1]).max()
+    assert tuple(f"{error:.2e}" for error in errors) == FIGURES[steps]
+    assert solution.stats.maxima["constraint_position"] < 3e-16  # the prototype's bounds
+    accuracy.assert_on_the_constraints(solution, problem)
+
+
+ORDER = 0.15  # of the slope, as for the other methods of higher order
+STEPS = (1 / 160, 1 / 320, 1 / 640, 1 / 1280)
+
+
+@pytest.mark.parametrize("radius", [0.2, 0.8])
+@pytest.mark.parametrize("make", [SYSTEMS["single_pendulum"], SYSTEMS["double_pendulum"], lambda: spring_chain(3)])
+def test_order_two_in_states_and_multipliers(make, radius):
+    problem, t = make(), np.linspace(0, 1, 11)
+    truth = lieeuler.integrate(problem, "taylor", rtol=1e-14, t_eval=t)
+    runs = [lieeuler.integrate(problem, NAME, h, t, spectral_radius=radius) for h in STEPS]
+    for quantity in (*accuracy.QUANTITIES, "lam"):
+        errors = [np.abs(getattr(run, quantity) - getattr(truth, quantity))[1:].max() for run in runs]
+        slope = np.polyfit(np.log(STEPS), np.log(errors), 1)[0]
+        assert abs(slope - 2) < ORDER, quantity
+    for run in runs:
+        accuracy.assert_on_the_constraints(run, problem)
+
+
+@pytest.mark.parametrize("name", ["stiff_damped", "stiff_spring"])
+def test_long_steps_over_hard_springs(name):
+    """Within a tenth of the size of the system in eight steps, where implicit Euler needs 32 and RATTLE 512."""
+    scene = accuracy.scene(name, 1.0, 2)
+    exact, problem = accuracy.truth(name, 1.0, 2), build_problem(scene)
+
+    def error(method):
+        return np.abs(lieeuler.integrate(problem, method, 1 / 8, scene.t).x[-1] - exact.x[-1]).max()
+
+    size = problem.kernel.length
+    assert error(NAME) < 0.1 * size < error("DAE1L_LSE")
+
+
+@pytest.mark.parametrize("name", ["four_bar", "bricard"])
+def test_redundant_loops(name):
+    scene = dataclasses.replace(crosscheck.load_scene(name), duration=0.5, samples=6)
+    problem = build_problem(scene)
+    truth = lieeuler.integrate(problem, "rkmk853", rtol=1e-12, t_eval=scene.t)
+    errors = []
+    for h in STEPS[1:]:
+        run = lieeuler.integrate(problem, NAME, h, scene.t)
+        for level, bound in ROUNDING.items():  # a loop near a singular position loses digits, as in DAE1L_LSE
+            name = level if level == "orthogonality" else f"constraint_{level}"
+            assert run.stats.maxima[name] < bound, level
+        errors.append([np.abs(getattr(run, q) - getattr(truth, q)).max() for q in ("x", "v", "lam")])
+    assert np.abs(np.polyfit(np.log(STEPS[1:]), np.log(errors), 1)[0] - 2).max() < ORDER
+
+
+def test_the_radius_is_checked_and_passed_on():
+    problem = SYSTEMS["single_pendulum"]()
+    for wrong in (-0.1, 1.1, float("nan"), "0.8", True):
+        with pytest.raises(lieeuler.ArgumentError, match="spectral_radius"):
+            lieeuler.integrate(problem, NAME, 0.1, [0, 1], spectral_radius=wrong)
+    with pytest.raises(lieeuler.ArgumentError, match="rattle2 has none"):
+        lieeuler.integrate(problem, "rattle2", 0.1, [0, 1], spectral_radius=0.8)
+    with pytest.raises(lieeuler.ArgumentError, match="ccsk"):
+        lieeuler.integrate(problem, NAME, 0.1, [0, 1], coordinate_map="ccsk")
+    scene = crosscheck.load_scene("single_pendulum")
+    ends = [crosscheck.run(scene, "lieeuler", NAME, 0.02, duration=1.0, samples=2, spectral_radius=radius).x[-1]
+            for radius in (0.2, 0.8)]
+    assert np.abs(ends[0] - ends[1]).max() > 1e-4

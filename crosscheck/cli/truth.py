@@ -25,7 +25,10 @@ def truth(
         return
     typer.echo(f"{loaded.name}: {reference.source}")
     typer.echo(f"checked against: {reference.second_source}")
-    typer.echo(f"they differ by {reference.disagreement:.1e}, allowed {reference.allowed:.1e}")
+    typer.echo(f"truth to {reference.error:.1e}: they differ by {reference.disagreement:.1e}, the scene's conditioning "
+               f"explains {reference.allowed:.1e}")
+    if reference.outvoted:
+        typer.echo(f"outvoted: {reference.outvoted}")
     typer.echo(f"a perturbation grows {reference.amplification:.3g}-fold over {loaded.duration:g} s; "
                f"comparable up to {reference.horizon:g} s")
     for body, position in zip(loaded.bodies, reference.states.x[-1], strict=True):

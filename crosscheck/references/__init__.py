@@ -2,19 +2,23 @@
 
 Nothing here imports `lieeuler` or an adapter. A free body and a Lagrange top: elliptic functions against Taylor series;
 everything else, trees and loops of all joints under all forces: Taylor series in minimal coordinates against DOP853 in
-maximal ones.
+maximal ones. Where two of these differ by more than the scene explains, a third one, in natural coordinates and
+extended precision, says which of them is wrong.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import Reference, TruthError
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    from crosscheck.references.agreement import Agreement, Solved
 
 __all__ = ["Reference", "TruthError", "truth"]
 
@@ -28,8 +32,8 @@ def truth(scene: Scene) -> Reference:
     Raises
     ------
     TruthError
-        The two formulations disagree beyond what the scene's conditioning explains, or one of them ends early, as it
-        does at a position where a loop that is no parallelogram loses rank.
+        The formulations differ so much that no usable digits are left, or one of them ends early, as it does at a
+        position where a loop that is no parallelogram loses rank.
     """
     from crosscheck.references import cache
 
@@ -44,24 +48,47 @@ def truth(scene: Scene) -> Reference:
 def compute(scene: Scene) -> Reference:
     """As `truth`, without the cache."""
     from crosscheck.references import closed_form, conditioning, taylor
+    from crosscheck.references.agreement import Solved, agree
 
     integrator = taylor.Taylor(scene)
     coefficients: list[Any] = []
-    series = integrator.states(integrator.run(coefficients=coefficients))
+    series = Solved(integrator.states(integrator.run(coefficients=coefficients)), taylor.SOURCE)
     conditions = conditioning.measure(integrator)
     compared = _compared(scene, conditions.horizon)
     try:
-        first, second, sources = closed_form.solve(scene), series, (closed_form.SOURCE, taylor.SOURCE)
+        first, second = Solved(closed_form.solve(scene), closed_form.SOURCE), series
     except Unsupported:
         from crosscheck.references import maximal
 
         other = maximal.Maximal(scene)
-        first, second, sources = series, other.run(scene.t[:compared]), (taylor.SOURCE, other.source)
+        first, second = series, Solved(other.run(scene.t[:compared]), other.source)
     allowed = max(FLOOR, ROUNDOFF * conditions.within_horizon)
-    disagreement = compare(scene, first, second, compared, sources, allowed)
+    found = agree(scene, first, second, compared, allowed)
+    if series not in (found.chosen, found.second):
+        found = _without_series(scene, found, series, compared)
     position, attitude = integrator.derivative_maxima(coefficients)
-    return Reference(first, *sources, disagreement, allowed, conditions.amplification, conditions.horizon, position,
-                     attitude)
+    return Reference(found.chosen.states, found.chosen.source, found.second.source, found.difference, allowed,
+                     conditions.amplification, conditions.horizon, position, attitude, found.outvoted)
+
+
+def _without_series(scene: Scene, found: Agreement, series: Solved, compared: int) -> Agreement:
+    """The agreement of the other two where the series were outvoted, at all output times.
+
+    Raises
+    ------
+    TruthError
+        They are so far off that the growth of perturbations, which they measured, is another motion's.
+    """
+    from crosscheck.references.agreement import USABLE, Solved, difference
+
+    if difference(scene, series.states, found.second.states, compared).size > USABLE:
+        raise TruthError(f"{scene.name!r}: {found.outvoted}, by {found.chosen.source} and {found.second.source}, which "
+                         f"differ by {found.difference:.1e}; they disagree so far that nothing measured with it holds")
+    if len(found.chosen.states.t) == scene.samples:
+        return found
+    from crosscheck.references.maximal import Maximal
+
+    return dataclasses.replace(found, chosen=Solved(Maximal(scene).run(), found.chosen.source))
 
 
 def _compared(scene: Scene, horizon: float) -> int:
@@ -71,25 +98,3 @@ def _compared(scene: Scene, horizon: float) -> int:
         raise TruthError(f"{scene.name!r}: a perturbation of 1e-15 grows to 1e-10 soon after {horizon:.3g} s, before "
                          "the first output time; ask for a shorter duration or more samples")
     return count
-
-
-def compare(scene: Scene, first: States, second: States, count: int, sources: tuple[str, str], allowed: float) -> float:
-    """Largest |dx| / length and |dR|_F of two trajectories at the first `count` output times.
-
-    Raises
-    ------
-    TruthError
-        It is above `allowed`; the message names both sources, the time and the body.
-    """
-    from crosscheck.references.tree import scene_length
-
-    x = np.linalg.norm(first.x[:count] - second.x[:count], axis=-1) / scene_length(scene)
-    R = np.linalg.norm(first.R[:count] - second.R[:count], axis=(-2, -1))
-    differences = np.maximum(x, R)
-    sample, body = np.unravel_index(np.argmax(differences), differences.shape)
-    worst = float(differences[sample, body])
-    if not worst <= allowed:  # also when it is not a number
-        raise TruthError(f"{scene.name!r}: {sources[0]} and {sources[1]} disagree by {worst:.2e} at "
-                         f"t = {scene.t[sample]:.6g} s in body {scene.bodies[body].name!r}; the scene's conditioning "
-                         f"explains {allowed:.2e}")
-    return worst

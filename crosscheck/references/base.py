@@ -14,8 +14,10 @@ from crosscheck.scene.states import States
 class Reference:
     """Independent truth for one scene, at its output times.
 
-    The two formulations agree to `disagreement` (max over samples and bodies of |dx| / length and |dR|_F); they have
-    to agree to `allowed = max(1e-12, 1e-14 * amplification)`, otherwise `TruthError` was raised instead.
+    The two formulations agree to `disagreement` (max over samples and bodies of |dx| / length and |dR|_F). The scene's
+    conditioning explains `allowed = max(1e-12, 1e-14 * amplification)` of it; what they differ by beyond that makes the
+    `error` larger, and a third formulation was then asked which of them is wrong. `TruthError` where no usable digits
+    are left.
     """
 
     states: States  # with a and alpha
@@ -27,6 +29,7 @@ class Reference:
     horizon: float  # s; the time up to which a 1e-15 perturbation stays below 1e-10; the duration where it always does
     position_derivatives: np.ndarray  # (11,) k-th entry: max over time and bodies of |d^k x / dt^k|, world, SI
     attitude_derivatives: np.ndarray  # (11,) k-th entry: max over time and bodies of |d^k R / dt^k|_F
+    outvoted: str = ""  # which formulation two others outvoted, and by how much
 
     @property
     def error(self) -> float:
@@ -41,4 +44,4 @@ class Reference:
 
 
 class TruthError(CrosscheckError):
-    """The two formulations of a scene's truth disagree beyond what its conditioning explains."""
+    """A scene has no truth: its formulations disagree beyond use, or one of them does not reach the end."""

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+WINDOW = 8  # coefficients that a step is measured by: symmetry may null several in a row, as at rest in a level start
 ORDERS = 10  # highest derivative whose maximum is recorded
 
 
@@ -60,6 +61,21 @@ class Series:
             sine[..., k] = np.sum(slope[..., 1:k + 1] * cosine[..., k - 1::-1], axis=-1) / k
             cosine[..., k] = -np.sum(slope[..., 1:k + 1] * sine[..., k - 1::-1], axis=-1) / k
         return Series(sine), Series(cosine)
+
+
+def safe_step(tc: np.ndarray) -> float:
+    """Step that the last coefficients (dimension, order + 1) allow (Jorba and Zou, Experimental Mathematics 14, 2005).
+
+    The radius of convergence is the least that any of the last WINDOW coefficients shows, a null one shows nothing; the
+    factor is that of the paper, at which the rest of the series is below a rounding.
+    """
+    sizes, order = np.abs(tc).max(axis=0), tc.shape[1] - 1
+    last = np.arange(order - WINDOW + 1, order + 1)
+    last = last[sizes[last] > 0.0]
+    if not len(last):
+        return math.inf
+    radius = float(np.min((max(1.0, sizes[0]) / sizes[last]) ** (1.0 / last)))
+    return radius * math.exp(-2.0 - 0.7 / (order - 1))
 
 
 @functools.cache

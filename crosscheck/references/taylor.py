@@ -19,14 +19,15 @@ from crosscheck.references.articulated import accelerations, centripetal
 from crosscheck.references.base import TruthError
 from crosscheck.references.generic import ByBody, add, apply, cross, scale
 from crosscheck.references.joint_motion import ZERO, Tree
-from crosscheck.references.series import ORDERS, Series, shifted
+from crosscheck.references.series import ORDERS, Series, safe_step, shifted
 from crosscheck.references.tree import FREE, unfold
 from crosscheck.references.tree_loads import Loads, angle_rate, start_angle, tree_angle
 from crosscheck.scene.model import Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
 
 SOURCE = "Taylor series (heyoka), minimal coordinates"
-SUBPOINTS = 4  # derivatives are scanned this many times a step: k-th ones vary over 1/k of the convergence radius
+SUBPOINTS = 6  # derivatives are scanned this many times a step: k-th ones vary over 1/k of the convergence radius
+TOLERATED = 1.02  # of a safe step: its twentieth power, what the rest of the series grows by, is still no figure
 DRIFT = 1e-13  # quaternion norms stay within a few hundred roundings; more means a defect, not round-off
 
 
@@ -53,7 +54,7 @@ class Taylor:
         self.relations: np.ndarray | None = None
         self._analyse_loops()
         self._integrator = self.integrator(compact_mode=True, high_accuracy=True)
-        self._success = heyoka.taylor_outcome.time_limit
+        self._fine = (heyoka.taylor_outcome.success, heyoka.taylor_outcome.time_limit)
 
     def integrator(self, tolerance: float | None = None, **options: bool) -> Any:
         """A compiled Taylor integrator at the initial state; `options` are those of `heyoka.taylor_adaptive`."""
@@ -168,19 +169,32 @@ class Taylor:
         integrator = self._integrator
         integrator.time = 0.0
         integrator.state[:] = self.initial if initial is None else initial
-
-        def keep(after: Any) -> bool:
+        times = self.scene.t if times is None else times
+        states = np.empty((len(times), len(self.initial)))
+        states[0] = integrator.state  # times start at 0
+        while integrator.time < times[-1]:
+            reached = int(np.searchsorted(times, integrator.time, side="right"))
+            self._step(times[-1])
             if coefficients is not None:
-                coefficients.append((after.last_h, after.tc.copy()))
-            return True
+                coefficients.append((integrator.last_h, integrator.tc.copy()))
+            for k in range(reached, int(np.searchsorted(times, integrator.time, side="right"))):
+                integrator.update_d_output(times[k])
+                states[k] = integrator.d_output
+        return states
 
-        options = {} if coefficients is None else {"callback": keep}
-        outcome, *_, states = integrator.propagate_grid(self.scene.t if times is None else times, **options)
-        if outcome != self._success:
+    def _step(self, end: float) -> None:
+        """One step, no longer than `safe_step` allows; heyoka measures it by two coefficients alone."""
+        integrator = self._integrator
+        begin, state = integrator.dtime, integrator.state.copy()
+        outcome, _ = integrator.step(end - begin[0] - begin[1], write_tc=True)
+        longest = safe_step(integrator.tc)
+        if not abs(integrator.last_h) <= TOLERATED * longest:
+            integrator.dtime = begin
+            integrator.state[:] = state
+            outcome, _ = integrator.step(min(longest, end - begin[0] - begin[1]), write_tc=True)
+        if outcome not in self._fine or not np.isfinite(integrator.state).all():
             raise TruthError(f"{SOURCE}: integration of {self.scene.name!r} ended with {outcome}; "
                              "a loop may pass a singular position there, or a spring of some length shrink to nothing")
-        found: np.ndarray = states
-        return found
 
     def normalised(self, states: np.ndarray) -> np.ndarray:
         """State vectors (T, dimension) with their unit vectors scaled to unit length."""

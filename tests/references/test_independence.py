@@ -39,16 +39,18 @@ def test_imports_nothing_under_test(file):
 SERIES = {"taylor", "articulated", "joint_motion", "loops", "tree", "tree_loads", "generic", "series"}
 CLOSED = {"closed_form", "free_body", "elliptic"}
 MAXIMAL = {"maximal", "world", "world_rows", "world_loads", "stiffness", "rates"}
+NATURAL = {"natural", "natural_rows", "natural_loads", "natural_series"}
 
 
 def test_the_formulations_share_no_equations():
     """Each may use data and errors of the package; only closed forms may use the vector algebra of the series."""
-    parts = dict.fromkeys(CLOSED, (SERIES | MAXIMAL) - {"generic"})
-    parts |= dict.fromkeys(SERIES, MAXIMAL | CLOSED) | dict.fromkeys(MAXIMAL, SERIES | CLOSED)
+    parts = dict.fromkeys(CLOSED, (SERIES | MAXIMAL | NATURAL) - {"generic"})
+    parts |= dict.fromkeys(SERIES, MAXIMAL | CLOSED | NATURAL) | dict.fromkeys(MAXIMAL, SERIES | CLOSED | NATURAL)
+    parts |= dict.fromkeys(NATURAL, SERIES | CLOSED | MAXIMAL)
     for name, others in parts.items():
         modules = {f"crosscheck.references.{other}" for other in others}
         assert not {module for module in imported(FOLDER / f"{name}.py") if belongs(module, modules)}, name
-    frame = {"__init__", "base", "cache", "conditioning"}
+    frame = {"__init__", "agreement", "base", "cache", "conditioning"}
     assert {file.stem for file in FOLDER.glob("*.py")} == frame | set(parts)  # a new module has to be placed
 
 

@@ -1,12 +1,16 @@
 """`truth`: the built-in scenes, seeded defects, conditioning, and errors that say what went wrong."""
 
+import re
+
 import numpy as np
 import pytest
 
-from crosscheck.references import TruthError, articulated, compute, conditioning, maximal, world_rows
+from crosscheck.references import TruthError, agreement, articulated, compute, conditioning, maximal, world_rows
+from crosscheck.references.series import safe_step
 from crosscheck.references.taylor import Taylor
 from crosscheck.scene.file import load_scene
-from crosscheck.scene.model import GROUND
+from crosscheck.scene.model import GROUND, Body, Joint, Scene
+from tests.references.votes import accused
 
 
 @pytest.mark.parametrize(("name", "source"), [
@@ -36,24 +40,81 @@ def test_seeded_sign_error_is_caught(double, monkeypatch, module, defect):
         return [-entry for entry in value] if isinstance(value, list) else -value
 
     monkeypatch.setattr(module, defect, wrong)
-    with pytest.raises(TruthError, match=r"Taylor series.*DOP853.*disagree"):
-        compute(double)
+    culprit = "Taylor series (heyoka)" if module is articulated else "DOP853 (SciPy)"
+    assert accused(double).removeprefix("'double': ").startswith(culprit)
 
 
 @pytest.mark.parametrize("defect", ["gyroscopic", "weight", "centripetal"])
 def test_seeded_sign_error_is_caught_in_the_top(top, monkeypatch, defect):
     original = getattr(articulated, defect)
     monkeypatch.setattr(articulated, defect, lambda *arguments: [-entry for entry in original(*arguments)])
-    with pytest.raises(TruthError, match=r"closed form.*Taylor series.*disagree"):
+    with pytest.raises(TruthError, match=r"'top': Taylor series \(heyoka\).*is off by.*by closed form"):
         compute(top.replace(samples=6))
 
 
 def test_small_defect_is_caught_and_located(double, monkeypatch):
     """A relative error of 1e-9 in one term is far below any engine's error, and far above the truth's."""
     original = maximal.weight
+    right = compute(double)
     monkeypatch.setattr(maximal, "weight", lambda *arguments: original(*arguments) * (1 + 1e-9))
-    with pytest.raises(TruthError, match=r"disagree by .*e-\d+ at t = [01]\S* s in body 'body1'"):
+    found = compute(double)
+    assert re.match(r"DOP853 .* is off by \S*e-\d+ at t = [01]\S* s in body 'body1'", found.outvoted)
+    assert found.second_source.endswith("natural coordinates")
+    assert found.error == right.error
+    np.testing.assert_array_equal(found.states.x, right.states.x)
+
+
+def test_a_small_defect_of_the_series_hands_the_truth_to_the_others(double, monkeypatch):
+    original = articulated.weight
+    right = compute(double)
+    monkeypatch.setattr(articulated, "weight", lambda mass, gravity: original((1 + 1e-9) * mass, gravity))
+    found = compute(double)
+    assert found.outvoted.startswith("Taylor series (heyoka)")
+    assert found.source.startswith("DOP853")
+    assert np.abs(found.states.x - right.states.x).max() <= found.error + right.error
+
+
+def test_a_difference_that_nobody_arbitrates_is_the_error(double, monkeypatch):
+    """The growth of rounding is not known to a digit: what differs by more than it explains is known less well."""
+    original = maximal.weight
+    monkeypatch.setattr(maximal, "weight", lambda *arguments: original(*arguments) * (1 + 1e-9))
+    monkeypatch.setattr(agreement, "_third", lambda *arguments: None)
+    found = compute(double)
+    assert not found.outvoted
+    assert found.allowed < 1e-10 < found.disagreement == found.error < 1e-7
+    monkeypatch.setattr(maximal, "weight", lambda *arguments: original(*arguments) * (1 + 1e-3))
+    with pytest.raises(TruthError, match="disagree by"):
         compute(double)
+
+
+def test_two_wrong_formulations_leave_no_truth(double, monkeypatch):
+    for module, sign in ((maximal, 1), (articulated, -1)):
+        original = module.weight
+        monkeypatch.setattr(module, "weight", lambda mass, gravity, original=original, sign=sign:
+                            original(mass, (1 + sign * 1e-2) * np.array(gravity)))
+    with pytest.raises(TruthError, match="a third formulation sides with neither"):
+        compute(double)
+
+
+def level(**options):
+    """A bar on a hinge, released at rest exactly level: its angle is a series in t^2, t^6, t^10 and so on."""
+    bar = Body("bar", 1.0, np.diag([0.1, 0.1, 0.02]), [1, 0, 0, 0], [0, 0, 0], [0.5, 0, 0], [0, 0, 0])
+    hinge = Joint("hinge", "revolute", GROUND, 0, [0, 0, 0], [-0.5, 0, 0], [0, 1, 0], [0, 1, 0])
+    return Scene("level", (bar,), (hinge,), (), [0, 0, -9.81], **({"duration": 5.0, "samples": 51} | options))
+
+
+def test_coefficients_that_symmetry_nulls_are_not_trusted():
+    reference = compute(level())
+    assert reference.error == 1e-12
+    # Half a period of any start at rest: the bar is level again, on the other side.
+    assert np.abs(np.diff(np.sign(reference.states.v[1:, 0, 0]))).sum() > 0
+
+
+def test_a_step_is_measured_by_the_last_coefficients_that_are_not_nulled():
+    tc = np.zeros((2, 21))
+    tc[0, 2::4], tc[1, 1::4] = 2.0 ** np.arange(2, 21, 4), 2.0 ** np.arange(1, 21, 4)  # 19 and 20 are zero
+    assert safe_step(tc) == pytest.approx(0.5 * np.exp(-2 - 0.7 / 19))
+    assert safe_step(np.zeros((2, 21))) == np.inf
 
 
 def test_a_chain_in_free_flight(build):

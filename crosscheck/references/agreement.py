@@ -1,0 +1,97 @@
+"""What two formulations of a motion, and a third one where those two differ, say about its truth and its error."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from crosscheck.errors import Unsupported
+from crosscheck.references.base import TruthError
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+
+USABLE = 1e-6  # relative; a hundredth of what the loosest bound of a verdict is, that of a method of order one
+OUTVOTED = 0.1  # two formulations that agree to this part of what the third differs by have outvoted it
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Solved:
+    """One formulation's motion, and its name."""
+
+    states: States
+    source: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Agreement:
+    """Which motion to believe, what confirms it, how far that differs from it, and who was outvoted."""
+
+    chosen: Solved
+    second: Solved
+    difference: float
+    outvoted: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Difference:
+    """The largest |dx| / length or |dR|_F of two trajectories, and where it is."""
+
+    size: float
+    sample: int
+    body: int
+
+
+def difference(scene: Scene, first: States, second: States, count: int) -> Difference:
+    """How far two trajectories are apart at the first `count` output times."""
+    from crosscheck.references.tree import scene_length
+
+    x = np.linalg.norm(first.x[:count] - second.x[:count], axis=-1) / scene_length(scene)
+    R = np.linalg.norm(first.R[:count] - second.R[:count], axis=(-2, -1))
+    sizes = np.maximum(x, R)
+    sizes = np.where(np.isnan(sizes), np.inf, sizes)
+    sample, body = np.unravel_index(np.argmax(sizes), sizes.shape)
+    return Difference(float(sizes[sample, body]), int(sample), int(body))
+
+
+def agree(scene: Scene, first: Solved, second: Solved, count: int, allowed: float) -> Agreement:
+    """The motion that two formulations share at the first `count` output times, or that most of three share.
+
+    A third formulation is asked where the two differ by more than `allowed`. Who differs from both others ten times as
+    much as those from each other is outvoted. Where nobody is, the difference is the error of the first one.
+
+    Raises
+    ------
+    TruthError
+        What differs leaves no usable digits; the message names the sources, the time and the body.
+    """
+    apart = difference(scene, first.states, second.states, count)
+    if apart.size <= allowed:
+        return Agreement(first, second, apart.size)
+    third = _third(scene, count)
+    if third is not None:
+        pairs = [(difference(scene, one.states, third.states, count).size, one, other)
+                 for one, other in ((first, second), (second, first))]
+        nearest, one, other = min(pairs, key=lambda pair: pair[0])
+        if nearest <= max(allowed, OUTVOTED * apart.size) and nearest <= USABLE:
+            off = f"{other.source} is off by {apart.size:.1e} at {_place(scene, apart)}"
+            return Agreement(one, third, nearest, off)
+    if apart.size <= USABLE:
+        return Agreement(first, second, apart.size)
+    raise TruthError(f"{scene.name!r}: {first.source} and {second.source} disagree by {apart.size:.2e} at "
+                     f"{_place(scene, apart)}; the scene's conditioning explains {allowed:.2e}"
+                     + (", and a third formulation sides with neither" if third is not None else ""))
+
+
+def _place(scene: Scene, where: Difference) -> str:
+    return f"t = {scene.t[where.sample]:.6g} s in body {scene.bodies[where.body].name!r}"
+
+
+def _third(scene: Scene, count: int) -> Solved | None:
+    """The motion in natural coordinates, None where these cannot follow it."""
+    from crosscheck.references import natural
+
+    try:
+        return Solved(natural.Natural(scene).run(scene.t[:count]), natural.SOURCE)
+    except (Unsupported, TruthError, np.linalg.LinAlgError):
+        return None

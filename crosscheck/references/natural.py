@@ -1,0 +1,212 @@
+"""Third formulation of the truth: natural coordinates, Taylor series in extended precision.
+
+A body is its centre of mass and the three columns of its attitude, q = (x, r1, r2, r3) in R^12 (J. Garcia de Jalon,
+E. Bayo, Kinematic and Dynamic Simulation of Multibody Systems, Springer 1994, chapter 2). The mass matrix is constant,
+diag(m, E) x I3 with E = tr(J) / 2 - J; no angular velocity and no gyroscopic term occur: six rows keep the columns
+orthonormal. All rows of all joints are quadratic in q, with constant second derivatives A and G(q) = A q + B, so that
+
+    M q'' + G^T lam = f,    G q'' = -q'^T A q'
+
+gives the coefficients of the series order by order from one matrix, that at the start of the step: it is inverted in
+double precision and every solution refined in `numpy.longdouble` (64 bits of mantissa on x86, more or fewer elsewhere).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crosscheck.errors import Unsupported
+from crosscheck.references.base import TruthError
+from crosscheck.references.natural_loads import LinearSpring, Load, TorsionalSpring
+from crosscheck.references.natural_rows import Rows, rows_of
+from crosscheck.references.natural_series import LONG, Motion
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+
+SOURCE = "Taylor series in extended precision, natural coordinates"
+ORDER = 28
+WINDOW = 8  # coefficients that steps are measured by: symmetry may null several in a row
+REMAINDER = 1e-21  # of the state: what a step may leave out
+SOFTENING = 1e-10  # of the multipliers' block: makes dependent rows solvable; the refinement takes it out again
+REFINEMENTS = 8
+BLOCK = 500  # rows of the matrix of a step, up to which a step takes less than a second
+MOST_STEPS = 5000
+OPEN = 1e-13  # of a row: joints drift by no more where the matrix of a step is regular
+
+
+class Natural:
+    """The equations of a scene; `run` integrates them.
+
+    Raises
+    ------
+    Unsupported
+        The scene is too large for a dense matrix a step.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.n = scene, scene.n
+        self.rows: Rows = rows_of(scene)
+        size = 12 * self.n + self.rows.count
+        if size > BLOCK:
+            raise Unsupported(f"{SOURCE}: {scene.n} bodies and {len(scene.joints)} joints are too many")
+        self.scale = float(scene.masses.mean())
+        self.mass = np.zeros((self.n, 4, 4))
+        for body, J in enumerate(scene.inertias):
+            self.mass[body, 0, 0] = scene.masses[body] / self.scale
+            self.mass[body, 1:, 1:] = (0.5 * np.trace(J) * np.eye(3) - J) / self.scale
+        self.mass_long = self.mass.astype(LONG)
+        self.torsions = [TorsionalSpring(force, scene) for force in scene.forces if force.type == "torsional_spring"]
+        self.springs = [LinearSpring(force) for force in scene.forces if force.type == "linear_spring"]
+        self.loads = [Load(force) for force in scene.forces if force.type.startswith("constant")]
+        self.weight = np.zeros((self.n + 1, 4, 3), LONG)
+        self.weight[:-1, 0] = scene.masses[:, None].astype(LONG) * scene.gravity
+
+    def run(self, times: np.ndarray | None = None) -> States:
+        """States at `times`, by default the scene's output times, from the scene's start."""
+        times = self.scene.t if times is None else times
+        q, rate = self._start()
+        angles = np.array([spring.start for spring in self.torsions], LONG)
+        now, steps = LONG(0.0), 0
+        found: list[tuple[np.ndarray, ...]] = []
+        waiting = list(times)
+        while True:
+            motion = self._series(q, rate, angles)
+            h = self._step(motion)
+            end = now + h
+            while waiting and (waiting[0] <= end or waiting[0] <= now):
+                found.append(motion.at(LONG(waiting.pop(0)) - now))
+            if not waiting:
+                break
+            q, rate, _, angles = motion.at(h)
+            now, steps = end, steps + 1
+            if steps > MOST_STEPS or not np.abs(self.rows.values(q)).max(initial=0.0) <= OPEN:
+                raise TruthError(f"{SOURCE}: {self.scene.name!r} at t = {float(now):.6g} s: no step leads on")
+        return _states(times, found)
+
+    def _start(self) -> tuple[np.ndarray, np.ndarray]:
+        """q and q' (n + 1, 4, 3) of the scene's start, on the constraints to extended precision."""
+        scene, n = self.scene, self.n
+        q, rate = np.zeros((2, n + 1, 4, 3), LONG)
+        q[n, 1:] = np.eye(3)
+        for body, record in enumerate(scene.bodies):
+            R = _attitude(record.attitude.astype(LONG))
+            w = record.angular_velocity.astype(LONG)
+            q[body, 0], q[body, 1:] = record.position, R.T
+            rate[body, 0], rate[body, 1:] = record.velocity, (R @ _hat(w)).T
+        for _ in range(3):
+            q[:n] += self._correction(q, -self.rows.values(q))
+        for _ in range(2):
+            rate[:n] += self._correction(q, -self.rows.rates(q, rate))
+        return q, rate
+
+    def _correction(self, q: np.ndarray, defect: np.ndarray) -> np.ndarray:
+        """The least change of q, in the metric of M, that moves the rows by `defect`."""
+        G = self.rows.gradient(q)
+        inverse = self._inverse(G)
+        return self._solve(inverse, G, np.zeros((self.n, 4, 3), LONG), defect)[0]
+
+    def _inverse(self, G: np.ndarray) -> np.ndarray:
+        """Inverse of [[M, G^T], [G, -softening]] in double precision; G (m, 2, 12)."""
+        size, m = 12 * self.n, self.rows.count
+        K = np.zeros((size + m, size + m))
+        for body in range(self.n):
+            K[12 * body:12 * body + 12, 12 * body:12 * body + 12] = np.kron(self.mass[body], np.eye(3))
+        K[size:, :size] = self.rows.dense(G.astype(float))
+        K[:size, size:] = K[size:, :size].T
+        K[range(size, size + m), range(size, size + m)] = -SOFTENING
+        inverse: np.ndarray = np.linalg.inv(K)
+        return inverse
+
+    def _solve(self, inverse: np.ndarray, G: np.ndarray, effort: np.ndarray,
+               target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """a (n, 4, 3) and lam (m) of M a + G^T lam = effort, G a = target."""
+        n, size = self.n, 12 * self.n
+        a, lam = np.zeros((n, 4, 3), LONG), np.zeros(len(target), LONG)
+        last = np.inf
+        for _ in range(REFINEMENTS):
+            left = effort - np.matmul(self.mass_long, a) - self.rows.pull(G, lam)[:n]
+            off = target - self.rows.along(G, a)
+            step = inverse @ np.concatenate([left.ravel(), off]).astype(float)
+            change = float(np.abs(step[:size]).max())
+            if not change < 0.5 * last:
+                break
+            a, lam, last = a + step[:size].reshape(n, 4, 3), lam + step[size:], change
+        return a, lam
+
+    def _series(self, q: np.ndarray, rate: np.ndarray, angles: np.ndarray) -> Motion:
+        """Taylor coefficients of the motion from a state."""
+        motion = Motion(q, rate, angles, ORDER)
+        rows, n = self.rows, self.n
+        G = np.zeros((ORDER + 1, rows.count, 2, 12), LONG)
+        bend, local_rate, local_a = (np.zeros((ORDER + 1, rows.count, 2, 12), LONG) for _ in range(3))
+        lam = np.zeros((ORDER + 1, rows.count), LONG)
+        G[0] = rows.gradient(q)
+        inverse = self._inverse(G[0])
+        for spring in self.springs:
+            spring.begin(ORDER)
+        for torsion in self.torsions:
+            torsion.begin(ORDER)
+        for k in range(ORDER - 1):
+            if k:
+                G[k] = rows.curved(motion.q[k])
+            local_rate[k] = rows.local((k + 1) * motion.q[k + 1])
+            bend[k] = rows.curved((k + 1) * motion.q[k + 1])
+            effort = self._effort(motion, k)[:n] / self.scale
+            target = -np.einsum("jmic,jmic->m", bend[:k + 1], local_rate[k::-1])
+            if k:
+                effort = effort - rows.scattered(np.einsum("jmic,jm->mic", G[1:k + 1], lam[k - 1::-1]))[:n]
+                target = target - np.einsum("jmic,jmic->m", G[1:k + 1], local_a[k - 1::-1])
+            a, lam[k] = self._solve(inverse, G[0], effort, target)
+            motion.q[k + 2, :n] = a / LONG((k + 1) * (k + 2))
+            local_a[k] = rows.local(np.concatenate([a, np.zeros((1, 4, 3), LONG)]))
+        return motion
+
+    def _effort(self, motion: Motion, k: int) -> np.ndarray:
+        """k-th coefficient of the applied forces on q, (n + 1, 4, 3)."""
+        effort = self.weight.copy() if k == 0 else np.zeros_like(self.weight)
+        for spring in self.springs:
+            spring.add(motion, k, effort)
+        for load in self.loads:
+            load.add(motion, k, effort)
+        for index, torsion in enumerate(self.torsions):
+            torsion.add(motion, index, k, effort)
+        return effort
+
+    def _step(self, motion: Motion) -> np.longdouble:
+        """Step from the decay of the coefficients (A. Jorba, M. Zou, Experimental Mathematics 14, 2005)."""
+        sizes = np.abs(motion.q).max(axis=(1, 2, 3))
+        reference = max(1.0, float(sizes[0]))
+        orders = [k for k in range(ORDER - WINDOW + 1, ORDER + 1) if sizes[k] > 0]
+        radii = [float(sizes[k] / reference) ** (-1.0 / k) for k in orders]
+        return LONG(min(radii, default=1e6) * REMAINDER ** (1.0 / ORDER))
+
+
+def _attitude(quaternion: np.ndarray) -> np.ndarray:
+    """R of a quaternion w, x, y, z of any length."""
+    w, v = quaternion[0], quaternion[1:]
+    square = w * w + v @ v
+    R: np.ndarray = ((w * w - v @ v) * np.eye(3, dtype=LONG) + 2 * np.outer(v, v) + 2 * w * _hat(v)) / square
+    return R
+
+
+def _hat(w: np.ndarray) -> np.ndarray:
+    zero = w[0] * 0
+    return np.array([[zero, -w[2], w[1]], [w[2], zero, -w[0]], [-w[1], w[0], zero]])
+
+
+def _vee(matrices: np.ndarray) -> np.ndarray:
+    """Vectors of the skew parts, (..., 3)."""
+    return 0.5 * np.stack([matrices[..., 2, 1] - matrices[..., 1, 2], matrices[..., 0, 2] - matrices[..., 2, 0],
+                           matrices[..., 1, 0] - matrices[..., 0, 1]], axis=-1)
+
+
+def _states(times: np.ndarray, found: list[tuple[np.ndarray, ...]]) -> States:
+    """States of q, q', q'' at all times, the ground left out."""
+    q, rate, second = (np.array([entry[k][:-1] for entry in found]) for k in range(3))
+    R, turning, bending = (np.swapaxes(part[:, :, 1:], -1, -2) for part in (q, rate, second))
+    back = np.swapaxes(R, -1, -2)
+    w = _vee(np.matmul(back, turning))
+    alpha = _vee(np.matmul(back, bending))  # R^T R'' = alpha^ + w^ w^, of which the second is symmetric
+    parts = (q[:, :, 0], R, rate[:, :, 0], w, second[:, :, 0], alpha)
+    return States(times, *(part.astype(float) for part in parts))
+

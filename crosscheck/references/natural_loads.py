@@ -1,0 +1,146 @@
+"""Springs, dampers and constant loads in natural coordinates, coefficient by coefficient.
+
+A force F at a point s of a body acts on (x, r1, r2, r3) by (F, s1 F, s2 F, s3 F). A torque T does the work T . w with
+w = (r1 x r1' + r2 x r2' + r3 x r3') / 2 and acts by T x rk / 2 on each column.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crosscheck.errors import Unsupported
+from crosscheck.references.natural_series import LONG, Motion, crossed, product
+from crosscheck.scene.model import GROUND, Force, Scene
+
+OPPOSITE = 1e-6  # axes nearer than this to opposite have no shortest turn between them
+
+
+def _push(effort: np.ndarray, body: int, own: np.ndarray, force: np.ndarray) -> None:
+    """Add a force at a point of a body."""
+    effort[body, 0] += force
+    effort[body, 1:] += own[:, None] * force
+
+
+class LinearSpring:
+    """A pull P d with P = k (1 - L0 / L) + c (d . d') / L^2 between two points, d from the parent's to the child's."""
+
+    def __init__(self, force: Force) -> None:
+        p = force.parameters
+        self.ends = (force.parent, force.child)
+        self.points = [np.array(p[name], LONG) for name in ("parent_point", "child_point")]
+        self.k, self.free, self.c = (LONG(p[name]) for name in ("stiffness", "free_length", "damping"))
+
+    def begin(self, order: int) -> None:
+        """Forget the last step."""
+        self.d, self.rate = np.zeros((2, order + 1, 3), LONG)
+        self.square, self.length, self.over, self.over_square, self.slip, self.pull = np.zeros((6, order + 1), LONG)
+
+    def add(self, motion: Motion, k: int, effort: np.ndarray) -> None:
+        """Add the k-th coefficient to what acts on q."""
+        def separation(order: int) -> np.ndarray:
+            parent, child = (motion.point(end, own, order) for end, own in zip(self.ends, self.points, strict=True))
+            found: np.ndarray = np.subtract(child, parent)
+            return found
+
+        self.d[k], self.rate[k] = separation(k), (k + 1) * separation(k + 1)
+        self.square[k] = sum(product(self.d[:, i], self.d[:, i], k) for i in range(3))
+        self.slip[k] = sum(product(self.d[:, i], self.rate[:, i], k) for i in range(3))
+        if k == 0:
+            if self.square[0] == 0:
+                raise Unsupported("natural coordinates: a spring of no length has no direction")
+            self.length[0] = np.sqrt(self.square[0])
+            self.over[0], self.over_square[0] = 1 / self.length[0], 1 / self.square[0]
+        else:
+            inner = self.length[1:k] @ self.length[k - 1:0:-1]
+            self.length[k] = (self.square[k] - inner) / (2 * self.length[0])
+            self.over[k] = -self.over[0] * (self.length[1:k + 1] @ self.over[k - 1::-1])
+            self.over_square[k] = -self.over_square[0] * (self.square[1:k + 1] @ self.over_square[k - 1::-1])
+        self.pull[k] = (self.k if k == 0 else 0) - self.k * self.free * self.over[k]
+        self.pull[k] += self.c * product(self.slip, self.over_square, k)
+        force = product(self.pull, self.d, k)
+        for body, own, sign in zip(self.ends, self.points, (1, -1), strict=True):
+            _push(effort, body, own, sign * force)
+
+
+class Load:
+    """A force at a point of a body, or a torque on it, constant in world or in body axes."""
+
+    def __init__(self, force: Force) -> None:
+        p = force.parameters
+        self.body, self.in_body, self.turns = force.child, p["frame"] == "body", force.type == "constant_torque"
+        self.vector = np.array(p["torque" if self.turns else "force"], LONG)
+        self.point = np.array(p.get("child_point", (0.0, 0.0, 0.0)), LONG)
+
+    def add(self, motion: Motion, k: int, effort: np.ndarray) -> None:
+        """Add the k-th coefficient to what acts on q."""
+        if self.turns:
+            if self.in_body:
+                torque = np.array([motion.vector(self.body, self.vector, j) for j in range(k + 1)])
+                effort[self.body, 1:] += 0.5 * crossed(torque, motion.q[:, self.body, 1:], k)
+            else:
+                effort[self.body, 1:] += 0.5 * np.cross(self.vector, motion.q[k, self.body, 1:])
+        elif self.in_body:
+            _push(effort, self.body, self.point, motion.vector(self.body, self.vector, k))
+        elif k == 0:
+            _push(effort, self.body, self.point, self.vector)
+
+
+class TorsionalSpring:
+    """Torque -(k (angle - rest) + c angle') about a joint's axis on its child, the opposite on the parent.
+
+    With p across the axis and g = axis x p in the parent and b in the child along p at the start, the angle since then
+    has the cosine C = p . b and the sine S = g . b, hence the rate C S' - S C'.
+    """
+
+    def __init__(self, force: Force, scene: Scene) -> None:
+        values = force.parameters
+        joint = next(joint for joint in scene.joints if joint.name == force.joint)
+        self.parent, self.child = joint.parent, joint.child
+        self.k, self.rest, self.c = (LONG(values[name]) for name in ("stiffness", "rest_angle", "damping"))
+        self.axis = joint.parent_axis.astype(LONG)
+        frames = [np.eye(3) if body == GROUND else scene.R0[body] for body in (joint.parent, joint.child)]
+        p = np.cross(joint.parent_axis, np.eye(3)[np.argmin(np.abs(joint.parent_axis))])
+        p /= np.linalg.norm(p)
+        self.p, self.g = p.astype(LONG), np.cross(joint.parent_axis, p).astype(LONG)
+        self.b = (frames[1].T @ frames[0] @ p).astype(LONG)
+        self.start = _angle(frames[0].T @ frames[1], joint.parent_axis, joint.child_axis)
+
+    def begin(self, order: int) -> None:
+        """Forget the last step."""
+        self.cosine, self.sine, self.rate, self.torque = np.zeros((4, order + 2), LONG)
+        self.p_now, self.g_now, self.b_now, self.along, self.twist = np.zeros((5, order + 2, 3), LONG)
+        self.known = 0
+
+    def _extend(self, motion: Motion, k: int) -> None:
+        """Cosine and sine up to order k."""
+        for j in range(self.known, k + 1):
+            self.p_now[j], self.g_now[j] = (motion.vector(self.parent, own, j) for own in (self.p, self.g))
+            self.b_now[j] = motion.vector(self.child, self.b, j)
+            self.cosine[j] = sum(product(self.p_now[:, i], self.b_now[:, i], j) for i in range(3))
+            self.sine[j] = sum(product(self.g_now[:, i], self.b_now[:, i], j) for i in range(3))
+        self.known = max(self.known, k + 1)
+
+    def add(self, motion: Motion, index: int, k: int, effort: np.ndarray) -> None:
+        """Add the k-th coefficient to what acts on q, and find the next one of the angle."""
+        self._extend(motion, k + 1)
+        orders = np.arange(1, k + 2)
+        cosine_rate, sine_rate = orders * self.cosine[1:k + 2], orders * self.sine[1:k + 2]
+        self.rate[k] = product(self.cosine, sine_rate, k) - product(self.sine, cosine_rate, k)
+        motion.angles[k + 1, index] = self.rate[k] / (k + 1)
+        self.torque[k] = -(self.k * (motion.angles[k, index] - (self.rest if k == 0 else 0)) + self.c * self.rate[k])
+        self.along[k] = motion.vector(self.parent, self.axis, k)
+        self.twist[k] = product(self.torque, self.along, k)
+        for body, sign in ((self.child, 0.5), (self.parent, -0.5)):
+            effort[body, 1:] += sign * crossed(self.twist, motion.q[:, body, 1:], k)
+
+
+def _angle(relative: np.ndarray, parent_axis: np.ndarray, child_axis: np.ndarray) -> np.longdouble:
+    """theta of relative = exp(theta hat(parent axis)) Q0, Q0 the shortest turn of child to parent axis."""
+    cosine = 1.0 + float(child_axis @ parent_axis)
+    if cosine < OPPOSITE:
+        raise Unsupported("natural coordinates: a torsional spring about axes that are opposite at angle zero")
+    across = np.cross(child_axis, parent_axis)
+    hat = np.array([[0, -across[2], across[1]], [across[2], 0, -across[0]], [-across[1], across[0], 0]])
+    turn = relative @ (np.eye(3) + hat + hat @ hat / cosine).T
+    skew = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    return LONG(np.arctan2(skew @ parent_axis, 0.5 * (np.trace(turn) - 1.0)))

@@ -21,6 +21,7 @@ class RunSpec:
     form: str | None = None  # "tree" | "maximal" | "pivot"; None: the best that fits the scene
     monitor: bool = True  # evaluate energy, constraint levels and orthogonality after every step
     coordinate_map: str | None = None
+    polish: bool | None = None  # False: attitudes keep what rounding does to products of rotations (lieeuler)
     spin_free: bool | None = None  # only ever given to an engine that lists it in `options`
     alpha: float | None = None
     beta: float | None = None

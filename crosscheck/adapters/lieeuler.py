@@ -65,7 +65,7 @@ class LieEuler:
     forms = ("maximal",)
     adaptive_methods = tuple(name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls)
     fixed_step_methods = tuple(name for name, method in lieeuler.METHODS.items() if "step" in method.controls)
-    options = frozenset({"form", "coordinate_map", "spin_free", "alpha", "beta", "spectral_radius"})
+    options = frozenset({"form", "coordinate_map", "spin_free", "polish", "alpha", "beta", "spectral_radius"})
     dash, marker = "-", "o"
     on_group = True
 
@@ -108,7 +108,7 @@ class LieEuler:
             solution = lieeuler.integrate(
                 build_problem(scene), spec.method, spec.step, scene.t, rtol=spec.rtol,
                 coordinate_map=spec.coordinate_map or "exp", alpha=spec.alpha, beta=spec.beta,
-                spectral_radius=spec.spectral_radius, spin_free=spec.spin_free,
+                spectral_radius=spec.spectral_radius, spin_free=spec.spin_free, polish=spec.polish is not False,
                 monitor=spec.monitor)
         except lieeuler.IntegrationError as ended:
             raise IntegrationError(ended.status, ended.advice, ended.solution) from ended

@@ -13,6 +13,7 @@ from crosscheck.cli.history import app as history
 from crosscheck.cli.inspect import inspect
 from crosscheck.cli.list import list_
 from crosscheck.cli.nightly import nightly
+from crosscheck.cli.paper import paper
 from crosscheck.cli.report import report
 from crosscheck.cli.run import run
 from crosscheck.cli.study import app as study
@@ -24,7 +25,7 @@ from crosscheck.errors import CrosscheckError
 app = typer.Typer(name="crosscheck", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
                   help="One multibody scene, many engines, every result measured against independent truth. Begin with "
                        "`crosscheck list` and `crosscheck verify --scene double_pendulum --profile smoke`.")
-for command in (verify, advise, run, truth, explain, inspect, support, report, nightly):
+for command in (verify, advise, run, truth, explain, inspect, support, report, paper, nightly):
     app.command()(command)
 app.command("list")(list_)
 app.add_typer(history)

@@ -18,7 +18,8 @@ def write_csv(scene: Any, states: Any, target: str) -> None:
         header += [f"{body.name} R_{row}{column}" for row in "123" for column in "123"]
         header += [f"{body.name} v_{axis} [m/s]" for axis in "xyz"]
         header += [f"{body.name} w_{axis} [rad/s]" for axis in "xyz"]
-    extra = {"energy": "energy [J]", "constraint_position": "constraint position",
+    extra = {"kinetic_energy": "kinetic energy [J]", "potential_energy": "potential energy [J]",
+             "energy": "energy [J]", "constraint_position": "constraint position",
              "constraint_velocity": "constraint velocity", "constraint_acceleration": "constraint acceleration",
              "orthogonality": "orthogonality"}
     series = {title: getattr(states, name) for name, title in extra.items() if getattr(states, name, None) is not None}

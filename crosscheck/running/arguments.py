@@ -37,7 +37,7 @@ def request(engine: str, adapter: Engine, method: str, step: float | None, rtol:
         raise ArgumentError("step and rtol: only one of them can be given")
     given = {name: options[name] for name in ENGINE_OPTIONS if options.get(name) is not None}
     known = getattr(adapter, "options", ENGINE_OPTIONS)
-    for name in ("spin_free", "monitor"):
+    for name in ("spin_free", "polish", "monitor"):
         if not isinstance(options.get(name), bool | np.bool_ | None):
             raise ArgumentError(f"{name}: True or False is wanted, not {options[name]!r}")
     if "spin_free" in given:

@@ -37,6 +37,7 @@ class Trajectory:
     alpha: np.ndarray | None  # (T, n, 3) body axes
     lam: np.ndarray | None  # (T, m)
     energy: np.ndarray  # (T,) J
+    kinetic_energy: np.ndarray  # (T,) J, a part of it
     momentum_vertical: np.ndarray  # (T,) kg m^2/s, about the upward vertical through the origin
     orthogonality: np.ndarray  # (T,) max-norm of R^T R - I
     constraint_position: np.ndarray  # (T,) max-norm of Phi
@@ -52,6 +53,11 @@ class Trajectory:
     def joints(self) -> dict[str, JointHistory]:
         """Coordinates of the joints that have them, by name: `.position` and `.velocity` over time."""
         return histories(self.scene, self)
+
+    @property
+    def potential_energy(self) -> np.ndarray:
+        """(T,) J: zero where every mass centre is at the origin and every spring at rest."""
+        return self.energy - self.kinetic_energy
 
 
 def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
@@ -70,6 +76,7 @@ def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
         return Trajectory(
             scene=scene, engine=engine, method=method, form=raw.form, t=s.t, x=s.x, R=s.R, v=s.v, w=s.w,
             a=a, alpha=alpha, lam=lam, energy=mechanics.energy(scene, s),
+            kinetic_energy=mechanics.kinetic_energy(scene, s),
             momentum_vertical=mechanics.momentum_vertical(scene, s), orthogonality=mechanics.orthogonality(s.R),
             reactions=None if lam is None else constraints.reactions(s.x, s.R, lam), wall_time=raw.wall_time,
             steps=raw.steps, status=raw.status, stats={**raw.stats, "step": raw.step, **(raw.maxima or {})}, **levels)

@@ -1,0 +1,48 @@
+"""`crosscheck paper`: the papers' figures and tables for any scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from crosscheck.cli import options
+from crosscheck.cli.console import progress_bar
+from crosscheck.errors import ArgumentError, unknown
+
+MAPS = ("exp", "cayley", "ccsk")
+
+
+def paper(
+    scene: Annotated[list[str], typer.Argument(help="names or paths")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="folder of figures, tables, data")] = Path("reports/paper"),
+    method: Annotated[list[str] | None, options.methods("the eight Euler methods")] = None,
+    coordinate_map: Annotated[list[str] | None, typer.Option("--map", help=(
+        "exp, cayley or ccsk; may be repeated: tables have all, figures the first; default: exp"))] = None,
+    shown: Annotated[str, typer.Option("--show", help="the method of figures that show one")] = "DAE1L_LSE",
+    step: Annotated[float | None, typer.Option(min=1e-9, help="s; default: one that suits the scene")] = None,
+    duration: Annotated[float | None, typer.Option(min=1e-6, help="s; default: the scene's")] = None,
+    formats: Annotated[list[str] | None, typer.Option("--format", help="pdf or svg; may be repeated; default: both")
+                       ] = None,
+) -> None:
+    """Write the papers' figures and tables for any scenes: vector graphics, LaTeX, BibTeX and the data."""
+    from crosscheck import adapters
+    from crosscheck.scene.file import load_scene
+    from crosscheck.studies.paper import bundle
+    from crosscheck.studies.paper.figures import FORMATS
+    from crosscheck.studies.paper.runs import Request, chosen
+
+    methods, maps, kinds = chosen(method), tuple(coordinate_map or ("exp",)), tuple(formats or FORMATS)
+    known = adapters.get("lieeuler").methods
+    for option, names, allowed in (("--method", methods, known), ("--show", (shown,), known), ("--map", maps, MAPS),
+                                   ("--format", kinds, FORMATS)):
+        for name in names:
+            if name not in allowed:
+                raise ArgumentError(unknown(option, name, allowed))
+    scenes = [load_scene(name) for name in scene]
+    with progress_bar() as progress:
+        document = bundle.write(scenes, out, Request(methods, maps, shown, step, duration), kinds,
+                                lambda what: progress(0, None, what))
+    typer.echo(f"document: {document}")
+    typer.echo(f"tables: {', '.join(f'{each.name}-table.tex' for each in scenes)}; figures and data beside them")

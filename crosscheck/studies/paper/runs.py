@@ -1,0 +1,166 @@
+"""The runs behind the figures and tables: every method with every map over one scene, and how far it got."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from crosscheck.errors import CrosscheckError
+from crosscheck.judge.plan import EULER, natural_time
+from crosscheck.running.run import run
+from crosscheck.running.trajectory import Trajectory
+from crosscheck.scene.model import Scene
+from crosscheck.scene.monitor import MAXIMA
+
+SAMPLES = 1001
+"""Output times at most: smooth curves in print, and files that are still read with pleasure."""
+
+SHARE = 1 / 300
+"""The default step as a share of the time in which a scene falls or turns by about a radian."""
+
+ORDER_STEPS = (1.0, 0.5, 0.25)
+"""Steps of the observed order, as multiples of `suitable_step`."""
+
+ORDER_WINDOW = 3.0
+"""Duration over which the order is observed, in times of the scene: before small differences have grown."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """What to show. `step` and `duration` are in s, None for a step that suits the scene and the scene's duration."""
+
+    methods: tuple[str, ...] = EULER
+    maps: tuple[str, ...] = ("exp",)
+    shown: str = "DAE1L_LSE"
+    step: float | None = None
+    duration: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """One run as a line of the tables: largest values over every step, SI units.
+
+    `energy_by_start` divides by |E(0)|, as the papers' tables do, `energy_by_kinetic` by the largest kinetic energy, as
+    the reports here do; the first depends on where the potential is called zero, the second does not.
+    """
+
+    method: str
+    coordinate_map: str
+    ended: str  # "" where the run reached its end, otherwise what ended it, with the time
+    energy_by_start: float | None = None
+    energy_by_kinetic: float | None = None
+    position: float | None = None
+    velocity: float | None = None
+    acceleration: float | None = None
+    orthogonality: float | None = None
+    unpolished: float | None = None  # orthogonality of the group update alone
+    error: float | None = None  # m, the largest over bodies at the end, against truth
+    order: float | None = None  # observed in that error
+
+
+@dataclasses.dataclass(frozen=True)
+class Shown:
+    """All runs over one scene."""
+
+    scene: Scene
+    step: float  # s
+    lines: tuple[Line, ...]
+    runs: dict[str, Trajectory]  # of the first map, by method
+    unpolished: dict[str, np.ndarray]  # orthogonality (T,) of the group update alone, by method
+    truth: str  # where the errors come from, or why there are none
+
+
+def suitable_step(scene: Scene) -> float:
+    """The next smaller of 1, 2, 5 times a power of ten of a share of the scene's own time, s."""
+    wanted = SHARE * natural_time(scene)
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return max(factor * power for factor in (1, 2, 5) if factor * power <= wanted)
+
+
+def measure(scene: Scene, request: Request, progress: Callable[[str], None]) -> Shown:
+    """Run every method with every map over the scene."""
+    duration = request.duration or scene.duration
+    steps = max(1, round(duration / (request.step or suitable_step(scene))))
+    intervals = min(SAMPLES - 1, steps)
+    step = duration / (intervals * math.ceil(steps / intervals))  # samples lie on steps
+    scene = scene.replace(duration=duration, samples=intervals + 1)
+    exact, source = _truth(scene)
+    lines, runs, unpolished = [], {}, {}
+    for coordinate_map in request.maps:
+        for method in request.methods:
+            progress(f"{scene.name}: {method} ({coordinate_map})")
+            traj = _attempt(scene, method, coordinate_map, step)
+            if isinstance(traj, str):
+                lines.append(Line(method, coordinate_map, traj))
+                continue
+            plain = _attempt(scene, method, coordinate_map, step, polish=False)
+            if coordinate_map == request.maps[0]:
+                runs[method] = traj
+                if isinstance(plain, Trajectory):
+                    unpolished[method] = plain.orthogonality
+            lines.append(_line(scene, traj, plain, coordinate_map, exact))
+    return Shown(scene, step, tuple(lines), runs, unpolished, source)
+
+
+def _truth(scene: Scene) -> tuple[np.ndarray | None, str]:
+    """Positions (n, 3) of the bodies at the end, and where they come from."""
+    from crosscheck.references import TruthError, truth
+
+    try:
+        reference = truth(scene)
+    except (CrosscheckError, TruthError) as error:
+        return None, f"no truth: {error}"
+    return reference.states.x[-1], f"{reference.source}; {reference.second_source}"
+
+
+def _attempt(scene: Scene, method: str, coordinate_map: str, step: float, **options: bool) -> Trajectory | str:
+    """A run, or in a few words what ended it."""
+    from crosscheck.adapters.lieeuler import IntegrationError
+
+    try:
+        return run(scene, "lieeuler", method, step=step, coordinate_map=coordinate_map, **options)
+    except IntegrationError as error:
+        return f"{error.status.value} at {error.solution.t_end:.4g} s"
+
+
+def _line(scene: Scene, traj: Trajectory, plain: Trajectory | str, coordinate_map: str,
+          exact: np.ndarray | None) -> Line:
+    largest = {name: float(traj.stats[name]) for name in MAXIMA}
+    kinetic = float(traj.kinetic_energy.max())
+    start = abs(float(traj.energy[0]))
+    return Line(
+        traj.method, coordinate_map, "", largest["energy_error"] * kinetic / start if start else None,
+        largest["energy_error"], largest["constraint_position"], largest["constraint_velocity"],
+        largest["constraint_acceleration"], largest["orthogonality"],
+        float(plain.stats["orthogonality"]) if isinstance(plain, Trajectory) else None,
+        None if exact is None else _error(traj, exact), _order(scene, traj.method, coordinate_map))
+
+
+def _error(traj: Trajectory, exact: np.ndarray) -> float:
+    return float(np.linalg.norm(traj.x[-1] - exact, axis=-1).max())
+
+
+def _order(scene: Scene, method: str, coordinate_map: str) -> float | None:
+    """Slope of the error at the end of a brief run over the step, None without truth or where a run ends early."""
+    brief = scene.replace(samples=2, duration=min(scene.duration, ORDER_WINDOW * natural_time(scene)))
+    exact, _ = _truth(brief)
+    runs = [_attempt(brief, method, coordinate_map, factor * suitable_step(scene)) for factor in ORDER_STEPS]
+    errors = [_error(each, exact) for each in runs if isinstance(each, Trajectory) and exact is not None]
+    if len(errors) < len(runs) or min(errors) == 0:
+        return None
+    return float(np.polyfit(np.log(ORDER_STEPS), np.log(errors), 1)[0])
+
+
+def ends(scene: Scene) -> dict[int, np.ndarray]:
+    """The end of each last body of a chain, in its axes: the point opposite its joint, seen from the mass centre."""
+    parents = {joint.parent for joint in scene.joints}
+    return {joint.child: -np.asarray(joint.child_anchor) for joint in scene.joints
+            if joint.child not in parents and np.any(joint.child_anchor)}
+
+
+def chosen(names: Sequence[str] | None) -> tuple[str, ...]:
+    """The methods of a request; the eight without names."""
+    return tuple(dict.fromkeys(names)) if names else EULER

@@ -1,0 +1,129 @@
+"""`crosscheck paper`: every figure and table of the papers, for any scene."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import crosscheck
+from crosscheck.cli.app import app
+from crosscheck.judge.plan import EULER
+from crosscheck.studies.paper import bundle, runs
+
+FIGURES = ("path", "path-methods", "energy", "levels", "rotation-pendulum", "orthogonality")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("paper") / "out"
+    done = CliRunner().invoke(app, ["paper", "single_pendulum", "-o", str(out), "--step", "0.01", "--duration", "1",
+                                    "--map", "exp", "--map", "ccsk"])
+    assert done.exit_code == 0, done.output
+    return out
+
+
+def lines(folder):
+    with (folder / "data" / "single_pendulum-table.csv").open(encoding="utf-8") as file:
+        return {(line["method"], line["coordinate_map"]): line for line in csv.DictReader(file)}
+
+
+def test_figures_are_vector_graphics_and_all_in_the_document(folder):
+    from pypdf import PdfReader
+
+    document = (folder / "paper.tex").read_text("utf-8")
+    for name in FIGURES:
+        stem = f"single_pendulum-{name}"
+        assert len(PdfReader(folder / "figures" / f"{stem}.pdf").pages) == 1
+        drawn = ElementTree.parse(folder / "figures" / f"{stem}.svg").getroot()
+        assert not list(drawn.iter("{http://www.w3.org/2000/svg}image"))
+        assert f"{{figures/{stem}}}" in document
+    assert r"\input{single_pendulum-table}" in document
+
+
+def test_every_method_is_drawn_and_none_hides_another(folder):
+    """Widths fall from method to method, so that curves that coincide show as bands."""
+    text = (folder / "figures" / "single_pendulum-levels.svg").read_text("utf-8")
+    assert all(f">{method}<" in text for method in EULER)
+    widths = [float(width) for width in re.findall(r"stroke-width: ([\d.]+)", text)]
+    assert len(set(widths)) >= len(EULER)
+
+
+def test_document_is_well_formed(folder):
+    for path in (folder / "paper.tex", folder / "single_pendulum-table.tex"):
+        text = path.read_text("utf-8")
+        bare = re.sub(r"\\[{}]", "", text)
+        assert bare.count("{") == bare.count("}")
+        begun, ended = (sorted(re.findall(rf"\\{word}\{{(\w+\*?)\}}", text)) for word in ("begin", "end"))
+        assert begun == ended
+        outside = re.sub(r"\$[^$]*\$|\\\w+(\[[^]]*\])?\{[^}]*\}", "", text)
+        assert not re.search(r"(?<!\\)_", outside)
+    cited = set(re.findall(r"\\cite\{(\w+)\}", (folder / "paper.tex").read_text("utf-8")))
+    assert cited <= set(re.findall(r"@\w+\{(\w+),", (folder / "references.bib").read_text("utf-8")))
+
+
+def test_table_has_every_method_with_every_map(folder):
+    table = lines(folder)
+    assert set(table) == {(method, name) for method in EULER for name in ("exp", "ccsk")}
+    tex = (folder / "single_pendulum-table.tex").read_text("utf-8")
+    assert tex.count(r"\\") == len(table) + 1
+
+
+def test_table_says_what_the_runs_say(folder):
+    """The two energy errors by their definitions, from the states of the run."""
+    scene = crosscheck.load_scene("single_pendulum")
+    traj = crosscheck.run(scene, "lieeuler", "DAE2L_LE", step=0.01, duration=1.0, samples=101)
+    gap = np.abs(traj.energy - traj.energy[0]).max()  # every step is a sample
+    line = lines(folder)["DAE2L_LE", "exp"]
+    # Both sum the same terms in another order: some roundings of energies of a few J, of a gap of 0.1 J.
+    assert float(line["energy_by_start"]) == pytest.approx(gap / abs(traj.energy[0]), rel=1e-12)
+    assert float(line["energy_by_kinetic"]) == pytest.approx(gap / traj.kinetic_energy.max(), rel=1e-12)
+    assert float(line["position"]) == pytest.approx(traj.constraint_position.max(), rel=1e-12)
+    assert float(line["order"]) == pytest.approx(1, abs=0.1)  # the project's band of first-order methods
+
+
+def test_maps_differ(folder):
+    one, other = (float(lines(folder)["DAE1L_LSE", name]["error"]) for name in ("exp", "ccsk"))
+    assert abs(one - other) > 1e-6  # m: four digits above what rounding and Newton leave of 100 steps
+
+
+def test_a_map_that_ends_the_run_is_said_in_the_table():
+    scene = crosscheck.load_scene("heavy_top")  # 150 rad/s: ccsk leaves its domain above 0.01 s
+    shown = runs.measure(scene, runs.Request(("DAE1L_LSE",), ("ccsk",), step=0.02, duration=0.2), lambda what: None)
+    assert [line.ended for line in shown.lines] == ["map_domain at 0 s"]
+    assert "map\\_domain at 0 s" in bundle._table(shown)
+
+
+def test_data_are_those_of_the_runs(folder):
+    with (folder / "data" / "single_pendulum-DAE1L_LSE.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        parts = float(row["kinetic energy [J]"]) + float(row["potential energy [J]"])
+        assert parts == pytest.approx(float(row["total energy [J]"]), rel=1e-14)
+    record = json.loads((folder / "paper.json").read_text("utf-8"))
+    assert record["scenes"][0]["hash"] == crosscheck.load_scene("single_pendulum").hash
+
+
+def test_the_end_is_opposite_the_joint():
+    assert runs.ends(crosscheck.load_scene("double_pendulum"))[1] == pytest.approx([0, 0, -1])
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["--method", "DAE1L_LES"], "did you mean 'DAE1L_LSE'"), (["--map", "cayly"], "did you mean 'cayley'"),
+    (["--format", "png"], "--format"), (["--show", "rattle"], "--show")])
+def test_wrong_words_are_answered(tmp_path, words, said):
+    done = CliRunner().invoke(app, ["paper", "single_pendulum", "-o", str(tmp_path / "out"), *words])
+    assert said in str(done.exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_other_folders_are_left_alone(tmp_path):
+    (tmp_path / "mine.txt").write_text("mine", "utf-8")
+    with pytest.raises(crosscheck.ArgumentError, match="something else"):
+        bundle.check(tmp_path)
+    assert (tmp_path / "mine.txt").read_text("utf-8") == "mine"

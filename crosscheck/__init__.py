@@ -18,6 +18,7 @@ _HOMES = {
     "advise": ("verification.advice", "advise"),
     "explain": ("diagnosis", "explain"),
     "inspect": ("inspection", "inspect"),
+    "sweep": ("sweeps.job", "sweep"),
     "assert_agree": ("testing.agreement", "assert_agree"),
     "Scene": ("scene.model", "Scene"),
     "States": ("scene.states", "States"),

@@ -37,7 +37,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "report": BASE | {"document"},
     "studies": REPORTED,
     "history": REPORTED,
-    "cli": REPORTED | {"inspection", "diagnosis", "testing", "studies", "history"},
+    "sweeps": REPORTED,
+    "cli": REPORTED | {"inspection", "diagnosis", "testing", "studies", "history", "sweeps"},
     "__main__": {"cli"},
     "lieeuler": set(),
 }

@@ -18,6 +18,7 @@ from crosscheck.cli.report import report
 from crosscheck.cli.run import run
 from crosscheck.cli.study import app as study
 from crosscheck.cli.support import support
+from crosscheck.cli.sweep import sweep
 from crosscheck.cli.truth import truth
 from crosscheck.cli.verify import verify
 from crosscheck.errors import CrosscheckError
@@ -25,7 +26,7 @@ from crosscheck.errors import CrosscheckError
 app = typer.Typer(name="crosscheck", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
                   help="One multibody scene, many engines, every result measured against independent truth. Begin with "
                        "`crosscheck list` and `crosscheck verify --scene double_pendulum --profile smoke`.")
-for command in (verify, advise, run, truth, explain, inspect, support, report, paper, nightly):
+for command in (verify, advise, run, truth, explain, inspect, support, report, paper, nightly, sweep):
     app.command()(command)
 app.command("list")(list_)
 app.add_typer(history)

@@ -66,5 +66,6 @@ def complain(message: str) -> None:
 
 def interrupted() -> str:
     """What is left of a command that was interrupted."""
-    kept = {"nightly": "the same command goes on from here", "study": "what was finished is in the folder of --out"}
+    goes_on = "the same command goes on from here"
+    kept = {"nightly": goes_on, "sweep": goes_on, "study": "what was finished is in the folder of --out"}
     return f"interrupted; {kept.get(' '.join(sys.argv[1:2]), 'nothing was written')}"

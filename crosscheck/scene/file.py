@@ -43,11 +43,25 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     ArgumentError
         `name_or_path` is neither text nor a path.
     """
+    path, data = read_scene(name_or_path)
+    return scene_from(data, path)
+
+
+def read_scene(name_or_path: str | os.PathLike[str]) -> tuple[Path, dict[str, Any]]:
+    """The path of a scene and the content of its file, not yet checked; arguments and errors as `load_scene`."""
     path = _locate(name_or_path)
     try:
-        return _assembled(checks.draft(decode(_read(path))))
+        return path, _read(path)
     except EntryError as error:
         raise SceneError(_shown(f"{path}: {error}")) from None
+
+
+def scene_from(data: dict[str, Any], origin: str | os.PathLike[str]) -> Scene:
+    """The scene that a file's content describes; errors as `load_scene`, which name `origin` as the file."""
+    try:
+        return _assembled(checks.draft(decode(data)))
+    except EntryError as error:
+        raise SceneError(_shown(f"{os.fsdecode(origin)}: {error}")) from None
 
 
 def as_scene(scene: Scene | str | os.PathLike[str]) -> Scene:

@@ -1,0 +1,61 @@
+"""`crosscheck sweep`: many scenes, parameters, members, engines and steps; on one machine or a cluster."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from crosscheck.cli.console import console, progress_bar
+
+
+def sweep(
+    file: Annotated[Path, typer.Argument(help="TOML file: scenes, engines, steps and/or rtols, parameters, perturb")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="folder of results and page; cells in it are kept")
+                   ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="processes of this machine")] = 2,
+    scheduler: Annotated[str | None, typer.Option(help="in their place: tcp://host:port of a Dask scheduler, or "
+                                                  "module:factory of another executor")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="say how many cells and how long, and stop")] = False,
+    cell: Annotated[str | None, typer.Option(help="run this cell alone, again, and print its row")] = None,
+) -> None:
+    """Run a sweep; finished cells are never computed twice, and an interrupted sweep goes on by the same command."""
+    from crosscheck.sweeps import job
+
+    if dry_run:
+        count, missing, seconds = job.estimate(file, out, workers)
+        typer.echo(f"{count} cells, {missing} of them to be computed, about {_spoken(seconds)} with {workers} workers")
+        return
+    if cell is not None:
+        for name, value in job.one(file, cell).items():
+            typer.echo(f"{name}: {value}")
+        return
+    target = out or Path("reports") / f"sweep-{file.stem}"
+    with progress_bar() as progress:
+        frame = job.sweep(file, workers, scheduler, target, progress)
+    report = frame.attrs["report"]
+    terminal = console(160)
+    counts = frame.groupby(["scene", "engine", "method"], dropna=False)
+    from rich.table import Table
+
+    table = Table("scene", "engine", "method", "cells", "failed", "median position error, m", "largest", box=None)
+    for (scene, engine, method), rows in counts:
+        errors = rows["position_error"]
+        table.add_row(scene, engine, method, str(len(rows)), str(int((rows["status"] != "success").sum())),
+                      f"{errors.median():.3g}", f"{errors.max():.3g}")
+    terminal.print(table)
+    typer.echo(f"{len(frame)} cells, {report['computed']} computed in {report['seconds']:.1f} s with "
+               f"{report['workers']} workers: truth {report['truth_seconds']:.1f} s, "
+               f"runs {report['run_seconds']:.1f} s, overhead {1e3 * report['overhead']:.1f} ms a cell")
+    for text in report["trouble"]:
+        typer.echo(f"without truth: {text}")
+    page = target / "index.html"
+    typer.echo(f"page: {page}" if page.exists() else f"results: {target / 'parts'} (no page: pip install "
+               "'lieeuler-crosscheck[report]')")
+
+
+def _spoken(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

@@ -1,0 +1,119 @@
+"""Truth of many members of one structure: scenes that differ in their initial state share one compiled integrator."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from crosscheck.references.base import TruthError
+from crosscheck.references.generic import conjugate, quaternion_product
+from crosscheck.references.joint_motion import Tree
+from crosscheck.references.tree import scene_length
+from crosscheck.scene.model import Scene, rotation_from_quaternion
+from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    from crosscheck.references.conditioning import Conditioning
+
+SAME_START = 1e-12
+"""Of the scene's length, and of attitudes: how far a member's state may lie from the coordinates that stand for it."""
+
+
+class Members:
+    """Taylor series of one structure, for any initial state near its own.
+
+    Parameters
+    ----------
+    scene : the structure with an initial state of its own
+
+    Raises
+    ------
+    Unsupported, TruthError
+        As `crosscheck.references.truth`.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        from crosscheck.references.taylor import Taylor
+
+        self.scene = scene
+        self._taylor = Taylor(scene)
+
+    def states(self, member: Scene) -> States:
+        """Truth of a member at its output times, which are those of the structure.
+
+        Raises
+        ------
+        TruthError
+            The integration ended early.
+        """
+        state = self._state(member)
+        if state is None:
+            from crosscheck.references.taylor import Taylor
+
+            own = Taylor(member)
+            return own.states(own.run())
+        return self._taylor.states(self._taylor.run(state))
+
+    def check(self, member: Scene, states: States) -> float:
+        """How far a second formulation is from these states; raises `TruthError` beyond what conditioning explains."""
+        from crosscheck import references
+        from crosscheck.references import maximal, taylor
+
+        conditions = self._conditions
+        count = int(np.count_nonzero(member.t <= conditions.horizon * (1 + 1e-12)))
+        if count < 2:
+            raise TruthError(f"{member.name!r}: a perturbation of 1e-15 grows to 1e-10 before the first output time")
+        other = maximal.Maximal(member)
+        allowed = max(references.FLOOR, references.ROUNDOFF * conditions.within_horizon)
+        return references.compare(member, states, other.run(member.t[:count]), count, (taylor.SOURCE, other.source),
+                                  allowed)
+
+    @functools.cached_property
+    def _conditions(self) -> Conditioning:
+        from crosscheck.references import conditioning
+
+        return conditioning.measure(self._taylor)
+
+    def _state(self, member: Scene) -> np.ndarray | None:
+        """The member's start in the coordinates of the structure, None where they cannot express it."""
+        tree = self._taylor.tree
+        own = Tree(member, tree.links)
+        state = own.initial()
+        for link in tree.links:
+            if link.turn in (1, 2):
+                angles = _angles(link.axes, tree.kept[link.body], own.kept[link.body])
+                first = tree.coordinates[link.body].start
+                state[first:first + link.turn] = angles
+        if self._taylor.springs or not len(state):
+            return None  # angles of springs in loops are counted from the start
+        x, R = self._taylor.pose(state[None])
+        gap = max(np.abs(x[0] - member.x0).max() / scene_length(member), np.abs(R[0] - member.R0).max())
+        return state if gap < SAME_START and self._same_turns(member, own) else None
+
+    def _same_turns(self, member: Scene, own: Tree) -> bool:
+        """Whether angles of torsional springs start within the same turn as those of the structure."""
+        from crosscheck.references.tree_loads import start_angle
+
+        sprung = {force.joint for force in member.forces if force.type == "torsional_spring"}
+        return all(abs(start_angle(joint, own.start) - start_angle(joint, self._taylor.tree.start)) < 2.0
+                   for joint in member.joints if joint.name in sprung)
+
+
+def _angles(axes: Sequence[list[float]], kept: list[float], other: list[float]) -> list[float]:
+    """Angles t with other = kept turn(a0, t0), or turn(a0, t0) kept turn(a1, t1), of unit quaternions."""
+    K, A = (rotation_from_quaternion(np.array(q) / np.linalg.norm(q)) for q in (kept, other))
+    if len(axes) == 1:
+        q = np.array(quaternion_product(conjugate(kept), other))
+        angle = 2.0 * np.arctan2(q[1:] @ np.array(axes[0]), q[0])
+        return [float(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))]
+    first, second = (np.array(axis) for axis in axes)
+    before, after = K @ second, A @ second
+    turn = np.arctan2(np.cross(before, after) @ first, before @ after - (before @ first) * (after @ first))
+    hat = np.array([[0, -first[2], first[1]], [first[2], 0, -first[0]], [-first[1], first[0], 0]])
+    rest = K.T @ (np.eye(3) + np.sin(turn) * hat + (1 - np.cos(turn)) * hat @ hat).T @ A
+    spin = np.array([rest[2, 1] - rest[1, 2], rest[0, 2] - rest[2, 0], rest[1, 0] - rest[0, 1]])
+    return [turn, np.arctan2(spin @ second, np.trace(rest) - 1.0)]
+

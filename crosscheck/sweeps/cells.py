@@ -1,0 +1,196 @@
+"""The work of a sweep as a worker does it: one member with all its ways, against one truth."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+import time
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import CrosscheckError, Unsupported
+from crosscheck.jobs.workers import output
+from crosscheck.references.base import TruthError
+from crosscheck.running import versions
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+from crosscheck.sweeps.plan import Way
+
+ERRORS = {"position": "position_error", "attitude": "attitude_error", "velocity": "velocity_error",
+          "angular velocity": "angular_velocity_error"}
+LEVELS = ("energy_error", "constraint_position", "constraint_velocity", "constraint_acceleration", "orthogonality")
+FIGURES = (*ERRORS.values(), *LEVELS)
+KEPT_STRUCTURES = 8
+"""Compiled integrators that a worker keeps."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Member:
+    """One scene to be run, with the ways that are still missing."""
+
+    scene: Scene
+    structure: Scene  # differs in its initial state at most; members with the same one share a compiled truth
+    name: str  # as the sweep names the scene
+    index: int
+    parameters: tuple[tuple[str, Any], ...]
+    ways: tuple[Way, ...]
+    checked: bool  # its truth is compared with the second formulation
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """Members that are run one after the other in one worker."""
+
+    members: tuple[Member, ...]
+    versions: tuple[tuple[str, str], ...]  # of what all runs depend on; a worker with others refuses
+    timing: bool
+
+    @property
+    def cells(self) -> int:
+        """Number of runs."""
+        return sum(len(member.ways) for member in self.members)
+
+    def split(self) -> list[Task]:
+        """A task for each run alone."""
+        return [dataclasses.replace(self, members=(dataclasses.replace(member, ways=(way,)),))
+                for member in self.members for way in member.ways]
+
+
+@dataclasses.dataclass(frozen=True)
+class Done:
+    """What a task returns: rows, and how long truth and the rest took (s)."""
+
+    rows: list[dict[str, Any]]
+    truth_seconds: float
+    run_seconds: float
+    checked: list[float]  # disagreements of the two formulations
+    trouble: list[str]  # why there is no truth
+
+
+def key(scene: Scene, way: Way, versions_: tuple[tuple[str, str], ...], timing: bool) -> str:
+    """The content key of a cell: what determines its figures, and nothing else."""
+    content = [scene.hash, way.engine, way.version, way.method, way.step, way.rtol, way.options, versions_, timing]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def run(task: Task) -> Done:
+    """Run all cells of a task; whatever an engine does, a row comes back.
+
+    Raises
+    ------
+    CrosscheckError
+        This worker has other versions than the sweep was planned with.
+    """
+    engines = {way.engine: way.version for member in task.members for way in member.ways}
+    refuse_others(dict(task.versions) | engines, _own_versions(tuple(sorted(engines))), "this worker")
+    rows: list[dict[str, Any]] = []
+    checked: list[float] = []
+    trouble: list[str] = []
+    truth_seconds = run_seconds = 0.0
+    for member in task.members:
+        began = time.perf_counter()
+        exact, why = _truth(member, checked)
+        trouble += [why] if why else []
+        middle = time.perf_counter()
+        for way in member.ways:
+            output.at(f"{member.name} {way.engine} {way.method}")
+            rows.append(_row(member, way, exact, task))
+        truth_seconds += middle - began
+        run_seconds += time.perf_counter() - middle
+    return Done(rows, truth_seconds, run_seconds, checked, trouble)
+
+
+def refuse_others(planned: dict[str, str], found: dict[str, str], where: str) -> None:
+    """Raise `CrosscheckError` with the difference where versions differ."""
+    differ = [f"{name} {found.get(name, 'missing')} instead of {version}" for name, version in planned.items()
+              if found.get(name) != version]
+    if differ:
+        raise CrosscheckError(f"{where} has other versions: {', '.join(differ)}; install the same ones there")
+
+
+@functools.lru_cache(maxsize=4)
+def _own_versions(engines: tuple[str, ...]) -> dict[str, str]:
+    return versions.of(engines)
+
+
+@functools.lru_cache(maxsize=KEPT_STRUCTURES)
+def _compiled(content: _Structure) -> Any:
+    from crosscheck.references.members import Members
+
+    return Members(content.scene)
+
+
+class _Structure:
+    """A scene as a key of a cache."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+
+    def __hash__(self) -> int:
+        return hash(self.scene.hash)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Structure) and other.scene.hash == self.scene.hash
+
+
+def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
+    """States of the truth, or None and why there are none."""
+    from crosscheck import references
+
+    try:
+        try:
+            compiled = _compiled(_Structure(member.structure))
+            states = compiled.states(member.scene)
+            if member.checked:
+                checked.append(compiled.check(member.scene, states))
+        except ImportError:  # heyoka is an extra; without it every member is integrated twice
+            reference = references.truth(member.scene)
+            states = reference.states
+            checked.append(reference.disagreement)
+        return states, ""
+    except (Unsupported, TruthError) as error:
+        return None, " ".join(str(error).split())
+
+
+def _row(member: Member, way: Way, exact: States | None, task: Task) -> dict[str, Any]:
+    from crosscheck.judge.metrics import errors
+    from crosscheck.running.run import run as run_scene
+
+    row = empty_row(member, way, task)
+    try:
+        traj = run_scene(member.scene, way.engine, way.method, step=way.step, rtol=way.rtol, **dict(way.options))
+    except Exception as error:
+        row["status"], row["message"] = _failure(error), " ".join(str(error).split())[:500]
+        return row
+    row["status"], row["form"], row["steps"] = traj.status, traj.form or "", int(traj.steps)
+    if task.timing:
+        row["wall_time"] = float(traj.wall_time)
+    row |= {name: float(traj.stats[name]) for name in LEVELS if name in traj.stats}
+    if exact is not None:
+        found = errors(member.scene, _states(traj), exact)
+        row |= {ERRORS[name]: error.max for name, error in found.items()}
+    return row
+
+
+def empty_row(member: Member, way: Way, task: Task) -> dict[str, Any]:
+    """The row of a cell before it ran."""
+    return {
+        "cell": key(member.scene, way, task.versions, task.timing), "scene": member.name, "engine": way.engine,
+        "version": way.version, "method": way.method, "form": way.form or "", "step": way.step, "rtol": way.rtol,
+        "member": member.index, "parameters": json.dumps(dict(member.parameters)), "status": "",
+        **dict.fromkeys(FIGURES, np.nan), "steps": 0, "wall_time": np.nan, "message": ""}
+
+
+def _states(traj: Any) -> States:
+    return States(traj.t, traj.x, traj.R, traj.v, traj.w)
+
+
+def _failure(error: Exception) -> str:
+    """The status of a run that raised: the engine's own word where it has one."""
+    if isinstance(error, Unsupported):
+        return "unsupported"
+    status = getattr(error, "status", None)
+    return str(getattr(status, "value", status)) if status is not None else "failed"

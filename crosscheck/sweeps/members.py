@@ -1,0 +1,175 @@
+"""The scenes of a sweep: every start of the grid, and the perturbed members around it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import SceneError
+from crosscheck.scene.file import scene_from
+from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
+from crosscheck.sweeps import paths
+from crosscheck.sweeps.plan import Origin, Perturbation, Plan
+
+FREEDOMS = {"revolute": (1, 0), "prismatic": (0, 1), "cylindrical": (1, 1), "universal": (2, 0), "spherical": (3, 0),
+            "planar": (1, 2)}
+"""Turns and displacements of the joints that `joint_position` and `joint_velocity` perturb; others keep theirs."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Start:
+    """A scene with one combination of the parameters."""
+
+    origin: Origin
+    parameters: dict[str, Any]
+    scene: Scene
+
+
+def starts(plan: Plan) -> Iterator[Start]:
+    """Every scene with every combination of the parameters."""
+    for origin in plan.origins:
+        for values in plan.grid():
+            yield Start(origin, values, _changed(origin, values))
+
+
+def of_start(start: Start, perturbation: Perturbation | None) -> Iterator[Scene]:
+    """The members of a start; without a perturbation the start itself."""
+    if perturbation is None:
+        yield start.scene
+        return
+    normals = _normals(start, perturbation)
+    for row in normals:
+        yield _perturbed(start, perturbation, row)
+
+
+def _changed(origin: Origin, values: dict[str, Any]) -> Scene:
+    if not values:
+        return origin.scene
+    assert origin.data is not None  # `plan` has seen to it
+    return scene_from(paths.replaced(origin.data, values, origin.name), origin.path)
+
+
+def _sizes(start: Start, perturbation: Perturbation) -> list[int]:
+    """How many numbers each perturbed quantity has."""
+    scene = start.scene
+    freedoms = sum(sum(FREEDOMS.get(joint.type, (0, 0))) for joint in scene.joints)
+    known = {"angular_velocity": 3 * scene.n, "attitude": 3 * scene.n, "joint_position": freedoms,
+             "joint_velocity": freedoms}
+    return [known[name] if name in known else int(np.size(paths.read(start.origin.data or {}, name, scene.name)))
+            for name, _ in perturbation.deviations]
+
+
+def _normals(start: Start, perturbation: Perturbation) -> np.ndarray:
+    """(count, size) standard normal numbers: the same for starts of one structure, so that they can be compared."""
+    size = sum(_sizes(start, perturbation))
+    if perturbation.sampling == "normal":  # row by row: more members keep those there were
+        return np.random.default_rng(perturbation.seed).standard_normal((perturbation.count, size))
+    from scipy.stats import norm, qmc
+
+    hypercube = qmc.LatinHypercube(size, rng=np.random.default_rng(perturbation.seed))
+    return np.asarray(norm.ppf(hypercube.random(perturbation.count)))
+
+
+def _perturbed(start: Start, perturbation: Perturbation, normals: np.ndarray) -> Scene:
+    """One member: numbers by path first, then the state, then its projection onto the joints."""
+    parts = np.split(normals, np.cumsum(_sizes(start, perturbation))[:-1])
+    drawn = {name: deviation * part for (name, deviation), part in zip(perturbation.deviations, parts, strict=True)}
+    scene, data = start.scene, start.origin.data
+    changes = {}
+    for name, values in drawn.items():
+        if "." in name:
+            assert data is not None  # `plan` has seen to it
+            now = start.parameters.get(name, paths.read(data, name, scene.name))
+            changes[name] = (np.asarray(now) * (1.0 + values.reshape(np.shape(now)))).tolist()
+    if changes:
+        scene = _changed(start.origin, {**start.parameters, **changes})
+    moved = _moved(scene, drawn)
+    return scene if moved is None else _closed(scene, moved)
+
+
+def _closed(scene: Scene, moved: Scene) -> Scene:
+    from crosscheck.scene.assembly import projected
+    from crosscheck.scene.schema import EntryError
+
+    try:
+        return projected(scene, moved)
+    except EntryError as error:
+        raise SceneError(f"{scene.name!r}: a perturbed state cannot be projected onto the joints ({error}); take a "
+                         "smaller perturbation") from None
+
+
+def _moved(scene: Scene, drawn: dict[str, np.ndarray]) -> Scene | None:
+    """The scene with other states of its bodies, joints still open; None where no state is perturbed."""
+    x, v, w = scene.x0.copy(), scene.v0.copy(), scene.w0.copy()
+    q = np.array([body.attitude for body in scene.bodies])
+    R = scene.R0.copy()
+    if not drawn.keys() & {"attitude", "angular_velocity", "joint_position", "joint_velocity"}:
+        return None
+    for name, shifts in (("joint_position", True), ("joint_velocity", False)):
+        values = iter(drawn.get(name, ()))
+        for joint in scene.joints if name in drawn else ():
+            turn, slide = _freedom(joint, R, values)
+            point = x[joint.child] + R[joint.child] @ joint.child_anchor
+            for k in _beyond(scene, joint):
+                if shifts:
+                    x[k] = point + rotation_from_quaternion(_quaternion(turn)) @ (x[k] - point) + slide
+                    q[k] = _product(_quaternion(turn), q[k])
+                    R[k] = rotation_from_quaternion(q[k])
+                else:
+                    v[k] += np.cross(turn, x[k] - point) + slide
+                    w[k] += R[k].T @ turn
+    if "attitude" in drawn:
+        for k, turn in enumerate(drawn["attitude"].reshape(-1, 3)):
+            q[k] = _product(q[k], _quaternion(turn))
+    if "angular_velocity" in drawn:
+        w = w + drawn["angular_velocity"].reshape(-1, 3)
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    bodies = tuple(dataclasses.replace(body, position=x[k], attitude=q[k], velocity=v[k], angular_velocity=w[k])
+                   for k, body in enumerate(scene.bodies))
+    return scene.replace(bodies=bodies)
+
+
+def _freedom(joint: Joint, R: np.ndarray, values: Iterator[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation vector and displacement in the world that the next drawn numbers stand for."""
+    turns, slides = FREEDOMS.get(joint.type, (0, 0))
+    angles, shifts = ([next(values) for _ in range(count)] for count in (turns, slides))
+    parent = np.eye(3) if joint.parent == GROUND else R[joint.parent]
+    axes = np.eye(3)
+    if joint.parent_axis is not None:
+        axis = parent @ joint.parent_axis
+        other = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        other /= np.linalg.norm(other)
+        axes = np.array([axis, other, np.cross(axis, other)])
+    if joint.type == "universal":
+        axes = np.array([axes[0], R[joint.child] @ joint.child_axis])
+    turn = sum((angle * axis for angle, axis in zip(angles, axes, strict=False)), np.zeros(3))
+    along = axes[1:] if joint.type == "planar" else axes
+    return turn, sum((shift * axis for shift, axis in zip(shifts, along, strict=False)), np.zeros(3))
+
+
+def _beyond(scene: Scene, joint: Joint) -> list[int]:
+    """The child of a joint and what hangs on it, without passing the joint or the ground."""
+    found, ready = {joint.child}, [joint.child]
+    while ready:
+        body = ready.pop()
+        for other in scene.joints:
+            if other is joint or body not in (other.parent, other.child):
+                continue
+            end = other.child if other.parent == body else other.parent
+            if end not in (GROUND, joint.parent) and end not in found:
+                found.add(end)
+                ready.append(end)
+    return sorted(found)
+
+
+def _quaternion(turn: np.ndarray) -> np.ndarray:
+    """Of a rotation vector (rad)."""
+    angle = float(np.linalg.norm(turn))
+    return np.concatenate([[np.cos(angle / 2)], 0.5 * np.sinc(angle / (2 * np.pi)) * turn])
+
+
+def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    return np.concatenate([[p[0] * q[0] - p[1:] @ q[1:]], p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])])

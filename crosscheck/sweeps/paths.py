@@ -1,0 +1,81 @@
+"""Numbers of a scene by their paths, such as "bodies.upper.mass" or "gravity.2", in the content of its file."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+from typing import Any
+
+from crosscheck.errors import ArgumentError
+
+
+def read(data: dict[str, Any], path: str, scene: str) -> Any:
+    """The number, or the list of numbers, that a path names.
+
+    Raises
+    ------
+    ArgumentError
+        The path leads nowhere, or to no number; the message names the scene and the nearest path.
+    """
+    value = _walk(data, path, scene)
+    if not _numeric(value):
+        raise ArgumentError(f"{path}: in scene {scene!r} this is no number but {value!r}; name a number, such as "
+                            f"bodies.{_first_name(data)}.mass")
+    return value
+
+
+def replaced(data: dict[str, Any], changes: dict[str, Any], scene: str) -> dict[str, Any]:
+    """A copy of the content with other numbers at some paths."""
+    data = copy.deepcopy(data)
+    for path, value in changes.items():
+        words = path.split(".")
+        target = _walk(data, ".".join(words[:-1]), scene) if len(words) > 1 else data
+        key = words[-1]
+        if isinstance(target, list):
+            target[_index(target, key)] = value  # type: ignore[index] - _walk has seen to it
+        else:
+            target[key] = value
+    return data
+
+
+def _walk(data: Any, path: str, scene: str) -> Any:
+    walked: list[str] = []
+    for word in path.split("."):
+        if isinstance(data, dict):
+            names = list(data)
+            found = data.get(word)
+        elif isinstance(data, list):
+            index = _index(data, word)
+            names = [each["name"] for each in data if isinstance(each, dict) and "name" in each]
+            names = names or [str(k) for k in range(len(data))]
+            found = None if index is None else data[index]
+        else:
+            names, found = [], None
+        if found is None:
+            here = ".".join([*walked, word])
+            near = difflib.get_close_matches(word, names, n=1)
+            guess = f"did you mean {'.'.join([*walked, near[0]])!r}? " if near else ""
+            raise ArgumentError(f"{path}: scene {scene!r} has no {here!r}; {guess}there "
+                                f"{'is' if len(names) == 1 else 'are'} {', '.join(names) or 'nothing below'}")
+        data = found
+        walked.append(word)
+    return data
+
+
+def _index(entries: list[Any], word: str) -> int | None:
+    """Where an entry stands, by its name or its number; None where it does not."""
+    for k, entry in enumerate(entries):
+        if isinstance(entry, dict) and entry.get("name") == word:
+            return k
+    return int(word) if word.isdecimal() and int(word) < len(entries) else None
+
+
+def _numeric(value: Any) -> bool:
+    if isinstance(value, list):
+        return bool(value) and all(map(_numeric, value))
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _first_name(data: dict[str, Any]) -> str:
+    bodies = data.get("bodies") or [{}]
+    return str(bodies[0].get("name", "0"))

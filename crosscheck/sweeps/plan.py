@@ -1,0 +1,270 @@
+"""What a sweep is asked to do: read from TOML or a dict, checked before anything runs."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import os
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import ArgumentError, unknown
+from crosscheck.scene.model import Scene
+
+KEYS = ("scenes", "engines", "steps", "rtols", "samples", "duration", "parameters", "perturb", "timing")
+PERTURBED = ("angular_velocity", "attitude", "joint_position", "joint_velocity")
+SAMPLING = ("normal", "latin_hypercube")
+MOST_CELLS = 10_000_000
+WAY_OPTIONS = ("form", "coordinate_map", "spin_free", "alpha", "beta", "softness", "node")
+
+
+@dataclasses.dataclass(frozen=True)
+class Way:
+    """One engine with one method, its options, and one step (s) or rtol."""
+
+    engine: str
+    version: str
+    method: str
+    step: float | None
+    rtol: float | None
+    options: tuple[tuple[str, Any], ...] = ()
+
+    @property
+    def form(self) -> str | None:
+        """The form asked for; None: the engine's own choice."""
+        return dict(self.options).get("form")
+
+
+@dataclasses.dataclass(frozen=True)
+class Perturbation:
+    """Members around each start: standard deviations by quantity, or by path (relative)."""
+
+    deviations: tuple[tuple[str, float], ...]
+    count: int
+    seed: int
+    sampling: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Origin:
+    """A scene of the sweep with the content of its file, in which parameters have their paths."""
+
+    name: str
+    path: str
+    data: dict[str, Any] | None  # None: a scene that came without a file, or an imported model
+    scene: Scene
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """A checked sweep."""
+
+    origins: tuple[Origin, ...]
+    ways: tuple[Way, ...]
+    parameters: tuple[tuple[str, tuple[Any, ...]], ...]
+    perturbation: Perturbation | None
+    timing: bool
+    source: dict[str, Any]  # what was asked for, paths of files absolute
+
+    @property
+    def members(self) -> int:
+        """Per start."""
+        return self.perturbation.count if self.perturbation else 1
+
+    def grid(self) -> Iterator[dict[str, Any]]:
+        """Every combination of the parameters, by path."""
+        names = [name for name, _ in self.parameters]
+        for values in itertools.product(*(values for _, values in self.parameters)):
+            yield dict(zip(names, values, strict=True))
+
+    @property
+    def cells(self) -> int:
+        """Number of runs."""
+        points = int(np.prod([len(values) for _, values in self.parameters])) if self.parameters else 1
+        return len(self.origins) * points * self.members * len(self.ways)
+
+
+def read(source: Mapping[str, Any] | str | os.PathLike[str]) -> Plan:
+    """Check a sweep, given as a dict or the path of a TOML or JSON file.
+
+    Raises
+    ------
+    ArgumentError, SceneError
+        What is wrong, what is allowed, in one line; for files with their name.
+    """
+    if isinstance(source, Mapping):
+        return _checked(source, Path())
+    try:
+        path = Path(source)
+        text = path.read_text(encoding="utf-8")
+        data = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except TypeError:
+        raise ArgumentError(f"sweep: a dict or the path of a TOML file is wanted, not {source!r}") from None
+    except OSError as error:
+        raise ArgumentError(f"{source}: cannot be read ({error.strerror or error}); give the path of a TOML file with "
+                            "scenes, engines and steps or rtols") from None
+    except (tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ArgumentError(f"{source}: neither TOML nor JSON, {error}") from None
+    try:
+        return _checked(data, path.parent)
+    except ArgumentError as error:
+        raise ArgumentError(f"{source}: {error}") from None
+
+
+def _checked(data: Mapping[str, Any], folder: Path) -> Plan:
+    for key in data:
+        if key not in KEYS:
+            raise ArgumentError(unknown("key of a sweep", key, KEYS))
+    scenes = _several("scenes", data.get("scenes"), "names or paths")
+    changes: dict[str, Any] = {}
+    if "samples" in data:
+        changes["samples"] = _whole("samples", data["samples"], 2)
+    if "duration" in data:
+        changes["duration"] = _positive("duration", data["duration"])
+    origins = tuple(_origin(scene, folder, changes) for scene in scenes)
+    steps = [_positive("steps", step) for step in _several("steps", data.get("steps", []), "s", empty=True)]
+    rtols = [_positive("rtols", rtol) for rtol in _several("rtols", data.get("rtols", []), "numbers", empty=True)]
+    if not steps and not rtols:
+        raise ArgumentError("steps: missing; give steps = [..] (s), rtols = [..], or both")
+    timing = data.get("timing", False)
+    if not isinstance(timing, bool):
+        raise ArgumentError(f"timing: true or false is wanted, not {timing!r}")
+    parameters = _parameters(data.get("parameters", {}), origins)
+    plan = Plan(origins, _ways(data.get("engines"), steps, rtols), parameters,
+                _perturbation(data.get("perturb"), origins, [name for name, _ in parameters]), timing,
+                {**data, "scenes": [origin.path if origin.data and Path(origin.name).suffix else origin.name
+                                    for origin in origins]})
+    if plan.cells > MOST_CELLS:
+        raise ArgumentError(f"the sweep has {plan.cells} cells, more than {MOST_CELLS}; leave some out")
+    return plan
+
+
+def _origin(scene: Any, folder: Path, changes: dict[str, Any]) -> Origin:
+    """A scene by name, path or as such, at the sweep's duration and samples; paths count from the sweep's folder."""
+    from crosscheck.scene.file import read_scene, scene_from
+
+    if isinstance(scene, Scene):
+        return Origin(scene.name, scene.name, None, scene.replace(**changes))
+    beside = folder / str(scene)
+    name = beside.resolve() if "." in str(scene) and beside.exists() else scene
+    if Path(str(scene)).suffix in (".xml", ".urdf", ".mjcf"):
+        import crosscheck
+
+        model = crosscheck.import_model(str(name))
+        return Origin(model.name, str(scene), None, model.replace(**changes))
+    path, data = read_scene(name)
+    data |= changes
+    built = scene_from(data, path)
+    return Origin(str(scene), str(path), data, built)
+
+
+def _ways(engines: Any, steps: Sequence[float], rtols: Sequence[float]) -> tuple[Way, ...]:
+    from crosscheck import adapters
+    from crosscheck.running.provenance import NOT_INSTALLED, engine_version
+
+    if not isinstance(engines, Mapping) or not engines:
+        raise ArgumentError('engines: a table of engines with lists of methods is wanted, lieeuler = ["rattle2"] say')
+    ways = []
+    for engine, methods in engines.items():
+        adapter = adapters.get(engine)
+        version = engine_version(engine)
+        if version == NOT_INSTALLED:
+            raise ArgumentError(f"engines: {engine} is not installed; install it with "
+                                f"pip install 'lieeuler-crosscheck[{engine}]', or leave it out")
+        adaptive = getattr(adapter, "adaptive_methods", ())
+        fixed = getattr(adapter, "fixed_step_methods", adapter.methods)
+        for entry in _several(f"engines.{engine}", methods, "methods"):
+            method, options = _method(engine, adapter, entry)
+            controls = [(step, None) for step in steps if method in fixed] + [
+                (None, rtol) for rtol in rtols if method in adaptive]
+            if not controls:
+                wanted = "rtols" if method in adaptive else "steps"
+                raise ArgumentError(f"engines.{engine}: {method} needs {wanted} = [..]")
+            ways += [Way(engine, version, method, step, rtol, options) for step, rtol in controls]
+    return tuple(ways)
+
+
+def _method(engine: str, adapter: Any, entry: Any) -> tuple[str, tuple[tuple[str, Any], ...]]:
+    table = {"method": entry} if isinstance(entry, str) else entry
+    if not isinstance(table, Mapping) or "method" not in table:
+        raise ArgumentError(f'engines.{engine}: "METHOD" or {{ method = "METHOD", form = .. }} is wanted, not '
+                            f"{entry!r}")
+    for key in table:
+        if key not in ("method", *WAY_OPTIONS):
+            raise ArgumentError(unknown(f"engines.{engine}", key, ("method", *WAY_OPTIONS)))
+    if table["method"] not in adapter.methods:
+        raise ArgumentError(unknown(f"method of {engine}", table["method"], adapter.methods))
+    return table["method"], tuple((key, value) for key, value in table.items() if key != "method")
+
+
+def _parameters(given: Any, origins: Sequence[Origin]) -> tuple[tuple[str, tuple[Any, ...]], ...]:
+    from crosscheck.sweeps import paths
+
+    if not isinstance(given, Mapping):
+        raise ArgumentError('parameters: a table of paths is wanted, such as "bodies.upper.mass" = [0.9, 1.1]')
+    found = []
+    for path, values in given.items():
+        for origin in origins:
+            if origin.data is None:
+                raise ArgumentError(f"parameters: {path!r} has no place in {origin.path!r}, which is no scene file; "
+                                    "save the model as a scene file first")
+            now = paths.read(origin.data, path, origin.name)
+            for value in _several(f"parameters.{path}", values, "values"):
+                if np.shape(value) != np.shape(now) or not np.isfinite(np.asarray(value, dtype=float)).all():
+                    raise ArgumentError(f"parameters.{path}: {value!r} is not like {now!r}, the scene's, of "
+                                        f"{origin.name!r}")
+        found.append((path, tuple(values)))
+    return tuple(found)
+
+
+def _perturbation(given: Any, origins: Sequence[Origin], taken: Sequence[str]) -> Perturbation | None:
+    from crosscheck.sweeps import paths
+
+    if given is None:
+        return None
+    if not isinstance(given, Mapping):
+        raise ArgumentError("perturb: a table is wanted, such as angular_velocity = 1e-3 and count = 20")
+    deviations = []
+    for key, value in given.items():
+        if key in ("count", "seed", "sampling"):
+            continue
+        if key not in PERTURBED:
+            if "." not in key:
+                raise ArgumentError(unknown("perturb", key, (*PERTURBED, "count", "seed", "sampling", "a path")))
+            for origin in origins:
+                if origin.data is None:
+                    raise ArgumentError(f"perturb: {key!r} has no place in {origin.path!r}, which is no scene file")
+                paths.read(origin.data, key, origin.name)
+        deviations.append((key, _positive(f"perturb.{key}", value)))
+    if not deviations:
+        raise ArgumentError(f"perturb: nothing is perturbed; give one of {', '.join(PERTURBED)}, or a path")
+    sampling = given.get("sampling", "normal")
+    if sampling not in SAMPLING:
+        raise ArgumentError(unknown("perturb.sampling", sampling, SAMPLING))
+    if "count" not in given:
+        raise ArgumentError("perturb.count: missing; give the number of members")
+    return Perturbation(tuple(deviations), _whole("perturb.count", given["count"], 1),
+                        _whole("perturb.seed", given.get("seed", 0), 0), sampling)
+
+
+def _several(name: str, given: Any, what: str, empty: bool = False) -> list[Any]:
+    if not isinstance(given, list | tuple | np.ndarray) or (len(given) == 0 and not empty):
+        raise ArgumentError(f"{name}: a list of {what} is wanted, not {given!r}")
+    return list(given)
+
+
+def _positive(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0 < value < np.inf:
+        raise ArgumentError(f"{name}: positive numbers are wanted, not {value!r}")
+    return float(value)
+
+
+def _whole(name: str, value: Any, lowest: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < lowest:
+        raise ArgumentError(f"{name}: a whole number of at least {lowest} is wanted, not {value!r}")
+    return int(value)

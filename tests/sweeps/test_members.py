@@ -1,0 +1,99 @@
+"""Members: as many as asked for, distributed as asked for, on the joints, and the same again from the same seed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from crosscheck import references
+from crosscheck.judge.metrics import attitude_angle
+from crosscheck.references.members import Members
+from crosscheck.scene.constraints import Constraints
+from crosscheck.sweeps import members, plan
+from crosscheck.sweeps.job import structure_of
+
+
+def made(scene, perturb, **more):
+    asked = plan.read({"scenes": [scene], "engines": {"lieeuler": ["rattle2"]}, "steps": [1e-2], "duration": 0.5,
+                       "samples": 6, "perturb": perturb, **more})
+    (start,) = members.starts(asked)
+    return start.scene, list(members.of_start(start, asked.perturbation))
+
+
+PERTURBED = [{"angular_velocity": 1e-2}, {"attitude": 1e-2}, {"joint_position": 1e-2, "joint_velocity": 1e-2}]
+SCENES = ["double_pendulum", "hinge_pendulum", "universal_pendulum", "cylindrical_pendulum", "planar_slider",
+          "prismatic_slider", "four_bar", "branching_tree", "fixed_pair", "bead_on_line"]
+
+
+@pytest.mark.parametrize("perturb", PERTURBED, ids=lambda table: "+".join(table))
+@pytest.mark.parametrize("scene", SCENES)
+def test_members_lie_on_the_joints(scene, perturb):
+    start, found = made(scene, {**perturb, "count": 3, "seed": 1})
+    constraints = Constraints(start)
+    scale = max(1.0, float(np.abs(start.x0).max()), float(np.abs(start.w0).max()), float(np.abs(start.v0).max()))
+    for member in found:
+        x, R, v, w = (values[None] for values in (member.x0, member.R0, member.v0, member.w0))
+        rounding = 500 * np.finfo(float).eps * scale  # a projection ends within 50 roundings of the largest length
+        assert np.abs(constraints.position(x, R)).max(initial=0.0) < rounding
+        assert np.abs(constraints.velocity(x, R, v, w)).max(initial=0.0) < rounding * scale
+
+
+def test_deviations_are_those_asked_for():
+    start, found = made("double_pendulum", {"angular_velocity": 1e-2, "count": 400, "seed": 3})
+    w = np.array([member.w0 for member in found]) - start.w0
+    # of 400 normal numbers: the mean lies within 5 / sqrt(400) deviations, the deviation within 5 / sqrt(800)
+    np.testing.assert_allclose(w.mean(axis=0), 0.0, atol=1e-2 * 5 / 20)
+    np.testing.assert_allclose(w.std(axis=0), 1e-2, rtol=5 / np.sqrt(800))
+    start, found = made("double_pendulum", {"attitude": 1e-2, "count": 400, "seed": 3})
+    angles = np.array([attitude_angle(start.R0, member.R0) for member in found])
+    np.testing.assert_allclose((angles**2).mean(axis=0), 3e-4, rtol=5 * np.sqrt(2 / 1200))
+
+
+def test_latin_hypercube_has_one_member_a_stratum():
+    from scipy.stats import norm
+
+    start, found = made("single_pendulum", {"angular_velocity": 1e-2, "count": 50, "sampling": "latin_hypercube"})
+    w = (np.array([member.w0 for member in found]) - start.w0).reshape(50, -1) / 1e-2
+    strata = np.sort(np.floor(50 * norm.cdf(w)).astype(int), axis=0)
+    np.testing.assert_array_equal(strata, np.repeat(np.arange(50)[:, None], 3, axis=1))
+
+
+def test_a_number_by_path_is_perturbed_in_proportion():
+    start, found = made("double_pendulum", {"bodies.upper.mass": 0.1, "count": 300, "seed": 5})
+    masses = np.array([member.bodies[0].mass for member in found])
+    np.testing.assert_allclose(masses.std(), 0.1, rtol=5 / np.sqrt(600))
+    assert {member.bodies[1].mass for member in found} == {start.bodies[1].mass}
+
+
+def test_exactly_count_members_none_unperturbed_reproducible():
+    start, found = made("double_pendulum", {"attitude": 1e-3, "count": 7, "seed": 2})
+    assert len(found) == len({member.hash for member in found}) == 7
+    assert start.hash not in {member.hash for member in found}
+    again = made("double_pendulum", {"attitude": 1e-3, "count": 7, "seed": 2})[1]
+    assert [member.hash for member in again] == [member.hash for member in found]
+    other = made("double_pendulum", {"attitude": 1e-3, "count": 7, "seed": 4})[1]
+    assert not {member.hash for member in other} & {member.hash for member in found}
+    more = made("double_pendulum", {"attitude": 1e-3, "count": 9, "seed": 2})[1]
+    assert [member.hash for member in more[:7]] == [member.hash for member in found]
+
+
+@pytest.mark.parametrize("scene", ["double_pendulum", "hinge_pendulum", "universal_pendulum", "cylindrical_pendulum",
+                                   "planar_slider", "four_bar", "torsion_wheel"])
+def test_one_compiled_truth_serves_all_members(scene):
+    start, found = made(scene, {"joint_position": 0.05, "joint_velocity": 0.05, "count": 2, "seed": 1})
+    compiled = Members(start)
+    for member in found:
+        assert structure_of(member) == structure_of(start)
+        assert compiled._state(member) is not None
+        own = references.compute(member)
+        shared = compiled.states(member)
+        np.testing.assert_allclose(shared.x, own.states.x, rtol=0, atol=1e-11)  # 100 roundings of lengths near 1, grown
+        np.testing.assert_allclose(shared.R, own.states.R, rtol=0, atol=1e-11)
+        assert compiled.check(member, shared) < 1e-11
+
+
+def test_a_wrong_truth_of_a_member_is_caught():
+    start, (member,) = made("double_pendulum", {"angular_velocity": 0.05, "count": 1})
+    compiled = Members(start)
+    with pytest.raises(references.TruthError, match="disagree"):
+        compiled.check(member, compiled.states(start))

@@ -92,14 +92,14 @@ def mujoco_rollout(scene: Any, threads: int) -> Callable[[dict[str, np.ndarray],
             set_initial_state(scene.replace(bodies=bodies), model, data)
             mujoco.mj_getState(model, data, first, mujoco.mjtState.mjSTATE_FULLPHYSICS)
             starts[k] = first
-        datas = [mujoco.MjData(model) for _ in range(threads)]
+        slots = [mujoco.MjData(model) for _ in range(threads)]
         steps = round(DURATION / step)
         ends = np.empty((count, scene.n, 3))
         block = max(1, 2_000_000 // steps)  # rollout keeps the state of every step
         seconds = 0.0
         for low in range(0, count, block):
             began = time.perf_counter()
-            states_out, _ = rollout.rollout(model, datas, starts[low:low + block], nstep=steps)
+            states_out, _ = rollout.rollout(model, slots, starts[low:low + block], nstep=steps)
             seconds += time.perf_counter() - began
             for k, last in enumerate(states_out[:, -1]):
                 mujoco.mj_setState(model, data, np.ascontiguousarray(last), mujoco.mjtState.mjSTATE_FULLPHYSICS)

@@ -70,20 +70,18 @@ def projected(scene: Scene, moved: Scene) -> Scene:
     EntryError
         The joints cannot be closed from there.
     """
-    hung = {joint.child for joint in scene.joints if joint.type in _POINT_JOINTS}
+    hung = {joint.child for joint in scene.joints if JOINT_TYPES[joint.type].anchors_coincide}
     given = tuple(k not in hung for k in range(scene.n))
-    state = _State(moved.x0, np.array([body.attitude for body in moved.bodies]), moved.v0, moved.w0)
+    state = Configuration(moved.x0, np.array([body.attitude for body in moved.bodies]), moved.v0, moved.w0)
     constraints = Constraints(scene)  # prismatic and fixed joints keep the relative attitude of the scene
     draft = Draft(moved, given, given, assemble=True)
     known = list(given)
     _tree(scene, known)
     if not all(known):  # a group of bodies on no ground: where it floats is given
         draft = dataclasses.replace(draft, given_positions=(True,) * scene.n, given_velocities=(True,) * scene.n)
-    state = _close_positions(constraints, _tree_positions(draft, state))
-    state = _close_velocities(constraints, _tree_velocities(draft, state))
-    bodies = tuple(dataclasses.replace(body, position=state.x[k], attitude=state.q[k], velocity=state.v[k],
-                                       angular_velocity=state.w[k]) for k, body in enumerate(scene.bodies))
-    return scene.replace(bodies=bodies)
+    state = _close_positions(constraints, _tree_positions(draft, state, {}))
+    state = _close_velocities(constraints, _tree_velocities(draft, state, {}))
+    return scene.replace(bodies=bodies_at(scene, state))
 
 
 # --- open positions and velocities -----------------------------------------------------------------------------------

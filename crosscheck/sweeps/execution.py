@@ -104,8 +104,8 @@ def _made(name: str) -> Foreign:
     module, colon, factory = name.partition(":")
     try:
         executor = getattr(importlib.import_module(module), factory)()
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ArgumentError(f"--scheduler {name}: {error}; give tcp://host:port, or module:factory of a function that "
+    except Exception as error:  # whatever a factory of the user's raises
+        raise ArgumentError(f"--scheduler {name}: {type(error).__name__}: {error}; give tcp://host:port, or module:factory of a function that "
                             "returns a concurrent.futures executor") from None
     if not colon or not hasattr(executor, "submit"):
         raise ArgumentError(f"--scheduler {name}: what it returns is no executor")

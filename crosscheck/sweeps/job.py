@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crosscheck.errors import ArgumentError, CrosscheckError
-from crosscheck.files import put
+from crosscheck.files import finite, put
 from crosscheck.jobs.workers.process import Crash
 from crosscheck.running import provenance, versions
 from crosscheck.scene.model import Scene
@@ -150,10 +150,10 @@ def _write(out: Path, asked: plan.Plan, frame: pd.DataFrame, meta: dict[str, Any
         import plotly  # noqa: F401
     except ImportError:
         return
-    from crosscheck.studies import results_folder
+    from crosscheck.report.standalone import write_page
 
-    document = summary.document(frame, names, report, meta, str(out))
-    results_folder.write(out, document, [], "sweep.html.j2", ("report.css", "theme.js", "tables.js"))
+    document = finite(summary.document(frame, names, report, meta, str(out)))
+    write_page(out, "sweep.html.j2", document=document, meta=meta)
 
 
 def one(source: Mapping[str, Any] | str | os.PathLike[str], cell: str) -> dict[str, Any]:

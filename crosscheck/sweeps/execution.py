@@ -105,8 +105,8 @@ def _made(name: str) -> Foreign:
     try:
         executor = getattr(importlib.import_module(module), factory)()
     except Exception as error:  # whatever a factory of the user's raises
-        raise ArgumentError(f"--scheduler {name}: {type(error).__name__}: {error}; give tcp://host:port, or module:factory of a function that "
-                            "returns a concurrent.futures executor") from None
+        raise ArgumentError(f"--scheduler {name}: {type(error).__name__}: {error}; give tcp://host:port, or "
+                            "module:factory of a function that returns a concurrent.futures executor") from None
     if not colon or not hasattr(executor, "submit"):
         raise ArgumentError(f"--scheduler {name}: what it returns is no executor")
     return Foreign(executor, int(getattr(executor, "_max_workers", 2)), executor.shutdown)

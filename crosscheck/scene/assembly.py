@@ -6,7 +6,9 @@ Positions and velocities change by the least amount in the metric of the mass ma
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import heapq
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,13 +19,20 @@ from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import RANK_TOLERANCE
 from crosscheck.scene.model import GROUND, Joint, Scene
 from crosscheck.scene.schema import EntryError
+from crosscheck.scene.sparse import block_diagonal, least_norm
 from crosscheck.scene.starts import ALLOWED_VIOLATION, Configuration, anchor_length, bodies_at
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+_LARGE = 100  # bodies from which the algebra is sparse; dense, its time grows as their number cubed
 _ITERATIONS = 200
 _DIFFERENCE = 1e-5  # in the weighted displacement: a Hessian to about 1e-10, it only has to guide Newton's method
 _STRAIGHT = 1e-4  # of the scene's length, and rad: for less displacement the curvature cannot be felt
 _LEAST_CURVATURE = 0.1  # of the distance itself, which has 1
 _SETTLED = 1e-12  # of the scene's length, and rad: far below the allowed violation, well above rounding
+_BEFORE_DAMPING = 25  # iterations: most guesses settle within a dozen
+_NEAR = 0.05  # of the scene's length, and rad: full steps of this size contract
 _LARGEST_TURN = 0.5  # rad in one correction: the chart of a rotation is far from flat beyond it
 
 
@@ -87,26 +96,41 @@ def projected(scene: Scene, moved: Scene) -> Scene:
 # --- open positions and velocities -----------------------------------------------------------------------------------
 
 
-def _tree(scene: Scene, known: list[bool]) -> list[tuple[Joint, int]]:
+def _tree(scene: Scene, known: list[bool], rooted: bool) -> Iterator[tuple[Joint, int]]:
     """(joint, body it places) in an order in which the joint's other body is already known; updates `known`.
 
-    Joints whose anchors coincide come first, the others only where none of these is left.
+    Joints whose anchors coincide come first, the others only where none of these is left, both in the file's order.
+    Where no joint leads on, the first body that is not known becomes so by itself, unless the tree has to be `rooted`
+    in what is known.
     """
-    order = []
-    for _ in range(scene.n):
-        choices = [(not JOINT_TYPES[joint.type].anchors_coincide, k) for k, joint in enumerate(scene.joints)
-                   if _known(joint.parent, known) != known[joint.child]]
-        if not choices:
+    joints_of: list[list[tuple[bool, int]]] = [[] for _ in range(scene.n + 1)]  # the ground is the last
+    for k, joint in enumerate(scene.joints):
+        for body in (joint.parent, joint.child):
+            joints_of[body].append((not JOINT_TYPES[joint.type].anchors_coincide, k))
+    known.append(True)
+    choices = [choice for body in range(scene.n + 1) if known[body] for choice in joints_of[body]]
+    heapq.heapify(choices)
+    first = 0
+    while True:
+        while choices:
+            joint = scene.joints[heapq.heappop(choices)[1]]
+            if known[joint.parent] == known[joint.child]:
+                continue
+            body = joint.parent if known[joint.child] else joint.child
+            yield joint, body
+            known[body] = True
+            for choice in joints_of[body]:
+                heapq.heappush(choices, choice)
+        while known[first]:
+            first += 1
+            if first > scene.n:
+                break
+        if rooted or first > scene.n:
             break
-        joint = scene.joints[min(choices)[1]]
-        body = joint.parent if known[joint.child] else joint.child
-        known[body] = True
-        order.append((joint, body))
-    return order
-
-
-def _known(body: int, known: list[bool]) -> bool:
-    return body == GROUND or known[body]
+        known[first] = True
+        choices = list(joints_of[first])
+        heapq.heapify(choices)
+    known.pop()
 
 
 def _tree_positions(draft: Draft, state: Configuration, shifts: Mapping[str, np.ndarray]) -> Configuration:
@@ -120,7 +144,7 @@ def _tree_positions(draft: Draft, state: Configuration, shifts: Mapping[str, np.
     x, R = np.vstack([state.x, np.zeros(3)]), np.concatenate([state.R, np.eye(3)[None]])
     size = np.linalg.norm(scene.gravity)
     down = scene.gravity / size if size > 0 else np.array([0.0, 0.0, -1.0])
-    for joint, body in _tree(scene, known):
+    for joint, body in _tree(scene, known, rooted=True):
         gap = R[joint.parent] @ joint.parent_anchor - R[joint.child] @ joint.child_anchor
         if joint.length is not None:
             gap = gap + joint.length * down
@@ -145,11 +169,7 @@ def _tree_velocities(draft: Draft, state: Configuration, speeds: Mapping[str, np
     x, R = np.vstack([state.x, np.zeros(3)]), np.concatenate([state.R, np.eye(3)[None]])
     v, spin = np.vstack([np.where(np.array(known)[:, None], state.v, 0.0), np.zeros(3)]), np.zeros((len(x), 3))
     spin[:-1] = np.einsum("nij,nj->ni", state.R, state.w)
-    order = _tree(scene, known)
-    while not all(known):
-        known[known.index(False)] = True
-        order += _tree(scene, known)
-    for joint, body in order:
+    for joint, body in _tree(scene, known, rooted=False):
         arm = R[joint.child] @ joint.child_anchor
         carried = x[joint.child] + arm - x[joint.parent]
         change = cross(spin[joint.parent], carried) - cross(spin[joint.child], arm)
@@ -218,24 +238,32 @@ def _close_positions(constraints: Constraints, guess: Configuration) -> Configur
 
     The displacement of a body is (x - x_guess, theta) with R = R_guess exp(hat(theta)). Newton's method on the
     conditions of the minimum, in the least-norm sense where rows are redundant; the curvature of the joints enters by
-    differences, and where it is negative by its size, so that the search leaves saddles.
+    differences, and where it is negative by its size, so that the search leaves saddles. In large scenes it stays out:
+    the iteration ends in the same conditions, if it ends, from guesses that lie near.
     """
     scene = constraints.scene
     size = _length_scale(scene, guess)
-    unweighted = _inverse_root_mass(scene)
+    if _at_rounding(constraints, constraints.position(guess.x[None], guess.R[None])[0], size):
+        return guess
+    large = scene.n > _LARGE
+    unweighted = _inverse_root_mass(scene) if large else _inverse_root_mass(scene).toarray()
     units = np.tile([size] * 3 + [1.0] * 3, scene.n)
     z = np.zeros(6 * scene.n)
     for iteration in range(_ITERATIONS):
-        phi, W = (values[0] for values in _linearised(constraints, guess, unweighted, z[None]))
+        if large:
+            phi, W = _sparsely_linearised(constraints, guess, unweighted, z)
+            step = least_norm(W, W @ z - phi) - z
+        else:
+            phi, W = (values[0] for values in _linearised(constraints, guess, unweighted, z[None]))
+            curved = np.abs(unweighted @ z / units).max() > _STRAIGHT
+            step = _newton_step(constraints, guess, unweighted, z, phi, W, curved)
         closed = _at_rounding(constraints, phi, size)
-        if iteration == 0 and closed:
-            return guess
-        curved = np.abs(unweighted @ z / units).max() > _STRAIGHT
-        step = _newton_step(constraints, guess, unweighted, z, phi, W, curved)
         largest = float(np.abs(unweighted @ step / units).max())
         if closed and largest < _SETTLED:
             return _moved(guess, (unweighted @ z).reshape(-1, 6))
-        z = z + step * (_LARGEST_TURN / max(largest, _LARGEST_TURN))
+        # From far away full steps may alternate between two places for ever.
+        damping = 0.5 ** (iteration // _BEFORE_DAMPING) if largest > _NEAR else 1.0
+        z = z + step * (damping * _LARGEST_TURN / max(largest, _LARGEST_TURN))
     index, gap, unit = _largest_gap(constraints, phi, anchor_length(scene))
     joint = scene.joints[index]
     raise EntryError(f'joints[{index}] "{joint.name}"', f"the joints cannot be closed together, this one keeps the "
@@ -253,6 +281,18 @@ def _linearised(constraints: Constraints, guess: Configuration, unweighted: np.n
     G = constraints.jacobian(x, R).reshape(len(z), -1, n, 6)
     G[..., 3:] = np.einsum("kmni,knij->kmnj", G[..., 3:], _right_tangents(displacements[..., 3:]))
     return constraints.position(x, R), G.reshape(len(z), -1, 6 * n) @ unweighted
+
+
+def _sparsely_linearised(constraints: Constraints, guess: Configuration, unweighted: csr_array,
+                         z: np.ndarray) -> tuple[np.ndarray, csr_array]:
+    """Phi (m,) and its derivative by z, sparse, at one weighted displacement z (6n,)."""
+    displacements = (unweighted @ z).reshape(-1, 6)
+    moved = _moved(guess, displacements)
+    tangents = np.zeros((len(displacements), 6, 6))
+    tangents[:, :3, :3] = np.eye(3)
+    tangents[:, 3:, 3:] = _right_tangents(displacements[:, 3:])
+    G = constraints.sparse_jacobian(moved.x, moved.R)
+    return constraints.position(moved.x[None], moved.R[None])[0], G @ block_diagonal(tangents) @ unweighted
 
 
 def _newton_step(constraints: Constraints, guess: Configuration, unweighted: np.ndarray, z: np.ndarray, phi: np.ndarray,
@@ -276,13 +316,12 @@ def _newton_step(constraints: Constraints, guess: Configuration, unweighted: np.
     return found
 
 
-def _inverse_root_mass(scene: Scene) -> np.ndarray:
+def _inverse_root_mass(scene: Scene) -> csr_array:
     """B, (6n, 6n) block diagonal, with B^T M B = I."""
-    B = np.zeros((6 * scene.n, 6 * scene.n))
-    for k, body in enumerate(scene.bodies):
-        B[6 * k:6 * k + 3, 6 * k:6 * k + 3] = np.eye(3) / np.sqrt(body.mass)
-        B[6 * k + 3:6 * k + 6, 6 * k + 3:6 * k + 6] = np.linalg.inv(np.linalg.cholesky(body.inertia)).T
-    return B
+    blocks = np.zeros((scene.n, 6, 6))
+    blocks[:, :3, :3] = np.eye(3) / np.sqrt(scene.masses)[:, None, None]
+    blocks[:, 3:, 3:] = np.linalg.inv(np.linalg.cholesky(scene.inertias)).swapaxes(1, 2)
+    return block_diagonal(blocks)
 
 
 def _close_velocities(constraints: Constraints, state: Configuration) -> Configuration:
@@ -294,8 +333,10 @@ def _close_velocities(constraints: Constraints, state: Configuration) -> Configu
         rates = constraints.velocity(state.x[None], state.R[None], state.v[None], state.w[None])[0]
         if _at_rounding(constraints, rates, size, float(np.abs(state.w).max())):
             break
-        scaled = constraints.jacobian(state.x[None], state.R[None])[0] @ unweighted
-        change = (unweighted @ np.linalg.lstsq(scaled, -rates, rcond=RANK_TOLERANCE)[0]).reshape(-1, 6)
+        scaled = constraints.sparse_jacobian(state.x, state.R) @ unweighted
+        nearest = (least_norm(scaled, -rates) if scene.n > _LARGE
+                   else np.linalg.lstsq(scaled.toarray(), -rates, rcond=RANK_TOLERANCE)[0])
+        change = (unweighted @ nearest).reshape(-1, 6)
         state = dataclasses.replace(state, v=state.v + change[:, :3], w=state.w + change[:, 3:])
     return state
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -64,12 +64,14 @@ def draft(entry: SceneEntry) -> Draft:
     _check_run(entry)
     _check_names("bodies", [body.name for body in entry.bodies])
     _check_names("joints", [joint.name for joint in entry.joints])
+    bodies = {body.name: index for index, body in enumerate(entry.bodies)}
+    types = {joint.name: joint.type for joint in entry.joints}
     scene = Scene(
         name=entry.name, description=entry.description, source=entry.source, tags=tuple(entry.tags),
         gravity=np.array(entry.gravity), duration=entry.duration, samples=entry.samples,
         bodies=tuple(_body(f'bodies[{i}] "{body.name}"', body) for i, body in enumerate(entry.bodies)),
-        joints=tuple(_joint(entry, i, joint) for i, joint in enumerate(entry.joints)),
-        forces=tuple(_force(entry, i, force) for i, force in enumerate(entry.forces)),
+        joints=tuple(_joint(entry, bodies, i, joint) for i, joint in enumerate(entry.joints)),
+        forces=tuple(_force(bodies, types, i, force) for i, force in enumerate(entry.forces)),
         left_out=tuple(entry.left_out),
     )
     starts = (Start(i, *joint_options.start(f'joints[{i}] "{joint.name}"', joint))
@@ -102,14 +104,15 @@ def _check_run(entry: SceneEntry) -> None:
 
 
 def _check_names(group: str, names: Sequence[str]) -> None:
+    first: dict[str, int] = {}
     for index, name in enumerate(names):
         entry = f'{group}[{index}] "{name}": name'
         if not name.strip():
             raise EntryError(f"{group}[{index}]: name", "is empty", "give it a name of its own")
         if group == "bodies" and name == "ground":
             raise EntryError(entry, '"ground" is the fixed world', "give the body another name")
-        if name in names[:index]:
-            raise EntryError(entry, f"{group}[{names.index(name)}] has the same name", "give each its own name")
+        if first.setdefault(name, index) != index:
+            raise EntryError(entry, f"{group}[{first[name]}] has the same name", "give each its own name")
 
 
 def _body(entry: str, body: BodyEntry) -> Body:
@@ -156,23 +159,22 @@ def _unit(entry: str, vector: Sequence[float], mend: str) -> np.ndarray:
     return scaled / math.sqrt(float(scaled @ scaled))
 
 
-def _body_index(entry: str, bodies: Sequence[BodyEntry], name: str, ground: bool) -> int:
-    names = [body.name for body in bodies]
+def _body_index(entry: str, bodies: Mapping[str, int], name: str, ground: bool) -> int:
     if name == "ground" and ground:
         return GROUND
-    if name not in names:
-        known = ["ground", *names] if ground else names
+    if name not in bodies:
+        known = ["ground", *bodies] if ground else list(bodies)
         if name == "ground":
             raise EntryError(entry, "the ground cannot be the child", f"swap parent and child, or name a body: "
-                             f"{listed(names)}")
+                             f"{listed(bodies)}")
         raise EntryError(entry, f'no body is named "{name}"', f"{nearest(name, known)}write one of {listed(known)}")
-    return names.index(name)
+    return bodies[name]
 
 
-def _joint(scene: SceneEntry, index: int, joint: JointEntry) -> Joint:
+def _joint(scene: SceneEntry, bodies: Mapping[str, int], index: int, joint: JointEntry) -> Joint:
     entry = f'joints[{index}] "{joint.name}"'
-    parent = _body_index(f"{entry}: parent", scene.bodies, joint.parent, ground=True)
-    child = _body_index(f"{entry}: child", scene.bodies, joint.child, ground=False)
+    parent = _body_index(f"{entry}: parent", bodies, joint.parent, ground=True)
+    child = _body_index(f"{entry}: child", bodies, joint.child, ground=False)
     if parent == child:
         raise EntryError(f"{entry}: child", f'joins the body "{joint.child}" to itself', "name two different bodies")
     for key, needed in JOINT_TYPES[joint.type].needs.items():
@@ -201,7 +203,7 @@ def _joint(scene: SceneEntry, index: int, joint: JointEntry) -> Joint:
                  mimic=joint_options.mimic(entry, joint, scene.joints), **elastic)
 
 
-def _force(scene: SceneEntry, index: int, force: ForceEntry) -> Force:
+def _force(bodies: Mapping[str, int], types: Mapping[str, str], index: int, force: ForceEntry) -> Force:
     values = msgspec.structs.asdict(force)
     kind = str(force.__struct_config__.tag)
     entry = f"forces[{index}] ({kind})"
@@ -210,18 +212,17 @@ def _force(scene: SceneEntry, index: int, force: ForceEntry) -> Force:
             raise EntryError(f"{entry}: {key}", f"{values[key]:g} is negative", "write a number >= 0")
     parent = child = joint = None
     if isinstance(force, TorsionalSpringEntry):
-        joint = _torsion_joint(f"{entry}: joint", scene.joints, values.pop("joint"))
+        joint = _torsion_joint(f"{entry}: joint", types, values.pop("joint"))
     else:
-        child = _body_index(f"{entry}: child", scene.bodies, values.pop("child"), ground=False)
+        child = _body_index(f"{entry}: child", bodies, values.pop("child"), ground=False)
     if "parent" in values:
-        parent = _body_index(f"{entry}: parent", scene.bodies, values.pop("parent"), ground=True)
+        parent = _body_index(f"{entry}: parent", bodies, values.pop("parent"), ground=True)
         if parent == child:
             raise EntryError(f"{entry}: child", "joins a body to itself", "name two different bodies")
     return Force(kind, parent, child, joint, values)
 
 
-def _torsion_joint(entry: str, joints: Iterable[JointEntry], name: str) -> str:
-    types = {joint.name: joint.type for joint in joints}
+def _torsion_joint(entry: str, types: Mapping[str, str], name: str) -> str:
     if name not in types:
         raise EntryError(entry, f'no joint is named "{name}"',
                          f"{nearest(name, types)}write one of {listed(types) or '(the scene has no joints)'}")

@@ -18,47 +18,52 @@ Rows: joints in file order, and within a joint positions before dot-1 for spheri
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from crosscheck.scene.joints import JOINT_TYPES, Row
 from crosscheck.scene.model import Joint, Scene
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 _ZERO = np.zeros(3)
+
+_AT_ONCE = 200_000
+"""Rows times states evaluated in one piece: beyond that the memory grows and the time does not fall."""
 
 
 @dataclasses.dataclass(frozen=True)
 class BodyVector:
-    """The vector R s of a body; every method returns world components, (T, 3)."""
+    """The vectors R s of K bodies; every method returns world components, (T, K, 3)."""
 
-    body: int
-    s: np.ndarray  # (3,) body axes
+    body: Any  # (K,) indices; an index before they are stacked
+    s: np.ndarray  # (K, 3) body axes
 
     def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """The vector itself; `x` is not looked at."""
-        found: np.ndarray = R[:, self.body] @ self.s
-        return found
+        """The vectors themselves; `x` is not looked at."""
+        return _turned(R[:, self.body], self.s)
 
     def rate(self, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """Its time derivative; `v` is not looked at."""
-        found: np.ndarray = np.einsum("tij,tj->ti", R[:, self.body], cross(w[:, self.body], self.s))
-        return found
+        """Their time derivatives; `v` is not looked at."""
+        return _turned(R[:, self.body], cross(w[:, self.body], self.s))
 
     def centripetal(self, R: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """The part of its second derivative that is quadratic in w."""
+        """The part of their second derivatives that is quadratic in w."""
         spin = w[:, self.body]
-        found: np.ndarray = np.einsum("tij,tj->ti", R[:, self.body], cross(spin, cross(spin, self.s)))
-        return found
+        return _turned(R[:, self.body], cross(spin, cross(spin, self.s)))
 
-    def add_rows(self, G: np.ndarray, R: np.ndarray, directions: np.ndarray) -> None:
-        """Add the rows of `directions` (T, r, 3) times the Jacobian of the vector to G (T, r, n + 1, 6)."""
+    def blocks(self, R: np.ndarray, directions: np.ndarray) -> Iterator[Block]:
+        """The rows of `directions` (T, K, r, 3) times the Jacobians of the vectors."""
         # e . d(R s) = (s x R^T e) . w
-        G[:, :, self.body, 3:] += cross(self.s, directions @ R[:, self.body])
+        yield self.body, None, cross(self.s[:, None], directions @ R[:, self.body])
 
 
 @dataclasses.dataclass(frozen=True)
 class Separation:
-    """The vector d from the parent's point to the child's, with the methods of `BodyVector`."""
+    """The vectors d from the parents' points to the children's, with the methods of `BodyVector`."""
 
     parent: BodyVector  # from its centre of mass to its point
     child: BodyVector
@@ -80,16 +85,16 @@ class Separation:
         found: np.ndarray = self.child.centripetal(R, w) - self.parent.centripetal(R, w)
         return found
 
-    def add_rows(self, G: np.ndarray, R: np.ndarray, directions: np.ndarray) -> None:
+    def blocks(self, R: np.ndarray, directions: np.ndarray) -> Iterator[Block]:
         """As with `BodyVector`."""
         for end, signed in ((self.child, directions), (self.parent, -directions)):
-            G[:, :, end.body, :3] += signed
-            end.add_rows(G, R, signed)
+            for body, _, angular in end.blocks(R, signed):
+                yield body, signed, angular
 
 
 @dataclasses.dataclass(frozen=True)
 class Basic:
-    """A basic constraint: (left . right - offset) / unit, or all of `right` where `left` is None.
+    """K basic constraints of one kind: (left . right - offset) / unit, or all of `right` where `left` is None.
 
     Equations (2.1) to (2.4) of docs/theory.md: dot-1 multiplies two axes, dot-2 an axis and a separation, distance a
     separation by itself; spherical is a separation alone. Every derivative follows from those of the factors by the
@@ -98,12 +103,12 @@ class Basic:
 
     left: BodyVector | Separation | None
     right: BodyVector | Separation
-    offset: float = 0.0
-    unit: float = 1.0
+    offset: Any = 0.0  # (K, 1)
+    unit: Any = 1.0  # (K, 1)
 
     @property
     def rows(self) -> int:
-        """Number of scalar equations."""
+        """Number of scalar equations of each."""
         return 3 if self.left is None else 1
 
     @property
@@ -112,35 +117,64 @@ class Basic:
         return isinstance(self.right, BodyVector)
 
     def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """Its rows of Phi, (T, rows)."""
+        """Its rows of Phi, (T, K, rows)."""
         q = self.right.value(x, R)
-        return q if self.left is None else (_dot(self.left.value(x, R), q) - self.offset) / self.unit
+        if self.left is None:
+            return q
+        rows: np.ndarray = (_dot(self.left.value(x, R), q) - self.offset) / self.unit
+        return rows
 
     def rate(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """Its rows of G u, (T, rows)."""
+        """Its rows of G u, (T, K, rows)."""
         dq = self.right.rate(R, v, w)
         if self.left is None:
             return dq
         rows: np.ndarray = _dot(self.left.rate(R, v, w), self.right.value(x, R)) + _dot(self.left.value(x, R), dq)
-        return rows / self.unit
+        rows /= self.unit
+        return rows
 
     def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """Its rows of gamma, (T, rows)."""
+        """Its rows of gamma, (T, K, rows)."""
         ddq = self.right.centripetal(R, w)
         if self.left is None:
             return ddq
         rows: np.ndarray = (_dot(self.left.centripetal(R, w), self.right.value(x, R))
                             + _dot(self.left.value(x, R), ddq)
                             + 2 * _dot(self.left.rate(R, v, w), self.right.rate(R, v, w)))
-        return rows / self.unit
+        rows /= self.unit
+        return rows
 
-    def add_rows(self, G: np.ndarray, x: np.ndarray, R: np.ndarray) -> None:
-        """Add its rows of the Jacobian to G (T, rows, n + 1, 6)."""
+    def blocks(self, x: np.ndarray, R: np.ndarray) -> Iterator[Block]:
+        """Its rows of the Jacobian, body by body; several blocks of one body add up."""
         if self.left is None:
-            self.right.add_rows(G, R, np.broadcast_to(np.eye(3), (len(x), 3, 3)))
+            count = np.shape(self.right.child.body)[0] if isinstance(self.right, Separation) else 1
+            yield from self.right.blocks(R, np.broadcast_to(np.eye(3), (len(x), count, 3, 3)))
             return
-        self.right.add_rows(G, R, self.left.value(x, R)[:, None] / self.unit)
-        self.left.add_rows(G, R, self.right.value(x, R)[:, None] / self.unit)
+        unit = np.asarray(self.unit)[..., None]
+        yield from self.right.blocks(R, self.left.value(x, R)[..., None, :] / unit)
+        yield from self.left.blocks(R, self.right.value(x, R)[..., None, :] / unit)
+
+
+Block = tuple[Any, "np.ndarray | None", np.ndarray]
+"""Bodies (K,), the derivatives (T, K, r, 3) by their velocities in the world (None: zero) and by their angular ones."""
+
+
+def _stacked(items: Sequence[Any]) -> Any:
+    """Vectors, separations or basic constraints of one kind as one of K."""
+    first = items[0]
+    if isinstance(first, BodyVector):
+        return BodyVector(np.array([item.body for item in items]), np.array([item.s for item in items]))
+    if isinstance(first, Separation):
+        return Separation(_stacked([item.parent for item in items]), _stacked([item.child for item in items]))
+    left = None if first.left is None else _stacked([item.left for item in items])
+    offset, unit = (np.array([[getattr(item, name)] for item in items]) for name in ("offset", "unit"))
+    return Basic(left, _stacked([item.right for item in items]), offset, unit)
+
+
+def _turned(R: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """R s over the last axes, broadcasting; the same sum for one state and for many."""
+    found: np.ndarray = R[..., 0] * s[..., :1] + R[..., 1] * s[..., 1:2] + R[..., 2] * s[..., 2:]
+    return found
 
 
 def cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -162,7 +196,7 @@ def normal_references(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray) -> list[Basic]:
-    """The basic constraints of a joint, in row order.
+    """The basic constraints of a joint, in row order, each for itself: `Constraints` stacks them.
 
     `parent_attitude` and `child_attitude` (3, 3), body to world, are the initial ones: prismatic and fixed joints
     keep the relative attitude they find there.
@@ -211,16 +245,21 @@ class Constraints:
         self.scene = scene
         attitudes = np.concatenate([scene.R0, np.eye(3)[None]])  # the ground is index -1, the last
         self.rows: dict[str, slice] = {}
-        self._basics: list[tuple[slice, Basic]] = []
         self.m = 0
+        kinds: dict[Any, tuple[list[Basic], list[int]]] = {}
         for joint in scene.joints:
             first = self.m
             for basic in basics(joint, attitudes[joint.parent], attitudes[joint.child]):
-                self._basics.append((slice(self.m, self.m + basic.rows), basic))
+                alike, starts = kinds.setdefault((type(basic.left), type(basic.right)), ([], []))
+                alike.append(basic)
+                starts.append(self.m)
                 self.m += basic.rows
             self.rows[joint.name] = slice(first, self.m)
-        self.dimensionless = np.array([basic.dimensionless for _, basic in self._basics for _ in range(basic.rows)],
-                                      dtype=bool)
+        self._basics: list[tuple[np.ndarray, Basic]] = [  # rows (K, rows of each)
+            (np.array(starts)[:, None] + np.arange(alike[0].rows), _stacked(alike)) for alike, starts in kinds.values()]
+        self.dimensionless = np.zeros(self.m, dtype=bool)
+        for rows, basic in self._basics:
+            self.dimensionless[rows] = basic.dimensionless
 
     def rows_without(self, body: int | None) -> np.ndarray:
         """Indices of the rows of all joints but those of one body."""
@@ -230,27 +269,28 @@ class Constraints:
 
     def position(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
         """Phi, (T, m)."""
-        x, R = _with_ground(x), _with_ground(R, np.eye(3))
-        phi = np.empty((len(x), self.m))
-        for rows, basic in self._basics:
-            phi[:, rows] = basic.value(x, R)
-        return phi
+        return self._evaluated(Basic.value, x, R)
 
     def velocity(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """G u, (T, m)."""
-        x, R, v, w = _with_ground(x), _with_ground(R, np.eye(3)), _with_ground(v), _with_ground(w)
-        rate = np.empty((len(x), self.m))
-        for rows, basic in self._basics:
-            rate[:, rows] = basic.rate(x, R, v, w)
-        return rate
+        return self._evaluated(Basic.rate, x, R, v, w)
 
     def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """gamma = d2Phi/dt2 - G du/dt, (T, m)."""
-        x, R, v, w = _with_ground(x), _with_ground(R, np.eye(3)), _with_ground(v), _with_ground(w)
-        gamma = np.empty((len(x), self.m))
-        for rows, basic in self._basics:
-            gamma[:, rows] = basic.gamma(x, R, v, w)
-        return gamma
+        return self._evaluated(Basic.gamma, x, R, v, w)
+
+    def _evaluated(self, quantity: Callable[..., np.ndarray], *state: np.ndarray) -> np.ndarray:
+        values = np.empty((len(state[0]), self.m))
+        for part in self._parts(len(values)):
+            x, R, *rates = (each[part] for each in state)
+            full = _with_ground(x), _with_ground(R, np.eye(3)), *(_with_ground(rate) for rate in rates)
+            for rows, basic in self._basics:
+                values[part, rows] = quantity(basic, *full)
+        return values
+
+    def _parts(self, times: int) -> list[slice]:
+        length = max(1, _AT_ONCE // max(1, self.m))
+        return [slice(first, first + length) for first in range(0, times, length)]
 
     def acceleration(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray,
                      alpha: np.ndarray) -> np.ndarray:
@@ -261,11 +301,36 @@ class Constraints:
     def jacobian(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
         """G, (T, m, 6n): per body in order three columns for v (world) and three for w (body axes)."""
         n = self.scene.n
-        x, R = _with_ground(x), _with_ground(R, np.eye(3))
         G = np.zeros((len(x), self.m, n + 1, 6))
-        for rows, basic in self._basics:
-            basic.add_rows(G[:, rows], x, R)
+        for part in self._parts(len(x)):
+            for rows, body, linear, angular in self._blocks(x[part], R[part]):
+                at = part, rows, body[:, None]
+                if linear is not None:
+                    G[(*at, slice(3))] += linear
+                G[(*at, slice(3, 6))] += angular
         return G[:, :, :n].reshape(len(x), self.m, 6 * n)
+
+    def sparse_jacobian(self, x: np.ndarray, R: np.ndarray) -> csr_array:
+        """G (m, 6n) of a single state, x (n, 3) and R (n, 3, 3), as a `scipy.sparse.csr_array`."""
+        from scipy.sparse import coo_array
+
+        entries: list[tuple[np.ndarray, ...]] = [(np.empty(0), np.empty(0, int), np.empty(0, int))]
+        for rows, body, linear, angular in self._blocks(x[None], R[None]):
+            for first, values in ((0, linear), (3, angular)):
+                if values is not None:
+                    columns = 6 * body[:, None, None] + first + np.arange(3)
+                    there = np.broadcast_to(columns >= 0, values[0].shape)
+                    entries.append((values[0][there], np.broadcast_to(rows[:, :, None], values[0].shape)[there],
+                                    np.broadcast_to(columns, values[0].shape)[there]))
+        data, row, column = (np.concatenate(each) for each in zip(*entries, strict=True))
+        return coo_array((data, (row, column)), shape=(self.m, 6 * self.scene.n)).tocsr()
+
+    def _blocks(self, x: np.ndarray, R: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, Any, np.ndarray]]:
+        """(rows (K, r), bodies (K,), the two parts of a `Block`) of all joints."""
+        x, R = _with_ground(x), _with_ground(R, np.eye(3))
+        for rows, basic in self._basics:
+            for body, linear, angular in basic.blocks(x, R):
+                yield rows, body, linear, angular
 
     def reactions(self, x: np.ndarray, R: np.ndarray, lam: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Force (T, 3) in N and torque (T, 3) in N m of each joint on its child, world axes, at the child's anchor."""
@@ -287,5 +352,6 @@ def _with_ground(values: np.ndarray, ground: np.ndarray = _ZERO) -> np.ndarray:
 
 
 def _dot(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    found: np.ndarray = np.einsum("tk,tk->t", p, q)[:, None]
-    return found
+    """p . q over the last axis, which stays with length 1."""
+    found: np.ndarray = p[..., 0] * q[..., 0] + p[..., 1] * q[..., 1] + p[..., 2] * q[..., 2]
+    return found[..., None]

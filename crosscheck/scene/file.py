@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,15 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.schema import EntryError, decode, listed, nearest
 
 _SUFFIXES = (".toml", ".json")
+
+MOST_BYTES = 64 * 2**20
+"""Of a scene file: twenty times those of a chain of ten thousand bodies, and the time to read them is a minute."""
+
+MOST_DOTS = 32
+"""In one key; a scene needs one ("drive.type")."""
+
+_KEY_PART = r"""(?:[A-Za-z0-9_-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')"""
+_DEEP_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*({_KEY_PART}(?:[ \t]*\.[ \t]*{_KEY_PART}){{{MOST_DOTS},}})", re.MULTILINE)
 
 
 def scene_names() -> tuple[str, ...]:
@@ -124,9 +134,29 @@ def _locate(name_or_path: str | os.PathLike[str]) -> Path:
     return _folder() / f"{text}.toml"
 
 
+def _text(path: Path) -> str:
+    """The text of a file; no more of it is read than a scene may have, and nothing of a pipe or a device."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise EntryError("the file", "is not a regular file", "give the path of a text file")
+    with open(path, "rb") as file:
+        content = file.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
+        raise EntryError("the file", f"is larger than {MOST_BYTES >> 20} MB", "describe a smaller system, or build the "
+                         "scene in Python")
+    return content.decode("utf-8-sig").replace("\r\n", "\n")
+
+
+def _check_depth(text: str) -> None:
+    """Python's reader of TOML takes a time that grows as the square of the parts of a dotted key."""
+    if deep := _DEEP_KEY.search(text):
+        line = text.count("\n", 0, deep.start(1)) + 1
+        raise EntryError("syntax", f"line {line}: a key has more than {MOST_DOTS} dots",
+                         "a scene has tables of keys and rows of numbers only")
+
+
 def _read(path: Path) -> dict[str, Any]:
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = _text(path)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise EntryError("the file", f"cannot be read, {reason}",
@@ -137,6 +167,8 @@ def _read(path: Path) -> dict[str, Any]:
         raise EntryError("the name of the file", "no file can have it",
                          f"correct it, or write one of {listed(scene_names())}") from None
     try:
+        if path.suffix == ".toml":
+            _check_depth(text)
         data = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text, object_pairs_hook=_distinct)
         json.dumps(data, ensure_ascii=False, default=str).encode()
     except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:

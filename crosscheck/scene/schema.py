@@ -22,6 +22,9 @@ SECOND = {"joints": ("reference_attitude", "position", "velocity", "armature", "
 LARGEST = 1e100
 """Magnitude of the largest number a scene may hold; products of three such still are doubles."""
 
+MOST_LISTED = 60
+"""Names in one message; there are forty built-in scenes."""
+
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 Quaternion = tuple[float, float, float, float]
@@ -165,8 +168,10 @@ _PLAIN_TYPES = {"float": "a number", "int": "a whole number", "str": "text", "bo
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names in quotes with commas, for a message."""
-    return ", ".join(f'"{name}"' for name in names)
+    """Names in quotes with commas, for a message; of very many the first."""
+    names = list(names)
+    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    return ", ".join(f'"{name}"' for name in names[:MOST_LISTED]) + more
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import collections
 import dataclasses
+import heapq
 from collections.abc import Iterable
 
 import numpy as np
@@ -41,24 +43,33 @@ def bodies_at(scene: Scene, state: Configuration) -> tuple[Body, ...]:
 
 def anchor_length(scene: Scene) -> float:
     """The largest anchor length, m; 1 m where all anchors are zero."""
-    anchors = [anchor for joint in scene.joints for anchor in (joint.parent_anchor, joint.child_anchor)]
-    return max((float(np.linalg.norm(anchor)) for anchor in anchors), default=0.0) or 1.0
-
+    anchors = np.array([(joint.parent_anchor, joint.child_anchor) for joint in scene.joints]).reshape(-1, 3)
+    return float(np.linalg.norm(anchors, axis=1).max(initial=0.0)) or 1.0
 
 
 def _outwards(draft: Draft, starts: Iterable[Start]) -> list[Start]:
     """Joints with given coordinates, each after the one that moves its parent."""
-    left, ordered = list(starts), []
+    left = list(starts)
     joints = draft.scene.joints
-    while left:
-        moved = {joints[start.joint].child for start in left}
-        start = next((start for start in left if joints[start.joint].parent not in moved), None)
-        if start is None:
-            name = joints[left[0].joint].name
-            raise EntryError(f'joints[{left[0].joint}] "{name}": position', "the joints with positions form a loop",
-                             "leave position and velocity out of the joint that closes it")
-        left.remove(start)
-        ordered.append(start)
+    movers = collections.Counter(joints[start.joint].child for start in left)  # joints that still have to move a body
+    carried: dict[int, list[int]] = {}
+    for index, start in enumerate(left):
+        carried.setdefault(joints[start.joint].parent, []).append(index)
+    ready = [index for index, start in enumerate(left) if not movers[joints[start.joint].parent]]
+    heapq.heapify(ready)
+    ordered = []
+    while ready:
+        ordered.append(left[heapq.heappop(ready)])
+        child = joints[ordered[-1].joint].child
+        movers[child] -= 1
+        if not movers[child]:
+            for index in carried.get(child, ()):
+                heapq.heappush(ready, index)
+    if len(ordered) < len(left):
+        first = next(start for start in left if start not in ordered)
+        raise EntryError(f'joints[{first.joint}] "{joints[first.joint].name}": position',
+                         "the joints with positions form a loop",
+                         "leave position and velocity out of the joint that closes it")
     return ordered
 
 
@@ -85,6 +96,8 @@ def attitudes(draft: Draft, state: Configuration) -> tuple[Configuration, dict[s
 
 def spins(draft: Draft, state: Configuration) -> tuple[Configuration, dict[str, np.ndarray]]:
     """Angular velocities that follow from joint coordinates, and by joint the rate of its anchors (parent's axes)."""
+    if not draft.starts:
+        return state, {}
     scene, w, speeds = draft.scene, state.w.copy(), {}
     R = np.concatenate([state.R, np.eye(3)[None]])
     now = coordinates.histories(scene.replace(bodies=bodies_at(scene, state)), States(
@@ -116,6 +129,8 @@ def _contradiction(draft: Draft, start: Start, key: str, gap: float, unit: str) 
 
 def check(draft: Draft, scene: Scene) -> None:
     """A given position or velocity of a body may have put the joint elsewhere than its coordinates say."""
+    if not draft.starts:
+        return
     found = coordinates.histories(scene, States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None],
                                                 scene.w0[None]))
     L = anchor_length(scene)

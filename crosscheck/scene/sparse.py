@@ -1,0 +1,50 @@
+"""Sparse algebra for the states of large scenes: cost and memory grow as the number of bodies."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+_SHIFT = 1e-12
+"""Of the (unit) diagonal of W W^T: factors exist where rows are redundant; the refinement removes what it changes."""
+
+_REFINEMENTS = 30
+
+
+def block_diagonal(blocks: np.ndarray) -> csr_array:
+    """The matrix (kn, kn) with the blocks (n, k, k) on its diagonal."""
+    from scipy.sparse import bsr_array
+
+    count, size, _ = blocks.shape
+    found: csr_array = bsr_array((blocks, np.arange(count), np.arange(count + 1)),
+                                 shape=(count * size, count * size)).tocsr()
+    return found
+
+
+def least_norm(W: csr_array, rhs: np.ndarray) -> np.ndarray:
+    """The shortest z with W z = rhs, which may have redundant rows as long as they agree.
+
+    z = W^T lam with (W W^T) lam = rhs, factored with a small shift and refined to rounding level: the error of an
+    eigenvalue s shrinks by shift / (s + shift) each time, and what lies in the null space does not reach z.
+    """
+    from scipy.sparse import diags_array, eye_array
+    from scipy.sparse.linalg import splu
+
+    sizes = np.sqrt(W.multiply(W).sum(axis=1))
+    scale = 1 / np.where(sizes > 0, sizes, 1.0)
+    W, rhs = (diags_array(scale) @ W).tocsr(), scale * rhs
+    factors = splu((W @ W.T + _SHIFT * eye_array(len(rhs))).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+                   options={"SymmetricMode": True})
+    z, best, left = np.zeros(W.shape[1]), np.inf, rhs
+    for _ in range(_REFINEMENTS):
+        z = z + W.T @ factors.solve(left)
+        left = rhs - W @ z
+        gap = float(np.abs(left).max())
+        if not gap < 0.5 * best:
+            break
+        best = gap
+    return z

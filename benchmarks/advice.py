@@ -50,12 +50,13 @@ def rivals(scene: Scene, engine: str, found: Advice) -> list[tuple[str, dict[str
     """(method, step or rtol, s) of runs no dearer than the advised one that meet its error."""
     better = []
     for way in ways(scene, [engine], default_form=True)[0]:
-        dear = 0
+        dear = failed = 0
         for size in sizes(scene, way):
             try:
                 traj = crosscheck.run(scene, engine, way.method, monitor=False, **size)
             except Exception:  # a run that fails meets no error
-                if size.get("step", 1.0) < (found.step or 0.0) / 4:
+                failed += 1
+                if failed > 25:
                     break
                 continue
             if error_of(scene, traj) <= found.wanted:

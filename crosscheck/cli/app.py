@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import os
+from typing import Annotated
 
 import typer
 
@@ -26,6 +28,27 @@ from crosscheck.errors import CrosscheckError
 app = typer.Typer(name="crosscheck", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
                   help="One multibody scene, many engines, every result measured against independent truth. Begin with "
                        "`crosscheck list` and `crosscheck verify --scene double_pendulum --profile smoke`.")
+
+
+@app.callback()
+def root(version: Annotated[bool, typer.Option("--version", help="versions of crosscheck and of the engines",
+                                               is_eager=True, callback=lambda asked: _print_versions(asked))] = False
+         ) -> None:
+    """Options before any subcommand."""
+
+
+def _print_versions(asked: bool) -> None:
+    if not asked:
+        return
+    from crosscheck import adapters
+    from crosscheck.running.provenance import engine_version
+
+    typer.echo(f"crosscheck {importlib.metadata.version('lieeuler-crosscheck')}")
+    for name in adapters.names():
+        typer.echo(f"{name} {engine_version(name)}")
+    raise typer.Exit
+
+
 for command in (verify, advise, run, truth, explain, inspect, support, report, paper, nightly, sweep):
     app.command()(command)
 app.command("list")(list_)

@@ -9,7 +9,9 @@ import typer
 
 from crosscheck.cli import options
 from crosscheck.cli.console import console, progress_bar
-from crosscheck.cli.options import Engines, chosen, figure, figures
+from crosscheck.cli.options import Engines, chosen
+from crosscheck.cli.options import figures as shown
+from crosscheck.cli.tables import figures, key, print_table, words
 
 
 def chaos(
@@ -37,16 +39,15 @@ def chaos(
 
 
 def _print(document: dict[str, Any]) -> None:
-    from rich.table import Table
-
     terminal = console(200)
-    table = Table("scene", "run", "horizon, s", "until, s", "energy error", "momentum error", "worst", "distance",
-                  "effective samples", "p", "verdict", box=None)
+    columns = [key("scene"), key("run"), *figures("horizon, s", "until, s", "energy error", "momentum error"),
+               words("worst"), *figures("distance", "effective samples", "p"), words("verdict")]
+    rows = []
     for run in document["runs"]:
-        values = figures(run[key] for key in ("horizon", "duration", "energy_error", "momentum_error"))
-        verdict = run["verdict"] or f"{run['status']}: {run['reason']}"
-        table.add_row(run["scene"], run["label"], *values, run["worst"],
-                      *figures(run[key] for key in ("distance", "effective")), figure(run["p"]), verdict)
-    terminal.print(table)
+        begin = shown(run[name] for name in ("horizon", "duration", "energy_error", "momentum_error"))
+        rows.append((run["scene"], run["label"], *begin, run["worst"],
+                     *shown(run[name] for name in ("distance", "effective", "p")),
+                     run["verdict"] or f"{run['status']}: {run['reason']}"))
+    print_table(terminal, columns, rows)
     terminal.print(f"One false alarm in {1 / document['false_alarm']:.0f} studies: the smallest p of a way counts "
                   "against that over the number of all comparisons.")

@@ -10,6 +10,7 @@ import typer
 from crosscheck.cli import options
 from crosscheck.cli.console import console, progress_bar
 from crosscheck.cli.options import Engines, chosen
+from crosscheck.cli.tables import figures, key, print_table, words
 
 
 def drift(
@@ -34,18 +35,17 @@ def drift(
 
 
 def _print(document: dict[str, Any]) -> None:
-    from rich.table import Table
-
-    terminal = console(220)
-    table = Table("scene", "run", "steps", "s", "energy band", "slope, 1/s", "slope T / band", "growth", "energy",
-                  "momentum band", "momentum", "position, m", "velocity, m/s", "orthogonality", box=None)
+    columns = [key("scene"), key("run"), *figures("steps", "s"), words("energy"),
+               *figures("energy band", "slope, 1/s", "slope T / band", "growth", "momentum band"), words("momentum"),
+               *figures("position, m", "velocity, m/s", "orthogonality")]
+    rows = []
     for run in document["runs"]:
-        if run["status"] != "success":
-            table.add_row(run["scene"], run["label"], f"{run['steps']:,}", "", "", "", "", "",
-                          f"{run['status']}: {run['reason']}")
-            continue
-        table.add_row(run["scene"], run["label"], f"{run['steps']:,}", f"{run['wall_time']:.3g}",
-                      *(f"{run[key]:.2g}" for key in ("energy_band", "energy_slope", "energy_trend", "energy_growth")),
-                      run["energy_verdict"], f"{run['momentum_band']:.1e}", run["momentum_verdict"],
-                      *(f"{run[key]:.1e}" for key in ("constraint_position", "constraint_velocity", "orthogonality")))
-    terminal.print(table)
+        if run["status"] == "success":
+            energy = (f"{run[f'energy_{name}']:.2g}" for name in ("band", "slope", "trend", "growth"))
+            held = (f"{run[name]:.1e}" for name in ("constraint_position", "constraint_velocity", "orthogonality"))
+            rows.append((run["scene"], run["label"], f"{run['steps']:,}", f"{run['wall_time']:.3g}",
+                         run["energy_verdict"], *energy, f"{run['momentum_band']:.1e}", run["momentum_verdict"], *held))
+        else:
+            rows.append((run["scene"], run["label"], f"{run['steps']:,}", "", f"{run['status']}: {run['reason']}",
+                         *[""] * 9))
+    print_table(console(220), columns, rows)

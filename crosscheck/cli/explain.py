@@ -9,6 +9,7 @@ import typer
 
 from crosscheck.cli.console import console
 from crosscheck.cli.options import figure
+from crosscheck.cli.tables import figures, key, print_table, words
 from crosscheck.files import finite
 
 
@@ -39,28 +40,25 @@ def explain(
 
 def _print(answer: Any) -> None:
     """The page: verdict, what was seen, evidence, what to change."""
-    from rich.table import Table
-
     terminal = console(160)
     mark = {"agrees": "✓", "named": "✗", "unknown": "?"}[answer.outcome]
     terminal.print(f"{mark} {answer.sentence}", style={"agrees": "green", "named": "bold red"}.get(answer.outcome,
                                                                                                  "bold yellow"))
-    seen = Table(box=None, show_header=False, pad_edge=False)
-    seen.add_row("difference from truth for vanishing steps", f"{answer.deviation:.1e}", "largest of |dx|/L, |dR|, "
-                 f"|dv|/(L W), |dw|/W in the first {answer.window:.3g} s; L longest lever, W fastest rate of the scene")
-    seen.add_row("doubt of that difference", f"{answer.noise:.1e}", "")
+    seen = [("difference from truth for vanishing steps", f"{answer.deviation:.1e}", "largest of |dx|/L, |dR|, "
+             f"|dv|/(L W), |dw|/W in the first {answer.window:.3g} s; L longest lever, W fastest rate of the scene"),
+            ("doubt of that difference", f"{answer.noise:.1e}", "")]
     if answer.explained is not None:
-        seen.add_row("left of it once truth has the cause too", f"{answer.explained:.1e}", "")
+        seen.append(("left of it once truth has the cause too", f"{answer.explained:.1e}", ""))
     if answer.documented_order is not None:
         observed = "at rounding" if answer.observed_order is None else f"{answer.observed_order:.2f}"
-        seen.add_row("observed order", observed, f"documented {answer.documented_order}")
-    terminal.print(seen)
+        seen.append(("observed order", observed, f"documented {answer.documented_order}"))
+    print_table(terminal, [key(""), *figures(""), words("")], seen)
     if answer.evidence:
-        table = Table("", "hypothesis", "residual before", "after", "fitted", "residual of", box=None, pad_edge=False,
-                      title=f"evidence, {answer.tried} hypotheses tried (✓ explains, · does not)", title_justify="left")
-        for each in answer.evidence:
-            table.add_row("✓" if each.holds else "·", each.hypothesis, figure(each.before), figure(each.after),
-                          "; ".join(text for text in (each.magnitude, each.note) if text), each.quantity)
-        terminal.print(table)
+        rows = [("✓" if each.holds else "·", each.hypothesis, figure(each.before), figure(each.after),
+                 "; ".join(text for text in (each.magnitude, each.note) if text), each.quantity)
+                for each in answer.evidence]
+        print_table(terminal, [*figures(""), key("hypothesis"), *figures("residual before", "after"), words("fitted"),
+                               words("residual of")], rows,
+                    f"evidence, {answer.tried} hypotheses tried (✓ explains, · does not)")
     for cause in answer.causes:
         terminal.print(f"what to change: {cause.mend} ({cause.name})")

@@ -10,12 +10,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crosscheck.cli.console import console
+from crosscheck.cli.tables import figures, key, print_table, words
 from crosscheck.errors import ArgumentError
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
 
 app = typer.Typer(name="history", no_args_is_help=True, help="The runs in the store, their changes and trends.")
+
+EMPTY = ("the store has no run yet: `crosscheck nightly` makes one, `crosscheck history add reports/latest` takes in "
+         "one of `crosscheck verify`")
+
+OUTCOME = "outcome"
+"""Not a figure, but a column of `show` all the same: `trend` tells where it changed."""
 
 Store = Annotated[str | None, typer.Option("--store", help="an SQLite file or postgresql://...; default: "
                                            "CROSSCHECK_STORE, else reports/history.sqlite")]
@@ -25,18 +32,20 @@ Run = Annotated[str, typer.Argument(help="name of a run, its beginning, or lates
 @app.command("list")
 def list_(store: Store = None, limit: Annotated[int, typer.Option(help="the last so many")] = 20) -> None:
     """The last runs, the newest first."""
-    from rich.table import Table
-
     from crosscheck.history.store import recent
 
-    table = Table("run", "profile", "exit", "compared with", "commit", "machine", "engines", box=None, pad_edge=False)
+    rows = []
     with _opened(store) as opened:
         for run in recent(opened, limit):
             engines = ", ".join(f"{name} {version}" for name, version in sorted(run.versions["engine"].items()))
             machine = f"{run.environment['processor']}, {run.environment['cores']} cores"
-            table.add_row(run.name, run.profile, str(run.exit_code), "yes" if run.good else "",
-                          run.environment["commit"], machine, engines)
-    console(200).print(table)
+            rows.append((run.name, run.profile, str(run.exit_code), "yes" if run.good else "",
+                         run.environment["commit"] or "", machine, engines))
+    if not rows:
+        typer.echo(EMPTY)
+        return
+    columns = [key("run"), *figures("profile", "exit", "compared with", "commit"), words("machine"), words("engines")]
+    print_table(console(200), columns, rows)
 
 
 @app.command()
@@ -44,8 +53,6 @@ def show(run: Run = "latest", store: Store = None,
          scene: Annotated[str | None, typer.Option(help="only this scene")] = None,
          metric: Annotated[list[str] | None, typer.Option(help="may be repeated")] = None) -> None:
     """The figures of one run."""
-    from rich.table import Table
-
     from crosscheck.history.store import find, load
 
     wanted = metric or ["position error", "position order", "energy error", "us per step", "speed ratio"]
@@ -55,15 +62,15 @@ def show(run: Run = "latest", store: Store = None,
     for name in wanted:
         if metric and name not in known:
             raise ArgumentError(_no("metric", name, known))
-    table = Table("scene", "run", "outcome", *wanted, box=None, pad_edge=False)
+    rows = []
     for result in found.results.values():
         if scene in (None, result.key[0]):
-            figures = [result.figures.get(name) for name in wanted]
-            table.add_row(result.key[0], result.label, result.outcome,
-                          *("" if figure is None else f"{figure.value:.4g}" for figure in figures))
+            found_here = [result.figures.get(name) for name in wanted]
+            rows.append((result.key[0], result.label, result.outcome,
+                         *("" if figure is None else f"{figure.value:.4g}" for figure in found_here)))
     typer.echo(f"{found.name}: {found.command}, exit code {found.exit_code}, "
                f"commit {found.environment['commit'] or 'unknown'}")
-    console(200).print(table)
+    print_table(console(200), [key("scene"), key("run"), *figures("outcome", *wanted)], rows)
 
 
 @app.command()
@@ -87,7 +94,7 @@ def compare(before: Run, after: Run = "latest", store: Store = None) -> None:
 
 @app.command()
 def trend(
-    metric: Annotated[str, typer.Argument(help="as `crosscheck history show` names it, such as \"speed ratio\"")],
+    metric: Annotated[str, typer.Argument(help="a column of `crosscheck history show`, such as \"speed ratio\"")],
     scene: Annotated[str, typer.Option(help="name of the scene")],
     engine: Annotated[str, typer.Option(help="name of the engine")],
     method: Annotated[str, typer.Option(help="name of the method")],
@@ -99,26 +106,43 @@ def trend(
     """One figure through the runs, its change points marked ◆."""
     from crosscheck.history import changes
     from crosscheck.history.page import write_page
-    from crosscheck.history.store import figure_names, series
+    from crosscheck.history.store import figure_names, outcomes, series
 
+    cell = (scene, engine, method, form, coarse)
+    if metric == OUTCOME:
+        with _opened(store) as opened:
+            _print_outcomes(outcomes(opened, cell))
+        return
     with _opened(store) as opened:
-        found = series(opened, metric, (scene, engine, method, form, coarse))
+        found = series(opened, metric, cell)
         if not found:
-            raise ArgumentError(_no("metric", metric, figure_names(opened, (scene, engine, method, form, coarse))))
-    figures = [figure for _, figure in found]
-    changed = changes.change_points(figures)
-    unit = "" if figures[0].unit == "1" else f" {figures[0].unit}"
+            raise ArgumentError(_no("metric", metric, figure_names(opened, cell)))
+    series_of = [figure for _, figure in found]
+    changed = changes.change_points(series_of)
+    unit = "" if series_of[0].unit == "1" else f" {series_of[0].unit}"
     label = f"{engine} {method}" + (f" ({form})" if form else "")
     typer.echo(f"{metric} of {label} on {scene}, {len(found)} runs")
-    typer.echo(changes.sparkline([figure.value for figure in figures])
-               + f"  {figures[0].value:.4g} -> {figures[-1].value:.4g}{unit}")
+    typer.echo(changes.sparkline([figure.value for figure in series_of])
+               + f"  {series_of[0].value:.4g} -> {series_of[-1].value:.4g}{unit}")
     typer.echo("".join("◆" if index in changed else " " for index in range(len(found))).rstrip())
     for index in changed:
-        typer.echo(f"◆ {found[index][0].name}: {figures[index - 1].value:.4g} -> {figures[index].value:.4g}{unit}, "
+        typer.echo(f"◆ {found[index][0].name}: {series_of[index - 1].value:.4g} -> {series_of[index].value:.4g}{unit}, "
                    f"commit {found[index][0].environment.get('commit') or 'unknown'}")
     if page is not None:
         write_page(page, found, scene, engine, label)
         typer.echo(f"page: {page}")
+
+
+def _print_outcomes(found: list[tuple[str, str]]) -> None:
+    """A line for every run at which the outcome became another one."""
+    from itertools import groupby
+
+    if not found:
+        raise ArgumentError(_no("metric", OUTCOME, []))
+    typer.echo(f"{OUTCOME}, {len(found)} run{'' if len(found) == 1 else 's'}")
+    for outcome, runs in groupby(found, key=lambda each: each[1]):
+        names = [name for name, _ in runs]
+        typer.echo(f"{outcome}: {len(names)} run{'' if len(names) == 1 else 's'} from {names[0]} on")
 
 
 @app.command()

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from crosscheck.cli.states_csv import write_csv
 from crosscheck.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from crosscheck.running.trajectory import Trajectory
+    from crosscheck.scene.model import Scene
 
 
 def run(
@@ -46,14 +50,17 @@ def run(
     if csv_file is not None:
         write_csv(loaded, traj, csv_file)
     if csv_file != "-":
-        _print_run(loaded, traj, csv_file)
+        _print_run(loaded, traj, csv_file, step)
 
 
-def _print_run(scene: Any, traj: Any, csv_file: str | None) -> None:
+def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: float | None) -> None:
     used = traj.stats.get("step")
     typer.echo(f"{traj.engine} {traj.method}{f' ({traj.form})' if traj.form else ''}: {traj.status}, {traj.steps} steps"
                + (f" of {used:.6g} s" if used else "") + f", {1e3 * traj.wall_time:.3g} ms of stepping, "
                f"{1e6 * traj.wall_time / max(1, traj.steps):.3g} us per step")
+    if asked and used and used < asked * (1 - 1e-9):
+        typer.echo(f"the step asked for, {asked:g} s, does not divide the {traj.t[1] - traj.t[0]:g} s between two "
+                   "output times: it was shortened to the next that does")
     for body, position in zip(scene.bodies, traj.x[-1], strict=True):
         typer.echo(f"{body.name}: x({traj.t[-1]:g} s) = ({', '.join(f'{value:.12g}' for value in position)}) m")
     levels = [(name, getattr(traj, f"constraint_{name}"), unit)

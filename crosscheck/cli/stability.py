@@ -9,7 +9,9 @@ import typer
 
 from crosscheck.cli import options
 from crosscheck.cli.console import console, progress_bar
-from crosscheck.cli.options import Engines, chosen, figure, figures
+from crosscheck.cli.options import Engines, chosen, figure
+from crosscheck.cli.options import figures as shown
+from crosscheck.cli.tables import figures, key, print_table, words
 
 
 def stability(
@@ -36,27 +38,23 @@ def stability(
 
 
 def _print(document: dict[str, Any]) -> None:
-    from rich.table import Table
-
     terminal = console(200)
-    table = Table("scene", "run", "h_max, s", "steps", "error there", "ms", "common step, s", "error there", "unusable",
-                  box=None)
-    for row in document["rows"]:
-        if row["outcome"] == "unsupported":
-            continue
-        largest = figure(row["h_max"], row["outcome"])
-        common = figure(row["common_error"], row["common_outcome"])
-        table.add_row(row["scene"], f"{row['engine']} {row['method']}", largest,
-                      "" if row["steps"] is None else str(row["steps"]), figure(row["error"]),
-                      figure(row["milliseconds"]), figure(row["common_step"]), common, row["failures"] or row["reason"])
-    terminal.print(table)
-    best = Table("scene", "largest in-house step, s", "", "largest of the stock engines", "", "ratio",
-                 "of all others, with steppers added here", "", "ratio", box=None)
+    columns = [key("scene"), key("run"), *figures("h_max, s", "steps", "error there", "ms", "common step, s"),
+               words("error there"), words("unusable")]
+    rows = [(row["scene"], f"{row['engine']} {row['method']}", figure(row["h_max"], row["outcome"]),
+             "" if row["steps"] is None else str(row["steps"]), figure(row["error"]), figure(row["milliseconds"]),
+             figure(row["common_step"]), figure(row["common_error"], row["common_outcome"]),
+             row["failures"] or row["reason"])
+            for row in document["rows"] if row["outcome"] != "unsupported"]
+    print_table(terminal, columns, rows)
+    best = [key("scene"), *figures("largest in-house step, s"), words("by"), *figures("largest of the stock engines"),
+            words("by"), *figures("ratio", "of all others, with steppers added here"), words("by"), *figures("ratio")]
+    lines = []
     for line in document["scenes"]:
-        own, stock, ratio, other, ratio_any = figures(
-            line[key] for key in ("own_h_max", "stock_h_max", "ratio", "any_h_max", "ratio_any"))
-        best.add_row(line["scene"], own, line["own"], stock, line["stock"], ratio, other, line["any"], ratio_any)
-    terminal.print(best)
+        own, stock, ratio, other, ratio_any = shown(
+            line[name] for name in ("own_h_max", "stock_h_max", "ratio", "any_h_max", "ratio_any"))
+        lines.append((line["scene"], own, line["own"], stock, line["stock"], ratio, other, line["any"], ratio_any))
+    print_table(terminal, best, lines)
     left = sum(row["outcome"] == "unsupported" for row in document["rows"])
     terminal.print(f"{len(document['rows'])} ways, {left} of them unsupported by their engine (reasons in the table), "
                   f"{document['meta']['seconds']:.0f} s with {document['meta']['jobs']} worker processes")

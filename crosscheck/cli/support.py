@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crosscheck.cli.console import console
+from crosscheck.cli.tables import figures, key, print_table
 
 if TYPE_CHECKING:
     from crosscheck.running.support import Support
@@ -17,40 +18,47 @@ def support(
     reasons: Annotated[bool, typer.Option(help="say why what is missing is missing")] = True,
 ) -> None:
     """Which joints, forces and systems each engine can model, in which form, and why not the rest."""
-    from rich.table import Table
-
     from crosscheck import adapters
     from crosscheck.running.support import matrix
 
     found = matrix(engine or None)
     columns = list(dict.fromkeys((entry.engine, entry.form) for entry in found))
     cells = {(entry.engine, entry.form, entry.kind, entry.item): entry for entry in found}
-    table = Table("", "", *(f"{name}\n{form or ''}" for name, form in columns), box=None)
-    last = ""
+    notes = _notes(found)
+    rows, last = [], ""
     for kind, item in dict.fromkeys((entry.kind, entry.item) for entry in found):
+        if kind != last:
+            rows.append((f"{kind}:", *("" for _ in columns)))
         row = [cells[name, form, kind, item] for name, form in columns]
-        table.add_row(kind if kind != last else "", item, *(_cell(entry, len(adapters.methods(entry.engine)))
-                                                            for entry in row))
+        rows.append((f"  {item}", *(_cell(entry, len(adapters.methods(entry.engine)), notes if reasons else {})
+                                   for entry in row)))
         last = kind
     terminal = console(160)
-    terminal.print(table)
-    terminal.print("yes: by all methods; a / b: by a of b methods")
+    print_table(terminal, [key(""), *figures(*(f"{name} {form or ''}".strip() for name, form in columns))], rows)
+    terminal.print("yes: by all methods; a/b: by a of b methods; -: not at all" + ("; [n]: why not" if reasons else ""),
+                   markup=False)
     if reasons:
-        for line in _reasons(found):
-            terminal.print(line, markup=False)
+        for (label, reason), number in notes.items():
+            terminal.print(f"[{number}] {label}: {reason}", markup=False)
 
 
-def _cell(entry: Support, methods: int) -> str:
-    if not entry.methods:
-        return "-"
-    return "yes" if len(entry.methods) == methods else f"{len(entry.methods)} / {methods}"
-
-
-def _reasons(found: tuple[Support, ...]) -> list[str]:
-    """One line for every engine, form and reason, with the items it holds for."""
-    items: dict[tuple[str, str], list[str]] = {}
+def _notes(found: tuple[Support, ...]) -> dict[tuple[str, str], int]:
+    """Numbers of the footnotes: one for every engine, form and reason."""
+    notes: dict[tuple[str, str], int] = {}
     for entry in found:
         if entry.reason is not None:
-            label = f"{entry.engine} {entry.form or ''}".strip()
-            items.setdefault((label, entry.reason.replace(f"type {entry.item}", "this type")), []).append(entry.item)
-    return [f"{label}, {', '.join(dict.fromkeys(names))}: {reason}" for (label, reason), names in items.items()]
+            notes.setdefault(_note(entry), len(notes) + 1)
+    return notes
+
+
+def _note(entry: Support) -> tuple[str, str]:
+    label = f"{entry.engine} {entry.form or ''}".strip()
+    return label, (entry.reason or "").replace(f"type {entry.item}", "this type")
+
+
+def _cell(entry: Support, methods: int, notes: dict[tuple[str, str], int]) -> str:
+    number = notes.get(_note(entry))
+    note = "" if number is None else f" [{number}]"
+    if not entry.methods:
+        return f"-{note}"
+    return f"yes{note}" if len(entry.methods) == methods else f"{len(entry.methods)}/{methods}{note}"

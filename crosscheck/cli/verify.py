@@ -11,6 +11,7 @@ import typer
 
 from crosscheck.cli.console import progress_bar
 from crosscheck.cli.options import EngineNames, SceneNames
+from crosscheck.errors import ArgumentError
 
 
 def verify(
@@ -36,6 +37,8 @@ def verify(
     from crosscheck.verification import job
     from crosscheck.verification.guarded import limits
 
+    if jobs < 1:
+        raise ArgumentError(f"--jobs: at least 1 is wanted, not {jobs}")
     own = overrides.read(tolerance_file, tol or ())
     job.check_out(out)
     within = limits(time_limit, memory_limit)

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from crosscheck.cli import options
 from crosscheck.cli.console import console, progress_bar
-from crosscheck.cli.options import Engines, chosen, figure, figures
+from crosscheck.cli.options import Engines, chosen, figure
+from crosscheck.cli.options import figures as shown
+from crosscheck.cli.tables import figures, key, print_table, words
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 SHOWN = (1, 4, 7)
 """Levels of the table of all methods, among those of `crosscheck.studies.frontier.LEVELS`."""
@@ -36,35 +41,29 @@ def work_precision(
 
 
 def _print(document: dict[str, Any]) -> None:
-    from rich.table import Table
-
     terminal = console(180)
+    columns = [*figures("end error, m"), words("fastest"), words("best of lieeuler"), *figures("ms"),
+               words("best of the others"), *figures("ms", "factor", "heyoka, ms", "to heyoka")]
     for scene in document["scenes"]:
         if scene["failure"]:
             terminal.print(f"{scene['name']}: no truth: {scene['failure']}", markup=False)
             continue
-        table = Table("end error, m", "fastest", "best of lieeuler", "ms", "best of the others", "ms", "factor",
-                      "heyoka, ms", "to heyoka", box=None, title=f"{scene['name']}, {scene['duration']:g} s",
-                      title_justify="left")
+        rows = []
         for front in scene["frontier"]["end position"]:
-            own, other, factor, bound, to_bound = figures(
-                (front[key] for key in ("own_cost", "other_cost", "factor", "bound_cost", "to_bound")), "-")
-            table.add_row(f"{front['level']:.0e}", front["winner"] or "-", front["own"] or "-", own,
-                          front["other"] or "-", other, factor, bound, to_bound)
-        terminal.print(table)
-        terminal.print(_by_method(scene))
+            own, other, factor, bound, to_bound = shown(
+                (front[name] for name in ("own_cost", "other_cost", "factor", "bound_cost", "to_bound")), "-")
+            winner, best, rival = (front[name] or "-" for name in ("winner", "own", "other"))
+            rows.append((f"{front['level']:.0e}", winner, best, own, rival, other, factor, bound, to_bound))
+        print_table(terminal, columns, rows, f"{scene['name']}, {scene['duration']:g} s")
+        _print_methods(terminal, scene)
         counts = {status: sum(rung["status"] == status for rung in scene["rungs"])
                   for status in ("success", "error", "skipped")}
         terminal.print(f"{counts['success']} runs, {counts['error']} failed, {counts['skipped']} left out; medians of "
                       f"{document['meta']['repeats']}\n")
 
 
-def _by_method(scene: dict[str, Any]) -> Any:
-    from rich.table import Table
-
-    fronts = scene["frontier"]["end position"]
-    table = Table("ms to an end error of", *(f"{fronts[index]['level']:.0e}" for index in SHOWN), box=None)
-    labels = dict.fromkeys(label for index in reversed(SHOWN) for label in fronts[index]["costs"])
-    for label in labels:
-        table.add_row(label, *(figure(fronts[index]["costs"].get(label), "-") for index in SHOWN))
-    return table
+def _print_methods(terminal: Console, scene: dict[str, Any]) -> None:
+    fronts = [scene["frontier"]["end position"][index] for index in SHOWN]
+    labels = dict.fromkeys(label for front in reversed(fronts) for label in front["costs"])
+    print_table(terminal, [key("ms to an end error of"), *figures(*(f"{front['level']:.0e}" for front in fronts))],
+                [(label, *(figure(front["costs"].get(label), "-") for front in fronts)) for label in labels])

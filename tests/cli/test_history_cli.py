@@ -44,6 +44,19 @@ def test_show_has_the_figures_of_one_run(store):
         history("show", "--metric", "sped ratio", store=store)
 
 
+def test_trend_takes_every_column_of_show(store):
+    header = history("show", store=store).stdout.splitlines()[1]
+    for column in ("outcome", "position error", "speed ratio"):
+        assert column in header
+        assert "6 runs" in history("trend", column, *CELL, store=store).stdout
+
+
+def test_an_empty_history_says_what_to_do(tmp_path):
+    text = history("list", store=str(tmp_path / "empty.sqlite")).stdout
+    assert "crosscheck nightly" in text
+    assert "crosscheck history add" in text
+
+
 def test_compare_names_what_became_worse(store):
     done = history("compare", "2026-11-03", "2026-11-04", store=store)
     assert done.exit_code == 1

@@ -13,6 +13,7 @@ from crosscheck.history.store.runs import (
     figure_names,
     find,
     load,
+    outcomes,
     recent,
     run_from_document,
     save,
@@ -22,4 +23,4 @@ from crosscheck.history.store.runs import (
 )
 
 __all__ = ["DEFAULT", "StoredResult", "StoredRun", "Usual", "baseline", "figure_names", "find", "load", "open_store",
-           "recent", "run_from_document", "save", "series", "set_good", "usual"]
+           "outcomes", "recent", "run_from_document", "save", "series", "set_good", "usual"]

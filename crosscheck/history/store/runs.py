@@ -294,3 +294,17 @@ def figure_names(store: Engine, key: CellKey) -> list[str]:
                      t.results.c.form == form, t.results.c.practical == practical))
     with store.connect() as connection:
         return list(connection.execute(wanted).scalars())
+
+
+def outcomes(store: Engine, key: CellKey, limit: int = 200) -> list[tuple[str, str]]:
+    """Name of a run and outcome of one cell in it, through the last runs, the oldest first."""
+    import sqlalchemy
+
+    t = tables()
+    scene, engine, method, form, practical = key
+    wanted = (sqlalchemy.select(t.runs.c.name, t.results.c.outcome).join(t.results, t.results.c.run_id == t.runs.c.id)
+              .where(t.results.c.scene == scene, t.results.c.engine == engine, t.results.c.method == method,
+                     t.results.c.form == form, t.results.c.practical == practical)
+              .order_by(t.runs.c.started.desc(), t.runs.c.id.desc()).limit(limit))
+    with store.connect() as connection:
+        return [(name, outcome) for name, outcome in connection.execute(wanted)][::-1]

@@ -61,6 +61,7 @@ class Members:
         """How far a second formulation is from these states; raises `TruthError` beyond what conditioning explains."""
         from crosscheck import references
         from crosscheck.references import maximal, taylor
+        from crosscheck.references.agreement import Solved, agree
 
         conditions = self._conditions
         count = int(np.count_nonzero(member.t <= conditions.horizon * (1 + 1e-12)))
@@ -68,8 +69,11 @@ class Members:
             raise TruthError(f"{member.name!r}: a perturbation of 1e-15 grows to 1e-10 before the first output time")
         other = maximal.Maximal(member)
         allowed = max(references.FLOOR, references.ROUNDOFF * conditions.within_horizon)
-        return references.compare(member, states, other.run(member.t[:count]), count, (taylor.SOURCE, other.source),
-                                  allowed)
+        own = Solved(states, taylor.SOURCE)
+        found = agree(member, own, Solved(other.run(member.t[:count]), other.source), count, allowed)
+        if found.chosen is not own:
+            raise TruthError(f"{member.name!r}: the formulations disagree: {found.outvoted}")
+        return found.difference
 
     @functools.cached_property
     def _conditions(self) -> Conditioning:

@@ -153,9 +153,9 @@ def add(folder: Annotated[Path, typer.Argument(help="a report, or its results.js
 
     path = folder if folder.suffix == ".json" else folder / "results.json"
     document = read_document(path)
-    name = f"{document['meta']['time'].removesuffix(' UTC').replace(' ', 'T').replace(':', '-')}-{_digest(path)}"
+    name = f"{document.meta.time.removesuffix(' UTC').replace(' ', 'T').replace(':', '-')}-{_digest(path)}"
     with _opened(store) as opened:
-        new = save(opened, run_from_document(name, document, good=document["exit_code"] == 0))
+        new = save(opened, run_from_document(name, document, good=document.exit_code == 0))
     typer.echo(f"{'added' if new else 'already there'}: {name}")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -34,29 +34,23 @@ def verify(
     from crosscheck.cli.verdicts import print_verdicts
     from crosscheck.jobs.resume import resumable
     from crosscheck.judge import overrides
+    from crosscheck.report import folder, schema
     from crosscheck.verification import job
     from crosscheck.verification.guarded import limits
 
     if jobs < 1:
         raise ArgumentError(f"--jobs: at least 1 is wanted, not {jobs}")
     own = overrides.read(tolerance_file, tol or ())
-    job.check_out(out)
+    folder.check_out(out)
     within = limits(time_limit, memory_limit)
     identity = job.fingerprint(profile, scene, engine, within, dataclasses.astuple(within), own)
     with resumable(out, identity, job.JOURNAL_TYPES) as kept, progress_bar() as progress:
         if kept.results:
             typer.echo(f"going on with a run that was killed: {kept.results} results are kept", err=True)
         results = job.verify(profile, scene, engine, jobs, progress, kept.journal, within, own)
-        page = job.write(results, out)
+        page = folder.write(results, out)
     if as_json:
-        typer.echo(json.dumps(_brief(results.plain(), page), indent=1))
+        typer.echo(json.dumps(schema.plain(results) | {"report": str(page)}, indent=1))
     else:
         print_verdicts(results, page)
     raise typer.Exit(results.exit_code)
-
-
-def _brief(document: dict[str, Any], page: Path) -> dict[str, Any]:
-    """The document without its curves, which only the report needs."""
-    scenes = [{key: value for key, value in scene.items() if key != "curves"} for scene in document["scenes"]]
-    records = [{key: value for key, value in record.items() if key != "curves"} for record in document["records"]]
-    return {**document, "scenes": scenes, "records": records, "report": str(page)}

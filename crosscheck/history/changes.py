@@ -8,6 +8,9 @@ import statistics
 from collections.abc import Sequence
 from typing import Any
 
+from msgspec.structs import replace
+
+from crosscheck.document import Change
 from crosscheck.history.store.figures import SPEED, Figure
 from crosscheck.history.store.runs import CellKey, StoredResult, StoredRun, Usual
 from crosscheck.verification.trust import NOISE_DEVIATIONS, NOISE_RATIO
@@ -17,26 +20,6 @@ KINDS = ("run", "outcome", "accuracy", "speed", "missing", "version", "truth", "
 
 RANKS = {"pass": 0, "known": 0, "unsupported": 1, "unjudged": 1, "fail": 2, "error": 3}
 """How bad an outcome is: a change to a higher one is a finding."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Change:
-    """One difference between two runs; empty texts where it is about more than one scene, engine or method."""
-
-    kind: str  # one of `KINDS`
-    scene: str
-    engine: str
-    method: str  # with the form and the coarse step, as on the pages
-    quantity: str
-    before: float | str | None
-    after: float | str | None
-    text: str  # one clause, with its units
-    bad: bool  # whether it is a finding, or only worth knowing
-
-    @property
-    def who(self) -> str:
-        """Engine and method."""
-        return f"{self.engine} {self.method}".strip()
 
 
 def compare(before: StoredRun, after: StoredRun, usual: dict[CellKey, Usual] | None = None) -> list[Change]:
@@ -53,8 +36,8 @@ def compare(before: StoredRun, after: StoredRun, usual: dict[CellKey, Usual] | N
     changes = _versions(before, after)
     common = machine_factor(before, after)
     if common is not None and not 1 / NOISE_RATIO <= common <= NOISE_RATIO:
-        changes.append(Change("machine", "", "", "", SPEED, 1.0, common, f"most engines alike took {common:.2f} times "
-                              "as long beside the calibration kernel: the machine, and no change of an engine", False))
+        changes.append(_general("machine", "", SPEED, 1.0, common, f"most engines alike took {common:.2f} times as "
+                                "long beside the calibration kernel: the machine, and no change of an engine"))
     for key in before.results.keys() | after.results.keys():
         old, new = before.results.get(key), after.results.get(key)
         if old is None or new is None:
@@ -90,14 +73,20 @@ def _stray(usual: dict[CellKey, Usual], key: CellKey) -> float:
 
 def _once_a_scene(changes: list[Change]) -> list[Change]:
     """The same with an edited scene told once and not for every run of it."""
-    edited = {change.scene: dataclasses.replace(change, engine="", method="") for change in changes
+    edited = {change.scene: replace(change, engine="", method="") for change in changes
               if change.kind == "scene"}
     return [change for change in changes if change.kind != "scene"] + list(edited.values())
 
 
 def _cell(kind: str, result: StoredResult, quantity: str, before: Any, after: Any, text: str, bad: bool) -> Change:
     method = result.label.removeprefix(f"{result.key[1]} ")
-    return Change(kind, result.key[0], result.key[1], method, quantity, before, after, text, bad)
+    return Change(kind=kind, scene=result.key[0], engine=result.key[1], method=method, quantity=quantity,
+                  before=before, after=after, text=text, bad=bad)
+
+
+def _general(kind: str, engine: str, quantity: str, before: Any, after: Any, text: str, bad: bool = False) -> Change:
+    return Change(kind=kind, scene="", engine=engine, method="", quantity=quantity, before=before, after=after,
+                  text=text, bad=bad)
 
 
 def _versions(before: StoredRun, after: StoredRun) -> list[Change]:
@@ -108,12 +97,11 @@ def _versions(before: StoredRun, after: StoredRun) -> list[Change]:
         for name in sorted(old.keys() | new.keys()):
             if old.get(name) != new.get(name):
                 a, b = old.get(name, "absent"), new.get(name, "absent")
-                changes.append(Change("version", "", name, "", "version", a, b, f"version {a}, now {b}", False))
+                changes.append(_general("version", name, "version", a, b, f"version {a}, now {b}"))
     for name in ("python", "processor", "cores"):
         former, now = before.environment.get(name), after.environment.get(name)
         if former != now:
-            changes.append(Change("version", "", name, "", "version", str(former), str(now), f"{former}, now {now}",
-                                  False))
+            changes.append(_general("version", name, "version", str(former), str(now), f"{former}, now {now}"))
     return changes
 
 
@@ -205,7 +193,7 @@ def _engine_speeds(before: StoredRun, after: StoredRun, common: float, usual: di
         if len(factors) >= FEWEST and beyond_noise(Figure(SPEED, "1", 1.0), Figure(SPEED, "1", middle, noise)):
             text = (f"{middle:.2f} times the time per step, the median of its {len(factors)} runs; spread between them "
                     f"{deviation:.0%}")
-            changes.append(Change("speed", "", engine, "", SPEED, 1.0, middle, text, middle > 1))
+            changes.append(_general("speed", engine, SPEED, 1.0, middle, text, middle > 1))
     return changes
 
 

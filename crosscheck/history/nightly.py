@@ -17,12 +17,15 @@ import shlex
 import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from msgspec.structs import replace
+
+from crosscheck.document import Change, Document
 from crosscheck.errors import ArgumentError
 from crosscheck.files import replacing
 from crosscheck.history import store
-from crosscheck.history.changes import Change, compare
+from crosscheck.history.changes import compare
 from crosscheck.history.store.figures import SPEED
 from crosscheck.history.summary import summary
 from crosscheck.jobs.journal import Journal
@@ -31,7 +34,7 @@ if TYPE_CHECKING:
     from sqlalchemy import Engine
 
     from crosscheck.jobs.grid import Limits
-    from crosscheck.verification.job import Progress, Results
+    from crosscheck.verification.job import Progress
 
 NAME = re.compile(r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ-[0-9a-f]{4}")
 """Folders that are ours: the time (UTC) a run began, and a few digits in case two machines share a store."""
@@ -110,16 +113,15 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
     try:
         results = job.verify(wanted.profile, wanted.scenes, wanted.engines, wanted.jobs, progress, journal,
                                 wanted.limits)
-        results.meta |= {"command": wanted.command, "started": heading["started"],
-                         "time": heading["started"].replace("T", " ")[:16] + " UTC"}
-        changes, before = _compared(results, heading["name"], history_store, journal, wanted.limits)
-        results.meta["seconds"] = journal.seconds
+        results = replace(results, meta=replace(
+            results.meta, command=wanted.command, started=heading["started"],
+            time=heading["started"].replace("T", " ")[:16] + " UTC"))
+        results, before = _compared(results, heading["name"], history_store, journal, wanted.limits)
+        document = replace(results, meta=replace(results.meta, seconds=journal.seconds))
     finally:
         journal.close()
-    exit_code = max(results.exit_code, int(any(change.bad for change in changes)))
-    document = results.plain() | {"changes": None if before is None else [dataclasses.asdict(change)
-                                                                          for change in changes]}
-    document["meta"]["compared_with"] = None if before is None else before.name
+    changes = document.changes or []
+    exit_code = max(document.exit_code, int(any(change.bad for change in changes)))
     text = summary(document, heading["name"], before, exit_code, out / LATEST / "index.html")
     # A kill between these leaves a later step undone; going on does it, and none of them harms when done twice.
     store.save(history_store, store.run_from_document(heading["name"], document, good=exit_code == 0))
@@ -186,30 +188,25 @@ def _begin(out: Path, wanted: Wanted) -> tuple[dict[str, str], bool]:
     return heading, False
 
 
-def _compared(results: Results, name: str, history_store: Engine, journal: Journal, limits: Limits | None
-              ) -> tuple[list[Change], store.StoredRun | None]:
-    """Changes since the last good run, those of speed only where they show again and again, and that run."""
-    run = _as_stored(name, results)
+def _compared(results: Document, name: str, history_store: Engine, journal: Journal, limits: Limits | None
+              ) -> tuple[Document, store.StoredRun | None]:
+    """The document with the changes since the last good run, those of speed only where they show again and again, and
+    that run; with the times as they were measured last."""
+    run = store.run_from_document(name, results)
     before = store.baseline(history_store, run)
     if before is None:
-        return [], None
+        return results, None
     usual = store.usual(history_store, run, SPEED)
     found = compare(before, run, usual)
     doubtful = {_cell_of(change) for change in found if change.kind == "speed"}
     for attempt in range(1, CONFIRMATIONS + 1):
         if not doubtful:
             break
-        _measure_again(results, doubtful, f"again {attempt}", journal, limits)
-        found = compare(before, _as_stored(name, results), usual)
+        results = _measured_again(results, doubtful, f"again {attempt}", journal, limits)
+        found = compare(before, store.run_from_document(name, results), usual)
         doubtful &= {_cell_of(change) for change in found if change.kind == "speed"}
-    return [change for change in found if change.kind != "speed" or _cell_of(change) in doubtful], before
-
-
-def _as_stored(name: str, results: Results) -> store.StoredRun:
-    """The run as the store will have it; the curves, which are most of a document, are left out before it is copied."""
-    light = dataclasses.replace(results, scenes=[scene | {"curves": {}} for scene in results.scenes],
-                                records=[dataclasses.replace(record, curves={}) for record in results.records])
-    return store.run_from_document(name, light.plain())
+    kept = [change for change in found if change.kind != "speed" or _cell_of(change) in doubtful]
+    return replace(results, changes=kept, meta=replace(results.meta, compared_with=before.name)), before
 
 
 def _cell_of(change: Change) -> tuple[str, str, bool]:
@@ -217,8 +214,8 @@ def _cell_of(change: Change) -> tuple[str, str, bool]:
     return change.scene, change.who, change.bad
 
 
-def _measure_again(results: Results, doubtful: set[tuple[str, str, bool]], name: str, journal: Journal,
-                   limits: Limits | None) -> None:
+def _measured_again(results: Document, doubtful: set[tuple[str, str, bool]], name: str, journal: Journal,
+                    limits: Limits | None) -> Document:
     from crosscheck.jobs.journal import Stages
     from crosscheck.judge.plan import profile
     from crosscheck.verification import job
@@ -226,14 +223,18 @@ def _measure_again(results: Results, doubtful: set[tuple[str, str, bool]], name:
 
     cells = {(scene, label) for scene, label, _ in doubtful}
     # A change of a whole engine names no scene.
-    chosen = [record for record in results.records
+    chosen = [index for index, record in enumerate(results.records)
               if (record.scene, record.label) in cells or ("", record.engine) in cells]
     stages = Stages(1, journal, lambda label: None)
-    measure_speed(chosen, profile(results.meta["profile"]).speed, stages, limits, name)
-    job.recommend(results)
+    timed, _ = measure_speed([results.records[index] for index in chosen], profile(results.meta.profile).speed, stages,
+                             limits, name)
+    records = list(results.records)
+    for index, record in zip(chosen, timed, strict=True):
+        records[index] = record
+    return job.document(results.meta, results.scenes, records, results.support)
 
 
-def _publish(out: Path, name: str, document: dict[str, Any], text: str) -> Path:
+def _publish(out: Path, name: str, document: Document, text: str) -> Path:
     """Write the report aside and rename it once it is on the disk."""
     from crosscheck.report import write_report
 

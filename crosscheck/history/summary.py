@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import datetime
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+from crosscheck.document import Change, Document
 from crosscheck.history.store import StoredRun
 from crosscheck.report.headline import headline, sentence
 from crosscheck.report.overview import worst_first
@@ -21,16 +22,16 @@ VERDICTS = {0: "good", 1: "look at this", 2: "NOT ALL COULD BE JUDGED"}
 """By the exit code."""
 
 
-def summary(document: dict[str, Any], name: str, before: StoredRun | None, exit_code: int, page: Path) -> str:
+def summary(document: Document, name: str, before: StoredRun | None, exit_code: int, page: Path) -> str:
     """About twenty lines; the first says all that somebody has to know who reads no further: `headline`."""
-    meta, changes = document["meta"], document["changes"] or []
-    findings = [change for change in changes if change["bad"]]
-    notes = [change for change in changes if not change["bad"]]
-    length = datetime.timedelta(seconds=round(meta["seconds"]))
-    lines = [f"crosscheck nightly {meta['time']}: {VERDICTS[exit_code]}. {headline(document)}.",
-             f"{_count(len(document['records']), 'run')} of {_count(len(document['scenes']), 'scene')} on "
-             + ", ".join(f"{engine} {version}" for engine, version in meta["engines"].items())
-             + f"; {length} on {meta['machine']['cores']} cores; commit {meta['commit'] or 'unknown'}",
+    meta, changes = document.meta, document.changes or []
+    findings = [change for change in changes if change.bad]
+    notes = [change for change in changes if not change.bad]
+    length = datetime.timedelta(seconds=round(meta.seconds))
+    lines = [f"crosscheck nightly {meta.time}: {VERDICTS[exit_code]}. {headline(document)}.",
+             f"{_count(len(document.records), 'run')} of {_count(len(document.scenes), 'scene')} on "
+             + ", ".join(f"{engine} {version}" for engine, version in meta.engines.items())
+             + f"; {length} on {meta.machine.cores} cores; commit {meta.commit or 'unknown'}",
              "first run, nothing to compare with" if before is None else
              f"compared with {before.name} (commit {before.environment.get('commit') or 'unknown'})"]
     lines += _listed("Findings", grouped(findings)) + _listed("Worth knowing", grouped(notes))
@@ -49,15 +50,15 @@ def _listed(title: str, lines: list[str]) -> list[str]:
     return ["", f"{title}:", *(f"- {line}" for line in lines[:MOST_LINES]), *more]
 
 
-def grouped(changes: list[dict[str, Any]]) -> list[str]:
+def grouped(changes: Sequence[Change]) -> list[str]:
     """One line per kind, engine and method with the scenes it concerns; methods of which the same is told share one."""
-    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    groups: dict[tuple[str, str, str], list[Change]] = {}
     for change in changes:
-        groups.setdefault((change["kind"], change["engine"], change["method"]), []).append(change)
+        groups.setdefault((change.kind, change.engine, change.method), []).append(change)
     alike: dict[tuple[str, str, str], list[str]] = {}
     for (kind, engine, method), each in groups.items():
-        scenes = list(dict.fromkeys(change["scene"] for change in each if change["scene"]))
-        text = f"{_places(scenes)}: {each[0]['text']}"
+        scenes = list(dict.fromkeys(change.scene for change in each if change.scene))
+        text = f"{_places(scenes)}: {each[0].text}"
         alike.setdefault((kind, engine, text.replace(method, "…") if method else text), []).append(method)
     lines = []
     for (kind, engine, text), methods in alike.items():
@@ -73,16 +74,16 @@ def _places(scenes: list[str]) -> str:
     return f" on {scenes[0]}" if len(scenes) == 1 else f" on {len(scenes)} scenes, for one {scenes[0]}"
 
 
-def _failures(document: dict[str, Any]) -> list[str]:
+def _failures(document: Document) -> list[str]:
     """One line per scene without the truth it should have, and per engine and sort of failure, new ones first."""
-    broken = [f"{scene['name']}: {scene.get('failure') or scene.get('no_truth')}" for scene in document["scenes"]
-              if "failure" in scene or scene.get("disputed")]
-    lost = {scene["name"] for scene in document["scenes"] if "failure" in scene}
-    records = [record for record in document["records"] if record["outcome"] in ("fail", "error")
-               and record["scene"] not in lost]
-    for group in worst_first(records, document["changes"]):
-        worst = group["runs"][0][0]
-        several = f"{group['why']}, {len(group['runs'])} runs on {_count(group['scenes'], 'scene')}, worst "
-        broken.append(f"{group['engine']}: {several if len(group['runs']) > 1 else ''}"
-                      f"{worst['label']} on {worst['scene']}, {textwrap.shorten(sentence(worst), LONGEST)}")
+    broken = [f"{scene.name}: {scene.failure or scene.no_truth}" for scene in document.scenes
+              if scene.failure or scene.disputed]
+    lost = {scene.name for scene in document.scenes if scene.failure}
+    records = [record for record in document.records if record.outcome in ("fail", "error")
+               and record.scene not in lost]
+    for group in worst_first(records, document.changes):
+        worst = group.runs[0][0]
+        several = f"{group.why}, {len(group.runs)} runs on {_count(group.scenes, 'scene')}, worst "
+        broken.append(f"{group.engine}: {several if len(group.runs) > 1 else ''}"
+                      f"{worst.label} on {worst.scene}, {textwrap.shorten(sentence(worst), LONGEST)}")
     return broken

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.document import Finding
 from crosscheck.judge import tolerances
 from crosscheck.judge.metrics import attitude_angle
-from crosscheck.judge.verdict import Finding
 from crosscheck.references.base import Reference
 from crosscheck.scene import mechanics
 from crosscheck.scene.model import Scene
@@ -84,7 +84,7 @@ def _reset(scene: Scene, traj: Any, truth: Reference) -> Finding:
                  np.abs(states.R - states.R[0]).max(axis=(1, 2, 3)),
                  np.abs(states.v - states.v[0]).max(axis=(1, 2)) / (scale.length * scale.rate),
                  np.abs(states.w - states.w[0]).max(axis=(1, 2)) / scale.rate]
-        return np.max(parts, axis=0)
+        return np.asarray(np.max(parts, axis=0))
 
     count = _judged_times(truth)
     back = ((distance(traj) <= SAME) & (distance(truth.states) > ELSEWHERE))[:count]

@@ -11,12 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from crosscheck.document import QUANTITIES, Errors, Order
 from crosscheck.errors import ArgumentError
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import States
-
-QUANTITIES = {"position": "m", "attitude": "rad", "velocity": "m/s", "angular velocity": "rad/s"}
-"""The quantities compared with truth, and their units."""
+from crosscheck.scene.states import Motion
 
 PLATEAU = 8.0
 """An error below this many rounding floors carries too much noise to take part in an order fit: at 8 floors the
@@ -30,27 +28,30 @@ SETTLED = 0.05
 class Error:
     """Error of one quantity against truth over a run."""
 
-    quantity: str
     unit: str
-    end: float  # max over bodies at the last time
-    max: float  # max over bodies and times
-    time: float  # s, where the maximum is
-    body: str  # which body has it
+    times: np.ndarray  # (T,) s
     series: np.ndarray  # (T,) max over bodies
+    body: str  # which has the largest
 
+    @property
+    def end(self) -> float:
+        """At the last time."""
+        return float(self.series[-1])
 
-@dataclasses.dataclass(frozen=True)
-class Order:
-    """Order fitted to errors at several steps."""
+    @property
+    def max(self) -> float:
+        """The largest."""
+        return float(self.series.max())
 
-    observed: float | None  # None where fewer than three steps lie above the rounding plateau
-    used: int  # steps that took part
-    pairs: tuple[float, ...]  # orders between neighbouring steps, all of them, coarse to fine
-    note: str = ""
-    settled: bool = True  # the last three orders between neighbouring steps above the plateau agree within `SETTLED`
-    exhausted: bool = False  # the finest step lies on the plateau, a finer one would show nothing but rounding
-    finest: float | None = None  # order between the two finest steps above the plateau, where orders rise towards it
-    rounding: float = 0.0  # largest error at the finer steps at which errors fall no more
+    @property
+    def time(self) -> float:
+        """s, of the largest."""
+        return float(self.times[int(np.argmax(self.series))])
+
+    @property
+    def figures(self) -> Errors:
+        """As the document has it."""
+        return Errors(unit=self.unit, end=self.end, max=self.max, time=self.time, body=self.body)
 
 
 def attitude_angle(R: np.ndarray, S: np.ndarray) -> np.ndarray:
@@ -62,10 +63,10 @@ def attitude_angle(R: np.ndarray, S: np.ndarray) -> np.ndarray:
     D = np.swapaxes(R, -1, -2) @ S
     twice_sine = np.sqrt((D[..., 2, 1] - D[..., 1, 2]) ** 2 + (D[..., 0, 2] - D[..., 2, 0]) ** 2
                          + (D[..., 1, 0] - D[..., 0, 1]) ** 2)
-    return np.arctan2(twice_sine, np.trace(D, axis1=-2, axis2=-1) - 1.0)
+    return np.asarray(np.arctan2(twice_sine, np.trace(D, axis1=-2, axis2=-1) - 1.0))
 
 
-def differences(one: States, other: States) -> dict[str, np.ndarray]:
+def differences(one: Motion, other: Motion) -> dict[str, np.ndarray]:
     """Per quantity the norm of the difference, (T, n), of two runs at the same times."""
     if one.t.shape != other.t.shape or not np.allclose(one.t, other.t, rtol=0, atol=1e-9 * max(1.0, one.t[-1])):
         raise ArgumentError(f"the runs have different output times ({len(one.t)} up to {one.t[-1]:g} s and "
@@ -78,7 +79,7 @@ def differences(one: States, other: States) -> dict[str, np.ndarray]:
     }
 
 
-def errors(scene: Scene, run: States, truth: States, until: float = np.inf) -> dict[str, Error]:
+def errors(scene: Scene, run: Motion, truth: Motion, until: float = np.inf) -> dict[str, Error]:
     """Errors of a run against truth per quantity, over the samples up to the time `until` (s).
 
     Times where the run is not finite count as infinitely wrong: a run that blew up has no small error.
@@ -88,9 +89,8 @@ def errors(scene: Scene, run: States, truth: States, until: float = np.inf) -> d
     result = {}
     for quantity, values in differences(run, truth).items():
         values = np.where(np.isfinite(values[keep]), values[keep], np.inf)
-        sample, body = np.unravel_index(int(np.argmax(values)), values.shape)
-        result[quantity] = Error(quantity, QUANTITIES[quantity], float(values[-1].max()), float(values[sample, body]),
-                                 float(times[sample]), scene.bodies[body].name, values.max(axis=1))
+        body = int(np.unravel_index(int(np.argmax(values)), values.shape)[1])
+        result[quantity] = Error(QUANTITIES[quantity], times, values.max(axis=1), scene.bodies[body].name)
     return result
 
 
@@ -146,11 +146,12 @@ def observed_order(steps: Sequence[float], values: Sequence[float], plateau: Pla
     first = max(first, last - (finest or last))
     used = max(0, last - first) if good.any() else 0
     if used < 3:
-        return Order(None, used, neighbours, f"only {used} of {len(h)} steps lie above the rounding plateau", settled,
-                     exhausted, rounding=rounding)
+        return Order(observed=None, documented=plateau.order, used=used, pairs=neighbours, settled=settled,
+                     note=f"only {used} of {len(h)} steps lie above the rounding plateau", exhausted=exhausted,
+                     rounding=rounding)
     rising = len(recent) == 3 and bool((np.diff(recent) > 0).all())
-    return Order(_slope(h[first:last], e[first:last]), used, neighbours, settled=settled, exhausted=exhausted,
-                 finest=float(recent[-1]) if rising else None, rounding=rounding)
+    return Order(observed=_slope(h[first:last], e[first:last]), documented=plateau.order, used=used, pairs=neighbours,
+                 settled=settled, exhausted=exhausted, finest=float(recent[-1]) if rising else None, rounding=rounding)
 
 
 def _slope(h: np.ndarray, e: np.ndarray) -> float:

@@ -8,9 +8,11 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
+from msgspec.structs import replace
+
+from crosscheck.document import Finding
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.judge.tolerances import BOUNDS, BY_USER
-from crosscheck.judge.verdict import Record
 
 Overrides = tuple[tuple[str, float, str], ...]
 """(kind of finding, bound in its unit, reason)."""
@@ -72,20 +74,20 @@ def _bound(where: str, value: Any) -> tuple[float, str]:
     return float(value), why
 
 
-def override(record: Record, overrides: Overrides) -> None:
-    """Judge the findings of a record by the user's bounds where he set some.
+def override(findings: Sequence[Finding], overrides: Overrides) -> list[Finding]:
+    """The findings of a run, judged by the user's bounds where he set some.
 
     Figures without a bound of their own are judged too. A plan's step that is too coarse for the computed bounds of
     positions and attitudes is no fault where the user set both.
     """
     bounds = {name: (value, why) for name, value, why in overrides}
     if {"position", "attitude"} <= set(bounds):
-        record.findings = [finding for finding in record.findings if finding.kind != "step"]
-    for finding in record.findings:
-        if finding.kind not in bounds or finding.value is None:
-            continue
-        finding.bound, finding.why = bounds[finding.kind]
-        good = finding.value >= finding.bound if finding.kind.startswith("order") else finding.value <= finding.bound
-        finding.status = "ok" if good else "fail"
-        if finding.kind in record.errors:
-            record.errors[finding.kind] |= {"judged": finding.value, "bound": finding.bound, "why": finding.why}
+        findings = [finding for finding in findings if finding.kind != "step"]
+    found = []
+    for finding in findings:
+        if finding.kind in bounds and finding.value is not None:
+            bound, why = bounds[finding.kind]
+            good = finding.value >= bound if finding.kind.startswith("order") else finding.value <= bound
+            finding = replace(finding, bound=bound, why=why, status="ok" if good else "fail")
+        found.append(finding)
+    return found

@@ -7,48 +7,11 @@ import math
 
 import numpy as np
 
+from crosscheck.document import Plan
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import tolerances
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import GROUND, Scene
-
-EULER = ("DAE3L_LE", "DAE2L_LE", "DAE2L_LSE", "DAE1L_LSE", "DAE3H_LE", "DAE2H_LE", "DAE2H_LSE", "DAE1H_LSE")
-"""The eight Lie group Euler methods of [P1], in the order of its tables (doi:10.1177/1687814019842406)."""
-
-
-@dataclasses.dataclass(frozen=True)
-class ScenePlan:
-    """Steps for one scene.
-
-    `steps` maps a documented order to the step (s) of the main run over the whole scene, `ladders` to the steps of the
-    order study over the first `window` seconds, coarse to fine. Orders that are not listed use the next lower one.
-    """
-
-    window: float
-    steps: dict[int, float]
-    ladders: dict[int, tuple[float, ...]]
-    rtol: float = 1e-9
-    practical: float | None = None  # s; first-order methods also run at this step, for what a user meets who starts so
-    samples: int = 251  # output times of the main run: smooth curves on a screen, and no more
-    duration: float | None = None  # s; main runs end here where the scene itself is longer
-    budgeted: bool = False  # a budget of steps decided, so that no bound may be able to judge a run
-
-    @property
-    def most_steps(self) -> float:
-        """Steps of the finest run of the order studies, over the window."""
-        return max((self.window / ladder[-1] for ladder in self.ladders.values()), default=0.0)
-
-    def step(self, order: int) -> float:
-        """Step (s) of the main run of a method of this order."""
-        return self.steps[max(key for key in self.steps if key <= order)]
-
-    def ladder(self, order: int, rungs: int | None = None) -> tuple[float, ...]:
-        """Steps (s) of the order study; where `rungs` asks for fewer, those that show the order best.
-
-        Low orders show it in their finest steps, high ones in their coarsest, above the rounding plateau.
-        """
-        steps = self.ladders[max(key for key in self.ladders if key <= order)]
-        return steps if rungs is None else steps[-rungs:] if order <= 2 else steps[:rungs]
 
 
 def halved(coarsest: float, rungs: int = 4) -> tuple[float, ...]:
@@ -74,14 +37,14 @@ STUDY_SAMPLES = 6
 # the ladder of an order has to end above the plateau for the best of them. The top turns at 150 rad/s, so that
 # its steps are shorter and its order study covers two turns of it.
 PLANS = {
-    "single_pendulum": ScenePlan(1.0, {1: 1e-3}, {
+    "single_pendulum": Plan(1.0, {1: 1e-3}, {
         1: EULER_LADDER, 4: halved(2e-2), 5: halved(4e-2), 6: parts(0.2, 4, 6, 8, 10), 8: parts(0.2, 1, 2, 3, 4)}),
-    "double_pendulum": ScenePlan(1.0, {1: 4e-5, 2: 1e-3}, {
+    "double_pendulum": Plan(1.0, {1: 4e-5, 2: 1e-3}, {
         1: EULER_LADDER, 4: halved(5e-3), 5: parts(0.2, 10, 15, 20, 30), 8: parts(0.2, 10, 12, 14, 16)}),
-    "triple_pendulum": ScenePlan(2.0, {1: 4e-5, 2: 1e-3}, {
+    "triple_pendulum": Plan(2.0, {1: 4e-5, 2: 1e-3}, {
         1: EULER_LADDER, 4: halved(2e-2), 5: halved(1e-2), 6: parts(0.4, 12, 16, 20, 24),
         8: parts(0.4, 16, 20, 24, 28)}),
-    "heavy_top": ScenePlan(0.1, {1: 5e-6, 2: 2e-5, 4: 1e-4, 8: 5e-4}, {
+    "heavy_top": Plan(0.1, {1: 5e-6, 2: 2e-5, 4: 1e-4, 8: 5e-4}, {
         1: halved(4e-5), 2: halved(2e-4), 4: halved(4e-3), 6: parts(0.02, 5, 6, 8, 10), 8: parts(0.02, 4, 6, 8, 10)},
         practical=1e-3),
 }
@@ -90,7 +53,7 @@ SHARE = 0.01
 """A step chosen by rule makes the bound of the error this share of the scene's size."""
 
 
-def plan_from_truth(scene: Scene, truth: Reference) -> ScenePlan:
+def plan_from_truth(scene: Scene, truth: Reference) -> Plan:
     """Steps for a scene that has no plan of its own, such that the bounds judge; `truth` of its first seconds."""
     window = float(truth.t[-1])
     scale = tolerances.scales(scene, truth)
@@ -99,14 +62,14 @@ def plan_from_truth(scene: Scene, truth: Reference) -> ScenePlan:
         size = truth.amplification * window * tolerances.derivative(truth, order + 1, scale)
         step = (SHARE / max(size, tolerances.EPS)) ** (1 / order)
         steps[order] = _readable(min(step, window / 20))
-    return ScenePlan(window, steps, {order: halved(4 * step) for order, step in steps.items()})
+    return Plan(window, steps, {order: halved(4 * step) for order, step in steps.items()})
 
 
-def plan_without_truth(scene: Scene) -> ScenePlan:
+def plan_without_truth(scene: Scene) -> Plan:
     """Steps for a scene whose truth nobody knows: shares of the time in which it falls or turns by about a radian."""
     unit = natural_time(scene)
     steps = {order: _readable(min(share * unit, scene.duration / 20)) for order, share in ((1, 1e-3), (2, 1e-2))}
-    return ScenePlan(min(1.0, scene.duration), steps, {})
+    return Plan(min(1.0, scene.duration), steps, {})
 
 
 def natural_time(scene: Scene) -> float:
@@ -122,7 +85,7 @@ def _readable(step: float) -> float:
     return max(digit for digit in (1, 2, 5) if digit * power <= step * (1 + 1e-12)) * power
 
 
-PENDING = ScenePlan(0.0, {}, {})
+PENDING = Plan(0.0, {}, {})
 """Stands in a cell until the truth of its scene has chosen the plan."""
 
 RTOLS = (1e-4, 1e-6, 1e-8, 1e-10)

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.document import QUANTITIES, Finding, Order
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import tolerances
-from crosscheck.judge.metrics import QUANTITIES, Order, errors
+from crosscheck.judge.metrics import errors
 from crosscheck.judge.tolerances import Tol
-from crosscheck.judge.verdict import Finding
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States

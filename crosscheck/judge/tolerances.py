@@ -15,7 +15,8 @@ import tomllib
 
 import numpy as np
 
-from crosscheck.judge.metrics import QUANTITIES, Plateau
+from crosscheck.document import QUANTITIES, Scales
+from crosscheck.judge.metrics import Plateau
 from crosscheck.references.base import Reference
 from crosscheck.references.rates import fastest
 from crosscheck.scene.model import GROUND, Scene
@@ -57,30 +58,6 @@ class Tol:
     why: str
 
 
-@dataclasses.dataclass(frozen=True)
-class Scales:
-    """Sizes of a scene that turn errors of states into errors of everything else; from the scene and its truth."""
-
-    length: float  # m, the longest lever from a centre of mass to a joint
-    speed: float  # m/s, largest speed of a centre of mass
-    rate: float  # rad/s, W': largest angular speed, or the rate of falling through the length where that is larger
-    unit_rate: float  # rad/s, W: the same at the start; the unit in which truth perturbs velocities
-    reach: float  # m, farthest centre of mass from the origin
-    kinetic: float  # J, largest kinetic energy
-    momentum: float  # kg m^2/s, what the angular momentum could be at these speeds
-
-    @property
-    def units(self) -> dict[str, float]:
-        """What an error of one in the state y is in each compared quantity, see above."""
-        return {"position": self.length, "attitude": 1.0, "velocity": self.length * self.rate,
-                "angular velocity": self.rate}
-
-    def of(self, quantity: str) -> float:
-        """Size of a compared quantity, in its unit: an error beyond this says nothing any more."""
-        return {"position": max(self.length, self.reach), "attitude": 1.0, "velocity": self.speed,
-                "angular velocity": self.rate}[quantity]
-
-
 def scales(scene: Scene, truth: Reference) -> Scales:
     """Sizes of a scene along its true motion."""
     levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
@@ -95,8 +72,9 @@ def scales(scene: Scene, truth: Reference) -> Scales:
                      + np.einsum("tik,ikl,til->t", states.w, scene.inertias, states.w))
     speed, reach = (float(np.linalg.norm(values, axis=-1).max()) for values in (states.v, states.x))
     inertia = float(np.linalg.norm(scene.inertias, ord=2, axis=(1, 2)).sum())
-    return Scales(length, speed, max(float(rates.max()), fall), max(float(rates[0].max()), fall) or 1.0, reach,
-                  float(kinetic.max()), float(scene.masses.sum() * reach * speed + inertia * rates.max()))
+    return Scales(length=length, speed=speed, rate=max(float(rates.max()), fall),
+                  unit_rate=max(float(rates[0].max()), fall) or 1.0, reach=reach, kinetic=float(kinetic.max()),
+                  momentum=float(scene.masses.sum() * reach * speed + inertia * rates.max()))
 
 
 def derivative(truth: Reference, order: int, scale: Scales) -> float:
@@ -126,8 +104,8 @@ def grading(scene: Scene) -> float:
 
 def rounding(scene: Scene, truth: Reference, size: float, steps: int) -> float:
     """What rounding alone may do to a quantity of this size in that many steps, on top of the doubt of truth itself."""
-    return (truth.error * max(1.0, size)
-            + grading(scene) * EPS * size * truth.amplification * max(1, steps) ** 0.6)
+    return float(truth.error * max(1.0, size)
+                 + grading(scene) * EPS * size * truth.amplification * max(1, steps) ** 0.6)
 
 
 def plateau(scene: Scene, truth: Reference, size: float, order: int) -> Plateau:

@@ -10,114 +10,30 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
+from msgspec.structs import replace
 
+from crosscheck.document import (
+    LEVELS,
+    QUANTITIES,
+    Errors,
+    Finding,
+    Judged,
+    Measured,
+    Order,
+    Outcome,
+    Rung,
+    extended,
+)
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import known, tolerances
-from crosscheck.judge.metrics import QUANTITIES, Error, Order, Plateau, errors, observed_order
+from crosscheck.judge.metrics import Error, Plateau, errors, observed_order
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
-
-LEVELS = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2"}
-"""Constraint levels and the units of their rows."""
-
-PASSING = ("pass", "known", "unsupported", "unjudged")
-
-
-@dataclasses.dataclass
-class Finding:
-    """One judged figure of a run."""
-
-    kind: str  # quantity of metrics, "energy", "momentum", "level position", "orthogonality", "order position", "run"
-    status: str  # "ok", "fail", "known", "unjudged"
-    value: float | None
-    bound: float | None
-    unit: str
-    why: str
-    detail: str = ""  # where and when, or what is known about it
-
-    @property
-    def severity(self) -> float:
-        """log10 of the value over its bound, infinite for what is not finite; of orders, tenths below the bound."""
-        if self.value is None or self.bound is None or not math.isfinite(self.value):
-            return math.inf if self.status in ("fail", "known") else -math.inf
-        if self.kind.startswith("order"):
-            return 10.0 * (self.bound - self.value)
-        if self.value == 0:
-            return -math.inf  # nothing of it at all, also where the bound is 0
-        return math.log10(max(self.value, 1e-300) / max(self.bound, 1e-300))
-
-
-@dataclasses.dataclass
-class Record:
-    """Everything one run left behind, ready for JSON; failed runs are recorded like any other."""
-
-    scene: str
-    engine: str
-    version: str
-    method: str
-    form: str | None
-    step: float | None  # s
-    rtol: float | None
-    documented_order: int | None
-    command: str  # reproduces the run
-    label: str = ""  # engine and method, and the form where a method ran in more than one
-    default_form: bool = True  # the form is the engine's own choice, not one that the plan named
-    own_environment: bool = False  # another version, in an environment of its own: its times compare with no other
-    practical: bool = False  # a run at a step too coarse for bounds of states, see `judge_practical`
-    outcome: str = "error"
-    message: str = ""
-    status: str = ""
-    findings: list[Finding] = dataclasses.field(default_factory=list)
-    judged_until: float | None = None  # s
-    duration: float | None = None  # s, of the main run
-    errors: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
-    levels: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
-    energy_error: float | None = None  # over the largest kinetic energy, every step
-    momentum_error: float | None = None  # kg m^2/s, samples
-    orthogonality: float | None = None
-    steps: int | None = None
-    wall_time: float | None = None  # s
-    us_per_step: float | None = None
-    seconds_per_second: float | None = None  # of stepping per simulated second, at the judged step
-    seconds_deviation: float | None = None  # median absolute deviation of its repeats; None: timed only once
-    speed: dict[str, Any] = dataclasses.field(default_factory=dict)  # `verification.speed.Speed`, where measured
-    orders: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
-    ladder: list[dict[str, Any]] = dataclasses.field(default_factory=list)
-    ladder_cut: str = ""  # why the order study has fewer steps than planned, where the bound of its time cut it
-    timing: list[dict[str, Any]] = dataclasses.field(default_factory=list)
-    curves: dict[str, Any] = dataclasses.field(default_factory=dict)
-
-    @property
-    def worst(self) -> Finding | None:
-        """The finding farthest beyond, or nearest to, its bound."""
-        judged = [finding for finding in self.findings if finding.status != "unjudged"]
-        rank = {"fail": 2, "known": 1, "ok": 0}
-        return max(judged, key=lambda finding: (rank[finding.status], finding.severity), default=None)
-
-    @property
-    def partly(self) -> bool:
-        """Whether the bounds of the motion judge only its beginning, see `judge_states`."""
-        return bool(self.judged_until and self.duration and self.judged_until < self.duration * (1 - 1e-9))
-
-    @property
-    def word(self) -> str:
-        """The outcome in words that claim no more than was judged."""
-        words = {"unsupported": "n/a"}.get(self.outcome, self.outcome)
-        if self.outcome == "pass" and self.practical:
-            return "stable"
-        return f"{words} to {self.judged_until:g} s" if self.outcome in ("pass", "known") and self.partly else words
-
-    @property
-    def ladder_points(self) -> list[dict[str, Any]]:
-        """Stepping time against end error as the order study met them, where no timing study was made."""
-        return [{"step": rung["step"], "rtol": rung["rtol"], "wall_time": rung["wall_time"], "steps": rung["steps"],
-                 "us_per_step": 1e6 * rung["wall_time"] / max(1, rung["steps"]), "error": rung["end"]["position"]}
-                for rung in self.ladder if rung["errors"] and not self.own_environment]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,8 +51,8 @@ def _judged(kind: str, value: float, tol: Tol, unit: str, detail: str = "", empt
     if empty and np.isfinite(value):
         return Finding(kind, "unjudged", float(value), None, unit,
                        f"at this step the bound, {tol.value:.2g}, exceeds the size of the quantity itself", detail)
-    status = "ok" if value <= tol.value else "fail"  # a NaN fails
-    return Finding(kind, status, float(value), tol.value, unit, tol.why, detail)
+    # a NaN fails
+    return Finding(kind, "ok" if value <= tol.value else "fail", float(value), tol.value, unit, tol.why, detail)
 
 
 def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, order: int | None, step: float | None,
@@ -255,7 +171,7 @@ def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bound
     return findings
 
 
-def judge_orders(order: int, ladder: list[dict[str, Any]], plateaus: Mapping[str, Plateau], rungs: int | None = None,
+def judge_orders(order: int, ladder: Sequence[Rung], plateaus: Mapping[str, Plateau], rungs: int | None = None,
                  final: bool = False) -> tuple[list[Finding], dict[str, Order]]:
     """Observed order of every quantity against the documented one; a higher one is no fault.
 
@@ -264,9 +180,9 @@ def judge_orders(order: int, ladder: list[dict[str, Any]], plateaus: Mapping[str
     rounding has set in or there is none (`final`), it is known to the nearest whole number only, which orders are.
     """
     findings, orders = [], {}
-    steps = [rung["step"] for rung in ladder]
+    steps = [rung.step or 0.0 for rung in ladder]
     for quantity in QUANTITIES:
-        values = [rung["errors"].get(quantity, math.inf) for rung in ladder]
+        values = [math.inf if (error := rung.errors.get(quantity)) is None else error for rung in ladder]
         lowest = order - tolerances.order_margin(order)
         result = observed_order(steps[:rungs], values[:rungs], plateaus[quantity])
         if result.observed is not None and result.observed < lowest:
@@ -278,7 +194,7 @@ def judge_orders(order: int, ladder: list[dict[str, Any]], plateaus: Mapping[str
             why += "; it still changes where " + ("rounding sets in" if result.exhausted else "the study ends")
             why += ", so that the nearest whole number counts"
             if result.finest is not None:
-                result = dataclasses.replace(result, observed=max(result.observed, result.finest))
+                result = replace(result, observed=max(result.observed, result.finest))
                 why += ", and of orders that rise that of the two finest steps"
         orders[quantity] = result
         findings.append(_order_finding(f"order {quantity}", values, result, lowest, why))
@@ -300,27 +216,68 @@ def undecided(findings: list[Finding], orders: dict[str, Order]) -> bool:
     return any(not orders[quantity].settled and not orders[quantity].exhausted for quantity in low)
 
 
-def settle(record: Record, turning: known.Turning) -> Record:
-    """Mark known defects, notice vanished ones, and set the outcome.
+def settle(run: Measured, findings: list[Finding], turning: known.Turning, message: str = "",
+           judged_until: float | None = None) -> Judged:
+    """The verdict on a run: known defects marked, vanished ones noticed, one outcome.
 
     `turning` is `crosscheck.adapters.turning`. A bound the user set is his: no known defect excuses what exceeds it,
     and what keeps it has not vanished.
     """
-    for entry in known.entries(record.engine, record.method, record.scene, record.form, turning,
-                               record.practical):
-        seen = [finding for finding in record.findings if finding.kind in entry.kinds and finding.status != "unjudged"
+    for entry in known.entries(run.engine, run.method, run.scene, run.form, turning, run.practical):
+        seen = [finding for finding in findings if finding.kind in entry.kinds and finding.status != "unjudged"
                 and not finding.why.startswith(tolerances.BY_USER)]
         failing = [finding for finding in seen if finding.status == "fail"]
-        for finding in failing:
-            finding.status, finding.detail = "known", entry.reason
+        findings = [replace(each, status="known", detail=entry.reason) if each in failing else each
+                    for each in findings]
         # Vanished means looked for and not found: a profile without an order study says nothing about orders.
         if entry.always and not failing and set(entry.kinds) <= {finding.kind for finding in seen} | {"run"}:
-            record.findings.append(Finding("vanished", "fail", None, None, "", f"a known defect no longer shows: "
-                                           f"{entry.reason}", "if the engine was mended, remove the entry"))
-    statuses = {finding.status for finding in record.findings}
-    blind = any(finding.kind == "step" and finding.status == "unjudged" for finding in record.findings)
-    record.outcome = ("fail" if "fail" in statuses else "known" if "known" in statuses else
-                      "unjudged" if blind else "pass")
-    if record.outcome == "unjudged":
-        record.message = "the step is too coarse for bounds of the motion, and the budget of steps has none smaller"
-    return record
+            findings.append(Finding("vanished", "fail", None, None, "", f"a known defect no longer shows: "
+                                    f"{entry.reason}", "if the engine was mended, remove the entry"))
+    outcome = outcome_of(findings)
+    if outcome == "unjudged":
+        message = "the step is too coarse for bounds of the motion, and the budget of steps has none smaller"
+    return extended(Judged, run, findings=findings, outcome=outcome, message=message, judged_until=judged_until,
+                    errors=_with_bounds(run.errors, findings))
+
+
+def outcome_of(findings: Sequence[Finding]) -> Outcome:
+    """The outcome that findings make."""
+    statuses = {finding.status for finding in findings}
+    blind = any(finding.kind == "step" and finding.status == "unjudged" for finding in findings)
+    return "fail" if "fail" in statuses else "known" if "known" in statuses else "unjudged" if blind else "pass"
+
+
+def _with_bounds(errors: Mapping[str, Errors], findings: Sequence[Finding]) -> dict[str, Errors]:
+    """The errors with what was judged of them."""
+    judged = {finding.kind: finding for finding in findings}
+    return {name: replace(error, judged=judged[name].value, bound=judged[name].bound, why=judged[name].why)
+            if name in judged else error for name, error in errors.items()}
+
+
+J = TypeVar("J", bound=Judged)
+
+
+def beyond(run: J, finding: Finding, message: str = "") -> J:
+    """The run with one more finding, one that fails."""
+    return replace(run, findings=[*run.findings, finding], outcome="fail",
+                   message="; ".join(filter(None, (run.message, message))))
+
+
+def worst(findings: Sequence[Finding]) -> Finding | None:
+    """The finding farthest beyond, or nearest to, its bound."""
+    judged = [finding for finding in findings if finding.status != "unjudged"]
+    rank = {"fail": 2, "known": 1, "ok": 0}
+    return max(judged, key=lambda finding: (rank[finding.status], finding.severity), default=None)
+
+
+def partly(run: Judged) -> bool:
+    """Whether the bounds of the motion judge only its beginning, see `judge_states`."""
+    return bool(run.judged_until and run.duration and run.judged_until < run.duration * (1 - 1e-9))
+
+
+def word(run: Judged) -> str:
+    """The outcome in words that claim no more than was judged."""
+    if run.outcome == "pass" and run.practical:
+        return "stable"
+    said = {"unsupported": "n/a"}.get(run.outcome, run.outcome)
+    return f"{said} to {run.judged_until:g} s" if run.outcome in ("pass", "known") and partly(run) else said

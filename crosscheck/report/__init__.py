@@ -7,22 +7,25 @@ script of Plotly beside them, data in script files, nothing from a network.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
+from msgspec.structs import replace
+
+from crosscheck.document import Curves, Document
 from crosscheck.errors import ArgumentError
 from crosscheck.files import put
-from crosscheck.report import data, exports, names, pages
+from crosscheck.report import data, exports, names, pages, schema
 
 STATIC = ("report.css", "theme.js", "tables.js", "plots.js", "study.js", "scene.js", "playback.js")
 
 
-def write_report(document: dict[str, Any], folder: Path) -> None:
+def write_report(document: Document, folder: Path) -> None:
     """Write the pages, their data, summary.md, results.csv, .parquet and .json and junit.xml into a new folder.
 
     Parameters
     ----------
-    document : what `crosscheck.verification.job.Results.plain` returns
+    document : with its curves
     folder : must not exist yet
     """
     folder.mkdir(parents=True)
@@ -50,28 +53,26 @@ def render_again(folder: Path) -> Path:
     return folder / "index.html"
 
 
-def load_report(folder: Path) -> dict[str, Any]:
+def load_report(folder: Path) -> Document:
     """The document of a report that was written into `folder`, with its curves.
 
     Raises `ArgumentError` where results.json is missing, is no report or has another schema.
     """
-    from crosscheck.report.schema import read_document
-
-    document = read_document(folder / "results.json")
-    for scene in document["scenes"]:
-        scene["curves"], runs = {}, {}
+    document = schema.read_document(folder / "results.json")
+    scenes, runs = [], {}
+    for scene in document.scenes:
         path = folder / names.data_file(scene)
-        if "failure" not in scene and path.exists():
+        curves: Curves = {}
+        if not scene.failure and path.exists():
             try:
                 content = data.read_curves(path.read_text(encoding="utf-8"))
             except (OSError, ValueError) as error:
                 raise ArgumentError(f"{path}: the curves cannot be read ({error}); run `crosscheck verify` again"
                                     ) from None
-            scene["curves"], runs = content["scene"], content["runs"]
-        for record in document["records"]:
-            if record["scene"] == scene["name"]:
-                record["curves"] = runs.get(record["label"], {})
-    return document
+            curves, runs[scene.name] = content["scene"], content["runs"]
+        scenes.append(replace(scene, curves=curves))
+    records = [replace(record, curves=runs.get(record.scene, {}).get(record.label, {})) for record in document.records]
+    return replace(document, scenes=scenes, records=records)
 
 
 def pages_in_order(folder: Path) -> list[Path]:
@@ -80,16 +81,16 @@ def pages_in_order(folder: Path) -> list[Path]:
                                      for page in sorted(folder.glob(f"{kind}-*.html")))]
 
 
-def _files(document: dict[str, Any]) -> Any:
+def _files(document: Document) -> Iterator[tuple[str, str]]:
     """Name and text of every file of a report but Parquet."""
     import plotly.offline
 
     yield "index.html", pages.index(document)
-    for scene in document["scenes"]:
-        if "failure" not in scene:
+    for scene in document.scenes:
+        if not scene.failure:
             yield names.scene_file(scene), pages.scene(document, scene)
             yield names.data_file(scene), data.curves_script(document, scene)
-    for engine in document["meta"]["engines"]:
+    for engine in document.meta.engines:
         yield names.engine_file(engine), pages.engine(document, engine)
     for key in pages.studies(document):
         yield names.study_file(key), pages.study(document, key)
@@ -100,7 +101,7 @@ def _files(document: dict[str, Any]) -> Any:
     yield "summary.md", pages.summary(document)
     yield "results.csv", exports.table(document)
     yield "junit.xml", exports.junit(document)
-    yield "results.json", json.dumps(exports.without_curves(document), separators=(",", ":"), allow_nan=False)
+    yield "results.json", json.dumps(schema.plain(document), separators=(",", ":"), allow_nan=False)
 
 
 FILES = frozenset({"index.html", "plotly.min.js", "runs.js", "summary.md", "results.csv", "results.parquet",

@@ -6,7 +6,7 @@ import json
 import re
 from typing import Any
 
-from crosscheck.judge.plan import EULER
+from crosscheck.document import EULER, Curves, Document, Record, Scene
 
 DIGITS = 5
 """Significant digits of the figures in runs.js; results.json has them all."""
@@ -17,7 +17,7 @@ RUNG_KEYS = ("step", "rtol", "errors", "wall_time", "guide")
 CURVES = "window.CROSSCHECK_CURVES = "
 
 
-def runs_script(document: dict[str, Any]) -> str:
+def runs_script(document: Document) -> str:
     """runs.js: scenes, the methods of every engine, and runs without curves, for every page that draws.
 
     The runs of a scene are one string of JSON: a browser skims a string, and parses only those of the scene it draws.
@@ -25,17 +25,17 @@ def runs_script(document: dict[str, Any]) -> str:
     scenes: list[dict[str, Any]] = []
     runs: list[str] = []
     methods: dict[str, dict[str, None]] = {}
-    for record in document["records"]:
+    for record in document.records:
         # A coarse run takes the colour of its method.
-        methods.setdefault(record["engine"], {}).setdefault(re.sub(r" at [^ ]+ ms$", "", record["label"]))
-    for scene in document["scenes"]:
-        if "failure" in scene:
+        methods.setdefault(record.engine, {}).setdefault(re.sub(r" at [^ ]+ ms$", "", record.label))
+    for scene in document.scenes:
+        if scene.failure:
             continue
-        own = [record for record in document["records"] if record["scene"] == scene["name"]]
-        drawn = [record["engine"] for record in own if record["ladder"] or record["errors"].get("position")]
-        scenes.append({"name": scene["name"], "title": scene["title"], "bodies": scene["bodies"],
+        own = [record for record in document.records if record.scene == scene.name]
+        drawn = [record.engine for record in own if record.ladder or record.errors.get("position")]
+        scenes.append({"name": scene.name, "title": scene.title, "bodies": scene.bodies,
                        "engines": list(dict.fromkeys(drawn))})
-        runs.append(f"{_compact(scene['name'])}:{_quoted(_compact([_run(record) for record in own]))}")
+        runs.append(f"{_compact(scene.name)}:{_quoted(_compact([_run(record) for record in own]))}")
     known = _compact({engine: list(labels) for engine, labels in methods.items()})
     return f"window.CROSSCHECK_RUNS = {{scenes:{_compact(scenes)},methods:{known},runs:{{{','.join(runs)}}}}};\n"
 
@@ -45,32 +45,33 @@ def _quoted(text: str) -> str:
     return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
 
 
-def _run(record: dict[str, Any]) -> dict[str, Any]:
-    errors = {name: {key: error.get(key) for key in ("max", "judged", "bound")}
-              for name, error in record["errors"].items()}
-    orders = {name: order["observed"] for name, order in record["orders"].items()}
-    levels = {name: {"max": level["max"], "held": level["held"]} for name, level in record["levels"].items()}
-    ladder = [{key: rung.get(key) for key in RUNG_KEYS} | {"end": rung["end"].get("position")}
-              for rung in record["ladder"]]
-    timing = [{key: point[key] for key in ("step", "rtol", "wall_time", "error")} for point in record["timing"]]
-    return {**{key: record[key] for key in RUN_KEYS}, "errors": errors, "orders": orders, "levels": levels,
+def _run(record: Record) -> dict[str, Any]:
+    errors = {name: {"max": error.max, "judged": error.judged, "bound": error.bound}
+              for name, error in record.errors.items()}
+    orders = {name: order.observed for name, order in record.orders.items()}
+    levels = {name: {"max": level.max, "held": level.held} for name, level in record.levels.items()}
+    ladder = [{key: getattr(rung, key) for key in RUNG_KEYS} | {"end": rung.end.get("position")}
+              for rung in record.ladder]
+    timing = [{key: getattr(point, key) for key in ("step", "rtol", "wall_time", "error")} for point in record.timing]
+    return {**{key: getattr(record, key) for key in RUN_KEYS}, "errors": errors, "orders": orders, "levels": levels,
             "ladder": ladder, "timing": timing,
-            "euler": record["engine"] == "lieeuler" and record["method"] in EULER}
+            "euler": record.engine == "lieeuler" and record.method in EULER}
 
 
-def curves_script(document: dict[str, Any], scene: dict[str, Any]) -> str:
+def curves_script(document: Document, scene: Scene) -> str:
     """scene-*.js: the curves of truth and of every run of one scene, packed as in `crosscheck.verification.curves`."""
-    runs = {record["label"]: record["curves"] for record in document["records"]
-            if record["scene"] == scene["name"] and record["curves"]}
-    content = json.dumps({"scene": scene["curves"], "runs": runs}, separators=(",", ":"), allow_nan=False)
+    runs = {record.label: record.curves for record in document.records
+            if record.scene == scene.name and record.curves}
+    content = json.dumps({"scene": scene.curves, "runs": runs}, separators=(",", ":"), allow_nan=False)
     return f"{CURVES}{content};\n"
 
 
-def read_curves(text: str) -> dict[str, Any]:
+def read_curves(text: str) -> Curves:
     """The content of a script of `curves_script`; `ValueError` where it is none."""
     if not text.startswith(CURVES):
         raise ValueError("not a script of curves")
-    return json.loads(text.removeprefix(CURVES).rstrip().removesuffix(";"))
+    content: Curves = json.loads(text.removeprefix(CURVES).rstrip().removesuffix(";"))
+    return content
 
 
 def _compact(value: Any) -> str:

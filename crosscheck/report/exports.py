@@ -4,76 +4,68 @@ from __future__ import annotations
 
 import csv
 import io
+import operator
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from crosscheck.document import LEVELS, QUANTITIES, Document, Record
 from crosscheck.files import replacing
 from crosscheck.report.headline import number, sentence
 
-QUANTITIES = ("position", "attitude", "velocity", "angular velocity")
-LEVELS = ("position", "velocity", "acceleration")
 
-
-def without_curves(document: dict[str, Any]) -> dict[str, Any]:
-    """The content of results.json: the document with the version of its schema, without what only plots need."""
-    def bare(record: dict[str, Any]) -> dict[str, Any]:
-        return {key: value for key, value in record.items() if key != "curves"}
-    return {"schema": SCHEMA, **document, "scenes": [bare(scene) for scene in document["scenes"]],
-            "records": [bare(record) for record in document["records"]]}
-
-
-SCHEMA = 1
-"""Version of results.json: raised where a key changes its meaning or goes; new keys alone do not raise it."""
-
-
-def columns(document: dict[str, Any]) -> list[tuple[str, Any]]:
+def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
     """Titles, with units, and readers of a record: the columns of results.csv and results.parquet."""
-    hashes = {scene["name"]: scene.get("hash", "") for scene in document["scenes"]}
-    found: list[tuple[str, Any]] = [
-        (name, lambda r, name=name: r[name])
+    hashes = {scene.name: scene.hash for scene in document.scenes}
+    found: list[tuple[str, Callable[[Record], Any]]] = [
+        (name, operator.attrgetter(name))
         for name in ("scene", "engine", "version", "method", "form", "outcome", "status")]
-    found += [("step [s]", lambda r: r["step"]), ("rtol", lambda r: r["rtol"]),
-                ("documented order", lambda r: r["documented_order"]),
-                ("verdict", lambda r: r["word"]), ("duration [s]", lambda r: r["duration"]),
-                ("judged until [s]", lambda r: r["judged_until"])]
-    for name in QUANTITIES:
-        unit = {"position": "m", "attitude": "rad", "velocity": "m/s", "angular velocity": "rad/s"}[name]
-        found += [(f"{name} {field} [{unit}]", lambda r, name=name, key=key: r["errors"].get(name, {}).get(key))
+    found += [("step [s]", lambda r: r.step), ("rtol", lambda r: r.rtol),
+                ("documented order", lambda r: r.documented_order),
+                ("verdict", lambda r: r.word), ("duration [s]", lambda r: r.duration),
+                ("judged until [s]", lambda r: r.judged_until)]
+    for name, unit in QUANTITIES.items():
+        found += [(f"{name} {field} [{unit}]", _of("errors", name, key))
                     for key, field in (("end", "end error"), ("max", "max error"), ("judged", "judged error"),
                                          ("bound", "bound"))]
-        found.append((f"{name} order", lambda r, name=name: r["orders"].get(name, {}).get("observed")))
-    found += [("energy error over largest kinetic energy", lambda r: r["energy_error"]),
-                ("vertical momentum error [kg m^2/s]", lambda r: r["momentum_error"])]
+        found.append((f"{name} order", _of("orders", name, "observed")))
+    found += [("energy error over largest kinetic energy", lambda r: r.energy_error),
+                ("vertical momentum error [kg m^2/s]", lambda r: r.momentum_error)]
     for name in LEVELS:
         found.append((f"constraint {name}, max over steps",
-                        lambda r, name=name: r["levels"].get(name, {}).get("max")))
-    found += [("orthogonality", lambda r: r["orthogonality"]), ("steps", lambda r: r["steps"]),
-                ("wall time [s]", lambda r: r["wall_time"]), ("us per step", lambda r: r["us_per_step"]),
-                ("worst finding", sentence), ("message", lambda r: r["message"]),
-                ("scene hash", lambda r: hashes.get(r["scene"], "")), ("command", lambda r: r["command"])]
+                      _of("levels", name, "max")))
+    found += [("orthogonality", lambda r: r.orthogonality), ("steps", lambda r: r.steps),
+                ("wall time [s]", lambda r: r.wall_time), ("us per step", lambda r: r.us_per_step),
+                ("worst finding", sentence), ("message", lambda r: r.message),
+                ("scene hash", lambda r: hashes.get(r.scene, "")), ("command", lambda r: r.command)]
     return found
 
 
-def table(document: dict[str, Any]) -> str:
+def _of(part: str, name: str, key: str) -> Callable[[Record], Any]:
+    """Reader of one figure of a part by quantity or level; None where there is none."""
+    return lambda record: getattr(getattr(record, part).get(name), key, None)
+
+
+def table(document: Document) -> str:
     """One line per run, units in the header, full precision; an empty field where there is no figure."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     read = columns(document)
     writer.writerow([title for title, _ in read])
-    for record in document["records"]:
+    for record in document.records:
         values = [value(record) for _, value in read]
         writer.writerow(["" if value is None else repr(value) if isinstance(value, float) else value
                          for value in values])
     return stream.getvalue()
 
 
-def write_parquet(document: dict[str, Any], path: Path) -> None:
+def write_parquet(document: Document, path: Path) -> None:
     """The same table as a Parquet file, replaced as a whole."""
     import pandas
 
     read = columns(document)
-    frame = pandas.DataFrame({title: [value(record) for record in document["records"]] for title, value in read})
+    frame = pandas.DataFrame({title: [value(record) for record in document.records] for title, value in read})
     # A column without any figure would be one of objects, which has no type of its own in Parquet.
     empty = [title for title in frame if frame[title].isna().all()]
     frame = frame.astype(dict.fromkeys(empty, "float64"))
@@ -81,39 +73,39 @@ def write_parquet(document: dict[str, Any], path: Path) -> None:
         frame.to_parquet(aside, index=False)
 
 
-def junit(document: dict[str, Any]) -> str:
+def junit(document: Document) -> str:
     """JUnit XML: a suite per scene, a case per run. A known defect passes, its reason stands in the case's output."""
     root = ElementTree.Element("testsuites", name="crosscheck verify")
-    for scene in document["scenes"]:
-        records = [record for record in document["records"] if record["scene"] == scene["name"]]
-        suite = ElementTree.SubElement(root, "testsuite", name=scene["name"])
+    for scene in document.scenes:
+        records = [record for record in document.records if record.scene == scene.name]
+        suite = ElementTree.SubElement(root, "testsuite", name=scene.name)
         for record in records:
-            case = ElementTree.SubElement(suite, "testcase", classname=f"crosscheck.{scene['name']}",
-                                          name=record["label"], time=f"{record['wall_time'] or 0.0:.6f}")
+            case = ElementTree.SubElement(suite, "testcase", classname=f"crosscheck.{scene.name}",
+                                          name=record.label, time=f"{record.wall_time or 0.0:.6f}")
             _judge(case, record)
         for attribute, outcomes in (("failures", ("fail",)), ("errors", ("error",)),
                                     ("skipped", ("unsupported", "unjudged"))):
-            suite.set(attribute, str(sum(record["outcome"] in outcomes for record in records)))
+            suite.set(attribute, str(sum(record.outcome in outcomes for record in records)))
         suite.set("tests", str(len(records)))
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + _legal(ElementTree.tostring(root, encoding="unicode")) + "\n"
 
 
-def _judge(case: ElementTree.Element, record: dict[str, Any]) -> None:
+def _judge(case: ElementTree.Element, record: Record) -> None:
     # Findings within their bounds stand in results.json; here they would bury the others.
-    lines = [f"{finding['status']}: {finding['kind']} {number(finding['value'])} {finding['unit']}, bound "
-             f"{number(finding['bound'])}; {finding['why']}; {finding['detail']}"
-             for finding in record["findings"] if finding["status"] in ("fail", "known")]
-    outcome = record["outcome"]
+    lines = [f"{finding.status}: {finding.kind} {number(finding.value)} {finding.unit}, bound "
+             f"{number(finding.bound)}; {finding.why}; {finding.detail}"
+             for finding in record.findings if finding.status in ("fail", "known")]
+    outcome = record.outcome
     if outcome == "fail":
         failure = ElementTree.SubElement(case, "failure", message=sentence(record))
         failure.text = "\n".join(line for line in lines if line.startswith("fail"))
     elif outcome == "error":
-        ElementTree.SubElement(case, "error", message=record["message"])
+        ElementTree.SubElement(case, "error", message=record.message)
     elif outcome in ("unsupported", "unjudged"):
-        ElementTree.SubElement(case, "skipped", message=record["message"])
+        ElementTree.SubElement(case, "skipped", message=record.message)
     output = ElementTree.SubElement(case, "system-out")
-    output.text = "\n".join([*lines, f"repeat: {record['command']}"])
+    output.text = "\n".join([*lines, f"repeat: {record.command}"])
 
 
 def _legal(text: str) -> str:

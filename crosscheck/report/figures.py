@@ -6,28 +6,31 @@ figure as it is shown there, by the link SVG below it.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from crosscheck.judge.plan import EULER
+from crosscheck.document import EULER, Curves, Document, Record, Scene
 from crosscheck.report import names
-from crosscheck.verification.curves import unpack
+from crosscheck.report.arrays import unpack
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#8c6bb1", "#7f7f7f")
 DASHES = {"lieeuler": "-", "mujoco": "--", "pinocchio": ":", "exudyn": "-."}
 MARKERS = {"lieeuler": "o", "mujoco": "s", "pinocchio": "D", "exudyn": "^"}
 SMALLEST = 1e-18
 """Where an exact zero is drawn on a logarithmic axis."""
-SERIES = {"position-error": ("position error (m)", lambda curves: curves["errors"].get("position")),
-          "energy-error": ("energy error (1)", lambda curves: curves["energy"]),
-          "constraint-position": ("position level (m)", lambda curves: curves["constraint position"]),
-          "constraint-velocity": ("velocity level (m/s)", lambda curves: curves["constraint velocity"]),
-          "constraint-acceleration": ("acceleration level (m/s$^2$)", lambda curves: curves["constraint acceleration"]),
-          "orthogonality": (r"max $|R^T R - I|$ (1)", lambda curves: curves["orthogonality"])}
+SERIES: dict[str, tuple[str, Callable[[Curves], Any]]] = {
+    "position-error": ("position error (m)", lambda curves: curves["errors"].get("position")),
+    "energy-error": ("energy error (1)", lambda curves: curves["energy"]),
+    "constraint-position": ("position level (m)", lambda curves: curves["constraint position"]),
+    "constraint-velocity": ("velocity level (m/s)", lambda curves: curves["constraint velocity"]),
+    "constraint-acceleration": ("acceleration level (m/s$^2$)", lambda curves: curves["constraint acceleration"]),
+    "orthogonality": (r"max $|R^T R - I|$ (1)", lambda curves: curves["orthogonality"])}
 """Figures over time, by the end of the file's name: axis, and reader of a run's packed curves."""
 
 
-def write_figures(document: dict[str, Any], folder: Path) -> list[Path]:
+def write_figures(document: Document, folder: Path) -> list[Path]:
     """Write the figures of every scene into `folder`; returns their paths.
 
     Over time: the eight Euler methods and the most accurate run of each other engine. Speed and convergence: all runs.
@@ -41,9 +44,9 @@ def write_figures(document: dict[str, Any], folder: Path) -> list[Path]:
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "crosscheck", "font.size": 9,
                                 "axes.grid": True, "grid.color": "#dddddd", "legend.fontsize": 7,
                                 "lines.linewidth": 1.1}):
-        for scene in document["scenes"]:
-            runs = [record for record in document["records"]
-                    if record["scene"] == scene["name"] and not record["practical"]]
+        for scene in document.scenes:
+            runs = [record for record in document.records
+                    if record.scene == scene.name and not record.practical]
             for end, figure in _figures(scene, runs):
                 path = folder / f"{Path(names.scene_file(scene)).stem}-{end}.svg"
                 figure.savefig(path, format="svg", metadata={"Date": None}, bbox_inches="tight")
@@ -51,23 +54,23 @@ def write_figures(document: dict[str, Any], folder: Path) -> list[Path]:
     return written
 
 
-def _figures(scene: dict[str, Any], runs: list[dict[str, Any]]) -> Any:
+def _figures(scene: Scene, runs: Sequence[Record]) -> Any:
     """Name's end and figure, for every figure of a scene that has data."""
-    styles = {record["label"]: style for engine in dict.fromkeys(record["engine"] for record in runs)
-              for record, style in _styled(engine, [record for record in runs if record["engine"] == engine])}
-    times = (scene.get("curves") or {}).get("t", [])
+    styles = {record.label: style for engine in dict.fromkeys(record.engine for record in runs)
+              for record, style in _styled(engine, [record for record in runs if record.engine == engine])}
+    times = scene.curves.get("t", [])
     for end, (axis, read) in SERIES.items():
-        lines = [(record, *_history(times, read(record["curves"]))) for record in _compared(runs)
-                 if record["curves"] and read(record["curves"])]
+        lines = [(record, *_history(times, read(record.curves))) for record in _compared(runs)
+                 if record.curves and read(record.curves)]
         if lines:
             yield end, _drawn(lines, styles, "time (s)", axis, markers=False)
-    points = [(record, [1e3 * point["wall_time"] for point in record["timing"]],
-               [point["error"] for point in record["timing"]]) for record in runs if record["timing"]]
+    points = [(record, [1e3 * point.wall_time for point in record.timing],
+               [point.error for point in record.timing]) for record in runs if record.timing]
     if points:
         yield "speed", _drawn(points, styles, "stepping time (ms)", "position error at the end (m)", log_x=True)
-    ladders = [(record, [rung["step"] for rung in record["ladder"]],
-                [rung["errors"].get("position") for rung in record["ladder"]])
-               for record in runs if record["documented_order"] and record["ladder"]]
+    ladders = [(record, [rung.step for rung in record.ladder],
+                [rung.errors.get("position") for rung in record.ladder])
+               for record in runs if record.documented_order and record.ladder]
     if ladders:
         yield "convergence", _drawn(ladders, styles, "step (s)", "largest position error (m)", log_x=True)
 
@@ -78,32 +81,37 @@ def _history(times: list[float], curve: Any) -> tuple[list[float], Any]:
     return times[::(len(times) - 1) // (len(values) - 1)][1:], values[1:]
 
 
-def _compared(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    euler = [record for record in runs if record["engine"] == "lieeuler" and record["method"] in EULER]
-    others: dict[str, dict[str, Any]] = {}
+def _compared(runs: Sequence[Record]) -> list[Record]:
+    euler = [record for record in runs if record.engine == "lieeuler" and record.method in EULER]
+    others: dict[str, Record] = {}
     for record in runs:
-        if record in euler or not record["errors"]:
+        if record in euler or not record.errors:
             continue
-        best = others.get(record["engine"])
-        if best is None or record["errors"]["position"]["max"] < best["errors"]["position"]["max"]:
-            others[record["engine"]] = record
-    return euler + list(others.values()) or runs
+        best = others.get(record.engine)
+        if best is None or _largest(record) < _largest(best):
+            others[record.engine] = record
+    return euler + list(others.values()) or list(runs)
 
 
-def _styled(engine: str, runs: list[dict[str, Any]]) -> Any:
+def _largest(record: Record) -> float:
+    error = record.errors["position"].max
+    return math.inf if error is None else error
+
+
+def _styled(engine: str, runs: Sequence[Record]) -> Iterator[tuple[Record, dict[str, Any]]]:
     for index, record in enumerate(runs):
         yield record, {"color": PALETTE[index % len(PALETTE)], "linestyle": DASHES.get(engine, (0, (6, 2))),
-                       "marker": MARKERS.get(engine, "*"), "label": record["label"]}
+                       "marker": MARKERS.get(engine, "*"), "label": record.label}
 
 
-def _drawn(lines: list[tuple[dict[str, Any], Any, Any]], styles: dict[str, dict[str, Any]], x_axis: str, y_axis: str,
+def _drawn(lines: Sequence[tuple[Record, Any, Any]], styles: dict[str, dict[str, Any]], x_axis: str, y_axis: str,
            log_x: bool = False, markers: bool = True) -> Any:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.2, 3.6))
     axes = figure.add_subplot(xlabel=x_axis, ylabel=y_axis, yscale="log", xscale="log" if log_x else "linear")
     for record, x, y in lines:
-        style = styles[record["label"]] | ({"markersize": 3.5} if markers else {"marker": ""})
+        style = styles[record.label] | ({"markersize": 3.5} if markers else {"marker": ""})
         axes.plot(x, [float("nan") if value is None else max(float(value), SMALLEST) for value in y], **style)
     axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, ncols=1 if len(lines) <= 24 else 2)
     return figure

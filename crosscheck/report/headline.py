@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+
+from crosscheck.document import Change, Document, Record, Scene
 
 OUTCOMES = {"pass": ("✓", "pass", "every check within its bound, over the time it names or else the whole run"),
             "known": ("≈", "known", "only defects of the engine that are listed with their reason"),
@@ -17,23 +19,23 @@ SPARED = 2
 """How many failing runs, changes or scenes a headline names; of more it gives the first of these and their number."""
 
 
-def headline(document: dict[str, Any]) -> str:
+def headline(document: Document) -> str:
     """What the run came to, in one sentence: what passes and fails, what became worse, what was not judged and why.
 
     The same words open the first page, summary.md and the nightly's summary.
     """
-    if not document["records"]:
+    if not document.records:
         return "Nothing was run"
-    clauses = (_passing(document), _worse(document.get("changes")), _not_judged(document["scenes"]))
+    clauses = (_passing(document), _worse(document.changes), _not_judged(document.scenes))
     return "; ".join(clause for clause in clauses if clause)
 
 
-def _passing(document: dict[str, Any]) -> str:
+def _passing(document: Document) -> str:
     """Passes, known defects and failures; scenes whose truth failed are told apart."""
-    lost = {scene["name"] for scene in document["scenes"] if "failure" in scene}
-    records = [record for record in document["records"] if record["scene"] not in lost]
-    count = {outcome: sum(record["outcome"] == outcome for record in records) for outcome in OUTCOMES}
-    failing = [record for record in records if record["outcome"] in ("fail", "error")]
+    lost = {scene.name for scene in document.scenes if scene.failure}
+    records = [record for record in document.records if record.scene not in lost]
+    count = {outcome: sum(record.outcome == outcome for record in records) for outcome in OUTCOMES}
+    failing = [record for record in records if record.outcome in ("fail", "error")]
     if count["pass"] and count["pass"] + count["unsupported"] == len(records):
         made = "that could be made " if count["unsupported"] else ""
         return f"The only run {made}passes" if count["pass"] == 1 else f"All {count['pass']} runs {made}pass"
@@ -41,34 +43,34 @@ def _passing(document: dict[str, Any]) -> str:
     if count["known"]:
         said.append(f"{count['known']} show{'s' if count['known'] == 1 else ''} only known defects")
     if 0 < len(failing) <= SPARED:
-        named = " and ".join(f"{record['label']} on {spoken(record['scene'])}" for record in failing)
+        named = " and ".join(f"{record.label} on {spoken(record.scene)}" for record in failing)
         said.append(f"{len(failing)} fail{'s' if len(failing) == 1 else ''} ({named})")
     elif failing:
-        said.append(f"{len(failing)} fail on {_counted(len({record['scene'] for record in failing}), 'scene')}")
+        said.append(f"{len(failing)} fail on {_counted(len({record.scene for record in failing}), 'scene')}")
     elif count["pass"]:
         said.append("none fails")
     return ", ".join(said)
 
 
-def _worse(changes: list[dict[str, Any]] | None) -> str:
+def _worse(changes: Sequence[Change] | None) -> str:
     """What is new and bad; empty where there was no run to compare with."""
     if changes is None:
         return ""
-    bad = [change for change in changes if change["bad"]]
+    bad = [change for change in changes if change.bad]
     if not bad:
         return "nothing is worse than before"
     named = []
     for change in bad[:SPARED]:
-        who = f"{change['engine']} {change['method']}".strip()
-        where = " on ".join(each for each in (who, spoken(change["scene"])) if each)
-        named.append(change["kind"] + (f" ({where})" if where else ""))
+        who = f"{change.engine} {change.method}".strip()
+        where = " on ".join(each for each in (who, spoken(change.scene)) if each)
+        named.append(change.kind + (f" ({where})" if where else ""))
     more = f" and {len(bad) - SPARED} more" if len(bad) > SPARED else ""
     return f"worse than before: {', '.join(named)}{more}"
 
 
-def _not_judged(scenes: list[dict[str, Any]]) -> str:
+def _not_judged(scenes: Sequence[Scene]) -> str:
     """Scenes without truth, with the reason."""
-    found = [(spoken(scene.get("title", scene["name"])), reason) for scene in scenes if (reason := why_no_truth(scene))]
+    found = [(spoken(scene.title), reason) for scene in scenes if (reason := why_no_truth(scene))]
     if not found:
         return ""
     if len(found) == 1:
@@ -78,35 +80,35 @@ def _not_judged(scenes: list[dict[str, Any]]) -> str:
             + ", ".join(f"{name} ({reason})" for name, reason in found[:SPARED]) + more)
 
 
-def why_no_truth(scene: dict[str, Any]) -> str:
+def why_no_truth(scene: Scene) -> str:
     """Why nothing could be measured against truth on a scene, in its first clause; empty where there is truth."""
-    reason = scene.get("failure") or scene.get("no_truth") or ""
-    return str(reason).removeprefix(f"{scene.get('title', scene['name'])!r}: ").partition("; ")[0].rstrip(".")
+    reason = scene.failure or scene.no_truth
+    return reason.removeprefix(f"{scene.title!r}: ").partition("; ")[0].rstrip(".")
 
 
 def _counted(number: int, word: str) -> str:
     return f"{number or 'No'} {word}{'' if number == 1 else 's'}"
 
 
-def partly(document: dict[str, Any]) -> str:
+def partly(document: Document) -> str:
     """How many runs were judged over less than their whole length, or not by their motion; empty where none."""
-    records = document["records"]
-    short = sum(record["partly"] and record["outcome"] in ("pass", "known") for record in records)
-    stable = sum(record["word"] == "stable" for record in records)
+    records = document.records
+    short = sum(record.partly and record.outcome in ("pass", "known") for record in records)
+    stable = sum(record.word == "stable" for record in records)
     said = [f"{short} of them judged only over the first seconds" if short else "",
             f"{stable} only by energy and held constraints" if stable else ""]
     return ", ".join(each for each in said if each)
 
 
-def span(record: dict[str, Any]) -> str:
+def span(record: Record) -> str:
     """Over what part of its length the motion was judged."""
-    if record["practical"] or record["outcome"] == "unjudged":
+    if record.practical or record.outcome == "unjudged":
         return "motion not judged"
-    if record["judged_until"] is None or record["duration"] is None:
+    if record.judged_until is None or record.duration is None:
         return ""
-    if record["partly"]:
-        return f"to {record['judged_until']:g} s of {record['duration']:g} s"
-    return f"all {record['duration']:g} s"
+    if record.partly:
+        return f"to {record.judged_until:g} s of {record.duration:g} s"
+    return f"all {record.duration:g} s"
 
 
 def number(value: float | None, digits: int = 2) -> str:
@@ -118,24 +120,24 @@ def number(value: float | None, digits: int = 2) -> str:
     return f"{value:.{digits}g}" if 0.01 <= abs(value) < 1000 else f"{value:.{digits - 1}e}"
 
 
-def sentence(record: dict[str, Any]) -> str:
+def sentence(record: Record) -> str:
     """The worst finding of a run in one clause."""
-    worst = record["worst"]
-    if record["outcome"] in ("error", "unsupported", "unjudged") or worst is None:
-        return record["message"]
-    if worst["kind"] == "step":
-        return f"at step {number(worst['value'])} s {worst['why']}; {worst['detail']}"
-    if worst["kind"] in ("run", "vanished"):
-        return worst["detail"] or worst["why"]
-    unit = "" if worst["unit"] in ("1", "") else f" {worst['unit']}"
-    kind = worst["kind"].replace("level ", "constraint at level ").replace("order ", "observed order in ")
-    if worst["kind"].startswith("order") and worst["value"] is None:
-        return f"{kind}: {worst['detail']}"
-    if worst["kind"].startswith("order"):
-        relation = "at least" if worst["status"] == "ok" else "below"
-        return f"{kind} {number(worst['value'], 3)}, {relation} {number(worst['bound'], 3)}"
-    relation = "within" if worst["status"] == "ok" else "beyond"
-    return f"{kind} {number(worst['value'])}{unit}, {relation} {number(worst['bound'])}{unit}"
+    worst = record.worst
+    if record.outcome in ("error", "unsupported", "unjudged") or worst is None:
+        return record.message
+    if worst.kind == "step":
+        return f"at step {number(worst.value)} s {worst.why}; {worst.detail}"
+    if worst.kind in ("run", "vanished"):
+        return worst.detail or worst.why
+    unit = "" if worst.unit in ("1", "") else f" {worst.unit}"
+    kind = worst.kind.replace("level ", "constraint at level ").replace("order ", "observed order in ")
+    if worst.kind.startswith("order") and worst.value is None:
+        return f"{kind}: {worst.detail}"
+    if worst.kind.startswith("order"):
+        relation = "at least" if worst.status == "ok" else "below"
+        return f"{kind} {number(worst.value, 3)}, {relation} {number(worst.bound, 3)}"
+    relation = "within" if worst.status == "ok" else "beyond"
+    return f"{kind} {number(worst.value)}{unit}, {relation} {number(worst.bound)}{unit}"
 
 
 def plain_number(value: float | None) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import re
 from pathlib import Path
-from typing import Any
+
+from crosscheck.document import Record, Scene
 
 STUDIES = {"convergence": "Convergence", "speed": "Speed against error", "conservation": "Energy and constraints",
            "coarse": "At a coarse step"}
@@ -17,9 +18,9 @@ def slug(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9_]+", "-", text).strip("-") or "scene"
 
 
-def anchor(record: dict[str, Any]) -> str:
+def anchor(record: Record) -> str:
     """The place of a run on the page of its scene."""
-    return slug(f"run {record['label']}")
+    return slug(f"run {record.label}")
 
 
 def _part(name: str) -> str:
@@ -34,14 +35,14 @@ def _part(name: str) -> str:
     return f"{part}-{hashlib.sha256(name.encode('utf-8', 'surrogatepass')).hexdigest()[:8]}"
 
 
-def scene_file(scene: dict[str, Any]) -> str:
+def scene_file(scene: Scene) -> str:
     """File name of a scene's page."""
-    return f"scene-{_part(scene['name'])}.html"
+    return f"scene-{_part(scene.name)}.html"
 
 
-def data_file(scene: dict[str, Any]) -> str:
+def data_file(scene: Scene) -> str:
     """File name of a scene's curves."""
-    return f"scene-{_part(scene['name'])}.js"
+    return f"scene-{_part(scene.name)}.js"
 
 
 def engine_file(name: str) -> str:

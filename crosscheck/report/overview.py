@@ -3,89 +3,106 @@
 from __future__ import annotations
 
 import collections
-from typing import Any
+import dataclasses
+import math
+from collections.abc import Sequence
 
+from crosscheck.document import Change, Document, Finding, Record, Scene
 from crosscheck.report.headline import OUTCOMES
 
 SEVERITY = ("error", "fail", "known", "unjudged", "pass", "unsupported")
 """Outcomes, the one that needs attention most first; a group of runs shows its first."""
 
 
-def counted(records: list[dict[str, Any]]) -> dict[str, int]:
+def counted(records: Sequence[Record]) -> dict[str, int]:
     """How many runs have each outcome, worst first; outcomes that do not occur are left out."""
-    counts = {outcome: sum(record["outcome"] == outcome for record in records) for outcome in SEVERITY}
+    counts = {outcome: sum(record.outcome == outcome for record in records) for outcome in SEVERITY}
     return {outcome: count for outcome, count in counts.items() if count}
 
 
-def by_scene_and_engine(document: dict[str, Any]) -> dict[str, dict[str, dict[str, int]]]:
+def by_scene_and_engine(document: Document) -> dict[str, dict[str, dict[str, int]]]:
     """`counted` of every scene and engine."""
-    groups: dict[str, dict[str, list[dict[str, Any]]]] = {scene["name"]: {} for scene in document["scenes"]}
-    for record in document["records"]:
-        groups.setdefault(record["scene"], {}).setdefault(record["engine"], []).append(record)
+    groups: dict[str, dict[str, list[Record]]] = {scene.name: {} for scene in document.scenes}
+    for record in document.records:
+        groups.setdefault(record.scene, {}).setdefault(record.engine, []).append(record)
     return {scene: {engine: counted(records) for engine, records in engines.items()}
             for scene, engines in groups.items()}
 
 
-def most_accurate(document: dict[str, Any]) -> dict[str, dict[str, dict[str, Any]]]:
+def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
     """Of every scene and engine the run that passed with the smallest judged error of the position, if any did."""
-    best: dict[str, dict[str, dict[str, Any]]] = {scene["name"]: {} for scene in document["scenes"]}
-    for record in document["records"]:
+    best: dict[str, dict[str, Record]] = {scene.name: {} for scene in document.scenes}
+    for record in document.records:
         error = _judged_error(record)
-        if record["outcome"] != "pass" or record["practical"] or error is None:
+        if record.outcome != "pass" or record.practical or math.isinf(error):
             continue
-        before = best[record["scene"]].get(record["engine"])
+        before = best[record.scene].get(record.engine)
         if before is None or error < _judged_error(before):
-            best[record["scene"]][record["engine"]] = record
+            best[record.scene][record.engine] = record
     return best
 
 
-def leaders(accurate: dict[str, dict[str, dict[str, Any]]]) -> dict[str, int]:
+def leaders(accurate: dict[str, dict[str, Record]]) -> dict[str, int]:
     """On how many scenes a run is the most accurate of all engines but lieeuler, from `most_accurate`; many first."""
-    best = [min(others, key=_judged_error)["label"] for engines in accurate.values()
+    best = [min(others, key=_judged_error).label for engines in accurate.values()
             if (others := [record for engine, record in engines.items() if engine != "lieeuler"])]
     return dict(collections.Counter(best).most_common())
 
 
-def _judged_error(record: dict[str, Any]) -> Any:
-    return record["errors"].get("position", {}).get("judged")
+def _judged_error(record: Record) -> float:
+    error = record.errors.get("position")
+    return math.inf if error is None or error.judged is None else error.judged
 
 
-def recommended(scenes: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Scenes grouped by the run that is recommended and why, the largest group first; then those that have none.
+@dataclasses.dataclass(frozen=True)
+class Advice:
+    """Scenes on which the same run is recommended for the same reason."""
 
-    Each group has the keys "run" (its label, None where no run can be recommended), "why" and "scenes".
-    """
-    groups: dict[tuple[str | None, str], list[dict[str, Any]]] = {}
+    run: str | None  # its label; None where no run can be recommended
+    why: str
+    scenes: list[Scene]
+
+
+def recommended(scenes: Sequence[Scene]) -> list[Advice]:
+    """Scenes grouped by the run that is recommended and why, the largest group first; then those that have none."""
+    groups: dict[tuple[str | None, str], list[Scene]] = {}
     for scene in scenes:
-        advice = scene["recommended"]
-        if advice:
-            key = advice["runs"][0], advice["why"].partition(",")[0]
-        else:
-            key = None, scene["trust"].partition(" Not to be trusted here")[0]
+        advice = scene.recommended
+        key = ((advice.runs[0], advice.why.partition(",")[0]) if advice else
+               (None, scene.trust.partition(" Not to be trusted here")[0]))
         groups.setdefault(key, []).append(scene)
-    found = [{"run": run, "why": why, "scenes": each} for (run, why), each in groups.items()]
-    return sorted(found, key=lambda group: (group["run"] is None, -len(group["scenes"])))
+    found = [Advice(run, why, each) for (run, why), each in groups.items()]
+    return sorted(found, key=lambda group: (group.run is None, -len(group.scenes)))
 
 
-def by_method(document: dict[str, Any]) -> dict[str, list[tuple[str, dict[str, dict[str, Any]]]]]:
+def by_method(document: Document) -> dict[str, list[tuple[str, dict[str, Record]]]]:
     """Runs at their judged steps: engine to rows of (label, run of each scene)."""
-    rows: dict[str, dict[str, dict[str, Any]]] = {}
-    for record in document["records"]:
-        if not record["practical"]:
-            rows.setdefault(record["label"], {})[record["scene"]] = record
-    found: dict[str, list[tuple[str, dict[str, dict[str, Any]]]]] = {}
+    rows: dict[str, dict[str, Record]] = {}
+    for record in document.records:
+        if not record.practical:
+            rows.setdefault(record.label, {})[record.scene] = record
+    found: dict[str, list[tuple[str, dict[str, Record]]]] = {}
     for label, cells in rows.items():
-        found.setdefault(next(iter(cells.values()))["engine"], []).append((label, cells))
+        found.setdefault(next(iter(cells.values())).engine, []).append((label, cells))
     return found
 
 
-def at_coarse_steps(document: dict[str, Any]) -> list[dict[str, Any]]:
+@dataclasses.dataclass(frozen=True)
+class Coarse:
+    """Runs of one scene at one step that is too coarse for a bound of the motion."""
+
+    scene: str
+    step: float  # s
+    records: list[Record]
+
+
+def at_coarse_steps(document: Document) -> list[Coarse]:
     """Runs too coarse for a bound of the motion, grouped by scene and step."""
-    found: dict[tuple[str, float], list[dict[str, Any]]] = {}
-    for record in document["records"]:
-        if record["practical"]:
-            found.setdefault((record["scene"], record["step"] or 0.0), []).append(record)
-    return [{"scene": name, "step": step, "records": records} for (name, step), records in found.items()]
+    found: dict[tuple[str, float], list[Record]] = {}
+    for record in document.records:
+        if record.practical:
+            found.setdefault((record.scene, record.step or 0.0), []).append(record)
+    return [Coarse(name, step, records) for (name, step), records in found.items()]
 
 
 MATTERS = {"position": "error of the motion beyond its bound", "attitude": "error of the motion beyond its bound",
@@ -97,42 +114,48 @@ MATTERS = {"position": "error of the motion beyond its bound", "attitude": "erro
 """What is wrong, by the kind of a finding; `_matter` tells the rest."""
 
 
-def worst_first(records: list[dict[str, Any]], changes: list[dict[str, Any]] | None = None) -> list[dict[str, Any]]:
-    """Runs that are not fine, grouped by engine and by what is wrong: new ones, other failures, known defects.
+@dataclasses.dataclass(frozen=True)
+class Wrong:
+    """Runs with which the same is wrong."""
 
-    Each group has the keys "outcome", "engine" (empty for known defects, which engines share), "why", "scenes" (how
-    many), "new" (how many of its runs became worse since the run of `changes`) and "runs", pairs of (run, its worst
-    finding or None), the worst first.
-    """
-    worse = {(change["scene"], change["engine"], change["method"]) for change in changes or [] if change["bad"]}
-    bad = [(record, record["worst"]) for record in records if record["outcome"] in ("fail", "error", "known")]
+    outcome: str
+    engine: str  # empty for known defects, which engines share
+    why: str
+    runs: list[tuple[Record, Finding | None]]  # and their worst findings, the worst first
+    scenes: int
+    new: int  # runs that became worse since the run of `changes`
+
+
+def worst_first(records: Sequence[Record], changes: Sequence[Change] | None = None) -> list[Wrong]:
+    """Runs that are not fine, grouped by engine and by what is wrong: new ones, other failures, known defects."""
+    worse = {(change.scene, change.engine, change.method) for change in changes or [] if change.bad}
+    bad = [(record, record.worst) for record in records if record.outcome in ("fail", "error", "known")]
     bad.sort(key=lambda pair: -_excess(pair[1]))
-    groups: dict[tuple[str, str, str], list[tuple[dict[str, Any], Any]]] = {}
+    groups: dict[tuple[str, str, str], list[tuple[Record, Finding | None]]] = {}
     for record, finding in bad:
-        engine = "" if record["outcome"] == "known" else record["engine"]
-        groups.setdefault((record["outcome"], engine, _matter(record, finding)), []).append((record, finding))
-    found = [{"outcome": outcome, "engine": engine, "why": why, "runs": runs,
-              "scenes": len({record["scene"] for record, _ in runs}),
-              "new": sum(_who(record) in worse for record, _ in runs)}
+        engine = "" if record.outcome == "known" else record.engine
+        groups.setdefault((record.outcome, engine, _matter(record, finding)), []).append((record, finding))
+    found = [Wrong(outcome, engine, why, runs, len({record.scene for record, _ in runs}),
+                   sum(_who(record) in worse for record, _ in runs))
              for (outcome, engine, why), runs in groups.items()]
     # The order within each of these, that of the worst run of a group, is kept: sorting is stable.
-    return sorted(found, key=lambda group: (not group["new"], SEVERITY.index(group["outcome"])))
+    return sorted(found, key=lambda group: (not group.new, SEVERITY.index(group.outcome)))
 
 
-def _who(record: dict[str, Any]) -> tuple[str, str, str]:
+def _who(record: Record) -> tuple[str, str, str]:
     """Scene, engine and method of a run as a change names them."""
-    return record["scene"], record["engine"], record["label"].removeprefix(f"{record['engine']} ")
+    return record.scene, record.engine, record.label.removeprefix(f"{record.engine} ")
 
 
-def _matter(record: dict[str, Any], finding: dict[str, Any] | None) -> str:
+def _matter(record: Record, finding: Finding | None) -> str:
     """What is wrong with a run, in words that it shares with others; of a known defect, its reason."""
-    if record["outcome"] == "error" or finding is None:
+    if record.outcome == "error" or finding is None:
         return "did not run"
-    if record["outcome"] == "known":
-        return str(finding["detail"] or finding["why"])
-    kind = str(finding["kind"])
+    if record.outcome == "known":
+        return str(finding.detail or finding.why)
+    kind = str(finding.kind)
     if kind == "run":
-        ended = finding["why"] != "a run has to reach its end"
+        ended = finding.why != "a run has to reach its end"
         return "printed text that nobody reads" if ended else "did not reach its end"
     if kind.startswith("order"):
         return "observed order below the documented one"
@@ -141,14 +164,14 @@ def _matter(record: dict[str, Any], finding: dict[str, Any] | None) -> str:
     return MATTERS.get(kind, f"{kind} beyond its bound")
 
 
-def _excess(finding: dict[str, Any] | None) -> float:
+def _excess(finding: Finding | None) -> float:
     """How far beyond its bound, as a factor, only to sort by; what is not finite comes first."""
-    if not finding or not finding["value"] or not finding["bound"]:
+    if not finding or not finding.value or not finding.bound:
         return float("inf")
-    ratio = finding["value"] / finding["bound"]
-    return 1 / ratio if finding["kind"].startswith("order") else ratio
+    ratio = finding.value / finding.bound
+    return 1 / ratio if finding.kind.startswith("order") else ratio
 
 
-def summary_counts(records: list[dict[str, Any]]) -> dict[str, int]:
+def summary_counts(records: Sequence[Record]) -> dict[str, int]:
     """How many runs have each outcome, in the order of `OUTCOMES`."""
-    return {outcome: sum(record["outcome"] == outcome for record in records) for outcome in OUTCOMES}
+    return {outcome: sum(record.outcome == outcome for record in records) for outcome in OUTCOMES}

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import urllib.parse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from crosscheck.judge.plan import EULER
+from crosscheck.document import EULER, Document, Record, Scene, Support
 from crosscheck.report import overview
 from crosscheck.report.headline import OUTCOMES, headline, number, partly, plain_number, sentence, span, spoken
 from crosscheck.report.names import STUDIES, anchor, data_file, engine_file, scene_file, slug, study_file
@@ -43,88 +44,88 @@ def environment() -> Any:
     return made
 
 
-def studies(document: dict[str, Any]) -> dict[str, str]:
+def studies(document: Document) -> dict[str, str]:
     """Key and title of the studies that this run made."""
-    records = document["records"]
-    made = {"convergence": any(record["orders"] for record in records),
-            "speed": any(record["ladder"] or record["timing"] for record in records),
-            "conservation": any(record["levels"] for record in records),
-            "coarse": any(record["practical"] for record in records)}
+    records = document.records
+    made = {"convergence": any(record.orders for record in records),
+            "speed": any(record.ladder or record.timing for record in records),
+            "conservation": any(record.levels for record in records),
+            "coarse": any(record.practical for record in records)}
     return {key: title for key, title in STUDIES.items() if made[key]}
 
 
-def _render(template: str, document: dict[str, Any], here: str, **more: Any) -> str:
-    return environment().get_template(template).render(
-        document=document, meta=document["meta"], scenes=document["scenes"], engines=document["meta"]["engines"],
-        studies=studies(document), here=here, changes=document.get("changes"),
-        pages={scene["name"]: scene_file(scene) for scene in document["scenes"] if "failure" not in scene}, **more)
+def _render(template: str, document: Document, here: str, **more: Any) -> str:
+    return str(environment().get_template(template).render(
+        document=document, meta=document.meta, scenes=document.scenes, engines=document.meta.engines,
+        studies=studies(document), here=here, changes=document.changes,
+        pages={scene.name: scene_file(scene) for scene in document.scenes if not scene.failure}, **more))
 
 
-def index(document: dict[str, Any]) -> str:
+def index(document: Document) -> str:
     """The first page: verdicts, what changed, worst findings, what to trust."""
     return _render("index.html.j2", document, "index", **_overview(document))
 
 
-def summary(document: dict[str, Any]) -> str:
+def summary(document: Document) -> str:
     """The same in Markdown, for a terminal or a pull request."""
     return _render("summary.md.j2", document, "index", **_overview(document))
 
 
-def _overview(document: dict[str, Any]) -> dict[str, Any]:
-    records, accurate = document["records"], overview.most_accurate(document)
+def _overview(document: Document) -> dict[str, Any]:
+    records, accurate = document.records, overview.most_accurate(document)
     return {"matrix": overview.by_method(document), "cells": overview.by_scene_and_engine(document),
             "practical": overview.at_coarse_steps(document), "headline": headline(document),
             "partly": partly(document), "counts": overview.summary_counts(records),
-            "worst": overview.worst_first(records, document.get("changes")),
-            "advice": overview.recommended(document["scenes"]), "accurate": accurate,
+            "worst": overview.worst_first(records, document.changes),
+            "advice": overview.recommended(document.scenes), "accurate": accurate,
             "others": overview.leaders(accurate)}
 
 
-def scene(document: dict[str, Any], described: dict[str, Any]) -> str:
+def scene(document: Document, described: Scene) -> str:
     """The page of one scene."""
-    records = [record for record in document["records"] if record["scene"] == described["name"]]
-    return _render("scene.html.j2", document, described["name"], scene=described, records=records,
-                   reasons=_reasons(records), paper_table=PENDULUMS.get(described["name"]),
+    records = [record for record in document.records if record.scene == described.name]
+    return _render("scene.html.j2", document, described.name, scene=described, records=records,
+                   reasons=_reasons(records), paper_table=PENDULUMS.get(described.name),
                    data_file=data_file(described), compared=paper_rows(records),
                    support=support_rows(document, described))
 
 
-def engine(document: dict[str, Any], name: str) -> str:
+def engine(document: Document, name: str) -> str:
     """The page of one engine: all its runs, its known defects, what it supports."""
-    records = [record for record in document["records"] if record["engine"] == name]
-    titles = {each["name"]: each.get("title", each["name"]) for each in document["scenes"]}
+    records = [record for record in document.records if record.engine == name]
+    titles = {each.name: each.title for each in document.scenes}
     return _render("engine.html.j2", document, f"engine {name}", name=name, records=records, titles=titles,
                    counts=overview.counted(records), worst=overview.worst_first(records),
-                   support=[(each, row) for each in document["scenes"]
-                            for row in support_rows(document, each) if row["engine"] == name])
+                   support=[(each, row) for each in document.scenes
+                            for row in support_rows(document, each) if row.engine == name])
 
 
-def study(document: dict[str, Any], key: str) -> str:
+def study(document: Document, key: str) -> str:
     """The page of one study over all scenes."""
-    titles = {each["name"]: each.get("title", each["name"]) for each in document["scenes"]}
-    records = [record for record in document["records"] if record["practical"] == (key == "coarse")]
+    titles = {each.name: each.title for each in document.scenes}
+    records = [record for record in document.records if record.practical == (key == "coarse")]
     return _render(f"study-{key}.html.j2", document, f"study {key}", records=records, titles=titles,
                    title=STUDIES[key], practical=overview.at_coarse_steps(document))
 
 
-def _reasons(records: list[dict[str, Any]]) -> dict[str, int]:
+def _reasons(records: Sequence[Record]) -> dict[str, int]:
     """Every reason of a bound on a page, numbered: a page of findings would else say each a hundred times."""
     found: dict[str, int] = {}
     for record in records:
-        for finding in record["findings"]:
-            if finding["why"]:
-                found.setdefault(finding["why"], len(found) + 1)
+        for finding in record.findings:
+            if finding.why:
+                found.setdefault(finding.why, len(found) + 1)
     return found
 
 
-def support_rows(document: dict[str, Any], described: dict[str, Any]) -> list[dict[str, Any]]:
+def support_rows(document: Document, described: Scene) -> list[Support]:
     """Which engine and form can model a scene: what the document's support matrix says of it."""
-    return [row for row in document.get("support") or [] if row.get("scene") == described["name"]]
+    return [row for row in document.support or [] if row.scene == described.name]
 
 
-def paper_rows(records: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def paper_rows(records: Sequence[Record]) -> list[Record]:
     """The runs of the paper's table: its eight methods in its order, then every run of the established engines."""
     euler = [record for method in EULER for record in records
-             if record["engine"] == "lieeuler" and record["method"] == method and not record["practical"]]
-    return euler + [record for record in records if record["engine"] != "lieeuler" and record["errors"]
-                    and not record["practical"]]
+             if record.engine == "lieeuler" and record.method == method and not record.practical]
+    return euler + [record for record in records if record.engine != "lieeuler" and record.errors
+                    and not record.practical]

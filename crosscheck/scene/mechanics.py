@@ -6,34 +6,19 @@ Arrays have a leading time axis: x, v (T, n, 3) world, R (T, n, 3, 3) body to wo
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 
 from crosscheck.scene.constraints import Constraints, cross, normal_references
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
+from crosscheck.scene.states import Motion
 
 RANK_TOLERANCE = 1e-9
 """Singular values of G M^-1/2 below this fraction of the largest count as redundant rows: rounding leaves them near
 1e-16, and rows that are independent in a mechanism worth simulating stay far above."""
 
 
-class StateArrays(Protocol):
-    """Anything with times and states of all bodies: `States`, `Trajectory`."""
-
-    @property
-    def t(self) -> np.ndarray: ...
-    @property
-    def x(self) -> np.ndarray: ...
-    @property
-    def R(self) -> np.ndarray: ...
-    @property
-    def v(self) -> np.ndarray: ...
-    @property
-    def w(self) -> np.ndarray: ...
-
-
-def kinetic_energy(scene: Scene, states: StateArrays) -> np.ndarray:
+def kinetic_energy(scene: Scene, states: Motion) -> np.ndarray:
     """Kinetic energy, (T,) in J."""
     translation = np.einsum("n,tnk,tnk->t", scene.masses, states.v, states.v)
     rotation = np.einsum("tnj,njk,tnk->t", states.w, scene.inertias, states.w)
@@ -55,14 +40,14 @@ def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[st
     return found
 
 
-def energy(scene: Scene, states: StateArrays) -> np.ndarray:
+def energy(scene: Scene, states: Motion) -> np.ndarray:
     """Kinetic energy - sum of m g . x + spring energies, (T,) in J."""
     angles = torsion_angles(scene, states.R, states.w, states.t)
     found: np.ndarray = kinetic_energy(scene, states) + potential_energy(scene, states.x, states.R, angles)
     return found
 
 
-def momentum_vertical(scene: Scene, states: StateArrays) -> np.ndarray:
+def momentum_vertical(scene: Scene, states: Motion) -> np.ndarray:
     """Angular momentum about the upward vertical (-gravity; z without gravity) through the origin, (T,), kg m^2/s."""
     size = np.linalg.norm(scene.gravity)
     up = -scene.gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])

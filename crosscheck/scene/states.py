@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Protocol
 
 import numpy as np
 
@@ -22,3 +23,18 @@ class States:
     a: np.ndarray | None = None  # (T, n, 3)
     alpha: np.ndarray | None = None  # (T, n, 3)
     lam: np.ndarray | None = None  # (T, m)
+
+
+class Motion(Protocol):
+    """What has the states of all bodies at its times: `States`, and the trajectory of a run."""
+
+    @property
+    def t(self) -> np.ndarray: ...
+    @property
+    def x(self) -> np.ndarray: ...
+    @property
+    def R(self) -> np.ndarray: ...
+    @property
+    def v(self) -> np.ndarray: ...
+    @property
+    def w(self) -> np.ndarray: ...

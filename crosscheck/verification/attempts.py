@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
-import traceback
+import dataclasses
 from typing import Any
 
 from crosscheck.errors import EngineError, Unsupported
-from crosscheck.judge.verdict import Record
+from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
 
 
-def attempt(scene: Scene, record: Record, form: str | None, step: float | None, rtol: float | None,
-            **options: Any) -> Any:
-    """A trajectory, or the one-line reason why there is none."""
+@dataclasses.dataclass(frozen=True)
+class NoRun:
+    """Why there is no trajectory, in one line."""
+
+    reason: str
+    unsupported: bool = False  # the engine says that it cannot
+    unforeseen: bool = False  # no error that an engine is meant to raise
+
+
+def attempt(scene: Scene, engine: str, method: str, form: str | None, step: float | None, rtol: float | None,
+            **options: Any) -> Trajectory | NoRun:
+    """A trajectory, or the reason why there is none."""
     from crosscheck.running.run import run
 
     try:
-        return run(scene, record.engine, record.method, step=step, rtol=rtol, form=form, **options)
+        return run(scene, engine, method, step=step, rtol=rtol, form=form, **options)
     except Unsupported as error:
-        record.outcome, record.message = "unsupported", str(error)
+        return NoRun(str(error), unsupported=True)
     except EngineError as error:
-        return str(error)
+        return NoRun(str(error).partition("\n")[0])
     except Exception as error:
         # An adapter may meet anything inside a foreign engine; the record keeps it and the verdict fails.
-        record.message = f"{type(error).__name__}: {error}"
-        return record.message + "\n" + traceback.format_exc()
-    return record.message
+        return NoRun(f"{type(error).__name__}: {error}", unforeseen=True)

@@ -7,10 +7,12 @@ the motion is judged over a shorter time.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
-from crosscheck.judge.plan import PLANS, SHARE, STUDY_SAMPLES, ScenePlan, halved, parts, plan_from_truth
+from msgspec.structs import replace
+
+from crosscheck.document import Plan
+from crosscheck.judge.plan import PLANS, SHARE, STUDY_SAMPLES, halved, parts, plan_from_truth
 from crosscheck.references.rates import fastest
 from crosscheck.scene.model import Scene
 
@@ -39,14 +41,14 @@ EXTENTS: dict[str, tuple[float, float | None]] = {
 """(first window to try, duration of the main runs or None for the scene's), s, of scenes that would take too long."""
 
 
-def plan_within(scene: Scene, name: str, most_steps: int) -> ScenePlan:
+def plan_within(scene: Scene, name: str, most_steps: int) -> Plan:
     """The plan of a scene whose main runs take at most `most_steps` steps of one body, at any order; fewer of many.
 
     The number goes with the root of the bodies, between what engines take for a step and what surrounds it. Computes
     the truth of the window it chooses, or finds it in the cache. A scene with a plan of its own keeps it.
     """
     from crosscheck.references import truth
-    from crosscheck.verification.cell import windowed
+    from crosscheck.verification.task import windowed
 
     if name in PLANS:
         return PLANS[name]
@@ -63,7 +65,7 @@ def plan_within(scene: Scene, name: str, most_steps: int) -> ScenePlan:
         steps = {order: min(max(step, _readable_above(shortest)), longest) for order, step in found.steps.items()}
         ladders = {order: _ladder(order, step, found.window / (STUDY_SAMPLES - 1), longest)
                    for order, step in steps.items()}
-        plan = dataclasses.replace(found, steps=steps, ladders=ladders, samples=samples, duration=duration,
+        plan = replace(found, steps=steps, ladders=ladders, samples=samples, duration=duration,
                                    budgeted=True)
         if plan.most_steps <= affordable and all(
                 SHARE * (steps[order] / step) ** order <= WIDEST for order, step in found.steps.items()):

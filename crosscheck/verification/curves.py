@@ -1,24 +1,25 @@
 """What the report draws: curves of truth and of runs, packed for a page, and the geometry of a scene.
 
-A packed curve is a dictionary. "lo", "hi" and "q": little-endian 16-bit integers in base64, of which 1 to `STEPS` stand
-for equally spaced values from lo to hi; with "log" true, lo and hi are decimal logarithms and 0 stands for zero.
-`MISSING` stands for a value that is not finite. A curve whose values are all equal has "n" (how many) in place of "q".
-The word "truth" in place of a curve says: the true one, to within two such spaces.
+A packed curve is a dictionary. "lo", "hi" and "q": little-endian 16-bit integers in base64, of which 1 to
+`PACKED_STEPS` stand for equally spaced values from lo to hi; with "log" true, lo and hi are decimal logarithms and 0
+stands for zero. `PACKED_MISSING` stands for a value that is not finite. A curve whose values are all equal has "n" (how
+many) in place of "q". The word "truth" in place of a curve says: the true one, to within two such spaces.
 """
 
 from __future__ import annotations
 
 import base64
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from crosscheck.document import PACKED_MISSING, PACKED_STEPS, Curves
+from crosscheck.judge.metrics import Error
 from crosscheck.references.base import Reference
 from crosscheck.scene import mechanics
 from crosscheck.scene.model import GROUND, Scene
 
-STEPS = 65533
-MISSING = 65535
 MANY = 150
 """Curves on a logarithmic scale with more values keep every second time, with the larger of its value and the one
 before: they wander over decades within a dot's width, and what matters is how high they rise."""
@@ -35,7 +36,7 @@ def pack(values: np.ndarray, log: bool = False, truth: np.ndarray | None = None)
     values = np.asarray(values, dtype=float)
     if truth is not None and truth.shape == values.shape:
         span = float(np.ptp(truth))
-        if np.isfinite(values).all() and np.abs(values - truth).max(initial=0.0) <= 2 * span / STEPS:
+        if np.isfinite(values).all() and np.abs(values - truth).max(initial=0.0) <= 2 * span / PACKED_STEPS:
             return "truth"
     good = np.isfinite(values) & ((values > 0) | (not log))
     scaled = np.log10(values, out=np.zeros_like(values), where=good) if log else np.where(good, values, 0.0)
@@ -45,29 +46,16 @@ def pack(values: np.ndarray, log: bool = False, truth: np.ndarray | None = None)
         lo, hi = (float(f"{value:.9g}") for value in (scaled[good].min(), scaled[good].max()))
     if not log and good.all() and lo == hi:
         return {"lo": lo, "hi": hi, "n": len(values)}
-    codes = np.full(len(values), MISSING, dtype="<u2")
+    codes = np.full(len(values), PACKED_MISSING, dtype="<u2")
     # Logarithmic curves keep the integer 0 for zero itself.
-    codes[good] = np.rint((scaled[good] - lo) / (hi - lo or 1.0) * (STEPS - 1)).clip(0, STEPS - 1) + 1
+    codes[good] = np.rint((scaled[good] - lo) / (hi - lo or 1.0) * (PACKED_STEPS - 1)).clip(0, PACKED_STEPS - 1) + 1
     if log:
         codes[values == 0] = 0
     packed = {"lo": lo, "hi": hi, "q": base64.b64encode(codes.tobytes()).decode("ascii")}
     return packed | {"log": True} if log else packed
 
 
-def unpack(curve: Packed) -> np.ndarray:
-    """The values (T,) of a packed curve; NaN where one is missing. The word "truth" has to be looked up before."""
-    if not isinstance(curve, dict):
-        raise TypeError(f"a packed curve is a dictionary, not {curve!r}")
-    if "n" in curve:
-        return np.full(curve["n"], curve["lo"])
-    codes = np.frombuffer(base64.b64decode(curve["q"]), dtype="<u2").astype(float)
-    values = curve["lo"] + (codes - 1) / (STEPS - 1) * (curve["hi"] - curve["lo"])
-    if curve.get("log"):
-        values = np.where(codes == 0, 0.0, 10.0**values)
-    return np.where(codes == MISSING, np.nan, values)
-
-
-def scene_curves(scene: Scene, reference: Reference | None) -> dict[str, Any]:
+def scene_curves(scene: Scene, reference: Reference | None) -> Curves:
     """Output times (s), geometry and, where there is truth, its motion, energies (J), momentum and reactions."""
     times = [float(f"{time:.6g}") for time in scene.t]
     found: dict[str, Any] = {"t": times, "drawing": drawing(scene, reference)}
@@ -77,7 +65,7 @@ def scene_curves(scene: Scene, reference: Reference | None) -> dict[str, Any]:
     return found | {key: _packed(values) for key, values in series.items()}
 
 
-def run_curves(scene: Scene, traj: Any, errors: dict[str, Any], reference: Reference | None) -> dict[str, Any]:
+def run_curves(scene: Scene, traj: Any, errors: Mapping[str, Error], reference: Reference | None) -> Curves:
     """Curves of one run at the scene's output times.
 
     Keys as in `scene_curves`, and on a logarithmic scale, see `MANY`, "errors" per quantity, "energy" (the error over
@@ -89,8 +77,8 @@ def run_curves(scene: Scene, traj: Any, errors: dict[str, Any], reference: Refer
         return _run_curves(scene, traj, errors, reference, exact, true)
 
 
-def _run_curves(scene: Scene, traj: Any, errors: dict[str, Any], reference: Reference | None, exact: Any,
-                true: dict[str, Any]) -> dict[str, Any]:
+def _run_curves(scene: Scene, traj: Any, errors: Mapping[str, Error], reference: Reference | None, exact: Any,
+                true: dict[str, Any]) -> Curves:
     series = _series(scene, traj, traj.reactions, true.get("q"))
     # Against the true energy and momentum, which loads and dampers change; without truth against those of the start.
     energy = traj.energy[:1] if reference is None else mechanics.energy(scene, exact)
@@ -112,7 +100,7 @@ def _log(values: np.ndarray) -> Packed:
     return pack(values, log=True)
 
 
-def drawing(scene: Scene, reference: Reference | None = None) -> dict[str, Any]:
+def drawing(scene: Scene, reference: Reference | None = None) -> Curves:
     """Geometry for a picture: boxes, joints, springs and loads, in m; points and axes in the frames of the scene file.
 
     The box of a body is the one of uniform density that has its mass and inertia; "turn" is the largest angle (rad)
@@ -141,7 +129,7 @@ def _corners(mass: float, inertia: np.ndarray) -> list[Any]:
     return [_rounded(axes @ (sign * edges / 2)) for sign in signs]
 
 
-def _series(scene: Scene, states: Any, reactions: Any, near: np.ndarray | None = None) -> dict[str, Any]:
+def _series(scene: Scene, states: Any, reactions: Any, near: np.ndarray | None = None) -> Curves:
     """Curves before packing: x (n, 3, T), q (n, 4, T) quaternions w, x, y, z, energies, momentum, reactions."""
     kinetic, total = mechanics.kinetic_energy(scene, states), mechanics.energy(scene, states)
     found = {"x": np.moveaxis(states.x, 0, -1), "q": _quaternions(states.R, near), "kinetic": kinetic,

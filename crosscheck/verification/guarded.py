@@ -1,18 +1,21 @@
-"""Cells and timings as worker processes run them: what an engine prints, and how its process ends, enter the record."""
+"""Cells as worker processes run them: what an engine prints, and how its process ends, enter the record."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+
+from msgspec.structs import replace
 
 from crosscheck import adapters
+from crosscheck.document import Finding, Judged
 from crosscheck.errors import ArgumentError, EngineError
 from crosscheck.jobs.grid import Crash, Limits, run_tasks
 from crosscheck.jobs.workers import output
 from crosscheck.jobs.workers.process import GIGABYTE
-from crosscheck.judge.verdict import Finding, Record
-from crosscheck.verification.cell import Cell, Timing, run_cell, time_cells
+from crosscheck.judge.verdict import beyond
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell
 
 TIME_LIMIT = 1800.0
 """s of one cell (a main run and its order study); those of the built-in engines take seconds to minutes."""
@@ -52,46 +55,16 @@ def check_engines(names: Sequence[str], within: Limits | None = None) -> None:
         adapters.get(name)
 
 
-def guarded_cell(cell: Cell) -> Record:
+def guarded_cell(cell: Cell) -> Judged:
     """`run_cell`, and what its engine printed: nobody reads that, so that a warning in it would be lost."""
-    record = run_cell(cell)
-    record.own_environment = adapters.has_own_environment(cell.engine)
-    if record.own_environment:
-        record.us_per_step = record.seconds_per_second = None
-        for rung in record.ladder:
-            rung["wall_time"] = None
+    judged = run_cell(cell)
+    if adapters.has_own_environment(cell.engine):
+        judged = replace(judged, own_environment=True, us_per_step=None, seconds_per_second=None,
+                         ladder=[replace(rung, wall_time=None) for rung in judged.ladder])
     lines = [line for line in output.heard().splitlines() if line.strip()]
-    if lines:
-        shown = "".join(letter if letter.isprintable() else "?" for letter in lines[0].strip()[:SHOWN])
-        shown = f"it printed {len(lines)} lines, first: {shown}"
-        record.findings.append(Finding("run", "fail", None, None, "", "an engine answers by what it returns; what it "
-                                       "prints is lost on its user", shown))
-        record.outcome = "fail"
-        record.message = "; ".join(filter(None, (record.message, shown)))
-    return record
-
-
-def guarded_timing(task: Timing, within: Limits | None = None) -> tuple[list[list[dict[str, Any]]], dict[int, str]]:
-    """The timings of `time_cells`, all of them in one worker process, and why there is none of some cells.
-
-    A cell that ends the process or does not come to an end is left out of a second attempt, and so on; the limit of
-    time is that of all cells together.
-    """
-    left = list(range(len(task.cells)))
-    reasons: dict[int, str] = {}
-    while left:
-        part = dataclasses.replace(task, cells=tuple(task.cells[index] for index in left),
-                                   orders=tuple(task.orders[index] for index in left),
-                                   main=tuple(task.main[index] for index in left if index < len(task.main)))
-        each = within or Limits()
-        whole = Limits(None if each.time is None else each.time * len(left), each.memory)
-        found = run_tasks(time_cells, [part], 1, limits=whole)[0]
-        if not isinstance(found, Crash):
-            points = dict(zip(left, found, strict=True))
-            return [points.get(index, []) for index in range(len(task.cells))], reasons
-        culprit = int(found.at) if found.at else None
-        # Without a culprit it was none of the engines: another attempt would end alike.
-        for index in left if culprit is None else [left[culprit]]:
-            reasons[index] = found.message
-        left = [] if culprit is None else left[:culprit] + left[culprit + 1:]
-    return [[] for _ in task.cells], reasons
+    if not lines:
+        return judged
+    shown = "".join(letter if letter.isprintable() else "?" for letter in lines[0].strip()[:SHOWN])
+    shown = f"it printed {len(lines)} lines, first: {shown}"
+    return beyond(judged, Finding("run", "fail", None, None, "", "an engine answers by what it returns; what it prints "
+                                  "is lost on its user", shown), shown)

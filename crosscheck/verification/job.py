@@ -1,67 +1,54 @@
-"""The main job: truths, every cell of the grid, timings, one document that holds it all, one report written from it."""
+"""The main job: truths, every cell of the grid, timings, one document that holds it all."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import os
-import re
 import shlex
-import tempfile
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
+import msgspec
+from msgspec.structs import replace
+
 from crosscheck import adapters
+from crosscheck.document import (
+    Document,
+    Finding,
+    Judged,
+    Meta,
+    Record,
+    Scene,
+    SceneTruth,
+    Support,
+    Timed,
+    exit_code,
+    extended,
+)
 from crosscheck.errors import ArgumentError
 from crosscheck.files import finite
 from crosscheck.jobs.grid import Crash, Limits
 from crosscheck.jobs.journal import Journal, Stages
+from crosscheck.judge import verdict
 from crosscheck.judge.overrides import Overrides
-from crosscheck.judge.plan import PENDING, PLANS, Profile, ScenePlan
+from crosscheck.judge.plan import PENDING, PLANS, Profile
 from crosscheck.judge.plan import profile as profile_called
-from crosscheck.judge.verdict import PASSING, Finding, Record
 from crosscheck.running import provenance, support
 from crosscheck.verification import trust
-from crosscheck.verification.cell import Cell, Timing, prepare_truth
-from crosscheck.verification.guarded import check_engines, guarded_cell, guarded_timing
+from crosscheck.verification.guarded import check_engines, guarded_cell
 from crosscheck.verification.guarded import limits as default_limits
 from crosscheck.verification.listing import all_cells
+from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.speed import measure_speed
+from crosscheck.verification.task import Cell
+from crosscheck.verification.timing import timed
 
 Progress = Callable[[int, int, str], None]
 """Called with (tasks done, tasks in all, what ended last)."""
 
 
-@dataclasses.dataclass
-class Results:
-    """All that a report needs, and all it may use."""
-
-    meta: dict[str, Any]
-    scenes: list[dict[str, Any]]
-    records: list[Record]
-    support: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # as `running.support.of_scenes` has it
-
-    @property
-    def exit_code(self) -> int:
-        """0: every verdict passes; 1: one does not; 2: the run itself failed (a scene without truth, nothing ran)."""
-        if any("failure" in scene or scene.get("disputed") for scene in self.scenes) or not self.records:
-            return 2
-        return int(any(record.outcome not in PASSING for record in self.records))
-
-    def plain(self) -> dict[str, Any]:
-        """The document as values that JSON knows."""
-        records = []
-        for record in self.records:
-            worst = record.worst
-            records.append(dataclasses.asdict(record) | {"word": record.word, "partly": record.partly,
-                                                         "worst": dataclasses.asdict(worst) if worst else None})
-        return finite({"meta": self.meta, "scenes": self.scenes, "records": records, "exit_code": self.exit_code,
-                       "support": self.support})
-
-
-JOURNAL_TYPES = {"truth": dict[str, Any], "cell": Record, "speed": list[list[tuple[float, float]]]}
+JOURNAL_TYPES = {"truth": SceneTruth, "cell": Judged, "speed": list[list[tuple[float, float]]]}
 """What the results of each stage are, for `crosscheck.jobs.journal`."""
 
 
@@ -96,8 +83,8 @@ def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[st
 
 def verify(profile: str = "default", scenes: Sequence[str] | None = None, engines: Sequence[str] | None = None,
            jobs: int = 2, progress: Progress | None = None, journal: Journal | None = None,
-           limits: Limits | None = None, overrides: Overrides = ()) -> Results:
-    """Run the main job and return its results; nothing is written, except into the journal.
+           limits: Limits | None = None, overrides: Overrides = ()) -> Document:
+    """Run the main job and return its document; nothing is written, except into the journal.
 
     Parameters
     ----------
@@ -124,145 +111,67 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     stages = Stages(jobs, journal, _Counter(len(scene_names) * (1 + bool(settings.timing) + settings.speed)
                                              + len(cells), progress))
 
-    described, plans = _truths(stages, scene_names, settings)
-    without = {scene["name"]: scene["no_truth"] for scene in described if "no_truth" in scene}
+    truths = _truths(stages, scene_names, settings)
+    plans = {scene.name: scene.plan for scene in truths if scene.plan is not None}
+    without = {scene.name: scene.no_truth for scene in truths if scene.no_truth}
     cells = [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
                                  overrides=overrides, most_seconds=settings.most_seconds)
              for cell in cells if not (cell.practical and cell.scene in without)]
-    records = _records(stages, cells, plans, described, within)
+    records = _records(stages, cells, truths, within)
     if settings.timing:
-        _time(cells, records, settings.timing, stages.count, within)
-    meta = provenance.describe(engine_names) | {"profile": profile, "jobs": jobs, "command": _command(
-        profile, scenes, engines, jobs, overrides)}
+        records = timed(cells, records, settings.timing, stages.count, within)
+    calibration = None
     if settings.speed:
-        meta["calibration"] = measure_speed(records, settings.speed, dataclasses.replace(stages, jobs=1), within)
-    meta["seconds"] = journal.seconds if journal is not None else time.perf_counter() - started
-    for scene in described:
-        scene["plan"] = dataclasses.asdict(plans[scene["name"]]) if scene["name"] in plans else None
-    results = Results(meta, described, records, support.of_scenes(scene_names, engine_names, within))
-    recommend(results)
-    return results
+        records, calibration = measure_speed(records, settings.speed, dataclasses.replace(stages, jobs=1), within)
+    told = _command(profile, scenes, engines, jobs, overrides)
+    meta = provenance.describe(engine_names) | {
+        "profile": profile, "jobs": jobs, "command": told, "calibration": calibration,
+        "seconds": journal.seconds if journal is not None else time.perf_counter() - started}
+    rows = msgspec.convert(support.of_scenes(scene_names, engine_names, within), list[Support])
+    return document(msgspec.convert(meta, Meta), truths, records, rows)
 
 
-def recommend(results: Results) -> None:
-    """Say per scene which runs to trust; again where their times were measured anew."""
-    for scene in results.scenes:
-        own = [record for record in results.records if record.scene == scene["name"]]
-        scene["recommended"] = trust.recommend(scene, own)
-        scene["trust"] = trust.sentence(scene, own)
+def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record],
+             rows: list[Support] | None = None) -> Document:
+    """The document of these records, with what to trust by them; again where their times were measured anew."""
+    records = [replace(record, word=verdict.word(record), partly=verdict.partly(record),
+                       worst=verdict.worst(record.findings)) for record in records]
+    scenes = []
+    for scene in truths:
+        own = [record for record in records if record.scene == scene.name]
+        advice = {"recommended": trust.recommend(scene, own), "trust": trust.sentence(scene, own)}
+        scenes.append(replace(scene, **advice) if isinstance(scene, Scene) else extended(Scene, scene, **advice))
+    # JSON has no infinity, and no page shows one.
+    shown = msgspec.convert(finite(msgspec.to_builtins(records, str_keys=True)), list[Record], str_keys=True)
+    return Document(meta=meta, scenes=scenes, records=shown, exit_code=exit_code(scenes, records), support=rows)
 
 
-def _truths(stages: Stages, names: list[str], settings: Profile) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """What the report says about every scene, and the plans of those that did not fail."""
+def _truths(stages: Stages, names: list[str], settings: Profile) -> list[SceneTruth]:
+    """What the report says about every scene; of those that could not be prepared, why."""
     found = stages.run("truth", prepare_truth, [(name, settings.whole, settings.most_steps) for name in names], names,
                        [f"truth of {name}" for name in names], again=True)  # every run of the scene needs it
-    described = [_failed_scene(name, each) if isinstance(each, Crash) else each
-                 for name, each in zip(names, found, strict=True)]
-    plans = {scene["name"]: scene.pop("plan") for scene in described if "failure" not in scene}
-    # Out of a journal a plan comes as plain values.
-    import msgspec
-
-    return described, {name: plan if isinstance(plan, ScenePlan) else msgspec.convert(plan, ScenePlan, str_keys=True)
-                       for name, plan in plans.items()}
+    return [_failed_scene(name, each) if isinstance(each, Crash) else each
+            for name, each in zip(names, found, strict=True)]
 
 
-def _records(stages: Stages, cells: list[Cell], plans: dict[str, Any], described: list[dict[str, Any]],
-             within: Limits) -> list[Record]:
+def _records(stages: Stages, cells: list[Cell], truths: list[SceneTruth], within: Limits) -> list[Record]:
     """The records of all cells, in their order."""
-    bodies = {scene["name"]: len(scene["bodies"]) for scene in described if scene["name"] in plans}
+    scenes = {scene.name: scene for scene in truths}
     # The longest first, so that no worker is left alone with one at the end.
-    ready = sorted((index for index, cell in enumerate(cells) if cell.scene in plans),
-                   key=lambda index: (-adapters.pace(cells[index].engine),
-                                      -bodies[cells[index].scene] * cells[index].plan.most_steps))
+    ready = sorted((index for index, cell in enumerate(cells) if not scenes[cell.scene].failure),
+                   key=lambda index: (-adapters.pace(cells[index].engine), -len(scenes[cells[index].scene].bodies)
+                                      * cells[index].plan.most_steps))
     chosen = [cells[index] for index in ready]
     found = stages.run("cell", guarded_cell, chosen, [_key(cell) for cell in chosen],
                        [f"{cell.scene}: {cell.label}" for cell in chosen], limits=within)
     by_index = dict(zip(ready, found, strict=True))
-    records = [_recorded(cell, by_index.get(index), described) for index, cell in enumerate(cells)]
-    for cell, record in zip(cells, records, strict=True):
-        record.default_form = cell.default_form
-    _label(records)
-    return records
+    judged = [_recorded(cell, by_index.get(index), scenes[cell.scene]) for index, cell in enumerate(cells)]
+    return [extended(Timed, each, label=label, default_form=cell.default_form)
+            for cell, each, label in zip(cells, judged, labels(judged), strict=True)]
 
 
 def _key(cell: Cell) -> str:
     return json.dumps([cell.scene, cell.engine, cell.method, cell.form, cell.practical])
-
-
-def check_out(out: Path) -> None:
-    """Raise `ArgumentError` where a report must not or cannot be written; asked before anything runs.
-
-    A folder is replaced only where it is empty or is a report of ours: its results.json says so.
-    """
-    try:
-        if out.is_symlink() and not out.exists():
-            raise ArgumentError(f"--out {out}: a link that leads nowhere; remove it or choose another folder")
-        if out.exists() and not out.is_dir():
-            raise ArgumentError(f"--out {out}: a file is there; choose a folder that does not exist yet")
-        if out.is_dir() and any(out.iterdir()) and not _is_report(out):
-            raise ArgumentError(f"--out {out}: this folder holds something else than a report of crosscheck, and would "
-                                "be replaced; choose an empty folder or one that does not exist yet")
-        place = next(folder for folder in out.resolve().parents if folder.exists())
-        try:
-            tempfile.TemporaryDirectory(dir=place).cleanup()  # rights alone do not tell: root may write into /proc
-        except OSError:
-            raise ArgumentError(f"--out {out}: {place} cannot be written; choose another folder") from None
-    except OSError as error:
-        raise ArgumentError(f"--out {out}: {error.strerror or error}") from None
-
-
-def _is_report(folder: Path) -> bool:
-    """Whether this folder is a report that `write` left, and nobody put anything else into it."""
-    from crosscheck.report import is_file_of_report
-
-    try:
-        document = json.loads((folder / "results.json").read_text(encoding="utf-8"))
-        ours = str(document["meta"]["command"]).startswith("crosscheck verify")
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
-    return ours and all(is_file_of_report(path) for path in folder.iterdir())
-
-
-def write(results: Results, out: Path) -> Path:
-    """Write the report into the folder `out`, replacing an older one only once the new one is complete.
-
-    Returns the path of the page to open; raises `ArgumentError` where `check_out` does, and where writing fails.
-    """
-    import psutil
-
-    from crosscheck.report import write_report
-
-    check_out(out)
-    out = out.resolve()
-    aside = out.with_name(f".{out.name}.{os.getpid()}.new")
-    old = out.with_name(f".{out.name}.{os.getpid()}.old")
-    for leftover in out.parent.glob(f".{out.name}.*.*"):
-        if (left := re.fullmatch(r"\.(\d+)\.(new|old)", leftover.name.removeprefix(f".{out.name}"))) and (
-                not psutil.pid_exists(int(left[1]))):
-            _remove(leftover)  # of a process that was killed as it wrote
-    try:
-        write_report(results.plain(), aside)
-        if out.exists():
-            out.rename(old)
-        try:
-            aside.rename(out)
-        except OSError:
-            if old.exists():
-                old.rename(out)
-            raise
-    except OSError as error:
-        raise ArgumentError(f"--out {out}: the report cannot be written ({error.strerror or error})") from error
-    finally:
-        for leftover in (aside, old):
-            _remove(leftover)
-    return out / "index.html"
-
-
-def _remove(folder: Path) -> None:
-    import shutil
-
-    if folder.exists():
-        shutil.rmtree(folder)
 
 
 class _Counter:
@@ -277,63 +186,35 @@ class _Counter:
             self.progress(self.done, self.total, label)
 
 
-def _blank(cell: Cell, message: str) -> Record:
-    record = Record(cell.scene, cell.engine, "", cell.method, cell.form, None, None, None, "")
-    record.outcome, record.message = "error", message
-    record.findings.append(Finding("run", "fail", None, None, "", "a run has to reach its end", message))
-    return record
+def _blank(cell: Cell, message: str) -> Judged:
+    return Judged(scene=cell.scene, engine=cell.engine, version="", method=cell.method, form=cell.form,
+                  outcome="error", message=message,
+                  findings=[Finding("run", "fail", None, None, "", "a run has to reach its end", message)])
 
 
-def _recorded(cell: Cell, result: Record | Crash | None, described: list[dict[str, Any]]) -> Record:
-    """The record of a cell, also where its worker crashed or its scene has no truth."""
-    if isinstance(result, Record):
-        return result
+def _recorded(cell: Cell, result: Judged | Crash | None, scene: SceneTruth) -> Judged:
+    """The verdict on a cell, also where its worker crashed or its scene could not be prepared."""
     if isinstance(result, Crash):
         return _blank(cell, result.message)
-    failure = next(scene["failure"] for scene in described if scene["name"] == cell.scene)
-    return _blank(cell, f"not run, the scene has no truth to judge by: {failure}")
+    return result or _blank(cell, f"not run, the scene has no truth to judge by: {scene.failure}")
 
 
-def _label(records: list[Record]) -> None:
-    """Name every run; the form only where the same method ran in more than one, on whatever scene."""
+def labels(runs: Sequence[Judged]) -> list[str]:
+    """The name of every run; with the form only where the same method ran in more than one, on whatever scene."""
     forms: dict[tuple[str, str], set[str]] = {}
-    for record in records:
-        forms.setdefault((record.engine, record.method), set()).update({record.form} if record.form else ())
-    for record in records:
-        several = len(forms[record.engine, record.method]) > 1 and record.form
-        coarse = f" at {1e3 * record.step:g} ms" if record.practical and record.step else ""
-        record.label = f"{record.engine} {record.method}" + (f" ({record.form})" if several else "") + coarse
+    for run in runs:
+        forms.setdefault((run.engine, run.method), set()).update({run.form} if run.form else ())
+    found = []
+    for run in runs:
+        several = len(forms[run.engine, run.method]) > 1 and run.form
+        coarse = f" at {1e3 * run.step:g} ms" if run.practical and run.step else ""
+        found.append(f"{run.engine} {run.method}" + (f" ({run.form})" if several else "") + coarse)
+    return found
 
 
-def _failed_scene(name: str, crash: Crash) -> dict[str, Any]:
-    return {"name": name, "failure": crash.message, "details": crash.details}
-
-
-def _time(cells: list[Cell], records: list[Record], repeats: int, count: Callable[[str], None],
-          within: Limits) -> None:
-    """Stepping times, one scene after the other in a single worker, with nothing else running.
-
-    Engines in environments of their own are left out: their times compare with no other.
-    """
-    for scene in dict.fromkeys(cell.scene for cell in cells):
-        chosen = [(cell, record) for cell, record in zip(cells, records, strict=True)
-                  if cell.scene == scene and record.ladder and not record.own_environment]
-        if chosen:
-            task = Timing(tuple(cell for cell, _ in chosen), tuple(record.documented_order for _, record in chosen),
-                          repeats, tuple(record.step or record.rtol or 0.0 for _, record in chosen))
-            timed, reasons = guarded_timing(task, within)
-            for index, ((_, record), points) in enumerate(zip(chosen, timed, strict=True)):
-                if index in reasons:
-                    record.findings.append(Finding("run", "fail", None, None, "", "a run has to reach its end",
-                                                   f"in the timing study: {reasons[index]}"))
-                    record.outcome = "fail"
-                record.timing = [point for point in points if not point["main"]]
-                for point in points:
-                    if point["main"]:
-                        record.us_per_step = point["us_per_step"]
-                        record.seconds_per_second = point["seconds_per_second"]
-                        record.seconds_deviation = point["seconds_deviation"]
-        count(f"timing of {scene}")
+def _failed_scene(name: str, crash: Crash) -> SceneTruth:
+    return SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
+                      truth=None, scales=None, failure=crash.message, details=crash.details or "")
 
 
 def _command(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, jobs: int,

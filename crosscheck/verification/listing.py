@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from crosscheck.jobs.grid import Crash, Limits, run_tasks
 from crosscheck.judge.plan import PENDING, PLANS, Profile
 from crosscheck.running import provenance
-from crosscheck.verification.cell import Cell
+from crosscheck.verification.task import Cell
 
 
 def all_cells(scene_names: Sequence[str], engine_names: Sequence[str], profile: Profile,

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
 
+from msgspec.structs import replace
+
+from crosscheck.document import QUANTITIES, Finding, Order, Rung
 from crosscheck.judge import tolerances
-from crosscheck.judge.metrics import QUANTITIES, Order, errors
+from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import RTOLS
 from crosscheck.judge.richardson import judge_limit
-from crosscheck.judge.verdict import Finding, Record, judge_orders, undecided
+from crosscheck.judge.verdict import judge_orders, undecided
 from crosscheck.references.base import Reference
+from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
-from crosscheck.verification.attempts import attempt
+from crosscheck.verification.attempts import NoRun, attempt
+from crosscheck.verification.task import Cell
 
 clock = time.process_time  # s; what others do on the machine decides nothing
-
-if TYPE_CHECKING:
-    from crosscheck.verification.cell import Cell
 
 REFINEMENTS = 4
 """Steps that an order study adds where an order is low. The next term of the error moves the slope by one at most where
@@ -30,102 +33,141 @@ HOPELESS = 10.0
 """Where every error of the main run exceeds its bound so many times, no order that finer steps may show saves it."""
 
 
-def order_study(record: Record, cell: Cell, scene: Scene, reference: Reference) -> None:
-    """Errors at halved steps (or tightened tolerances) over the window, and the orders they show."""
-    order = record.documented_order
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """What an order study found."""
+
+    findings: list[Finding]
+    orders: dict[str, Order]
+    ladder: list[Rung]
+    cut: str = ""  # why it has fewer steps than planned, where the bound of its time cut it
+    refused: str = ""  # why the engine does not support the scene at all
+    message: str = ""  # the last error that no engine is meant to raise
+
+
+class _Ladder:
+    """The runs of one order study as they are made, coarse to fine."""
+
+    def __init__(self, cell: Cell, order: int | None, scene: Scene, reference: Reference) -> None:
+        self.cell, self.order, self.scene, self.reference = cell, order, scene, reference
+        self.rungs: list[Rung] = []
+        self.runs: list[tuple[float, Trajectory]] = []
+        self.cut = self.refused = self.message = ""
+        self._costs: list[float] = []  # s
+
+    def add(self, size: float) -> bool:
+        """One more step (s), or rtol; False where the bound of time forbids it."""
+        if not self._affordable(size):
+            return False
+        step, rtol = (None, size) if self.order is None else (size, None)
+        began = clock()
+        cell = self.cell
+        traj = attempt(self.scene, cell.engine, cell.method, cell.form, step, rtol, monitor=False)
+        self._costs.append(clock() - began)
+        if isinstance(traj, NoRun):
+            self.rungs.append(Rung(step=step, rtol=rtol, message=traj.reason.partition("\n")[0]))
+            self.refused = traj.reason if traj.unsupported else self.refused
+            self.message = traj.reason if traj.unforeseen else self.message
+            return True
+        found = errors(self.scene, traj, self.reference.states, self.reference.horizon)
+        used = traj.stats.get("step")
+        self.runs.append((used or size, traj))
+        self.rungs.append(Rung(
+            step=used or step, rtol=rtol, wall_time=float(traj.wall_time), steps=int(traj.steps),
+            errors={name: error.max for name, error in found.items()},
+            end={name: error.end for name, error in found.items()}))
+        return True
+
+    def finer(self) -> float:
+        """The next step (s), in the ratio of the last two."""
+        coarse, fine = (rung.step or 0.0 for rung in self.rungs[-2:])
+        return fine**2 / coarse
+
+    def _affordable(self, size: float) -> bool:
+        """Whether one more run keeps to the bound of time, by what the last one took; the coarsest is always run.
+
+        Where it does not, `cut` says so. Runs of adaptive methods cost about as much at every tolerance.
+        """
+        most_seconds = self.cell.most_seconds
+        if most_seconds is None or not self._costs:
+            return True
+        fixed = self.order is not None
+        finer = (self.rungs[-1].step or 0.0) / size if fixed else 1.0
+        if sum(self._costs) + self._costs[-1] * finer <= most_seconds:
+            return True
+        at = f"step of {size:.3g} s" if fixed else f"tolerance of {size:g}"
+        self.cut = f"cut before a {at}, with which the study would take more than {most_seconds:g} s"
+        return False
+
+    def study(self, findings: Sequence[Finding] = (), orders: dict[str, Order] | None = None) -> Study:
+        """What was found."""
+        return Study(list(findings), orders or {}, self._with_guide(), self.cut, self.refused, self.message)
+
+    def _with_guide(self) -> list[Rung]:
+        """The rungs with the documented slope through the coarsest, for the eye."""
+        start = self.rungs[0].errors.get("position") if self.rungs and self.order is not None and not (
+            self.cut and len(self.rungs) < FEWEST) else None
+        if start is None or self.order is None:
+            return self.rungs
+        first = self.rungs[0].step or 1.0
+        return [replace(rung, guide=start * ((rung.step or 0.0) / first) ** self.order) for rung in self.rungs]
+
+
+def order_study(cell: Cell, order: int | None, scene: Scene, reference: Reference, judged: Sequence[Finding],
+                failed: bool) -> Study:
+    """Errors at halved steps (or tightened tolerances) over the window, and the orders they show.
+
+    Parameters
+    ----------
+    order : the documented one; None for an adaptive method
+    judged : findings of the main run
+    failed : the main run did not reach its end
+    """
     sizes = cell.plan.ladder(order, cell.rungs) if order is not None else RTOLS[:cell.rungs]
-    runs: list[tuple[float, Any]] = []
-    costs: list[float] = []  # s
+    ladder = _Ladder(cell, order, scene, reference)
     for size in sizes:
-        if not _affordable(record, cell.most_seconds, size, costs):
-            break
-        _add_rung(record, cell, scene, reference, size, runs, costs)
-        if record.status == "failed" and not runs:  # neither the main run nor the coarsest: finer ones tell no more
+        # Where neither the main run nor the coarsest reach their end, finer ones tell no more.
+        if not ladder.add(size) or (failed and not ladder.runs):
             break
     if order is None:
-        return
-    if record.ladder_cut and len(record.ladder) < FEWEST:
-        _not_measured(record, record.ladder_cut)
-        return
+        return ladder.study()
+    if ladder.cut and len(ladder.rungs) < FEWEST:
+        return ladder.study(_not_measured(order, ladder.cut))
     scale = tolerances.scales(scene, reference)
     plateaus = {quantity: tolerances.plateau(scene, reference, scale.of(quantity), order) for quantity in QUANTITIES}
-    findings, orders = judge_orders(order, record.ladder, plateaus)
-    most = len(sizes) + (0 if _hopeless(record) else REFINEMENTS)
-    while undecided(findings, orders) and len(record.ladder) < most and not record.ladder_cut:
-        coarse, fine = (rung["step"] for rung in record.ladder[-2:])
-        if _affordable(record, cell.most_seconds, fine**2 / coarse, costs):
-            _add_rung(record, cell, scene, reference, fine**2 / coarse, runs, costs)
-            findings, orders = judge_orders(order, record.ladder, plateaus, len(sizes))
-    if len(record.ladder) > len(sizes):
-        findings, orders = judge_orders(order, record.ladder, plateaus, len(sizes), final=True)
-    _tell_cut(record, findings, orders)
-    # A guide of the documented slope through the coarsest point, for the eye.
-    first = record.ladder[0]
-    for rung in record.ladder:
-        start = first["errors"].get("position")
-        rung["guide"] = None if start is None else start * (rung["step"] / first["step"]) ** order
+    findings, orders = judge_orders(order, ladder.rungs, plateaus)
+    most = len(sizes) + (0 if _hopeless(judged) else REFINEMENTS)
+    while undecided(findings, orders) and len(ladder.rungs) < most and ladder.add(ladder.finer()):
+        findings, orders = judge_orders(order, ladder.rungs, plateaus, len(sizes))
+    if len(ladder.rungs) > len(sizes):
+        findings, orders = judge_orders(order, ladder.rungs, plateaus, len(sizes), final=True)
+    findings = _tell_cut(ladder.cut, findings, orders)
     low = frozenset(each.kind.removeprefix("order ") for each in findings if each.status == "fail")
-    record.findings += [*findings, *judge_limit(scene, runs, reference, order, orders, low)]
-    record.orders = {name: {"observed": result.observed, "documented": order, "used": result.used,
-                            "pairs": list(result.pairs), "note": result.note} for name, result in orders.items()}
+    limits = judge_limit(scene, ladder.runs, reference, order, orders, low)
+    return ladder.study([*findings, *limits], orders)
 
 
-def _not_measured(record: Record, reason: str) -> None:
-    if record.documented_order is not None:
-        record.findings += [Finding(f"order {quantity}", "unjudged", None, None, "1",
-                                    f"documented order {record.documented_order}", f"order not measured: {reason}")
-                            for quantity in QUANTITIES]
+def _not_measured(order: int, reason: str) -> list[Finding]:
+    return [Finding(f"order {quantity}", "unjudged", None, None, "1", f"documented order {order}",
+                    f"order not measured: {reason}") for quantity in QUANTITIES]
 
 
-def _hopeless(record: Record) -> bool:
-    judged = [finding for finding in record.findings if finding.kind in QUANTITIES and finding.bound]
+def _hopeless(findings: Sequence[Finding]) -> bool:
+    judged = [finding for finding in findings if finding.kind in QUANTITIES and finding.bound]
     return bool(judged) and all(finding.value is not None and not finding.value <= HOPELESS * finding.bound
                                 for finding in judged if finding.bound)
 
 
-def _affordable(record: Record, most_seconds: float | None, size: float, costs: list[float]) -> bool:
-    """Whether one more run keeps to the bound of time, by what the last one took; the coarsest is always run.
-
-    Where it does not, the record says so. Runs of adaptive methods cost about as much at every tolerance.
-    """
-    if most_seconds is None or not costs:
-        return True
-    fixed = record.documented_order is not None
-    finer = record.ladder[-1]["step"] / size if fixed else 1.0
-    if sum(costs) + costs[-1] * finer <= most_seconds:
-        return True
-    at = f"step of {size:.3g} s" if fixed else f"tolerance of {size:g}"
-    record.ladder_cut = f"cut before a {at}, with which the study would take more than {most_seconds:g} s"
-    return False
-
-
-def _tell_cut(record: Record, findings: list[Finding], orders: dict[str, Order]) -> None:
+def _tell_cut(cut: str, findings: list[Finding], orders: dict[str, Order]) -> list[Finding]:
     """Where the bound of time cut the study, a low order that finer steps may lift is undecided."""
-    if not record.ladder_cut:
-        return
+    if not cut:
+        return findings
+    told = []
     for finding in findings:
         if finding.status == "fail" and finding.value is not None and not orders[
                 finding.kind.removeprefix("order ")].settled:
-            finding.status, finding.detail = "unjudged", f"finer steps may lift it; {record.ladder_cut}"
+            finding = replace(finding, status="unjudged", detail=f"finer steps may lift it; {cut}")
         elif finding.status != "ok":
-            finding.detail = "; ".join(filter(None, (finding.detail, record.ladder_cut)))
-
-
-def _add_rung(record: Record, cell: Cell, scene: Scene, reference: Reference, size: float,
-              runs: list[tuple[float, Any]], costs: list[float]) -> None:
-    """One more step (s), or rtol, of the order study: what it showed, into the record; its trajectory and its cost."""
-    fixed = record.documented_order is not None
-    step, rtol = (size, None) if fixed else (None, size)
-    began = clock()
-    traj = attempt(scene, record, cell.form, step, rtol, monitor=False)
-    costs.append(clock() - began)
-    rung: dict[str, Any] = {"step": step, "rtol": rtol, "errors": {}, "end": {}, "wall_time": None, "steps": None}
-    if isinstance(traj, str):
-        rung["message"] = traj.splitlines()[0] if traj else record.message
-    else:
-        found = errors(scene, traj, reference.states, reference.horizon)
-        runs.append((traj.stats.get("step") or size, traj))
-        rung |= {"step": traj.stats.get("step") or step, "wall_time": float(traj.wall_time),
-                 "steps": int(traj.steps), "errors": {name: error.max for name, error in found.items()},
-                 "end": {name: error.end for name, error in found.items()}}
-    record.ladder.append(rung)
+            finding = replace(finding, detail="; ".join(filter(None, (finding.detail, cut))))
+        told.append(finding)
+    return told

@@ -14,9 +14,11 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from msgspec.structs import replace
+
+from crosscheck.document import Calibration, Record, Speed
 from crosscheck.jobs.grid import Crash, Limits
 from crosscheck.jobs.journal import Stages
-from crosscheck.judge.verdict import Record
 
 CALIBRATION = "40 times the LU solutions of 20 dense systems of 6 equations (numpy.linalg.solve)"
 """The calibration kernel: compiled loops over small matrices, as in a multibody step, and no engine's code. Few
@@ -61,18 +63,6 @@ class Round:
     scene: str
     bursts: tuple[Burst, ...]
     repeats: int = REPEATS
-
-
-@dataclasses.dataclass(frozen=True)
-class Speed:
-    """Time per step of a run. `ratio` is that over the time of the calibration kernel beside it."""
-
-    us_per_step: float
-    us_deviation: float  # median absolute deviation over the repeats
-    ratio: float
-    deviation: float
-    repeats: int
-    calibration: float  # us
 
 
 def time_round(task: Round) -> list[list[tuple[float, float]]]:
@@ -162,8 +152,9 @@ def summarise(samples: list[tuple[float, float]]) -> Speed | None:
         return None
     times = [1e6 * seconds for seconds, _ in samples]
     ratios = [seconds / kernel for seconds, kernel in samples]
-    return Speed(statistics.median(times), spread(times), statistics.median(ratios), spread(ratios), len(samples),
-                 1e6 * statistics.median(kernel for _, kernel in samples))
+    return Speed(us_per_step=statistics.median(times), us_deviation=spread(times), ratio=statistics.median(ratios),
+                 deviation=spread(ratios), repeats=len(samples),
+                 calibration=1e6 * statistics.median(kernel for _, kernel in samples))
 
 
 def spread(values: list[float]) -> float:
@@ -173,21 +164,16 @@ def spread(values: list[float]) -> float:
 
 
 def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within: Limits | None = None,
-                  name: str = "round") -> dict[str, Any]:
-    """Time the main runs of these records beside the calibration kernel; the records are filled in.
+                  name: str = "round") -> tuple[list[Record], Calibration]:
+    """The records with the times of their main runs beside the calibration kernel, and the kernel.
 
     Parameters
     ----------
-    records : of any scenes; those that did not run, or in an environment of their own, are left out
+    records : of any scenes; those that did not run, or in an environment of their own, stay as they are
     rounds : processes one after the other, in each of which every run has several turns
     stages : with one job, so that nothing else runs
     within : limits of one run
     name : of these rounds in the journal
-
-    Returns
-    -------
-    dict
-        The calibration kernel: what it is, and its time "us" with its "deviation".
     """
     chosen: dict[str, list[int]] = {}
     for index, record in enumerate(records):
@@ -199,18 +185,17 @@ def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within
         for own, found in zip(chosen.values(), _round(stages, tasks, f"{name} {turn}", within), strict=True):
             for index, pairs in zip(own, found, strict=True):
                 samples[index] += pairs
-    for record, pairs in zip(records, samples, strict=True):
-        _fill_in(record, summarise(pairs))
     kernels = [kernel for pairs in samples for _, kernel in pairs]
-    return {"what": CALIBRATION, "us": 1e6 * statistics.median(kernels) if kernels else None,
-            "deviation": 1e6 * spread(kernels) if kernels else None}
+    calibration = Calibration(what=CALIBRATION, us=1e6 * statistics.median(kernels) if kernels else None,
+                              deviation=1e6 * spread(kernels) if kernels else None)
+    return [_filled_in(record, summarise(pairs)) for record, pairs in zip(records, samples, strict=True)], calibration
 
 
 def _burst(record: Record) -> Burst:
     form = None if record.default_form else record.form
     share = None if record.rtol is None or not record.steps else STEPS / record.steps
     return Burst(record.engine, record.method, form, record.step, record.rtol,
-                       None if share is None or record.duration is None else share * record.duration)
+                 None if share is None or record.duration is None else share * record.duration)
 
 
 def _round(stages: Stages, tasks: list[Round], name: str, within: Limits | None) -> list[Any]:
@@ -233,12 +218,12 @@ def _round(stages: Stages, tasks: list[Round], name: str, within: Limits | None)
     return found
 
 
-def _fill_in(record: Record, measured: Speed | None) -> None:
+def _filled_in(record: Record, measured: Speed | None) -> Record:
     if measured is None:
-        return
-    record.speed = dataclasses.asdict(measured)
-    record.us_per_step = measured.us_per_step
-    if record.steps and record.duration:
-        per_second = 1e-6 * record.steps / record.duration
-        record.seconds_per_second = per_second * measured.us_per_step
-        record.seconds_deviation = per_second * measured.us_deviation
+        return record
+    record = replace(record, speed=measured, us_per_step=measured.us_per_step)
+    if not record.steps or not record.duration:
+        return record
+    per_second = 1e-6 * record.steps / record.duration
+    return replace(record, seconds_per_second=per_second * measured.us_per_step,
+                   seconds_deviation=per_second * measured.us_deviation)

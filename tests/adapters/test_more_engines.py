@@ -12,7 +12,8 @@ from crosscheck.adapters.base import RunSpec
 from crosscheck.judge.metrics import errors, observed_order
 from crosscheck.judge.plan import PLANS
 from crosscheck.references import truth
-from crosscheck.verification.cell import Cell, run_cell
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell
 
 MODULES = {"drake": "pydrake", "dart": "dartpy"}
 FIXED = [("drake", "explicit_euler"), ("drake", "semi_explicit_euler"), ("drake", "runge_kutta2"),

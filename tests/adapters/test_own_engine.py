@@ -11,6 +11,7 @@ import pytest
 import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.report import folder as report_folder
 from crosscheck.verification import job
 from tests import ROOT
 
@@ -28,14 +29,14 @@ def test_the_example_is_judged_like_a_built_in_engine(verified):
     assert record.outcome == "pass"
     assert record.documented_order == 4
     # Four evaluations of a smooth right-hand side: the order of the classical method, to the margin of every test here.
-    assert record.orders["position"]["observed"] == pytest.approx(4.0, abs=0.15)
+    assert record.orders["position"].observed == pytest.approx(4.0, abs=0.15)
     assert elsewhere.outcome == "unsupported"
     assert elsewhere.message == "it knows one body on a ball joint with the ground"
     assert record.version.startswith("file ")
 
 
 def test_it_is_in_the_report_and_in_its_files(verified, tmp_path):
-    folder = job.write(verified, tmp_path / "report").parent
+    folder = report_folder.write(verified, tmp_path / "report").parent
     pages = "".join(page.read_text(encoding="utf-8") for page in folder.rglob("*.html"))
     assert f"{EXAMPLE} RK4" in pages
     assert "it knows one body on a ball joint with the ground" in pages

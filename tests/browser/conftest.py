@@ -4,6 +4,7 @@ import os
 import shutil
 
 import pytest
+from msgspec.structs import replace
 
 from crosscheck.report import write_report
 from tests.report_making import CHANGES, SUPPORT, small_results
@@ -30,7 +31,7 @@ def browser():
 @pytest.fixture(scope="session")
 def document():
     """What the report is written from."""
-    return small_results().plain() | {"changes": CHANGES, "support": SUPPORT}
+    return replace(small_results(), changes=CHANGES, support=SUPPORT)
 
 
 @pytest.fixture(scope="session")

@@ -79,7 +79,7 @@ def test_a_page_is_there_before_the_library_of_its_plots_and_draws_what_is_near(
 
 def test_the_table_of_a_study_shows_the_scene_of_its_figure_or_every_one(watched, document):
     page = watched.open("study-convergence.html")
-    count = {name: sum(record["scene"] == name and bool(record["orders"]) for record in document["records"])
+    count = {name: sum(record.scene == name and bool(record.orders) for record in document.records)
              for name in ("double_pendulum", "spring_pendulum")}
     assert set(column(page, "orders", 0)) == {"double pendulum"}
     page.select_option("[data-choose='scene']", "spring_pendulum")
@@ -208,10 +208,10 @@ def test_a_plot_gives_its_data_as_csv_and_itself_as_svg(watched, document):
     assert waiting.value.suggested_filename == "scene-double_pendulum-error-position.csv"
     rows = list(csv.DictReader(io.StringIO(Path(waiting.value.path()).read_text(encoding="utf-8"))))
     assert list(rows[0]) == ["curve", "time (s)", "position error (m)"]
-    record = next(each for each in document["records"] if each["label"] == "mujoco Euler")
+    record = next(each for each in document.records if each.label == "mujoco Euler")
     values = [float(row["position error (m)"]) for row in rows if row["curve"] == "mujoco Euler"]
     # 16 bits over the decades of a curve: four digits.
-    assert max(values) == pytest.approx(record["errors"]["position"]["max"], rel=1e-3)
+    assert max(values) == pytest.approx(record.errors["position"].max, rel=1e-3)
     with page.expect_download() as waiting:
         figure.get_by_role("link", name="SVG").click()
     drawn = Path(waiting.value.path()).read_text(encoding="utf-8")

@@ -164,12 +164,13 @@ def test_a_place_that_cannot_hold_a_report_is_refused_before_anything_runs(tmp_p
 
 def test_an_older_report_is_replaced(verified):
     _, out = verified
-    from crosscheck.verification import job
+    from crosscheck.errors import ArgumentError
+    from crosscheck.report import folder
 
-    job.check_out(out)
+    folder.check_out(out)
     (out / "notes.txt").write_text("mine", encoding="utf-8")
-    with pytest.raises(job.ArgumentError, match="something else"):
-        job.check_out(out)
+    with pytest.raises(ArgumentError, match="something else"):
+        folder.check_out(out)
     (out / "notes.txt").unlink()
 
 
@@ -189,7 +190,8 @@ def test_an_engine_that_is_not_installed_is_listed_as_such(monkeypatch, capsys):
     from crosscheck.cli import app
     from crosscheck.judge.plan import PENDING
     from crosscheck.running import provenance
-    from crosscheck.verification.cell import Cell, run_cell
+    from crosscheck.verification.cell import run_cell
+    from crosscheck.verification.task import Cell
 
     def missing(self):
         raise importlib.metadata.PackageNotFoundError("mujoco")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from crosscheck.document import Order
 from crosscheck.history.changes import change_points, compare, machine_factor, sparkline
 from crosscheck.history.page import write_page
 from crosscheck.history.store import Usual, run_from_document
@@ -33,7 +34,7 @@ def test_a_change_within_rounding_is_none_and_beyond_it_is_one():
 
 
 def test_a_lower_order_is_worse():
-    orders = {"position": {"observed": 3.5, "documented": 4, "used": 4, "pairs": [], "note": ""}}
+    orders = {"position": Order(observed=3.5, documented=4, used=4, pairs=())}
     change, = compare(run(), run(record(orders=orders)))
     assert (change.quantity, change.before, change.after, change.bad) == ("position order", 4.0, 3.5, True)
 

@@ -16,7 +16,6 @@ from crosscheck.cli.app import app
 from crosscheck.errors import ArgumentError
 from crosscheck.history import nightly
 from crosscheck.history.store import open_store, recent
-from crosscheck.report import load_report
 from tests import ROOT
 
 SEEDS = ROOT / "tests" / "seeds"
@@ -48,6 +47,10 @@ def history_names(out):
 TIMES = {"time", "started", "seconds", "wall_time", "us_per_step", "seconds_per_second", "seconds_deviation", "speed",
          "timing", "recommended", "trust", "calibration", "compared_with", "changes"}
 """Keys that hold times, or what depends on them."""
+
+
+def results(folder):
+    return json.loads((folder / "results.json").read_text(encoding="utf-8"))
 
 
 def timeless(value):
@@ -117,7 +120,7 @@ def test_a_killed_night_goes_on_and_ends_as_if_nothing_had_happened(undisturbed,
     assert done.returncode == 0, done.stdout + done.stderr
     again = {json.loads(line)["key"]: line for line in kept.read_bytes().splitlines()}
     assert ended.items() <= again.items()  # nothing that had ended was run again
-    assert timeless(load_report(out / "latest")) == timeless(load_report(undisturbed[1] / "latest"))
+    assert timeless(results(out / "latest")) == timeless(results(undisturbed[1] / "latest"))
     assert len(history_names(out)) == 1
 
 
@@ -201,11 +204,11 @@ def test_ten_kills_at_random_moments(undisturbed, tmp_path):
     for moment in sorted(generator.choices(range(12), k=10)):
         kills += kill_within(out, QUICK, moment, generator.uniform(0.0, 0.5))
         if (out / "latest").exists():
-            assert timeless(load_report(out / "latest")) == timeless(load_report(undisturbed[1] / "latest"))
+            assert timeless(results(out / "latest")) == timeless(results(undisturbed[1] / "latest"))
     assert kills >= 8  # one near the end may come too late
     done = night(out, *QUICK)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert timeless(load_report(out / "latest")) == timeless(load_report(undisturbed[1] / "latest"))
+    assert timeless(results(out / "latest")) == timeless(results(undisturbed[1] / "latest"))
     for name in history_names(out):
         assert (out / name / "index.html").is_file()
 

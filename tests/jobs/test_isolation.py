@@ -8,10 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from crosscheck.errors import ArgumentError
 from crosscheck.jobs import grid
 from crosscheck.jobs.workers.process import GIGABYTE, Limits
+from crosscheck.report import folder
 from crosscheck.verification import job
-from crosscheck.verification.guarded import guarded_timing, limits
+from crosscheck.verification.guarded import limits
+from crosscheck.verification.timing import guarded_timing
 from tests import ROOT
 from tests.grid_tasks import sleep_for, square_or_die
 
@@ -65,7 +68,7 @@ def test_an_engine_that_hangs_is_one_failed_verdict(tmp_path):
     assert record.outcome == "error"
     assert record.message == "stopped: it did not end within the time limit of 4 s"
     assert results.exit_code == 1
-    assert record.message in job.write(results, tmp_path / "report").read_text(encoding="utf-8")
+    assert record.message in folder.write(results, tmp_path / "report").read_text(encoding="utf-8")
 
 
 def test_the_rest_goes_on(results):
@@ -76,7 +79,7 @@ def test_the_rest_goes_on(results):
 
 
 def test_the_report_is_complete(results, tmp_path):
-    page = job.write(results, tmp_path / "report")
+    page = folder.write(results, tmp_path / "report")
     document = json.loads((page.parent / "results.json").read_text(encoding="utf-8"))
     assert [record["label"] for record in document["records"]] == [record.label for record in results.records]
     shown = page.read_text(encoding="utf-8")
@@ -89,7 +92,7 @@ def test_a_timing_study_goes_on_without_the_engine_that_ends_it():
     from crosscheck.judge.plan import PLANS
     from crosscheck.references import truth
     from crosscheck.scene.file import load_scene
-    from crosscheck.verification.cell import Cell, Timing
+    from crosscheck.verification.task import Cell, Timing
 
     plan = PLANS["single_pendulum"]
     truth(load_scene("single_pendulum").replace(duration=plan.window, samples=6))
@@ -118,7 +121,7 @@ def test_the_time_limit_is_that_of_each_task():
 def test_limits_are_positive():
     assert limits(10.0, 2.0) == Limits(10.0, 2.0 * GIGABYTE)
     for wrong in ({"time_limit": 0.0}, {"memory_limit": -1.0}, {"time_limit": float("nan")}):
-        with pytest.raises(job.ArgumentError, match=next(iter(wrong)).replace("_", "-")):
+        with pytest.raises(ArgumentError, match=next(iter(wrong)).replace("_", "-")):
             limits(**wrong)
 
 

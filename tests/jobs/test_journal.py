@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
+from crosscheck.document import Errors, Finding, Judged
 from crosscheck.errors import ArgumentError
 from crosscheck.jobs.grid import Crash
 from crosscheck.jobs.journal import Journal
-from crosscheck.judge.verdict import Finding, Record
 from crosscheck.verification.job import JOURNAL_TYPES
 
 
@@ -18,11 +18,11 @@ def opened(path):
 
 
 def awkward():
-    record = Record("scene", "engine", "1", "method", None, 0.1 + 0.2, None, 4, "command")
-    record.findings = [Finding("position", "fail", math.inf, 1e-300, "m", "why", "ü→")]
-    record.errors = {"position": {"max": float("nan"), "end": np.float64(1 / 3), "body": np.int64(2)}}
-    record.curves = {"t": [0.0, None, 1.0]}
-    return record
+    return Judged(
+        scene="scene", engine="engine", version="1", method="method", form=None, step=0.1 + 0.2, documented_order=4,
+        findings=[Finding("position", "fail", math.inf, 1e-300, "m", "why", "ü→")],
+        errors={"position": Errors(unit="m", max=float("nan"), end=np.float64(1 / 3), time=np.int64(2), body="ü")},
+        curves={"t": [0.0, None, 1.0]})
 
 
 def test_a_record_comes_back_with_every_bit(tmp_path):
@@ -32,11 +32,11 @@ def test_a_record_comes_back_with_every_bit(tmp_path):
     first.close()
     again = opened(path).get("cell", "key")
     for found in (given, again):
-        assert isinstance(found, Record)
+        assert isinstance(found, Judged)
         assert found.step == 0.1 + 0.2
         assert found.findings == awkward().findings
-        assert math.isnan(found.errors["position"]["max"])
-        assert found.errors["position"]["end"] == 1 / 3
+        assert math.isnan(found.errors["position"].max)
+        assert found.errors["position"].end == 1 / 3
         assert found.curves == awkward().curves
     assert opened(path).get("cell", "another") is None
 

@@ -4,8 +4,9 @@
 import pytest
 
 from crosscheck import adapters
+from crosscheck.document import Finding, Measured
 from crosscheck.judge import known
-from crosscheck.judge.verdict import Finding, Record, settle
+from crosscheck.judge.verdict import settle
 from tests import SCENARIOS
 
 
@@ -38,12 +39,13 @@ def test_mujocos_rk4_is_known_to_be_naive_before_version_4():
 
 
 def _settled(scene, observed):
-    record = Record(scene, "pinocchio", "4.1", "RK4naive", "tree", 1e-3, None, 4, "")
+    run = Measured(scene=scene, engine="pinocchio", version="4.1", method="RK4naive", form="tree", step=1e-3,
+                   documented_order=4)
     kinds = (*known.STATE, "energy", "momentum")
-    record.findings = [Finding(kind, "ok", 1e-6, 1e-5, "", "") for kind in kinds]
-    record.findings += [Finding(kind, "ok" if observed > 3.85 else "fail", observed, 3.85, "1", "")
-                        for kind in known.ORDERS]
-    return settle(record, adapters.turning)
+    findings = [Finding(kind, "ok", 1e-6, 1e-5, "", "") for kind in kinds]
+    findings += [Finding(kind, "ok" if observed > 3.85 else "fail", observed, 3.85, "1", "")
+                 for kind in known.ORDERS]
+    return settle(run, findings, adapters.turning)
 
 
 def test_naive_rk4_shows_as_known_and_fails_once_it_is_fourth_order():

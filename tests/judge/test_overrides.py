@@ -2,14 +2,16 @@
 
 import pytest
 
+from crosscheck.document import Plan
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import overrides, tolerances
 from crosscheck.judge.overrides import BY_USER
-from crosscheck.judge.plan import ScenePlan, halved
-from crosscheck.verification.cell import Cell, run_cell
+from crosscheck.judge.plan import halved
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell
 from tests.fake_engine import FakeEngine, install
 
-PLAN = ScenePlan(0.5, {1: 1e-3}, {1: halved(4e-3)}, samples=26)
+PLAN = Plan(0.5, {1: 1e-3}, {1: halved(4e-3)}, samples=26)
 
 
 def test_every_constant_and_every_bound_has_its_reason():
@@ -76,7 +78,7 @@ def test_a_verdict_follows_the_users_bound_and_says_so(monkeypatch):
     assert strict.outcome == "fail"
     (finding,) = (each for each in strict.findings if each.kind == "position")
     assert (finding.status, finding.bound, finding.why) == ("fail", 1e-12, BY_USER)
-    assert strict.errors["position"]["why"] == BY_USER
+    assert strict.errors["position"].why == BY_USER
 
 
 def test_a_generous_bound_lets_pass_what_the_documentation_does_not(monkeypatch):

@@ -5,14 +5,20 @@ import dataclasses
 import numpy as np
 import pytest
 
-from crosscheck.judge.metrics import Order
-from crosscheck.judge.plan import ScenePlan, halved
+from crosscheck.document import Order, Plan
+from crosscheck.judge.plan import halved
 from crosscheck.judge.richardson import extrapolated, extrapolation_order, judge_limit
 from crosscheck.scene.file import load_scene
-from crosscheck.verification.cell import Cell, run_cell
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell
 from tests.fake_engine import FakeEngine, install
 
-ORDERS = dict.fromkeys(("position", "attitude", "velocity", "angular velocity"), Order(2.0, 4, ()))
+
+def fitted(observed, used):
+    return Order(observed=observed, documented=2, used=used, pairs=())
+
+
+ORDERS = dict.fromkeys(("position", "attitude", "velocity", "angular velocity"), fitted(2.0, 4))
 
 
 @pytest.fixture(scope="module")
@@ -49,16 +55,16 @@ def test_a_coarse_step_has_the_right_limit_and_a_wrong_model_has_not(scene, trut
 
 
 def test_a_lower_order_alone_does_not_look_like_a_wrong_model(scene, truth):
-    low = {**ORDERS, "position": Order(1.0, 4, ())}
+    low = {**ORDERS, "position": fitted(1.0, 4)}
     assert found(scene, truth, lambda h: 0.5 * h, 4, low)["limit position"].value > 1e-5
     assert found(scene, truth, lambda h: 0.5 * h, 4, low, frozenset({"position"}))["limit position"].status == "ok"
 
 
 def test_the_order_of_extrapolation_is_the_documented_one_unless_another_is_seen():
-    assert extrapolation_order(4, Order(2.02, 4, ()), failed=True) == 2
-    assert extrapolation_order(4, Order(4.4, 4, ()), failed=False) == 4
-    assert extrapolation_order(4, Order(0.1, 4, ()), failed=True) == 4  # errors that do not fall have no order
-    assert extrapolation_order(4, Order(None, 2, ()), failed=True) == 4
+    assert extrapolation_order(4, fitted(2.02, 4), failed=True) == 2
+    assert extrapolation_order(4, fitted(4.4, 4), failed=False) == 4
+    assert extrapolation_order(4, fitted(0.1, 4), failed=True) == 4  # errors that do not fall have no order
+    assert extrapolation_order(4, fitted(None, 2), failed=True) == 4
 
 
 def test_one_run_has_no_limit(scene, truth):
@@ -68,7 +74,7 @@ def test_one_run_has_no_limit(scene, truth):
 
 def test_every_order_study_judges_the_limit(monkeypatch):
     install(monkeypatch, FakeEngine())
-    record = run_cell(Cell("single_pendulum", "fake", "Plain", None, ScenePlan(0.5, {1: 1e-3}, {1: halved(4e-3)},
+    record = run_cell(Cell("single_pendulum", "fake", "Plain", None, Plan(0.5, {1: 1e-3}, {1: halved(4e-3)},
                                                                                samples=26)))
     limits = [finding for finding in record.findings if finding.kind.startswith("limit")]
     assert len(limits) == 4

@@ -5,16 +5,20 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
+from crosscheck.document import QUANTITIES, Plan, Rung
 from crosscheck.judge import known
 from crosscheck.judge.known import Known
-from crosscheck.judge.metrics import QUANTITIES, Plateau
-from crosscheck.judge.plan import ScenePlan, halved
-from crosscheck.judge.verdict import judge_orders
-from crosscheck.verification.cell import MAIN_STEPS, Cell, Timing, run_cell, time_cells
+from crosscheck.judge.metrics import Plateau
+from crosscheck.judge.plan import halved
+from crosscheck.judge.verdict import judge_orders, worst
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell, Timing
+from crosscheck.verification.timing import MAIN_STEPS, time_cells
 from tests.fake_engine import FakeEngine, install
 
-PLAN = ScenePlan(0.5, {1: 1e-3}, {1: halved(4e-3)}, samples=26)
+PLAN = Plan(0.5, {1: 1e-3}, {1: halved(4e-3)}, samples=26)
 
 
 @pytest.fixture
@@ -36,8 +40,8 @@ def test_an_honest_engine_passes(verdict):
     assert {"run", "position", "attitude", "velocity", "angular velocity", "energy", "momentum", "orthogonality",
             "order position"} <= kinds(record, "ok")
     # The error is 0.1 h^2 t and nothing else, on top of rounding of numbers of size one.
-    assert record.errors["position"]["end"] == pytest.approx(0.1 * 1e-6 * 10.0, rel=1e-6)
-    assert record.orders["position"]["observed"] == pytest.approx(2.0, abs=1e-3)
+    assert record.errors["position"].end == pytest.approx(0.1 * 1e-6 * 10.0, rel=1e-6)
+    assert record.orders["position"].observed == pytest.approx(2.0, abs=1e-3)
     assert (record.version, record.status, record.steps, record.form) == ("1.2.3", "success", 10000, "tree")
     assert record.us_per_step == pytest.approx(1.0)
 
@@ -52,7 +56,7 @@ def test_a_low_order_is_looked_for_at_finer_steps(verdict):
     hidden = verdict(claimed_order=1, real_order=1, size=1e-3, further=-200.0)
     assert "order position" in kinds(hidden, "ok")
     assert 4 < len(hidden.ladder) <= 8
-    assert hidden.orders["position"]["observed"] > 0.9
+    assert hidden.orders["position"].observed > 0.9
     low = verdict(claimed_order=2, real_order=1, size=1e-3, further=-200.0)
     assert "order position" in kinds(low, "fail")
     assert len(low.ladder) <= 8
@@ -62,7 +66,7 @@ def test_an_order_that_rounding_cuts_short_counts_to_the_nearest_whole_number():
     steps = [2e-2, 1e-2, 5e-3, 2.5e-3]
 
     def judged(p, floor):
-        rungs = [{"step": h, "errors": dict.fromkeys(QUANTITIES, h**p * (1 - 16 * h))} for h in steps]
+        rungs = [Rung(step=h, rtol=None, errors=dict.fromkeys(QUANTITIES, h**p * (1 - 16 * h))) for h in steps]
         return judge_orders(8, rungs, dict.fromkeys(QUANTITIES, Plateau(floor)), 3)[0][0]
 
     assert judged(8, 1e-21).status == "ok"  # the last step is rounding, and 7.8 was seen before it
@@ -73,7 +77,8 @@ def test_an_order_that_rounding_cuts_short_counts_to_the_nearest_whole_number():
 
 def orders_of(documented, steps, values, plateau, rungs=4, **more):
     """The finding about positions, and the order."""
-    ladder = [{"step": h, "errors": dict.fromkeys(QUANTITIES, value)} for h, value in zip(steps, values, strict=True)]
+    ladder = [Rung(step=h, rtol=None, errors=dict.fromkeys(QUANTITIES, value))
+              for h, value in zip(steps, values, strict=True)]
     findings, orders = judge_orders(documented, ladder, dict.fromkeys(QUANTITIES, plateau), rungs, **more)
     return findings[0], orders["position"]
 
@@ -136,8 +141,8 @@ def test_an_error_beyond_its_bound_fails_and_is_the_worst(verdict):
     record = verdict(claimed_order=2, real_order=2, size=1e5)
     assert record.outcome == "fail"
     assert {"position", "attitude"} <= kinds(record, "fail")
-    assert record.worst.status == "fail"
-    assert record.worst.value > record.worst.bound
+    assert worst(record.findings).status == "fail"
+    assert worst(record.findings).value > worst(record.findings).bound
 
 
 def test_a_level_said_to_be_held_has_to_be(verdict):
@@ -148,10 +153,10 @@ def test_a_level_said_to_be_held_has_to_be(verdict):
 def test_a_failed_run_is_recorded_with_its_words(verdict):
     record = verdict(breaks="the solver gave up at t = 0.3 s")
     assert record.outcome == "fail"
-    assert record.worst.kind == "run"
+    assert worst(record.findings).kind == "run"
     assert "gave up at t = 0.3 s" in record.message
     assert len(record.ladder) == 1  # the coarsest run fails as well, and finer ones tell no more
-    assert all("gave up" in rung["message"] for rung in record.ladder)
+    assert all("gave up" in rung.message for rung in record.ladder)
 
 
 def test_what_an_engine_cannot_model_is_no_failure(verdict):
@@ -161,13 +166,13 @@ def test_what_an_engine_cannot_model_is_no_failure(verdict):
 
 def test_a_step_too_coarse_to_judge_is_a_failure_of_the_plan(monkeypatch):
     install(monkeypatch, FakeEngine(claimed_order=1, real_order=1, size=1e-6))
-    record = run_cell(Cell("single_pendulum", "fake", "Plain", None, ScenePlan(0.5, {1: 0.1}, {1: halved(0.1)},
+    record = run_cell(Cell("single_pendulum", "fake", "Plain", None, Plan(0.5, {1: 0.1}, {1: halved(0.1)},
                                                                               samples=26), False))
     assert "step" in kinds(record, "fail")
 
 
 def test_a_step_too_coarse_to_judge_leaves_a_run_unjudged_where_a_budget_chose_it(monkeypatch):
-    plan = ScenePlan(0.5, {1: 0.1}, {1: halved(0.1)}, samples=26, budgeted=True)
+    plan = Plan(0.5, {1: 0.1}, {1: halved(0.1)}, samples=26, budgeted=True)
     for held, outcome in ((frozenset(), "unjudged"), (frozenset({"position"}), "fail")):
         install(monkeypatch, FakeEngine(claimed_order=1, real_order=1, size=1e-6, held=held))
         record = run_cell(Cell("single_pendulum", "fake", "Plain", None, plan, False))
@@ -176,7 +181,7 @@ def test_a_step_too_coarse_to_judge_leaves_a_run_unjudged_where_a_budget_chose_i
 
 
 def test_a_practical_step_is_judged_by_energy_and_held_levels(monkeypatch):
-    plan = dataclasses.replace(PLAN, practical=0.02)
+    plan = replace(PLAN, practical=0.02)
 
     def judge(size):
         install(monkeypatch, FakeEngine(claimed_order=1, real_order=1, size=size, held=frozenset({"acceleration"})))
@@ -199,7 +204,7 @@ def test_a_known_defect_passes_with_its_reason(verdict, monkeypatch):
                                                "order angular velocity"),))
     record = verdict(claimed_order=2, real_order=1, size=1e-3)
     assert record.outcome == "known"
-    assert record.worst.detail == "its documentation says so"
+    assert worst(record.findings).detail == "its documentation says so"
 
 
 def test_a_known_defect_does_not_cover_another_one(verdict, monkeypatch):
@@ -211,27 +216,27 @@ def test_a_vanished_defect_fails(verdict, monkeypatch):
     monkeypatch.setattr(known, "KNOWN", (entry("order position"),))
     record = verdict()
     assert record.outcome == "fail"
-    assert record.worst.kind == "vanished"
+    assert worst(record.findings).kind == "vanished"
     # Without an order study nobody looked for it.
     assert verdict(study=False).outcome == "pass"
 
 
 def test_severity_ranks_findings(verdict):
     record = verdict(size=1e5)
-    worst = record.worst
-    assert worst.severity == pytest.approx(math.log10(worst.value / worst.bound))
-    assert worst.severity == max(finding.severity for finding in record.findings if finding.status == "fail")
+    largest = worst(record.findings)
+    assert largest.severity == pytest.approx(math.log10(largest.value / largest.bound))
+    assert largest.severity == max(finding.severity for finding in record.findings if finding.status == "fail")
 
 
 def test_timing_gives_stepping_time_and_end_error(monkeypatch):
     install(monkeypatch, FakeEngine())
     cell = Cell("single_pendulum", "fake", "Plain", None, PLAN, True)
     (points,) = time_cells(Timing((cell,), (2,), 2))
-    assert [point["step"] for point in points] == list(PLAN.ladder(2))
+    assert [point.step for point in points] == list(PLAN.ladder(2))
     for point in points:
         # 0.1 h^2 t at t = 0.5 s, on numbers of size one
-        assert point["error"] == pytest.approx(0.1 * point["step"] ** 2 * 0.5, rel=1e-6)
-        assert point["us_per_step"] == pytest.approx(1.0)
+        assert point.error == pytest.approx(0.1 * point.step ** 2 * 0.5, rel=1e-6)
+        assert point.us_per_step == pytest.approx(1.0)
 
 
 def test_timing_repeats_short_runs_more_often_and_ends_that_of_the_main_step_early(monkeypatch):
@@ -249,10 +254,10 @@ def test_timing_repeats_short_runs_more_often_and_ends_that_of_the_main_step_ear
     counts = [sum(step == size for step, _ in started) for size in (*PLAN.ladder(2), main)]
     assert counts == [3] * (len(counts) - 2) + [2, 3]
     assert {steps for step, steps in started if step == main} == {MAIN_STEPS}
-    assert points[-1]["main"]
-    assert points[-1]["error"] is None
-    assert points[-1]["us_per_step"] == pytest.approx(1.0)
-    assert points[-1]["seconds_per_second"] == pytest.approx(1e-6 / main)
+    assert points[-1].main
+    assert points[-1].error is None
+    assert points[-1].us_per_step == pytest.approx(1.0)
+    assert points[-1].seconds_per_second == pytest.approx(1e-6 / main)
 
 
 @pytest.mark.parametrize("profile", ["default", "smoke"])

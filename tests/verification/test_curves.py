@@ -8,7 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from crosscheck.document import PACKED_STEPS
 from crosscheck.references import truth
+from crosscheck.report.arrays import unpack
 from crosscheck.running.run import run
 from crosscheck.scene.file import load_scene
 from crosscheck.verification import curves
@@ -19,11 +21,11 @@ VALUES = arrays(float, st.integers(2, 40), elements=st.floats(-1e6, 1e6) | st.ju
 @given(VALUES)
 def test_a_linear_curve_keeps_its_values_to_the_spacing_of_its_codes(values):
     packed = curves.pack(values)
-    found = curves.unpack(json.loads(json.dumps(packed, allow_nan=False)))
+    found = unpack(json.loads(json.dumps(packed, allow_nan=False)))
     assert np.array_equal(np.isnan(found), np.isnan(values))
     finite = values[np.isfinite(values)]
     # Half a spacing, and the nine digits of lo and hi: half a unit of the ninth is 5e-9 of a number that starts with 1.
-    spacing = np.ptp(finite) / (curves.STEPS - 1) if len(finite) else 0.0
+    spacing = np.ptp(finite) / (PACKED_STEPS - 1) if len(finite) else 0.0
     tiny = np.finfo(float).tiny  # there is no spacing below it
     bound = 0.5001 * spacing + 5.001e-9 * np.abs(finite).max(initial=0.0) + 2 * tiny
     assert np.nanmax(np.abs(found - values), initial=0.0) <= bound
@@ -31,16 +33,16 @@ def test_a_linear_curve_keeps_its_values_to_the_spacing_of_its_codes(values):
 
 @given(arrays(float, st.integers(2, 40), elements=st.floats(1e-18, 1e6) | st.just(0.0)))
 def test_a_logarithmic_curve_keeps_zeros_and_relative_precision(values):
-    found = curves.unpack(curves.pack(values, log=True))
+    found = unpack(curves.pack(values, log=True))
     assert np.array_equal(found == 0, values == 0)
     some = values > 0
     # Half a spacing of at most 24 decades.
-    assert np.abs(np.log10(found[some] / values[some])).max(initial=0.0) <= 0.51 * 24 / (curves.STEPS - 1)
+    assert np.abs(np.log10(found[some] / values[some])).max(initial=0.0) <= 0.51 * 24 / (PACKED_STEPS - 1)
 
 
 def test_a_curve_is_the_true_one_only_within_two_spacings():
     exact = np.linspace(-1, 3, 50)
-    spacing = 4 / curves.STEPS
+    spacing = 4 / PACKED_STEPS
     assert curves.pack(exact + 1.9 * spacing, truth=exact) == "truth"
     assert isinstance(curves.pack(exact + 2.1 * spacing, truth=exact), dict)
     assert isinstance(curves.pack(np.where(exact > 0, np.inf, exact), truth=exact), dict)
@@ -49,7 +51,7 @@ def test_a_curve_is_the_true_one_only_within_two_spacings():
 def test_long_logarithmic_curves_keep_their_peaks():
     values = np.full(251, 1e-10)
     values[[0, 77, 128]] = 1e-12, 1e-3, 1e-4
-    found = curves.unpack(curves._log(values))
+    found = unpack(curves._log(values))
     assert len(found) == 126
     assert found[[0, 39, 64]] == pytest.approx([1e-12, 1e-3, 1e-4], rel=1e-3)
 
@@ -75,7 +77,7 @@ def test_curves_of_a_run_give_back_its_states(spinning):
 
     def values(read):
         curve = read(packed)
-        return curves.unpack(read(exact) if curve == "truth" else curve)
+        return unpack(read(exact) if curve == "truth" else curve)
 
     for k in range(3):
         assert values(lambda c, k=k: c["x"][0][k]) == pytest.approx(traj.x[:, 0, k], abs=1e-4)
@@ -95,7 +97,7 @@ def test_curves_of_a_run_give_back_its_states(spinning):
 def test_true_reactions_hold_the_weight_and_the_motion(spinning):
     scene, _, reference = spinning
     exact = curves.scene_curves(scene, reference)
-    force = np.stack([curves.unpack(each) for each in exact["reactions"]["tip"]["force"]], axis=-1)
+    force = np.stack([unpack(each) for each in exact["reactions"]["tip"]["force"]], axis=-1)
     # Newton: the only other force is the weight.
     expected = scene.masses[0] * (reference.states.a[:, 0] - scene.gravity)
     assert force == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())

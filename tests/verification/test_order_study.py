@@ -4,14 +4,16 @@ import dataclasses
 
 import pytest
 
+from crosscheck.document import Plan
 from crosscheck.errors import EngineError
-from crosscheck.judge.plan import ScenePlan, halved
+from crosscheck.judge.plan import halved
 from crosscheck.scene.file import load_scene
 from crosscheck.verification import budget, order_study
-from crosscheck.verification.cell import Cell, run_cell
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell
 from tests.fake_engine import FakeEngine, install
 
-PLAN = ScenePlan(0.5, {1: 1e-3}, {1: halved(4e-3)}, samples=26)
+PLAN = Plan(0.5, {1: 1e-3}, {1: halved(4e-3)}, samples=26)
 # At a microsecond a step the four runs of the study take 0.125, 0.25, 0.5 and 1 ms.
 ALL, THREE, TWO = 2e-3, 1.5e-3, 0.6e-3
 
@@ -48,7 +50,7 @@ def test_three_steps_within_the_bound_show_an_order(monkeypatch):
     record = judged(monkeypatch, THREE)
     assert len(record.ladder) == 3
     assert record.ladder_cut == "cut before a step of 0.0005 s, with which the study would take more than 0.0015 s"
-    assert record.orders["position"]["observed"] == pytest.approx(2.0, abs=1e-3)
+    assert record.orders["position"].observed == pytest.approx(2.0, abs=1e-3)
     assert record.outcome == "pass"
 
 

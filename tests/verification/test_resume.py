@@ -11,9 +11,8 @@ import pytest
 
 from crosscheck.errors import ArgumentError
 from crosscheck.jobs.resume import resumable
-from crosscheck.report import load_report
 from tests import ROOT
-from tests.history.test_nightly import timeless
+from tests.history.test_nightly import results, timeless
 
 FEW = f"{ROOT / 'tests' / 'seeds' / 'few.py'}:Few"
 QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", FEW, "--jobs", "1")
@@ -47,7 +46,7 @@ def undisturbed(tmp_path_factory):
     done = verify(out, *QUICK)
     assert done.returncode == 0, done.stdout + done.stderr
     assert [path.name for path in out.parent.iterdir()] == ["out"]
-    return load_report(out)
+    return results(out)
 
 
 def document(report):
@@ -67,7 +66,7 @@ def test_a_killed_run_goes_on_and_ends_as_if_nothing_had_happened(undisturbed, t
     assert f"going on with a run that was killed: {len(ended)} results are kept" in done.stderr
     again = {json.loads(line)["key"]: line for line in kept.read_bytes().splitlines()}
     assert ended.items() <= again.items()  # nothing that had ended was run again
-    assert document(load_report(out)) == document(undisturbed)
+    assert document(results(out)) == document(undisturbed)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["journal.jsonl", "out"]
 
 

@@ -7,6 +7,7 @@ import json
 import statistics
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from crosscheck.document import Document
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.history.store.figures import Figure, figures
 from crosscheck.history.store.schema import tables
@@ -50,25 +51,25 @@ class StoredRun:
     results: dict[CellKey, StoredResult] = dataclasses.field(default_factory=dict)
 
 
-def run_from_document(name: str, document: dict[str, Any], good: bool = False) -> StoredRun:
-    """The run that a document (`crosscheck.verification.job.Results.plain`, or results.json) tells about."""
-    meta = document["meta"]
-    machine = meta["machine"]
-    scenes = {scene["name"]: scene for scene in document["scenes"]}
+def run_from_document(name: str, document: Document, good: bool = False) -> StoredRun:
+    """The run that a document tells about."""
+    meta = document.meta
+    machine = meta.machine
+    scenes = {scene.name: scene for scene in document.scenes}
     results = {}
-    for record in document["records"]:
-        form = "" if record["default_form"] else record["form"] or ""
-        key = (record["scene"], record["engine"], record["method"], form, bool(record["practical"]))
-        scene = scenes[record["scene"]]
-        results[key] = StoredResult(key, scene.get("hash", ""), record["label"], record["step"], record["rtol"],
-                                    record["outcome"], record["message"],
+    for record in document.records:
+        form = "" if record.default_form else record.form or ""
+        key = (record.scene, record.engine, record.method, form, bool(record.practical))
+        scene = scenes[record.scene]
+        results[key] = StoredResult(key, scene.hash, record.label, record.step, record.rtol,
+                                    record.outcome, record.message,
                                     {figure.name: figure for figure in figures(record, scene)})
-    environment = {"system": machine["system"], "processor": machine["processor"], "cores": machine["cores"],
-                   "python": meta["python"], "commit": meta["commit"]}
-    selection = json.dumps([sorted(scenes), sorted(meta["engines"])])
-    return StoredRun(name, meta.get("started") or _iso(meta["time"]), meta["profile"], selection, meta["command"],
-                     meta["seconds"], document["exit_code"], good, (meta.get("calibration") or {}).get("us"),
-                     environment, {"engine": dict(meta["engines"]), "package": dict(meta["packages"])}, results)
+    environment = {"system": machine.system, "processor": machine.processor, "cores": machine.cores,
+                   "python": meta.python, "commit": meta.commit}
+    selection = json.dumps([sorted(scenes), sorted(meta.engines)])
+    return StoredRun(name, meta.started or _iso(meta.time), meta.profile, selection, meta.command,
+                     meta.seconds, document.exit_code, good, meta.calibration.us if meta.calibration else None,
+                     environment, {"engine": dict(meta.engines), "package": dict(meta.packages)}, results)
 
 
 def _iso(time: str) -> str:

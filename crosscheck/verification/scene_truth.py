@@ -1,0 +1,48 @@
+"""The truths that the cells of a scene need, its plan, and what the report says about it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from crosscheck.document import SceneTruth, Truth
+from crosscheck.errors import Unsupported
+from crosscheck.judge import tolerances
+from crosscheck.judge.plan import PLANS, plan_without_truth
+from crosscheck.scene.model import Scene
+from crosscheck.verification.curves import scene_curves
+from crosscheck.verification.task import load
+
+
+def prepare_truth(task: tuple[str, bool, int]) -> SceneTruth:
+    """Compute (or find in the cache) the truths a scene's cells need, and choose its plan.
+
+    `task`: name or path, whether main runs cover the whole scene, and how many steps they may take, see
+    `crosscheck.verification.budget`. A scene without truth says why in `no_truth`, and in `disputed` whether two
+    formulations of it disagreed.
+    """
+    from crosscheck.references import TruthError, truth
+    from crosscheck.scene.file import load_scene
+    from crosscheck.verification.budget import plan_within
+
+    name, whole, most_steps = task
+    given = load_scene(name)
+    try:
+        plan = plan_within(given, name, most_steps)
+        scene = load(name, plan, whole)
+        reference = truth(scene)
+    except (Unsupported, TruthError) as error:
+        plan = PLANS.get(name) or plan_without_truth(given)
+        return SceneTruth(**_described(name, given), plan=plan, truth=None, scales=None,
+                          curves=scene_curves(load(name, plan, whole), None), no_truth=" ".join(str(error).split()),
+                          disputed=not isinstance(error, Unsupported))
+    known = Truth(source=reference.source, second_source=reference.second_source,
+                  disagreement=reference.disagreement, allowed=reference.allowed,
+                  amplification=reference.amplification, error=reference.error,
+                  horizon=reference.horizon)
+    return SceneTruth(**_described(name, scene), plan=plan, truth=known, scales=tolerances.scales(scene, reference),
+                      rounding=tolerances.rounding_levels(scene, reference), curves=scene_curves(scene, reference))
+
+
+def _described(name: str, scene: Scene) -> dict[str, Any]:
+    return {"name": name, "title": scene.name, "description": scene.description, "source": scene.source,
+            "hash": scene.hash, "bodies": [body.name for body in scene.bodies], "duration": scene.duration}

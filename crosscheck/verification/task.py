@@ -1,0 +1,67 @@
+"""What a worker process is asked for: one cell of the grid, or the timing of many; and the scenes they run."""
+
+from __future__ import annotations
+
+import dataclasses
+import shlex
+
+from crosscheck.document import Plan
+from crosscheck.judge.plan import STUDY_SAMPLES
+from crosscheck.scene.model import Scene
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """One scene with one engine, method and form."""
+
+    scene: str  # a name or a path
+    engine: str
+    method: str
+    form: str | None
+    plan: Plan
+    study: bool = True  # also the order study
+    rungs: int | None = None  # how many of its steps; None: all
+    whole: bool = True  # the main run covers the whole scene, not only its first window
+    default_form: bool = True
+    no_truth: str = ""  # why the scene has none; then only what needs none is judged
+    practical: bool = False  # runs at the plan's practical step, far too coarse for bounds of states
+    overrides: tuple[tuple[str, float, str], ...] = ()  # bounds set by the user, see `crosscheck.judge.overrides`
+    most_seconds: float | None = None  # of processor time that the order study may take
+
+    @property
+    def label(self) -> str:
+        """Engine, method and, where it is not the engine's default, form."""
+        return f"{self.engine} {self.method}" + ("" if self.default_form or not self.form else f" ({self.form})")
+
+    def command(self, step: float | None, rtol: float | None) -> str:
+        """The shell command that repeats the main run."""
+        words = ["crosscheck", "run", self.scene, "--engine", self.engine, "--method", self.method]
+        words += ["--step", repr(step)] if step is not None else ["--rtol", repr(rtol)]
+        words += ["--form", self.form] if self.form else []
+        if not self.whole or self.plan.duration:
+            words += ["--duration", repr(self.plan.duration if self.whole else self.plan.window)]
+        return shlex.join([*words, "--samples", str(self.plan.samples), "--csv", "run.csv"])
+
+
+@dataclasses.dataclass(frozen=True)
+class Timing:
+    """The cells of one scene that a timing study compares, and how often at most."""
+
+    cells: tuple[Cell, ...]
+    orders: tuple[int | None, ...]
+    repeats: int
+    main: tuple[float, ...] = ()  # step (s) or rtol of each cell's main run, timed like the others
+
+
+def load(name: str, plan: Plan, whole: bool = True) -> Scene:
+    """A scene, or its first window, at the output times of its plan."""
+    from crosscheck.scene.file import load_scene
+
+    scene = load_scene(name)
+    duration = min((plan.duration or scene.duration) if whole else plan.window, scene.duration)
+    return scene.replace(duration=duration, samples=plan.samples)
+
+
+def windowed(scene: Scene, window: float) -> Scene:
+    """The first `window` seconds of a scene, at the output times of the order study."""
+    return scene.replace(duration=min(window, scene.duration), samples=STUDY_SAMPLES)

@@ -1,0 +1,135 @@
+"""The timing study: stepping time against end error of the cells of a scene, in one worker process of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+import statistics
+from collections.abc import Callable, Sequence
+
+from msgspec.structs import replace
+
+from crosscheck.document import Finding, Point, Record
+from crosscheck.jobs.grid import Crash, Limits, run_tasks
+from crosscheck.jobs.workers import output
+from crosscheck.judge.metrics import errors
+from crosscheck.judge.plan import RTOLS
+from crosscheck.judge.verdict import beyond
+from crosscheck.running.trajectory import Trajectory
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+from crosscheck.verification.attempts import NoRun, attempt
+from crosscheck.verification.task import Cell, Timing, load, windowed
+
+ENOUGH = 0.1
+"""Stepping time (s) of two runs after which there is no third: they average over what is short."""
+
+MAIN_STEPS = 2000
+"""Steps of the runs that time the step of the main run: enough for the time per step, which is all they are for."""
+
+
+def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, count: Callable[[str], None],
+          within: Limits) -> list[Record]:
+    """The records with stepping times, one scene after the other in a single worker, with nothing else running.
+
+    Engines in environments of their own are left out: their times compare with no other.
+    """
+    found = list(records)
+    for scene in dict.fromkeys(cell.scene for cell in cells):
+        chosen = [index for index, (cell, record) in enumerate(zip(cells, records, strict=True))
+                  if cell.scene == scene and record.ladder and not record.own_environment]
+        if chosen:
+            task = Timing(tuple(cells[index] for index in chosen),
+                          tuple(records[index].documented_order for index in chosen), repeats,
+                          tuple(records[index].step or records[index].rtol or 0.0 for index in chosen))
+            points, reasons = guarded_timing(task, within)
+            for position, index in enumerate(chosen):
+                found[index] = _filled_in(records[index], points[position], reasons.get(position))
+        count(f"timing of {scene}")
+    return found
+
+
+def _filled_in(record: Record, points: list[Point], reason: str | None) -> Record:
+    if reason is not None:
+        record = beyond(record, Finding("run", "fail", None, None, "", "a run has to reach its end",
+                                        f"in the timing study: {reason}"))
+    for point in points:
+        if point.main:
+            record = replace(record, us_per_step=point.us_per_step, seconds_per_second=point.seconds_per_second,
+                             seconds_deviation=point.seconds_deviation)
+    return replace(record, timing=[point for point in points if not point.main])
+
+
+def guarded_timing(task: Timing, within: Limits | None = None) -> tuple[list[list[Point]], dict[int, str]]:
+    """The timings of `time_cells`, all of them in one worker process, and why there is none of some cells.
+
+    A cell that ends the process or does not come to an end is left out of a second attempt, and so on; the limit of
+    time is that of all cells together.
+    """
+    left = list(range(len(task.cells)))
+    reasons: dict[int, str] = {}
+    while left:
+        part = dataclasses.replace(task, cells=tuple(task.cells[index] for index in left),
+                                   orders=tuple(task.orders[index] for index in left),
+                                   main=tuple(task.main[index] for index in left if index < len(task.main)))
+        each = within or Limits()
+        whole = Limits(None if each.time is None else each.time * len(left), each.memory)
+        found = run_tasks(time_cells, [part], 1, limits=whole)[0]
+        if not isinstance(found, Crash):
+            points = dict(zip(left, found, strict=True))
+            return [points.get(index, []) for index in range(len(task.cells))], reasons
+        culprit = int(found.at) if found.at else None
+        # Without a culprit it was none of the engines: another attempt would end alike.
+        for index in left if culprit is None else [left[culprit]]:
+            reasons[index] = found.message
+        left = [] if culprit is None else left[:culprit] + left[culprit + 1:]
+    return [[] for _ in task.cells], reasons
+
+
+def time_cells(timing: Timing) -> list[list[Point]]:
+    """Stepping time against end error of every cell, all in this one process, serially and interleaved.
+
+    Two samples only, so that no engine pays for output; medians over the repeats. A run that fails gives no point.
+    The last point of a cell, "main", is at the step of its main run and stops after `MAIN_STEPS`; it has no error.
+    """
+    from crosscheck.references import truth
+
+    first = timing.cells[0]
+    scene = load(first.scene, first.plan)
+    brief = windowed(scene, first.plan.window).replace(samples=2)
+    exact = truth(windowed(scene, first.plan.window)).states
+    end = dataclasses.replace(exact, **{name: getattr(exact, name)[[0, -1]] for name in ("t", "x", "R", "v", "w")},
+                              a=None, alpha=None, lam=None)
+    runs: list[dict[tuple[int, float], list[Trajectory]]] = [{} for _ in timing.cells]
+    for _ in range(timing.repeats):
+        for index, (cell, order) in enumerate(zip(timing.cells, timing.orders, strict=True)):
+            output.at(str(index))
+            sizes = cell.plan.ladder(order) if order is not None else RTOLS
+            for rung, size in enumerate((*sizes, *timing.main[index:index + 1])):
+                before = runs[index].get((rung, size), [])
+                main = rung == len(sizes)
+                if not main and len(before) > 1 and sum(traj.wall_time for traj in before) > ENOUGH:
+                    continue
+                step, rtol = (size, None) if order is not None else (None, size)
+                shorter = brief
+                if main and step is not None:
+                    shorter = brief.replace(duration=min(brief.duration, MAIN_STEPS * step))
+                traj = attempt(shorter, cell.engine, cell.method, cell.form, step, rtol, monitor=False)
+                if not isinstance(traj, NoRun):
+                    runs[index].setdefault((rung, size), []).append(traj)
+    result = []
+    for cell, each, order in zip(timing.cells, runs, timing.orders, strict=True):
+        rungs = len(cell.plan.ladder(order) if order is not None else RTOLS)
+        result.append([_point(brief, size, order, trajs, None if rung == rungs else end)
+                       for (rung, size), trajs in sorted(each.items())])
+    return result
+
+
+def _point(scene: Scene, size: float, order: int | None, trajs: list[Trajectory], end: States | None) -> Point:
+    """One point, that of the main run where there is no truth `end` for the time at which the runs stop."""
+    walls = [traj.wall_time for traj in trajs]
+    wall, simulated = statistics.median(walls), float(trajs[0].t[-1])
+    return Point(step=size if order is not None else None, rtol=size if order is None else None, wall_time=wall,
+                 steps=int(trajs[0].steps), us_per_step=1e6 * wall / max(1, trajs[0].steps),
+                 seconds_per_second=wall / simulated,
+                 seconds_deviation=statistics.median(abs(each - wall) for each in walls) / simulated,
+                 error=None if end is None else errors(scene, trajs[0], end)["position"].end, main=end is None)

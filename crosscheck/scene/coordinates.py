@@ -19,8 +19,9 @@ import dataclasses
 import numpy as np
 
 from crosscheck.scene.constraints import cross, normal_references
-from crosscheck.scene.mechanics import StateArrays, shortest_rotation
+from crosscheck.scene.mechanics import shortest_rotation
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.states import Motion
 
 COUNTS = {"revolute": 1, "prismatic": 1, "cylindrical": 2, "universal": 2, "planar": 3, "spherical": 4}
 """Types of joints with coordinates, and how many positions each has; a spherical joint has three velocities."""
@@ -96,12 +97,12 @@ def relative_rates(joint: Joint, position: np.ndarray, velocity: np.ndarray) -> 
     return none, none
 
 
-def histories(scene: Scene, states: StateArrays) -> dict[str, JointHistory]:
+def histories(scene: Scene, states: Motion) -> dict[str, JointHistory]:
     """Coordinates of every joint that has them, over the times of `states`."""
     return {joint.name: _history(joint, states) for joint in scene.joints if joint.type in COUNTS}
 
 
-def _history(joint: Joint, states: StateArrays) -> JointHistory:
+def _history(joint: Joint, states: Motion) -> JointHistory:
     still, ground = np.zeros((len(states.t), 3)), np.broadcast_to(np.eye(3), (len(states.t), 3, 3))
     parent, child = joint.parent, joint.child
     Rp = ground if parent == GROUND else states.R[:, parent]

@@ -12,6 +12,7 @@ from crosscheck.cli.advise import advise
 from crosscheck.cli.console import INTERRUPTED, complain, interrupted
 from crosscheck.cli.explain import explain
 from crosscheck.cli.history import app as history
+from crosscheck.cli.import_ import import_
 from crosscheck.cli.inspect import inspect
 from crosscheck.cli.list import list_
 from crosscheck.cli.nightly import nightly
@@ -52,6 +53,7 @@ def _print_versions(asked: bool) -> None:
 for command in (verify, advise, run, truth, explain, inspect, support, report, paper, nightly, sweep):
     app.command()(command)
 app.command("list")(list_)
+app.command("import")(import_)
 app.add_typer(history)
 app.add_typer(study)
 

@@ -8,13 +8,13 @@ from typing import Annotated, Any
 import typer
 
 from crosscheck.cli.console import console
-from crosscheck.cli.options import figure
+from crosscheck.cli.options import Drop, Keyframe, SceneName, figure, loaded
 from crosscheck.cli.tables import figures, key, print_table, words
 from crosscheck.files import finite
 
 
 def explain(
-    scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
+    scene: SceneName,
     engine: Annotated[str, typer.Option(help="a name, or a class of your own as module:Class")],
     method: Annotated[str | None, typer.Option(help="default: the engine's best")] = None,
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the engine's choice")] = None,
@@ -23,6 +23,8 @@ def explain(
     alpha: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")] = None,
     beta: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of positions, not squared")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print everything as JSON")] = False,
+    drop: Drop = False,
+    keyframe: Keyframe = None,
 ) -> None:
     """Name the likely cause where an engine differs from truth, with the evidence.
 
@@ -30,7 +32,8 @@ def explain(
     """
     from crosscheck.diagnosis import explain as find
 
-    answer = find(scene, engine, method, form, softness=softness, node=node, alpha=alpha, beta=beta)
+    answer = find(loaded(scene, drop, keyframe), engine, method, form, softness=softness, node=node, alpha=alpha,
+                  beta=beta)
     if as_json:
         typer.echo(json.dumps(finite(answer.plain()), indent=1))
     else:

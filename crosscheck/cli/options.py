@@ -2,16 +2,67 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
-from typing import Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from crosscheck.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from crosscheck.scene.model import Scene
 
 SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]
 EngineNames = Annotated[list[str] | None, typer.Option("--engine", help=(
     "a name, name==version, or a class of your own as module:Class or path/file.py:Class; may be repeated; "
     "default: all"))]
 Engines = Annotated[list[str] | None, typer.Option("--engine", help="may be repeated; default: all")]
+
+
+Drop = Annotated[bool, typer.Option("--drop", help="model files: leave out what a scene cannot hold")]
+Keyframe = Annotated[str | None, typer.Option(help="model files: start from this keyframe")]
+SceneName = Annotated[str, typer.Argument(help="a built-in name, a path to .toml or .json, or a model, .xml or .urdf")]
+
+
+def loaded(name: str, drop: bool, keyframe: str | None) -> Scene:
+    """The scene that a name, a scene file or a model file stands for; what is left out of a model is printed."""
+    from crosscheck.scene.file import load_scene
+    from crosscheck.scene.models import import_model, is_model
+
+    if not is_model(name):
+        if drop or keyframe is not None:
+            raise ArgumentError(f"--drop and --keyframe go with a model file, .xml or .urdf, not with {name}")
+        return load_scene(name)
+    scene = import_model(name, keyframe=keyframe, drop=drop)
+    for words in scene.left_out:
+        typer.echo(f"left out of {name}: {words}", err=True)
+    return scene
+
+
+def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None) -> list[str] | None:
+    """The same names with every model file replaced by that of its scene, which is kept in the cache folder."""
+    if names is None:
+        return None
+    import hashlib
+
+    from crosscheck.files import cache_folder
+    from crosscheck.scene.models import import_file, is_model
+
+    found = []
+    for name in names:
+        if not is_model(name):
+            found.append(name)
+            continue
+        key = hashlib.sha256(repr((os.path.abspath(name), drop, keyframe)).encode()).hexdigest()[:12]
+        target = cache_folder() / "models" / key / f"{Path(name).stem}.toml"
+        target.parent.mkdir(parents=True, exist_ok=True)
+        scene = import_file(name, target, drop=drop, keyframe=keyframe)
+        for words in scene.left_out:
+            typer.echo(f"left out of {name}: {words}", err=True)
+        found.append(str(target))
+    return found
 
 
 def scenes(default: str) -> Any:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from crosscheck.cli.options import Drop, Keyframe, SceneName, loaded
 from crosscheck.cli.states_csv import write_csv
 from crosscheck.errors import ArgumentError
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def run(
-    scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
+    scene: SceneName,
     engine: Annotated[str, typer.Option(help="see `crosscheck list`")] = "lieeuler",
     method: Annotated[str | None, typer.Option(help="see `crosscheck list`; default: lieeuler's taylor, at rtol 1e-9")
                       ] = None,
@@ -31,11 +32,12 @@ def run(
     spectral_radius: Annotated[float | None, typer.Option(help="0 to 1, of generalized_alpha; default 0.8")] = None,
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
     duration: Annotated[float | None, typer.Option(help="s; default: the scene's")] = None,
+    drop: Drop = False,
+    keyframe: Keyframe = None,
 ) -> None:
     """Run one scene with one method of one engine; print its figures, or write its trajectory as CSV."""
     from crosscheck import adapters
     from crosscheck.running.run import run as run_scene
-    from crosscheck.scene.file import load_scene
 
     if method is None:
         if engine != "lieeuler":
@@ -45,12 +47,12 @@ def run(
     given = {"form": form, "coordinate_map": coordinate_map, "softness": softness, "node": node, "alpha": alpha,
              "beta": beta, "spectral_radius": spectral_radius, "samples": samples, "duration": duration}
     options = {key: value for key, value in given.items() if value is not None}
-    loaded = load_scene(scene)
-    traj = run_scene(loaded, engine, method, step=step, rtol=rtol, **options)
+    found = loaded(scene, drop, keyframe)
+    traj = run_scene(found, engine, method, step=step, rtol=rtol, **options)
     if csv_file is not None:
-        write_csv(loaded, traj, csv_file)
+        write_csv(found, traj, csv_file)
     if csv_file != "-":
-        _print_run(loaded, traj, csv_file, step)
+        _print_run(found, traj, csv_file, step)
 
 
 def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: float | None) -> None:

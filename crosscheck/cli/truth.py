@@ -6,30 +6,32 @@ from typing import Annotated
 
 import typer
 
+from crosscheck.cli.options import Drop, Keyframe, SceneName, loaded
 from crosscheck.cli.states_csv import write_csv
 
 
 def truth(
-    scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
+    scene: SceneName,
     csv_file: Annotated[str | None, typer.Option("--csv", help="write the states here; - for the terminal")] = None,
+    drop: Drop = False,
+    keyframe: Keyframe = None,
 ) -> None:
     """The independent truth of a scene: where it comes from, how far to trust it, the end state."""
     from crosscheck.references import truth as truth_of
-    from crosscheck.scene.file import load_scene
 
-    loaded = load_scene(scene)
-    reference = truth_of(loaded)
+    found = loaded(scene, drop, keyframe)
+    reference = truth_of(found)
     if csv_file is not None:
-        write_csv(loaded, reference.states, csv_file)
+        write_csv(found, reference.states, csv_file)
     if csv_file == "-":
         return
-    typer.echo(f"{loaded.name}: {reference.source}")
+    typer.echo(f"{found.name}: {reference.source}")
     typer.echo(f"checked against: {reference.second_source}")
     typer.echo(f"truth to {reference.error:.1e}: they differ by {reference.disagreement:.1e}, the scene's conditioning "
                f"explains {reference.allowed:.1e}")
     if reference.outvoted:
         typer.echo(f"outvoted: {reference.outvoted}")
-    typer.echo(f"a perturbation grows {reference.amplification:.3g}-fold over {loaded.duration:g} s; "
+    typer.echo(f"a perturbation grows {reference.amplification:.3g}-fold over {found.duration:g} s; "
                f"comparable up to {reference.horizon:g} s")
-    for body, position in zip(loaded.bodies, reference.states.x[-1], strict=True):
-        typer.echo(f"{body.name}: x({loaded.duration:g} s) = ({', '.join(f'{value:.15g}' for value in position)}) m")
+    for body, position in zip(found.bodies, reference.states.x[-1], strict=True):
+        typer.echo(f"{body.name}: x({found.duration:g} s) = ({', '.join(f'{value:.15g}' for value in position)}) m")

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from crosscheck.cli.console import progress_bar
-from crosscheck.cli.options import EngineNames, SceneNames
+from crosscheck.cli.options import Drop, EngineNames, Keyframe, SceneNames, scene_files
 from crosscheck.errors import ArgumentError
 
 
@@ -26,6 +26,8 @@ def verify(
     tol: Annotated[list[str] | None, typer.Option(help="a bound of your own, quantity=value; may be repeated")] = None,
     out: Annotated[Path, typer.Option(help="folder of the report")] = Path("reports/latest"),
     as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
+    drop: Drop = False,
+    keyframe: Keyframe = None,
 ) -> None:
     """Run every method and engine over the scenes, judge them, write the report; goes on after a kill.
 
@@ -42,6 +44,7 @@ def verify(
         raise ArgumentError(f"--jobs: at least 1 is wanted, not {jobs}")
     own = overrides.read(tolerance_file, tol or ())
     folder.check_out(out)
+    scene = scene_files(scene, drop, keyframe)
     within = limits(time_limit, memory_limit)
     identity = job.fingerprint(profile, scene, engine, within, dataclasses.astuple(within), own)
     with resumable(out, identity, job.JOURNAL_TYPES) as kept, progress_bar() as progress:

@@ -9,12 +9,12 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from crosscheck.errors import ArgumentError, SceneError
-from crosscheck.scene import assembly, checks
+from crosscheck.scene.building import printable
+from crosscheck.scene.building import scene_from as scene_from
 from crosscheck.scene.model import Scene
-from crosscheck.scene.schema import EntryError, decode, listed, nearest
+from crosscheck.scene.models import is_model, table
+from crosscheck.scene.schema import EntryError, listed, nearest
 
 _SUFFIXES = (".toml", ".json")
 
@@ -39,7 +39,8 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     Parameters
     ----------
     name_or_path
-        The name of a built-in scene, or a path that ends in .toml or .json.
+        The name of a built-in scene, a path that ends in .toml or .json, or a model file, see
+        `crosscheck.import_model`.
 
     Returns
     -------
@@ -58,20 +59,17 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
 
 
 def read_scene(name_or_path: str | os.PathLike[str]) -> tuple[Path, dict[str, Any]]:
-    """The path of a scene and the content of its file, not yet checked; arguments and errors as `load_scene`."""
+    """The path of a scene and the content of its file, not yet checked; arguments and errors as `load_scene`.
+
+    The content of a model file is that of the scene it is imported as.
+    """
+    if is_model(name_or_path):
+        return Path(name_or_path), table(name_or_path)
     path = _locate(name_or_path)
     try:
         return path, _read(path)
     except EntryError as error:
-        raise SceneError(_shown(f"{path}: {error}")) from None
-
-
-def scene_from(data: dict[str, Any], origin: str | os.PathLike[str]) -> Scene:
-    """The scene that a file's content describes; errors as `load_scene`, which name `origin` as the file."""
-    try:
-        return _assembled(checks.draft(decode(data)))
-    except EntryError as error:
-        raise SceneError(_shown(f"{os.fsdecode(origin)}: {error}")) from None
+        raise SceneError(printable(f"{path}: {error}")) from None
 
 
 def as_scene(scene: Scene | str | os.PathLike[str]) -> Scene:
@@ -92,25 +90,6 @@ def as_scene(scene: Scene | str | os.PathLike[str]) -> Scene:
     return load_scene(scene)
 
 
-def _assembled(draft: checks.Draft) -> Scene:
-    """The scene with its joints closed; also numbers each in range can together leave what doubles can solve."""
-    problem = "the numbers of this scene differ too much in size to close its joints in double precision"
-    mend = "bring masses, inertias and lengths nearer to each other, in SI units"
-    with np.errstate(all="ignore"):  # what overflows is found below
-        try:
-            scene = assembly.completed(draft)
-        except (np.linalg.LinAlgError, FloatingPointError, OverflowError):
-            raise EntryError("bodies", problem, mend) from None
-    if not all(np.isfinite(values).all() for values in (scene.x0, scene.R0, scene.v0, scene.w0)):
-        raise EntryError("bodies", problem, mend)
-    return scene
-
-
-def _shown(text: str) -> str:
-    """A message, or words of a user's in it, which must neither break its line nor fail to print."""
-    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
-
-
 def _folder() -> Path:
     """The built-in scenes: inside the installed package, or beside it in a checkout."""
     package = Path(__file__).resolve().parents[1]
@@ -127,9 +106,9 @@ def _locate(name_or_path: str | os.PathLike[str]) -> Path:
     if path.suffix in _SUFFIXES:
         return path
     if isinstance(name_or_path, os.PathLike) or path.name != text:
-        raise SceneError(f"{_shown(text)}: the name of the file: a scene file ends in .toml or .json; rename it")
+        raise SceneError(f"{printable(text)}: the name of the file: a scene file ends in .toml or .json; rename it")
     if text not in scene_names():
-        raise SceneError(f'"{_shown(text)}": no built-in scene has this name; {nearest(text, scene_names())}'
+        raise SceneError(f'"{printable(text)}": no built-in scene has this name; {nearest(text, scene_names())}'
                          f"write one of {listed(scene_names())} or a path that ends in .toml or .json")
     return _folder() / f"{text}.toml"
 

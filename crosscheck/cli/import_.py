@@ -1,0 +1,32 @@
+"""`crosscheck import`: a model file of others as a scene file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from crosscheck.cli.options import Drop, Keyframe
+
+
+def import_(
+    model: Annotated[Path, typer.Argument(help="an MJCF (.xml) or URDF (.urdf) file")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="the scene file, .toml")],
+    drop: Drop = False,
+    keyframe: Keyframe = None,
+    base: Annotated[str, typer.Option(help="of a URDF: fixed or free")] = "fixed",
+    duration: Annotated[float, typer.Option(help="s, of the scene")] = 2.0,
+    samples: Annotated[int, typer.Option(help="number of output times of the scene")] = 101,
+) -> None:
+    """Write a model of MuJoCo or a URDF as a scene file; refuse what a scene cannot hold, or drop and list it.
+
+    Exit code 0: written; 2: refused, and nothing is written.
+    """
+    from crosscheck.scene.models import import_file
+
+    scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples)
+    typer.echo(f"{scene.name}: {scene.n} bodies, {len(scene.joints)} joints, {len(scene.forces)} forces")
+    typer.echo(f"written: {out}")
+    for words in scene.left_out:
+        typer.echo(f"left out: {words}")

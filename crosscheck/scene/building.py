@@ -1,0 +1,40 @@
+"""A scene from the plain content of a scene file: checked, completed, its joints closed."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import SceneError
+from crosscheck.scene import assembly, checks
+from crosscheck.scene.model import Scene
+from crosscheck.scene.schema import EntryError, decode
+
+
+def scene_from(data: dict[str, Any], origin: str | os.PathLike[str]) -> Scene:
+    """The scene with this content of a file; raises `SceneError` that names `origin`, the entry and the mend."""
+    try:
+        return _assembled(checks.draft(decode(data)))
+    except EntryError as error:
+        raise SceneError(printable(f"{os.fsdecode(origin)}: {error}")) from None
+
+
+def _assembled(draft: checks.Draft) -> Scene:
+    """The scene with its joints closed; also numbers each in range can together leave what doubles can solve."""
+    problem = "the numbers of this scene differ too much in size to close its joints in double precision"
+    mend = "bring masses, inertias and lengths nearer to each other, in SI units"
+    with np.errstate(all="ignore"):  # what overflows is found below
+        try:
+            scene = assembly.completed(draft)
+        except (np.linalg.LinAlgError, FloatingPointError, OverflowError):
+            raise EntryError("bodies", problem, mend) from None
+    if not all(np.isfinite(values).all() for values in (scene.x0, scene.R0, scene.v0, scene.w0)):
+        raise EntryError("bodies", problem, mend)
+    return scene
+
+
+def printable(text: str) -> str:
+    """A message, or words of a user's in it, which must neither break its line nor fail to print."""
+    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)

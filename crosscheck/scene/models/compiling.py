@@ -1,0 +1,99 @@
+"""Model files compiled by MuJoCo, without what has no mass: pictures, and meshes that no inertia needs."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from crosscheck.errors import SceneError
+from crosscheck.scene.models import source
+from crosscheck.scene.models.source import Source
+
+
+@contextlib.contextmanager
+def listening() -> Iterator[list[str]]:
+    """MuJoCo's warnings in a list; by itself it appends them to MUJOCO_LOG.TXT in the working folder."""
+    import mujoco
+
+    warnings: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(warnings.append)
+    try:
+        yield warnings
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def compiled(model: Source, base: str = "fixed", bare: bool = True) -> Any:
+    """The `mujoco.MjModel` of a source.
+
+    `bare` takes all geometry out of a URDF, so that MuJoCo needs no meshes and makes no mass from collision shapes.
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise SceneError(f"{model.path}: models are read by MuJoCo, which is not installed ({error}); install mujoco"
+                         ) from None
+    if model.is_urdf:
+        _prepare_urdf(model, base, bare)
+    else:
+        _prepare_mjcf(model)
+    with listening():
+        try:
+            spec = mujoco.MjSpec.from_string(model.text)
+            spec.modelfiledir = str(model.path.parent.resolve())
+            if model.is_urdf and base == "free":
+                spec.worldbody.first_body().add_freejoint()
+            return spec.compile()
+        except Exception as error:  # MuJoCo raises ValueError, and its own FatalError
+            words = " ".join(str(error).split()).removeprefix("Error: ")
+            raise SceneError(f"{model.path}: MuJoCo cannot read it: {words}") from None
+
+
+def _prepare_urdf(model: Source, base: str, bare: bool) -> None:
+    if bare:
+        for link in model.root.iter("link"):
+            for shape in [*link.findall("visual"), *link.findall("collision")]:
+                link.remove(shape)
+    for extension in model.root.findall("mujoco"):
+        model.root.remove(extension)
+    extension = ElementTree.SubElement(model.root, "mujoco")
+    ElementTree.SubElement(extension, "compiler", fusestatic="false", strippath="false", balanceinertia="false",
+                           discardvisual="true")
+
+
+def _prepare_mjcf(model: Source) -> None:
+    """Without textures, materials and skins, whose files nobody needs, and without meshes that are missing."""
+    for parent in list(model.root.iter()):
+        for child in list(parent):
+            if child.tag in ("texture", "skin", "material") and parent.tag in ("asset", "default"):
+                parent.remove(child)
+        parent.attrib.pop("material", None)
+    folder = model.path.parent.resolve()
+    compiler = model.root.find("compiler")
+    meshes = Path("" if compiler is None else compiler.get("meshdir") or compiler.get("assetdir") or "")
+    missing = {}
+    for asset in model.root.findall("asset"):
+        for mesh in asset.findall("mesh"):
+            name = mesh.get("file")
+            if name is None:
+                continue
+            if not source.inside(model.path, folder, str(meshes / name)).is_file():
+                missing[mesh.get("name") or Path(name).stem] = name
+                asset.remove(mesh)
+    for body in model.root.iter("body"):
+        for geom in body.findall("geom"):
+            if geom.get("mesh") not in missing:
+                continue
+            if body.find("inertial") is None:
+                raise SceneError(f"{model.path}: body {body.get('name')!r} has its mass from the mesh "
+                                 f"{missing[geom.get('mesh', '')]}, which is missing; put it there or give an inertial")
+            body.remove(geom)
+    world = model.root.find("worldbody")
+    for geom in [] if world is None else world.findall("geom"):
+        if world is not None and geom.get("mesh") in missing:
+            world.remove(geom)
+    model.ignored += missing.values()

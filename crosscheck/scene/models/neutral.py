@@ -1,0 +1,233 @@
+"""A compiled MuJoCo model in one state as the tables of a scene file.
+
+Bodies welded together are one body, named after the one that carries the joints, with its axes and the centre of mass
+of all. The parent of every joint is the body the joint hangs on in the model.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from crosscheck.scene.constraints import cross
+from crosscheck.scene.model import quaternion_from_rotation
+
+ALIGNED = 1e-9
+"""Sine of the angle, and relative distance, below which axes count as parallel and points as one."""
+
+Table = dict[str, Any]
+
+
+@dataclasses.dataclass
+class Rigid:
+    """A group of welded bodies: mass, centre and inertia of all, in world axes, and its motion."""
+
+    index: int  # MuJoCo's, of the body with the joints
+    name: str
+    mass: float
+    centre: np.ndarray  # (3,) world
+    inertia: np.ndarray  # (3, 3) about the centre, axes of the body
+    R: np.ndarray  # (3, 3) axes of the body to world
+    v: np.ndarray  # (3,) of the centre, world
+    w: np.ndarray  # (3,) world
+
+
+@dataclasses.dataclass
+class Reading:
+    """A model in one state, and what of it has found no place so far."""
+
+    model: Any
+    data: Any
+    bodies: dict[int, Rigid]
+    lost: list[str]  # would change the motion
+    impossible: list[str]  # cannot even be left out
+
+    def end(self, group: int, point: np.ndarray) -> tuple[str, list[float]]:
+        """(name, anchor in its frame) of a point in the world on a group of bodies; 0 is the ground."""
+        if group == 0:
+            return "ground", point.tolist()
+        body = self.bodies[group]
+        return body.name, (body.R.T @ (point - body.centre)).tolist()
+
+    def direction(self, group: int, vector: np.ndarray) -> list[float]:
+        """A world vector in the frame of a group."""
+        found: list[float] = (vector if group == 0 else self.bodies[group].R.T @ vector).tolist()
+        return found
+
+    def attitude(self, group: int) -> np.ndarray:
+        """(3, 3) of a group."""
+        return np.eye(3) if group == 0 else self.bodies[group].R
+
+
+def bodies(model: Any, data: Any) -> dict[int, Rigid]:
+    """The moving groups of welded bodies by the index of their first, parents before children."""
+    import mujoco
+
+    found = {}
+    for first in sorted(set(model.body_weldid.tolist()) - {0}):
+        members = np.flatnonzero(model.body_weldid == first)
+        masses = model.body_mass[members]
+        mass = float(masses.sum())
+        centre = masses @ data.xipos[members] / mass if mass > 0 else data.xpos[first].copy()
+        inertia = np.zeros((3, 3))
+        for member, part in zip(members, masses, strict=True):
+            axes, arm = data.ximat[member].reshape(3, 3), data.xipos[member] - centre
+            inertia += axes @ np.diag(model.body_inertia[member]) @ axes.T
+            inertia += part * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        R = data.xmat[first].reshape(3, 3).copy()
+        twist = np.zeros(6)
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, first, twist, 0)
+        v = twist[3:] + cross(twist[:3], centre - data.xpos[first])
+        local = R.T @ inertia @ R
+        name = model.body(first).name or f"body {first}"
+        found[first] = Rigid(first, name, mass, centre, (local + local.T) / 2, R, v, twist[:3].copy())
+    return found
+
+
+def body_table(body: Rigid) -> Table:
+    """One of [[bodies]]."""
+    return {"name": body.name, "mass": body.mass, "inertia": body.inertia.tolist(),
+            "attitude": quaternion_from_rotation(body.R).tolist(), "angular_velocity": (body.R.T @ body.w).tolist(),
+            "position": body.centre.tolist(), "velocity": body.v.tolist()}
+
+
+def joint_tables(reading: Reading) -> list[Table]:
+    """One of [[joints]] for every body that hangs on something."""
+    found = []
+    for group in reading.bodies:
+        table = _hanging(reading, group)
+        if table is not None:
+            found.append(table)
+    return found
+
+
+def _hanging(reading: Reading, group: int) -> Table | None:
+    """The joint, or the joints together, that carry a group; None where it is free or nothing fits."""
+    import mujoco
+
+    m, d = reading.model, reading.data
+    first = int(m.body_jntadr[group])
+    ids = list(range(first, first + int(m.body_jntnum[group])))
+    letters = {mujoco.mjtJoint.mjJNT_HINGE: "h", mujoco.mjtJoint.mjJNT_SLIDE: "s", mujoco.mjtJoint.mjJNT_BALL: "b",
+               mujoco.mjtJoint.mjJNT_FREE: "f"}
+    kinds = "".join(letters[mujoco.mjtJoint(m.jnt_type[j])] for j in ids)
+    parent = int(m.body_weldid[m.body_parentid[group]])
+    turning = [j for j, kind in zip(ids, kinds, strict=True) if kind == "h"]
+    slides = [j for j, kind in zip(ids, kinds, strict=True) if kind == "s"]
+    axes = {j: d.xaxis[j] for j in ids}
+    anchors = {j: d.xanchor[j] for j in ids}
+    size = max(1.0, float(np.abs(d.xanchor).max()))
+    together = all(np.linalg.norm(anchors[j] - anchors[ids[0]]) < ALIGNED * size for j in turning)
+    name = next((m.jnt(j).name for j in ids if m.jnt(j).name), f"{reading.bodies[group].name} joint")
+
+    def table(kind: str, at: np.ndarray, parent_axis: Any = None, child_axis: Any = None,
+              back: Any = None) -> Table:
+        parent_name, parent_anchor = reading.end(parent, at if back is None else at - back)
+        child_name, child_anchor = reading.end(group, at)
+        made: Table = {"name": name, "type": kind, "parent": parent_name, "child": child_name,
+                       "parent_anchor": parent_anchor, "child_anchor": child_anchor}
+        if parent_axis is not None:
+            made |= {"parent_axis": reading.direction(parent, parent_axis),
+                     "child_axis": reading.direction(group, parent_axis if child_axis is None else child_axis)}
+        return made
+
+    if kinds == "f" or (parent == 0 and _six(kinds, turning, slides, axes, together)):
+        _plain(reading, ids, "a free body")
+        return None
+    if kinds == "b" or (kinds == "hhh" and together and _independent(axes, ids)):
+        _plain(reading, ids, "a spherical joint")
+        return table("spherical", anchors[ids[0]])
+    if kinds == "h":
+        return table("revolute", anchors[first], axes[first]) | _one(reading, parent, group, first)
+    if kinds == "s":
+        travel = float(d.qpos[m.jnt_qposadr[first]])
+        return table("prismatic", anchors[first], axes[first], back=travel * axes[first]) | _one(
+            reading, parent, group, first)
+    if sorted(kinds) == ["h", "s"] and np.linalg.norm(cross(axes[ids[0]], axes[ids[1]])) < ALIGNED:
+        return table("cylindrical", anchors[turning[0]], axes[turning[0]]) | _pair(reading, turning[0], slides[0], name)
+    if kinds == "hh" and together and abs(axes[ids[0]] @ axes[ids[1]]) < ALIGNED:
+        _plain(reading, ids, "a universal joint")
+        return table("universal", anchors[ids[0]], axes[ids[0]], axes[ids[1]])
+    if sorted(kinds) == ["h", "s", "s"] and abs(axes[slides[0]] @ axes[slides[1]]) < ALIGNED and all(
+            abs(axes[turning[0]] @ axes[j]) < ALIGNED for j in slides):
+        _plain(reading, ids, "a planar joint")
+        return table("planar", anchors[turning[0]], axes[turning[0]])
+    words = {"h": "hinge", "s": "slide", "b": "ball", "f": "free"}
+    reading.impossible.append(f"the joints {', '.join(words[kind] for kind in kinds)} of body "
+                              f"{reading.bodies[group].name!r} together are none of the joints of a scene")
+    return None
+
+
+def _independent(axes: dict[int, np.ndarray], ids: list[int]) -> bool:
+    """Whether three axes span space, well away from gimbal lock."""
+    return abs(float(np.linalg.det(np.array([axes[j] for j in ids])))) > 1e-3
+
+
+def _six(kinds: str, turning: list[int], slides: list[int], axes: dict[int, np.ndarray], together: bool) -> bool:
+    """Whether joints are three slides and then a ball or three hinges: together no joint at all."""
+    if kinds not in ("sssb", "ssshhh") or not _independent(axes, slides):
+        return False
+    return kinds == "sssb" or (together and _independent(axes, turning))
+
+
+def _dof(reading: Reading, j: int) -> tuple[float, float, float, float]:
+    """Armature, damping, stiffness and rest position of a joint with one coordinate, as far as the flags count them."""
+    import mujoco
+
+    m = reading.model
+    flags, bit = int(m.opt.disableflags), mujoco.mjtDisableBit
+    damped, sprung = not flags & bit.mjDSBL_DAMPER, not flags & bit.mjDSBL_SPRING
+    dof, at = int(m.jnt_dofadr[j]), int(m.jnt_qposadr[j])
+    return (float(m.dof_armature[dof]), float(m.dof_damping[dof]) if damped else 0.0,
+            float(m.jnt_stiffness[j]) if sprung else 0.0, float(m.qpos_spring[at]))
+
+
+def _one(reading: Reading, parent: int, group: int, j: int) -> Table:
+    """Coordinate, zero, springs and armature of a hinge or slide."""
+    m, d = reading.model, reading.data
+    position, velocity = float(d.qpos[m.jnt_qposadr[j]]), float(d.qvel[m.jnt_dofadr[j]])
+    relative = reading.attitude(parent).T @ reading.attitude(group)
+    if m.jnt_type[j] == 3:  # a hinge: turn back by its angle
+        axis = reading.attitude(parent).T @ d.xaxis[j]
+        relative = _turned(axis, -position) @ relative
+    armature, damping, stiffness, rest = _dof(reading, j)
+    made: Table = {"reference_attitude": quaternion_from_rotation(relative).tolist(), "position": position,
+                   "velocity": velocity}
+    made |= {key: value for key, value in (("armature", armature), ("damping", damping), ("stiffness", stiffness))
+             if value}
+    return made | ({"rest_position": rest} if stiffness else {})
+
+
+def _pair(reading: Reading, hinge: int, slide: int, name: str) -> Table:
+    """Springs and armature of a hinge and a slide along it; they have to be those of one cylindrical joint."""
+    values = np.array([_dof(reading, hinge), _dof(reading, slide)])
+    keys = ("armature", "damping")
+    if values[:, 2].any():
+        reading.lost.append(f"stiffness of joint {name!r}, one of two on a body")
+    return {key: values[:, k].tolist() for k, key in enumerate(keys) if values[:, k].any()}
+
+
+def _plain(reading: Reading, ids: list[int], kind: str) -> None:
+    """Several coordinates in one joint have no armature, damping or stiffness of their own here."""
+    m = reading.model
+    for j in ids:
+        dofs = range(int(m.jnt_dofadr[j]), int(m.jnt_dofadr[j]) + (6, 3, 1, 1)[int(m.jnt_type[j])])
+        values = _dof(reading, j)
+        label = m.jnt(j).name or f"joint {j}"
+        present = {"armature": any(m.dof_armature[dof] for dof in dofs), "stiffness": values[2] != 0,
+                   "damping": _damped(m) and any(m.dof_damping[dof] for dof in dofs)}
+        reading.lost += [f"{key} of joint {label!r}, which is part of {kind}" for key, has in present.items() if has]
+
+
+def _damped(m: Any) -> bool:
+    import mujoco
+
+    return not int(m.opt.disableflags) & mujoco.mjtDisableBit.mjDSBL_DAMPER
+
+
+def _turned(axis: np.ndarray, angle: float) -> np.ndarray:
+    from crosscheck.scene.coordinates import turned
+
+    return turned(axis / np.linalg.norm(axis), angle)

@@ -1,0 +1,152 @@
+"""From a model file to the tables of a scene file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import ArgumentError, SceneError, unknown
+from crosscheck.scene.models import compiling, features, neutral, source
+from crosscheck.scene.models.neutral import Reading, Table
+from crosscheck.scene.models.source import Source
+
+
+def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop: bool = False, base: str = "fixed",
+          qpos: Sequence[float] | None = None, qvel: Sequence[float] | None = None, duration: float = 2.0,
+          samples: int = 101) -> Table:
+    """The content of a scene file, see `crosscheck.import_model`."""
+    if not isinstance(path, str | os.PathLike):
+        raise ArgumentError(f"path: the name of a model file is wanted, not {type(path).__name__}")
+    if base not in ("fixed", "free"):
+        raise ArgumentError(unknown("base", base, ("fixed", "free")))
+    model = source.read(Path(path))
+    m = compiling.compiled(model, base)
+    reading = read(model, m, _state(model, m, keyframe, qpos, qvel))
+    joints = neutral.joint_tables(reading)
+    further, forces = features.collect(reading, joints)
+    if model.is_urdf:
+        _urdf_only(model, reading, joints)
+        _check_against_pinocchio(model, reading, base)
+    _refuse(model, reading, drop)
+    gravity = np.zeros(3) if int(m.opt.disableflags) & _gravity_bit() else m.opt.gravity
+    if model.is_urdf:
+        gravity = np.array([0.0, 0.0, -9.81])
+    content: Table = {
+        "schema": 2, "name": _name(model), "description": f"imported from {Path(path).name}",
+        "source": Path(path).name, "tags": ["imported"], "gravity": np.asarray(gravity).tolist(),
+        "duration": duration, "samples": samples, "left_out": reading.lost,
+        "bodies": [neutral.body_table(body) for body in reading.bodies.values()],
+        "joints": _distinct([*joints, *further]), "forces": forces}
+    return {key: value for key, value in content.items() if value not in ([], "")}
+
+
+def _gravity_bit() -> int:
+    import mujoco
+
+    return int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+
+
+def read(model: Source, m: Any, state: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Reading:
+    """The compiled model in a state (qpos, qvel, ctrl)."""
+    import mujoco
+
+    d = mujoco.MjData(m)
+    with compiling.listening():
+        d.qpos[:], d.qvel[:], d.ctrl[:] = state
+        mujoco.mj_fwdPosition(m, d)
+        mujoco.mj_fwdVelocity(m, d)
+    found = neutral.bodies(m, d)
+    if not found:
+        raise SceneError(f"{model.path}: nothing in it moves; a scene needs at least one body on a joint")
+    return Reading(m, d, found, [], [])
+
+
+def _state(model: Source, m: Any, keyframe: str | int | None, qpos: Sequence[float] | None,
+           qvel: Sequence[float] | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(qpos, qvel, ctrl) of the keyframe or the reference, overridden by what is given."""
+    q, v, ctrl = m.qpos0.copy(), np.zeros(m.nv), np.zeros(m.nu)
+    if keyframe is not None:
+        names = [m.key(k).name or str(k) for k in range(m.nkey)]
+        chosen = str(keyframe)
+        if chosen not in names and not (chosen.isdigit() and int(chosen) < m.nkey):
+            raise ArgumentError(unknown("keyframe", chosen, names) if names else
+                                f"keyframe: {model.path} has none; leave it out")
+        k = names.index(chosen) if chosen in names else int(chosen)
+        q, v, ctrl = m.key_qpos[k].copy(), m.key_qvel[k].copy(), m.key_ctrl[k].copy()
+    for name, given, target in (("qpos", qpos, q), ("qvel", qvel, v)):
+        if given is None:
+            continue
+        values = np.asarray(given, dtype=float)
+        if values.shape != target.shape or not np.isfinite(values).all():
+            raise ArgumentError(f"{name}: {target.size} finite numbers are wanted, joints in file order, not "
+                                f"{values.size}")
+        target[:] = values
+    return q, v, ctrl
+
+
+def _urdf_only(model: Source, reading: Reading, joints: list[Table]) -> None:
+    """Mimic joints, which MuJoCo does not read."""
+    by_name = {table["name"]: table for table in joints}
+    for joint in model.root.findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is None:
+            continue
+        name, motor = joint.get("name", ""), mimic.get("joint", "")
+        if name in by_name and motor in by_name:
+            by_name[name]["mimic"] = {"joint": motor, "ratio": float(mimic.get("multiplier", 1.0)),
+                                      "offset": float(mimic.get("offset", 0.0))}
+        else:
+            reading.lost.append(f"mimic of joint {name!r}")
+
+
+def _refuse(model: Source, reading: Reading, drop: bool) -> None:
+    if reading.impossible:
+        raise SceneError(f"{model.path}: cannot be a scene: {'; '.join(reading.impossible)}")
+    if reading.lost and not drop:
+        raise SceneError(f"{model.path}: a scene cannot hold {'; '.join(reading.lost)}; give --drop (drop=True) to "
+                         "leave all this out")
+
+
+def _name(model: Source) -> str:
+    text = model.root.get("name") or model.root.get("model") or model.path.stem
+    clean = "".join(letter if letter.isprintable() and letter not in "/\\" else " " for letter in text).strip(" .")
+    return clean or "model"
+
+
+def _distinct(joints: list[Table]) -> list[Table]:
+    """Joints with names of their own."""
+    names: set[str] = set()
+    for joint in joints:
+        name, count = joint["name"], 1
+        while joint["name"] in names:
+            count += 1
+            joint["name"] = f"{name} {count}"
+        names.add(joint["name"])
+    return joints
+
+
+def _check_against_pinocchio(model: Source, reading: Reading, base: str) -> None:
+    """Raise where the two parsers read different bodies; Pinocchio is asked where it is installed."""
+    import importlib.util
+
+    if importlib.util.find_spec("pinocchio") is None:
+        return
+    from crosscheck.scene.models.second import bodies as second
+
+    try:
+        theirs = second(model, base)
+    except SceneError:  # it may refuse what MuJoCo reads; `inspect` tells
+        return
+    for body in reading.bodies.values():
+        if body.name not in theirs:
+            continue
+        mass, moments = theirs[body.name]
+        ours = np.linalg.eigvalsh(body.inertia)
+        if not np.isclose(mass, body.mass, rtol=1e-9) or not np.allclose(moments, ours, rtol=1e-9, atol=1e-12):
+            raise SceneError(f"{model.path}: MuJoCo and Pinocchio read link {body.name!r} differently: masses "
+                             f"{body.mass:.12g} and {mass:.12g} kg, principal moments {ours} and {moments} kg m^2; "
+                             "crosscheck inspect tells more")

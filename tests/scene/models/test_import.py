@@ -1,0 +1,178 @@
+"""Models of others as scenes: their motion is MuJoCo's own, and what has no place is refused by name."""
+
+import numpy as np
+import pytest
+
+import crosscheck
+from tests.scene.models.model_files import ARM_MJCF, ARM_URDF, ZOO
+
+
+def written(tmp_path, text, name="model.xml"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def native(path, scene, qpos, qvel, h=1e-4):
+    """Attitudes (T, n, 3, 3) and centres of mass (T, n, 3) of a rollout of the file in MuJoCo itself."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, h
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = qpos, qvel
+    R = np.empty((scene.samples, scene.n, 3, 3))
+    for sample in range(scene.samples):
+        mujoco.mj_kinematics(model, data)
+        for k, body in enumerate(scene.bodies):
+            R[sample, k] = data.body(body.name).xmat.reshape(3, 3)
+        mujoco.mj_step(model, data, nstep=round(scene.t[1] / h))
+    return R
+
+
+def test_the_imported_scene_moves_as_the_model_in_mujoco(tmp_path):
+    import mujoco
+
+    path = written(tmp_path, ZOO)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    rng = np.random.default_rng(0)
+    q = model.qpos0.copy()
+    mujoco.mj_integratePos(model, q, 0.3 * rng.normal(size=model.nv), 1.0)
+    v = 0.5 * rng.normal(size=model.nv)
+    scene = crosscheck.import_model(path, qpos=q, qvel=v, duration=1.0, samples=6)
+    assert [joint.type for joint in scene.joints] == ["revolute", "prismatic", "spherical", "planar", "universal",
+                                                      "cylindrical"]
+    traj = crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-13)
+    # order 4 at 0.1 ms with rates of 10 / s: (1e-3)^4, and springs of length 16 m at rounding
+    assert np.abs(traj.R - native(path, scene, q, v)).max() < 1e-11
+    assert traj.joints["h"].position[0] == pytest.approx(q[0], abs=1e-14)
+    assert traj.joints["s"].position[0] == pytest.approx(q[1], abs=1e-14)
+
+
+def test_the_motion_is_true(tmp_path):
+    path = written(tmp_path, ZOO)
+    scene = crosscheck.import_model(path, duration=0.5, samples=6)
+    traj = crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-13)
+    assert np.abs(traj.x - crosscheck.truth(scene).states.x).max() < 1e-11
+
+
+def test_urdf_and_mjcf_of_one_arm_are_one_motion(tmp_path):
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_euler("xyz", [0.3, 0.2, 0.1]).as_matrix()
+    J = turn @ np.array([[0.1, 0.01, 0.002], [0.01, 0.12, 0.0], [0.002, 0.0, 0.05]]) @ turn.T
+    quats = [" ".join(map(repr, Rotation.from_euler("xyz", angles).as_quat(scalar_first=True).tolist()))
+             for angles in ([0.2, 0.1, 0.0], [0.0, 0.0, 0.4])]
+    inertia = " ".join(repr(float(J[entry])) for entry in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+    mjcf = written(tmp_path, ARM_MJCF.format(quat=quats[0], turn=quats[1], inertia=inertia))
+    urdf = written(tmp_path, ARM_URDF, "arm.urdf")
+    with pytest.raises(crosscheck.SceneError, match="limits of joint 'reach'"):
+        crosscheck.import_model(urdf)
+    dropped = crosscheck.import_model(urdf, drop=True, duration=1.0)
+    assert dropped.left_out == ("limits of joint 'reach'",)
+    one, other = (crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-13)
+                  for scene in (dropped, crosscheck.import_model(mjcf, duration=1.0)))
+    assert [body.name for body in dropped.bodies] == ["upper", "lower", "finger"]
+    np.testing.assert_allclose(one.x, other.x, atol=1e-12)
+
+
+def test_a_free_base_falls(tmp_path):
+    urdf = written(tmp_path, ARM_URDF.replace('<link name="base"/>', '<link name="base"><inertial><mass value="3"/>'
+                   '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'), "arm.urdf")
+    scene = crosscheck.import_model(urdf, base="free", drop=True)
+    assert scene.bodies[0].name == "base"
+    traj = crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-12)
+    centre = np.einsum("n,tnk->tk", scene.masses, traj.x) / scene.masses.sum()
+    np.testing.assert_allclose(centre[:, 2] - centre[0, 2], -9.81 * traj.t**2 / 2, atol=1e-11)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (('damping="0.3"', 'damping="0.3" limited="true" range="-1 1"'), "limits of joint 'h'"),
+    (('damping="0.3"', 'damping="0.3" frictionloss="0.1"'), "dry friction of joint 'h'"),
+    (('<motor joint="h"/>', '<position joint="h" kp="3"/>'), "actuator 'actuator 0'"),
+    (('springlength="1.5"', 'springlength="1 2"'), "tendon 'rope'"),
+    (('<site name="tip"', '<geom size="0.1"/><site name="tip"'), None),
+    (('<body name="fly" pos="2 0 0">',
+      '<geom type="plane" size="1 1 1"/><body name="fly" pos="2 0 0"><geom size="1"/>'),
+     "contacts of the colliding bodies 'ground - fly'"),
+    (('gravity="0.3 0 -9.81"', 'density="1.2"'), "drag of the medium"),
+    (('<joint name="u2" axis="0 1 0"/>', '<joint name="u2" axis="0 1 0" pos="0 0 1"/>'), "none of the joints"),
+    (('<joint name="ball"', '<joint damping="1" name="ball"'), "damping of joint 'ball'")])
+def test_what_a_scene_cannot_hold_is_named(change, words, tmp_path):
+    assert change[0] in ZOO
+    path = written(tmp_path, ZOO.replace(*change))
+    if words is None:  # a shape that collides with nothing
+        assert crosscheck.import_model(path).left_out == ()
+        return
+    with pytest.raises(crosscheck.SceneError, match=words):
+        crosscheck.import_model(path)
+    if "none of" not in words:
+        assert words in " ".join(crosscheck.import_model(path, drop=True).left_out)
+
+
+def test_a_keyframe_brings_the_state(tmp_path):
+    q = "0.7 0.1 1 0 0 0 2 0 5 1 0 0 0 0 0 0 0 0 0 0"
+    path = written(tmp_path, ZOO.replace("</mujoco>", f'<keyframe><key name="up" qpos="{q}"/></keyframe></mujoco>'))
+    scene = crosscheck.import_model(path, keyframe="up")
+    assert scene.joints[0].start == (0.7,)
+    assert scene.x0[3][2] == pytest.approx(5.0)
+    with pytest.raises(crosscheck.ArgumentError, match="did you mean 'up'"):
+        crosscheck.import_model(path, keyframe="upp")
+
+
+def test_loops_are_joints(tmp_path):
+    body = ('<body name="{0}" pos="{1} 0 0"><joint name="j{0}" axis="0 1 0"/><inertial pos="0.5 0 0" mass="1" '
+            'diaginertia="0.1 0.1 0.1"/>{2}</body>')
+    bars = body.format("a", 0, body.format("b", 1, "")) + body.format("c", 2, "")
+    closed = '<connect name="closed" body1="b" body2="c" anchor="1 0 0"/>'
+    geared = '<joint joint1="jc" joint2="ja" polycoef="0.1 2 0 0 0"/>'
+    path = written(tmp_path, f"<mujoco><worldbody>{bars}</worldbody><equality>{closed}{geared}</equality></mujoco>")
+    scene = crosscheck.import_model(path)
+    assert scene.joints[-1].type == "spherical"
+    assert scene.joints[2].mimic.ratio == 2.0
+    assert scene.joints[2].mimic.offset == pytest.approx(0.1)
+
+
+BAD = {
+    "bomb.xml": '<!DOCTYPE a [<!ENTITY x "y">]><mujoco>&x;</mujoco>',
+    "round.xml": '<mujoco><include file="round.xml"/></mujoco>',
+    "script.urdf": '<robot xmlns:xacro="http://x"><xacro:macro/></robot>', "tag.xml": "<mujoco><nonsense/></mujoco>",
+    "outside.xml": '<mujoco><include file="../../etc/passwd"/></mujoco>', "empty.xml": "", "page.xml": "<html/>",
+    "mesh.xml": '<mujoco><asset><mesh name="m" file="no.stl"/></asset><worldbody><body name="b"><joint/>'
+                '<geom type="mesh" mesh="m"/></body></worldbody></mujoco>',
+    "still.xml": "<mujoco/>", "arm.xacro": ARM_URDF, "cut.urdf": ARM_URDF[:300],
+}
+WORDS = {"bomb.xml": "document type", "round.xml": "in a circle", "script.urdf": "xacro", "tag.xml": "nonsense",
+         "outside.xml": "outside its folder", "empty.xml": "not XML", "page.xml": "<html>", "mesh.xml": "no.stl",
+         "still.xml": "nothing in it moves", "arm.xacro": "xacro", "cut.urdf": "not XML"}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_file_is_one_clear_line_and_leaves_nothing_behind(name, tmp_path, monkeypatch):
+    from typer.testing import CliRunner
+
+    from crosscheck.cli.app import app
+
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, BAD[name], name)
+    with pytest.raises(crosscheck.SceneError, match=WORDS[name]) as caught:
+        crosscheck.import_model(name)
+    assert "\n" not in str(caught.value)
+    assert CliRunner().invoke(app, ["import", name, "-o", "scene.toml"]).exit_code != 0
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_the_command_writes_a_scene_that_is_the_model(tmp_path, monkeypatch):
+    from typer.testing import CliRunner
+
+    from crosscheck.cli.app import app
+
+    monkeypatch.chdir(tmp_path)
+    path = written(tmp_path, ARM_URDF, "arm.urdf")
+    told = CliRunner().invoke(app, ["import", "arm.urdf", "-o", "arm.toml", "--drop"])
+    assert told.exit_code == 0, told.output
+    assert "left out: limits of joint 'reach'" in told.output
+    scene = crosscheck.load_scene("arm.toml")
+    assert scene.hash == crosscheck.import_model(path, drop=True).hash
+    assert scene.left_out == ("limits of joint 'reach'",)
+    assert CliRunner().invoke(app, ["run", "arm.urdf", "--drop", "--duration", "0.1"]).exit_code == 0

@@ -5,19 +5,37 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+_UNREADABLE = re.compile("[\\x00-\\x08\\x0b\\x0c\\x0e-\\x1f\\ud800-\\udfff\\ufffe\\uffff]")
+
+
+def readable(text: str) -> str:
+    """The text with escapes for what no encoding, XML or database takes: control characters, halves of characters."""
+    return _UNREADABLE.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
 
 def finite(value: Any) -> Any:
-    """The same with None for every number that is not finite: JSON has no infinity, and no plot shows one."""
+    """The same as any file can hold it: texts `readable`, None for numbers that are not finite.
+
+    JSON has no infinity, and no plot shows one.
+    """
     if isinstance(value, Mapping):
-        return {key: finite(each) for key, each in value.items()}
+        return {finite(key): finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
         return [finite(each) for each in value]
+    if isinstance(value, str):
+        return readable(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def cell(value: Any) -> Any:
+    """A text as a spreadsheet shows it: one that begins like a formula is not computed."""
+    return f"'{value}" if isinstance(value, str) and value[:1] in tuple("=+-@\t\r") else value
 
 
 @contextlib.contextmanager

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.metadata
+import io
 import os
+import sys
 from typing import Annotated
 
 import typer
@@ -60,6 +62,9 @@ app.add_typer(study)
 
 def main() -> None:
     """Entry point: whatever goes wrong ends in one clear line, exit code 2; 1 is left to verdicts that fail."""
+    for stream in (sys.stdout, sys.stderr):  # words of engines may hold what no encoding takes
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         app()
     except SystemExit as end:

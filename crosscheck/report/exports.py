@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.document import LEVELS, QUANTITIES, Document, Record
-from crosscheck.files import replacing
+from crosscheck.files import cell, readable, replacing
 from crosscheck.report.headline import number, sentence
 
 
@@ -55,7 +55,7 @@ def table(document: Document) -> str:
     writer.writerow([title for title, _ in read])
     for record in document.records:
         values = [value(record) for _, value in read]
-        writer.writerow(["" if value is None else repr(value) if isinstance(value, float) else value
+        writer.writerow(["" if value is None else repr(value) if isinstance(value, float) else cell(value)
                          for value in values])
     return stream.getvalue()
 
@@ -88,7 +88,7 @@ def junit(document: Document) -> str:
             suite.set(attribute, str(sum(record.outcome in outcomes for record in records)))
         suite.set("tests", str(len(records)))
     ElementTree.indent(root)
-    return '<?xml version="1.0" encoding="utf-8"?>\n' + _legal(ElementTree.tostring(root, encoding="unicode")) + "\n"
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + readable(ElementTree.tostring(root, encoding="unicode")) + "\n"
 
 
 def _judge(case: ElementTree.Element, record: Record) -> None:
@@ -106,8 +106,3 @@ def _judge(case: ElementTree.Element, record: Record) -> None:
         ElementTree.SubElement(case, "skipped", message=record.message)
     output = ElementTree.SubElement(case, "system-out")
     output.text = "\n".join([*lines, f"repeat: {record.command}"])
-
-
-def _legal(text: str) -> str:
-    """Without the control characters that XML 1.0 forbids; an engine's message may hold any."""
-    return "".join(letter for letter in text if letter in "\t\n\r" or ord(letter) >= 0x20)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import urllib.parse
 from collections.abc import Sequence
 from pathlib import Path
@@ -55,10 +56,18 @@ def studies(document: Document) -> dict[str, str]:
 
 
 def _render(template: str, document: Document, here: str, **more: Any) -> str:
-    return str(environment().get_template(template).render(
+    made = environment()
+    if template.endswith(".md.j2"):
+        made = made.overlay(finalize=_as_markdown)
+    return str(made.get_template(template).render(
         document=document, meta=document.meta, scenes=document.scenes, engines=document.meta.engines,
         studies=studies(document), here=here, changes=document.changes,
         pages={scene.name: scene_file(scene) for scene in document.scenes if not scene.failure}, **more))
+
+
+def _as_markdown(value: Any) -> Any:
+    """Words of engines and scenes as text: no HTML, no code, no further column, no further line."""
+    return re.sub(r"[<`|]", r"\\\g<0>", " ".join(value.split())) if isinstance(value, str) else value
 
 
 def index(document: Document) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.errors import CrosscheckError, EngineError, Unsupported
+from crosscheck.files import readable
 from crosscheck.running import arguments
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
@@ -95,9 +96,9 @@ def _guarded(adapter: Engine, scene: Scene, spec: RunSpec) -> RawRun:
     except CrosscheckError:
         raise
     except ImportError as error:
-        raise EngineError(f"{adapter.name} cannot be imported: {error}; install it") from error
+        raise EngineError(readable(f"{adapter.name} cannot be imported: {error}; install it")) from error
     except Exception as error:
-        raise EngineError(f"{adapter.name} {spec.method}: {type(error).__name__}: {error}") from error
+        raise EngineError(readable(f"{adapter.name} {spec.method}: {type(error).__name__}: {error}")) from error
 
 
 def _check_states(engine: str, spec: RunSpec, scene: Scene, raw: RawRun) -> None:

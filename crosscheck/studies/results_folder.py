@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crosscheck.errors import ArgumentError
-from crosscheck.files import finite, put
+from crosscheck.files import cell, finite, put
 
 if TYPE_CHECKING:
     from crosscheck.jobs.journal import Journal
@@ -75,6 +75,6 @@ def write(out: Path, document: Mapping[str, Any], rows: Sequence[Mapping[str, An
     if rows:
         writer = csv.DictWriter(table, list(rows[0]), lineterminator="\n")
         writer.writeheader()
-        writer.writerows(finite(list(rows)))
+        writer.writerows({key: cell(value) for key, value in row.items()} for row in finite(list(rows)))
     put(out / f"{study}.csv", table.getvalue())
     write_page(out, f"{study}.html.j2", document=document, meta=document["meta"])

@@ -27,7 +27,7 @@ from crosscheck.document import (
     extended,
 )
 from crosscheck.errors import ArgumentError
-from crosscheck.files import finite
+from crosscheck.files import finite, readable
 from crosscheck.jobs.grid import Crash, Limits
 from crosscheck.jobs.journal import Journal, Stages
 from crosscheck.judge import verdict
@@ -127,7 +127,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     meta = provenance.describe(engine_names) | {
         "profile": profile, "jobs": jobs, "command": told, "calibration": calibration,
         "seconds": journal.seconds if journal is not None else time.perf_counter() - started}
-    rows = msgspec.convert(support.of_scenes(scene_names, engine_names, within), list[Support])
+    rows = msgspec.convert(finite(support.of_scenes(scene_names, engine_names, within)), list[Support])
     return document(msgspec.convert(meta, Meta), truths, records, rows)
 
 
@@ -214,7 +214,7 @@ def labels(runs: Sequence[Judged]) -> list[str]:
 
 def _failed_scene(name: str, crash: Crash) -> SceneTruth:
     return SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
-                      truth=None, scales=None, failure=crash.message, details=crash.details or "")
+                      truth=None, scales=None, failure=readable(crash.message), details=readable(crash.details) or "")
 
 
 def _command(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, jobs: int,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,10 @@ if TYPE_CHECKING:
 
 DEFAULT = Path("reports/history.sqlite")
 """The store where none is named, below the current folder: beside the reports of the runs it tells about."""
+
+POSTGRESQL_OPTIONS = frozenset({"application_name", "connect_timeout", "host", "sslcert", "sslkey", "sslmode",
+                                "sslrootcert", "target_session_attrs"})
+"""What may follow the ? of a URL: none of it is secret."""
 
 PATIENCE = 60.0
 """Seconds to wait for another process that writes to the same SQLite file."""
@@ -34,7 +39,7 @@ def open_store(where: str | Path | None = None) -> Engine:
     import sqlalchemy
 
     url = _url(where)
-    shown = url.render_as_string(hide_password=True)
+    shown = url.set(query={}).render_as_string(hide_password=True)
     if url.get_backend_name() == "sqlite":
         engine = _sqlite(url)
     else:
@@ -55,18 +60,29 @@ def _url(where: str | Path | None) -> URL:
     import sqlalchemy
 
     given = str(where or os.environ.get("CROSSCHECK_STORE") or DEFAULT)
+    # None of these messages quotes what was given: a password may stand anywhere in it.
     if "://" not in given:
+        if re.search(r":[^@]*@|^//", given):
+            raise ArgumentError("--store: this looks like a URL without its beginning; write postgresql://user:password"
+                                "@host:port/database, or the path of an SQLite file")
         return sqlalchemy.URL.create("sqlite", database=given)
     try:
         url = sqlalchemy.make_url(given)
-    except sqlalchemy.exc.ArgumentError:
+    except (sqlalchemy.exc.ArgumentError, ValueError):  # of no form, or a port that is no number
         raise ArgumentError("--store: this URL cannot be read; write postgresql://user:password@host:port/database or "
                             "sqlite:///path") from None
-    if url.get_backend_name() == "postgres":  # what libpq and many hosts write
-        url = url.set(drivername="postgresql")
-    if url.get_backend_name() not in ("sqlite", "postgresql"):
-        raise ArgumentError(f"--store: {url.get_backend_name()} is not supported; allowed: sqlite, postgresql")
-    return url.set(drivername="postgresql+psycopg") if url.get_backend_name() == "postgresql" else url
+    backend = "postgresql" if url.get_backend_name() == "postgres" else url.get_backend_name()  # what libpq writes
+    if backend not in ("sqlite", "postgresql"):
+        raise ArgumentError(f"--store: {backend} is not supported; allowed: sqlite, postgresql")
+    if unknown := set(url.query) - (POSTGRESQL_OPTIONS if backend == "postgresql" else set()):
+        raise ArgumentError(f"--store: ?{min(unknown)}= is not taken in the URL; "
+                            + (f"allowed: {', '.join(sorted(POSTGRESQL_OPTIONS))}; a password stands before the host, "
+                               "in PGPASSWORD or in ~/.pgpass" if backend == "postgresql" else "leave it out"))
+    if backend == "postgresql" and "@" in f"{url.host}{url.database}":
+        raise ArgumentError("--store: more than one @ in the URL; write %40 for one in the user's name or password")
+    if url.port is not None and not 0 < url.port < 65536:
+        raise ArgumentError(f"--store: {url.port} is no port; write a number from 1 to 65535")
+    return url.set(drivername="postgresql+psycopg" if backend == "postgresql" else "sqlite")
 
 
 def _sqlite(url: URL) -> Engine:

@@ -1,0 +1,71 @@
+"""What engines and scenes say reaches every file of a report as text, and no file is lost by it."""
+
+import csv
+import json
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+from msgspec.structs import replace
+
+from crosscheck.files import readable
+from crosscheck.report import folder as folder_of_report
+from crosscheck.report import load_report
+from crosscheck.verification import job
+from tests.bad_engines import Resting
+from tests.report_making import small_results
+
+WORDS = "half \ud800 of a character, \ufffe, \x00\x1b[31m <img src=x onerror=alert(1)> `code` | column"
+
+
+class Surrogate(Resting):
+    """Raises words that no encoding takes."""
+
+    def run(self, scene, spec):
+        """Raises."""
+        raise RuntimeError(WORDS)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    whole = small_results()
+    first, *others = whole.records
+    spoilt = [replace(first, outcome="error", message=WORDS),
+              *(replace(record, message=f"{sign}cmd|' /C calc'!A0") for record, sign in zip(others, "=+-@=+-@"[:len(others)],
+                                                                                         strict=True))]
+    document = job.document(whole.meta, whole.scenes, spoilt)
+    return folder_of_report.write(document, tmp_path_factory.mktemp("report") / "out").parent
+
+
+def test_the_report_is_whole(folder):
+    assert json.loads((folder / "results.json").read_text(encoding="utf-8"))["records"][0]["message"] == readable(WORDS)
+    assert load_report(folder).records[0].message == readable(WORDS)
+    assert ElementTree.parse(folder / "junit.xml").getroot().tag == "testsuites"
+    for path in folder.iterdir():
+        if path.suffix in (".html", ".md", ".csv", ".xml", ".json"):
+            assert not {"\x00", "\x1b", "\ufffe"} & set(path.read_text(encoding="utf-8"))
+
+
+def test_no_cell_is_a_formula(folder):
+    with open(folder / "results.csv", encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    for row in rows:
+        for title, cell in zip(header, row, strict=True):
+            try:
+                float(cell)  # a negative number is one
+            except ValueError:
+                assert not cell.startswith(("=", "+", "-", "@", "\t", "\r")), title
+
+
+def test_the_markdown_holds_no_html_and_no_code_of_others(folder):
+    text = (folder / "summary.md").read_text(encoding="utf-8")
+    assert r"\<img" in text
+    assert "<img" not in text.replace(r"\<", "")
+    assert r"\`code\` \| column" in text
+
+
+def test_an_engine_that_says_it_costs_its_run_alone(tmp_path):
+    results = job.verify("smoke", ["single_pendulum"], ["tests/report/test_hostile_words.py:Surrogate", "mujoco"])
+    folder_of_report.write(results, tmp_path / "out")
+    mine, *others = results.records
+    assert (mine.outcome, "\\ud800" in mine.message) == ("error", True) or mine.outcome == "fail"
+    assert all(record.outcome == "pass" for record in others)

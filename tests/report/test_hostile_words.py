@@ -29,9 +29,8 @@ class Surrogate(Resting):
 def folder(tmp_path_factory):
     whole = small_results()
     first, *others = whole.records
-    spoilt = [replace(first, outcome="error", message=WORDS),
-              *(replace(record, message=f"{sign}cmd|' /C calc'!A0") for record, sign in zip(others, "=+-@=+-@"[:len(others)],
-                                                                                         strict=True))]
+    formulas = [replace(record, message=f"{'=+-@'[k % 4]}cmd|' /C calc'!A0") for k, record in enumerate(others)]
+    spoilt = [replace(first, outcome="error", message=WORDS), *formulas]
     document = job.document(whole.meta, whole.scenes, spoilt)
     return folder_of_report.write(document, tmp_path_factory.mktemp("report") / "out").parent
 

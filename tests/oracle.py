@@ -248,3 +248,27 @@ def integrate_alpha(system, radius, q, u, h, steps):
     for _ in range(steps):
         q, u, a, A, lam, guess = alpha_step(system, radius, q, u, a, A, h, guess)
         yield q, u, lam, system.index1(q, u)[1]
+
+
+def start_gradient_step(system, q0, u0, h, coordinate_map, guess):
+    """DAE1L_LSE in another reading: the velocity correction acts along G of the start of the step, as that of q does.
+
+    M (u - u_n) = h (f - G^T lam) - h G_n^T nu with (a, lam) of the index-1 system at the new state, Phi = 0, G u = 0 and
+    q = q_n * (h (u - M^-1 G_n^T mu)). With G^T nu in place of G_n^T nu this is (4.2), which is DAE2L_LSE in (q, u).
+    Returns q, u, lam and the solution as the next guess.
+    """
+    nu, m, G0 = 6 * system.n, system.m, system.G(q0)
+
+    def unpack(z):
+        u, correction, mu = z[:nu], z[nu:nu + m], z[nu + m:]
+        q = system.move(q0, h, u - np.linalg.solve(system.M, G0.T @ mu), coordinate_map)
+        return q, u, correction
+
+    def residual(z):
+        q, u, correction = unpack(z)
+        a, _ = system.index1(q, u)
+        return np.concatenate([system.M @ (u - u0 - h * a) + h * G0.T @ correction, system.G(q) @ u, system.phi(q) / h])
+
+    z = newton(residual, guess)
+    q, u, _ = unpack(z)
+    return q, u, system.index1(q, u)[1], z

@@ -1,0 +1,80 @@
+"""Readings of the papers: what DAE1L_LSE becomes with another correction, and why DAE2H_LE ends early."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import lieeuler
+from tests import oracle
+from tests.lieeuler.systems import SYSTEMS
+
+
+def dense(problem):
+    """The problem as the oracle has it, with its initial velocities."""
+    system = oracle.Chain([body.mass for body in problem.bodies], [body.inertia for body in problem.bodies],
+                          [(j.parent, j.child, j.parent_anchor, j.child_anchor) for j in problem.joints],
+                          problem.gravity)
+    return system, np.hstack([problem.v, problem.w]).ravel()
+
+
+def start_gradient(problem, h, duration):
+    """Positions at the end, and the largest constraint levels, of the reading with G of the start of the step."""
+    system, u = dense(problem)
+    q, guess, levels = (problem.x, problem.R), np.r_[u, np.zeros(2 * system.m)], np.zeros(3)
+    for _ in range(round(duration / h)):
+        q, u, _, guess = oracle.start_gradient_step(system, q, u, h, oracle.MAPS["exp"], guess)
+        G, a = system.G(q), system.index1(q, u)[0]
+        levels = np.maximum(levels, [np.abs(rows).max() for rows in (
+            system.phi(q), G @ u, G @ a + system.gamma(q, u))])
+    return q[0], levels
+
+
+@pytest.mark.parametrize("name", ["single_pendulum", "double_pendulum"])
+def test_correction_along_the_start_of_the_step(name):
+    """It holds the same levels at the same order, and parts from DAE1L_LSE by second order: no table would show it."""
+    problem, duration = SYSTEMS[name](), 0.5
+    exact = lieeuler.integrate(problem, "taylor", rtol=1e-13, t_eval=[0, duration]).x[-1]
+    differences, errors = [], []
+    for h in (1e-2, 5e-3):
+        x, levels = start_gradient(problem, h, duration)
+        ours = lieeuler.integrate(problem, "DAE1L_LSE", h, [0, duration])
+        differences.append(np.abs(x - ours.x[-1]).max())
+        errors.append((np.abs(x - exact).max(), np.abs(ours.x[-1] - exact).max()))
+        assert levels[:2].max() < 1e-14  # some roundings of lengths of 4 m and speeds of 5 m/s
+        assert levels[2] < 1e-12  # of accelerations of 100 m/s^2, with the condition of the index-1 system
+    # Its correction turns by h w: a relative change of order h in a correction of order h a step.
+    assert 3 < differences[0] / differences[1] < 5
+    for variant, ours in errors:
+        assert variant == pytest.approx(ours, rel=0.05)
+    assert errors[0][0] / errors[1][0] == pytest.approx(2, abs=0.2)  # first order
+
+
+@pytest.mark.parametrize("name", ["single_pendulum", "double_pendulum"])
+def test_dae2h_le_opens_the_joint_until_it_ends(name):
+    """Its position level drifts by h t times a constant of the scene: at half the step it lasts about twice as long."""
+    ends = []
+    for h in (2e-2, 1e-2, 5e-3):
+        with pytest.raises(lieeuler.IntegrationError) as failure:
+            lieeuler.integrate(SYSTEMS[name](), "DAE2H_LE", h, np.arange(0.0, 200.0))
+        ends.append(failure.value.solution.t_end)
+        opened = failure.value.solution.stats.maxima["constraint_position"]
+        assert opened > 0.7  # m: nearly the whole distance of joint and mass centre, 1 m
+    assert all(1.5 < later / sooner < 2.5 for sooner, later in zip(ends, ends[1:], strict=False))
+
+
+@pytest.mark.slow
+def test_the_oracle_of_dae2h_le_ends_there_too():
+    """Dense, its Newton matrix by differences, with nothing of the kernel: the method itself fails."""
+    problem, h = SYSTEMS["double_pendulum"](), 1e-2
+    with pytest.raises(lieeuler.IntegrationError) as failure:
+        lieeuler.integrate(problem, "DAE2H_LE", h, np.arange(0.0, 30.0))
+    system, u = dense(problem)
+    q, guess, steps, solved = (problem.x, problem.R), np.r_[u, system.index1((problem.x, problem.R), u)[1]], 0, True
+    with np.errstate(all="ignore"):
+        while solved and steps * h < 30:
+            q, u, _, guess = oracle.hamilton_step(system, "velocity", q, u, h, oracle.MAPS["exp"], guess)
+            steps += 1
+            solved = np.isfinite(u).all() and np.abs(system.G(q) @ u).max() < 1e-8
+    # Rounding grows on the way: the last steps, at 50 rad/s and more, are not the same bit for bit.
+    assert steps * h == pytest.approx(failure.value.solution.t_end, abs=0.2)

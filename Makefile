@@ -7,7 +7,7 @@ DEPS   := $(VENV)/.dependencies
 JOBS   ?= auto
 KERNEL := $(wildcard lieeuler/_core/*/*)
 # Rooms that pass `mypy --strict`; a room joins the list as soon as it does.
-STRICT := $(addprefix crosscheck/,errors.py files.py scene references adapters inspection diagnosis testing studies history cli)
+STRICT := $(addprefix crosscheck/,errors.py files.py document.py scene references adapters judge inspection diagnosis testing verification report studies history cli)
 
 .PHONY: help setup verify smoke sample test sanitize coverage lint benchmark clean
 

@@ -4,6 +4,8 @@ Sources
 -------
 [P1] constraint-stabilized implicit methods on Lie group, doi:10.1177/1687814019842406
 [P2] Lie group Euler methods for DAEs of multibody dynamics, doi:10.1177/1687814018764154
+     Both reached this project without their equations: their methods are reconstructed from the prose, those with H in
+     the form of [BM]. docs/theory.md, section 4, has the equations, docs/papers.md what is known and what is not.
 [BM] Bou-Rabee and Marsden, Hamilton-Pontryagin integrators, doi:10.1007/s10208-008-9030-4
 [MK] Munthe-Kaas, High order Runge-Kutta methods on manifolds, doi:10.1016/S0168-9274(98)00030-0
 [B]  Baumgarte, Stabilization of constraints, doi:10.1016/0045-7825(72)90018-7
@@ -97,7 +99,7 @@ KAHAN_LI_8 = _symmetric(0.13020248308889008088, 0.56116298177510838456, -0.38947
                         0.25837438768632204729, 0.29501172360931029887)
 """Order 8, 17 stages; Kahan and Li, doi:10.1090/S0025-5718-97-00873-9."""
 
-_P1 = "doi:10.1177/1687814019842406"
+_P1 = "reconstructed from doi:10.1177/1687814019842406"
 _P2 = "doi:10.1177/1687814018764154"
 _BM = "doi:10.1007/s10208-008-9030-4"
 _MK = "doi:10.1016/S0168-9274(98)00030-0"
@@ -122,10 +124,11 @@ METHODS: dict[str, Method] = {
         Method("DAE2L_LE", "lagrange", "velocity", False, ("velocity",), 1, f"{_P1}, {_P2}"),
         Method("DAE2L_LSE", "lagrange", "stabilised", False, ("position", "velocity"), 1, _P1),
         Method("DAE1L_LSE", "lagrange", "stabilised", True, _ALL, 1, _P1),
-        Method("DAE3H_LE", "hamilton", "position", False, ("position",), 1, f"{_P1}, {_P2}"),
-        Method("DAE2H_LE", "hamilton", "velocity", False, ("velocity",), 1, f"{_P1}, {_P2}"),
-        Method("DAE2H_LSE", "hamilton", "stabilised", False, ("position", "velocity"), 1, _P1),
-        Method("DAE1H_LSE", "hamilton", "stabilised", True, _ALL, 1, _P1),
+        Method("DAE3H_LE", "hamilton", "position", False, ("position",), 1, f"{_P1}, {_P2}, in the form of {_BM}"),
+        Method("DAE2H_LE", "hamilton", "velocity", False, ("velocity",), 1, f"{_P1}, {_P2}, in the form of {_BM}"),
+        Method("DAE2H_LSE", "hamilton", "stabilised", False, ("position", "velocity"), 1,
+               f"{_P1}, in the form of {_BM}"),
+        Method("DAE1H_LSE", "hamilton", "stabilised", True, _ALL, 1, f"{_P1}, in the form of {_BM}"),
         Method("INDEX1_LE", "lagrange", "acceleration", False, ("acceleration",), 1, f"{_P1}, comparator"),
         Method("BAUMGARTE_LE", "lagrange", "acceleration", False, (), 1,
                f"{_P1}, comparator; doi:10.1016/0045-7825(72)90018-7", gains=(5.0, 5.0)),
@@ -146,4 +149,4 @@ METHODS: dict[str, Method] = {
 """All methods by name, in the order in which tables list them."""
 
 EULER_METHODS = ("DAE3L_LE", "DAE2L_LE", "DAE2L_LSE", "DAE1L_LSE", "DAE3H_LE", "DAE2H_LE", "DAE2H_LSE", "DAE1H_LSE")
-"""The eight methods of [P1]."""
+"""The eight methods of [P1], reconstructed: equations (4.1) to (4.3) of docs/theory.md."""

@@ -253,7 +253,7 @@ def integrate_alpha(system, radius, q, u, h, steps):
 def start_gradient_step(system, q0, u0, h, coordinate_map, guess):
     """DAE1L_LSE in another reading: the velocity correction acts along G of the start of the step, as that of q does.
 
-    M (u - u_n) = h (f - G^T lam) - h G_n^T nu with (a, lam) of the index-1 system at the new state, Phi = 0, G u = 0 and
+    M (u - u_n) = h (f - G^T lam) - h G_n^T nu with (a, lam) of the index-1 system at the new state, Phi = 0, G u = 0,
     q = q_n * (h (u - M^-1 G_n^T mu)). With G^T nu in place of G_n^T nu this is (4.2), which is DAE2L_LSE in (q, u).
     Returns q, u, lam and the solution as the next guess.
     """

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli.app import app
-from crosscheck.judge.plan import EULER
+from crosscheck.document import EULER
 from crosscheck.studies.paper import bundle, runs
 
 FIGURES = ("path", "path-methods", "energy", "levels", "rotation-pendulum", "orthogonality")

@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from crosscheck.document import EULER
 from crosscheck.errors import CrosscheckError
-from crosscheck.judge.plan import EULER, natural_time
+from crosscheck.judge.plan import natural_time
 from crosscheck.running.run import run
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene

@@ -84,9 +84,8 @@ def projected(scene: Scene, moved: Scene) -> Scene:
     state = Configuration(moved.x0, np.array([body.attitude for body in moved.bodies]), moved.v0, moved.w0)
     constraints = Constraints(scene)  # prismatic and fixed joints keep the relative attitude of the scene
     draft = Draft(moved, given, given, assemble=True)
-    known = list(given)
-    _tree(scene, known)
-    if not all(known):  # a group of bodies on no ground: where it floats is given
+    reached = {body for _, body in _tree(scene, list(given), rooted=True)} | {k for k in range(scene.n) if given[k]}
+    if len(reached) < scene.n:  # a group of bodies on no ground: where it floats is given
         draft = dataclasses.replace(draft, given_positions=(True,) * scene.n, given_velocities=(True,) * scene.n)
     state = _close_positions(constraints, _tree_positions(draft, state, {}))
     state = _close_velocities(constraints, _tree_velocities(draft, state, {}))

@@ -38,6 +38,10 @@ __all__ = sorted(_HOMES)
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("lieeuler-crosscheck")
     if name not in _HOMES:
         raise AttributeError(f"module 'crosscheck' has no attribute {name!r}")
     module, attribute = _HOMES[name]

@@ -30,6 +30,27 @@ class ArgumentError(CrosscheckError, ValueError):
     """A wrong argument to a public function; the message names it and lists what is allowed."""
 
 
+EXTRAS = {
+    "mujoco": "mujoco", "pinocchio": "pinocchio", "pin": "pinocchio", "exudyn": "exudyn", "pydrake": "drake",
+    "dartpy": "dart", "heyoka": "truth", "pandas": "data", "pyarrow": "data", "xarray": "data", "jinja2": "report",
+    "plotly": "report", "matplotlib": "report", "pypdf": "report", "sqlalchemy": "history", "psycopg": "history",
+    "distributed": "cluster", "dask": "cluster", "drake": "drake", "dart": "dart",
+}
+"""The extra of pyproject.toml that brings a module or an engine."""
+
+
+def install(name: str) -> str:
+    """How to get what brings a module or an engine."""
+    extra = EXTRAS.get(name.partition(".")[0])
+    return f"pip install 'lieeuler-crosscheck[{extra}]'" if extra else f"pip install {name}"
+
+
+def missing(error: ImportError) -> str:
+    """One sentence: which module is missing, and the extra that brings it."""
+    name = error.name or str(error)
+    return f"{name.partition('.')[0]} is not installed; {install(name)}" if error.name else str(error)
+
+
 def unknown(what: str, given: object, allowed: Iterable[str]) -> str:
     """One sentence: what was wrong, the nearest allowed name if there is a near one, and all allowed names."""
     allowed = list(allowed)

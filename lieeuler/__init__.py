@@ -55,3 +55,11 @@ __all__ = [
     "spherical_joint",
     "universal_joint",
 ]
+
+
+def __getattr__(name: str) -> str:
+    if name != "__version__":
+        raise AttributeError(f"module 'lieeuler' has no attribute {name!r}")
+    from importlib.metadata import version
+
+    return version("lieeuler-crosscheck")

@@ -1,9 +1,13 @@
-"""Print the build, run-time and development requirements of pyproject.toml, one argument each for pip."""
+"""Print the requirements of the build, of every extra in `all`, and of development, one argument each for pip."""
 
+import re
 import tomllib
 from pathlib import Path
 
-project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())
-requirements = [*project["build-system"]["requires"], "cmake", "ninja", *project["project"]["dependencies"],
-                *project["project"]["optional-dependencies"]["dev"]]
+file = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())
+project = file["project"]
+extras = project["optional-dependencies"]
+chosen = re.search(r"\[(.*)\]", extras["all"][0])[1].split(",")
+requirements = [*file["build-system"]["requires"], "cmake", "ninja", *project["dependencies"],
+                *(each for extra in chosen for each in extras[extra]), *extras["dev"]]
 print(" ".join(requirements))

@@ -15,7 +15,7 @@ class Entry:
 
     module: str
     adapter: str
-    needs: str | None = None  # a module of an optional engine, of the extra [more-engines]
+    needs: str | None = None  # a module of an optional engine, of the extras [drake] and [dart]
 
     def make(self) -> Engine:
         """The adapter; its engine is imported only when it is used."""

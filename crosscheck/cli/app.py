@@ -26,7 +26,7 @@ from crosscheck.cli.support import support
 from crosscheck.cli.sweep import sweep
 from crosscheck.cli.truth import truth
 from crosscheck.cli.verify import verify
-from crosscheck.errors import CrosscheckError
+from crosscheck.errors import CrosscheckError, missing
 
 app = typer.Typer(name="crosscheck", add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
                   help="One multibody scene, many engines, every result measured against independent truth. Begin with "
@@ -80,6 +80,7 @@ def main() -> None:
         if os.environ.get("CROSSCHECK_TRACEBACK"):
             raise
         complain(str(error) if isinstance(error, CrosscheckError) else
+                 missing(error) if isinstance(error, ImportError) else
                  f"{type(error).__name__}: {error} (CROSSCHECK_TRACEBACK=1 in the environment shows where)")
         raise SystemExit(2) from None
 

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from crosscheck.cli.console import progress_bar
+from crosscheck.cli.console import complain, progress_bar
 from crosscheck.cli.options import Drop, EngineNames, Keyframe, SceneNames, scene_files
-from crosscheck.errors import ArgumentError
+from crosscheck.errors import ArgumentError, install
 
 
 def verify(
@@ -52,6 +52,8 @@ def verify(
             typer.echo(f"going on with a run that was killed: {kept.results} results are kept", err=True)
         results = job.verify(profile, scene, engine, jobs, progress, kept.journal, within, own)
         page = folder.write(results, out)
+    if page.suffix == ".json":
+        complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")
     if as_json:
         typer.echo(json.dumps(schema.plain(results) | {"report": str(page)}, indent=1))
     else:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from crosscheck.adapters.base import RunSpec
-from crosscheck.errors import EngineError, Unsupported
+from crosscheck.errors import EngineError, Unsupported, install
 from crosscheck.inspection.base import Deviation, Inspection, Probe
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -68,7 +68,7 @@ def probe(adapter: Any, scene: Scene, at: States, form: str | None = None) -> Pr
     except (Unsupported, EngineError):
         raise
     except ImportError as error:
-        raise EngineError(f"{adapter.name} cannot be imported: {error}; install it") from error
+        raise EngineError(f"{adapter.name} cannot be imported: {error}; {install(adapter.name)}") from error
     except Exception as error:
         raise EngineError(f"{adapter.name}: {type(error).__name__}: {error}") from error
 

@@ -37,7 +37,10 @@ def formula_version() -> str:
     for source in [*sorted(here.glob("*.py")), here.parent / "scene" / "model.py"]:
         digest.update(source.read_bytes())
     for library in ("heyoka", "scipy", "mpmath"):
-        digest.update(importlib.metadata.version(library).encode())
+        try:
+            digest.update(importlib.metadata.version(library).encode())
+        except importlib.metadata.PackageNotFoundError:  # an extra
+            digest.update(b"none")
     return digest.hexdigest()
 
 

@@ -6,6 +6,7 @@ script of Plotly beside them, data in script files, nothing from a network.
 
 from __future__ import annotations
 
+import importlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,15 +24,29 @@ STATIC = ("report.css", "theme.js", "tables.js", "plots.js", "study.js", "scene.
 def write_report(document: Document, folder: Path) -> None:
     """Write the pages, their data, summary.md, results.csv, .parquet and .json and junit.xml into a new folder.
 
+    Without the extra `report` only what needs no template, without the extra `data` no Parquet: `render_again` makes up
+    for it.
+
     Parameters
     ----------
     document : with its curves
     folder : must not exist yet
     """
     folder.mkdir(parents=True)
-    for name, content in _files(document):
+    for name, content in _files(document) if installed("jinja2", "plotly") else _tables(document):
         put(folder / name, content)
-    exports.write_parquet(document, folder / "results.parquet")
+    if installed("pandas", "pyarrow"):
+        exports.write_parquet(document, folder / "results.parquet")
+
+
+def installed(*modules: str) -> bool:
+    """Whether all these modules can be imported."""
+    try:
+        for module in modules:
+            importlib.import_module(module)
+    except ImportError:
+        return False
+    return True
 
 
 def render_again(folder: Path) -> Path:
@@ -45,7 +60,8 @@ def render_again(folder: Path) -> Path:
         if name != "results.json":
             put(folder / name, content)
             kept.discard(name)
-    exports.write_parquet(document, folder / "results.parquet")
+    if installed("pandas", "pyarrow"):
+        exports.write_parquet(document, folder / "results.parquet")
     # Pages of a former layout would lead nowhere.
     for name in kept:
         if name.endswith((".html", ".js")) and is_file_of_report(folder / name):
@@ -89,7 +105,6 @@ def _files(document: Document) -> Iterator[tuple[str, str]]:
     for scene in document.scenes:
         if not scene.failure:
             yield names.scene_file(scene), pages.scene(document, scene)
-            yield names.data_file(scene), data.curves_script(document, scene)
     for engine in document.meta.engines:
         yield names.engine_file(engine), pages.engine(document, engine)
     for key in pages.studies(document):
@@ -99,6 +114,14 @@ def _files(document: Document) -> Iterator[tuple[str, str]]:
     yield "plotly.min.js", plotly.offline.get_plotlyjs()
     yield "runs.js", data.runs_script(document)
     yield "summary.md", pages.summary(document)
+    yield from _tables(document)
+
+
+def _tables(document: Document) -> Iterator[tuple[str, str]]:
+    """The files that are made without templates."""
+    for scene in document.scenes:
+        if not scene.failure:
+            yield names.data_file(scene), data.curves_script(document, scene)
     yield "results.csv", exports.table(document)
     yield "junit.xml", exports.junit(document)
     yield "results.json", json.dumps(schema.plain(document), separators=(",", ":"), allow_nan=False)

@@ -77,4 +77,4 @@ def write(document: Document, out: Path) -> Path:
         for leftover in (aside, old):
             if leftover.exists():
                 shutil.rmtree(leftover)
-    return out / "index.html"
+    return out / ("index.html" if (out / "index.html").exists() else "results.json")

@@ -12,7 +12,7 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
-from crosscheck.errors import CrosscheckError, EngineError, Unsupported
+from crosscheck.errors import CrosscheckError, EngineError, Unsupported, install
 from crosscheck.files import readable
 from crosscheck.running import arguments
 from crosscheck.scene import file as scene_file
@@ -96,7 +96,7 @@ def _guarded(adapter: Engine, scene: Scene, spec: RunSpec) -> RawRun:
     except CrosscheckError:
         raise
     except ImportError as error:
-        raise EngineError(readable(f"{adapter.name} cannot be imported: {error}; install it")) from error
+        raise EngineError(readable(f"{adapter.name} cannot be imported: {error}; {install(adapter.name)}")) from error
     except Exception as error:
         raise EngineError(readable(f"{adapter.name} {spec.method}: {type(error).__name__}: {error}")) from error
 

@@ -8,7 +8,7 @@ import importlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from crosscheck.errors import ArgumentError, CrosscheckError
+from crosscheck.errors import ArgumentError, CrosscheckError, install
 from crosscheck.jobs.workers.crew import Crew, isolated
 from crosscheck.jobs.workers.process import Crash, Limits
 from crosscheck.running import versions
@@ -75,7 +75,7 @@ def connect(scheduler: str, engines: tuple[str, ...]) -> Foreign:
     try:
         from distributed import Client
     except ImportError:
-        raise ArgumentError("--scheduler needs the extra cluster: pip install 'lieeuler-crosscheck[cluster]'") from None
+        raise ArgumentError(f"--scheduler needs Dask; {install('distributed')}") from None
     try:
         client = Client(scheduler, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:

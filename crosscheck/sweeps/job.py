@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from crosscheck.errors import ArgumentError, CrosscheckError
+from crosscheck.errors import ArgumentError, CrosscheckError, missing
 from crosscheck.files import finite, put
 from crosscheck.jobs.workers.process import Crash
 from crosscheck.running import provenance, versions
@@ -102,8 +102,8 @@ def needed() -> None:
     try:
         import pandas  # noqa: F401
         import pyarrow  # noqa: F401
-    except ImportError:
-        raise ArgumentError("a sweep needs the extra data: pip install 'lieeuler-crosscheck[data]'") from None
+    except ImportError as error:
+        raise ArgumentError(f"a sweep keeps its results in tables: {missing(error)}") from None
 
 
 def _silent(done: int, total: int | None, label: str) -> None:

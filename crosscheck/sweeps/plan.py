@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.errors import ArgumentError, unknown
+from crosscheck.errors import ArgumentError, install, unknown
 from crosscheck.scene.model import Scene
 
 KEYS = ("scenes", "engines", "steps", "rtols", "samples", "duration", "parameters", "perturb", "timing")
@@ -174,8 +174,7 @@ def _ways(engines: Any, steps: Sequence[float], rtols: Sequence[float]) -> tuple
         adapter = adapters.get(engine)
         version = engine_version(engine)
         if version == NOT_INSTALLED:
-            raise ArgumentError(f"engines: {engine} is not installed; install it with "
-                                f"pip install 'lieeuler-crosscheck[{engine}]', or leave it out")
+            raise ArgumentError(f"engines: {engine} is not installed; {install(engine)}, or leave it out")
         adaptive = getattr(adapter, "adaptive_methods", ())
         fixed = getattr(adapter, "fixed_step_methods", adapter.methods)
         for entry in _several(f"engines.{engine}", methods, "methods"):

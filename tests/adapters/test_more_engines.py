@@ -23,7 +23,7 @@ FIXED = [("drake", "explicit_euler"), ("drake", "semi_explicit_euler"), ("drake"
 def wanted(engine):
     """The engine, or a skip where its package is not installed."""
     if importlib.util.find_spec(MODULES[engine]) is None:
-        pytest.skip(f"{MODULES[engine]} is not installed: the extra [more-engines] has it")
+        pytest.skip(f"{MODULES[engine]} is not installed: the extra [{engine}] has it")
     return adapters.get(engine)
 
 

@@ -49,7 +49,8 @@ def _is_report(folder: Path) -> bool:
 def write(document: Document, out: Path) -> Path:
     """Write the report into the folder `out`, replacing an older one only once the new one is complete.
 
-    Returns the path of the page to open; raises `ArgumentError` where `check_out` does, and where writing fails.
+    Returns the path of the page to open, of results.json where the extra `report` is missing; raises `ArgumentError`
+    where `check_out` does, and where writing fails.
     """
     import psutil
 

@@ -84,7 +84,9 @@ class LieEuler:
         return frozenset(lieeuler.METHODS[spec.method].held)
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
-        """All joints and forces are modelled, redundant constraints included."""
+        """All joints and forces are modelled, redundant constraints included, but for armature and mimic."""
+        if reason := scene.beyond():
+            return reason
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"
         controls = lieeuler.METHODS[spec.method].controls

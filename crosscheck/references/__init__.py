@@ -37,6 +37,8 @@ def truth(scene: Scene) -> Reference:
     """
     from crosscheck.references import cache
 
+    if reason := scene.beyond():
+        raise Unsupported(f"truth of {scene.name!r}: {reason}")
     stored = cache.load(scene)
     if stored is not None:
         return stored

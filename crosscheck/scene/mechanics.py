@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from crosscheck.scene.armature import rotors
 from crosscheck.scene.constraints import Constraints, cross, normal_references
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.states import Motion
@@ -22,6 +23,9 @@ def kinetic_energy(scene: Scene, states: Motion) -> np.ndarray:
     """Kinetic energy, (T,) in J."""
     translation = np.einsum("n,tnk,tnk->t", scene.masses, states.v, states.v)
     rotation = np.einsum("tnj,njk,tnk->t", states.w, scene.inertias, states.w)
+    u = np.concatenate([states.v, states.w], axis=-1).reshape(len(states.v), -1)
+    for inertia, S, _ in rotors(scene, states.x, states.R, states.v, states.w):
+        rotation = rotation + inertia * np.einsum("tk,tk->t", S, u) ** 2
     found: np.ndarray = 0.5 * (translation + rotation)
     return found
 
@@ -133,8 +137,14 @@ def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndar
     redundant, with the rank found at the first state.
     """
     constraints = Constraints(scene)
-    inverse = inverse_mass(scene)
-    rates = applied_forces(scene, x, R, v, w, angles) @ inverse
+    inverse, forces = inverse_mass(scene)[None], applied_forces(scene, x, R, v, w, angles)
+    if any(any(joint.armature) for joint in scene.joints):
+        mass = np.linalg.inv(inverse)
+        for inertia, S, bias in rotors(scene, x, R, v, w):
+            mass = mass + inertia * S[:, :, None] * S[:, None, :]
+            forces = forces - inertia * bias[:, None] * S
+        inverse = np.linalg.inv(mass)
+    rates = (forces[:, None] @ inverse)[:, 0]
     lam = np.zeros((len(x), constraints.m))
     if constraints.m:
         G, gamma = constraints.jacobian(x, R), constraints.gamma(x, R, v, w)
@@ -142,7 +152,7 @@ def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndar
         # Twice: where a light body carries a heavy one, G M^-1 G^T loses digits, which the rows' rest brings back.
         for _ in range(2):
             more = solve(np.einsum("tmk,tk->tm", G, rates) + gamma)
-            rates = rates - np.einsum("tmk,tm->tk", G, more) @ inverse
+            rates = rates - (np.einsum("tmk,tm->tk", G, more)[:, None] @ inverse)[:, 0]
             lam += more
     rates = rates.reshape(len(x), scene.n, 6)
     return rates[:, :, :3], rates[:, :, 3:], lam

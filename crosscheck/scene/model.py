@@ -10,6 +10,7 @@ import dataclasses
 import functools
 import hashlib
 import json
+from collections.abc import Container
 from typing import Any
 
 import numpy as np
@@ -169,6 +170,14 @@ class Scene:
     def w0(self) -> np.ndarray:
         """(n, 3) angular velocities, body axes."""
         return np.array([body.angular_velocity for body in self.bodies]).reshape(-1, 3)
+
+    def beyond(self, known: Container[str] = ()) -> str | None:
+        """Why an engine with only `known` of "armature" and "mimic" cannot model the scene, or None where it can."""
+        for joint in self.joints:
+            for element, there in (("armature", any(joint.armature)), ("mimic", joint.mimic is not None)):
+                if there and element not in known:
+                    return f"joint {joint.name!r} has the key {element}, which is not built here"
+        return None
 
     def replace(self, **changes: Any) -> Scene:
         """A copy with some fields changed, say `duration` or `samples`."""

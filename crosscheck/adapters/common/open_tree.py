@@ -25,7 +25,7 @@ def unsupported(scene: Scene, spec: RunSpec) -> str | None:
     """Why an adapter of this kind cannot run a scene in the form asked for, or None where it can."""
     if spec.form not in (None, "tree"):
         return f"form {spec.form} is not built into this adapter; it has tree"
-    return tree.obstacle(scene, JOINTS)
+    return scene.beyond() or tree.obstacle(scene, JOINTS)
 
 
 def zero_attitude(scene: Scene, link: tree.Link) -> np.ndarray:

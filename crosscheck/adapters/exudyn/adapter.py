@@ -69,6 +69,8 @@ class Exudyn:
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Exudyn cannot run this, or None."""
+        if reason := scene.beyond():
+            return reason
         form = self.form(scene, spec)
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"

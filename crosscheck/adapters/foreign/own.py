@@ -65,7 +65,9 @@ class Completed:
         return frozenset() if held is None else frozenset(held(scene, spec))
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
-        """The engine's answer; a form it does not have is refused here."""
+        """The engine's answer; a form, armature and mimics it does not have are refused here."""
+        if reason := scene.beyond(getattr(self._engine, "elements", ())):
+            return reason
         if spec.form is not None and spec.form not in self.forms:
             return f"form {spec.form} is not among those of this engine: {', '.join(self.forms) or 'it names none'}"
         found: str | None = self._engine.unsupported(scene, spec)

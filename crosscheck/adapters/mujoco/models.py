@@ -42,9 +42,13 @@ def closures(scene: Scene, form: str) -> tuple[list[Branch], list[Joint]]:
 
 def obstacle(scene: Scene, form: str) -> str | None:
     """Why MuJoCo cannot model `scene` in `form`, or None."""
+    if reason := scene.beyond(("armature",) if form == "tree" else ()):
+        return reason
     branches, closing = closures(scene, form)
     sprung = _sprung(scene)
     for joint in closing:
+        if any(joint.armature):
+            return f"the armature of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
         if joint.name in sprung:
             return (f"the torsional spring of joint {joint.name!r} needs the coordinate of a hinge; equality "
                     "constraints have none")
@@ -127,6 +131,8 @@ def _add_body(scene: Scene, branch: Branch, frame: Any) -> Any:
     spring = _sprung(scene).get(joint.name)
     for number, (kind, point, axis) in enumerate(_coordinates(scene, branch)):
         coordinate = body.add_joint(name=f"{k}.{number}", type=getattr(mujoco.mjtJoint, kind), pos=point, axis=axis)
+        if joint.armature:
+            coordinate.armature = joint.armature[0 if kind == "mjJNT_HINGE" or len(joint.armature) == 1 else 1]
         if spring is not None and kind == "mjJNT_HINGE":
             coordinate.ref = torsion_angles(scene, scene.R0[None])[joint.name][0]
             coordinate.springref = spring.parameters["rest_angle"]

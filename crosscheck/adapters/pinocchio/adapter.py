@@ -52,6 +52,8 @@ class Pinocchio:
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Pinocchio cannot run this, or None."""
         form = spec.form or "tree"
+        if reason := scene.beyond(("armature",) if form == "tree" else ()):
+            return reason
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"
         if (spec.alpha or spec.beta) and not any(models.decompose(scene, form)[1:]):

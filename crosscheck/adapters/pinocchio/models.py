@@ -109,7 +109,19 @@ def assemble(scene: Scene, links: tuple[Link, ...], parts: dict[int, int], cut: 
         model.appendBodyToJoint(joint, inertia, frame)
         frames[link.body] = joint, frame
     slots, balls = _slots(model, links)
+    _set_armature(scene, model, links, slots)
     return Model(scene, links, parts, cut, model, frames, slots, balls)
+
+
+def _set_armature(scene: Scene, model: Any, links: tuple[Link, ...], slots: list[tuple[slice, slice]]) -> None:
+    """Armature of the joints on the diagonal of the mass matrix; a cylindrical joint is a slide and then a turn."""
+    joints = {joint.name: joint for joint in scene.joints}
+    armature = np.array(model.armature)
+    for link, (_, at_v) in zip(links, slots, strict=True):
+        values = joints[link.joint].armature if link.joint else ()
+        if values:
+            armature[at_v] = values[::-1] if len(values) == 2 else values
+    model.armature = armature
 
 
 def _joint_model(link: Link) -> Any:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from crosscheck.errors import ArgumentError, SceneError
-from crosscheck.scene.building import scene_from
 from crosscheck.scene.model import Scene
 
 SUFFIXES = (".xml", ".urdf", ".mjcf", ".xacro")
@@ -52,6 +51,8 @@ def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None
     ArgumentError
         A wrong argument.
     """
+    from crosscheck.scene.building import scene_from
+
     content = table(path, keyframe=keyframe, drop=drop, base=base, qpos=qpos, qvel=qvel, duration=duration,
                     samples=samples)
     return scene_from(content, path)
@@ -67,6 +68,7 @@ def table(path: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
 def import_file(path: str | os.PathLike[str], target: Path, **options: Any) -> Scene:
     """As `import_model`, and write the scene to the file `target`, which ends in .toml."""
     from crosscheck.files import put
+    from crosscheck.scene.building import scene_from
     from crosscheck.scene.models.writing import toml
 
     if target.suffix != ".toml":

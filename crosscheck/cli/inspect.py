@@ -7,29 +7,41 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crosscheck.cli.console import console
+from crosscheck.cli.options import SceneName
 
 if TYPE_CHECKING:
     from crosscheck.inspection import Deviation, Inspection
 
 
 def inspect(
-    scene: Annotated[str, typer.Argument(help="a built-in name or a path to .toml or .json")],
+    scene: SceneName,
     engine: Annotated[list[str] | None, typer.Option("--engine", help="a name; may be repeated; default: all")] = None,
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: every form an engine has")] = None,
     states: Annotated[int, typer.Option(help="random admissible states beside the start", min=0, max=1000)] = 3,
     seed: Annotated[int, typer.Option(help="of the random states", min=0)] = 0,
+    against: Annotated[str | None, typer.Option(help="of a model file: compare with this one in place of itself")
+                       ] = None,
 ) -> None:
     """Static cross-check of the engines' models: masses, energies, mass matrix, forces, accelerations, reactions.
+
+    Of a model file, .xml or .urdf: every engine loads it by itself, and what it reads differently is named.
 
     Exit code 0: all agree with truth; 1: one does not; 2: the check itself failed.
     """
     from crosscheck.adapters.base import CHOICES
     from crosscheck.errors import ArgumentError, unknown
     from crosscheck.inspection import inspect as examine
+    from crosscheck.inspection.native import inspect as examine_natively
+    from crosscheck.inspection.native import printed
     from crosscheck.scene.file import load_scene
+    from crosscheck.scene.models import is_model
 
     if form is not None and form not in CHOICES["form"]:
         raise ArgumentError(unknown("--form", form, CHOICES["form"]))
+    if is_model(scene):
+        native = examine_natively(scene, engine or None, states, seed, against)
+        printed(native, typer.echo)
+        raise typer.Exit(0 if native.agree else 1)
     found = examine(load_scene(scene), engine or None, form, states, seed)
     _print(found)
     if not found.probes:

@@ -7,14 +7,20 @@
 from __future__ import annotations
 
 import importlib
+import os
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 from crosscheck.adapters.base import RunSpec
 from crosscheck.errors import EngineError, Unsupported, install
 from crosscheck.inspection.base import Deviation, Inspection, Probe
+from crosscheck.scene.file import as_scene
 from crosscheck.scene.model import Scene
+from crosscheck.scene.models import is_model
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    from crosscheck.inspection.native import NativeInspection
 
 __all__ = ["Deviation", "Inspection", "Probe", "inspect", "probe"]
 
@@ -22,15 +28,37 @@ _BUILT_IN = ("lieeuler", "mujoco", "pinocchio", "exudyn")
 RANDOM_STATES = 3
 
 
+@overload
 def inspect(scene: Scene, engines: Sequence[Any] | None = None, form: str | None = None, count: int = RANDOM_STATES,
-            seed: int = 0) -> Inspection:
+            seed: int = 0) -> Inspection: ...
+
+
+@overload
+def inspect(scene: str | os.PathLike[str], engines: Sequence[Any] | None = None, form: str | None = None,
+            count: int = RANDOM_STATES, seed: int = 0,
+            against: str | os.PathLike[str] | None = None) -> Inspection | NativeInspection: ...
+
+
+def inspect(scene: Scene | str | os.PathLike[str], engines: Sequence[Any] | None = None, form: str | None = None,
+            count: int = RANDOM_STATES, seed: int = 0,
+            against: str | os.PathLike[str] | None = None) -> Inspection | NativeInspection:
     """Probe engines at the start of a scene and at `count` random admissible states, and compare them with truth.
+
+    Of a model file (.xml, .urdf) this is the native check: every engine loads the file itself and is compared with the
+    scene of the file, or of the file `against`; the result is a `crosscheck.inspection.native.NativeInspection`.
 
     Parameters
     ----------
+    scene : a Scene, the name of one, a path to one, or a model file
     engines : names, or adapters, which need a method `probe` unless their name is a built-in one; default: all built in
     form : one model form; default: every form of the adapter that can model the scene
     """
+    if not isinstance(scene, Scene):
+        if is_model(scene):
+            from crosscheck.inspection import native
+
+            return native.inspect(scene, engines, count, seed, against)
+        scene = as_scene(scene)
     from crosscheck.inspection import admissible, compare
     from crosscheck.inspection.reference import reference
 

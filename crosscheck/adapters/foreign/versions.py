@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.foreign import remote
 from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported
 from crosscheck.files import cache_folder
@@ -70,6 +71,13 @@ class Versioned:
         raw: RawRun = self._ask("run", scene, spec)
         raw.stats["own_environment"] = True
         return raw
+
+    def native(self, path: str, states: JointStates) -> Native:
+        """What this version makes of a model file by itself; raises `Unsupported` where its adapter reads none."""
+        if self._engine not in ("mujoco", "pinocchio"):
+            raise Unsupported(f"{self._engine} reads no model files here")
+        found: Native = self._call(remote.ask, self._engine, "native", path, states)
+        return found
 
     def _ask(self, question: str, scene: Scene, spec: RunSpec) -> Any:
         return self._call(remote.ask, self._engine, question, scene, spec)

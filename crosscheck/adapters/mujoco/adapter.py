@@ -17,6 +17,7 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import stepping, tree
+from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.mujoco import models
 from crosscheck.adapters.mujoco.models import INTEGRATORS, build, set_initial_state
 from crosscheck.errors import EngineError
@@ -77,6 +78,12 @@ class MuJoCo:
         branches, _ = models.closures(scene, form or "tree")
         return [branch.body for branch in branches
                 if branch.joint is None or "ball" in JOINT_TYPES[branch.joint.type].motion]
+
+    def native(self, path: str, states: JointStates) -> Native:
+        """What the engine makes of a model file by itself."""
+        from crosscheck.adapters.mujoco.native import load
+
+        return load(path, states)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` when MuJoCo warns or the state stops being finite."""

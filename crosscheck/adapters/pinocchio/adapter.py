@@ -13,6 +13,7 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import lie_steppers, stepping, tree
+from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.pinocchio import models
 from crosscheck.adapters.pinocchio.dynamics import Dynamics
 from crosscheck.scene.model import Scene
@@ -65,6 +66,12 @@ class Pinocchio:
         links, parts, _ = models.decompose(scene, form or "tree")
         return [link.body for link in links if link.body not in parts and any(part.kind == "ball"
                                                                              for part in link.parts)]
+
+    def native(self, path: str, states: JointStates) -> Native:
+        """What the engine makes of a model file by itself."""
+        from crosscheck.adapters.pinocchio.native import load
+
+        return load(path, states)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` when the state stops being finite."""

@@ -1,0 +1,54 @@
+"""What an engine makes of a model file that it loads by itself, in the words of scene tables."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+
+@dataclasses.dataclass(frozen=True)
+class Link:
+    """A body with all that is welded to it; axes are those of its link in the file."""
+
+    mass: float
+    inertia: np.ndarray  # (3, 3) about the centre of mass
+
+
+@dataclasses.dataclass(frozen=True)
+class Hinge:
+    """A joint with one coordinate, at zero. Points are from the centres of mass, in the axes of each body."""
+
+    parent: str
+    child: str
+    parent_anchor: np.ndarray
+    child_anchor: np.ndarray
+    axis: np.ndarray  # (3,) in the child
+    attitude: np.ndarray  # (3, 3) of the child in the parent
+    damping: float = 0.0
+    armature: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Native:
+    """One engine's own model of a file, evaluated at K states of the joints in `order`."""
+
+    engine: str
+    links: dict[str, Link]
+    joints: dict[str, Hinge]
+    gravity: np.ndarray
+    order: tuple[str, ...] = ()
+    mass_matrix: np.ndarray | None = None  # (K, nv, nv)
+    bias: np.ndarray | None = None  # (K, nv)
+    acceleration: np.ndarray | None = None  # (K, nv)
+    solver: str = ""  # the function that gave the accelerations
+    root_mass: float = 0.0  # kg of links that are fixed to the world
+
+
+@dataclasses.dataclass(frozen=True)
+class JointStates:
+    """K states of joints with one coordinate each, by name."""
+
+    names: tuple[str, ...]
+    position: np.ndarray  # (K, count)
+    velocity: np.ndarray  # (K, count)

@@ -1,0 +1,59 @@
+"""A model file as MuJoCo itself loads it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
+from crosscheck.errors import EngineError
+from crosscheck.scene.model import rotation_from_quaternion
+from crosscheck.scene.models import neutral
+from crosscheck.scene.models.compiling import listening
+
+
+def load(path: str, states: JointStates) -> Native:
+    """The file read by MuJoCo alone; limits, friction, contacts and controls are switched off for the accelerations."""
+    import mujoco
+
+    with listening():
+        try:
+            model = mujoco.MjModel.from_xml_path(str(Path(path).resolve()))
+        except Exception as error:  # ValueError, and MuJoCo's own FatalError
+            raise EngineError(f"MuJoCo refuses the file: {' '.join(str(error).split())}") from None
+        data = mujoco.MjData(model)
+        model.qpos0[:] = np.where(np.isfinite(model.qpos0), model.qpos0, 0.0)
+        data.qpos[:] = model.qpos0
+        mujoco.mj_forward(model, data)
+        reading = neutral.Reading(model, data, neutral.bodies(model, data), [], [])
+        tables = neutral.joint_tables(reading)
+        off = mujoco.mjtDisableBit
+        root = float(model.body_mass[model.body_weldid == 0].sum())
+        gravity = np.zeros(3) if int(model.opt.disableflags) & off.mjDSBL_GRAVITY else model.opt.gravity.copy()
+        model.opt.disableflags |= (off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
+                                   | off.mjDSBL_ACTUATION)
+        links = {body.name: Link(body.mass, body.inertia) for body in reading.bodies.values()}
+        joints = {table["name"]: Hinge(
+            table["parent"], table["child"], np.array(table["parent_anchor"]), np.array(table["child_anchor"]),
+            np.array(table["child_axis"]), rotation_from_quaternion(np.array(table["reference_attitude"])),
+            table.get("damping", 0.0), table.get("armature", 0.0)) for table in tables if "position" in table}
+        found = Native("mujoco", links, joints, gravity, solver="mj_forward", root_mass=root)
+        order = tuple(name for name in states.names if name in joints)
+        if len(order) != model.nv:
+            return found
+        q, v = ([int(address[model.jnt(name).id]) for name in order] for address in (model.jnt_qposadr,
+                                                                                    model.jnt_dofadr))
+        columns = [states.names.index(name) for name in order]
+        values = []
+        for position, velocity in zip(states.position, states.velocity, strict=True):
+            data.qpos[q], data.qvel[v] = position[columns], velocity[columns]
+            mujoco.mj_forward(model, data)
+            M = np.zeros((model.nv, model.nv))
+            try:
+                mujoco.mj_fullM(model, data, M)
+            except TypeError:  # before version 4
+                mujoco.mj_fullM(model, M, data.qM)
+            values.append((M[np.ix_(v, v)], data.qfrc_bias[v].copy(), data.qacc[v].copy()))
+    mass, bias, acceleration = (np.array(each) for each in zip(*values, strict=True))
+    return Native("mujoco", links, joints, gravity, order, mass, bias, acceleration, "mj_forward", root)

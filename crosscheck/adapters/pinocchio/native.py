@@ -1,0 +1,64 @@
+"""A model file as Pinocchio itself loads it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
+from crosscheck.errors import EngineError
+from crosscheck.scene.models.second import links as first_links
+
+
+def load(path: str, states: JointStates) -> Native:
+    """The file read by Pinocchio alone; accelerations by `aba` without torques."""
+    import pinocchio
+
+    read = pinocchio.buildModelFromMJCF if path.endswith(".xml") else pinocchio.buildModelFromUrdf
+    try:
+        model = read(path)
+    except Exception as error:  # several kinds, of its own and of urdfdom
+        raise EngineError(f"Pinocchio refuses the file: {' '.join(str(error).split())}") from None
+    data = model.createData()
+    pinocchio.forwardKinematics(model, data, pinocchio.neutral(model), np.zeros(model.nv))
+    moving = first_links(model)
+    names = {joint: name for name, joint in moving.items()}
+    links = {name: Link(float(model.inertias[joint].mass), np.array(model.inertias[joint].inertia))
+             for name, joint in moving.items()}
+    joints = {}
+    for joint in range(1, model.njoints):
+        if model.nvs[joint] == 1:
+            joints[model.names[joint]] = _hinge(model, data, joint, names)
+    root = float(model.inertias[0].mass)
+    found = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba", root_mass=root)
+    order = tuple(name for name in states.names if name in joints)
+    if len(order) != model.nv:
+        return found
+    v = [int(model.idx_vs[model.getJointId(name)]) for name in order]
+    values = []
+    for position, velocity in zip(states.position, states.velocity, strict=True):
+        q, rates = pinocchio.neutral(model), np.zeros(model.nv)
+        for name, angle, rate in zip(states.names, position, velocity, strict=True):
+            joint = model.getJointId(name)
+            at = model.idx_qs[joint]
+            q[at:at + model.nqs[joint]] = [np.cos(angle), np.sin(angle)] if model.nqs[joint] == 2 else [angle]
+            rates[model.idx_vs[joint]] = rate
+        M = np.array(pinocchio.crba(model, data, q))
+        M = np.triu(M) + np.triu(M, 1).T
+        bias = pinocchio.nonLinearEffects(model, data, q, rates).copy()
+        acceleration = pinocchio.aba(model, data, q, rates, np.zeros(model.nv)).copy()
+        values.append((M[np.ix_(v, v)], bias[v], acceleration[v]))
+    mass, biases, accelerations = (np.array(each) for each in zip(*values, strict=True))
+    return Native("pinocchio", links, joints, model.gravity.linear.copy(), order, mass, biases, accelerations, "aba",
+                  root)
+
+
+def _hinge(model: Any, data: Any, joint: int, names: dict[int, str]) -> Hinge:
+    parent, at, v = int(model.parents[joint]), model.jointPlacements[joint], int(model.idx_vs[joint])
+    subspace = np.array(data.joints[joint].S).ravel()
+    inner = model.inertias[parent].lever if parent else np.zeros(3)
+    axis = subspace[:3] if np.abs(subspace[:3]).max() > 0.5 else subspace[3:]
+    return Hinge(names.get(parent, "ground") if parent else "ground", names.get(joint, model.names[joint]),
+                 at.translation - inner, -np.array(model.inertias[joint].lever), axis, np.array(at.rotation),
+                 float(model.damping[v]), float(model.armature[v]))

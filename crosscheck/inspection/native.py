@@ -1,0 +1,298 @@
+"""Native check: what every engine loads from a model file by itself, beside the neutral scene, in words."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
+from crosscheck.errors import CrosscheckError, Unsupported
+from crosscheck.scene.armature import rotors
+from crosscheck.scene.coordinates import zero_attitude
+from crosscheck.scene.mechanics import index1
+from crosscheck.scene.model import Joint, Scene
+
+READERS = ("mujoco", "pinocchio")
+"""Engines that read model files."""
+
+TOLERANCE = 1e-7
+"""Relative: files are written with six digits and more, and both parsers read these exactly."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Difference:
+    """One engine reads one thing differently from the neutral scene."""
+
+    engine: str
+    quantity: str  # "mass", "inertia", "damping", ...
+    place: str  # of the link or joint; "" for the whole
+    words: str
+
+    def __str__(self) -> str:
+        return f"{self.engine}: {self.words}"
+
+
+@dataclasses.dataclass(frozen=True)
+class NativeInspection:
+    """A native check: data only. `scene` is the neutral one, with `left_out`; `refused` what an engine said instead."""
+
+    path: Path
+    scene: Scene
+    native: tuple[Native, ...]
+    differences: tuple[Difference, ...]
+    refused: dict[str, str]
+
+    @property
+    def agree(self) -> bool:
+        """Whether every engine that reads the file reads what the scene has."""
+        return not self.differences and not self.refused
+
+    def of(self, engine: str) -> tuple[Difference, ...]:
+        """What one engine reads differently."""
+        return tuple(each for each in self.differences if each.engine == engine)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The whole in words."""
+        return (*(f"left out of the scene: {words}" for words in self.scene.left_out),
+                *(f"{engine} refuses the file: {words}" for engine, words in self.refused.items()),
+                *(str(each) for each in self.differences))
+
+
+def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, count: int = 3, seed: int = 0,
+            against: str | os.PathLike[str] | None = None) -> NativeInspection:
+    """Let every engine load the file itself and name what it reads otherwise than the scene of `against`, or of `path`.
+
+    Joints with one coordinate are compared at zero, at the reference and at `count` seeded random states.
+    """
+    from crosscheck import adapters
+    from crosscheck.scene.models import import_model
+
+    source = Path(path)
+    scene = import_model(against or path, drop=True)
+    joints = [joint for joint in scene.joints if joint.type in ("revolute", "prismatic")]
+    rng = np.random.default_rng(seed)
+    size = (1 + count, len(joints))
+    states = JointStates(tuple(joint.name for joint in joints), rng.uniform(-0.6, 0.6, size),
+                         rng.uniform(-1.0, 1.0, size))
+    states.position[0], states.velocity[0] = [(joint.start or (0.0,))[0] for joint in joints], 0.0
+    natives, refused = [], {}
+    for name in READERS if engines is None else engines:
+        try:
+            read: Callable[[str, JointStates], Native] | None = getattr(adapters.get(name), "native", None)
+            if read is None:
+                raise Unsupported(f"{name} reads no model files here")
+            natives.append(dataclasses.replace(read(str(source), states), engine=name))
+        except ImportError as error:
+            refused[name] = f"it cannot be imported: {error}"
+        except CrosscheckError as error:
+            refused[name] = str(error)
+    neutral = _neutral(scene, states, against or path)
+    invented = _without_inertial(source)
+    found = [each for native in natives for each in _differences(neutral, native, invented)]
+    return NativeInspection(source, scene, tuple(natives), tuple(found), refused)
+
+
+def _neutral(scene: Scene, states: JointStates, path: str | os.PathLike[str]) -> Native:
+    names = ["ground" if k < 0 else scene.bodies[k].name for k in range(-1, scene.n)]
+    links = {body.name: Link(body.mass, body.inertia) for body in scene.bodies}
+    joints = {joint.name: Hinge(names[joint.parent + 1], names[joint.child + 1], joint.parent_anchor,
+                                joint.child_anchor, joint.child_axis, zero_attitude(joint),
+                                *((values or (0.0,))[0] for values in (joint.damping, joint.armature)))
+              for joint in scene.joints if joint.name in states.names}
+    found = Native("scene", links, joints, scene.gravity)
+    if len(scene.joints) != scene.n or len(joints) != scene.n:  # coordinates are those of an open tree only
+        return found
+    values = [_at(_posed(scene, states, k)) for k in range(len(states.position))]
+    mass, bias, acceleration = (np.array(each) for each in zip(*values, strict=True))
+    return dataclasses.replace(found, order=states.names, mass_matrix=mass, bias=bias, acceleration=acceleration)
+
+
+def _posed(scene: Scene, states: JointStates, k: int) -> Scene:
+    """The scene with its joints in the k-th state."""
+    from crosscheck.scene import assembly
+    from crosscheck.scene.checks import Draft, Start
+
+    never = (False,) * scene.n
+    starts = tuple(Start(index, (float(states.position[k, index]),), (float(states.velocity[k, index]),))
+                   for index in range(len(scene.joints)))
+    joints = tuple(dataclasses.replace(joint, reference=_quaternion(joint)) for joint in scene.joints)
+    bare = scene.replace(joints=joints, forces=tuple(force for force in scene.forces if not force.of_joint))
+    return assembly.completed(Draft(bare, never, never, False, starts, never, never))
+
+
+def _quaternion(joint: Joint) -> np.ndarray:
+    from crosscheck.scene.model import quaternion_from_rotation
+
+    return quaternion_from_rotation(zero_attitude(joint))
+
+
+def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(mass matrix, bias forces, accelerations) of the joint coordinates in the scene's state."""
+    from crosscheck.scene.constraints import Constraints
+
+    state = scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]
+    unit = scene.replace(joints=tuple(dataclasses.replace(joint, armature=(1.0,)) for joint in scene.joints))
+    rates = list(rotors(unit, *state))  # rate = S u of every joint
+    S, s = np.array([each[1][0] for each in rates]), np.array([each[2][0] for each in rates])
+    G = Constraints(scene).jacobian(*state[:2])[0]
+    J = np.linalg.lstsq(np.concatenate([G, S]), np.concatenate([np.zeros((len(G), len(S))), np.eye(len(S))]),
+                        rcond=None)[0]
+    blocks = np.zeros((6 * scene.n, 6 * scene.n))
+    for k, body in enumerate(scene.bodies):
+        blocks[6 * k:6 * k + 3, 6 * k:6 * k + 3] = body.mass * np.eye(3)
+        blocks[6 * k + 3:6 * k + 6, 6 * k + 3:6 * k + 6] = body.inertia
+    M = J.T @ blocks @ J + np.diag([(joint.armature or (0.0,))[0] for joint in scene.joints])
+    def coordinates(one: Scene) -> np.ndarray:
+        a, alpha, _ = index1(one, *state)
+        found: np.ndarray = S @ np.concatenate([a[0], alpha[0]], axis=1).ravel() + s
+        return found
+
+    return M, -M @ coordinates(scene.replace(forces=())), coordinates(scene)
+
+
+def _without_inertial(path: Path) -> frozenset[str]:
+    """Links of a URDF that have no inertial, and collision shapes from which an engine may make one."""
+    from crosscheck.scene.models import source
+
+    root = source.read(path).root
+    return frozenset(link.get("name", "") for link in root.findall("link")
+                     if link.find("inertial") is None and link.find("collision") is not None)
+
+
+def _differences(neutral: Native, native: Native, invented: frozenset[str]) -> Iterator[Difference]:
+    def told(quantity: str, place: str, words: str) -> Difference:
+        return Difference(native.engine, quantity, place, words)
+
+    if not _close(neutral.gravity, native.gravity, 10.0):
+        yield told("gravity", "", f"gravity is {native.gravity.tolist()}, the scene has {neutral.gravity.tolist()}")
+    for name, link in neutral.links.items():
+        other = native.links.get(name)
+        if other is None:
+            yield told("link", name, f"link {name} is not in its model")
+            continue
+        yield from _link(name, link, other, invented, told)
+    for name in native.links.keys() - neutral.links.keys():
+        origin = "from collision geometry" if invented else "otherwise"
+        yield told("link", name, f"link {name} is a body of its own, {native.links[name].mass:g} kg, made {origin}")
+    for name, joint in neutral.joints.items():
+        found = native.joints.get(name)
+        if found is None:
+            yield told("joint", name, f"joint {name} is not in its model")
+        else:
+            yield from _joint(name, joint, found, told)
+    if native.root_mass > 0 and native.engine.partition("==")[0] == "mujoco":
+        yield told("root", "", f"the root is fused to the world: {native.root_mass:g} kg do not move")
+    yield from _dynamics(neutral, native, told)
+
+
+Told = Callable[[str, str, str], Difference]
+
+
+def _link(name: str, ours: Link, theirs: Link, invented: frozenset[str], told: Told) -> Iterator[Difference]:
+    if abs(theirs.mass - ours.mass) > TOLERANCE * ours.mass:
+        why = " made from collision geometry" if invented else f" times {theirs.mass / ours.mass:.6g}"
+        yield told("mass", name, f"mass of link {name}{why}: {theirs.mass:g} kg in place of {ours.mass:g} kg")
+    if not _close(ours.inertia, theirs.inertia, float(np.abs(ours.inertia).max())):
+        moments = np.linalg.eigvalsh(ours.inertia), np.linalg.eigvalsh(theirs.inertia)
+        if _close(*moments, float(moments[0].max())):
+            yield told("inertia", name, f"inertial rotation of {name} lost or turned: the principal moments are right, "
+                       "their axes are not")
+        else:
+            yield told("inertia", name, f"inertia of link {name}: principal moments {_shown(moments[1])} in place of "
+                       f"{_shown(moments[0])} kg m^2")
+
+
+def _joint(name: str, ours: Hinge, theirs: Hinge, told: Told) -> Iterator[Difference]:
+    if ours.parent != theirs.parent or ours.child != theirs.child:
+        yield told("tree", name, f"joint {name} joins {theirs.parent} and {theirs.child} in place of {ours.parent} and "
+                   f"{ours.child}")
+        return
+    cosine = float(ours.axis @ theirs.axis)
+    if cosine < -1 + TOLERANCE:
+        yield told("axis", name, f"axis of joint {name} is flipped")
+    elif cosine < 1 - TOLERANCE:
+        yield told("axis", name, f"axis of joint {name} is turned by {np.degrees(np.arccos(cosine)):.4g} deg")
+    turn = theirs.attitude.T @ ours.attitude
+    angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
+    if np.abs(turn - np.eye(3)).max() > TOLERANCE:
+        yield told("frame", name, f"frame of joint {name} is turned by {np.degrees(angle):.4g} deg"
+                   + _degrees(ours.attitude, theirs.attitude))
+    for end in ("parent", "child"):
+        gap = getattr(theirs, f"{end}_anchor") - getattr(ours, f"{end}_anchor")
+        if np.abs(gap).max() > TOLERANCE * max(1.0, float(np.abs(ours.parent_anchor).max())):
+            yield told("frame", name, f"frame of joint {name} is shifted by {_shown(gap)} m against the centre of mass "
+                       f"of {getattr(ours, end)}")
+    for key in ("damping", "armature"):
+        value, goal = getattr(theirs, key), getattr(ours, key)
+        if abs(value - goal) > TOLERANCE * max(goal, value):
+            wrong = "missing" if value == 0 else f"is {value:g}, not {goal:g}"
+            yield told(key, name, f"{key} of joint {name} {wrong}")
+
+
+def _degrees(ours: np.ndarray, theirs: np.ndarray) -> str:
+    """A hint where the turn is that of degrees read as radians, or of radians read as degrees."""
+    from scipy.spatial.transform import Rotation
+
+    for factor, words in ((180 / np.pi, "radians written as degrees"), (np.pi / 180, "degrees read from radians")):
+        for axes in ("xyz", "XYZ"):
+            angles = Rotation.from_matrix(ours).as_euler(axes) * factor
+            if np.abs(Rotation.from_euler(axes, angles).as_matrix() - theirs).max() < 1e-6:
+                return f", as by {words}: degree for radian"
+    return ""
+
+
+def _dynamics(neutral: Native, native: Native, told: Told) -> Iterator[Difference]:
+    """Mass matrix, bias and accelerations; what the parts above explain already is one line here."""
+    if neutral.mass_matrix is None or native.mass_matrix is None or neutral.order != native.order:
+        return
+    assert neutral.bias is not None
+    assert native.bias is not None
+    assert neutral.acceleration is not None
+    assert native.acceleration is not None
+    gap = native.mass_matrix - neutral.mass_matrix
+    if not _close(native.mass_matrix, neutral.mass_matrix, float(np.abs(neutral.mass_matrix).max())):
+        armature = np.array([neutral.joints[name].armature for name in neutral.order])
+        if armature.any() and np.allclose(gap, -np.diag(armature), atol=1e-9 * float(armature.max())):
+            for name in np.array(neutral.order)[armature > 0]:
+                yield told("armature", str(name), f"armature of joint {name} missing in the mass matrix")
+        else:
+            name = neutral.order[int(np.unravel_index(int(np.abs(gap).argmax()), gap.shape)[1])]
+            yield told("mass matrix", name, f"mass matrix of joint {name} is off by {np.abs(gap).max():.3g}")
+    scale = max(1e-9, float(np.abs(neutral.bias).max()))
+    if not _close(native.bias, neutral.bias, scale):
+        worst = int(np.abs(native.bias - neutral.bias).max(axis=0).argmax())
+        yield told("bias", neutral.order[worst], f"bias force of joint {neutral.order[worst]} is off by "
+                   f"{np.abs(native.bias - neutral.bias).max():.3g}")
+    effort = np.einsum("kij,kj->ki", neutral.mass_matrix, native.acceleration - neutral.acceleration)
+    scale = max(scale, float(np.abs(np.einsum("kij,kj->ki", neutral.mass_matrix, neutral.acceleration)).max()))
+    for index in np.flatnonzero(np.abs(effort).max(axis=0) > 10 * TOLERANCE * scale):
+        name = neutral.order[int(index)]
+        if native.joints[name].damping and native.joints[name].damping == neutral.joints[name].damping:
+            yield told("damping", name, f"damping of joint {name} is stored but not applied by {native.solver}")
+        else:
+            yield told("acceleration", name, f"acceleration of joint {name} by {native.solver} differs by an effort of "
+                       f"{np.abs(effort[:, index]).max():.3g}")
+
+
+def _close(one: np.ndarray, other: np.ndarray, scale: float) -> bool:
+    return one.shape == other.shape and bool(np.abs(one - other).max(initial=0.0) <= TOLERANCE * max(scale, 1e-12))
+
+
+def _shown(values: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
+
+
+def printed(found: NativeInspection, echo: Callable[[str], Any]) -> None:
+    """The check as lines for a terminal."""
+    read = ", ".join(native.engine for native in found.native) or "no engine"
+    echo(f"{found.path}: {found.scene.n} moving bodies, {len(found.scene.joints)} joints; loaded by {read}")
+    for words in found.lines:
+        echo(words)
+    if found.agree:
+        echo("no engine reads anything differently")

@@ -6,8 +6,6 @@ STAMP  := $(VENV)/.setup
 DEPS   := $(VENV)/.dependencies
 JOBS   ?= auto
 KERNEL := $(wildcard lieeuler/_core/*/*)
-# Rooms that pass `mypy --strict`; a room joins the list as soon as it does.
-STRICT := $(addprefix crosscheck/,errors.py files.py document.py scene references adapters judge inspection diagnosis testing verification report studies history cli)
 
 .PHONY: help setup verify smoke sample test sanitize coverage lint benchmark clean
 
@@ -63,7 +61,6 @@ coverage: setup
 lint: setup
 	@$(VENV)/bin/ruff check .
 	@$(VENV)/bin/mypy
-	@$(VENV)/bin/mypy --strict --follow-imports=silent $(STRICT)
 	@$(VENV)/bin/codespell
 	@$(if $(wildcard .clang-format),$(VENV)/bin/clang-format --dry-run -Werror $(filter %.hpp %.cpp,$(KERNEL)))
 	@$(PY) -m pytest tests/test_rooms.py

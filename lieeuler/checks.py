@@ -31,7 +31,8 @@ def unit(name: str, value: ArrayLike) -> np.ndarray:
     if largest == 0:
         raise ArgumentError(f"{name} must not vanish")
     direction = direction / largest  # squares of very small numbers would vanish
-    return direction / np.linalg.norm(direction)
+    unit: np.ndarray = direction / np.linalg.norm(direction)
+    return unit
 
 
 def number(name: str, value: float, lowest: float | None = None) -> float:

@@ -150,4 +150,5 @@ def _shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
         return 2 * np.outer(n1, n1) - np.eye(3)
     x, y, z = np.cross(start, end)
     hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + hat + hat @ hat / (1 + cosine)
+    turn: np.ndarray = np.eye(3) + hat + hat @ hat / (1 + cosine)
+    return turn

@@ -134,4 +134,5 @@ def _rotations(axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
     x, y, z = axis
     hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     sine, versine = np.sin(angles)[:, None, None], 2 * np.sin(0.5 * angles)[:, None, None] ** 2
-    return np.eye(3) + sine * hat + versine * (hat @ hat)
+    rotations: np.ndarray = np.eye(3) + sine * hat + versine * (hat @ hat)
+    return rotations

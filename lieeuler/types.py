@@ -21,10 +21,11 @@ Quaternions, where they occur, are ordered w, x, y, z.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-ArrayLike = np.ndarray | Sequence
+ArrayLike = np.ndarray | Sequence[Any]
 
 GROUND = -1
 """Body index of the ground."""

@@ -57,7 +57,8 @@ class Trajectory:
     @property
     def potential_energy(self) -> np.ndarray:
         """(T,) J: zero where every mass centre is at the origin and every spring at rest."""
-        return self.energy - self.kinetic_energy
+        potential: np.ndarray = self.energy - self.kinetic_energy
+        return potential
 
 
 def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:

@@ -230,7 +230,7 @@ class Worker:
         import psutil
 
         try:
-            return psutil.Process(self._process.pid).children(recursive=True)
+            return list(psutil.Process(self._process.pid).children(recursive=True))
         except psutil.Error:  # gone meanwhile
             return []
 

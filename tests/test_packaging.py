@@ -106,6 +106,12 @@ def test_a_command_without_its_extra_names_it_in_one_line(modules, arguments, ex
     assert len(ended.stderr.strip().splitlines()) == 1
 
 
+def test_without_heyoka_runs_are_unjudged_and_the_extra_is_named(tmp_path):
+    ended = without(["heyoka"], ["truth", "single_pendulum"], tmp_path)
+    assert ended.returncode == 2
+    assert "lieeuler-crosscheck[truth]" in ended.stderr
+
+
 def test_verify_without_the_report_writes_results_and_says_so(tmp_path):
     ended = without(["jinja2", "plotly", "matplotlib", "pypdf", "pyarrow", "pandas", "sqlalchemy"], [
         "verify", "--profile", "smoke", "--scene", "single_pendulum", "--engine", "lieeuler", "--jobs", "1", "--out",

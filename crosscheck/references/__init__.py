@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crosscheck.errors import Unsupported
+from crosscheck.errors import Unsupported, missing
 from crosscheck.references.base import Reference, TruthError
 from crosscheck.scene.model import Scene
 
@@ -48,7 +48,11 @@ def truth(scene: Scene) -> Reference:
 
 
 def compute(scene: Scene) -> Reference:
-    """As `truth`, without the cache."""
+    """As `truth`, without the cache. Raises `Unsupported` where heyoka, an extra, is missing."""
+    try:
+        import heyoka  # noqa: F401
+    except ImportError as error:
+        raise Unsupported(f"no truth: {missing(error)}") from None
     from crosscheck.references import closed_form, conditioning, taylor
     from crosscheck.references.agreement import Solved, agree
 

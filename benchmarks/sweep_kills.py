@@ -1,0 +1,136 @@
+"""Sweeps whose workers, scheduler or client are killed at random moments: every one ends with the bits of a quiet run.
+
+Run with `python -m benchmarks.sweep_kills`; `--rounds` kills of each kind. Clients and workers of this machine are
+killed by SIGKILL, then the same command runs again where it has to; a Dask scheduler is killed, started anew at its
+address, and the same command goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+SWEEP = {"scenes": ["single_pendulum"], "engines": {"lieeuler": ["DAE1L_LSE", "rattle2"]}, "steps": [1e-3, 5e-4],
+         "samples": 6, "duration": 1.0, "perturb": {"angular_velocity": 1e-3, "count": 100, "seed": 7}}
+
+
+def start(request: Path, out: Path, *more: str) -> subprocess.Popen[bytes]:
+    """The command line of the sweep."""
+    command = [sys.executable, "-m", "crosscheck", "sweep", str(request), "-o", str(out), *more]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def finish(request: Path, out: Path, *more: str) -> int:
+    """Run the command until it succeeds; how often it was started."""
+    for count in range(1, 20):
+        if start(request, out, *more).wait() == 0:
+            return count
+    raise RuntimeError("the sweep does not end")
+
+
+def worker_of(client: int) -> Any:
+    """A worker process below a client, or None."""
+    import psutil
+
+    try:
+        found = psutil.Process(client).children(recursive=True)
+    except psutil.Error:
+        return None
+    return random.choice(found) if found else None
+
+
+def kill_client(request: Path, out: Path, after: float) -> None:
+    """Kill the client; finish."""
+    process = start(request, out)
+    time.sleep(after)
+    process.kill()
+    process.wait()
+    finish(request, out)
+
+
+def kill_worker(request: Path, out: Path, after: float) -> None:
+    """Kill one of the client's workers; the same client has to finish."""
+    process = start(request, out)
+    time.sleep(after)
+    worker = worker_of(process.pid)
+    if worker is not None:
+        worker.kill()
+    if process.wait() != 0:
+        raise RuntimeError("the client did not survive its worker")
+
+
+def kill_scheduler(request: Path, out: Path, after: float) -> None:
+    """Kill a Dask scheduler and start another one at the same address; finish."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+
+    def cluster() -> list[subprocess.Popen[bytes]]:
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        scheduler = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", str(port), "--no-dashboard"]
+        workers = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--nworkers", "2",
+                   "--no-dashboard"]
+        return [subprocess.Popen(command, cwd=out.parent, **quiet) for command in (scheduler, workers)]
+
+    running = cluster()
+    try:
+        time.sleep(15)
+        process = start(request, out, "--scheduler", address)
+        time.sleep(after)
+        running[0].kill()
+        process.wait()
+        running[1].terminate()
+        running[1].wait()
+        running = cluster()
+        time.sleep(15)
+        finish(request, out, "--scheduler", address)
+    finally:
+        for process in reversed(running):
+            process.terminate()
+            process.wait()
+
+
+KILLS = {"client": kill_client, "worker": kill_worker, "scheduler": kill_scheduler}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure and print."""
+    import pandas as pd
+
+    import crosscheck
+
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.sweep_kills", description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=10, help="kills of each kind (default: 10)")
+    parser.add_argument("--kind", choices=list(KILLS), action="append", help="default: all")
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        request = folder / "sweep.json"
+        request.write_text(json.dumps(SWEEP))
+        began = time.perf_counter()
+        quiet = crosscheck.sweep(request, out=folder / "quiet")
+        length = time.perf_counter() - began + 2.0
+        for kind in options.kind or KILLS:
+            same = 0
+            for round_ in range(options.rounds):
+                out = folder / f"{kind}{round_}"
+                KILLS[kind](request, out, random.uniform(0.5, length))
+                frame = crosscheck.sweep(request, out=out)
+                pd.testing.assert_frame_equal(quiet, frame, check_exact=True)
+                same += frame.attrs["report"]["computed"] == 0
+            print(f"{kind} killed {options.rounds} times: {same} of {options.rounds} ended with the same bits, "
+                  f"{len(quiet)} cells", flush=True)
+
+
+if __name__ == "__main__":
+    main()

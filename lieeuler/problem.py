@@ -113,6 +113,9 @@ class Problem(Frozen):
                 raise ArgumentError(f"the initial state violates the {name} by {gap:.3g} of the system's {size}; "
                                     f"project it first (bound {CLOSED:g})")
 
+    def __repr__(self) -> str:
+        return f"Problem({self.n} bodies, {len(self.joints)} joints of {self.rows} rows, {len(self.forces)} forces)"
+
     @property
     def n(self) -> int:
         """Number of bodies."""

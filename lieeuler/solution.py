@@ -90,6 +90,9 @@ class Solution:
         """Whether the run reached its last output time."""
         return self.status is Status.SUCCESS
 
+    def __repr__(self) -> str:
+        return f"Solution({self})"
+
     def __str__(self) -> str:
         """One line: how the run ended, its steps and iterations, redundant constraint rows."""
         stats = self.stats

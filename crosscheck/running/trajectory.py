@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from crosscheck.adapters.base import RawRun
+from crosscheck.running import export
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import JointHistory, histories
 from crosscheck.scene.model import Scene
 from crosscheck.scene.monitor import level_norms
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +54,26 @@ class Trajectory:
     steps: int
     status: str
     stats: dict[str, Any]  # the run's counters, "step" (s), and its maxima over every step by the keys of MAXIMA
+
+    def __repr__(self) -> str:
+        until = f"{self.t[-1]:.6g} s" if len(self.t) else "its start"
+        return (f"Trajectory({self.scene.name}: {self.engine} {self.method}{f', {self.form}' if self.form else ''}, "
+                f"{self.status}, {len(self.t)} samples to {until}, {self.steps} steps)")
+
+    def _repr_html_(self) -> str:
+        return export.table(self)
+
+    def to_frame(self) -> pd.DataFrame:
+        """As a `pandas.DataFrame`: one row an output time, flat names of columns (extra `data`)."""
+        return export.frame(self)
+
+    def to_xarray(self) -> xr.Dataset:
+        """As an `xarray.Dataset` over t, body and axis, with units (extra `data`)."""
+        return export.dataset(self)
+
+    def plot(self) -> Figure:
+        """Heights, speeds, energy and constraint levels over time, as a matplotlib figure (extra `report`)."""
+        return export.figure(self)
 
     @functools.cached_property
     def joints(self) -> dict[str, JointHistory]:

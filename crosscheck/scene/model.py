@@ -131,6 +131,10 @@ class Scene:
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", _frozen(self.gravity, (3,)))
 
+    def __repr__(self) -> str:
+        return (f"Scene({self.name}: {len(self.bodies)} bodies, {len(self.joints)} joints, {len(self.forces)} forces, "
+                f"{self.duration:g} s, {self.samples} samples)")
+
     @property
     def n(self) -> int:
         """Number of bodies."""

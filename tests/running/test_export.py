@@ -1,0 +1,55 @@
+"""Trajectories in other tools: one-line texts, and every bit of the numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import crosscheck
+import lieeuler
+from crosscheck.adapters.lieeuler import build_problem
+
+
+@pytest.fixture(scope="module")
+def traj():
+    return crosscheck.run("double_pendulum", "lieeuler", "rattle2", step=1e-2, duration=1.0, samples=11)
+
+
+def test_texts_are_one_short_line(traj):
+    problem = build_problem(traj.scene)
+    solution = lieeuler.integrate(problem, "rattle2", 1e-2, [0.0, 0.1])
+    for value in (traj, traj.scene, problem, solution):
+        text = repr(value)
+        assert text.startswith(type(value).__name__ + "(")
+        assert "\n" not in text
+        assert len(text) < 200
+    assert "<table>" in traj._repr_html_()
+
+
+def test_a_frame_survives_parquet_bit_for_bit(traj, tmp_path):
+    pd = pytest.importorskip("pandas")
+    frame = traj.to_frame()
+    np.testing.assert_array_equal(frame.index, traj.t)
+    np.testing.assert_array_equal(frame["lower.x_z"], traj.x[:, 1, 2])
+    np.testing.assert_array_equal(frame["upper.R_23"], traj.R[:, 0, 1, 2])
+    np.testing.assert_array_equal(frame["lam_5"], traj.lam[:, 5])
+    np.testing.assert_array_equal(frame["energy"], traj.energy)
+    frame.to_parquet(tmp_path / "run.parquet")
+    pd.testing.assert_frame_equal(frame, pd.read_parquet(tmp_path / "run.parquet"), check_exact=True)
+
+
+def test_a_dataset_has_names_and_units(traj):
+    pytest.importorskip("xarray")
+    data = traj.to_xarray()
+    np.testing.assert_array_equal(data["x"].sel(body="lower", axis="z"), traj.x[:, 1, 2])
+    np.testing.assert_array_equal(data["R"], traj.R)
+    assert data["w"].attrs["units"] == "rad/s"
+    assert data.attrs["engine"] == "lieeuler"
+
+
+def test_a_plot_shows_every_body(traj, tmp_path):
+    pytest.importorskip("matplotlib")
+    figure = traj.plot()
+    assert [line.get_label() for line in figure.axes[0].lines] == ["upper", "lower"]
+    np.testing.assert_array_equal(figure.axes[0].lines[1].get_ydata(), traj.x[:, 1, 2])
+    figure.savefig(tmp_path / "run.png")

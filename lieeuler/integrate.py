@@ -8,7 +8,7 @@ import logging
 
 import numpy as np
 
-from lieeuler import _kernel
+from lieeuler import _kernel, held
 from lieeuler.checks import LARGEST, SMALLEST, number, positive, real
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
 from lieeuler.methods import COORDINATE_MAPS, METHODS, Method
@@ -79,6 +79,7 @@ def integrate(
     Returns
     -------
     Solution
+        Its status is SUCCESS, or CONSTRAINTS_OPEN where a level that the method holds opened on the way.
 
     Raises
     ------
@@ -100,11 +101,16 @@ def integrate(
     if frames is not None:
         frames.restore(solution.t, solution.R, solution.w, solution.alpha)
         solution.stats.spin_free = frames.bodies
-    if not monitor:
+    if monitor:
+        held.judge(problem, solution)
+    else:
         solution.stats.maxima = {}
     log.info("%s", solution)
     if solution.status is Status.INTERRUPTED:
         raise Interrupted(solution)
+    if solution.status is Status.CONSTRAINTS_OPEN:
+        log.warning("%s: %s", solution, solution.status.advice)  # the whole trajectory is there: nothing to raise
+        return solution
     if not solution.success:
         advice = solution.status.advice
         if solution.status is Status.MAP_DOMAIN and coordinate_map == "ccsk":

@@ -19,6 +19,7 @@ class Status(enum.StrEnum):
     NON_FINITE = "non_finite"
     STEP_TOO_SMALL = "step_too_small"
     INTERRUPTED = "interrupted"
+    CONSTRAINTS_OPEN = "constraints_open"
 
     @property
     def advice(self) -> str:
@@ -37,6 +38,9 @@ _ADVICE = {
     Status.STEP_TOO_SMALL: "step control asks for steps too small to end the run; take a larger rtol, or a method for "
                            "stiff forces; a mechanism near a singular position asks for it too",
     Status.INTERRUPTED: "interrupted by the user",
+    Status.CONSTRAINTS_OPEN: "the run reached its end, and a constraint level that the method holds opened beyond 1e-8 "
+                             "of the system's size (stats.maxima); take a smaller step, a method that holds all levels "
+                             "(DAE1H_LSE, rattle2), or masses and inertias nearer to each other",
 }  # fmt: skip
 
 
@@ -87,7 +91,7 @@ class Solution:
 
     @property
     def success(self) -> bool:
-        """Whether the run reached its last output time."""
+        """Whether the run reached its last output time and held what its method holds."""
         return self.status is Status.SUCCESS
 
     def __repr__(self) -> str:

@@ -1,0 +1,47 @@
+"""Whether a run held the constraint levels that its method holds by construction, at every step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lieeuler.methods import METHODS
+from lieeuler.problem import Problem
+from lieeuler.solution import Solution, Status
+from lieeuler.types import GROUND
+
+OPEN = 1e-8
+"""Of the lengths, speeds and accelerations of the system: what a problem may start with. Runs that hold a level stay
+below 1e-12 of them; what rounding, redundant rows or graded masses have opened lies far beyond."""
+
+
+def open_levels(problem: Problem, solution: Solution) -> tuple[str, ...]:
+    """Levels that should be held and opened beyond `OPEN`; none where nothing was monitored."""
+    maxima = solution.stats.maxima
+    if not maxima or not problem.joints:
+        return ()
+    sizes = _sizes(problem, solution)
+    return tuple(level for level in METHODS[solution.method].held
+                 if not maxima[f"constraint_{level}"] <= OPEN * sizes[level])
+
+
+def judge(problem: Problem, solution: Solution) -> None:
+    """Give a solution that reached its end with an open level the status that says so."""
+    if solution.status is Status.SUCCESS and open_levels(problem, solution):
+        solution.status = Status.CONSTRAINTS_OPEN
+
+
+def _sizes(problem: Problem, solution: Solution) -> dict[str, float]:
+    """The largest length (m), speed (m/s) and acceleration (m/s^2) of the run, from its samples and its maxima."""
+    anchors = [np.abs(anchor).max() for joint in problem.joints for body, anchor in (
+        (joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)) if body != GROUND]
+    length = max(float(np.abs(solution.x).max()), *anchors)
+    length = length or 1.0
+    masses = [body.mass for body in problem.bodies]
+    # Between two samples bodies may be faster than at them: the kinetic energy is of every step.
+    speed = max(float(np.abs(solution.v).max() + length * np.abs(solution.w).max()),
+                float(np.sqrt(2 * solution.stats.maxima["kinetic"] / max(masses))))
+    # At rest the terms of the rows are accelerations that cancel: gravity, and what the multipliers carry.
+    acceleration = float(np.abs(solution.a).max() + length * np.abs(solution.alpha).max() + speed**2 / length
+                         + np.abs(problem.gravity).max() + np.abs(solution.lam).max(initial=0.0) / min(masses))
+    return {"position": length, "velocity": max(speed, 1e-3 * float(np.sqrt(acceleration * length))),
+            "acceleration": acceleration}

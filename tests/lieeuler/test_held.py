@@ -1,0 +1,53 @@
+"""A run whose method should have held a constraint level, and did not, does not end in success."""
+
+import numpy as np
+import pytest
+
+import crosscheck
+import lieeuler
+from crosscheck.adapters.lieeuler import build_problem
+from lieeuler import Status
+from tests.lieeuler.systems import SYSTEMS, spring_chain
+
+T = np.linspace(0.0, 1.0, 3)
+
+
+@pytest.mark.parametrize("method", ["DAE2L_LE", "DAE2H_LE"])
+def test_index_two_on_redundant_rows_says_that_the_velocities_opened(method):
+    problem = build_problem(crosscheck.load_scene("bricard"))
+    solution = lieeuler.integrate(problem, method, step=1e-2, t_eval=T)
+    assert solution.stats.maxima["constraint_velocity"] > 1e-6  # m/s, of speeds below ten
+    assert solution.status is Status.CONSTRAINTS_OPEN
+    assert not solution.success
+    assert solution.t[-1] == T[-1]
+    assert "stats.maxima" in solution.status.advice
+
+
+@pytest.mark.parametrize("method", ["DAE1L_LSE", "DAE1H_LSE", "DAE2L_LSE", "DAE3L_LE", "rattle2", "rkmk4"])
+@pytest.mark.parametrize("name", ["bricard", "four_bar", "needle", "heavy_light"])
+def test_levels_that_are_held_are_a_success(name, method):
+    scene = crosscheck.load_scene(name)
+    assert lieeuler.integrate(build_problem(scene), method, step=2e-3, t_eval=T / 10).status is Status.SUCCESS
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_a_system_at_rest_of_any_size_is_a_success(scale):
+    """Nothing moves: whatever the rows leave is rounding of gravity and of the multipliers."""
+    joint = lieeuler.spherical_joint(-1, 0, np.zeros(3), np.array([0, 0, scale]))
+    problem = lieeuler.Problem([lieeuler.Body(1.0, np.eye(3) * scale**2)], [joint], [0, 0, -9.81],
+                               [[0, 0, -scale]], [np.eye(3)], [np.zeros(3)], [np.zeros(3)])
+    for method in ("DAE1L_LSE", "DAE2H_LSE", "rattle2", "rkmk4"):
+        step = 1e-2 * np.sqrt(scale)
+        assert lieeuler.integrate(problem, method, step=step, t_eval=[0.0, 50 * step]).status is Status.SUCCESS
+
+
+def test_the_usual_systems_are_a_success():
+    for make in (*SYSTEMS.values(), lambda: spring_chain(5)):
+        for method, record in lieeuler.METHODS.items():
+            control = {"step": 1e-3} if "step" in record.controls else {"rtol": 1e-8}
+            assert lieeuler.integrate(make(), method, t_eval=T / 20, **control).success
+
+
+def test_what_is_not_monitored_is_not_judged():
+    problem = build_problem(crosscheck.load_scene("bricard"))
+    assert lieeuler.integrate(problem, "DAE2L_LE", step=1e-2, t_eval=T, monitor=False).status is Status.SUCCESS

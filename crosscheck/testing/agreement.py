@@ -22,6 +22,10 @@ from crosscheck.scene.model import Scene
 Entry = str | Sequence[Any]
 Run = Callable[..., Any]
 
+MOST_STEPS = 1e6
+"""Of a run whose step a test leaves open: seconds with any engine. More would be started by nobody who was asked."""
+
+
 
 @dataclasses.dataclass(frozen=True)
 class Contender:
@@ -142,7 +146,8 @@ def contender(entry: Entry, scene: Scene, truth: Reference, step: float | None =
         raise ArgumentError(f"engines: {entry!r} is not understood: give \"engine\", \"engine:method\" or "
                             "(engine, method, options)")
     adapter = adapters.get(engine)
-    if method is None or (isinstance(method, str) and not method):
+    left_open = method is None or (isinstance(method, str) and not method)
+    if left_open:
         method = best_method(adapter, scene)
     if not isinstance(method, str) or method not in adapter.methods:
         raise ArgumentError(f"engines: {engine} has no method {method!r}; it has {', '.join(adapter.methods)}")
@@ -152,7 +157,24 @@ def contender(entry: Entry, scene: Scene, truth: Reference, step: float | None =
             options["rtol"] = 1e-9 if rtol is None else rtol
         else:
             options["step"] = _judgeable_step(scene, truth, order) if step is None else step
+            if step is None and scene.duration / options["step"] > MOST_STEPS:
+                if left_open and (adaptive := _adaptive_method(adapter, scene, options)) is not None:
+                    del options["step"]
+                    return Contender(engine, adaptive, tuple(sorted((options | {"rtol": 1e-9}).items())))
+                raise ArgumentError(
+                    f"{engine} {method} on scene {scene.name!r}: at the step where its bounds judge, "
+                    f"{options['step']:.2g} s, it would take {scene.duration / options['step']:.2g} steps, more than "
+                    f"{MOST_STEPS:.0e}; name another method, a step, or a shorter duration")
     return Contender(engine, method, tuple(sorted(options.items())))
+
+
+def _adaptive_method(adapter: Any, scene: Scene, options: Mapping[str, Any]) -> str | None:
+    """The last method of an engine that follows a tolerance on this scene."""
+    from crosscheck.adapters.base import RunSpec
+
+    usable = [method for method in getattr(adapter, "adaptive_methods", ())
+              if adapter.unsupported(scene, RunSpec(method, rtol=1e-9, form=options.get("form"))) is None]
+    return usable[-1] if usable else None
 
 
 def _judgeable_step(scene: Scene, truth: Reference, order: int) -> float:

@@ -14,7 +14,7 @@ from crosscheck.cli.advise import advise
 from crosscheck.cli.console import INTERRUPTED, complain, interrupted
 from crosscheck.cli.explain import explain
 from crosscheck.cli.history import app as history
-from crosscheck.cli.import_ import import_
+from crosscheck.cli.import_ import export, import_
 from crosscheck.cli.inspect import inspect
 from crosscheck.cli.list import list_
 from crosscheck.cli.nightly import nightly
@@ -56,6 +56,7 @@ for command in (verify, advise, run, truth, explain, inspect, support, report, p
     app.command()(command)
 app.command("list")(list_)
 app.command("import")(import_)
+app.command()(export)
 app.add_typer(history)
 app.add_typer(study)
 

@@ -1,4 +1,4 @@
-"""`crosscheck import`: a model file of others as a scene file."""
+"""`crosscheck import` and `crosscheck export`: model files of others as scene files, and back."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from crosscheck.cli.options import Drop, Keyframe
+from crosscheck.cli.options import Drop, Keyframe, SceneName
 
 
 def import_(
@@ -30,3 +30,14 @@ def import_(
     typer.echo(f"written: {out}")
     for words in scene.left_out:
         typer.echo(f"left out: {words}")
+
+
+def export(
+    scene: SceneName,
+    out: Annotated[Path, typer.Option("--out", "-o", help="the model file, .xml (MJCF) or .urdf")],
+) -> None:
+    """Write a scene as a model of MuJoCo or a URDF; refuse by name what the format cannot hold."""
+    from crosscheck.scene.export import export_model
+
+    export_model(scene, out)
+    typer.echo(f"written: {out}")

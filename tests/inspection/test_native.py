@@ -103,3 +103,11 @@ def test_the_command_prints_the_words(tmp_path, monkeypatch):
     assert "damping of joint shoulder is stored but not applied by aba" in told.output
     assert "exudyn refuses the file" in told.output
     assert [path.name for path in tmp_path.iterdir()] == ["arm.urdf"]
+
+
+def test_a_lost_rotation_is_not_blamed_on_the_damping(tmp_path):
+    good, bad = tmp_path / "good.urdf", tmp_path / "bad.urdf"
+    good.write_text(ARM_URDF)
+    bad.write_text(ARM_URDF.replace('rpy="0.3 0.2 0.1"/><mass value="1"', 'rpy="0 0 0"/><mass value="1"'))
+    found = crosscheck.inspect(bad, ["mujoco"], against=good)
+    assert {each.quantity for each in found.differences} <= {"inertia", "mass matrix", "bias"}

@@ -11,6 +11,9 @@ from crosscheck.scene.models.neutral import Reading, Table
 MOST_NAMED = 6
 """Of one kind in a message; the rest is counted."""
 
+UNREACHABLE = 1e6
+"""rad or m: limits as far as this are how a URDF writes none."""
+
 
 def collect(reading: Reading, joints: list[Table]) -> tuple[list[Table], list[Table]]:
     """(further joints, forces); what has no place goes into `reading.lost`. Mimics are written into `joints`."""
@@ -38,7 +41,8 @@ def _limits(reading: Reading) -> None:
     m = reading.model
     labels = [m.jnt(j).name or f"joint {j}" for j in range(m.njnt)]
     if not _off(reading, "LIMIT"):
-        reading.lost += _named("limits of joint", [labels[j] for j in range(m.njnt) if m.jnt_limited[j]])
+        reading.lost += _named("limits of joint", [
+            labels[j] for j in range(m.njnt) if m.jnt_limited[j] and np.abs(m.jnt_range[j]).min() < UNREACHABLE])
     if not _off(reading, "FRICTIONLOSS"):
         dry = sorted({int(m.dof_jntid[dof]) for dof in range(m.nv) if m.dof_frictionloss[dof]})
         reading.lost += _named("dry friction of joint", [labels[j] for j in dry])

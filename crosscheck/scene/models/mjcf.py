@@ -1,0 +1,141 @@
+"""A scene as MJCF: bodies at their centres of mass in the initial pose, which is the reference of all joints."""
+
+from __future__ import annotations
+
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from crosscheck.scene.constraints import normal_references
+from crosscheck.scene.coordinates import histories
+from crosscheck.scene.mechanics import torsion_angles
+from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation
+from crosscheck.scene.models.trees import grown, numbers, refused
+from crosscheck.scene.states import States
+
+TYPES = ("spherical", "universal", "revolute", "cylindrical", "prismatic", "planar", "fixed")
+
+
+def mjcf(scene: Scene) -> Element:
+    """The root element; raises `SceneError` that names what MJCF cannot hold."""
+    order, loops = grown(scene, "MJCF")
+    root = Element("mujoco", model=scene.name)
+    SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
+    SubElement(root, "option", gravity=numbers(scene.gravity))
+    elements = {GROUND: SubElement(root, "worldbody")}
+    start = {}
+    for body, joint in order:
+        parent = GROUND if joint is None else joint.parent
+        elements[body] = _body(scene, elements[parent], body, parent)
+        start[scene.bodies[body].name] = _joints(scene, elements[body], body, joint)
+    _loops(scene, root, loops)
+    for number, force in enumerate(scene.forces):
+        _force(scene, root, elements, number, force)
+    walked = [start[element.get("name", "")] for element in elements[GROUND].iter("body")]  # MuJoCo's order
+    SubElement(SubElement(root, "keyframe"), "key", name="start", qpos=numbers(value for q, _ in walked for value in q),
+               qvel=numbers(value for _, v in walked for value in v))
+    return root
+
+
+def _body(scene: Scene, parent_element: Element, body: int, parent: int) -> Element:
+    x, R = (np.zeros(3), np.eye(3)) if parent == GROUND else (scene.x0[parent], scene.R0[parent])
+    element = SubElement(parent_element, "body", name=scene.bodies[body].name,
+                         pos=numbers(R.T @ (scene.x0[body] - x)),
+                         quat=numbers(quaternion_from_rotation(R.T @ scene.R0[body])))
+    J = scene.inertias[body]
+    SubElement(element, "inertial", pos="0 0 0", mass=repr(float(scene.masses[body])), fullinertia=numbers(
+        J[entry] for entry in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))))
+    return element
+
+
+def _joints(scene: Scene, element: Element, body: int, joint: Joint | None) -> tuple[list[float], list[float]]:
+    """Add what carries a body; returns its qpos and qvel."""
+    if joint is None:
+        SubElement(element, "freejoint", name=f"{scene.bodies[body].name} free")
+        return ([*scene.x0[body], *scene.bodies[body].attitude], [*scene.v0[body], *scene.w0[body]])
+    if joint.type not in TYPES:
+        raise refused(scene, "MJCF", f"joint {joint.name!r} of type {joint.type}")
+    if joint.type == "fixed":
+        return [], []
+    start = histories(scene, States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]))
+    q, v = (np.atleast_1d(values[0]) for values in (start[joint.name].position, start[joint.name].velocity))
+    inner = np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]
+
+    def add(name: str, kind: str, axis: np.ndarray | None, k: int) -> None:
+        made = SubElement(element, "joint", name=name, type=kind, pos=numbers(joint.child_anchor))
+        if axis is not None:
+            made.set("axis", numbers(axis))
+            made.set("ref", repr(float(q[k])))
+        for key in ("armature", "damping", "stiffness"):
+            values = getattr(joint, key)
+            if any(values):
+                made.set(key, repr(float(values[k])))
+        if any(joint.stiffness):
+            made.set("springref", repr(float((joint.rest_position or (0.0, 0.0))[k])))
+
+    def inward(axis: np.ndarray) -> np.ndarray:
+        found: np.ndarray = scene.R0[body].T @ inner @ axis
+        return found
+
+    if joint.type == "spherical":
+        add(joint.name, "ball", None, 0)
+        return [1.0, 0.0, 0.0, 0.0], list(v)
+    if joint.type in ("revolute", "prismatic"):
+        add(joint.name, "hinge" if joint.type == "revolute" else "slide", joint.child_axis, 0)
+        return [q[0]], [v[0]]
+    if joint.type == "cylindrical":
+        add(joint.name, "hinge", joint.child_axis, 0)
+        add(f"{joint.name} slide", "slide", joint.child_axis, 1)
+        return list(q), list(v)
+    if joint.type == "universal":
+        add(joint.name, "hinge", inward(joint.parent_axis), 0)
+        add(f"{joint.name} second", "hinge", joint.child_axis, 1)
+        return list(q), list(v)
+    for k, axis in enumerate(normal_references(joint.parent_axis)):
+        add(f"{joint.name} slide {k + 1}", "slide", inward(axis), k)
+    add(joint.name, "hinge", joint.child_axis, 2)
+    return list(q), list(v)
+
+
+def _loops(scene: Scene, root: Element, loops: list[Joint]) -> None:
+    mimics = [joint for joint in scene.joints if joint.mimic is not None]
+    if not loops and not mimics:
+        return
+    equality = SubElement(root, "equality")
+    names = [body.name for body in scene.bodies]
+    for joint in loops:
+        if joint.type != "spherical":
+            raise refused(scene, "MJCF", f"joint {joint.name!r}, which closes a loop and is of type {joint.type}")
+        made = SubElement(equality, "connect", name=joint.name, body1=names[joint.child],
+                          anchor=numbers(joint.child_anchor))
+        if joint.parent != GROUND:
+            made.set("body2", names[joint.parent])
+    for joint in mimics:
+        assert joint.mimic is not None
+        SubElement(equality, "joint", joint1=joint.name, joint2=joint.mimic.joint, polycoef=numbers(
+            (joint.mimic.offset, joint.mimic.ratio, 0.0, 0.0, 0.0)))
+
+
+def _force(scene: Scene, root: Element, elements: dict[int, Element], number: int, force: Force) -> None:
+    if force.of_joint:
+        return
+    p = force.parameters
+    if force.type == "linear_spring":
+        tendons = root.find("tendon")
+        spatial = SubElement(SubElement(root, "tendon") if tendons is None else tendons, "spatial",
+                             name=f"spring {number}", stiffness=repr(float(p["stiffness"])),
+                             damping=repr(float(p["damping"])), springlength=repr(float(p["free_length"])))
+        for end, body, point in (("parent", force.parent, p["parent_point"]), ("child", force.child, p["child_point"])):
+            name = f"spring {number} {end}"
+            SubElement(elements[body], "site", name=name, pos=numbers(point))
+            SubElement(spatial, "site", site=name)
+        return
+    if force.type != "torsional_spring":
+        raise refused(scene, "MJCF", f"forces[{number}], a {force.type}")
+    joint = next(element for element in root.iter("joint") if element.get("name") == force.joint)
+    if "stiffness" in joint.attrib or "damping" in joint.attrib:
+        raise refused(scene, "MJCF", f"forces[{number}], a second spring of joint {force.joint!r}")
+    angle = float(torsion_angles(scene, scene.R0[None])[force.joint][0])
+    joint.set("stiffness", repr(float(p["stiffness"])))
+    joint.set("damping", repr(float(p["damping"])))
+    joint.set("springref", repr(float(joint.get("ref", "0")) + p["rest_angle"] - angle))

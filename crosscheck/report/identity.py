@@ -1,0 +1,99 @@
+"""One look for every run, in HTML, SVG, PDF and the terminal: hue by engine; shade, dash and marker by method.
+
+Colours are made in OKLCH, in which equal steps of lightness look equal
+(https://bottosson.github.io/posts/oklab). No two runs
+among `SHADES` times `DASHES` of an engine have both colour and dash in common, and markers differ besides.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+import re
+from collections.abc import Mapping, Sequence
+
+HUES = {"lieeuler": 250.0, "mujoco": 50.0, "pinocchio": 335.0, "exudyn": 155.0, "drake": 95.0, "dart": 20.0,
+        "newton": 200.0, "mjx": 290.0, "heyoka": 0.0}
+"""Degrees; an engine that is not listed gets one by its name."""
+
+LIGHT, DARK = (0.40, 0.64, 0.52, 0.58, 0.46), (0.88, 0.62, 0.75, 0.68, 0.82)
+"""Lightness of the shades on a light and on a dark page, neighbours far apart."""
+
+CHROMA = 0.14
+
+SHADES = len(LIGHT)
+
+DASHES = ("solid", "10px 4px", "2px 3px", "10px 3px 2px 3px", "16px 4px", "6px 2px 2px 2px 2px 2px", "4px 4px")
+"""As Plotly and SVG write them, in pixels."""
+
+MARKERS = (("circle", "o", "●"), ("square", "s", "■"), ("diamond", "D", "◆"), ("triangle-up", "^", "▲"),
+           ("triangle-down", "v", "▼"), ("pentagon", "p", "⬟"), ("hexagram", "*", "✶"), ("cross", "P", "✚"))
+"""Names of Plotly and of Matplotlib, and the sign in a text."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Look:
+    """How a run is drawn."""
+
+    light: str  # colour on a light page, #rrggbb
+    dark: str
+    dash: str  # pixels of line and gap, or "solid"
+    marker: str  # Plotly's name
+    matplotlib_marker: str
+    sign: str
+
+    def pattern(self, width: float = 1.6) -> str | tuple[float, tuple[float, ...]]:
+        """The dash as Matplotlib takes it, in points of a line of this width (pt)."""
+        if self.dash == "solid":
+            return "solid"
+        return 0.0, tuple(float(part.removesuffix("px")) * width / 2.0 for part in self.dash.split())
+
+
+def looks(labels: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Look]]:
+    """Looks by engine and label, of the labels of every engine in the order of its methods."""
+    return {engine: {label: look(engine, place) for place, label in enumerate(own)} for engine, own in labels.items()}
+
+
+def look(engine: str, place: int) -> Look:
+    """The look of the run at this place among those of its engine; the hue turns a little where shades run out."""
+    shade, turn = place % SHADES, place // (SHADES * len(DASHES))
+    hue = _hue(engine) + 12.0 * turn
+    marker = MARKERS[place % len(MARKERS)]
+    return Look(_hex(LIGHT[shade], CHROMA, hue), _hex(DARK[shade], 0.8 * CHROMA, hue),
+                DASHES[(place // SHADES + shade) % len(DASHES)], *marker)
+
+
+def base(label: str) -> str:
+    """The label whose look a run has: one at the coarse step of a user looks as its method does."""
+    return re.sub(r" at [^ ]+ ms$", "", label)
+
+
+def _hue(engine: str) -> float:
+    name = engine.partition("==")[0]
+    if name in HUES:
+        return HUES[name] + (8.0 if "==" in engine else 0.0)
+    return int.from_bytes(hashlib.sha256(engine.encode("utf-8", "surrogatepass")).digest()[:2]) % 360
+
+
+def _hex(lightness: float, chroma: float, hue: float) -> str:
+    """#rrggbb of a colour in OKLCH; the chroma is lowered until the screen has it."""
+    while True:
+        channels = _linear(lightness, chroma, hue)
+        if all(-1e-4 <= each <= 1.0001 for each in channels) or chroma < 0.01:
+            return "#" + "".join(f"{round(255 * _gamma(min(1.0, max(0.0, each)))):02x}" for each in channels)
+        chroma -= 0.01
+
+
+def _linear(lightness: float, chroma: float, hue: float) -> tuple[float, float, float]:
+    a, b = chroma * math.cos(math.radians(hue)), chroma * math.sin(math.radians(hue))
+    long = (lightness + 0.3963377774 * a + 0.2158037573 * b) ** 3
+    middle = (lightness - 0.1055613458 * a - 0.0638541728 * b) ** 3
+    short = (lightness - 0.0894841775 * a - 1.2914855480 * b) ** 3
+    return (4.0767416621 * long - 3.3077115913 * middle + 0.2309699292 * short,
+            -1.2684380046 * long + 2.6097574011 * middle - 0.3413193965 * short,
+            -0.0041960863 * long - 0.7034186147 * middle + 1.7076147010 * short)
+
+
+def _gamma(value: float) -> float:
+    return 12.92 * value if value <= 0.0031308 else 1.055 * value ** (1 / 2.4) - 0.055

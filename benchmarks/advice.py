@@ -17,10 +17,10 @@ from collections.abc import Iterator
 import numpy as np
 
 import crosscheck
+from crosscheck.document import Advice
 from crosscheck.errors import CrosscheckError
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
-from crosscheck.verification.advice import Advice
 from crosscheck.verification.ladder import Way, ways
 
 ERRORS = (1e-2, 1e-4, 1e-6)

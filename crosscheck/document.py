@@ -387,6 +387,24 @@ class Support(Part, frozen=True, kw_only=True):
     methods: list[str] = []  # those that can
 
 
+class Advice(Part, frozen=True, kw_only=True):
+    """What to run for an error. Where no method reaches it, `method` and all that belongs to it are None."""
+
+    scene: str
+    engine: str
+    wanted: float  # m, the error asked for
+    until: float  # s, up to where truth is comparable
+    least: float | None  # m, the least error that any run had
+    method: str | None = None
+    form: str | None = None  # the engine's own choice
+    step: float | None = None  # s, the largest that was found; None for an adaptive method
+    rtol: float | None = None
+    error: float | None = None  # m, measured: the largest |component of x - truth| over bodies and samples
+    cost: float | None = None  # s of stepping
+    breaks_at: float | None = None  # step (s) or rtol of the finest coarser run that fails or says nothing
+    command: str | None = None
+
+
 class Document(Part, frozen=True, kw_only=True):
     """results.json: all that a report needs, and all it may use."""
 
@@ -397,6 +415,7 @@ class Document(Part, frozen=True, kw_only=True):
     exit_code: int  # 0: every verdict passes; 1: one does not; 2: the run is incomplete
     changes: list[Change] | None = None
     support: list[Support] | None = None
+    advice: list[Advice] | None = None  # of the scenes and engines whose methods have been walked through
 
 
 def exit_code(scenes: list[Scene], records: list[Record]) -> int:

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from crosscheck.document import Change, Meta, Support, Timed, extended
+from crosscheck.document import Advice, Change, Meta, Support, Timed, extended
 from crosscheck.judge.plan import Profile
 from crosscheck.running import provenance
 from crosscheck.verification import job
@@ -18,6 +18,13 @@ CHANGES = [Change(kind="accuracy", scene="double_pendulum", engine="mujoco", met
                   before=1.0e-9, after=3.0e-6, text="the largest error grew beyond rounding", bad=True),
            Change(kind="version", scene="", engine="mujoco", method="", quantity="", before="3.3.7", after="4.0.0",
                   text="another version of the engine")]
+ADVICE = [
+    Advice(scene=scene, engine=engine, wanted=10.0**-power, until=1.0, least=1e-12, method=method, form="tree",
+           step=0.1 * 10 ** (-power / 4), error=0.7 * 10.0**-power, cost=1e-4 * 10 ** (power / 4), breaks_at=0.5,
+           command=f"crosscheck run {scene} --engine {engine} --method {method} --step 0.1")
+    for scene in RUNS for engine, method in (("lieeuler", "rattle4"), ("mujoco", "RK4")) for power in range(2, 9)
+] + [Advice(scene="double_pendulum", engine="pinocchio", wanted=10.0**-power, until=1.0, least=2e-2)
+     for power in range(2, 9)]
 SUPPORT = [Support(scene="double_pendulum", engine="mujoco", form="tree", reason=None),
            Support(scene="double_pendulum", engine="exudyn", form="pivot", reason="one body at a pivot only")]
 

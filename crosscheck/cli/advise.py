@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +10,7 @@ import typer
 from crosscheck.cli.options import figure
 
 if TYPE_CHECKING:
-    from crosscheck.verification.advice import Advice
+    from crosscheck.document import Advice
 
 
 def advise(
@@ -25,11 +24,13 @@ def advise(
     The first call for a scene and engine makes these runs, in half a minute at most; later ones read what it found.
     Exit code 0: a method reaches the error; 1: none does.
     """
+    import msgspec
+
     from crosscheck.verification.advice import advise as find
 
     found = find(scene, engine=engine, error=error)
     if as_json:
-        typer.echo(json.dumps(dataclasses.asdict(found), indent=1))
+        typer.echo(json.dumps(msgspec.to_builtins(found), indent=1))
     else:
         for line in _lines(found):
             typer.echo(line)

@@ -112,7 +112,7 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
     journal = Journal(out / RUNNING / "journal.jsonl", job.JOURNAL_TYPES)
     try:
         results = job.verify(wanted.profile, wanted.scenes, wanted.engines, wanted.jobs, progress, journal,
-                                wanted.limits)
+                             wanted.limits, walk=wanted.profile == "full")
         results = replace(results, meta=replace(
             results.meta, command=wanted.command, started=heading["started"],
             time=heading["started"].replace("T", " ")[:16] + " UTC"))
@@ -231,7 +231,7 @@ def _measured_again(results: Document, doubtful: set[tuple[str, str, bool]], nam
     records = list(results.records)
     for index, record in zip(chosen, timed, strict=True):
         records[index] = record
-    return job.document(results.meta, results.scenes, records, results.support)
+    return replace(job.document(results.meta, results.scenes, records, results.support), advice=results.advice)
 
 
 def _publish(out: Path, name: str, document: Document, text: str) -> Path:

@@ -18,7 +18,7 @@ from crosscheck.errors import ArgumentError
 from crosscheck.files import put
 from crosscheck.report import data, exports, names, pages, schema
 
-STATIC = ("report.css", "theme.js", "tables.js", "plots.js", "study.js", "scene.js", "playback.js")
+STATIC = ("report.css", "theme.js", "tables.js", "decision.js", "plots.js", "study.js", "scene.js", "playback.js")
 
 
 def write_report(document: Document, folder: Path) -> None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import re
 from typing import Any
 
 from crosscheck.document import EULER, Curves, Document, Record, Scene
+from crosscheck.report import identity
 
 DIGITS = 5
 """Significant digits of the figures in runs.js; results.json has them all."""
@@ -26,8 +26,7 @@ def runs_script(document: Document) -> str:
     runs: list[str] = []
     methods: dict[str, dict[str, None]] = {}
     for record in document.records:
-        # A coarse run takes the colour of its method.
-        methods.setdefault(record.engine, {}).setdefault(re.sub(r" at [^ ]+ ms$", "", record.label))
+        methods.setdefault(record.engine, {}).setdefault(identity.base(record.label))
     for scene in document.scenes:
         if scene.failure:
             continue
@@ -36,8 +35,10 @@ def runs_script(document: Document) -> str:
         scenes.append({"name": scene.name, "title": scene.title, "bodies": scene.bodies,
                        "engines": list(dict.fromkeys(drawn))})
         runs.append(f"{_compact(scene.name)}:{_quoted(_compact([_run(record) for record in own]))}")
-    known = _compact({engine: list(labels) for engine, labels in methods.items()})
-    return f"window.CROSSCHECK_RUNS = {{scenes:{_compact(scenes)},methods:{known},runs:{{{','.join(runs)}}}}};\n"
+    looks = identity.looks({engine: list(own) for engine, own in methods.items()})
+    known = _compact({engine: {label: [look.light, look.dark, look.dash, look.marker, look.sign]
+                               for label, look in own.items()} for engine, own in looks.items()})
+    return f"window.CROSSCHECK_RUNS = {{scenes:{_compact(scenes)},looks:{known},runs:{{{','.join(runs)}}}}};\n"
 
 
 def _quoted(text: str) -> str:

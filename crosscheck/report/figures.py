@@ -12,12 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.document import EULER, Curves, Document, Record, Scene
-from crosscheck.report import names
+from crosscheck.report import identity, names
 from crosscheck.report.arrays import unpack
 
-PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#8c6bb1", "#7f7f7f")
-DASHES = {"lieeuler": "-", "mujoco": "--", "pinocchio": ":", "exudyn": "-."}
-MARKERS = {"lieeuler": "o", "mujoco": "s", "pinocchio": "D", "exudyn": "^"}
 SMALLEST = 1e-18
 """Where an exact zero is drawn on a logarithmic axis."""
 SERIES: dict[str, tuple[str, Callable[[Curves], Any]]] = {
@@ -100,8 +97,9 @@ def _largest(record: Record) -> float:
 
 def _styled(engine: str, runs: Sequence[Record]) -> Iterator[tuple[Record, dict[str, Any]]]:
     for index, record in enumerate(runs):
-        yield record, {"color": PALETTE[index % len(PALETTE)], "linestyle": DASHES.get(engine, (0, (6, 2))),
-                       "marker": MARKERS.get(engine, "*"), "label": record.label}
+        look = identity.look(engine, index)
+        yield record, {"color": look.light, "linestyle": look.pattern(), "marker": look.matplotlib_marker,
+                       "label": record.label}
 
 
 def _drawn(lines: Sequence[tuple[Record, Any, Any]], styles: dict[str, dict[str, Any]], x_axis: str, y_axis: str,

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from crosscheck.document import EULER, Document, Record, Scene, Support
 from crosscheck.report import overview
 from crosscheck.report.headline import OUTCOMES, headline, number, partly, plain_number, sentence, span, spoken
@@ -87,7 +89,8 @@ def _overview(document: Document) -> dict[str, Any]:
             "partly": partly(document), "counts": overview.summary_counts(records),
             "worst": overview.worst_first(records, document.changes),
             "advice": overview.recommended(document.scenes), "accurate": accurate,
-            "others": overview.leaders(accurate)}
+            "others": overview.leaders(accurate), "advised": {each.scene for each in document.advice or []},
+            "advice_rows": msgspec.to_builtins(document.advice)}
 
 
 def scene(document: Document, described: Scene) -> str:

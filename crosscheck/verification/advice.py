@@ -5,33 +5,21 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
 import shlex
+from collections.abc import Sequence
 
-from crosscheck.errors import ArgumentError
+from msgspec.structs import replace
+
+from crosscheck import adapters
+from crosscheck.document import Advice
+from crosscheck.errors import ArgumentError, CrosscheckError
 from crosscheck.scene.model import Scene
 from crosscheck.verification.walks import USELESS, Step, Walk
 
-
-@dataclasses.dataclass(frozen=True)
-class Advice:
-    """What to run. Where no method reaches the error, `method` and all that belongs to it are None."""
-
-    scene: str
-    engine: str
-    wanted: float  # m, the error asked for
-    until: float  # s, up to where truth is comparable
-    least: float | None  # m, the least error that any run had
-    method: str | None = None
-    form: str | None = None  # the engine's own choice
-    step: float | None = None  # s, the largest that was found; None for an adaptive method
-    rtol: float | None = None
-    error: float | None = None  # m, measured: the largest |component of x - truth| over bodies and samples
-    cost: float | None = None  # s of stepping
-    breaks_at: float | None = None  # step (s) or rtol of the finest coarser run that fails or says nothing
-    command: str | None = None
+LEVELS = tuple(10.0**-power for power in range(2, 12))
+"""Errors (m) for which a document has advice."""
 
 
 def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) -> Advice:
@@ -71,13 +59,14 @@ def choose(found: Walk, wanted: float, scene: str) -> Advice:
     """The advice for an error (m) from all runs of an engine; `scene` is its name or path for the command."""
     known = [step.error for step in found.steps if step.error is not None]
     reaching = found.reaching(wanted)
-    advice = Advice(found.scene, found.engine, wanted, found.until, min(known, default=None))
+    advice = Advice(scene=found.scene, engine=found.engine, wanted=wanted, until=found.until,
+                    least=min(known, default=None))
     if not reaching:
         return advice
     best = reaching[0]
     size = f"--step {best.step:.12g}" if best.step else f"--rtol {best.rtol!r}"
     words = f"crosscheck run {shlex.quote(scene)} --engine {shlex.quote(found.engine)} --method {best.method} {size}"
-    return dataclasses.replace(
+    return replace(
         advice, method=best.method, form=best.form, step=best.step, rtol=best.rtol, error=best.error, cost=best.cost,
         breaks_at=breaks_at(found, best), command=words)
 
@@ -90,6 +79,30 @@ def breaks_at(found: Walk, best: Step) -> float | None:
     broken = [step for step in found.of(best.method) if step.fineness < best.fineness
               and (step.error is None or step.error > USELESS * found.size)]
     return (broken[-1].step or broken[-1].rtol) if broken else None
+
+
+def of_scenes(scenes: Sequence[str], engines: Sequence[str]) -> list[Advice]:
+    """The advice for all `LEVELS` on the scenes (names or paths) and engines whose walks are on the disk."""
+    from crosscheck.scene.file import load_scene
+    from crosscheck.verification.walks import kept
+
+    # An engine of the user's own is loaded only where it may crash; nor is one in an environment of its own asked.
+    tame = [engine for engine in engines if not (adapters.is_own(engine) or adapters.has_own_environment(engine))]
+    walked = [(name, kept(load_scene(name), engine)) for name in scenes for engine in tame]
+    return [choose(walk, level, name) for name, walk in walked if walk is not None for level in LEVELS]
+
+
+def prepare(task: tuple[str, str]) -> str:
+    """Walk through the methods of an engine on a scene, unless that was done; why it cannot be, or nothing."""
+    from crosscheck.scene.file import load_scene
+    from crosscheck.verification.walks import walk
+
+    scene, engine = task
+    try:
+        walk(load_scene(scene), engine)
+    except (CrosscheckError, ImportError) as error:
+        return " ".join(str(error).split())
+    return ""
 
 
 def _wanted(error: float) -> float:

@@ -35,7 +35,7 @@ from crosscheck.judge.overrides import Overrides
 from crosscheck.judge.plan import PENDING, PLANS, Profile
 from crosscheck.judge.plan import profile as profile_called
 from crosscheck.running import provenance, support
-from crosscheck.verification import trust
+from crosscheck.verification import advice, trust
 from crosscheck.verification.guarded import check_engines, guarded_cell
 from crosscheck.verification.guarded import limits as default_limits
 from crosscheck.verification.listing import all_cells
@@ -48,7 +48,8 @@ Progress = Callable[[int, int, str], None]
 """Called with (tasks done, tasks in all, what ended last)."""
 
 
-JOURNAL_TYPES = {"truth": SceneTruth, "cell": Judged, "speed": list[list[tuple[float, float]]]}
+JOURNAL_TYPES = {"truth": SceneTruth, "cell": Judged, "speed": list[list[tuple[float, float]]],
+                 "walk": str}
 """What the results of each stage are, for `crosscheck.jobs.journal`."""
 
 
@@ -83,7 +84,7 @@ def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[st
 
 def verify(profile: str = "default", scenes: Sequence[str] | None = None, engines: Sequence[str] | None = None,
            jobs: int = 2, progress: Progress | None = None, journal: Journal | None = None,
-           limits: Limits | None = None, overrides: Overrides = ()) -> Document:
+           limits: Limits | None = None, overrides: Overrides = (), walk: bool = False) -> Document:
     """Run the main job and return its document; nothing is written, except into the journal.
 
     Parameters
@@ -95,6 +96,8 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     journal : gets every result as it comes in; what it holds already is not run again
     limits : time and resident memory of one cell; None: generous ones
     overrides : bounds set by the user, from `crosscheck.judge.overrides.read`
+    walk : also run every method at many steps for the advice, half a minute a scene and engine; without it the document
+        has the advice of walks that were made before
 
     Raises
     ------
@@ -109,7 +112,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     started = time.perf_counter()
     cells = all_cells(scene_names, engine_names, settings, within)
     stages = Stages(jobs, journal, _Counter(len(scene_names) * (1 + bool(settings.timing) + settings.speed)
-                                             + len(cells), progress))
+                                             + len(cells) + walk * len(scene_names) * len(engine_names), progress))
 
     truths = _truths(stages, scene_names, settings)
     plans = {scene.name: scene.plan for scene in truths if scene.plan is not None}
@@ -123,12 +126,18 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     calibration = None
     if settings.speed:
         records, calibration = measure_speed(records, settings.speed, dataclasses.replace(stages, jobs=1), within)
+    if walk:
+        tasks = [(scene.name, engine) for scene in truths if scene.truth is not None for engine in engine_names]
+        names = [f"{scene} {engine}" for scene, engine in tasks]
+        dataclasses.replace(stages, jobs=1).run("walk", advice.prepare, tasks, names,
+                                                [f"ladders of {name}" for name in names], within)
     told = _command(profile, scenes, engines, jobs, overrides)
     meta = provenance.describe(engine_names) | {
         "profile": profile, "jobs": jobs, "command": told, "calibration": calibration,
         "seconds": journal.seconds if journal is not None else time.perf_counter() - started}
     rows = msgspec.convert(finite(support.of_scenes(scene_names, engine_names, within)), list[Support])
-    return document(msgspec.convert(meta, Meta), truths, records, rows)
+    made = document(msgspec.convert(meta, Meta), truths, records, rows)
+    return replace(made, advice=advice.of_scenes(scene_names, engine_names) or None)
 
 
 def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record],
@@ -139,8 +148,8 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
     scenes = []
     for scene in truths:
         own = [record for record in records if record.scene == scene.name]
-        advice = {"recommended": trust.recommend(scene, own), "trust": trust.sentence(scene, own)}
-        scenes.append(replace(scene, **advice) if isinstance(scene, Scene) else extended(Scene, scene, **advice))
+        told = {"recommended": trust.recommend(scene, own), "trust": trust.sentence(scene, own)}
+        scenes.append(replace(scene, **told) if isinstance(scene, Scene) else extended(Scene, scene, **told))
     # JSON has no infinity, and no page shows one.
     shown = msgspec.convert(finite(msgspec.to_builtins(records, str_keys=True)), list[Record], str_keys=True)
     return Document(meta=meta, scenes=scenes, records=shown, exit_code=exit_code(scenes, records), support=rows)

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from crosscheck.report import write_report
-from tests.report_making import CHANGES, SUPPORT, small_results
+from tests.report_making import ADVICE, CHANGES, SUPPORT, small_results
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
@@ -31,7 +31,7 @@ def browser():
 @pytest.fixture(scope="session")
 def document():
     """What the report is written from."""
-    return replace(small_results(), changes=CHANGES, support=SUPPORT)
+    return replace(small_results(), changes=CHANGES, support=SUPPORT, advice=ADVICE)
 
 
 @pytest.fixture(scope="session")

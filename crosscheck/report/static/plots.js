@@ -2,28 +2,23 @@
 "use strict";
 window.Figures = (function () {
   const SMALLEST = 1e-18;  // where an exact zero is drawn on a logarithmic axis
-  // Okabe and Ito's colours, then Tol's muted ones.
-  const PALETTE = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#8c6bb1", "#7f7f7f", "#aa4499",
-    "#117733", "#882255", "#999933", "#6a5acd", "#44aa99", "#cc6677", "#b8860b"];
-  const DASHES = {lieeuler: "solid", mujoco: "dash", pinocchio: "dot", exudyn: "dashdot"};
-  const SYMBOLS = {lieeuler: "circle", mujoco: "square", pinocchio: "diamond", exudyn: "triangle-up"};
-  const WORDS = {solid: "solid, ●", dash: "dashed, ■", dot: "dotted, ◆", dashdot: "dash-dotted, ▲"};
+  const MOST_NAMES = 14;  // lines that are named at their ends; of more, hovering tells the names
   const printed = new URLSearchParams(window.location.search).has("print");
 
   const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const narrow = () => window.innerWidth < 600;
 
-  // Colours by the place of a method among those of its engine; a coarse run takes the colour of its method.
-  const {methods} = window.CROSSCHECK_RUNS;
+  // The look of every method is the document's (crosscheck.report.identity); a coarse run looks as its method does.
+  const {looks} = window.CROSSCHECK_RUNS;
+  const dark = () => document.documentElement.dataset.theme === "dark";
   const parsed = new Map();
   function runsOf(scene) {
     if (parsed.has(scene)) return parsed.get(scene);
     const runs = JSON.parse(window.CROSSCHECK_RUNS.runs[scene]);
     runs.forEach((run) => {
-      const place = methods[run.engine].indexOf(run.label.replace(/ at [^ ]+ ms$/, ""));
-      run.colour = PALETTE[place % PALETTE.length];
-      run.dash = run.practical ? "longdashdot" : DASHES[run.engine] ?? "longdash";
-      run.symbol = SYMBOLS[run.engine] ?? "star";
+      const [light, ondark, dash, symbol, sign] = looks[run.engine][run.label.replace(/ at [^ ]+ ms$/, "")];
+      Object.defineProperty(run, "colour", {get: () => (dark() ? ondark : light)});
+      Object.assign(run, {dash, symbol: run.practical ? symbol + "-open" : symbol, sign});
     });
     parsed.set(scene, runs);
     return runs;
@@ -60,11 +55,11 @@ window.Figures = (function () {
 
   // A trace; `raw` keeps what zeros are drawn in place of, for the CSV.
   const line = (run, x, y, name, more) => Object.assign({
-    x, y, name: name ?? run.label, mode: "lines", line: {color: run.colour, dash: run.dash, width: 1.6},
+    x, y, name: name ?? run.label, meta: run.label, mode: "lines", line: {color: run.colour, dash: run.dash, width: 1.6},
     hovertemplate: "%{y:.3g} at %{x:.3g} s<extra>" + (name ?? run.label) + "</extra>"}, more);
   const logLine = (run, x, values, name, more) => line(run, x, positive(values), name, {raw: values, ...more});
   const markers = (run, x, values, steps, name) => ({
-    x, y: positive(values), raw: values, customdata: steps, name: name ?? run.label, mode: "lines+markers",
+    x, y: positive(values), raw: values, customdata: steps, name: name ?? run.label, meta: run.label, mode: "lines+markers",
     line: {color: run.colour, dash: run.dash, width: 1.6}, marker: {color: run.colour, symbol: run.symbol, size: 7},
     hovertemplate: "%{y:.2e}, step %{customdata:.2e} s<extra>" + (name ?? run.label) + "</extra>"});
 
@@ -95,8 +90,78 @@ window.Figures = (function () {
     if (!element.classList.contains("js-plotly-plot")) element.textContent = "";
     ticks(figure, "x");
     ticks(figure, "y");
+    nameEnds(element, figure);
+    const first = !element.classList.contains("js-plotly-plot");
     Plotly.react(element, figure.traces, figure.layout, config());
+    if (first) {
+      element.on("plotly_hover", (event) => point(event.points[0].data.meta));
+      element.on("plotly_unhover", () => point(null));
+      element.on("plotly_click", (event) => isolate(event.points[0].data.meta));
+      element.on("plotly_afterplot", emphasise);
+    }
   }
+
+  // Names at the ends of lines, moved apart where they would cover each other.
+  function nameEnds(element, figure) {
+    const named = figure.traces.filter((trace) => trace.meta && !trace.guide);
+    if (narrow() || !named.length || named.length > MOST_NAMES || new Set(named.map((trace) => trace.meta)).size < named.length
+      || figure.layout.showlegend) return;
+    const scaled = (axis, value) => (figure.layout[axis].type === "log" ? Math.log10(value) : value);
+    const ends = named.map((trace) => {
+      let last = -1;
+      trace.x.forEach((x, index) => {
+        if (x !== null && trace.y[index] !== null && (last < 0 || scaled("xaxis", x) >= scaled("xaxis", trace.x[last]))) last = index;
+      });
+      return last < 0 ? null : {trace, x: scaled("xaxis", trace.x[last]), y: scaled("yaxis", trace.y[last])};
+    }).filter(Boolean).sort((one, other) => one.y - other.y);
+    const all = named.flatMap((trace) => trace.y).filter((value) => value !== null).map((value) => scaled("yaxis", value));
+    const low = Math.min(...all), high = Math.max(...all);
+    const perUnit = Math.max(100, element.clientHeight - 70) / (1.1 * (high - low) || 1);
+    let before = -Infinity;
+    figure.layout.annotations = [...(figure.layout.annotations ?? []), ...ends.map((end) => {
+      const pixel = (end.y - low) * perUnit, at = Math.max(pixel, before + 12);
+      before = at;
+      return {x: 1, xref: "paper", y: end.y, text: end.trace.meta, showarrow: false, xanchor: "left", xshift: 4,
+        yshift: at - pixel, font: {size: 10, color: end.trace.line?.color ?? end.trace.marker.color}};
+    })];
+    const longest = Math.max(...ends.map((end) => end.trace.meta.length));
+    figure.layout.margin = {...figure.layout.margin, r: 14 + 5.6 * longest};
+  }
+
+  // One run stands out: what the pointer or the keyboard is at, or what was clicked, until the next click or Escape.
+  let pointed = null;
+  const isolated = new Set();
+  function emphasise() {
+    const kept = isolated.size ? isolated : pointed ? new Set([pointed]) : null;
+    document.querySelectorAll("[data-figure] .trace").forEach((node) => {
+      const name = node.__data__?.[0]?.trace?.meta;
+      node.style.opacity = !kept || !name || kept.has(name) ? "" : isolated.size ? "0.06" : "0.15";
+    });
+    document.querySelectorAll("[data-legend] button").forEach((button) => {
+      button.setAttribute("aria-pressed", String(isolated.has(button.dataset.run)));
+      button.classList.toggle("away", Boolean(isolated.size) && !isolated.has(button.dataset.run));
+    });
+  }
+  function point(name) {
+    pointed = name ?? null;
+    emphasise();
+  }
+  function isolate(name, more) {
+    if (!name) return;
+    const only = isolated.size === 1 && isolated.has(name);
+    if (more) {
+      isolated[isolated.has(name) ? "delete" : "add"](name);
+    } else {
+      isolated.clear();
+      if (!only) isolated.add(name);
+    }
+    emphasise();
+  }
+  document.addEventListener("keydown", (event) => {
+    if (event.key !== "Escape") return;
+    isolated.clear();
+    emphasise();
+  });
 
   // Whole decades on a logarithmic axis, not too many of them; digits between only where there is hardly one.
   function ticks(figure, side) {
@@ -180,23 +245,48 @@ window.Figures = (function () {
       legend: {font: {size: 9}}}}, {format: "svg", ...size});
   }
 
+  const SVG = "http://www.w3.org/2000/svg";
+  function entry(run) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.dataset.run = run.label;
+    button.title = "click: this one alone; with Shift: this one too";
+    const sample = document.createElementNS(SVG, "svg"), stroke = document.createElementNS(SVG, "line");
+    sample.setAttribute("width", "34");
+    sample.setAttribute("height", "10");
+    sample.setAttribute("aria-hidden", "true");
+    Object.entries({x1: 0, x2: 34, y1: 5, y2: 5, stroke: run.colour, "stroke-width": 2}).forEach(
+      ([key, value]) => stroke.setAttribute(key, value));
+    if (run.dash !== "solid") stroke.setAttribute("stroke-dasharray", run.dash.replaceAll("px", ""));
+    sample.append(stroke);
+    const sign = document.createElement("span");
+    sign.textContent = run.sign;
+    sign.style.color = run.colour;
+    sign.setAttribute("aria-hidden", "true");
+    button.append(sample, sign, " " + run.label.slice(run.engine.length + 1));
+    return button;
+  }
   function legend(runs) {
     const rows = {};
     runs.forEach((run) => {
       if (!rows[run.engine]) {
         rows[run.engine] = document.createElement("div");
         const name = document.createElement("b");
-        name.textContent = run.engine + " (" + (WORDS[DASHES[run.engine]] ?? "long dashes, ★") + ")";
+        name.textContent = run.engine;
         rows[run.engine].append(name);
       }
-      const entry = document.createElement("span");
-      const chip = document.createElement("i");
-      chip.style.setProperty("--c", run.colour);
-      entry.append(chip, run.label.slice(run.engine.length + 1));
-      rows[run.engine].append(entry);
+      rows[run.engine].append(entry(run));
     });
-    document.querySelectorAll("[data-legend]").forEach((place) => place.replaceChildren(
-      ...Object.values(rows).map((row) => row.cloneNode(true))));
+    document.querySelectorAll("[data-legend]").forEach((place) => {
+      place.replaceChildren(...Object.values(rows).map((row) => row.cloneNode(true)));
+      place.querySelectorAll("button").forEach((button) => {
+        const name = button.dataset.run;
+        button.addEventListener("click", (event) => isolate(name, event.shiftKey || event.ctrlKey));
+        ["mouseenter", "focus"].forEach((each) => button.addEventListener(each, () => point(name)));
+        ["mouseleave", "blur"].forEach((each) => button.addEventListener(each, () => point(null)));
+      });
+    });
+    emphasise();
   }
 
   // Groups of runs to compare; `preferred` first.
@@ -209,14 +299,14 @@ window.Figures = (function () {
     });
     const orders = [...new Set(runs.filter((run) => fine(run) && run.documented_order).map((run) => run.documented_order))];
     return [
-      ["eight Euler methods, best of each engine", (run) => fine(run) && (run.euler || best[run.engine] === run)],
       ["best of each engine", (run) => best[run.engine] === run],
+      ["eight Euler methods, best of each engine", (run) => fine(run) && (run.euler || best[run.engine] === run)],
       ["eight Euler methods", (run) => fine(run) && run.euler],
       ["established engines", (run) => fine(run) && run.engine !== "lieeuler"],
       ...orders.sort((one, other) => one - other).map((order) => [
         "order " + order, (run) => fine(run) && run.documented_order === order]),
       ["adaptive", (run) => fine(run) && run.rtol],
-      ...Object.keys(methods).map((engine) => [engine, (run) => fine(run) && run.engine === engine]),
+      ...Object.keys(looks).map((engine) => [engine, (run) => fine(run) && run.engine === engine]),
       ["coarse steps", (run) => run.practical],
       ["every run", () => true],
     ].filter(([, keep]) => runs.some(keep));
@@ -260,9 +350,27 @@ window.Figures = (function () {
       : run.ladder.filter((rung) => rung.wall_time !== null).map((rung) => ({...rung, error: rung.end}))])
       .filter(([, points]) => points.length)
       .map(([run, points]) => markers(run, points.map((point) => 1e3 * point.wall_time),
-        points.map((point) => point.error ?? null), points.map((point) => point.step ?? point.rtol)));
+        points.map((point) => point.error ?? null), points.map((point) => point.step ?? point.rtol)))
+      .map((trace) => ({...trace, mode: "markers"}));
+    const front = pareto(traces);
+    if (front.x.length > 1) {
+      traces.unshift({...front, mode: "lines", name: "best of all", hoverinfo: "skip", guide: true, showlegend: false,
+        line: {color: style("--quiet"), width: 1.2, dash: "dot", shape: "hv"}});
+    }
     return {traces, columns: ["stepping time (ms)", "position error at the end (m)"],
       layout: layout(log("stepping time (ms)"), log("position error at the end (m)"))};
+  }
+  // What nobody beats in both, from left to right.
+  function pareto(traces) {
+    const points = traces.flatMap((trace) => trace.x.map((x, index) => [x, trace.y[index]]))
+      .filter(([x, y]) => x !== null && y !== null).sort((one, other) => one[0] - other[0]);
+    const front = {x: [], y: []};
+    points.forEach(([x, y]) => {
+      if (front.y.length && y >= front.y.at(-1)) return;
+      front.x.push(x);
+      front.y.push(y);
+    });
+    return front;
   }
   function convergence(runs, quantity, unit) {
     const traces = [], notes = [];

@@ -1,0 +1,73 @@
+// The first page's answer to: which method of my engine, at which step? It reads what the document says, and the address.
+"use strict";
+(function () {
+  const rows = window.CROSSCHECK_ADVICE;
+  if (!rows) return;
+  const [scene, error, engine] = ["scene", "error", "engine"].map((name) => document.getElementById("decide-" + name));
+  const answer = document.getElementById("decide-answer"), body = document.querySelector("#decide-table tbody");
+  const levels = [...new Set(rows.map((row) => row.wanted))].sort((one, other) => other - one);
+  const engines = [...new Set(rows.map((row) => row.engine))];
+  const power = (value) => value.toExponential(0).replace("e-", "e\u2212");
+  levels.forEach((level) => error.add(new Option(power(level) + " m", level)));
+  engines.forEach((name) => engine.add(new Option(name, name)));
+  error.value = levels.find((level) => level <= 1.01e-4) ?? levels[0];
+  if ([...scene.options].some((option) => option.value === "double_pendulum")) scene.value = "double_pendulum";
+
+  const short = (value, digits = 2) => (value === null ? "–" : value === 0 ? "0"
+    : Math.abs(value) >= 0.01 && Math.abs(value) < 1000 ? String(Number(value.toPrecision(digits + 1)))
+    : value.toExponential(digits - 1));
+  const size = (row) => (row.step ? short(row.step) + " s" : "rtol " + short(row.rtol));
+  const breaks = (row) => (row.breaks_at === null ? "at none tried"
+    : row.step ? short(row.breaks_at) + " s" : "rtol " + short(row.breaks_at));
+  const node = (tag, text) => Object.assign(document.createElement(tag), {textContent: text});
+
+  function show() {
+    const found = rows.filter((row) => row.scene === scene.value && row.wanted === Number(error.value));
+    const mine = found.find((row) => row.engine === engine.value);
+    const parts = [];
+    if (!mine) {
+      parts.push(engine.value + " cannot model this scene, or was not tried on it.");
+    } else if (mine.method === null) {
+      parts.push("No method of " + mine.engine + " reaches " + power(mine.wanted) + " m here; the least error found is "
+        + short(mine.least) + " m.");
+    } else {
+      parts.push(node("b", mine.method), (mine.form ? " (form " + mine.form + ")" : "") + " of " + mine.engine + " at "
+        + (mine.step ? "step " : "") + size(mine) + ": error " + short(mine.error) + " m for "
+        + short(1e3 * mine.cost) + " ms of stepping; breaks " + (mine.breaks_at === null ? "" : "at ") + breaks(mine) + ". ",
+        node("code", mine.command));
+    }
+    answer.replaceChildren(...parts);
+    body.replaceChildren(...found.sort((one, other) => (one.cost ?? Infinity) - (other.cost ?? Infinity)).map((row) => {
+      const line = document.createElement("tr");
+      if (row.engine === engine.value) line.className = "mine";
+      const head = node("th", row.engine);
+      head.scope = "row";
+      line.append(head);
+      const cells = row.method === null ? ["none reaches it", "", short(row.least), "", ""]
+        : [row.method, size(row), short(row.error), short(1e3 * row.cost), breaks(row)];
+      ["method", "step", "error, m", "cost, ms", "breaks at"].forEach((label, index) => {
+        const cell = node("td", cells[index]);
+        cell.dataset.label = label;
+        if (index) cell.className = "n";
+        line.append(cell);
+      });
+      return line;
+    }));
+  }
+  // Pages from disk may not rewrite their address but for what follows "#".
+  function remember() {
+    window.location.replace("#decide=" + [scene, error, engine].map((each) => encodeURIComponent(each.value)).join(","));
+  }
+  function recall() {
+    const [key, values] = window.location.hash.slice(1).split("=");
+    if (key !== "decide" || !values) return;
+    values.split(",").forEach((value, index) => {
+      const select = [scene, error, engine][index], wanted = decodeURIComponent(value);
+      if (select && [...select.options].some((option) => option.value === wanted)) select.value = wanted;
+    });
+  }
+  [scene, error, engine].forEach((each) => each.addEventListener("change", () => { remember(); show(); }));
+  window.addEventListener("hashchange", () => { recall(); show(); });
+  recall();
+  show();
+})();

@@ -71,7 +71,7 @@ def test_a_page_is_there_before_the_library_of_its_plots_and_draws_what_is_near(
     watched.page.add_init_script("addEventListener('load', () => { window.early = 'Plotly' in window; })")
     page = watched.open(SCENE)
     assert page.evaluate("window.early") is False
-    page.wait_for_selector("[data-figure='position'] .main-svg")
+    page.wait_for_selector("[data-figure='speed'] .main-svg")
     assert page.locator("[data-figure='convergence'] .main-svg").count() == 0
     page.locator("[data-figure='convergence']").scroll_into_view_if_needed()
     page.wait_for_selector("[data-figure='convergence'] .main-svg")

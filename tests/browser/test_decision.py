@@ -1,0 +1,86 @@
+"""The first page's decision and the looks of runs in a real browser: choices, address, isolation, keyboard, access."""
+
+import itertools
+
+import pytest
+
+from tests.browser.conftest import Watched
+
+SCENE = "scene-double_pendulum.html"
+
+
+@pytest.fixture(params=[(1280, "light"), (390, "dark")], ids=["wide-light", "phone-dark"])
+def watched(request, browser, site):
+    width, scheme = request.param
+    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    made = Watched(context, site)
+    yield made
+    context.close()
+    assert made.complaints == []
+    assert made.foreign == []
+
+
+def test_the_decision_answers_and_the_address_keeps_it(watched, document):
+    page = watched.open("index.html")
+    page.select_option("#decide-engine", "mujoco")
+    page.select_option("#decide-error", label="1e−6 m")
+    said = page.inner_text("#decide-answer")
+    row, = (row for row in document.advice if (row.scene, row.engine) == ("double_pendulum", "mujoco")
+            and abs(row.wanted / 1e-6 - 1) < 1e-9)
+    assert "RK4" in said
+    assert "7.0e-7 m" in said
+    assert row.command in said
+    assert page.locator("#decide-table tr.mine th").inner_text() == "mujoco"
+    assert page.locator("#decide-table tbody tr").count() == 3
+    address = page.url
+    page.goto("about:blank")
+    page.goto(address)
+    assert page.input_value("#decide-engine") == "mujoco"
+    assert page.inner_text("#decide-answer") == said
+    page.select_option("#decide-engine", "pinocchio")
+    assert "No method of pinocchio reaches" in page.inner_text("#decide-answer")
+    page.select_option("#decide-scene", "spring_pendulum")
+    assert "cannot model this scene, or was not tried" in page.inner_text("#decide-answer")
+    assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"]
+
+
+OPACITIES = """() => [...document.querySelectorAll("[data-figure='speed'] .trace")]
+  .filter((node) => node.__data__?.[0]?.trace?.meta).map((node) => [node.__data__[0].trace.meta, node.style.opacity])"""
+
+
+def test_a_click_isolates_a_run_and_escape_ends_it(watched):
+    page = watched.open(SCENE)
+    page.wait_for_selector("[data-figure='speed'] .main-svg")
+    button = page.locator("[data-legend] button[data-run='mujoco RK4']").first
+    button.focus()  # what the keyboard is at stands out
+    assert {name for name, opacity in page.evaluate(OPACITIES) if opacity == ""} == {"mujoco RK4"}
+    page.keyboard.press("Enter")
+    assert button.get_attribute("aria-pressed") == "true"
+    faint = {opacity for name, opacity in page.evaluate(OPACITIES) if name != "mujoco RK4"}
+    assert faint == {"0.06"}
+    page.keyboard.press("Escape")
+    button.blur()
+    assert {opacity for _, opacity in page.evaluate(OPACITIES)} == {""}
+
+
+def test_no_two_rendered_lines_are_alike(watched):
+    page = watched.open(SCENE)
+    page.select_option("#group", label="every run")
+    page.locator("[data-figure='error']").first.scroll_into_view_if_needed()
+    page.wait_for_selector("[data-figure='error'] .main-svg")
+    drawn = page.evaluate("""() => [...document.querySelector("[data-figure='error']").querySelectorAll(".trace")]
+        .filter((node) => node.__data__?.[0]?.trace?.meta).map((node) => node.querySelector(".js-line"))
+        .map((line) => [line.style.stroke, line.style.strokeDasharray])""")
+    assert len(drawn) == 7
+    assert all(one != other for one, other in itertools.combinations(map(tuple, drawn), 2))
+
+
+@pytest.mark.parametrize("name", ["index.html", SCENE, "engine-mujoco.html", "study-convergence.html",
+                                  "study-speed.html", "study-conservation.html"])
+def test_pages_are_accessible(watched, name):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    page = watched.open(name)
+    page.wait_for_load_state("load")
+    page.wait_for_timeout(300)
+    found = axe.Axe().run(page, options={"preload": False})  # it would ask for the style sheet a second time
+    assert found.violations_count == 0, found.generate_report()

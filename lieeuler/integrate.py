@@ -108,10 +108,7 @@ def integrate(
     log.info("%s", solution)
     if solution.status is Status.INTERRUPTED:
         raise Interrupted(solution)
-    if solution.status is Status.CONSTRAINTS_OPEN:
-        log.warning("%s: %s", solution, solution.status.advice)  # the whole trajectory is there: nothing to raise
-        return solution
-    if not solution.success:
+    if not solution.success and solution.status is not Status.CONSTRAINTS_OPEN:  # which has its whole trajectory
         advice = solution.status.advice
         if solution.status is Status.MAP_DOMAIN and coordinate_map == "ccsk":
             advice += ", or coordinate_map='exp'"

@@ -12,6 +12,7 @@ import tempfile
 import warnings
 import zipfile
 import zlib
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from crosscheck.scene.states import States
 _STATES = ("t", "x", "R", "v", "w", "a", "alpha")
 _OTHERS = tuple(field.name for field in dataclasses.fields(Reference) if field.name != "states")
 _TEXT = ("source", "second_source")
+_DIGEST = "digest"
 _ARRAYS = ("position_derivatives", "attitude_derivatives")
 
 
@@ -53,17 +55,46 @@ def load(scene: Scene) -> Reference | None:
     """The stored reference, or None where there is none that can be read."""
     try:
         with np.load(path(scene), allow_pickle=False) as stored:
-            states = States(*(stored[name] for name in _STATES))
-            others = {name: stored[name] if name in _ARRAYS else stored[name].item() for name in _OTHERS}
+            content = {name: stored[name] for name in (*_STATES, *_OTHERS)}
+            if str(stored[_DIGEST]) != _digest(content):
+                raise ValueError("its content is not what was stored")
+        _check(scene, content)
+        states = States(*(content[name] for name in _STATES))
+        others = {name: content[name] if name in _ARRAYS else content[name].item() for name in _OTHERS}
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         warnings.warn(f"the stored reference of {scene.name!r} cannot be read ({error}); it is computed anew",
                       stacklevel=2)
         return None
-    if states.x.shape != (scene.samples, scene.n, 3):
-        return None
     return Reference(states, **others)
+
+
+def _digest(content: dict[str, Any]) -> str:
+    """SHA-256 of names, types, shapes and bytes."""
+    digest = hashlib.sha256()
+    for name in sorted(content):
+        array = np.ascontiguousarray(content[name])
+        digest.update(f"{name} {array.dtype.str} {np.shape(content[name])} ".encode() + array.tobytes())
+    return digest.hexdigest()
+
+
+def _check(scene: Scene, content: dict[str, Any]) -> None:
+    """Raise `ValueError` for what cannot be a reference of this scene, whoever wrote it."""
+    vectors, count = (scene.samples, scene.n, 3), len(content["position_derivatives"])
+    shapes = dict.fromkeys(("x", "v", "w", "a", "alpha"), vectors) | {
+        "t": (scene.samples,), "R": (*vectors, 3)} | dict.fromkeys(_ARRAYS, (count,))
+    for name, value in content.items():
+        if name in shapes and (value.shape != shapes[name] or value.dtype != np.float64
+                               or not (name in _ARRAYS or np.isfinite(value).all())):
+            raise ValueError(f"{name} is not finite or not of shape {shapes[name]}")
+        if name not in shapes and value.shape != ():
+            raise ValueError(f"{name} is not a single value")
+    if not np.array_equal(content["t"], scene.t):
+        raise ValueError("its times are not those of the scene")
+    start = max(np.abs(content["x"][0] - scene.x0).max(), np.abs(content["R"][0] - scene.R0).max())
+    if start > 1e-9 * max(1.0, np.abs(scene.x0).max()):  # a reference starts where the scene does, to rounding
+        raise ValueError("it starts elsewhere than the scene")
 
 
 def store(scene: Scene, reference: Reference) -> None:
@@ -71,12 +102,13 @@ def store(scene: Scene, reference: Reference) -> None:
     target = path(scene)
     content = {name: getattr(reference.states, name) for name in _STATES}
     content |= {name: getattr(reference, name) for name in _OTHERS}
+    content = {name: np.asarray(value) for name, value in content.items()}
     temporary = None
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=target.parent, suffix=".tmp", delete=False) as file:
             temporary = pathlib.Path(file.name)
-            np.savez(file, **content)
+            np.savez(file, **content, **{_DIGEST: _digest(content)})
         os.replace(temporary, target)
     except OSError as error:
         if temporary is not None:

@@ -85,6 +85,28 @@ def test_damaged_file_is_computed_anew(folder, single, counted, damage):
     assert len(counted) == 2
 
 
+WRONG = {"a number that is none": ("x", lambda x: np.where(x == x.max(), np.nan, x)),
+         "of another number of samples": ("v", lambda v: v[:-1]), "of another shape": ("R", lambda R: R[..., 0]),
+         "shifted by a sample": ("x", lambda x: np.roll(x, 1, axis=0)), "other times": ("t", lambda t: 2 * t),
+         "of integers": ("w", lambda w: w.astype(int)), "a text for a number": ("allowed", lambda _: np.array([1.0, 2.0]))}
+
+
+@pytest.mark.parametrize("signed", [False, True], ids=["changed later", "with a digest of its own"])
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_well_formed_file_with_wrong_content_is_computed_anew(folder, single, counted, wrong, signed):
+    first = references.truth(single)
+    name, change = WRONG[wrong]
+    with np.load(cache.path(single)) as stored:
+        content = {each: stored[each] for each in stored.files}
+    content[name] = np.asarray(change(content[name]))
+    if signed:
+        content["digest"] = cache._digest({each: value for each, value in content.items() if each != "digest"})
+    np.savez(cache.path(single), **content)
+    with pytest.warns(UserWarning, match="computed anew"):
+        same(first, references.truth(single))
+    assert len(counted) == 2
+
+
 def test_folder_that_cannot_be_made_is_a_warning(tmp_path, monkeypatch, single):
     blocked = tmp_path / "file"
     blocked.write_text("in the way")

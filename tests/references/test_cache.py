@@ -88,7 +88,7 @@ def test_damaged_file_is_computed_anew(folder, single, counted, damage):
 WRONG = {"a number that is none": ("x", lambda x: np.where(x == x.max(), np.nan, x)),
          "of another number of samples": ("v", lambda v: v[:-1]), "of another shape": ("R", lambda R: R[..., 0]),
          "shifted by a sample": ("x", lambda x: np.roll(x, 1, axis=0)), "other times": ("t", lambda t: 2 * t),
-         "of integers": ("w", lambda w: w.astype(int)), "a text for a number": ("allowed", lambda _: np.array([1.0, 2.0]))}
+         "of integers": ("w", lambda w: w.astype(int)), "two numbers": ("allowed", lambda _: np.array([1.0, 2.0]))}
 
 
 @pytest.mark.parametrize("signed", [False, True], ids=["changed later", "with a digest of its own"])

@@ -9,7 +9,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from crosscheck.errors import SceneError
-from crosscheck.scene.models import source
+from crosscheck.scene.models import merging, source
 from crosscheck.scene.models.source import Source
 
 
@@ -58,6 +58,10 @@ def _prepare_urdf(model: Source, base: str, bare: bool) -> None:
         for link in model.root.iter("link"):
             for shape in [*link.findall("visual"), *link.findall("collision")]:
                 link.remove(shape)
+        try:
+            merging.merge(model.root, drop_root=base == "fixed")
+        except ValueError as error:
+            raise SceneError(f"{model.path}: an inertial or origin is not written in numbers: {error}") from None
     for extension in model.root.findall("mujoco"):
         model.root.remove(extension)
     extension = ElementTree.SubElement(model.root, "mujoco")

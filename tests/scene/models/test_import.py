@@ -176,3 +176,16 @@ def test_the_command_writes_a_scene_that_is_the_model(tmp_path, monkeypatch):
     assert scene.hash == crosscheck.import_model(path, drop=True).hash
     assert scene.left_out == ("limits of joint 'reach'",)
     assert CliRunner().invoke(app, ["run", "arm.urdf", "--drop", "--duration", "0.1"]).exit_code == 0
+
+
+def test_links_that_no_body_could_be_are_merged_along_fixed_joints(tmp_path):
+    # the tool alone breaks the triangle inequality; with the lower arm it is a body like any other
+    thin = ARM_URDF.replace('iyy="0.001" izz="0.001"', 'iyy="0.001" izz="0.003"')
+    scene = crosscheck.import_model(written(tmp_path, thin, "arm.urdf"), drop=True)
+    plain = crosscheck.import_model(written(tmp_path, ARM_URDF, "plain.urdf"), drop=True)
+    np.testing.assert_allclose(scene.inertias[1] - plain.inertias[1], np.diag([0, 0, 0.002]), atol=1e-15)
+    import pinocchio
+
+    model = pinocchio.buildModelFromXML(ARM_URDF)
+    np.testing.assert_allclose(plain.inertias, [np.array(each.inertia) for each in model.inertias[1:]], atol=1e-15)
+    np.testing.assert_allclose(plain.masses, [each.mass for each in model.inertias[1:]], atol=1e-15)

@@ -28,7 +28,7 @@ ORDER = 28
 WINDOW = 8  # coefficients that steps are measured by: symmetry may null several in a row
 REMAINDER = 1e-21  # of the state: what a step may leave out
 SOFTENING = 1e-10  # of the multipliers' block: makes dependent rows solvable; the refinement takes it out again
-REFINEMENTS = 8
+REFINEMENTS, SURE = 8, 3  # at most and at least: where the solution is zero the second is as large as the first
 BLOCK = 500  # rows of the matrix of a step, up to which a step takes less than a second
 MOST_STEPS = 5000
 OPEN = 1e-13  # of a row: joints drift by no more where the matrix of a step is regular
@@ -123,12 +123,12 @@ class Natural:
         n, size = self.n, 12 * self.n
         a, lam = np.zeros((n, 4, 3), LONG), np.zeros(len(target), LONG)
         last = np.inf
-        for _ in range(REFINEMENTS):
+        for k in range(REFINEMENTS):
             left = effort - np.matmul(self.mass_long, a) - self.rows.pull(G, lam)[:n]
             off = target - self.rows.along(G, a)
             step = inverse @ np.concatenate([left.ravel(), off]).astype(float)
             change = float(np.abs(step[:size]).max())
-            if not change < 0.5 * last:
+            if k >= SURE and not change < 0.5 * last:
                 break
             a, lam, last = a + step[:size].reshape(n, 4, 3), lam + step[size:], change
         return a, lam

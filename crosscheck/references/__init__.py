@@ -37,14 +37,22 @@ def truth(scene: Scene) -> Reference:
     """
     from crosscheck.references import cache
 
-    if reason := scene.beyond():
+    if reason := scene.beyond(("armature",)):
         raise Unsupported(f"truth of {scene.name!r}: {reason}")
+    if scene.beyond() is not None and _has_loop(scene):
+        raise Unsupported(f"truth of {scene.name!r}: armature is not built for scenes with loops")
     stored = cache.load(scene)
     if stored is not None:
         return stored
     reference = compute(scene)
     cache.store(scene, reference)
     return reference
+
+
+def _has_loop(scene: Scene) -> bool:
+    from crosscheck.references.tree import unfold
+
+    return bool(unfold(scene)[1])
 
 
 def compute(scene: Scene) -> Reference:

@@ -198,7 +198,8 @@ def _through_joint(link: Link, frame: Frame, answer: Answer, efforts: Vector | N
         rod, answer = _rod(link, frame, answer)
         stages.append(rod)
     elif frame.columns:
-        taken, answer = _eliminate(answer, frame.columns, (frame.spin_bias, frame.shift_bias), efforts)
+        armature = () if link.joint is None else link.joint.armature
+        taken, answer = _eliminate(answer, frame.columns, (frame.spin_bias, frame.shift_bias), efforts, armature)
         stages.append(taken)
     return stages, answer
 
@@ -215,10 +216,16 @@ def _free_turn(answer: Answer) -> tuple[tuple[Any, ...], Answer]:
 
 
 def _eliminate(answer: Answer, motions: Vector, bias: tuple[Any, ...],
-               efforts: Vector | None) -> tuple[Eliminated, Answer]:
-    """Take motions (angular, linear) with their accelerations at constant speeds out of what a body answers."""
+               efforts: Vector | None, armature: tuple[float, ...] = ()) -> tuple[Eliminated, Answer]:
+    """Take motions (angular, linear) with their accelerations at constant speeds out of what a body answers.
+
+    `armature` is the inertia that the rate of each motion has besides the body's.
+    """
     Y = [answer.times(*motion) for motion in motions]
-    factors = factor_symmetric([[dot(turn, y[0]) + dot(shift, y[1]) for y in Y] for turn, shift in motions])
+    matrix = [[dot(turn, y[0]) + dot(shift, y[1]) for y in Y] for turn, shift in motions]
+    for k, rotor in enumerate(armature):
+        matrix[k][k] = matrix[k][k] + rotor
+    factors = factor_symmetric(matrix)
     Z: list[tuple[Vector, Vector]] = [([], []) for _ in motions]
     for part in range(2):
         for entries in zip(*(y[part] for y in Y), strict=True):

@@ -18,6 +18,7 @@ from scipy.integrate import DOP853
 
 from crosscheck.references import stiffness
 from crosscheck.references.base import TruthError
+from crosscheck.references.rotors import rotors
 from crosscheck.references.world import Motion, cross, rotation, turned
 from crosscheck.references.world_loads import ConstantLoad, LinearSpring, TorsionalSpring
 from crosscheck.references.world_rows import Relations, kinds
@@ -61,6 +62,7 @@ class Maximal:
         self.springs = [LinearSpring(force) for force in scene.forces if force.type == "linear_spring"]
         self.torsions = [TorsionalSpring(force, scene) for force in scene.forces if force.type == "torsional_spring"]
         self.loads = [ConstantLoad(force) for force in scene.forces if force.type.startswith("constant")]
+        self.rotors = rotors(scene)
         self.inverse_inertia = np.linalg.inv(scene.inertias)
         self.root = np.linalg.cholesky(self.inverse_inertia)  # J^-1 = root root^T
         self.force = weight(scene.masses, scene.gravity)
@@ -170,6 +172,8 @@ class Maximal:
         free[:, 3:] = turned(self.inverse_inertia, torque)
         if not self.constraints:
             return free[:, :3], free[:, 3:]
+        if self.rotors:
+            return self._with_rotors(motion, np.concatenate([force, torque], axis=1).ravel())
         G, target = self._constraint_terms(motion)
         flat = G.reshape(len(G), -1)
         if self.rank is not None:
@@ -183,6 +187,24 @@ class Maximal:
         lam = np.linalg.solve(W @ flat.T, flat @ free.ravel() + target)
         free -= (W.T @ lam).reshape(n, 6)
         return free[:, :3], free[:, 3:]
+
+    def _with_rotors(self, motion: Motion, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same with the rotor inertia of joints in M, by one elimination of accelerations and multipliers."""
+        G, target = self._constraint_terms(motion)
+        size = len(effort)
+        matrix = np.zeros((size + len(G), size + len(G)))
+        for body, (mass, inertia) in enumerate(zip(self.scene.masses, self.scene.inertias, strict=True)):
+            at = 6 * body
+            matrix[at:at + 3, at:at + 3], matrix[at + 3:at + 6, at + 3:at + 6] = mass * np.eye(3), inertia
+        for rotor in self.rotors:
+            row, drift = rotor.row(motion)
+            row = row[:-1].ravel()
+            matrix[:size, :size] += rotor.inertia * np.outer(row, row)
+            effort = effort - rotor.inertia * drift * row
+        matrix[size:, :size] = G.reshape(len(G), -1)
+        matrix[:size, size:] = matrix[size:, :size].T
+        u = np.linalg.solve(matrix, np.concatenate([effort, -target]))[:size].reshape(-1, 6)
+        return u[:, :3], u[:, 3:]
 
     def _together(self, G: np.ndarray, effort: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations and multipliers by one elimination with pivots.

@@ -111,6 +111,8 @@ def _check_states(engine: str, spec: RunSpec, scene: Scene, raw: RawRun) -> None
         values = getattr(states, name)
         if values is not None and values.shape != shape:
             raise EngineError(f"{engine} {spec.method} returned {name} of shape {values.shape}, not {shape}")
+        if values is not None and values.dtype.kind not in "iuf":
+            raise EngineError(f"{engine} {spec.method} returned {name} of type {values.dtype}, not of real numbers")
     if not np.allclose(states.t, scene.t, rtol=0, atol=1e-9 * scene.duration):  # a NaN is not close either
         raise EngineError(f"{engine} {spec.method} returned states at other times than the output times scene.t")
     finite = np.ones(scene.samples, dtype=bool)

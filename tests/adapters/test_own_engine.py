@@ -122,7 +122,7 @@ from crosscheck.scene.states import States
 
 class Shapes:
     name = "shapes"
-    methods = ("flat", "late", "few", "text")
+    methods = ("flat", "late", "few", "text", "complex")
 
     def unsupported(self, scene, spec):
         return None
@@ -131,11 +131,12 @@ class Shapes:
         n = scene.samples - (spec.method == "few")
         t = scene.t[:n] * (2.0 if spec.method == "late" else 1.0)
         shape = (n, 3) if spec.method == "flat" else (n, 1, 3)
-        x = [["a"]] if spec.method == "text" else np.zeros(shape)
+        x = [["a"]] if spec.method == "text" else np.zeros(shape, complex if spec.method == "complex" else float)
         return States(t, x, np.tile(np.eye(3), (n, 1, 1, 1)), np.zeros((n, 1, 3)), np.zeros((n, 1, 3)))
 """, encoding="utf-8")
     for method, words in (("flat", "x of shape (251, 3), not (251, 1, 3)"), ("late", "other times"),
-                          ("few", "250 samples, not 251"), ("text", "something else than numbers in x")):
+                          ("few", "250 samples, not 251"), ("text", "something else than real numbers in x"),
+                          ("complex", "something else than real numbers in x")):
         with pytest.raises(crosscheck.EngineError) as caught:
             crosscheck.run("single_pendulum", f"{path}:Shapes", method, step=0.1, samples=251)
         assert words in str(caught.value)

@@ -10,6 +10,7 @@ import pytest
 import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.foreign import versions
+from crosscheck.errors import ArgumentError
 from crosscheck.running import provenance
 from crosscheck.verification import job
 
@@ -43,6 +44,16 @@ def test_the_same_version_in_another_process_gives_the_same_bits(borrowed):
     assert there.stats["own_environment"]
     assert adapters.get(borrowed).version() == provenance.engine_version("mujoco")
     assert adapters.get(borrowed).methods == adapters.methods("mujoco")
+
+
+def test_a_version_spelt_otherwise_than_it_is_installed_is_refused(borrowed):
+    """Pip takes "4" for 4.0.0; the labels of a report name what ran."""
+    version = provenance.engine_version("mujoco")
+    other = f"{version}.0"
+    versions.folder("mujoco", other).symlink_to(versions.folder("mujoco", version))
+    with pytest.raises(ArgumentError) as caught:
+        adapters.get(f"mujoco=={other}")
+    assert f"this is version {version}; write mujoco=={version}" in str(caught.value)
 
 
 def test_errors_come_through_as_they_are(borrowed):
@@ -80,6 +91,8 @@ def test_it_is_judged_but_its_times_are_compared_with_nothing(borrowed):
     ("lieeuler==0.1", "a version can be chosen for mujoco, pinocchio, exudyn"),
     ("mujoco==", "'' is no version; write it like mujoco==1.2.3"),
     ("mujoco==../../x", "is no version"),
+    *((f"mujoco=={version}", "is no version") for version in (
+        "3..7", "3.3.", "3.3-7", "v3.3", "3.*", "03.3", "3.3.7+x..y", "3.3.7RC1", "3.3.7+", "!3", "3.0 rc1", "3.3.7a")),
     ("mujoco==3.3.7 --index-url", "is no version"),
 ])
 def test_what_is_no_version_is_said_before_anything_is_made(name, words, tmp_path, monkeypatch):

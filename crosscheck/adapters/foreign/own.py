@@ -94,9 +94,12 @@ def _complete(states: States) -> None:
         values = getattr(states, name)
         if values is not None:
             try:
-                setattr(states, name, np.asarray(values, dtype=float))
-            except (TypeError, ValueError):
-                raise EngineError(f"the states hold something else than numbers in {name}") from None
+                plain = np.asarray(values)
+                if plain.dtype.kind not in "iufO":  # a complex number would lose its half, a text be read
+                    raise TypeError
+                setattr(states, name, np.asarray(plain, dtype=float))
+            except (TypeError, ValueError, OverflowError):
+                raise EngineError(f"the states hold something else than real numbers in {name}") from None
 
 
 def load(name: str, known: Iterable[str]) -> Completed:

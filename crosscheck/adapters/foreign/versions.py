@@ -26,6 +26,11 @@ from crosscheck.scene.model import Scene
 PACKAGES = {"mujoco": "mujoco", "pinocchio": "pin", "exudyn": "exudyn"}
 """Engines whose version can be chosen, and the package that brings each."""
 
+_NUMBER = r"(?:0|[1-9][0-9]*)"
+_VERSION = re.compile(rf"({_NUMBER}!)?{_NUMBER}(\.{_NUMBER})*((a|b|rc){_NUMBER})?(\.post{_NUMBER})?(\.dev{_NUMBER})?"
+                      r"(\+[a-z0-9]+(\.[a-z0-9]+)*)?")
+"""Versions in the one canonical spelling of PEP 440."""
+
 NEEDED = ("numpy", "scipy")
 """What the adapters import besides their engine."""
 
@@ -42,6 +47,9 @@ class Versioned:
         self._python = environment(self._engine, version)
         self._worker: Any = None
         self._about: dict[str, Any] = self._call(remote.describe, self._engine)
+        if version != self.version():  # "3" installs 3.0.0: reports name what ran
+            raise ArgumentError(f"engine: {name!r}: this is version {self.version()}; write "
+                                f"{self._engine}=={self.version()}")
         self.methods: tuple[str, ...] = self._about["methods"]
         self.forms: tuple[str, ...] = self._about["forms"]
         self.options: frozenset[str] = self._about["options"]
@@ -104,7 +112,7 @@ def split(name: str) -> tuple[str, str]:
     if engine not in PACKAGES:
         raise ArgumentError(f"engine: {name!r}: a version can be chosen for {', '.join(PACKAGES)}; other engines run "
                             "as they are installed")
-    if not re.fullmatch(r"[0-9][0-9A-Za-z.+!_-]*", version):
+    if not _VERSION.fullmatch(version):
         raise ArgumentError(f"engine: {name!r}: {version!r} is no version; write it like {engine}==1.2.3")
     return engine, version
 

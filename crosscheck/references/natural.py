@@ -61,25 +61,31 @@ class Natural:
         self.weight = np.zeros((self.n + 1, 4, 3), LONG)
         self.weight[:-1, 0] = scene.masses[:, None].astype(LONG) * scene.gravity
 
-    def run(self, times: np.ndarray | None = None) -> States:
-        """States at `times`, by default the scene's output times, from the scene's start."""
+    def run(self, times: np.ndarray | None = None, start: tuple[np.ndarray, np.ndarray] | None = None,
+            steps: list[tuple[float, Motion]] | None = None) -> States:
+        """States at `times`, by default the scene's output times, from the scene's start or another one.
+
+        The list collects the length of each step and its series.
+        """
         times = self.scene.t if times is None else times
-        q, rate = self._start()
+        q, rate = self._start() if start is None else start
         angles = np.array([spring.start for spring in self.torsions], LONG)
-        now, steps = LONG(0.0), 0
+        now, count = LONG(0.0), 0
         found: list[tuple[np.ndarray, ...]] = []
         waiting = list(times)
         while True:
             motion = self._series(q, rate, angles)
             h = self._step(motion)
             end = now + h
+            if steps is not None:
+                steps.append((min(float(h), float(times[-1] - now)), motion))
             while waiting and (waiting[0] <= end or waiting[0] <= now):
                 found.append(motion.at(LONG(waiting.pop(0)) - now))
             if not waiting:
                 break
             q, rate, _, angles = motion.at(h)
-            now, steps = end, steps + 1
-            if steps > MOST_STEPS or not np.abs(self.rows.values(q)).max(initial=0.0) <= OPEN:
+            now, count = end, count + 1
+            if count > MOST_STEPS or not np.abs(self.rows.values(q)).max(initial=0.0) <= OPEN:
                 raise TruthError(f"{SOURCE}: {self.scene.name!r} at t = {float(now):.6g} s: no step leads on")
         return _states(times, found)
 
@@ -93,10 +99,26 @@ class Natural:
             w = record.angular_velocity.astype(LONG)
             q[body, 0], q[body, 1:] = record.position, R.T
             rate[body, 0], rate[body, 1:] = record.velocity, (R @ _hat(w)).T
+        return self._closed(q, rate)
+
+    def start_beside(self, x: np.ndarray, turn: np.ndarray, v: np.ndarray, w: np.ndarray
+                     ) -> tuple[np.ndarray, np.ndarray]:
+        """A start moved by x (m), turn (rad), v (m/s) and w (rad/s), (n, 3) each, as far as the constraints allow."""
+        q, rate = (values.copy() for values in self._start())
+        for body in range(self.n):
+            R = q[body, 1:].T @ (np.eye(3) + _hat(turn[body].astype(LONG)))
+            spin = q[body, 1:] @ rate[body, 1:].T + _hat(w[body].astype(LONG))
+            q[body, 0] += x[body]
+            q[body, 1:], rate[body, 1:] = R.T, (R @ spin).T
+            rate[body, 0] += v[body]
+        return self._closed(q, rate)
+
+    def _closed(self, q: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """q and q' moved onto the constraints, to extended precision."""
         for _ in range(3):
-            q[:n] += self._correction(q, -self.rows.values(q))
+            q[:self.n] += self._correction(q, -self.rows.values(q))
         for _ in range(2):
-            rate[:n] += self._correction(q, -self.rows.rates(q, rate))
+            rate[:self.n] += self._correction(q, -self.rows.rates(q, rate))
         return q, rate
 
     def _correction(self, q: np.ndarray, defect: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import pytest
 import crosscheck.references as references
 
 FOLDER = pathlib.Path(references.__file__).parent
-OWN = {"crosscheck.scene.model", "crosscheck.scene.states", "crosscheck.errors"}  # data and exceptions, no mechanics
+OWN = {"crosscheck.scene.model", "crosscheck.scene.states", "crosscheck.errors", "crosscheck.files"}  # no mechanics
 
 
 def imported(file):
@@ -38,7 +38,7 @@ def test_imports_nothing_under_test(file):
 
 SERIES = {"taylor", "articulated", "joint_motion", "loops", "tree", "tree_loads", "generic", "series"}
 CLOSED = {"closed_form", "free_body", "elliptic"}
-MAXIMAL = {"maximal", "world", "world_rows", "world_loads", "stiffness", "rates"}
+MAXIMAL = {"maximal", "world", "world_rows", "world_loads", "stiffness", "rates", "rotors"}
 NATURAL = {"natural", "natural_rows", "natural_loads", "natural_series"}
 
 

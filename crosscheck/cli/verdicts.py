@@ -8,30 +8,26 @@ from pathlib import Path
 import typer
 
 from crosscheck.cli.console import console
+from crosscheck.cli.tables import figures, key, print_table
 from crosscheck.document import Document, Record
-from crosscheck.report.headline import OUTCOMES, headline, sentence
+from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, state
 from crosscheck.report.overview import worst_first
 
+COLUMNS = (key("scene"), key("run"), *figures("verdict", "step or rtol", "order", "position error, m", "bound, m",
+                                              "judged to", "energy error", "us/step"))
 STYLES = {"fail": "bold red", "error": "bold red", "known": "yellow", "unsupported": "dim"}
 
 
 def print_verdicts(document: Document, page: Path) -> None:
-    """Every run, what is wrong in the groups of the first page, what to trust, the headline, and the report's place."""
-    from rich.table import Table
-
+    """Passes by engine and scene, every other run, what is wrong and what to trust, the headline, the page."""
+    typer.echo("engines: " + ", ".join(f"{name} {version}" for name, version in document.meta.engines.items()))
     terminal = console(160)
-    table = Table("scene", "run", "verdict", "step or rtol", "order", "position error, m", "bound, m", "judged to",
-                  "energy error", "us/step", box=None, pad_edge=False)
-    for record in document.records:
-        position, fitted = record.errors.get("position"), record.orders.get("position")
-        order = fitted.observed if fitted else None
-        table.add_row(
-            record.scene, record.label, f"{OUTCOMES[record.outcome][0]} {record.word}", _size(record),
-            "" if order is None else f"{order:.2f}", _number(position.judged if position else None),
-            _number(position.bound if position else None),
-            "" if record.judged_until is None else f"{record.judged_until:g} s", _number(record.energy_error),
-            "" if record.us_per_step is None else f"{record.us_per_step:.3g}", style=STYLES.get(record.outcome, ""))
-    terminal.print(table)
+    for (name, engine), records in _by_engine(document.records).items():
+        _print_passes(name, engine, [record for record in records if record.outcome == "pass"])
+    told = [record for record in document.records if record.outcome in ("known", "fail", "error")]
+    if told:
+        print_table(terminal, COLUMNS, [_row(record) for record in told],
+                    styles=[STYLES.get(record.outcome, "") for record in told])
     # Not through Rich from here: what is folded cannot be searched, and a path cannot be clicked or copied.
     for group in worst_first(document.records):
         symbol, word, _ = OUTCOMES[group.outcome]
@@ -45,6 +41,39 @@ def print_verdicts(document: Document, page: Path) -> None:
         typer.echo(f"{scene.name}: {scene.trust}")
     typer.echo(f"{headline(document)} ({document.meta.seconds:.0f} s)")
     typer.echo(f"report: {page}")
+
+
+def _by_engine(records: Sequence[Record]) -> dict[tuple[str, str], list[Record]]:
+    found: dict[tuple[str, str], list[Record]] = {}
+    for record in records:
+        found.setdefault((record.scene, record.engine), []).append(record)
+    return found
+
+
+def _print_passes(scene: str, engine: str, passing: Sequence[Record]) -> None:
+    """One line for all runs of an engine on a scene that pass; the page has each of them."""
+    if not passing:
+        return
+    part = [record for record in passing if state(record) == "partly"]
+    judged = [(error.judged, record) for record in passing
+              if (error := record.errors.get("position")) is not None and error.judged is not None]
+    line = f"✓ {scene}, {engine}: {len(passing)} pass{'es' if len(passing) == 1 else ''}"
+    if part:
+        line += f" ({len(part)} over {100 * judged_share(part):.0f} % of {'its' if len(part) == 1 else 'their'} time)"
+    if judged:
+        least, best = min(judged, key=lambda pair: pair[0])
+        line += f", least position error {least:.1e} m by {best.label.removeprefix(f'{engine} ')} at {_size(best)}"
+    typer.echo(line)
+
+
+def _row(record: Record) -> tuple[str, ...]:
+    position, fitted = record.errors.get("position"), record.orders.get("position")
+    order = fitted.observed if fitted else None
+    return (record.scene, record.label, f"{OUTCOMES[record.outcome][0]} {record.word}", _size(record),
+            "" if order is None else f"{order:.2f}", _number(position.judged if position else None),
+            _number(position.bound if position else None),
+            "" if record.judged_until is None else f"{record.judged_until:g} s", _number(record.energy_error),
+            "" if record.us_per_step is None else f"{record.us_per_step:.3g}")
 
 
 def _left_out(records: Sequence[Record]) -> list[tuple[str, str, str]]:

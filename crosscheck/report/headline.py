@@ -6,13 +6,32 @@ from collections.abc import Sequence
 
 from crosscheck.document import Change, Document, Record, Scene
 
-OUTCOMES = {"pass": ("✓", "pass", "every check within its bound, over the time it names or else the whole run"),
+OUTCOMES = {"pass": ("✓", "pass", "every check within its bound, over the whole run"),
+            "partly": ("◐", "partly", "every check within its bound, but the motion judged only up to the time it "
+                       "names, or not at all: at so coarse a step no bound reaches farther"),
             "known": ("≈", "known", "only defects of the engine that are listed with their reason"),
             "fail": ("✗", "fail", "a figure is beyond its bound"),
             "error": ("‼", "error", "it did not run"),
-            "unjudged": ("?", "unjudged", "no truth, or steps too coarse for bounds: only the rest was judged"),
+            "unjudged": ("?", "unjudged", "no truth: only energy and constraints were judged"),
+            "budgeted": ("◷", "budgeted", "the budget of steps has none that is fine enough for bounds of the motion"),
             "unsupported": ("–", "n/a", "the engine cannot model this scene")}
-"""Symbol, word and meaning of each outcome."""
+"""Symbol, word and meaning of each state of a run, see `state`."""
+
+
+def state(record: Record) -> str:
+    """The outcome of a run, told apart by how much of it was judged: what it is coloured and counted by."""
+    if record.outcome == "pass" and (record.partly or record.practical):
+        return "partly"
+    if record.outcome == "unjudged" and any(found.kind == "step" for found in record.findings):
+        return "budgeted"
+    return record.outcome
+
+
+def judged_share(records: Sequence[Record]) -> float:
+    """Share of the time of runs over which their motion was judged, on average; those at coarse steps count as none."""
+    shares = [0.0 if record.practical or not record.judged_until or not record.duration
+              else record.judged_until / record.duration for record in records]
+    return sum(shares) / len(shares)
 
 
 SPARED = 2
@@ -36,10 +55,17 @@ def _passing(document: Document) -> str:
     records = [record for record in document.records if record.scene not in lost]
     count = {outcome: sum(record.outcome == outcome for record in records) for outcome in OUTCOMES}
     failing = [record for record in records if record.outcome in ("fail", "error")]
-    if count["pass"] and count["pass"] + count["unsupported"] == len(records):
+    part = [record for record in records if state(record) == "partly"]
+    if count["pass"] and count["pass"] + count["unsupported"] == len(records) and not part:
         made = "that could be made " if count["unsupported"] else ""
         return f"The only run {made}passes" if count["pass"] == 1 else f"All {count['pass']} runs {made}pass"
-    said = [f"{_counted(count['pass'], 'run')} pass{'es' if count['pass'] == 1 else ''}"]
+    whole = count["pass"] - len(part)
+    said = [f"{_counted(whole, 'run')} pass{'es' if whole == 1 else ''}"]
+    if part:
+        said.append(f"{len(part)} more over part of {'its' if len(part) == 1 else 'their'} time "
+                    f"({100 * judged_share(part):.0f} %)")
+    if count["unjudged"] and count["pass"]:
+        said.append(f"{count['unjudged']} unjudged")
     if count["known"]:
         said.append(f"{count['known']} show{'s' if count['known'] == 1 else ''} only known defects")
     if 0 < len(failing) <= SPARED:

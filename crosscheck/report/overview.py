@@ -8,15 +8,15 @@ import math
 from collections.abc import Sequence
 
 from crosscheck.document import Change, Document, Finding, Record, Scene
-from crosscheck.report.headline import OUTCOMES
+from crosscheck.report.headline import OUTCOMES, state
 
-SEVERITY = ("error", "fail", "known", "unjudged", "pass", "unsupported")
+SEVERITY = ("error", "fail", "known", "unjudged", "budgeted", "partly", "pass", "unsupported")
 """Outcomes, the one that needs attention most first; a group of runs shows its first."""
 
 
 def counted(records: Sequence[Record]) -> dict[str, int]:
     """How many runs have each outcome, worst first; outcomes that do not occur are left out."""
-    counts = {outcome: sum(record.outcome == outcome for record in records) for outcome in SEVERITY}
+    counts = {outcome: sum(state(record) == outcome for record in records) for outcome in SEVERITY}
     return {outcome: count for outcome, count in counts.items() if count}
 
 
@@ -174,4 +174,4 @@ def _excess(finding: Finding | None) -> float:
 
 def summary_counts(records: Sequence[Record]) -> dict[str, int]:
     """How many runs have each outcome, in the order of `OUTCOMES`."""
-    return {outcome: sum(record.outcome == outcome for record in records) for outcome in OUTCOMES}
+    return {outcome: sum(state(record) == outcome for record in records) for outcome in OUTCOMES}

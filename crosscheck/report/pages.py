@@ -12,7 +12,7 @@ import msgspec
 
 from crosscheck.document import EULER, Document, Record, Scene, Support
 from crosscheck.report import overview
-from crosscheck.report.headline import OUTCOMES, headline, number, partly, plain_number, sentence, span, spoken
+from crosscheck.report.headline import OUTCOMES, headline, number, partly, plain_number, sentence, span, spoken, state
 from crosscheck.report.names import STUDIES, anchor, data_file, engine_file, scene_file, slug, study_file
 
 HERE = Path(__file__).resolve().parent
@@ -40,7 +40,7 @@ def environment() -> Any:
         lstrip_blocks=True, keep_trailing_newline=True,
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
     made.filters |= {"number": number, "sentence": sentence, "anchor": anchor, "span": span, "spoken": spoken,
-                            "sortable": plain_number, "query": urllib.parse.quote, "slug": slug}
+                      "state": state, "sortable": plain_number, "query": urllib.parse.quote, "slug": slug}
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": LEVELS, "QUANTITIES": QUANTITIES, "UNITS": UNITS,
                             "scene_file": scene_file, "engine_file": engine_file, "study_file": study_file,
                             "FORCE_UNITS": FORCE_UNITS, "LISTED": LISTED}

@@ -26,11 +26,11 @@ def verified(tmp_path_factory):
     return crosscheck("verify", *QUICK, "--out", str(out)), out
 
 
-def test_verify_prints_one_table_and_where_the_report_is(verified):
+def test_verify_folds_passes_to_a_line_and_says_where_the_report_is(verified):
     done, out = verified
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.count("energy error") == 1
-    assert "mujoco RK4" in done.stdout
+    assert done.stdout.startswith("engines: mujoco 4.0.0\n")
+    assert "✓ single_pendulum, mujoco: 5 pass, least position error" in done.stdout
     assert done.stdout.splitlines()[-1] == f"report: {out / 'index.html'}"
     assert done.stdout.splitlines()[-2].startswith("All 5 runs pass (")
     assert "single_pendulum: Trust mujoco" in done.stdout

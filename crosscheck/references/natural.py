@@ -40,10 +40,12 @@ class Natural:
     Raises
     ------
     Unsupported
-        The scene is too large for a dense matrix a step.
+        The scene is too large for a dense matrix a step, or has armature.
     """
 
     def __init__(self, scene: Scene) -> None:
+        if reason := scene.beyond():
+            raise Unsupported(f"{SOURCE}: {reason}")
         self.scene, self.n = scene, scene.n
         self.rows: Rows = rows_of(scene)
         size = 12 * self.n + self.rows.count

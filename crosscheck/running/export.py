@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-    from crosscheck.running.trajectory import Trajectory
+Trajectory = Any
+"""A `crosscheck.Trajectory`, which has these functions for methods and is not imported here for that reason."""
 
 VECTORS = {"x": "m", "v": "m/s", "w": "rad/s", "a": "m/s^2", "alpha": "rad/s^2"}
 SERIES = {"energy": "J", "kinetic_energy": "J", "momentum_vertical": "kg m^2/s", "orthogonality": "1",

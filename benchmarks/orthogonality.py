@@ -39,7 +39,10 @@ def of_additive(problem, step, marks):
     defects = []
     with np.errstate(all="ignore"):
         for n in range(1, marks[-1] + 1):
-            q, u = oracle.additive_step(system, q, u, step)
+            try:
+                q, u = oracle.additive_step(system, q, u, step)
+            except np.linalg.LinAlgError:  # what has overflowed has no inverse
+                break
             if n in marks:
                 defects.append(defect(q[1]))
             if not np.isfinite(u).all():

@@ -16,7 +16,7 @@ from crosscheck.cli.tables import figures, key, print_table, words
 def drift(
     scene: Annotated[list[str] | None, options.scenes("single_pendulum double_pendulum")] = None,
     engine: Engines = None,
-    method: Annotated[list[str] | None, options.methods("rattle2 rattle4 DAE1H_LSE RK4 RK44 RKMK4")] = None,
+    method: Annotated[list[str] | None, options.methods("rattle2 rattle4 DAE1L_LSE DAE1H_LSE RK4 RK44 RKMK4")] = None,
     step: Annotated[float, typer.Option(min=1e-9, help="s; clocks that add it up stay exact where it is a power of 2, "
                                          "as the default is")] = 2.0**-10,
     steps: Annotated[int, typer.Option(min=2, help="of each run")] = 1_000_000,
@@ -37,15 +37,16 @@ def drift(
 def _print(document: dict[str, Any]) -> None:
     columns = [key("scene"), key("run"), *figures("steps", "s"), words("energy"),
                *figures("energy band", "slope, 1/s", "slope T / band", "growth", "momentum band"), words("momentum"),
-               *figures("position, m", "velocity, m/s", "orthogonality")]
+               *figures("position, m", "velocity, m/s", "acceleration, m/s2", "orthogonality")]
     rows = []
     for run in document["runs"]:
         if run["status"] == "success":
             energy = (f"{run[f'energy_{name}']:.2g}" for name in ("band", "slope", "trend", "growth"))
-            held = (f"{run[name]:.1e}" for name in ("constraint_position", "constraint_velocity", "orthogonality"))
+            held = ("" if run[name] is None else f"{run[name]:.1e}" for name in (
+                "constraint_position", "constraint_velocity", "constraint_acceleration", "orthogonality"))
             rows.append((run["scene"], run["label"], f"{run['steps']:,}", f"{run['wall_time']:.3g}",
                          run["energy_verdict"], *energy, f"{run['momentum_band']:.1e}", run["momentum_verdict"], *held))
         else:
             rows.append((run["scene"], run["label"], f"{run['steps']:,}", "", f"{run['status']}: {run['reason']}",
-                         *[""] * 9))
+                         *[""] * 10))
     print_table(console(220), columns, rows)

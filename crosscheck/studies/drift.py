@@ -18,8 +18,8 @@ from crosscheck.scene.model import Scene
 from crosscheck.studies.study import Ask, Progress
 from crosscheck.verification.ladder import Way, ways
 
-METHODS = ("rattle2", "rattle4", "DAE1H_LSE", "RK4", "RK44", "RKMK4")
-"""By default the symmetric methods, an Euler method that holds all levels, and explicit Runge-Kutta of order 4."""
+METHODS = ("rattle2", "rattle4", "DAE1L_LSE", "DAE1H_LSE", "RK4", "RK44", "RKMK4")
+"""By default the symmetric methods, the two Euler methods that hold all levels, and explicit Runge-Kutta of order 4."""
 
 TREND = 0.05
 """Share of the band that slope times duration may have in an error without trend."""

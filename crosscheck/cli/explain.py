@@ -18,6 +18,7 @@ def explain(
     engine: Annotated[str, typer.Option(help="a name, or a class of your own as module:Class")],
     method: Annotated[str | None, typer.Option(help="default: the engine's best")] = None,
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the engine's choice")] = None,
+    step: Annotated[float | None, typer.Option(help="s; of the look at the whole run")] = None,
     softness: Annotated[str | None, typer.Option(help="tight or default (mujoco, maximal)")] = None,
     node: Annotated[str | None, typer.Option(help="lie or euler_parameters (exudyn)")] = None,
     alpha: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")] = None,
@@ -32,8 +33,8 @@ def explain(
     """
     from crosscheck.diagnosis import explain as find
 
-    answer = find(loaded(scene, drop, keyframe), engine, method, form, softness=softness, node=node, alpha=alpha,
-                  beta=beta)
+    answer = find(loaded(scene, drop, keyframe), engine, method, form, step, softness=softness, node=node,
+                  alpha=alpha, beta=beta)
     if as_json:
         typer.echo(json.dumps(finite(answer.plain()), indent=1))
     else:

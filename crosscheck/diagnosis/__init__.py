@@ -31,16 +31,17 @@ UNSURE = 1e-3
 """Normalised: where runs at finer steps leave more than this open, they settle on no limit that could be compared."""
 
 
-def explain(scene: Scene | str | os.PathLike[str], engine: str | Engine, method: str | None = None,
-            form: str | None = None, **options: Any) -> Explanation:
+def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | None = None,
+            form: str | None = None, step: float | None = None, **options: Any) -> Explanation:
     """Why an engine's motion differs from a scene's true one, if it does.
 
     Parameters
     ----------
     scene : a Scene, a built-in name or a path
-    engine : a name, or an engine itself
+    engine : a name, or an object with `name`, `methods`, `unsupported` and `run` (docs/adding-an-engine.md)
     method : default: the engine's last of the highest documented order
     form : model form; default: the engine's choice
+    step : s; of the look at the whole run. Default: small against the fastest rate of the scene
     **options : coordinate_map, alpha, beta, softness, node, for engines that know them, as in `crosscheck.run`
 
     Raises
@@ -58,8 +59,7 @@ def explain(scene: Scene | str | os.PathLike[str], engine: str | Engine, method:
     began = time.perf_counter()
     loaded = scene_file.as_scene(scene)
     subject = _subject(loaded, engine, method, form, options)
-    step = None if subject.order(loaded) is None else 1e-3
-    reason = subject.unsupported(loaded, step)
+    reason = subject.unsupported(loaded, None if subject.order(loaded) is None else step or 1e-3)
     if reason is not None:
         raise Unsupported(f"{subject.engine.name} {subject.method} on scene {loaded.name!r}: {reason}")
     scale = observe.scale_of(loaded)
@@ -68,6 +68,8 @@ def explain(scene: Scene | str | os.PathLike[str], engine: str | Engine, method:
     except observe.Silent as error:
         raise EngineError(f"{subject.engine.name} {subject.method} on scene {loaded.name!r}: {error}") from error
     answer = _judged(subject, first)
+    if answer.outcome == "agrees":
+        _looked_through(subject, first, loaded, step, answer)
     answer.seconds = time.perf_counter() - began
     return answer
 
@@ -80,7 +82,7 @@ def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str |
     from crosscheck.errors import unknown
     from crosscheck.running.methods import best_method
 
-    adapter = adapters.get(engine) if isinstance(engine, str) else engine
+    adapter = adapters.get(engine) if isinstance(engine, str) else _completed(engine)
     chosen = best_method(adapter, scene) if method is None else method
     if chosen not in adapter.methods:
         raise ArgumentError(unknown(f"method of {adapter.name}", chosen, adapter.methods))
@@ -91,6 +93,49 @@ def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str |
             raise ArgumentError(f"{name}: {adapter.name} does not have this option; it has "
                                 f"{', '.join(sorted(allowed)) or 'none'}")
     return Subject(adapter, chosen, form, given)
+
+
+def _completed(engine: Any) -> Engine:
+    """An engine given as an object, with defaults for what it leaves out."""
+    from crosscheck.adapters.foreign.own import completed
+
+    return completed(engine, type(engine).__name__, "not stated")
+
+
+def _looked_through(subject: Subject, first: Observation, scene: Scene, step: float | None,
+                    answer: Explanation) -> None:
+    """Look at the whole run and at the noise of its states where the beginning agrees; alters the answer."""
+    from crosscheck.diagnosis import of_model, of_output, of_run
+
+    order = subject.order(scene)
+    finest = None if order is None else first.scene.duration / (first.scene.samples - 1) / 64
+    noisy = of_output.floor(subject, first, finest, None if order is not None else 1e-12)
+    answer.tried += 2
+    if noisy is not None:
+        answer.causes.append(noisy)
+        answer.evidence.append(Evidence(noisy.name, "numerics", None, None, "states at a fine step", noisy.magnitude,
+                                        True))
+        answer.outcome = "named"
+        answer.sentence = _sentence(answer, [])
+        return
+    answer.window, late = of_run.diagnose(subject, scene, first.scale, step)
+    if late is None:
+        answer.sentence = _sentence(answer, [])
+        return
+    answer.evidence.append(late.evidence)
+    answer.causes += late.causes
+    unexplained = [] if late.causes else [late.text]
+    seen = None if late.causes else of_run.observation(subject, scene, first.scale, late.time)
+    if seen is not None:
+        found = of_model.diagnose(subject, seen, alone=True)
+        answer.evidence += found.evidence
+        answer.tried += found.tried
+        if found.causes and not found.unexplained:
+            answer.causes += [NamedCause(cause.name, f"{cause.magnitude}, from about t = {late.time:.4g} s on",
+                                         cause.mend) for cause in found.causes]
+            unexplained = []
+    answer.outcome = "unknown" if unexplained else "named"
+    answer.sentence = _sentence(answer, unexplained)
 
 
 def _judged(subject: Subject, first: Observation) -> Explanation:
@@ -111,6 +156,11 @@ def _judged(subject: Subject, first: Observation) -> Explanation:
     unexplained = list(found.unexplained)
     if not differs and first.noise > UNSURE:
         unexplained.append(f"runs at finer steps leave {first.noise:.1e} open: there is no limit to compare")
+    if found.told:
+        answer.causes, answer.evidence, answer.tried = found.causes, found.evidence, found.tried
+        answer.outcome = "named"
+        answer.sentence = _sentence(answer, [])
+        return answer
     if differs and not found.causes and not unexplained:
         unexplained.append("the motion differs, but neither its start nor its accelerations do")
     if differs and found.causes and not unexplained and not found.soft:
@@ -140,9 +190,10 @@ def _sentence(answer: Explanation, unexplained: list[str]) -> str:
         return (f"{who}: no difference beyond {max(answer.deviation or 0.0, answer.noise or 0.0):.1e} in the first "
                 f"{answer.window:.3g} s")
     causes = " and ".join(f"{cause.name} ({cause.magnitude})" for cause in answer.causes)
+    seen = f"; looked at: the first {answer.window:.3g} s"
     if answer.outcome == "named":
-        return f"{who}: {causes}"
+        return f"{who}: {causes}{seen}"
     text = f"{who}: unknown; {'; '.join(unexplained)}"
     text += f"; {answer.tried} hypotheses tried" if answer.tried else ""
     text += f"; each of these would do: {', '.join(answer.candidates)}" if answer.candidates else ""
-    return text + (f"; certain is: {causes}" if causes else "")
+    return text + (f"; what would explain a part of it: {causes}" if causes else "") + seen

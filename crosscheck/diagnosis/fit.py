@@ -187,16 +187,21 @@ def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray
     return theta
 
 
-def search(full: Data, thin: Data, causes: Sequence[Cause]) -> tuple[list[Fit], list[Fit]]:
+def search(full: Data, thin: Data, causes: Sequence[Cause], pairing: bool = True) -> tuple[list[Fit], list[Fit]]:
     """(fits that explain, all fits of single causes): single causes first, pairs only where no single one explains."""
+    causes, last = [cause for cause in causes if not cause.last], [cause for cause in causes if cause.last]
     singles = [thin.fit((cause,)) for cause in causes]
     singles = [full.fit(each.causes, tuple(tuple(part) for part in each.theta))
                if each.left <= NEAR * EXPLAINED else each for each in singles]
     found = [full.simplest(fit) for fit in singles if fit.explains]
-    if found:
+    if found or not pairing:
         return found, singles
     begin = {id(fit.causes[0]): fit.theta[0] for fit in singles}
-    pairs = [pair for pair in itertools.combinations(causes, 2) if pair[0].family != pair[1].family]
+    near = [each for each in singles if each.left <= SEEN]
+    if near:  # what a second cause would take away is within the reach of noise
+        return [full.simplest(each) for each in near], singles
+    pairs = [pair for pair in itertools.combinations([cause for cause in causes if not cause.alone], 2)
+             if pair[0].family != pair[1].family or (pair[0].target != pair[1].target and pair[0].target)]
     pairs += [(other, one) for one, other in pairs if {one.family, other.family} == ORDERED]
     alone: list[Fit] = []
     for one, other in pairs:
@@ -210,6 +215,8 @@ def search(full: Data, thin: Data, causes: Sequence[Cause]) -> tuple[list[Fit], 
             if refined.explains:
                 found.append(full.simplest(refined))
                 alone += _alone(full, refined)
+    if not (alone or found):
+        found = [each for each in (full.fit((cause,)) for cause in last) if each.explains]
     return alone or found, singles
 
 

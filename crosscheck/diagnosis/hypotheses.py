@@ -45,6 +45,12 @@ class Cause:
     special: Special = lambda theta: ()
     mistakes: Callable[[np.ndarray], int] = lambda theta: 1
     """How many mistakes it takes to come to a magnitude: other things equal, fewer are likelier."""
+    target: str = ""
+    """What it is about; two causes of one family may go together where they are about different things."""
+    alone: bool = False
+    """Whether it is no part of a pair."""
+    last: bool = False
+    """Whether it is tried where no pair explains either: it has so many magnitudes that it would cover several."""
 
     def name(self, theta: np.ndarray) -> str:
         """The cause in a few words."""
@@ -75,8 +81,10 @@ def causes(context: Context) -> list[Cause]:
     found = [_gravity(scene)]
     found += [cause for where, bodies in scopes for cause in _inertias(context, where, bodies)]
     found += [cause for k in range(scene.n) for cause in _masses(scene, k)]
+    found += [cause for where, bodies in scopes for cause in _sizes(context, where, bodies)]
+    found += list(_exchanged(context))
     found += [cause for k in range(len(scene.forces)) for cause in _force(scene, k)]
-    return [*found, *_all_springs(context), *_damping(scene)]
+    return [*found, *_all_springs(context), *_damping(scene), *_terms(scene)]
 
 
 def _gravity(scene: Scene) -> Cause:
@@ -199,9 +207,9 @@ def _masses(scene: Scene, k: int) -> Iterator[Cause]:
 
     yield Cause("mass", mass, ((0.1,), (-1.0,), (-5.0,)),
                 lambda t: f"mass and inertia of body {name!r} times {np.exp(t[0]):.6g}", mend,
-                lambda t: "missing body" if np.exp(t[0]) < MASSLESS else "mass")
+                lambda t: "missing body" if np.exp(t[0]) < MASSLESS else "mass", target=name)
     yield Cause("mass", mass_alone, ((0.1,), (-1.0,)),
-                lambda t: f"mass of body {name!r} times {np.exp(t[0]):.6g}, inertia as it is", mend)
+                lambda t: f"mass of body {name!r} times {np.exp(t[0]):.6g}, inertia as it is", mend, target=name)
 
 
 def _force(scene: Scene, k: int) -> Iterator[Cause]:
@@ -212,8 +220,12 @@ def _force(scene: Scene, k: int) -> Iterator[Cause]:
 
     def entry(family: str, field: str, value: float, text: str, title: Say | None = None) -> Cause:
         return Cause(family, lambda q, t: q.replace(**{field: _with(getattr(q, field), k, t[0])}), ((value,),),
-                     lambda t: f"{where}: {text} {t[0]:.6g} instead of {value:.6g}", mend, title, _none)
+                     lambda t: f"{where}: {text} {t[0]:.6g} instead of {value:.6g}", mend, title, _none, target=where)
 
+    if force.type in ("linear_spring", "constant_force"):
+        yield Cause("moment of a force", lambda q, t: q.replace(lever=_with(_levers(q), k, t[0])), ((1.0,),),
+                    lambda t: f"{where}: its moments about the centres of mass times {t[0]:.6g}",
+                    "apply the force at its point: it has a moment about the centre of mass", None, _none, target=where)
     if force.type not in SPRINGS:
         yield entry("load", "load", 1.0, "factor of the load")
         return
@@ -266,5 +278,109 @@ def _damping(scene: Scene) -> Iterator[Cause]:
                     lambda t: f"{t[0]:.6g} N m s/rad at every joint", mend)
     yield Cause("extra damping", lambda p, t: p.replace(drag=t[0], spin_drag=t[0]), ((0.0,),),
                 lambda t: f"velocities decay at {t[0]:.6g} 1/s", mend)
+    yield Cause("extra damping", lambda p, t: p.replace(spin_drag=t[0]), ((0.0,),),
+                lambda t: f"angular velocities decay at {t[0]:.6g} 1/s", mend)
+    yield Cause("extra damping", lambda p, t: p.replace(drag=t[0]), ((0.0,),),
+                lambda t: f"velocities of the centres of mass decay at {t[0]:.6g} 1/s", mend)
+    yield Cause("quadratic drag", lambda p, t: p.replace(quadratic=t[0]), ((0.0,),),
+                lambda t: f"a force of {t[0]:.6g} 1/m times m |v| v against the velocity of every body", mend)
+    if scene.joints:
+        yield Cause("Coulomb friction", lambda p, t: p.replace(coulomb=t[0]), ((0.0,),),
+                    lambda t: f"a moment of {t[0]:.6g} N m against the turning at every joint", mend)
+
+
+def _terms(scene: Scene) -> Iterator[Cause]:
+    """Terms of the equations of motion left out or scaled."""
+    mend = "check the term w x J w of the rotational equations"
     yield Cause("gyroscopic term", lambda p, t: p.replace(gyroscopic=t[0]), ((1.0,),),
-                lambda t: f"w x J w times {t[0]:.6g}", "check the term w x J w of the rotational equations")
+                lambda t: f"w x J w times {t[0]:.6g}", mend, None, _none)
+    for k in range(scene.n) if scene.n > 1 else ():
+        yield _gyroscopic_of(scene, k, mend)
+    if scene.joints:
+        yield Cause("centripetal term", lambda p, t: p.replace(centripetal=t[0]), ((1.0,),),
+                    lambda t: f"gamma of G du/dt + gamma = 0 times {t[0]:.6g}",
+                    "check the terms of the constraints' second derivative that are quadratic in the velocities", None,
+                    _none)
+
+
+def _gyroscopic_of(scene: Scene, k: int, mend: str) -> Cause:
+    def apply(p: Physics, t: np.ndarray) -> Physics:
+        return p.replace(gyroscopic=_with(np.broadcast_to(p.gyroscopic, (scene.n,)), k, t[0]))
+
+    return Cause("gyroscopic term", apply, ((1.0,),),
+                 lambda t: f"w x J w of body {scene.bodies[k].name!r} times {t[0]:.6g}", mend, None, _none,
+                 target=scene.bodies[k].name)
+
+
+def _levers(p: Physics) -> np.ndarray:
+    return np.ones(len(p.stiffness)) if p.lever is None else p.lever
+
+
+def _sizes(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator[Cause]:
+    """Masses of all bodies, inertias by their size and by their products, of all bodies or of one."""
+    mend = f"check the inertia that the engine is given, {where}"
+    whole = len(bodies) == context.scene.n
+
+    def heavier(p: Physics, t: np.ndarray) -> Physics:
+        return p.replace(masses=np.exp(t[0]) * p.masses)
+
+    if whole and context.scene.n > 1:
+        yield Cause("mass", heavier, ((0.1,),), lambda t: f"masses of all bodies times {np.exp(t[0]):.6g}, inertias as "
+                    "they are", "check the unit of masses", target=where)
+    if whole and context.scene.forces:
+        yield Cause("mass", lambda p, t: _changed(heavier(p, t), bodies, lambda J, _: np.exp(t[0]) * J), ((0.1,),),
+                    lambda t: f"masses and inertias of all bodies times {np.exp(t[0]):.6g}",
+                    "check the units of masses, inertias and forces", target=where)
+    yield Cause("inertia size", lambda p, t: _changed(p, bodies, lambda J, _: np.exp(t[0]) * J), ((0.1,), (-1.0,)),
+                lambda t: f"{where}: inertia times {np.exp(t[0]):.6g}", mend, target=where)
+    for text, factor in (("products of inertia left out", 0.0), ("products of inertia with the other sign", -1.0)):
+        if any(np.abs(context.right.inertias[:, k] - _products(context.right.inertias[:, k], 0.0)).max() > 0.0
+               for k in bodies):
+            yield _with_products(where, bodies, text, factor, mend)
+    if len(bodies) == 1:
+        def entries(p: Physics, t: np.ndarray) -> Physics:
+            added = np.array([[t[0], t[3], t[4]], [t[3], t[1], t[5]], [t[4], t[5], t[2]]])
+            return _changed(p, bodies, lambda J, _: J + added)
+
+        def text_of(t: np.ndarray) -> str:
+            return f"{where}: Jxx, Jyy, Jzz, Jxy, Jxz, Jyz off by {', '.join(f'{value:+.4g}' for value in t)}"
+
+        for index, entry in enumerate(("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz")):
+            yield _entry(where, entry, index, entries, mend)
+        yield Cause("inertia entries", entries, ((0.0,) * 6,), text_of, mend, target=where, alone=True, last=True)
+
+
+def _entry(where: str, entry: str, index: int, entries: Apply, mend: str) -> Cause:
+    return Cause("inertia entries", lambda p, t: entries(p, t[0] * np.eye(6)[index]), ((0.0,),),
+                 lambda t: f"{where}: {entry} off by {t[0]:+.6g} kg m^2", mend, target=where, alone=True)
+
+
+def _products(J: np.ndarray, factor: float) -> np.ndarray:
+    """Inertias (E, 3, 3) with their products times a factor."""
+    return J * np.where(np.eye(3, dtype=bool), 1.0, factor)
+
+
+def _with_products(where: str, bodies: tuple[int, ...], text: str, factor: float, mend: str) -> Cause:
+    return Cause("products of inertia", lambda p, t: _changed(p, bodies, lambda J, _: _products(J, factor)), ((),),
+                 lambda t: f"{where}: {text}", mend, target=where)
+
+
+def _exchanged(context: Context) -> Iterator[Cause]:
+    """Two bodies whose masses, inertias or both were exchanged."""
+    scene = context.scene
+    for one, other in itertools.combinations(range(scene.n), 2):
+        order = list(range(scene.n))
+        order[one], order[other] = other, one
+        names = f"{scene.bodies[one].name!r} and {scene.bodies[other].name!r}"
+        for text, masses, inertias in (("masses swapped", True, False), ("inertias swapped", False, True),
+                                       ("masses and inertias swapped", True, True)):
+            yield _swap(order, names, text, masses, inertias)
+
+
+def _swap(order: list[int], names: str, text: str, masses: bool, inertias: bool) -> Cause:
+    def apply(p: Physics, t: np.ndarray) -> Physics:
+        return p.replace(masses=p.masses[order] if masses else p.masses,
+                         inertias=p.inertias[:, order] if inertias else p.inertias)
+
+    return Cause(text, apply, ((),), lambda t: f"of bodies {names}", "check the order in which bodies reach the engine",
+                 target=names, alone=True)

@@ -7,7 +7,7 @@ import itertools
 
 import numpy as np
 
-from crosscheck.diagnosis import fit, misreadings, variants
+from crosscheck.diagnosis import fit, misreadings, of_output, variants
 from crosscheck.diagnosis.hypotheses import Context, causes
 from crosscheck.diagnosis.observe import REACH, Observation, Scale, Silent, Subject, observe, rates, window
 from crosscheck.diagnosis.physics import Physics, Points, Terms, of_scene
@@ -22,6 +22,12 @@ FAITHFUL = 1e-8
 
 COPIES = 2
 """Further starts that are observed, for each joint structure."""
+
+LAWFUL = 0.95
+"""Part of constraint forces or accelerations that a linear law of the joints' opening has to reproduce."""
+
+ALTERNATIVES = 4
+"""More explanations than these, none with fewer mistakes than the others, name nothing."""
 
 AMPLIFIED = 2.2
 """Sum of the sizes of the nine-point difference's coefficients: what it makes of independent errors at most."""
@@ -55,23 +61,29 @@ class ModelFinding:
     reported: misreadings.Report | None = None
     soft: bool = False
     absent: int | None = None  # a body that is not there
+    told: bool = False  # the whole motion is reproduced; there is no model to look into
 
 
-def diagnose(subject: Subject, first: Observation) -> ModelFinding:
-    """Name what makes the limit of an engine another motion than the scene's; `first` is that limit."""
+def diagnose(subject: Subject, first: Observation, alone: bool = False) -> ModelFinding:
+    """Name what makes the limit of an engine another motion than the scene's; `first` is that limit.
+
+    `alone`: copies of the scene, which begin at its start, do not show what begins later.
+    """
     scene, scale = first.scene, first.scale
     result = ModelFinding()
     observations = [(first, tuple(range(len(scene.forces))))]
-    balls = variants.on_balls(scene)
-    for seed in range(COPIES if balls is None else 1):
+    balls = None if alone else variants.on_balls(scene)
+    for seed in range(0 if alone else COPIES if balls is None else 1):
         _add(subject, variants.moved(scene, scale, seed), scale, observations, None)
     if balls is not None:
         for seed in range(COPIES):
             _add(subject, variants.moved(balls[0], scale, seed), scale, observations, balls[1])
-    more = variants.sprung(scene, scale)
+    more = None if alone else variants.sprung(scene, scale)
     if more is not None:
         _add(subject, variants.moved(more, scale, COPIES), scale, observations, tuple(range(len(more.forces))))
     whole = more or scene
+    if _told([each for each, _ in observations], result):
+        return result
     report = _reports([each for each, _ in observations], result)
     shown = [_shown(each, forces, report) for each, forces in observations]
     _frozen(shown, result)
@@ -79,6 +91,20 @@ def diagnose(subject: Subject, first: Observation) -> ModelFinding:
     _softness(shown[0], result)
     _accelerations(shown, whole, result)
     return result
+
+
+def _told(observations: list[Observation], result: ModelFinding) -> bool:
+    """Name what reproduces everything that is observed from the true motion, equivalents together."""
+    found, evidence = of_output.diagnose(observations)
+    result.evidence += evidence
+    result.tried += sum(1 for _ in of_output.hypotheses(observations))
+    if not found:
+        return False
+    names = sorted({each.name for each in found})
+    result.causes.append(NamedCause(" or ".join(names), ", or equally ".join(each.detail for each in found),
+                                    found[0].mend))
+    result.told = True
+    return True
 
 
 def _add(subject: Subject, scene: Scene | None, scale: Scale,
@@ -253,6 +279,17 @@ def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> No
         return
     candidates = causes(Context(scene, tuple(attitudes), right))
     if result.soft:
+        found, _ = fit.search(hard, _data(shown, right, False, fit.THIN), candidates, pairing=False)
+        result.tried += len(candidates)
+        if found:
+            result.soft = False
+            result.evidence += [_evidence(each, wrong, quantity) for each in found]
+            _name(found, full, result)
+            return
+        if not _force_law(shown, result.absent):
+            result.soft = False
+            result.unexplained.append("joints open, but not as forces of their opening and its rate would let them")
+            return
         opening = _opening(shown[0], result.absent)
         result.evidence.append(Evidence("soft constraint", "constraint", wrong, remaining, quantity, opening,
                                         remaining <= fit.EXPLAINED, "with constraint forces of any law"))
@@ -270,8 +307,45 @@ def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> No
         return
     if len(found[0].causes) > 1:
         result.evidence += [_evidence(each, remaining, quantity) for each in found]
-    fewest = min(each.mistakes for each in found)
-    _name([each for each in found if each.mistakes == fewest], full, result)
+    _name(found, full, result)
+
+
+def _force_law(shown: list[Shown], absent: int | None) -> bool:
+    """Whether what opens the joints follows a law of their opening: forces, or accelerations, that are linear in Phi
+    and G u, with constants of their own for every row."""
+    columns: list[list[np.ndarray]] = [[], [], [], []]
+    for each in shown:
+        scene, scale = each.observation.scene, each.observation.scale
+        constraints = Constraints(scene)
+        if constraints.m != Constraints(shown[0].observation.scene).m:
+            continue
+        inner = slice(REACH, len(each.states.t) - REACH)
+        x, R, v, w = (getattr(each.states, name)[inner] for name in ("x", "R", "v", "w"))
+        a, alpha = each.accelerations[:, :, :3], each.accelerations[:, :, 3:]
+        points, _ = _points([(0, each)], 1)
+        physics = of_scene(scene)
+        effort = Terms(scene, points, each.forces).forces(physics).reshape(len(x), -1)
+        mass = np.linalg.inv(mechanics.inverse_mass(scene))
+        G = constraints.jacobian(x, R)
+        left = effort - np.concatenate([a, alpha], axis=2).reshape(len(x), -1) @ mass
+        lam = np.array([np.linalg.lstsq(one.T, row, rcond=1e-9)[0] for one, row in zip(G, left, strict=True)])
+        rows = constraints.rows_without(absent)
+        for column, values in zip(columns, (constraints.position(x, R) / scale.length, constraints.velocity(
+                x, R, v, w) / (scale.length * scale.rate), lam, constraints.acceleration(x, R, v, w, a, alpha)),
+                strict=True):
+            column.append(values[:, rows])
+    gaps, speeds, lam, accelerations = (np.concatenate(column) for column in columns)
+    return max(_linear(gaps, speeds, lam), _linear(gaps, speeds, accelerations)) >= LAWFUL
+
+
+def _linear(gaps: np.ndarray, speeds: np.ndarray, answers: np.ndarray) -> float:
+    """Part of the answers (P, m) that is linear in gaps and speeds, row by row."""
+    left = 0.0
+    for row in range(answers.shape[1]):
+        design = np.column_stack([gaps[:, row], speeds[:, row]])
+        factors = np.linalg.lstsq(design, answers[:, row], rcond=None)[0]
+        left += float(np.sum((answers[:, row] - design @ factors) ** 2))
+    return 1.0 - left / max(float(np.sum(answers**2)), 1e-300)
 
 
 def _opening(shown: Shown, absent: int | None) -> str:
@@ -287,17 +361,35 @@ def _evidence(found: fit.Fit, before: float, quantity: str) -> Evidence:
 
 
 def _name(found: list[fit.Fit], data: fit.Data, result: ModelFinding) -> None:
-    names = {each.names for each in found}
-    if len(names) != 1:
+    found = [each for each in found if each.mistakes == min(other.mistakes for other in found)]
+    found = [each for each in found if _magnitudes(each) == min(_magnitudes(other) for other in found)]
+    names = sorted({each.names for each in found})
+    best = min(found, key=lambda each: each.left)
+    if len(names) > ALTERNATIVES:
         result.unexplained.append("more than one cause explains the accelerations")
-        result.candidates += sorted(" and ".join(each) for each in names)
+        result.candidates += [" and ".join(each) for each in names]
         return
-    best = min(found, key=lambda each: (sum(cause.free for cause in each.causes), each.left))
-    result.causes += [NamedCause(cause.name(theta), cause.say(theta), cause.mend)
-                      for cause, theta in zip(best.causes, best.theta, strict=True)]
+    if len(names) > 1:
+        said = [" and ".join(cause.say(theta) for cause, theta in zip(each.causes, each.theta, strict=True))
+                for each in found]
+        result.causes.append(NamedCause(" or ".join(" and ".join(each) for each in names),
+                                        ", or equally ".join(dict.fromkeys(said)), best.causes[0].mend))
+    else:
+        result.causes += [NamedCause(cause.name(theta), cause.say(theta), cause.mend)
+                          for cause, theta in zip(best.causes, best.theta, strict=True)]
     result.physics = data.right
     for cause, theta in zip(best.causes, best.theta, strict=True):
         result.physics = cause.apply(result.physics, theta)
+
+
+def _magnitudes(found: fit.Fit) -> int:
+    """How many numbers a combination of causes leaves to be fitted; a special magnitude of one is none."""
+    count = 0
+    for cause, theta in zip(found.causes, found.theta, strict=True):
+        special = any(np.array_equal(theta, value) for value in cause.special(theta))
+        count += (1 if special and cause.free > 1 and cause.name(theta) == "gravity size" else 0 if special
+                  else cause.free)
+    return count
 
 
 def _data(shown: list[Shown], right: Physics, soft: bool, stride: int) -> fit.Data:

@@ -108,7 +108,7 @@ def diagnose(subject: Subject, first: Observation, known: Known) -> NumericsFind
     low = found is not None and found.lower is not None
     if found is not None and low:
         _lower_order(subject, first, order, known, found, result)
-    if "acceleration" in subject.held(first.scene) and not known.soft:
+    if "acceleration" in subject.held(first.scene) and not known.soft and known.physics.centripetal == 1.0:
         gain = _gain(subject, first, known, result)
         known = dataclasses.replace(known, physics=known.physics.replace(gain=gain))
     if not low:

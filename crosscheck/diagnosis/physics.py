@@ -33,7 +33,11 @@ class Physics:
     joint_damping: float = 0.0  # N m s/rad, on the relative angular velocity across every joint
     drag: float = 0.0  # 1/s: force - drag m v on every body
     spin_drag: float = 0.0  # 1/s: torque - spin_drag J w on every body
-    gyroscopic: float = 1.0  # factor of w x J w
+    quadratic: float = 0.0  # 1/m: force - quadratic m |v| v on every body
+    coulomb: float = 0.0  # N m: a moment of this size against the relative angular velocity across every joint
+    gyroscopic: Any = 1.0  # factor of w x J w; one, or one a body
+    centripetal: float = 1.0  # factor of gamma in G du/dt + gamma = 0
+    lever: np.ndarray | None = None  # per force, factor of its moments about the centres of mass; None: one
     absent: int | None = None  # a body that is not there
     gain: tuple[float, float] = (0.0, 0.0)  # alpha (1/s), beta^2 (1/s^2): G du/dt + gamma = -2 alpha G u - beta^2 Phi
 
@@ -77,7 +81,7 @@ class Terms:
         self.G = constraints.jacobian(x, R).reshape(len(x), constraints.m, scene.n, 6)
         self.gamma = constraints.gamma(x, R, v, w)
         self.springs = [_spring(scene, force, points) for force in scene.forces]
-        self.friction = _joint_friction(scene, R, w)
+        self.friction, self.rubbing = _joint_friction(scene, R, w), _joint_friction(scene, R, w, unit=True)
         self._spinning: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._kept: tuple[tuple[object, ...], tuple[np.ndarray, ...]] | None = None
         self.rank = _rank(self.G[0], scene.masses, scene.inertias) if rank is None else rank
@@ -86,16 +90,22 @@ class Terms:
         """f, (P, n, 6)."""
         v, spin, turning = self.points.v, *self._spins(p)
         f = np.empty((*v.shape[:2], 6))
-        f[:, :, :3] = p.masses[:, None] * (p.gravity - p.drag * v)
-        f[:, :, 3:] = -p.gyroscopic * turning - p.spin_drag * spin
+        slowed = p.drag + p.quadratic * np.linalg.norm(v, axis=2, keepdims=True)
+        f[:, :, :3] = p.masses[:, None] * (p.gravity - slowed * v)
+        f[:, :, 3:] = -np.asarray(p.gyroscopic).reshape(-1, 1) * turning - p.spin_drag * spin
         for here, (kind, unit, length, rate, ends) in zip(self.index, self.springs, strict=True):
             if p.absent is not None and p.absent in ends:
                 continue
             if kind in SPRINGS:
                 size = p.stiffness[here] * (length - p.rest[here]) + p.damping[here] * rate
-                f += size[:, None, None] * unit
+                pull = size[:, None, None] * unit
             else:
-                f += p.load[here] * unit
+                pull = p.load[here] * unit
+            f += pull
+            if p.lever is not None and kind in ("linear_spring", "constant_force"):
+                f[:, :, 3:] += (p.lever[here] - 1.0) * pull[:, :, 3:]
+        if p.coulomb:
+            f += p.coulomb * self.rubbing
         return f + p.joint_damping * self.friction if p.joint_damping else f
 
     def rates(self, p: Physics, soft: bool = False) -> np.ndarray:
@@ -105,7 +115,9 @@ class Terms:
         free = np.concatenate([f[:, :, :3] / p.masses[:, None], (inverse @ f[:, :, 3:, None])[..., 0]], axis=2)
         if flat.shape[1] == 0:
             return free
-        target = -(flat @ self.points.rates.reshape(len(f), -1, 1))[..., 0] if soft else self.gamma[:, keep]
+        target = p.centripetal * self.gamma[:, keep]
+        if soft:
+            target = -(flat @ self.points.rates.reshape(len(f), -1, 1))[..., 0]
         if any(p.gain):
             x, R, v, w = (getattr(self.points, name) for name in "xRvw")
             target = target + (2 * p.gain[0] * self.constraints.velocity(x, R, v, w)
@@ -199,13 +211,18 @@ def _push(f: np.ndarray, R: np.ndarray, body: int, s: np.ndarray, force: np.ndar
         f[:, body, 3:] += cross(s, np.einsum("pji,pj->pi", R[:, body], force))
 
 
-def _joint_friction(scene: Scene, R: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Generalised force (P, n, 6) of a unit of damping at every joint: minus the relative angular velocity."""
+def _joint_friction(scene: Scene, R: np.ndarray, w: np.ndarray, unit: bool = False) -> np.ndarray:
+    """Generalised force (P, n, 6) of a unit of damping at every joint: minus the relative angular velocity; of a
+    moment of size one in its place where `unit`."""
     f = np.zeros((*w.shape[:2], 6))
     for joint in scene.joints:
         spin = np.einsum("pij,pj->pi", R[:, joint.child], w[:, joint.child])
         if joint.parent != GROUND:
             spin = spin - np.einsum("pij,pj->pi", R[:, joint.parent], w[:, joint.parent])
+        if unit:
+            size = np.linalg.norm(spin, axis=1, keepdims=True)
+            spin = spin / np.where(size > 0.0, size, 1.0)
+        if joint.parent != GROUND:
             f[:, joint.parent, 3:] += np.einsum("pji,pj->pi", R[:, joint.parent], spin)
         f[:, joint.child, 3:] -= np.einsum("pji,pj->pi", R[:, joint.child], spin)
     return f

@@ -100,7 +100,7 @@ def _check(scene: Scene, content: dict[str, Any]) -> None:
 def store(scene: Scene, reference: Reference) -> None:
     """Write aside and rename: readers see the old file, none, or the whole new one. A full disk is only a warning."""
     target = path(scene)
-    content = {name: getattr(reference.states, name) for name in _STATES}
+    content: dict[str, Any] = {name: getattr(reference.states, name) for name in _STATES}
     content |= {name: getattr(reference, name) for name in _OTHERS}
     content = {name: np.asarray(value) for name, value in content.items()}
     temporary = None

@@ -24,7 +24,13 @@ class Flaws:
 
     joint_damping: float = 0.0
     drag: float = 0.0
-    gyroscopic: float = 1.0
+    spin_drag: float = 0.0  # 1/s, of angular velocities alone
+    linear_drag: float = 0.0  # 1/s, of the centres of mass alone
+    quadratic: float = 0.0  # 1/m
+    coulomb: float = 0.0  # N m
+    gyroscopic: object = 1.0  # one factor, or one a body
+    centripetal: float = 1.0
+    moments: bool = True  # of springs about the centres of mass
     softness: tuple | None = None  # stiffness, damping of joints that are springs
     gain: tuple = (0.0, 0.0)  # Baumgarte's alpha, beta
     naive: bool = False  # velocities of the stages summed, attitudes moved once
@@ -64,21 +70,29 @@ class Equations(Maximal):
         for kind in self.constraints:
             gap, G, drift = kind.terms(motion)
             jacobians.append(G[:, :-1])
-            targets.append(drift + 2 * alpha * (G.reshape(len(G), -1) @ u) + beta**2 * gap)
+            targets.append(self.flaws.centripetal * drift + 2 * alpha * (G.reshape(len(G), -1) @ u) + beta**2 * gap)
         return np.concatenate(jacobians), np.concatenate(targets)
 
     def _applied(self, motion, angles):
         force, torque = (part.copy() for part in super()._applied(motion, angles))
         flaws, R = self.flaws, motion.R
         spin = turned(self.scene.inertias, motion.w[:-1])
-        force -= flaws.drag * self.scene.masses[:, None] * motion.v[:-1]
-        torque -= flaws.drag * spin
-        torque += (1 - flaws.gyroscopic) * np.cross(motion.w[:-1], spin)
-        for joint in self.scene.joints if flaws.joint_damping else ():
+        v = motion.v[:-1]
+        if not flaws.moments:
+            for spring in self.springs:
+                own, turning = np.zeros((2, self.scene.n + 1, 3))
+                spring.add(motion, own, turning)
+                torque -= turning[:-1]
+        slowing = flaws.drag + flaws.linear_drag + flaws.quadratic * np.linalg.norm(v, axis=1, keepdims=True)
+        force -= slowing * self.scene.masses[:, None] * v
+        torque -= (flaws.drag + flaws.spin_drag) * spin
+        torque += (1 - np.asarray(flaws.gyroscopic).reshape(-1, 1)) * np.cross(motion.w[:-1], spin)
+        for joint in self.scene.joints if flaws.joint_damping or flaws.coulomb else ():
             relative = motion.omega[joint.child] - motion.omega[joint.parent]
-            torque[joint.child] -= flaws.joint_damping * relative @ R[joint.child]
+            relative = (flaws.joint_damping + flaws.coulomb / np.linalg.norm(relative)) * relative
+            torque[joint.child] -= relative @ R[joint.child]
             if joint.parent >= 0:
-                torque[joint.parent] += flaws.joint_damping * relative @ R[joint.parent]
+                torque[joint.parent] += relative @ R[joint.parent]
         return force, torque
 
     def accelerations(self, motion, angles):

@@ -1,0 +1,184 @@
+"""Mistakes that begin later: the whole run, interval by interval, each against the true motion from the engine's state.
+
+What an engine does between two samples is compared with what truth makes of its own state at the first of them. Such a
+defect knows no growth of earlier errors, so that chaos does not matter; that of a right engine falls with the step.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from crosscheck.diagnosis.misreadings import quaternion
+from crosscheck.diagnosis.observe import FINER, SAMPLES, Observation, Scale, Silent, Subject, window
+from crosscheck.diagnosis.result import Evidence, NamedCause
+from crosscheck.references.base import TruthError
+from crosscheck.references.maximal import Maximal
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+
+INTERVALS = 25
+"""Of the whole run: that many restarts of truth, half a second or less in scenes of the usual length."""
+
+ENOUGH = 1e-11
+"""rtol of those: far below what counts as a defect."""
+
+TURN = 0.05
+"""Part of 1 / W that a step of the whole run is at most."""
+
+RTOLS = (1e-8, 1e-11)
+
+DEFECT = 1e-7
+"""Normalised: a defect below this may be the rounding of a long run."""
+
+STUCK = 0.5
+"""Part of a defect that steps FINER times as fine leave of it at least where it is no error of the step."""
+
+MOST_STEPS = 12000
+"""Of one run; a scene that needs more is looked at as far as these reach."""
+
+REPEATED = 4
+"""Samples in a row at which a moving number stays the same to the last bit where it is clamped."""
+
+
+@dataclasses.dataclass
+class Late:
+    """A mistake that begins at `time` (s); causes where it is known which."""
+
+    time: float
+    text: str
+    causes: list[NamedCause]
+    evidence: Evidence
+    observation: Observation | None = None  # of the motion from there on, for a look at the model
+
+
+def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -> tuple[float, Late | None]:
+    """(until when the run was looked at, the first interval whose defect is no error of the step)."""
+    order = subject.order(scene)
+    sampled = scene.replace(samples=max(INTERVALS + 1, 2))
+    interval = sampled.duration / INTERVALS
+    h = step if step is not None else TURN / (scale.rate * scale.fast)
+    per = max(1, int(np.ceil(interval / h)))
+    while per * INTERVALS > MOST_STEPS and sampled.duration > 1.0 / scale.rate:
+        sampled = sampled.replace(duration=0.5 * sampled.duration)
+        per = max(1, int(np.ceil(sampled.duration / INTERVALS / h)))
+    per = FINER * int(np.ceil(per / FINER))
+
+    def run(finer: int) -> States:
+        found: States = (subject.run(sampled, rtol=RTOLS[finer == FINER]) if order is None else subject.run(
+            sampled, sampled.duration / INTERVALS / (per // FINER * finer))).states
+        return found
+
+    coarse: States | None = None
+    try:
+        fine = run(FINER)
+    except Silent as error:
+        return sampled.duration, Late(0.0, f"the whole run fails: {error}", [], Evidence(
+            "whole run", "numerics", None, None, "a run over the whole scene", note=str(error)))
+    before = 0.0
+    for k in range(INTERVALS):
+        found = defect(sampled, scale, fine, k)
+        if found > DEFECT:
+            try:
+                coarse = run(1) if coarse is None else coarse
+            except Silent:  # too coarse to tell; the finer run is there
+                return sampled.duration, None
+            rough = defect(sampled, scale, coarse, k)
+            if found > STUCK * rough and found > 10 * before:
+                return sampled.duration, _described(sampled, scale, fine, k, rough, found)
+        before = max(before, found)
+    return sampled.duration, None
+
+
+def restarted(scene: Scene, states: States, k: int, duration: float, samples: int = 2) -> Scene:
+    """The scene from an engine's state at sample k."""
+    return scene.replace(duration=duration, samples=samples, bodies=tuple(
+        dataclasses.replace(body, attitude=quaternion(states.R[k, index]), angular_velocity=states.w[k, index],
+                            position=states.x[k, index], velocity=states.v[k, index])
+        for index, body in enumerate(scene.bodies)))
+
+
+def defect(scene: Scene, scale: Scale, states: States, k: int) -> float:
+    """Normalised difference after the k-th interval between an engine and truth from the engine's state."""
+    truth = _onward(scene, states, k)
+    if truth is None:
+        return np.inf
+    later = States(states.t[k + 1:k + 2], *(getattr(states, name)[k + 1:k + 2] for name in ("x", "R", "v", "w")))
+    return float(np.abs(scale.flat(later)[0] - scale.flat(truth)[-1]).max())
+
+
+def _onward(scene: Scene, states: States, k: int) -> States | None:
+    interval = float(states.t[k + 1] - states.t[k])
+    try:
+        equations = Maximal(restarted(scene, states, k, interval))
+        equations.integrator = (equations.integrator[0], max(equations.integrator[1], ENOUGH))
+        return equations.run()
+    except (TruthError, np.linalg.LinAlgError, ValueError):
+        return None
+
+
+def _described(scene: Scene, scale: Scale, states: States, k: int, before: float, after: float) -> Late:
+    """What the first wrong interval shows."""
+    time = float(states.t[k])
+    evidence = Evidence("a mistake that begins later", "report", before, after, "defect of one interval of the whole "
+                        f"run, at steps {FINER} times as fine after",
+                        f"between {time:.4g} s and {states.t[k + 1]:.4g} s", True)
+    truth = _onward(scene, states, k)
+    causes: list[NamedCause] = []
+    text = f"from t = {time:.4g} s on the motion is not the scene's"
+    stuck = _clamped(states, k)
+    if stuck:
+        causes.append(NamedCause("clamp", f"{stuck}, from t = {time:.4g} s on", "leave states as large as they are"))
+    elif truth is not None:
+        turn = np.abs(states.R[k + 1] - truth.R[-1]).max(axis=(-2, -1))
+        spin = np.abs(states.w[k + 1] - truth.w[-1]).max(axis=-1) / scale.rate
+        shift = np.abs(states.x[k + 1] - truth.x[-1]).max(axis=-1) / scale.length
+        body = int(np.argmax(np.maximum(turn, shift)))
+        name = scene.bodies[body].name
+        # In an interval a velocity that is wrong moves a pose by far less than this; a jump moves the pose alone.
+        if max(turn[body], shift[body]) > 0.05 and max(turn[body], shift[body]) > 20 * spin[body]:
+            causes.append(NamedCause(
+                "wrap or lost sign", f"the pose of body {name!r} jumps by {max(turn[body], shift[body]):.3g} at "
+                f"t = {time:.4g} s while its velocities go on", "keep angles beyond pi and the sign of quaternions"))
+    return Late(time, text, causes, evidence)
+
+
+def _clamped(states: States, k: int) -> str | None:
+    """Which number stays the same to the last bit from the k-th sample on, although it moved before."""
+    for name, what in (("w", "an angular velocity"), ("v", "a velocity"), ("x", "a position")):
+        values = getattr(states, name).reshape(len(states.t), -1)
+        after = values[k + 1:k + 1 + REPEATED]
+        if len(after) < REPEATED:
+            continue
+        same = (after == after[0]).all(axis=0) & (values[:k + 1].std(axis=0) > 0) if k else np.zeros(1, bool)
+        if same.any():
+            index = int(np.flatnonzero(same)[0])
+            return f"{what} stays at {after[0, index]:.6g}"
+    return None
+
+
+def observation(subject: Subject, scene: Scene, scale: Scale, time: float) -> Observation | None:
+    """The engine's limit from a later time on, as part of a run from the scene's start; None where it is too long."""
+    brief = window(scene, scale).duration
+    interval = brief / (SAMPLES - 1)
+    start = int(np.ceil(time / interval)) + 1
+    whole = scene.replace(duration=(start + SAMPLES - 1) * interval, samples=start + SAMPLES)
+    order = subject.order(scene)
+    counts = (2, 4) if (order or 4) >= 4 else (8, 16)
+    if (order is not None and counts[-1] * start > MOST_STEPS) or whole.duration > scene.duration:
+        return None
+    try:
+        if order is None:
+            runs = [subject.run(whole, rtol=rtol).states for rtol in RTOLS]
+        else:
+            runs = [subject.run(whole, interval / count).states for count in counts]
+    except Silent:
+        return None
+    rough, fine = (scale.flat(run)[start:] for run in runs)
+    gain = 0.0 if order is None else 1.0 / (2.0**order - 1.0)
+    y = fine + gain * (fine - rough)
+    noise = float(np.abs(fine - rough).max()) * max(gain, 0.1) + 1e-12
+    limit = scale.states(whole.t[start:] - whole.t[start], y)
+    begun = restarted(scene, limit, 0, brief, SAMPLES)
+    return Observation(begun, scale, y, noise, None)

@@ -1,0 +1,301 @@
+"""Sixty-odd mistakes that engines make, each with the names that are right for it and the scenes that show it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from crosscheck.diagnosis import of_output
+from crosscheck.references.maximal import Maximal
+from tests.diagnosis import misbuilt
+from tests.diagnosis.misbuilt import Misbuilt
+from tests.diagnosis.stepper import Flaws, Stepper
+
+ONE, TWO, SPRUNG = "single_pendulum", "double_pendulum", "spring_pendulum"
+
+
+@dataclasses.dataclass(frozen=True)
+class Mistake:
+    """One way to be wrong; `build(rng, scene)` makes the engine."""
+
+    key: str
+    names: tuple[str, ...]
+    build: object
+    scenes: tuple[str, ...] = (ONE, TWO)
+
+
+def altered(change):
+    """An engine that runs another scene; `change(rng, scene)` -> (scene -> scene)."""
+    return lambda rng, scene: Misbuilt(Stepper(), (change(rng, scene),))
+
+
+def flawed(**draw):
+    """An engine whose stepper has a flaw; values may be functions of the random numbers and the scene."""
+    return lambda rng, scene: Stepper(Flaws(**{name: value(rng, scene) if callable(value) else value
+                                               for name, value in draw.items()}))
+
+
+def told(change):
+    """An engine that reports its states wrongly; `change(rng, scene, states)` -> states."""
+    def build(rng, scene):
+        seed = int(rng.integers(1 << 30))
+
+        def report(given, raw):
+            raw.states = change(np.random.default_rng(seed), given, raw.states)
+            raw.states.a = raw.states.alpha = None
+            return raw
+        return Misbuilt(Stepper(), (), (report,))
+    return build
+
+
+def near(low, high):
+    """A factor off one by a size in these limits, to either side."""
+    return lambda rng, scene=None: misbuilt.factor(rng, low, high)
+
+
+def some(low, high):
+    """A number between these, uniform in its logarithm."""
+    return lambda rng, scene=None: float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def bodies(change):
+    """Bodies altered: `change(k, body, scene)`."""
+    return lambda rng, scene: lambda s: misbuilt._bodies(s, lambda k, body: change(k, body, s))
+
+
+def scaled(which, **powers):
+    """Mass, inertia times one random factor, of one body (by index from the end) or of all (None)."""
+    def change(rng, scene):
+        s = misbuilt.factor(rng, 0.02, 0.4)
+        chosen = range(scene.n) if which is None else (which % scene.n,)
+        return lambda given: misbuilt._bodies(given, lambda k, body: dataclasses.replace(
+            body, **{name: s**power * getattr(body, name) for name, power in powers.items()}) if k in chosen else body)
+    return change
+
+
+def exchanged(*names):
+    """The named properties of the first two bodies exchanged."""
+    def change(rng, scene):
+        return lambda s: misbuilt._bodies(s, lambda k, body: dataclasses.replace(
+            body, **{name: getattr(s.bodies[1 - k], name) for name in names}) if k < 2 else body)
+    return change
+
+
+def products(factor, which=None):
+    """Products of inertia times a factor."""
+    def change(rng, scene):
+        return lambda s: misbuilt._bodies(s, lambda k, body: dataclasses.replace(
+            body, inertia=body.inertia * np.where(np.eye(3, dtype=bool), 1.0, factor))
+            if which is None or k == which % s.n else body)
+    return change
+
+
+def joints(change):
+    """Anchors altered and bodies moved to where the joints then put them."""
+    def made(rng, scene):
+        return lambda s: of_output.replaced(s, tuple(change(k, joint) for k, joint in enumerate(s.joints))) or s
+    return made
+
+
+def gravity_scaled(rng, scene):
+    """Gravity by a factor."""
+    s = misbuilt.factor(rng, 0.005, 0.3)
+    return misbuilt.gravity(lambda g: s * g)
+
+
+def one_moment(rng, scene):
+    """One moment of inertia of the first body."""
+    added = rng.uniform(0.005, 0.02)
+    return misbuilt.inertia(lambda given, k: given.inertias[k] + added * np.diag([1.0, 0.0, 0.0]), 0)
+
+
+def turned(rng, scene):
+    """Inertias given in axes turned against the body's."""
+    Q = Rotation.from_rotvec(rng.uniform(0.2, 0.8) * misbuilt.unit(rng)).as_matrix()
+    return misbuilt.inertia(lambda s, k: Q @ s.inertias[k] @ Q.T)
+
+
+def with_states(states, **changes):
+    """States with some of x, R, v, w replaced."""
+    return dataclasses.replace(states, **changes)
+
+
+def at_joint(speed):
+    """Positions, and velocities too, of the joints."""
+    def change(rng, scene, states):
+        levers = of_output._levers(scene)
+        x = states.x + np.einsum("tnij,nj->tni", states.R, levers)
+        v = states.v + np.einsum("tnij,tnj->tni", states.R, np.cross(states.w, levers)) if speed else states.v
+        return with_states(states, x=x, v=v)
+    return change
+
+
+def each(change):
+    """The same done to x, R, v and w."""
+    return lambda rng, scene, states: with_states(states, **{name: change(rng, getattr(states, name))
+                                                             for name in ("x", "R", "v", "w")})
+
+
+def retimed(times):
+    """True states at other times than those asked for."""
+    return told(lambda rng, scene, states: of_output.at_times(scene, times(scene)))
+
+
+def unrepeatable(rng, scene):
+    """Noise that differs from run to run."""
+    def report(given, raw):
+        raw.states = each(lambda _, values: values + 1e-8 * np.random.default_rng().normal(size=values.shape))(
+            None, given, raw.states)
+        return raw
+    return Misbuilt(Stepper(), (), (report,))
+
+
+def later(change, part=0.4):
+    """What begins after a part of the scene's whole duration: true motion before, of an altered scene after."""
+    def build(rng, scene):
+        begin = part * scene.duration
+
+        def report(given, raw):
+            after = raw.states.t > begin
+            if after.any():
+                raw.states = change(given, raw.states, after, begin)
+                raw.states.a = raw.states.alpha = None
+            return raw
+        return Misbuilt(Stepper(), (), (report,))
+    return build
+
+
+def gravity_off(given, states, after, begin):
+    """Another gravity from a time on."""
+    start = of_output.at_times(given, np.array([begin]))
+    from crosscheck.diagnosis.of_run import restarted
+    wrong = restarted(given, start, 0, 1.0).replace(gravity=0.97 * given.gravity)
+    grid = np.concatenate([[0.0], states.t[after] - begin])
+    found = Maximal(wrong).run(grid)
+    return with_states(states, **{name: np.concatenate([getattr(states, name)[~after], getattr(found, name)[1:]])
+                                  for name in ("x", "R", "v", "w")})
+
+
+def stuck(given, states, after, begin):
+    """An angular velocity that stays as large as it is."""
+    w = states.w.copy()
+    w[after, 0, 0] = w[after, 0, 0][0]
+    return with_states(states, w=w)
+
+
+def jumped(given, states, after, begin):
+    """Attitudes of the other sign of the angle."""
+    R = states.R.copy()
+    R[after, 0] = np.swapaxes(R[after, 0], -1, -2)
+    return with_states(states, R=R)
+
+
+def shifted_later(given, states, after, begin):
+    """Positions off by a thousandth of a metre."""
+    return with_states(states, x=np.where(after[:, None, None], states.x + 1e-3, states.x))
+
+
+DAMPING = ("extra damping",)
+MISTAKES = [
+    Mistake("gravity size", ("gravity size",), altered(gravity_scaled)),
+    Mistake("gravity sign", ("gravity sign",), altered(lambda r, s: misbuilt.gravity(lambda g: -g))),
+    Mistake("gravity none", ("gravity size",), altered(lambda r, s: misbuilt.gravity(lambda g: 0 * g))),
+    Mistake("gravity axis", ("gravity axis",), altered(lambda r, s: misbuilt.gravity(lambda g: np.roll(g, 1)))),
+    Mistake("mass alone", ("mass", "inertia size"), altered(scaled(-1, mass=1))),
+    Mistake("mass and inertia", ("mass",), altered(scaled(-1, mass=1, inertia=1)), (TWO,)),
+    Mistake("all masses", ("mass", "inertia size"), altered(scaled(None, mass=1)), (TWO,)),
+    Mistake("inertias", ("inertia size", "mass"), altered(scaled(None, inertia=1))),
+    Mistake("inertia of one", ("inertia size",), altered(scaled(0, inertia=1)), (TWO,)),
+    Mistake("one moment", ("inertia entries",), altered(one_moment)),
+    Mistake("masses swapped", ("masses swapped",), altered(exchanged("mass")), ("uneven",)),
+    Mistake("inertias swapped", ("inertias swapped",), altered(exchanged("inertia")), ("uneven",)),
+    Mistake("bodies swapped", ("masses and inertias swapped",), altered(exchanged("mass", "inertia")), ("uneven",)),
+    Mistake("products dropped", ("products of inertia",), altered(products(0.0)), ("uneven",)),
+    Mistake("products negated", ("products of inertia",), altered(products(-1.0)), ("uneven",)),
+    Mistake("products of one", ("products of inertia",), altered(products(-1.0, -1)), ("uneven",)),
+    Mistake("inertia world", ("inertia frame",), altered(lambda r, s: misbuilt.inertia(
+        lambda g, k: g.R0[k] @ g.inertias[k] @ g.R0[k].T))),
+    Mistake("inertia turned", ("inertia frame",), altered(turned)),
+    Mistake("inertia at joint", ("inertia point",), altered(lambda r, s: misbuilt.inertia(misbuilt.steiner(1.0)))),
+    Mistake("part of Steiner", ("inertia point",), altered(lambda r, s: misbuilt.inertia(misbuilt.steiner(some(.05,
+        .6)(r))))),
+    Mistake("anchors swapped", ("anchors",), altered(joints(lambda k, j: dataclasses.replace(
+        j, parent_anchor=j.child_anchor, child_anchor=j.parent_anchor) if k == 1 else j)), ("uneven",)),
+    Mistake("anchor sign", ("anchors",), altered(joints(lambda k, j: dataclasses.replace(j,
+        child_anchor=-j.child_anchor)))),
+    Mistake("parent anchor sign", ("anchors",), altered(joints(lambda k, j: dataclasses.replace(
+        j, parent_anchor=-j.parent_anchor))), (TWO,)),
+    Mistake("anchor left out", ("anchors",), altered(joints(lambda k, j: dataclasses.replace(
+        j, parent_anchor=0 * j.parent_anchor) if k else j)), (TWO,)),
+    Mistake("stiffness", ("spring stiffness",), altered(lambda r, s: misbuilt.spring(s.forces[0], stiffness=near(.01,
+        .4)(r))), (SPRUNG,)),
+    Mistake("free length", ("spring free length",), altered(lambda r, s: misbuilt.spring(s.forces[0], rest=some(.01,
+        .2)(r))), (SPRUNG,)),
+    Mistake("no spring", ("missing spring",), altered(lambda r, s: misbuilt.without_spring(s.forces[0])), (SPRUNG,)),
+    Mistake("no moment of a spring", ("moment of a force",), flawed(moments=False), (SPRUNG,)),
+    Mistake("joint damping", DAMPING, flawed(joint_damping=some(.003, .3))),
+    Mistake("drag", DAMPING, flawed(drag=some(.003, .3))),
+    Mistake("angular drag", DAMPING, flawed(spin_drag=some(.01, .3))),
+    Mistake("linear drag", DAMPING, flawed(linear_drag=some(.01, .3))),
+    Mistake("quadratic drag", ("quadratic drag",), flawed(quadratic=some(.003, .3))),
+    Mistake("Coulomb friction", ("Coulomb friction",), flawed(coulomb=some(.003, .1))),
+    Mistake("no gyroscopic term", ("gyroscopic term",), flawed(gyroscopic=0.0)),
+    Mistake("gyroscopic factor", ("gyroscopic term",), flawed(gyroscopic=near(.02, .5))),
+    Mistake("gyroscopic sign", ("gyroscopic term",), flawed(gyroscopic=-1.0)),
+    Mistake("gyroscopic of one", ("gyroscopic term",), flawed(gyroscopic=lambda r, s: [0.0] + [1.0] * (s.n - 1)),
+        (TWO,)),
+    Mistake("no centripetal term", ("centripetal term",), flawed(centripetal=0.0)),
+    Mistake("centripetal factor", ("centripetal term",), flawed(centripetal=near(.02, .5))),
+    Mistake("centripetal sign", ("centripetal term",), flawed(centripetal=-1.0)),
+    Mistake("soft", ("soft constraint",), flawed(softness=lambda r, s: (some(2e3, 2e4)(r), r.uniform(5, 50)))),
+    Mistake("gain", ("stabilisation gain",), flawed(gain=lambda r, s: (r.uniform(1, 20),) * 2)),
+    Mistake("naive group", ("group update",), flawed(naive=True)),
+    Mistake("two sub-steps", ("hidden sub-steps",), flawed(substeps=2)),
+    Mistake("more sub-steps", ("hidden sub-steps",), flawed(substeps=lambda r, s: int(r.integers(3, 6)))),
+    Mistake("order one", ("order of the step",), flawed(euler=True)),
+    Mistake("w in world axes", ("velocity frame",), told(lambda r, s, t: with_states(t, w=np.einsum("tnij,tnj->tni",
+        t.R, t.w)))),
+    Mistake("v in body axes", ("velocity frame",), told(lambda r, s, t: with_states(t, v=np.einsum("tnji,tnj->tni",
+        t.R, t.v)))),
+    Mistake("R inverted", ("quaternion conjugated",), told(lambda r, s, t: with_states(t, R=np.swapaxes(t.R, -1, -2)))),
+    Mistake("x at the joint", ("position of the joint",), told(at_joint(False))),
+    Mistake("x and v at the joint", ("position of the joint",), told(at_joint(True))),
+    Mistake("other order", ("order of bodies",), told(lambda r, s, t: of_output._picked(t, list(range(s.n))[::-1])),
+        (TWO, "uneven")),
+    Mistake("start time", ("time offset",), retimed(lambda s: s.t + 0.013)),
+    Mistake("fast clock", ("time scale",), retimed(lambda s: 1.004 * s.t)),
+    Mistake("slow clock", ("time scale",), retimed(lambda s: 0.99 * s.t)),
+    Mistake("late", ("time offset",), retimed(lambda s: np.maximum(s.t - 0.002, 0.0))),
+    Mistake("float32 states", ("precision floor",), told(each(lambda r, v: v.astype(np.float32).astype(float)))),
+    Mistake("six decimals", ("rounded output",), told(each(lambda r, v: np.round(v, 6)))),
+    Mistake("noise", ("noise",), told(each(lambda r, v: v + 1e-9 * r.normal(size=v.shape)))),
+    Mistake("random", ("noise",), unrepeatable),
+    Mistake("gravity later", ("gravity size", "mass"), later(gravity_off)),
+    Mistake("clamp", ("clamp",), later(stuck)),
+    Mistake("lost sign", ("wrap or lost sign",), later(jumped)),
+    Mistake("positions later", ("wrap or lost sign",), later(shifted_later)),
+    Mistake("quaternion order", ("quaternion order",), altered(lambda r, s: lambda g: misbuilt._relative(g,
+        attitude=misbuilt.quaternion_order))),
+    Mistake("quaternion inverse", ("quaternion conjugated",), altered(lambda r, s: lambda g: misbuilt._relative(g,
+        attitude=lambda R: R.T))),
+]
+
+
+def scene_of(name):
+    """A built-in scene of a few seconds, or the double pendulum with unequal bodies and products of inertia."""
+    from crosscheck.scene.file import load_scene
+
+    scene = load_scene(TWO if name == "uneven" else name)
+    if name == "uneven":
+        rng = np.random.default_rng(8)
+        Q = [Rotation.from_rotvec(rng.normal(size=3)).as_matrix() for _ in scene.bodies]
+        scene = scene.replace(name="uneven", bodies=tuple(dataclasses.replace(
+            body, mass=(1.0 + 0.6 * k) * body.mass, inertia=(1.0 + 0.5 * k) * Q[k] @ body.inertia @ Q[k].T)
+            for k, body in enumerate(scene.bodies)))
+        joint = scene.joints[1]
+        made = of_output.replaced(scene, (scene.joints[0], dataclasses.replace(
+            joint, parent_anchor=np.array([0.2, 0.1, -0.8]), child_anchor=np.array([0.0, -0.1, 0.6]))))
+        scene = scene if made is None else made
+    return scene.replace(duration=min(scene.duration, 3.0), samples=31)

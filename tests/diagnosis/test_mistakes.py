@@ -1,0 +1,68 @@
+"""`explain` on a suite of seeded mistakes: none is acquitted, none named wrongly, few stay unknown."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from crosscheck.diagnosis import explain
+from tests.diagnosis.mistakes import MISTAKES, scene_of
+from tests.diagnosis.stepper import Stepper
+
+SEED = 41
+CASES = [(mistake, name) for mistake in MISTAKES for name in mistake.scenes]
+QUICK = {("gyroscopic factor", "single_pendulum"), ("no centripetal term", "single_pendulum"),
+         ("x at the joint", "single_pendulum"), ("float32 states", "single_pendulum")}
+
+
+@functools.cache
+def answered(key, name):
+    """(score, sentence) of a mistake on a scene: "named", "unknown", "acquitted" or "wrong"."""
+    index, mistake = next((k, each) for k, each in enumerate(MISTAKES) if each.key == key)
+    scene = scene_of(name)
+    answer = explain(scene, mistake.build(np.random.default_rng([SEED, index]), scene), "RK4")
+    if answer.outcome != "named":
+        return {"agrees": "acquitted"}.get(answer.outcome, answer.outcome), answer.sentence
+    found = {option for cause in answer.names for option in cause.split(" or ")}
+    single = all(set(cause.split(" or ")) & set(mistake.names) for cause in answer.names)
+    return ("named" if single and found & set(mistake.names) else "wrong"), answer.sentence
+
+
+@pytest.mark.parametrize(("key", "name"), [
+    pytest.param(mistake.key, name, marks=() if (mistake.key, name) in QUICK else pytest.mark.slow)
+    for mistake, name in CASES])
+def test_a_mistake_is_neither_acquitted_nor_named_wrongly(key, name):
+    score, sentence = answered(key, name)
+    assert score in ("named", "unknown"), sentence
+
+
+@pytest.mark.slow
+def test_few_stay_unknown():
+    scores = [answered(mistake.key, name)[0] for mistake, name in CASES]
+    assert len(MISTAKES) >= 60
+    assert scores.count("unknown") <= 0.1 * len(scores)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["single_pendulum", "double_pendulum", "spring_pendulum", "hinge_pendulum",
+                                  "torsion_wheel", "four_bar", "damped_pendulum", "loaded_pendulum", "rod_pendulum",
+                                  "universal_pendulum", "triple_pendulum", "branching_tree"])
+def test_a_right_engine_is_accused_of_nothing(name):
+    answer = explain(scene_of(name), Stepper(), "RK4")
+    assert (answer.outcome, answer.exit_code) == ("agrees", 0), answer.sentence
+
+
+def test_an_object_of_two_methods_is_explained():
+    """The class of docs/adding-an-engine.md: no orders, no levels, states alone."""
+    class Bare:
+        name, methods = "bare", ("RK4",)
+
+        def unsupported(self, scene, spec):
+            return None
+
+        def run(self, scene, spec):
+            wrong = scene.replace(gravity=0.9 * scene.gravity)
+            return Stepper().run(wrong, spec).states
+
+    answer = explain(scene_of("single_pendulum"), Bare(), "RK4")
+    assert "gravity size" in " ".join(answer.names), answer.sentence

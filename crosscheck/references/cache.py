@@ -108,7 +108,7 @@ def store(scene: Scene, reference: Reference) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=target.parent, suffix=".tmp", delete=False) as file:
             temporary = pathlib.Path(file.name)
-            np.savez(file, **content, **{_DIGEST: _digest(content)})
+            np.savez(file, **(content | {_DIGEST: np.asarray(_digest(content))}))
         os.replace(temporary, target)
     except OSError as error:
         if temporary is not None:

@@ -14,7 +14,7 @@ DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 PACKAGES = ("lieeuler", "crosscheck")
 FOLDERS = (ROOT, ROOT / "docs", ROOT / "lieeuler" / "_core", ROOT / "crosscheck", ROOT / "lieeuler")
 """Where a path in a document may start."""
-WRITTEN = ("reports/", "results/", "build/", ".venv/", "my_")
+WRITTEN = ("reports/", "results/", "build/", ".venv/", ".github/", "my_")
 """Paths that a run, a build or the reader makes."""
 CODE = re.compile(r"`([^`\n]+)`")
 LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")

@@ -21,7 +21,7 @@ def load(path: str, states: JointStates) -> Native:
         try:
             model = mujoco.MjModel.from_xml_path(str(Path(path).resolve()))
         except Exception as error:  # ValueError, and MuJoCo's own FatalError
-            raise EngineError(f"MuJoCo refuses the file: {' '.join(str(error).split())}") from None
+            raise EngineError(f"{' '.join(str(error).split())}") from None
         data = mujoco.MjData(model)
         model.qpos0[:] = np.where(np.isfinite(model.qpos0), model.qpos0, 0.0)
         data.qpos[:] = model.qpos0

@@ -19,7 +19,7 @@ def load(path: str, states: JointStates) -> Native:
     try:
         model = read(path)
     except Exception as error:  # several kinds, of its own and of urdfdom
-        raise EngineError(f"Pinocchio refuses the file: {' '.join(str(error).split())}") from None
+        raise EngineError(f"{' '.join(str(error).split())}") from None
     data = model.createData()
     pinocchio.forwardKinematics(model, data, pinocchio.neutral(model), np.zeros(model.nv))
     moving = first_links(model)

@@ -36,7 +36,9 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     if model.is_urdf:
         gravity = np.array([0.0, 0.0, -9.81])
     content: Table = {
-        "schema": 2, "name": _name(model), "description": f"imported from {Path(path).name}",
+        "schema": 2, "name": _name(model),
+        "description": "; ".join([f"imported from {Path(path).name}",
+                                  *(f"left out: {words}" for words in reading.lost)]),
         "source": Path(path).name, "tags": ["imported"], "gravity": np.asarray(gravity).tolist(),
         "duration": duration, "samples": samples, "left_out": reading.lost,
         "bodies": [neutral.body_table(body) for body in reading.bodies.values()],

@@ -8,6 +8,7 @@ import typer
 
 from crosscheck.cli.options import Drop, Keyframe, SceneName, loaded
 from crosscheck.cli.states_csv import write_csv
+from crosscheck.document import PASSING, Judged, Run
 from crosscheck.errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -35,7 +36,10 @@ def run(
     drop: Drop = False,
     keyframe: Keyframe = None,
 ) -> None:
-    """Run one scene with one method of one engine; print its figures, or write its trajectory as CSV."""
+    """Run one scene with one method of one engine; print its figures and verdict, or write its trajectory as CSV.
+
+    Exit code 0: the verdict passes; 1: it fails.
+    """
     from crosscheck import adapters
     from crosscheck.running.run import run as run_scene
 
@@ -52,12 +56,53 @@ def run(
     if csv_file is not None:
         write_csv(found, traj, csv_file)
     if csv_file != "-":
-        _print_run(found, traj, csv_file, step)
+        judged = _judged(str(scene), traj, engine, step, rtol, form)
+        _print_run(traj.scene, traj, csv_file, step)
+        _print_verdict(judged)
+        raise typer.Exit(int(judged is not None and judged.outcome not in PASSING))
+
+
+def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: float | None, form: str | None
+            ) -> Judged | None:
+    """The verdict; None where neither a step nor a tolerance was given to judge by."""
+    from crosscheck import adapters
+    from crosscheck.adapters.base import RunSpec
+    from crosscheck.running.provenance import engine_version
+    from crosscheck.verification.cell import judge_run
+
+    adapter, used = adapters.get(engine), step or traj.stats.get("step")
+    spec = RunSpec(traj.method, step=used if rtol is None else None, rtol=rtol, form=form)
+    order = adapter.documented_order(traj.scene, spec)
+    if rtol is None and (order is None or used is None):
+        return None
+    asked = Run(scene=name, engine=engine, version=engine_version(engine), method=traj.method, form=traj.form,
+                step=used if rtol is None else None, rtol=rtol, documented_order=order if rtol is None else None)
+    return judge_run(asked, traj.scene, traj, adapter.held_levels(traj.scene, spec))
+
+
+def _print_verdict(judged: Judged | None) -> None:
+    from crosscheck.judge.verdict import word, worst
+
+    if judged is None:
+        typer.echo("verdict: none, for it is by the step or by --rtol that a run is judged")
+        return
+    for name, error in judged.errors.items():
+        bound = "no bound at this step" if error.bound is None else f"bound {error.bound:.1e} {error.unit}"
+        until = "" if error.judged is None or judged.judged_until is None else (
+            f"; up to {judged.judged_until:g} s {error.judged:.1e} {error.unit}")
+        typer.echo(f"{name} error against truth {error.max:.1e} {error.unit}{until}, {bound}")
+    if judged.energy_error is not None:
+        typer.echo(f"energy error {judged.energy_error:.1e} of the largest kinetic energy, every step")
+    first = worst(judged.findings)
+    reason = judged.message or ("" if first is None or judged.outcome == "pass" else
+                                f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "
+                                f"({first.why})")
+    typer.echo(f"verdict: {word(judged)}" + (f": {reason}" if reason else ""))
 
 
 def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: float | None) -> None:
     used = traj.stats.get("step")
-    typer.echo(f"{traj.engine} {traj.method}{f' ({traj.form})' if traj.form else ''}: {traj.status}, {traj.steps} steps"
+    typer.echo(f"{traj.engine} {traj.method}{f' ({traj.form})' if traj.form else ''}: {traj.steps} steps"
                + (f" of {used:.6g} s" if used else "") + f", {1e3 * traj.wall_time:.3g} ms of stepping, "
                f"{1e6 * traj.wall_time / max(1, traj.steps):.3g} us per step")
     if asked and used and used < asked * (1 - 1e-9):

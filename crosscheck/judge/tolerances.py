@@ -58,6 +58,10 @@ class Tol:
     why: str
 
 
+AT_REST = 1e-20
+"""A kinetic energy below this share of that of falling is rounding."""
+
+
 def scales(scene: Scene, truth: Reference) -> Scales:
     """Sizes of a scene along its true motion."""
     levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
@@ -72,8 +76,12 @@ def scales(scene: Scene, truth: Reference) -> Scales:
                      + np.einsum("tik,ikl,til->t", states.w, scene.inertias, states.w))
     speed, reach = (float(np.linalg.norm(values, axis=-1).max()) for values in (states.v, states.x))
     inertia = float(np.linalg.norm(scene.inertias, ord=2, axis=(1, 2)).sum())
-    return Scales(length=length, speed=speed, rate=max(float(rates.max()), fall),
-                  unit_rate=max(float(rates[0].max()), fall) or 1.0, reach=reach, kinetic=float(kinetic.max()),
+    rate, most = max(float(rates.max()), fall), float(kinetic.max())
+    falling = float(scene.masses.sum()) * (length * (rate or 1.0)) ** 2
+    if most <= AT_REST * falling:  # nothing moves: the sizes are those of falling through the length
+        speed, most = length * (rate or 1.0), falling
+    return Scales(length=length, speed=speed, rate=rate or 1.0,
+                  unit_rate=max(float(rates[0].max()), fall) or 1.0, reach=reach, kinetic=most,
                   momentum=float(scene.masses.sum() * reach * speed + inertia * rates.max()))
 
 

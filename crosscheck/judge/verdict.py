@@ -226,7 +226,7 @@ def settle(run: Measured, findings: list[Finding], turning: known.Turning, messa
     for entry in known.entries(run.engine, run.method, run.scene, run.form, turning, run.practical):
         seen = [finding for finding in findings if finding.kind in entry.kinds and finding.status != "unjudged"
                 and not finding.why.startswith(tolerances.BY_USER)]
-        failing = [finding for finding in seen if finding.status == "fail"]
+        failing = [finding for finding in seen if finding.status == "fail" and entry.excuses(finding)]
         findings = [replace(each, status="known", detail=entry.reason) if each in failing else each
                     for each in findings]
         # Vanished means looked for and not found: a profile without an order study says nothing about orders.

@@ -10,8 +10,11 @@ from msgspec.structs import replace
 
 from crosscheck import adapters
 from crosscheck.document import LEVELS, Finding, Judged, Level, Measured, Run, extended
+from crosscheck.errors import Unsupported
 from crosscheck.judge import tolerances
+from crosscheck.judge.accelerations import judge_accelerations
 from crosscheck.judge.continuity import judge_continuity
+from crosscheck.judge.defects import MOST_BODIES, judge_defects
 from crosscheck.judge.metrics import Error, errors
 from crosscheck.judge.overrides import override
 from crosscheck.judge.verdict import (
@@ -75,6 +78,31 @@ def run_cell(cell: Cell) -> Judged:
     return settle(measured, findings, adapters.turning, study.message or main.message, main.until)
 
 
+def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str]) -> Judged:
+    """The verdict on one run, without an order study; where its step is too coarse for bounds, also by its energy."""
+    from crosscheck.references import TruthError, truth
+
+    try:
+        if scene.n > MOST_BODIES:
+            raise Unsupported("the truth of so many bodies takes minutes")
+        reference, window = truth(scene), truth(windowed(scene, FIRST))
+    except (TruthError, Unsupported) as error:
+        maxima = _maxima(traj)
+        findings = [judge_without_truth(scene, traj), *judge_levels(scene, traj, None, None, held, maxima),
+                    _orthogonality(run.engine, traj, maxima)]
+        judged = settle(_measured(run, scene, traj, None, {}, held, maxima), findings, adapters.turning)
+        return judged if judged.outcome != "pass" else replace(
+            judged, outcome="unjudged", message=f"no truth: {' '.join(str(error).split())}")
+    main = _main_run(run, scene, traj, reference, window, held, budgeted=True)
+    coarse = any(finding.kind == "step" for finding in main.findings)
+    findings = [*main.findings, *([judge_practical(scene, traj, reference)] if coarse else [])]
+    return settle(main.run, findings, adapters.turning, main.message, main.until)
+
+
+FIRST = 1.0
+"""s at the beginning that a single run is judged by where no bound reaches over the whole of it."""
+
+
 @dataclasses.dataclass(frozen=True)
 class _Main:
     """A main run: its figures, what was judged of them, and up to when."""
@@ -107,6 +135,9 @@ def _main_run(run: Run, scene: Scene, traj: Trajectory, reference: Reference, wi
         findings, found, bounds = judge_states(scene, traj, reference, window, run.documented_order,
                                                traj.stats.get("step") or run.step, run.rtol, budgeted)
         findings += judge_invariants(scene, traj, reference, bounds)
+        used = traj.stats.get("step") or run.step
+        findings += judge_defects(scene, traj, reference, run.documented_order, used, run.rtol)
+        findings += judge_accelerations(scene, traj, reference, run.documented_order, used, run.rtol)
     levels = judge_levels(scene, traj, reference, bounds, held, maxima)
     return _Main(_measured(run, scene, traj, reference, found, held, maxima),
                  [Finding("run", "ok", None, None, "", ENDED), *findings, *levels,
@@ -149,7 +180,8 @@ def _measured(run: Run, scene: Scene, traj: Trajectory, reference: Reference | N
     """The figures of a run."""
     from crosscheck.scene import mechanics
 
-    size = float(mechanics.kinetic_energy(scene, traj if reference is None else reference.states).max())
+    size = (float(mechanics.kinetic_energy(scene, traj).max()) or 1.0 if reference is None else
+            tolerances.scales(scene, reference).kinetic)
     levels = {}
     for level, unit in LEVELS.items():
         series = getattr(traj, f"constraint_{level}")

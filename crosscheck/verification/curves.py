@@ -85,7 +85,7 @@ def _run_curves(scene: Scene, traj: Any, errors: Mapping[str, Error], reference:
     momentum = traj.momentum_vertical[:1] if reference is None else true["momentum"]
     found = {key: _packed(values, true.get(key)) for key, values in series.items()}
     found["errors"] = {name: _log(error.series) for name, error in errors.items()}
-    found["energy"] = _log(np.abs(traj.energy - energy) / mechanics.kinetic_energy(scene, exact).max())
+    found["energy"] = _log(np.abs(traj.energy - energy) / (mechanics.kinetic_energy(scene, exact).max() or 1.0))
     found["momentum error"] = _log(np.abs(traj.momentum_vertical - momentum))
     found["orthogonality"] = _log(traj.orthogonality)
     for level in ("position", "velocity", "acceleration"):

@@ -41,11 +41,21 @@ def test_mujocos_rk4_is_known_to_be_naive_before_version_4():
 def _settled(scene, observed):
     run = Measured(scene=scene, engine="pinocchio", version="4.1", method="RK4naive", form="tree", step=1e-3,
                    documented_order=4)
-    kinds = (*known.STATE, "energy", "momentum")
+    kinds = (*known.STATE, *known.INTERVALS, "energy", "momentum")
     findings = [Finding(kind, "ok", 1e-6, 1e-5, "", "") for kind in kinds]
     findings += [Finding(kind, "ok" if observed > 3.85 else "fail", observed, 3.85, "1", "")
                  for kind in known.ORDERS]
     return settle(run, findings, adapters.turning)
+
+
+@pytest.mark.parametrize(("engine", "method", "scene", "form"), [
+    ("exudyn", "RK44", "thrown_double", "tree"), ("pinocchio", "RKMK4", "double_four_bar", "tree"),
+    ("exudyn", "GeneralizedAlpha", "chain_64", "tree")])
+def test_a_known_defect_excuses_only_its_size(engine, method, scene, form):
+    run = Measured(scene=scene, engine=engine, version="1", method=method, form=form, step=1e-3, documented_order=4)
+    for excess, outcome in ((1e3, "known"), (1e9, "fail")):
+        findings = [Finding(kind, "fail", excess * 1e-6, 1e-6, "", "") for kind in known.STATE]
+        assert settle(run, findings, adapters.turning).outcome == outcome
 
 
 def test_naive_rk4_shows_as_known_and_fails_once_it_is_fourth_order():

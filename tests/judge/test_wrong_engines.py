@@ -1,0 +1,56 @@
+"""Every engine with a visible mistake fails, whenever it begins; the same stepper without one is accused of nothing."""
+
+import numpy as np
+import pytest
+
+from crosscheck.document import Plan
+from crosscheck.judge.plan import halved, parts
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell
+from tests.fake_engine import install
+from tests.wrong_engines import MISTAKES, STEP, Right
+
+PLAN = Plan(0.5, {1: STEP}, {1: halved(4e-3), 4: parts(0.1, 10, 14, 20, 28)}, samples=26, duration=1.0)
+SCENES = ("single_pendulum", "double_pendulum")
+
+
+def judged(monkeypatch, engine, scene, order, study=False):
+    install(monkeypatch, engine)
+    return run_cell(Cell(scene, "fake", f"RKMK{order}", None, PLAN, study))
+
+
+def failing(run):
+    return {finding.kind for finding in run.findings if finding.status == "fail"}
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_right_stepper_is_accused_of_nothing(monkeypatch, scene, order):
+    run = judged(monkeypatch, Right(), scene, order, study=True)
+    assert failing(run) <= {"step"}, run.findings  # first order at this step has no bound on the double pendulum
+
+
+def cases(every):
+    found = [(mistake, scene, order) for mistake in MISTAKES for scene in mistake.scenes for order in mistake.orders]
+    return found if every else found[::len(found) // 12 + 1]
+
+
+def test_there_are_enough_mistakes():
+    assert len(MISTAKES) >= 60
+    assert len({mistake.name for mistake in MISTAKES}) == len(MISTAKES)
+
+
+def accused(monkeypatch, mistake, scene, order, seed):
+    run = judged(monkeypatch, mistake.make(np.random.default_rng(seed)), scene, order)
+    assert failing(run) - {"step"}, f"{mistake.name} on {scene} at order {order}"
+
+
+@pytest.mark.parametrize(("mistake", "scene", "order"), cases(False), ids=lambda value: getattr(value, "name", value))
+def test_a_visible_mistake_fails(monkeypatch, mistake, scene, order):
+    accused(monkeypatch, mistake, scene, order, 15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("mistake", "scene", "order"), cases(True), ids=lambda value: getattr(value, "name", value))
+def test_every_visible_mistake_fails(monkeypatch, mistake, scene, order):
+    accused(monkeypatch, mistake, scene, order, 150)

@@ -109,6 +109,7 @@ def _path(shown: Shown, method: str) -> Drawing:
         axes.plot(*path[0], marker="o", markersize=3, color=colour)
     axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
     axes.set_aspect("equal")
+    axes.locator_params(nbins=4)
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, 1.08))
     caption = ("Paths of the mass centres" + (" and of the end, the point opposite the joint," if ends(scene) else "")
                + f" by {tex(method)}; a dot marks the start. {_caption(shown)}")

@@ -64,7 +64,15 @@ def symmetric_bodies(problem: Problem) -> tuple[int, ...]:
 
 
 def spin_free_frames(problem: Problem) -> SpinFreeFrames | None:
-    """The spin-free frames a problem allows, None where no body has one or none of them spins."""
+    """The spin-free frames a problem allows, None where no body has one or none of them spins; found once."""
+    known = vars(problem)
+    if "_spin_free_frames" not in known:
+        known["_spin_free_frames"] = _find_frames(problem)
+    frames: SpinFreeFrames | None = known["_spin_free_frames"]
+    return frames
+
+
+def _find_frames(problem: Problem) -> SpinFreeFrames | None:
     found = {b: axis for b in range(problem.n) if (axis := _axis(problem, b)) is not None}
     rates = {b: float(axis @ problem.w[b]) for b, axis in found.items()}
     bodies = tuple(b for b in found if rates[b] != 0.0)

@@ -36,6 +36,10 @@ class EulerStepper {
     if (rank_ == Rank::unknown) {
       if (!saddle_.find_redundancy(joints_)) return Status::singular_matrix;
       scale_tail();
+      if (core_ && saddle_.dropped())
+        follow_choice();
+      else if (core_ && has_many_loops(system_))
+        equations().take_whole_matrix();
       rank_ = Rank::of_start;
     }
     lu_.expect_deficiency(saddle_.redundant() * (nodes_.doubled() ? 2 : 1));
@@ -81,6 +85,10 @@ class EulerStepper {
     if (status != Status::success) return status;
     predictor.push(z_);
     if (const Status end = equations().finish(); end != Status::success) return end;
+    if (core_ && saddle_.choice() != choice_) {
+      follow_choice();
+      predictor.forget();  // multipliers of other rows
+    }
     return saddle_.redundant() > 0 ? follow_null_space() : Status::success;
   }
 
@@ -124,10 +132,10 @@ class EulerStepper {
   EulerStepper(const System& system, Level level, bool index1_output, const Layout& layout)
       : system_(system), level_(level), index1_output_(index1_output), second_order_(layout.second_order),
         nodes_(system, layout.doubled_unknowns), columns_(nodes_), joints_(system), start_joints_(system),
-        saddle_(system), start_(system), state_(system), maps_(system.n() + 1), xi_(system.n() + 1),
+        saddle_(system, layout.eliminates && has_many_loops(system)), start_(system), state_(system), maps_(system.n() + 1), xi_(system.n() + 1),
         force_(system.n() + 1), z_(3 * nodes_.count(), 0.0) {
     if (layout.eliminates)
-      core_.emplace(system);
+      core_.emplace(system, has_many_loops(system));
     else
       plan_matrix(layout.doubled_matrix);
     for (const Joint& joint : system.joints)
@@ -273,12 +281,20 @@ class EulerStepper {
       if (!saddle_.count_redundancy(joints_, redundant) || redundant < saddle_.redundant())
         return Status::singular_matrix;
       rank_ = Rank::confirmed;
+      if (saddle_.dropped()) return Status::success;
       if (!saddle_.factor(joints_)) return Status::singular_matrix;
+    } else if (saddle_.dropped()) {
+      return Status::success;  // no null space to follow
     } else if (!index1_output_ && !Equations::projects(level_)) {  // else finish() has factored it here
       if (!saddle_.factor(joints_)) return Status::singular_matrix;
     }
     saddle_.make_least_norm(state_.lam);
     return Status::success;
+  }
+
+  void follow_choice() {
+    core_->drop(*saddle_.dropped());
+    choice_ = saddle_.choice();
   }
 
   // Scaled pivots below this, where Newton failed, say why: within 1e-3 of a singular position.
@@ -308,6 +324,7 @@ class EulerStepper {
     speed_ = std::max(speed_, impulse * mobility_);
   }
   enum class Rank { unknown, of_start, confirmed } rank_ = Rank::unknown;
+  int choice_ = 0;
   Newton newton_;
   Predictor predictor_;
 };

@@ -28,13 +28,11 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
 
   HamiltonStepper(const System& system, Level level, bool index1_output, Kind kind = Kind::euler)
       : Base(system, level, index1_output,
-             {.second_order = level == Level::velocity, .eliminates = eliminates(system)}),
+             {.second_order = level == Level::velocity, .eliminates = eliminates(system, level)}),
         rattle_(kind == Kind::rattle), rotations_(system.n() + 1), slopes_(system.n()), tangents_(slopes_),
         velocity_slopes_(level == Level::velocity ? system.n() : 0), momentum_(system.n() + 1),
         impulse_(system.n() + 1), change_(rattle_ ? system.n() + 1 : 0), mu_(system.rows(), 0.0) {
-    if (this->core_) return;
-    for (int b = 0; b < system.n(); ++b)
-      bodies_.push_back({lu_.block(nodes_.v(b), nodes_.v(b)), lu_.block(nodes_.w(b), nodes_.w(b))});
+    if (!this->core_) find_blocks();
   }
 
   static constexpr bool has_velocity_rows(Level level) { return level == Level::velocity; }
@@ -58,6 +56,11 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     return Status::success;
   }
 
+  void take_whole_matrix() {
+    this->plan_matrix(false);
+    find_blocks();
+  }
+
   bool factor() {
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
@@ -71,6 +74,11 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
  private:
   using Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_, Base::state_;
   using Base::system_, Base::xi_, Base::z_, Base::force_;
+
+  void find_blocks() {
+    for (int b = 0; b < system_.n(); ++b)
+      bodies_.push_back({lu_.block(nodes_.v(b), nodes_.v(b)), lu_.block(nodes_.w(b), nodes_.w(b))});
+  }
 
   bool by_velocity() const { return level_ == Level::velocity; }
   double impulse_time() const { return rattle_ ? 0.5 * h_ : h_; }
@@ -114,9 +122,9 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       }
   }
 
-  // Where only the rows of joints couple bodies: no dampers, no loops.
-  static bool eliminates(const System& system) {
-    return is_forest(system) &&
+  // Where only the rows of joints couple bodies: no dampers, and no loops whose dependent rows have to stay.
+  static bool eliminates(const System& system, Level level) {
+    return (is_forest(system) || (level != Level::velocity && has_many_loops(system))) &&
            std::all_of(system.forces.begin(), system.forces.end(), [](const Force& f) { return f.damping == 0; });
   }
 

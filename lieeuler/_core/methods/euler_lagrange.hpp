@@ -39,7 +39,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
   static constexpr bool projects(Level) { return false; }
-  bool exact_matrix() const { return level_ != Level::acceleration; }
+  bool exact_matrix() const { return level_ != Level::acceleration && !(this->core_ && this->saddle_.dropped()); }
 
   bool solve_linear(std::vector<double>& r) {
     if (!split_) return Base::solve_linear(r);
@@ -49,10 +49,13 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   // From the split solve to one matrix for all unknowns, where the former does not converge.
   bool fall_back() {
     if (!split_) return false;
+    take_whole_matrix();
+    return true;
+  }
+  void take_whole_matrix() {
     split_.reset();
     this->plan_matrix(true);
     find_blocks();
-    return true;
   }
 
   // What an implicit step, with the matrix factored last, leaves of a change of the velocities: forces that answer to it
@@ -219,6 +222,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   // Where a joint's second derivatives and the forces keep to one body each: spherical joints without forces, on trees.
   // The acceleration level has rows of its own.
   static bool eliminates(const System& system, Level level) {
+    if (splits(system, level) && !is_forest(system)) return true;  // but for the coupling of a joint's two bodies
     return level != Level::acceleration && system.forces.empty() && is_forest(system) &&
            std::all_of(system.joints.begin(), system.joints.end(), [](const Joint& joint) {
              return std::all_of(joint.parts.begin(), joint.parts.end(), [](const Part& part) { return part.spherical; });
@@ -230,7 +234,13 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     for (int b = 0; b < system_.n(); ++b) stiffness_of_[b].setZero();
     for (int k = 0; k < nodes_.parts(); ++k) {
       const Vec3 impulse = h_ * load3(&z_[3 * nodes_.lam(k)]);
-      for (Side side : kSides) stiffness_of_[this->body_of(k, side)] += this->here(k).anchor_stiffness(side, impulse);
+      for (Side side : kSides) {
+        Mat3& own = stiffness_of_[this->body_of(k, side)];
+        if (this->part_of(k).spherical)
+          own += this->here(k).anchor_stiffness(side, impulse);
+        else if (this->body_of(k, side) != system_.n())
+          own += dot_stiffness(k, side, impulse);
+      }
     }
     for (int b = 0; b < system_.n(); ++b)
       if (!this->core_->set_rotational(b, inertia_block(b) + stiffness_of_[b] * tangents_[b])) return false;
@@ -241,6 +251,13 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     };
     this->core_->assemble(Derivatives{*this}, Delassus::Jacobians{joints_});
     return true;
+  }
+  // The block of its own of a body's stiffness at dot rows, and the slope of their velocity for the split solve. What
+  // they couple two bodies by is left to the iteration: it goes as h^2.
+  Mat3 dot_stiffness(int k, Side side, const Vec3& impulse) {
+    const Part& part = this->part_of(k);
+    split_->slope(k, side) = rate_slope(k, side, this->here(k).jacobian(part, side), tangents_[this->body_of(k, side)]);
+    return this->here(k).geometric_stiffness(part, side, side, impulse).ww;
   }
   // Slope of a spherical part's rows by xi, against rotations: of position, or of velocity where that is all there is.
   Mat3 anchor_rows(const Delassus::Place& place, const Mat3& G) const {

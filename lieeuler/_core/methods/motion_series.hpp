@@ -51,7 +51,7 @@ class MotionSeries {
     for (PartSeries& part : parts_) part.begin(carried_, k);
     for (const Arm& arm : arms_) add_arm(arm, k);
     for (PartSeries& part : parts_) subtract_gamma(part, k);
-    saddle.solve(force_, rows_);
+    saddle.solve(force_, rows_, k < kLowOrders);
     for (int b = 0; b < system_.n(); ++b) body_.extend(b, k, turned_[b], force_[b]);
     for (PartSeries& part : parts_) part.finish(carried_, k, rows_[part.index]);
     for (CarriedSeries& z : carried_) z.extend(body_, k + 2);
@@ -76,6 +76,8 @@ class MotionSeries {
   }
 
  private:
+  static constexpr int kLowOrders = 5;  // whose errors a step feels: those of the others are multiplied by powers of it
+
   // A force V in world axes at a point of a body, or a vector V that acts on an axis of it: the torque lever x R^T V.
   struct Arm {
     int body;

@@ -13,7 +13,7 @@ class TaylorStepper {
  public:
   explicit TaylorStepper(const System& system)
       : system_(system), tree_(system), small_(is_small(system, tree_)), points_(system, tree_, small_), state_(system),
-        projection_(system), saddle_(system), small_saddle_(system, points_), series_(system, points_) {}
+        projection_(system), saddle_(system, has_many_loops(system)), small_saddle_(system, points_), series_(system, points_) {}
   TaylorStepper(const TaylorStepper&) = delete;  // parts refer to each other
 
   Status start(const State& initial, double t, double t_end, double rtol) {

@@ -2,11 +2,35 @@
 #pragma once
 
 #include <algorithm>
+#include <set>
 #include <vector>
 
 #include "model/system.hpp"
 
 namespace lieeuler {
+
+// An order of nodes for elimination in which the next one always has the fewest neighbours left; pairs: (row, column).
+inline std::vector<int> minimum_degree_order(int nodes, const std::set<std::pair<int, int>>& pairs) {
+  std::vector<std::set<int>> near(nodes);
+  for (const auto& [a, b] : pairs)
+    if (a != b) near[a].insert(b), near[b].insert(a);
+  std::set<std::pair<size_t, int>> waiting;  // by degree
+  for (int node = 0; node < nodes; ++node) waiting.insert({near[node].size(), node});
+  std::vector<int> order;
+  while (!waiting.empty()) {
+    const int node = waiting.begin()->second;
+    waiting.erase(waiting.begin());
+    order.push_back(node);
+    for (int a : near[node]) {
+      waiting.erase({near[a].size(), a});
+      near[a].erase(node);
+      for (int b : near[node])
+        if (a != b) near[a].insert(b);
+      waiting.insert({near[a].size(), a});
+    }
+  }
+  return order;
+}
 
 // Nodes 0 .. n-1 are bodies, n + j is joint j.
 //

@@ -28,13 +28,14 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
   Monitor monitor(system, monitored);
   std::optional<Projection> projection;  // of samples between steps
   State sample(system);
+  LeastNorm least_norm(system);
   double reached = t_eval.front();
   const auto end = [&](Status status) { return ended(outcome, status, reached, monitor, stepper); };
   if (const Status status = stepper.start(initial, t_eval.front(), t_eval.back(), rtol); status != Status::success)
     return end(status);
   if (!is_finite(stepper.state())) return end(Status::non_finite);
   monitor.start(stepper.state(), stepper.joints());
-  record(outcome.samples++, stepper.state());
+  record(outcome.samples++, least_norm.of(stepper.state()));
   Watch watch(interrupted, system);
   for (size_t next = 1; next < t_eval.size();) {
     if (watch.ends()) return end(Status::interrupted);
@@ -45,7 +46,7 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
       if (watch.ends()) return end(Status::interrupted);  // a step may hold any number of samples
       if (t_eval[next] == reached) {
         if (!is_finite(stepper.state())) return end(Status::non_finite);
-        record(outcome.samples++, stepper.state());
+        record(outcome.samples++, least_norm.of(stepper.state()));
         continue;
       }
       Status status = Status::success;
@@ -58,7 +59,7 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
         status = projection->project(sample, Scales::of(system, sample), outcome.counters);
       if (status == Status::success && !is_finite(sample)) status = Status::non_finite;
       if (status != Status::success) return end(status);
-      record(outcome.samples++, sample);
+      record(outcome.samples++, least_norm.of(sample));
     }
   }
   return end(Status::success);

@@ -125,6 +125,27 @@ Outcome ended(Outcome outcome, Status status, double reached, const Monitor& mon
   return outcome;
 }
 
+// Samples with the least-norm multipliers of all rows, where methods solve for those of independent ones.
+class LeastNorm {
+ public:
+  explicit LeastNorm(const System& system) : joints_(system), state_(system) {
+    if (has_many_loops(system)) rows_.emplace(system);
+  }
+  const State& of(const State& state) {
+    if (!rows_) return state;
+    state_ = state;
+    joints_.update(state_.frames);
+    if (rows_->choose(joints_, dropped_) > 0) rows_->make_least_norm(state_.lam);
+    return state_;
+  }
+
+ private:
+  Constraints joints_;
+  State state_;
+  std::optional<IndependentRows> rows_;
+  std::vector<char> dropped_;
+};
+
 // Where the samples go; each call appends one.
 using Record = std::function<void(int sample, const State&)>;
 // Steps of what is not a number pass for good ones where no test of a step sees it. Of an interval of 1e10 steps most
@@ -141,6 +162,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
   Monitor monitor(system, monitored);
   double t = 0, h = 0;
   Watch watch(interrupted, system);
+  LeastNorm least_norm(system);
   const auto end = [&](Status status) { return ended(outcome, status, t, monitor, stepper); };
   for (size_t k = 0; k < steps.size(); ++k) {
     if (steps[k] != h) {
@@ -150,7 +172,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
       if (k == 0) {
         if (!is_finite(stepper.state())) return end(Status::non_finite);
         monitor.start(stepper.state(), stepper.joints());
-        record(outcome.samples++, stepper.state());
+        record(outcome.samples++, least_norm.of(stepper.state()));
       }
     }
     const double begin = t;
@@ -163,7 +185,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
         return end(Status::non_finite);
     }
     if (!is_finite(stepper.state())) return end(Status::non_finite);
-    record(outcome.samples++, stepper.state());
+    record(outcome.samples++, least_norm.of(stepper.state()));
   }
   return end(Status::success);
 }

@@ -3,7 +3,8 @@
 // A is block diagonal: a mass and a 3 x 3 rotational matrix per body. Bodies leave  A y + Gc^T lam = f,  G y = g  at the
 // cost of a few 3 x 3 products, and what is left couples the joints that share a body. A body with many joints would tie
 // each of them to every other: such a hub stays among the unknowns, and the cost stays proportional to the number of
-// bodies. So do all bodies where joints close loops: S alone would lose digits there near singular positions.
+// bodies. So do all bodies where joints close loops: S alone would lose digits there near singular positions. Where there
+// are many loops no body stays; dependent rows are dropped, and the others eliminated in the order of least fill.
 #pragma once
 
 #include "model/kinematics.hpp"
@@ -25,7 +26,9 @@ class Delassus {
     Rows rows(const Place& place) const { return joints[place.joint].jacobian(*place.part_data, place.side); }
   };
 
-  explicit Delassus(const System& system) : system_(system), nodes_(system, false), bodies_(system.n()), hub_(system.n(), -1) {
+  // independent: for loops whose dependent rows are dropped before the first assembly.
+  explicit Delassus(const System& system, bool independent = false)
+      : system_(system), nodes_(system, false), bodies_(system.n()), hub_(system.n(), -1), independent_(independent) {
     std::vector<std::vector<Place>> places_at(system.n() + 1);
     for (int k = 0; k < nodes_.parts(); ++k)
       for (Side side : kSides) {
@@ -36,7 +39,7 @@ class Delassus {
     places_at.pop_back();
     const bool loops = !is_forest(system);
     for (int b = 0; b < system.n(); ++b)
-      if (loops || places_at[b].size() > kMostEnds) {
+      if (!independent && (loops || places_at[b].size() > kMostEnds)) {
         hub_[b] = nodes_.parts() + 2 * static_cast<int>(hubs_.size());
         hubs_.push_back({b});
       }
@@ -59,6 +62,38 @@ class Delassus {
   const PartIndex& index(int k) const { return nodes_.part(k); }
   BlockLU& lu() { return lu_; }
   int unknowns() const { return lu_.unknowns(); }
+
+  // Leaves rows out, by their places in lam: they have no part in S, and multipliers of zero.
+  void drop(const std::vector<char>& rows) {
+    dropped_.clear(), cuts_.clear();
+    std::vector<char> cut(parts(), 0);
+    for (int k = 0; k < parts(); ++k)
+      for (int r = 0; r < part(k).rows(); ++r)
+        if (rows[part(k).row + r]) dropped_.push_back(3 * k + r), cut[k] = 1;
+    std::set<double*> seen;
+    for (const Pair& pair : pairs_) {
+      const int row = ends_[pair.row].part, column = ends_[pair.column].part;
+      if (!(cut[row] || cut[column]) || !seen.insert(pair.block).second) continue;
+      Cut found{pair.block, row == column, {}, {}};
+      for (int place : dropped_) {
+        if (place / 3 == row) found.rows[place % 3] = true;
+        if (place / 3 == column) found.columns[place % 3] = true;
+      }
+      cuts_.push_back(found);
+    }
+  }
+  // The largest entry of the inverted pivots of the last factorization, rows scaled.
+  double largest_inverse(const std::vector<double>& scales) const {
+    double largest = 0;
+    for (int k = 0; k < parts(); ++k)
+      for (int c = 0; c < 3; ++c)
+        for (int r = 0; r < part(k).rows(); ++r)
+          largest = std::max(largest, std::abs(padding_[k][kColumn * c + r]) / (scales[3 * k + r] * scales[3 * k + c]));
+    return largest;
+  }
+  void zero_dropped(double* rows) const {
+    for (int place : dropped_) rows[place] = 0;
+  }
 
   // The rotational block of A, J unless set; false where it is singular.
   bool set_rotational(int body, const Mat3& A) {
@@ -115,6 +150,7 @@ class Delassus {
       else if (end.translation == Translation::full)
         subtract(full_[end.full].Gv, y, row);
     }
+    zero_dropped(rhs);
     lu_.solve(rhs);
     adjust(rhs);
     respond(rhs, f);
@@ -131,6 +167,7 @@ class Delassus {
       std::fill(rhs_.begin(), rhs_.end(), 0.0);
       std::copy_n(g, 3 * parts(), rhs);
     }
+    zero_dropped(rhs);
     lu_.solve(rhs);
     respond(rhs, y);
     if (rhs != g) std::copy_n(rhs, 3 * parts(), g);
@@ -155,6 +192,11 @@ class Delassus {
   struct Pair {
     int row, column;
     double* block;
+  };
+  // A block of S with rows and columns that are dropped.
+  struct Cut {
+    double* block;
+    bool diagonal, rows[3], columns[3];
   };
   // A^-1 of a body to be eliminated.
   struct Mobility {
@@ -235,6 +277,7 @@ class Delassus {
           for (const Place& column : places_at[b]) entries.insert({row.part, column.part});
       }
     std::erase_if(entries, [](const BlockLU::Entry& entry) { return entry.first == entry.second; });
+    if (independent_) return lu_.plan(minimum_degree_order(parts(), entries), 0, entries);
     std::vector<int> order;
     auto append = [&](int item) {
       if (item >= system_.n())
@@ -278,6 +321,10 @@ class Delassus {
       else
         subtract_product(full_[row.full].Gv, full_[column.full].Wv, pair.block);
     }
+    for (const Cut& cut : cuts_)
+      for (int r = 0; r < 3; ++r)
+        for (int c = 0; c < 3; ++c)
+          if (cut.rows[r] || cut.columns[c]) cut.block[kColumn * c + r] = cut.diagonal && r == c ? 1 : 0;
     for (const Hub& hub : hubs_) put_diagonal(hub.v, system_.bodies[hub.body].mass), put(hub.w, hub.inertia);
     for (const HubEnd& end : hub_ends_) {
       const Rows C = columns.rows(end), G = rows.rows(end, C);
@@ -296,6 +343,9 @@ class Delassus {
   std::vector<HubEnd> hub_ends_;
   std::vector<Full> full_;
   std::vector<Pair> pairs_;
+  const bool independent_;
+  std::vector<int> dropped_;  // places of rows, three a part
+  std::vector<Cut> cuts_;
   std::vector<double*> padding_;
   std::vector<double> rhs_;
 };

@@ -21,7 +21,7 @@ class Projection {
   using Solver = std::variant<SaddlePoint, SchurComplement>;
   static Solver make_solver(const System& system) {
     if (SchurComplement::fits(system)) return Solver(std::in_place_type<SchurComplement>, system);
-    return Solver(std::in_place_type<SaddlePoint>, system);
+    return Solver(std::in_place_type<SaddlePoint>, system, has_many_loops(system));
   }
   template <class Use>
   auto solve(const Use& use) {

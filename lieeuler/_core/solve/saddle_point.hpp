@@ -1,38 +1,48 @@
 // The saddle-point system [M G^T; G 0] at one configuration: projection of velocities and index-1 accelerations.
 #pragma once
 
+#include <optional>
+
 #include "solve/delassus.hpp"
+#include "solve/independent_rows.hpp"
 
 namespace lieeuler {
 
 class SaddlePoint {
  public:
-  explicit SaddlePoint(const System& system)
-      : system_(system), delassus_(system), graded_(system.graded()), rows_(3 * delassus_.parts(), 0.0),
-        force_(system.n() + 1) {}
+  // independent: without the rows of loops that depend on others.
+  explicit SaddlePoint(const System& system, bool independent = false)
+      : system_(system), delassus_(std::in_place, system, independent), graded_(system.graded()), rows_(3 * delassus_->parts(), 0.0),
+        force_(system.n() + 1) {
+    if (independent) independent_.emplace(system);
+  }
 
-  Delassus& delassus() { return delassus_; }
+  Delassus& delassus() { return *delassus_; }
 
   // Counts the redundant rows at this configuration. False where the rest is singular.
   bool count_redundancy(const Constraints& joints, int& redundant) {
+    if (independent_) {
+      redundant = independent_->choose(joints, dropped_);
+      return true;
+    }
     constexpr double kTolerance = 1e-11;  // of pivots of order one, which go as squares of singular values of G
-    delassus_.assemble(joints);
-    return delassus_.lu().find_deficiency(kTolerance, redundant);
+    delassus_->assemble(joints);
+    return delassus_->lu().find_deficiency(kTolerance, redundant);
   }
   // 1 / sqrt of the diagonal of G M^-1 G^T, three values a part: with it constraint rows are of order one in any units.
   std::vector<double> row_scales(const Constraints& joints) const {
-    std::vector<double> scales(3 * delassus_.parts(), 1.0);
-    for (int k = 0; k < delassus_.parts(); ++k) {
-      const auto [j, p] = delassus_.index(k);
+    std::vector<double> scales(3 * delassus_->parts(), 1.0);
+    for (int k = 0; k < delassus_->parts(); ++k) {
+      const auto [j, p] = delassus_->index(k);
       Vec3 mobility = Vec3::Zero();
       for (Side side : kSides) {
         const int b = side == kChild ? system_.joints[j].child : system_.joints[j].parent;
         if (b == system_.n()) continue;
         const Body& body = system_.bodies[b];
-        const Rows G = joints[j].jacobian(delassus_.part(k), side);
+        const Rows G = joints[j].jacobian(delassus_->part(k), side);
         mobility += (G.v * G.v.transpose() / body.mass + G.w * body.inertia_inverse * G.w.transpose()).diagonal();
       }
-      for (int r = 0; r < delassus_.part(k).rows(); ++r) scales[3 * k + r] = 1 / std::sqrt(mobility[r]);
+      for (int r = 0; r < delassus_->part(k).rows(); ++r) scales[3 * k + r] = 1 / std::sqrt(mobility[r]);
     }
     return scales;
   }
@@ -40,25 +50,41 @@ class SaddlePoint {
   // Counts the redundant rows, and expects as many from then on.
   bool find_redundancy(const Constraints& joints) {
     int redundant;
+    if (independent_) {
+      scales_ = row_scales(joints);
+      redundant_ = independent_->choose(joints, dropped_);
+      if (take_choice(joints) && regular()) return true;
+      independent_.reset();  // rows depend on more than one loop at once
+      delassus_.emplace(system_);
+    }
     std::vector<double> scales = row_scales(joints);
-    scales.resize(delassus_.unknowns(), 1.0);
-    delassus_.lu().scale_tail(scales);
+    scales.resize(delassus_->unknowns(), 1.0);
+    delassus_->lu().scale_tail(scales);
     if (!count_redundancy(joints, redundant)) return false;
-    delassus_.lu().expect_deficiency(redundant);
-    null_.assign(redundant, std::vector<double>(delassus_.unknowns(), 0.0));
+    delassus_->lu().expect_deficiency(redundant);
+    redundant_ = redundant;
+    null_.assign(redundant, std::vector<double>(delassus_->unknowns(), 0.0));
     return true;
   }
-  int redundant() const { return static_cast<int>(null_.size()); }
+  int redundant() const { return redundant_; }
+  // Places in lam of the rows left out, where there are any.
+  const std::vector<char>* dropped() const { return independent_ ? &dropped_ : nullptr; }
   // Near a singular position of a loop it goes to zero, as the square of the distance.
-  double smallest_pivot() { return delassus_.lu().smallest_tail_pivot(); }
+  double smallest_pivot() { return delassus_->lu().smallest_tail_pivot(); }
 
   bool factor(const Constraints& joints) {
     factored_ = &joints;
-    delassus_.assemble(joints);
-    if (!delassus_.lu().factor()) return false;
-    find_null_space(joints);
-    return true;
+    delassus_->assemble(joints);
+    const bool regular = delassus_->lu().factor();
+    if (independent_) {
+      if (regular && delassus_->largest_inverse(scales_) < kWorse * inverse_at_choice_) return true;
+      return independent_->choose(joints, dropped_) == redundant_ && take_choice(joints);
+    }
+    if (regular) find_null_space(joints);
+    return regular;
   }
+  // Counts the choices of independent rows.
+  int choice() const { return choice_; }
 
   // Takes the multiplier directions without effect, G^T w = 0, out of three values a part: of residuals, where they are
   // the rows' own contradiction, and of multipliers, which become those of least norm.
@@ -92,39 +118,66 @@ class SaddlePoint {
   // The least displacement that closes the joints to first order: M d + G^T mu = 0, G d = -Phi.
   void displace(const Constraints& joints, std::vector<Twist>& d) {
     std::fill(force_.begin(), force_.end(), Twist{});
-    for (int k = 0; k < delassus_.parts(); ++k)
-      store(Vec3(-joints[delassus_.index(k).joint].position(delassus_.part(k))), &rows_[3 * k]);
+    for (int k = 0; k < delassus_->parts(); ++k)
+      store(Vec3(-joints[delassus_->index(k).joint].position(delassus_->part(k))), &rows_[3 * k]);
     solve(joints, d, nullptr);
   }
 
   // M y + G^T lam = f, G y = rows, at the joints factored last: takes f and the rows of each part, leaves y and lam in
-  // their places.
-  void solve(std::vector<Twist>& f, std::vector<Vec3>& rows) {
-    for (int k = 0; k < delassus_.parts(); ++k) store(rows[k], &rows_[3 * k]);
-    if (graded_) wanted_ = rows_;
-    delassus_.solve(flat(f), rows_.data(), [this](double* values) { remove_null_space(values); });
-    if (graded_) refine(*factored_, f);
-    for (int k = 0; k < delassus_.parts(); ++k) rows[k] = load3(&rows_[3 * k]);
+  // their places. to_rounding: what redundant rows cost in digits matters.
+  void solve(std::vector<Twist>& f, std::vector<Vec3>& rows, bool to_rounding) {
+    const bool again = graded_ || (to_rounding && redundant_ > 0);
+    for (int k = 0; k < delassus_->parts(); ++k) store(rows[k], &rows_[3 * k]);
+    if (again) wanted_ = rows_;
+    delassus_->solve(flat(f), rows_.data(), [this](double* values) { remove_null_space(values); });
+    if (again) refine(*factored_, f);
+    for (int k = 0; k < delassus_->parts(); ++k) rows[k] = load3(&rows_[3 * k]);
   }
 
   // (a, lam) of the index-1 system: M a + G^T lam = f, G a + gamma = 0.
   void accelerate(const Constraints& joints, State& state) {
     generalized_forces(system_, state.frames, state.u, state.angles, force_);
-    for (int k = 0; k < delassus_.parts(); ++k) {
-      const Joint& joint = system_.joints[delassus_.index(k).joint];
-      store(Vec3(-joints[delassus_.index(k).joint].gamma(delassus_.part(k), state.u[joint.parent], state.u[joint.child])),
+    for (int k = 0; k < delassus_->parts(); ++k) {
+      const Joint& joint = system_.joints[delassus_->index(k).joint];
+      store(Vec3(-joints[delassus_->index(k).joint].gamma(delassus_->part(k), state.u[joint.parent], state.u[joint.child])),
             &rows_[3 * k]);
     }
     solve(joints, state.a, state.lam.data());
   }
 
  private:
+  static constexpr double kWorse = 4;         // of the inverted pivots: dropped rows then hold to twice the rounding only
+  static constexpr double kDependent = 1e10;  // inverse of an eigenvalue that is rounding
+
+  bool take_choice(const Constraints& joints) {
+    ++choice_;
+    delassus_->drop(dropped_);
+    delassus_->assemble(joints);
+    if (!delassus_->lu().factor()) return false;
+    inverse_at_choice_ = delassus_->largest_inverse(scales_);
+    return true;
+  }
+  // Whether the rows chosen loop by loop are independent all together: a few steps of inverse iteration.
+  bool regular() {
+    std::vector<double> x(rows_.size());
+    for (size_t i = 0; i < x.size(); ++i) x[i] = std::sin(1.0 + static_cast<double>(i));
+    for (int pass = 0; pass < 4; ++pass) {
+      double square = 0;
+      for (double value : x) square += value * value;
+      for (size_t i = 0; i < x.size(); ++i) x[i] /= std::sqrt(square) * scales_[i];
+      delassus_->solve_rows(x.data(), flat(force_));
+      square = 0;
+      for (size_t i = 0; i < x.size(); ++i) x[i] /= scales_[i], square += x[i] * x[i];
+      if (!(square < kDependent * kDependent)) return false;
+    }
+    return true;
+  }
   // M y + G^T m = force_, G y = rows_; rows_ becomes m, in three values a part.
   void solve(const Constraints& joints, std::vector<Twist>& y, double* multipliers) {
     const auto adjust = [this](double* values) { remove_null_space(values); };
-    const bool again = redundant() > 0 || graded_;
+    const bool again = redundant_ > 0 || graded_;
     if (again) wanted_ = rows_;
-    delassus_.solve(flat(force_), rows_.data(), adjust);
+    delassus_->solve(flat(force_), rows_.data(), adjust);
     std::copy_n(force_.begin(), system_.n(), y.begin());
     if (again) refine(joints, y);
     if (multipliers) for_rows([&](int row, int place) { multipliers[row] = rows_[place]; });
@@ -134,30 +187,30 @@ class SaddlePoint {
   void refine(const Constraints& joints, std::vector<Twist>& y) {
     y[system_.n()] = Twist{};
     first_ = rows_;
-    for (int k = 0; k < delassus_.parts(); ++k) {
-      const Joint& joint = system_.joints[delassus_.index(k).joint];
-      const Vec3 rate = joints[delassus_.index(k).joint].velocity(delassus_.part(k), y[joint.parent], y[joint.child]);
+    for (int k = 0; k < delassus_->parts(); ++k) {
+      const Joint& joint = system_.joints[delassus_->index(k).joint];
+      const Vec3 rate = joints[delassus_->index(k).joint].velocity(delassus_->part(k), y[joint.parent], y[joint.child]);
       store(Vec3(load3(&wanted_[3 * k]) - rate), &rows_[3 * k]);
     }
     std::fill(force_.begin(), force_.end(), Twist{});
-    delassus_.solve(flat(force_), rows_.data(), [this](double* values) { remove_null_space(values); });
+    delassus_->solve(flat(force_), rows_.data(), [this](double* values) { remove_null_space(values); });
     for (int b = 0; b < system_.n(); ++b) y[b].v += force_[b].v, y[b].w += force_[b].w;
     for (size_t i = 0; i < rows_.size(); ++i) rows_[i] += first_[i];
   }
   // target -= G^T values
   void subtract_reactions(const Constraints& joints, const std::vector<double>& values, std::vector<Twist>& target) const {
-    for (int k = 0; k < delassus_.parts(); ++k) {
-      const int j = delassus_.index(k).joint;
-      joints[j].subtract_reaction(delassus_.part(k), load3(&values[3 * k]), target[system_.joints[j].parent],
+    for (int k = 0; k < delassus_->parts(); ++k) {
+      const int j = delassus_->index(k).joint;
+      joints[j].subtract_reaction(delassus_->part(k), load3(&values[3 * k]), target[system_.joints[j].parent],
                                   target[system_.joints[j].child]);
     }
   }
 
   // Orthonormal vectors of multipliers w with G^T w = 0.
   void find_null_space(const Constraints& joints) {
-    for (int k = 0; k < redundant(); ++k) {
+    for (int k = 0; k < static_cast<int>(null_.size()); ++k) {
       std::vector<double>& w = null_[k];
-      delassus_.lu().null_vector(k, w.data());
+      delassus_->lu().null_vector(k, w.data());
       std::fill(w.begin() + static_cast<long>(rows_.size()), w.end(), 0.0);  // null vectors have no part in the bodies
       cleanse(joints, w);
       for (int pass = 0; pass < 2; ++pass)  // Gram and Schmidt, twice is enough
@@ -173,7 +226,7 @@ class SaddlePoint {
     subtract_reactions(joints, w, force_);
     for (Twist& force : force_) force.v = -force.v, force.w = -force.w;
     std::fill(rows_.begin(), rows_.end(), 0.0);
-    delassus_.solve(flat(force_), rows_.data());
+    delassus_->solve(flat(force_), rows_.data());
     for (size_t i = 0; i < rows_.size(); ++i) w[i] -= rows_[i];
   }
   void subtract_component(const std::vector<double>& w, double* values) const {
@@ -184,13 +237,18 @@ class SaddlePoint {
   // Calls visit(row in lam, place among three values a part) for every constraint row.
   template <class Visit>
   void for_rows(Visit visit) const {
-    for (int k = 0; k < delassus_.parts(); ++k)
-      for (int r = 0; r < delassus_.part(k).rows(); ++r) visit(delassus_.part(k).row + r, 3 * k + r);
+    for (int k = 0; k < delassus_->parts(); ++k)
+      for (int r = 0; r < delassus_->part(k).rows(); ++r) visit(delassus_->part(k).row + r, 3 * k + r);
   }
 
   const System& system_;
-  Delassus delassus_;
+  std::optional<Delassus> delassus_;
   const bool graded_;
+  std::optional<IndependentRows> independent_;
+  std::vector<char> dropped_;
+  std::vector<double> scales_;  // of rows_, where rows are chosen
+  double inverse_at_choice_ = 0;
+  int redundant_ = 0, choice_ = 0;
   const Constraints* factored_ = nullptr;
   std::vector<double> rows_;  // right-hand side, then multipliers, three values a part
   std::vector<double> wanted_, first_;  // of a second pass

@@ -19,6 +19,7 @@
 // them well.
 #pragma once
 
+#include "solve/independent_rows.hpp"
 #include "solve/delassus.hpp"
 
 namespace lieeuler {
@@ -32,9 +33,9 @@ class StabilisedSolve {
         velocity_(system.n() + 1), response_(velocity_), balance_(velocity_), shift_(velocity_),
         guessed_(delassus_.parts()), excess_(delassus_.parts(), Vec3::Zero()) {}
 
-  // Where the sweeps converge by construction: no damping, and no loops, whose redundant rows need the whole matrix.
+  // Where the sweeps converge by construction: no damping, and no loops unless their dependent rows are dropped.
   static bool suits(const System& system) {
-    return is_forest(system) &&
+    return (is_forest(system) || (has_many_loops(system) && system.forces.empty())) &&
            std::all_of(system.forces.begin(), system.forces.end(), [](const Force& f) { return f.damping == 0; });
   }
 
@@ -106,6 +107,7 @@ class StabilisedSolve {
       store(Vec3(guessed_[k] - rate - row_rate(k, shift_)), &rows_[3 * k]);
       excess_[k] = -position;
     }
+    delassus_.zero_dropped(rows_.data());
     std::fill(mu_.begin(), mu_.end(), 0.0);
     clear_correction();
     pass();
@@ -124,6 +126,7 @@ class StabilisedSolve {
       excess_[k] += rate;
       guessed_[k].setZero();
     }
+    delassus_.zero_dropped(rows_.data());
     clear_correction();
     double last = largest(rows_);
     for (;;) {
@@ -161,6 +164,7 @@ class StabilisedSolve {
     for (int b = 0; b < system_.n(); ++b) velocity_[b].v += response_[b].v, velocity_[b].w += response_[b].w;
     for (int k = 0; k < delassus_.parts(); ++k)
       store(Vec3(load3(&target_[3 * k]) - row_rate(k, response_)), &rows_[3 * k]);
+    delassus_.zero_dropped(rows_.data());
   }
   bool renew() {
     delassus_.assemble(*joints_, *before_);

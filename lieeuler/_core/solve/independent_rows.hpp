@@ -1,0 +1,200 @@
+// Independent constraint rows of joints that close loops, chosen loop by loop, and the least-norm multipliers of all rows.
+//
+// A joint that closes a loop is seen together with the joints of a shortest way between its two bodies, over the tree and
+// the loops closed before. Its rows that depend on theirs are dropped: they hold by themselves, at every level. Each dropped
+// row gives a vector N of multipliers without effect, G^T N = 0, that is zero outside its loop; the least-norm multipliers
+// are lam - N (N^T N)^-1 N^T lam.
+#pragma once
+
+#include <Eigen/Dense>
+#include <deque>
+
+#include "model/graph.hpp"
+#include "model/kinematics.hpp"
+
+namespace lieeuler {
+
+// Loops are solved for by independent rows where they have more rows than this. Fewer cost little in a dense factorization
+// with full pivoting, which also passes singular positions where the choice of rows would have to change.
+inline bool has_many_loops(const System& system) {
+  constexpr int kMostDenseRows = 12;
+  if (is_forest(system)) return false;
+  int rows = 0;
+  for (int item : elimination_order(system).loops)
+    for (const Part& part : system.joints[item - system.n()].parts) rows += part.rows();
+  return rows > kMostDenseRows;
+}
+
+class IndependentRows {
+ public:
+  explicit IndependentRows(const System& system) : system_(system) {
+    std::vector<std::vector<int>> joints_at(system.n() + 1);
+    const auto accept = [&](int j) {
+      joints_at[system.joints[j].parent].push_back(j), joints_at[system.joints[j].child].push_back(j);
+    };
+    const EliminationOrder order = elimination_order(system);
+    for (int item : order.tree)
+      if (item >= system.n()) accept(item - system.n());
+    for (int item : order.loops) {
+      const int j = item - system.n();
+      loops_.push_back({j, shortest_way(joints_at, system.joints[j])});
+      accept(j);
+    }
+  }
+
+  // How many rows depend on others here; `dropped` names them, by their places in lam.
+  int choose(const Constraints& joints, std::vector<char>& dropped) {
+    dropped.assign(system_.rows(), 0);
+    null_.clear();
+    for (const Loop& loop : loops_) choose_in(loop, joints, dropped);
+    return static_cast<int>(null_.size());
+  }
+
+  // The least-norm multipliers that act as these do; the rows are those chosen last.
+  void make_least_norm(std::vector<double>& lam) const {
+    const Eigen::Index count = static_cast<Eigen::Index>(null_.size());
+    Eigen::VectorXd wanted(count), y = Eigen::VectorXd::Zero(count);
+    for (Eigen::Index i = 0; i < count; ++i) wanted[i] = product(null_[i], lam);
+    // Conjugate gradients with N^T N, which loops that share few joints leave well conditioned.
+    Eigen::VectorXd r = wanted, p = r;
+    std::vector<double> spread(lam.size());
+    const double small = 1e-32 * wanted.squaredNorm();
+    double square = r.squaredNorm();
+    for (Eigen::Index k = 0; k < 4 * count && square > small; ++k) {
+      std::fill(spread.begin(), spread.end(), 0.0);
+      for (Eigen::Index i = 0; i < count; ++i) add(p[i], null_[i], spread);
+      Eigen::VectorXd q(count);
+      for (Eigen::Index i = 0; i < count; ++i) q[i] = product(null_[i], spread);
+      const double step = square / p.dot(q);
+      y += step * p, r -= step * q;
+      const double last = std::exchange(square, r.squaredNorm());
+      p = r + square / last * p;
+    }
+    for (Eigen::Index i = 0; i < count; ++i) add(-y[i], null_[i], lam);
+  }
+
+ private:
+  static constexpr double kDependent = 3e-6;  // of a row's length: what is left of it is rounding, or a singular position
+  struct Loop {
+    int joint;
+    std::vector<int> others;  // joints of the way round
+  };
+  using Sparse = std::vector<std::pair<int, double>>;  // row in lam, value
+
+  static double product(const Sparse& n, const std::vector<double>& values) {
+    double sum = 0;
+    for (const auto& [row, value] : n) sum += value * values[row];
+    return sum;
+  }
+  static void add(double factor, const Sparse& n, std::vector<double>& values) {
+    for (const auto& [row, value] : n) values[row] += factor * value;
+  }
+
+  std::vector<int> shortest_way(const std::vector<std::vector<int>>& joints_at, const Joint& joint) const {
+    std::vector<int> by(joints_at.size(), -1);
+    std::deque<int> queue{joint.parent};
+    while (!queue.empty() && by[joint.child] < 0) {
+      const int body = queue.front();
+      queue.pop_front();
+      for (int j : joints_at[body]) {
+        const int other = across(j, body);
+        if (by[other] >= 0 || other == joint.parent) continue;
+        by[other] = j;
+        queue.push_back(other);
+      }
+    }
+    std::vector<int> way;
+    for (int body = joint.child; body != joint.parent; body = across(way.back(), body)) way.push_back(by[body]);
+    return way;
+  }
+  int across(int j, int body) const {
+    const Joint& joint = system_.joints[j];
+    return joint.parent == body ? joint.child : joint.parent;
+  }
+
+  void choose_in(const Loop& loop, const Constraints& joints, std::vector<char>& dropped) {
+    std::vector<int> bodies, rows;
+    for (int j : loop.others)
+      for (int body : {system_.joints[j].parent, system_.joints[j].child})
+        if (body != system_.n() && std::find(bodies.begin(), bodies.end(), body) == bodies.end()) bodies.push_back(body);
+    for (int j : loop.others) append_rows(j, rows);
+    const Eigen::Index known = static_cast<Eigen::Index>(rows.size());
+    append_rows(loop.joint, rows);
+    // Columns: rows of G as momenta, over the roots of the masses, of length one.
+    Eigen::MatrixXd A(6 * bodies.size(), rows.size());
+    A.setZero();
+    Eigen::Index column = 0;
+    for (int j : loop.others) column = fill(A, column, bodies, j, joints);
+    fill(A, column, bodies, loop.joint, joints);
+    const Eigen::VectorXd lengths = A.colwise().norm();
+    A = A * lengths.cwiseInverse().asDiagonal();
+    Eigen::MatrixXd basis(A.rows(), 0);
+    for (Eigen::Index c = 0; c < known; ++c) extend(basis, A.col(c));
+    std::vector<Eigen::Index> open;
+    for (Eigen::Index c = known; c < A.cols(); ++c) open.push_back(c);
+    while (!open.empty()) {  // the one that stands out most, again and again
+      const auto furthest = std::max_element(open.begin(), open.end(), [&](Eigen::Index a, Eigen::Index b) {
+        return left_of(basis, A.col(a)).norm() < left_of(basis, A.col(b)).norm();
+      });
+      if (!extend(basis, A.col(*furthest))) break;
+      open.erase(furthest);
+    }
+    std::vector<Eigen::Index> kept;
+    for (Eigen::Index c = 0; c < A.cols(); ++c)
+      if (std::find(open.begin(), open.end(), c) == open.end()) kept.push_back(c);
+    if (open.empty()) return;
+    Eigen::MatrixXd independent(A.rows(), static_cast<Eigen::Index>(kept.size()));
+    for (size_t k = 0; k < kept.size(); ++k) independent.col(static_cast<Eigen::Index>(k)) = A.col(kept[k]);
+    Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> solver;
+    solver.setThreshold(kDependent);
+    solver.compute(independent);
+    for (Eigen::Index c : open) {
+      const Eigen::VectorXd weights = solver.solve(A.col(c));
+      Sparse null{{rows[c], 1.0}};
+      for (size_t k = 0; k < kept.size(); ++k)
+        null.push_back({rows[kept[k]], -weights[static_cast<Eigen::Index>(k)] * lengths[c] / lengths[kept[k]]});
+      null_.push_back(std::move(null));
+      dropped[rows[c]] = 1;
+    }
+  }
+  void append_rows(int j, std::vector<int>& rows) const {
+    for (const Part& part : system_.joints[j].parts)
+      for (int r = 0; r < part.rows(); ++r) rows.push_back(part.row + r);
+  }
+  Eigen::Index fill(Eigen::MatrixXd& A, Eigen::Index column, const std::vector<int>& bodies, int j,
+                    const Constraints& joints) const {
+    const Joint& joint = system_.joints[j];
+    for (const Part& part : joint.parts) {
+      for (Side side : kSides) {
+        const int body = side == kChild ? joint.child : joint.parent;
+        if (body == system_.n()) continue;
+        const Eigen::Index at = 6 * (std::find(bodies.begin(), bodies.end(), body) - bodies.begin());
+        const Rows G = joints[j].jacobian(part, side);
+        const Mat3 root = system_.bodies[body].inertia_inverse.llt().matrixL();
+        for (int r = 0; r < part.rows(); ++r) {
+          A.block<3, 1>(at, column + r) = G.v.row(r).transpose() / std::sqrt(system_.bodies[body].mass);
+          A.block<3, 1>(at + 3, column + r) = root.transpose() * G.w.row(r).transpose();
+        }
+      }
+      column += part.rows();
+    }
+    return column;
+  }
+  static Eigen::VectorXd left_of(const Eigen::MatrixXd& basis, const Eigen::VectorXd& a) {
+    Eigen::VectorXd rest = a - basis * (basis.transpose() * a);
+    return rest - basis * (basis.transpose() * rest);  // Gram and Schmidt, twice is enough
+  }
+  static bool extend(Eigen::MatrixXd& basis, const Eigen::VectorXd& a) {
+    const Eigen::VectorXd rest = left_of(basis, a);
+    if (!(rest.norm() > kDependent)) return false;
+    basis.conservativeResize(Eigen::NoChange, basis.cols() + 1);
+    basis.rightCols<1>() = rest.normalized();
+    return true;
+  }
+
+  const System& system_;
+  std::vector<Loop> loops_;
+  std::vector<Sparse> null_;
+};
+
+}  // namespace lieeuler

@@ -12,6 +12,7 @@ import lieeuler
 from benchmarks.ladder import ladder
 from lieeuler import _kernel
 from tests.lieeuler import accuracy
+from tests.lieeuler.test_methods import ROUNDING
 
 SPARSE = {"DAE1L_LSE": {"step": 2e-3}, "DAE1H_LSE": {"step": 2e-3}, "rattle2": {"step": 2e-3}, "rkmk4": {"step": 5e-3},
           "rkmk853": {"rtol": 1e-10}, "taylor": {"rtol": 1e-10}}
@@ -110,7 +111,9 @@ def test_rows_are_chosen_afresh_where_the_plane_of_the_loops_turns(method):
     control = {"step": 1e-3} if "rtol" not in SPARSE[method] else {"rtol": 1e-10}
     solution = lieeuler.integrate(problem, method, t_eval=t, **control)
     assert solution.stats.redundant_rows == 9
-    accuracy.assert_on_the_constraints(solution, problem)
+    for level, bound in ROUNDING.items():  # rows that are chosen afresh only now and then cost their dependents digits
+        name = level if level == "orthogonality" else f"constraint_{level}"
+        assert solution.stats.maxima[name] < bound, level
     a, lam = index1(problem, solution.x[-1], solution.R[-1], solution.v[-1], solution.w[-1])
     assert np.abs(solution.lam[-1] - lam).max() < 1e-9 * np.abs(lam).max()  # condition 1e5 of the dense check's matrix
     assert np.abs(np.hstack([solution.a[-1], solution.alpha[-1]]) - a).max() < 1e-9 * np.abs(a).max()

@@ -146,7 +146,7 @@ class SaddlePoint {
   }
 
  private:
-  static constexpr double kWorse = 4;         // of the inverted pivots: dropped rows then hold to twice the rounding only
+  static constexpr double kWorse = 4;         // of the inverted pivots: other rows are chosen then
   static constexpr double kDependent = 1e10;  // inverse of an eigenvalue that is rounding
 
   bool take_choice(const Constraints& joints) {

@@ -57,7 +57,7 @@ def _print_passes(scene: str, engine: str, passing: Sequence[Record]) -> None:
     part = [record for record in passing if state(record) == "partly"]
     judged = [(error.judged, record) for record in passing
               if (error := record.errors.get("position")) is not None and error.judged is not None]
-    line = f"✓ {scene}, {engine}: {len(passing)} pass{'es' if len(passing) == 1 else ''}"
+    line = f"✓ {scene}, {engine}: {len(passing)} run{' passes' if len(passing) == 1 else 's pass'}"
     if part:
         line += f" ({len(part)} over {100 * judged_share(part):.0f} % of {'its' if len(part) == 1 else 'their'} time)"
     if judged:

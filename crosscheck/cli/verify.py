@@ -17,6 +17,7 @@ from crosscheck.errors import ArgumentError, install
 def verify(
     scene: SceneNames = None,
     engine: EngineNames = None,
+    method: Annotated[list[str] | None, typer.Option(help="a name; may be repeated; default: all")] = None,
     profile: Annotated[str, typer.Option(help="default; smoke: first seconds, three steps, no timing; full: every "
                                          "scene, within a budget of steps")] = "default",
     jobs: Annotated[int, typer.Option(help="worker processes")] = 2,
@@ -46,11 +47,13 @@ def verify(
     folder.check_out(out)
     scene = scene_files(scene, drop, keyframe)
     within = limits(time_limit, memory_limit)
-    identity = job.fingerprint(profile, scene, engine, within, dataclasses.astuple(within), own)
+    identity = job.fingerprint(profile, scene, engine, within, dataclasses.astuple(within), own, method)
+    job.check_methods(method, job.select_engines(engine, within))
     with resumable(out, identity, job.JOURNAL_TYPES) as kept, progress_bar() as progress:
         if kept.results:
             typer.echo(f"going on with a run that was killed: {kept.results} results are kept", err=True)
-        results = job.verify(profile, scene, engine, jobs, progress, kept.journal, within, own)
+        results = job.verify(profile, scene, engine, jobs, progress, kept.journal, within, own,
+                             methods=method)
         page = folder.write(results, out)
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")

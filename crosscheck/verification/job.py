@@ -26,7 +26,7 @@ from crosscheck.document import (
     exit_code,
     extended,
 )
-from crosscheck.errors import ArgumentError
+from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import finite, readable
 from crosscheck.jobs.grid import Crash, Limits
 from crosscheck.jobs.journal import Journal, Stages
@@ -72,6 +72,14 @@ def select_engines(names: Sequence[str] | None, within: Limits | None = None) ->
     return list(dict.fromkeys(names or adapters.names()))
 
 
+def check_methods(names: Sequence[str] | None, engines: Sequence[str]) -> None:
+    """Raise `ArgumentError` for a method that none of the engines has."""
+    known = dict.fromkeys(method for engine in engines for method in adapters.methods(engine)) if names else {}
+    for name in names or ():
+        if name not in known:
+            raise ArgumentError(unknown("method", name, known))
+
+
 def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, within: Limits | None,
                 *more: Any) -> str:
     """Digest of all that results depend on: scenes, versions, our code and kernel, `more` that JSON knows."""
@@ -84,7 +92,8 @@ def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[st
 
 def verify(profile: str = "default", scenes: Sequence[str] | None = None, engines: Sequence[str] | None = None,
            jobs: int = 2, progress: Progress | None = None, journal: Journal | None = None,
-           limits: Limits | None = None, overrides: Overrides = (), walk: bool = False) -> Document:
+           limits: Limits | None = None, overrides: Overrides = (), walk: bool = False,
+           methods: Sequence[str] | None = None) -> Document:
     """Run the main job and return its document; nothing is written, except into the journal.
 
     Parameters
@@ -96,6 +105,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     journal : gets every result as it comes in; what it holds already is not run again
     limits : time and resident memory of one cell; None: generous ones
     overrides : bounds set by the user, from `crosscheck.judge.overrides.read`
+    methods : names; None: all
     walk : also run every method at many steps for the advice, half a minute a scene and engine; without it the document
         has the advice of walks that were made before
 
@@ -109,8 +119,10 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     settings = profile_called(profile)
     within = limits or default_limits()
     scene_names, engine_names = select_scenes(scenes, settings.every_scene), select_engines(engines, within)
+    check_methods(methods, engine_names)
     started = time.perf_counter()
-    cells = all_cells(scene_names, engine_names, settings, within)
+    cells = [cell for cell in all_cells(scene_names, engine_names, settings, within)
+             if not methods or cell.method in methods]
     stages = Stages(jobs, journal, _Counter(len(scene_names) * (1 + bool(settings.timing) + settings.speed)
                                              + len(cells) + walk * len(scene_names) * len(engine_names), progress))
 
@@ -131,7 +143,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         names = [f"{scene} {engine}" for scene, engine in tasks]
         dataclasses.replace(stages, jobs=1).run("walk", advice.prepare, tasks, names,
                                                 [f"ladders of {name}" for name in names], within)
-    told = _command(profile, scenes, engines, jobs, overrides)
+    told = _command(profile, scenes, engines, jobs, overrides, methods)
     meta = provenance.describe(engine_names) | {
         "profile": profile, "jobs": jobs, "command": told, "calibration": calibration,
         "seconds": journal.seconds if journal is not None else time.perf_counter() - started}
@@ -227,9 +239,9 @@ def _failed_scene(name: str, crash: Crash) -> SceneTruth:
 
 
 def _command(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, jobs: int,
-             overrides: Overrides = ()) -> str:
+             overrides: Overrides = (), methods: Sequence[str] | None = None) -> str:
     words = ["crosscheck", "verify", "--profile", profile]
-    for option, names in (("--scene", scenes), ("--engine", engines)):
+    for option, names in (("--scene", scenes), ("--engine", engines), ("--method", methods)):
         for name in names or ():
             words += [option, str(name)]
     for name, bound, _ in overrides:

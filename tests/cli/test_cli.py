@@ -30,7 +30,7 @@ def test_verify_folds_passes_to_a_line_and_says_where_the_report_is(verified):
     done, out = verified
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.startswith("engines: mujoco 4.0.0\n")
-    assert "✓ single_pendulum, mujoco: 5 pass, least position error" in done.stdout
+    assert "✓ single_pendulum, mujoco: 5 runs pass, least position error" in done.stdout
     assert done.stdout.splitlines()[-1] == f"report: {out / 'index.html'}"
     assert done.stdout.splitlines()[-2].startswith("All 5 runs pass (")
     assert "single_pendulum: Trust mujoco" in done.stdout
@@ -104,6 +104,7 @@ def test_truth_tells_its_source_and_doubt():
     (("verify", "--engine", "bullet"), "bullet"),
     (("verify", "--scene", "no_such_scene"), "no_such_scene"),
     (("verify", "--jobs", "0"), "at least 1"),
+    (("verify", "--engine", "mujoco", "--method", "RK5"), "did you mean 'RK4'"),
 ])
 def test_a_mistake_gets_one_clear_line(words, message, tmp_path):
     done = crosscheck(*words, cwd=tmp_path)

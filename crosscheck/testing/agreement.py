@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.document import QUANTITIES
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import tolerances
-from crosscheck.judge.metrics import QUANTITIES, differences
+from crosscheck.judge.metrics import differences
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
 from crosscheck.running.methods import best_method

@@ -32,7 +32,8 @@ def replaced(data: dict[str, Any], changes: dict[str, Any], scene: str) -> dict[
         target = _walk(data, ".".join(words[:-1]), scene) if len(words) > 1 else data
         key = words[-1]
         if isinstance(target, list):
-            target[_index(target, key)] = value  # type: ignore[index] - _walk has seen to it
+            _walk(target, key, scene)  # refuses what is not there
+            target[_index(target, key) or 0] = value
         else:
             target[key] = value
     return data

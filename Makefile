@@ -62,7 +62,7 @@ lint: setup
 	@$(VENV)/bin/ruff check .
 	@$(VENV)/bin/mypy
 	@$(VENV)/bin/codespell
-	@$(if $(wildcard .clang-format),$(VENV)/bin/clang-format --dry-run -Werror $(filter %.hpp %.cpp,$(KERNEL)))
+	@$(VENV)/bin/clang-format --dry-run -Werror $(filter %.hpp %.cpp,$(KERNEL))
 	@$(PY) -m pytest tests/test_rooms.py
 
 benchmark: setup

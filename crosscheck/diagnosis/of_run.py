@@ -32,6 +32,9 @@ RTOLS = (1e-8, 1e-11)
 DEFECT = 1e-7
 """Normalised: a defect below this may be the rounding of a long run."""
 
+COARSE = 0.1
+"""Normalised: where a run at the step that was asked for is off by more after one interval it shows another motion."""
+
 STUCK = 0.5
 """Part of a defect that steps FINER times as fine leave of it at least where it is no error of the step."""
 
@@ -79,16 +82,27 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
     before = 0.0
     for k in range(INTERVALS):
         found = defect(sampled, scale, fine, k)
+        if step is not None and found > COARSE:
+            return sampled.duration, _too_coarse(float(fine.t[k]), step, found)
         if found > DEFECT:
             try:
                 coarse = run(1) if coarse is None else coarse
-            except Silent:  # too coarse to tell; the finer run is there
-                return sampled.duration, None
-            rough = defect(sampled, scale, coarse, k)
+                rough = defect(sampled, scale, coarse, k)
+            except Silent:  # too coarse to run: that its defect would be larger is all there is to say
+                rough = np.inf
             if found > STUCK * rough and found > 10 * before:
                 return sampled.duration, _described(sampled, scale, fine, k, rough, found)
         before = max(before, found)
     return sampled.duration, None
+
+
+def _too_coarse(time: float, step: float, found: float) -> Late:
+    """The step that was asked for, whatever finer ones do."""
+    evidence = Evidence("step too coarse", "numerics", found, None, "defect of one interval of the whole run",
+                        f"from t = {time:.4g} s on, at steps of {step:g} s", True)
+    cause = NamedCause("step too coarse", f"at steps of {step:g} s the motion from t = {time:.4g} s on is off by "
+                       f"{found:.2g} of its size within one interval", "choose a smaller step; the limit is right")
+    return Late(time, cause.magnitude, [cause], evidence)
 
 
 def restarted(scene: Scene, states: States, k: int, duration: float, samples: int = 2) -> Scene:
@@ -105,7 +119,8 @@ def defect(scene: Scene, scale: Scale, states: States, k: int) -> float:
     if truth is None:
         return np.inf
     later = States(states.t[k + 1:k + 2], *(getattr(states, name)[k + 1:k + 2] for name in ("x", "R", "v", "w")))
-    return float(np.abs(scale.flat(later)[0] - scale.flat(truth)[-1]).max())
+    size = float(np.abs(scale.flat(later)[0] - scale.flat(truth)[-1]).max())
+    return size if np.isfinite(size) else np.inf
 
 
 def _onward(scene: Scene, states: States, k: int) -> States | None:

@@ -8,14 +8,14 @@
 
 #include <chrono>
 
+#include "methods/extrapolation.hpp"
+#include "methods/rkmk.hpp"
+#include "methods/taylor.hpp"
+#include "model/sizes.hpp"
+#include "python/arrays.hpp"
+#include "python/probes.hpp"
 #include "run/adaptive.hpp"
 #include "run/ensemble.hpp"
-#include "python/arrays.hpp"
-#include "methods/extrapolation.hpp"
-#include "python/probes.hpp"
-#include "methods/rkmk.hpp"
-#include "model/sizes.hpp"
-#include "methods/taylor.hpp"
 
 using namespace lieeuler;
 
@@ -44,8 +44,8 @@ void add_joint(System& system, int parent, int child, const Vec3& parent_anchor,
   if (spherical) add_part(true);
   for (size_t k = 0; k < dots; ++k, ++row) {
     if (k % 3 == 0) add_part(false);
-    joint.parts.back().dots.push_back({carriers[2 * k], carriers[2 * k + 1], axes[2 * k], axes[2 * k + 1],
-                                       constants[k], scales[k]});
+    joint.parts.back().dots.push_back(
+        {carriers[2 * k], carriers[2 * k + 1], axes[2 * k], axes[2 * k + 1], constants[k], scales[k]});
   }
   system.joints.push_back(joint);
   measure(system, joint);
@@ -231,8 +231,8 @@ Run runge_kutta(const Tableau& tableau, const std::vector<double>& steps, const 
 template <class Stepper, class... Arguments>
 Run adaptive(const std::vector<double>& t_eval, double rtol, bool monitored, const Arguments&... arguments) {
   require(t_eval.size() > 1 && std::isfinite(t_eval.front()) && std::isfinite(t_eval.back()) && rtol > 0 && rtol < 1 &&
-              std::adjacent_find(t_eval.begin(), t_eval.end(), [](double a, double b) { return !(a < b); }) ==
-                  t_eval.end(),
+              std::adjacent_find(
+                  t_eval.begin(), t_eval.end(), [](double a, double b) { return !(a < b); }) == t_eval.end(),
           "output times must increase, and the tolerance lie between 0 and 1");
   return {[=](const System& given, const State& initial, const Record& record, const Interrupted& interrupted) {
             System system = given;  // other runs of the same system may have another duration
@@ -279,7 +279,8 @@ nb::object levels_of_states(const System& system, const Array& x, const Array& R
 }  // namespace
 
 NB_MODULE(_kernel, m) {
-  // A Problem keeps its System, and what Python has not freed when it ends is no leak: test_repeated_runs.py looks for those.
+  // A Problem keeps its System, and what Python has not freed when it ends is no leak: test_repeated_runs.py looks for
+  // those.
   nb::set_leak_warnings(false);
   nb::enum_<Carrier>(m, "Carrier")
       .value("difference", Carrier::difference)
@@ -298,15 +299,15 @@ NB_MODULE(_kernel, m) {
       .value("stabilised", Level::stabilised)
       .value("acceleration", Level::acceleration);
   nb::class_<Method>(m, "Method")
-      .def("__init__",
-           [](Method* self, Formulation formulation, Level level, bool index1_output, double alpha, double beta,
-              const std::vector<double>& composition, std::optional<double> spectral_radius, bool polish) {
-             require(!spectral_radius || (*spectral_radius >= 0 && *spectral_radius <= 1),
-                     "the spectral radius lies between 0 and 1");
-             new (self)
-                 Method{formulation, level, index1_output, {alpha, beta}, composition, spectral_radius, polish};
-           },
-           nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none(), nb::arg());
+      .def(
+          "__init__",
+          [](Method* self, Formulation formulation, Level level, bool index1_output, double alpha, double beta,
+             const std::vector<double>& composition, std::optional<double> spectral_radius, bool polish) {
+            require(!spectral_radius || (*spectral_radius >= 0 && *spectral_radius <= 1),
+                    "the spectral radius lies between 0 and 1");
+            new (self) Method{formulation, level, index1_output, {alpha, beta}, composition, spectral_radius, polish};
+          },
+          nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none(), nb::arg());
   nb::class_<System>(m, "System")
       .def("__init__",
            [](System* self, const std::vector<double>& masses, const std::vector<Mat3>& inertias, const Vec3& gravity) {

@@ -3,8 +3,8 @@
 
 #include <nanobind/eigen/dense.h>
 
-#include "python/arrays.hpp"
 #include "methods/taylor.hpp"
+#include "python/arrays.hpp"
 
 namespace lieeuler {
 

@@ -3,8 +3,9 @@
 //
 //   chain_driver METHOD BODIES|four_bar STEPS H [COEFFICIENTS]   prints   "allocations N  x X Y Z  iterations K"
 //
-// COEFFICIENTS: a file of rows, each "length values...": the weights of a composition, or of a Runge-Kutta rule its order and
-// five groups "rows row..." (benchmarks/driver.py writes it). Methods that choose their steps take H for their tolerance.
+// COEFFICIENTS: a file of rows, each "length values...": the weights of a composition, or of a Runge-Kutta rule its
+// order and five groups "rows row..." (benchmarks/driver.py writes it). Methods that choose their steps take H for
+// their tolerance.
 #define EIGEN_RUNTIME_NO_MALLOC
 #include <cmath>
 #include <cstdio>
@@ -24,8 +25,8 @@ void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
 #include "methods/extrapolation.hpp"
 #include "methods/rkmk.hpp"
-#include "run/loop.hpp"
 #include "methods/taylor.hpp"
+#include "run/loop.hpp"
 
 using namespace lieeuler;
 
@@ -34,7 +35,8 @@ static System chain(int n) {
   const Mat3 J = Vec3(0.1, 0.2, 0.15).asDiagonal();
   for (int b = 0; b < n; ++b) {
     system.bodies.emplace_back(1.0, J);
-    system.joints.push_back({b == 0 ? n : b - 1, b, b == 0 ? Vec3::Zero() : Vec3(0, 0, -1), {0, 0, 1}, {Part{true, {}, 3 * b}}});
+    system.joints.push_back(
+        {b == 0 ? n : b - 1, b, b == 0 ? Vec3::Zero() : Vec3(0, 0, -1), {0, 0, 1}, {Part{true, {}, 3 * b}}});
   }
   return system;
 }
@@ -153,17 +155,20 @@ int main(int argc, char** argv) {
   const double h = std::atof(argv[4]);
   std::ifstream coefficients(argc > 5 ? argv[5] : "");
   if (method == "rkmk4") return drive(FixedMuntheKaas(system, read_tableau(coefficients)), system, steps, h);
-  if (method.starts_with("rkmk")) return drive(AdaptiveMuntheKaas(system, read_tableau(coefficients)), system, steps, h);
+  if (method.starts_with("rkmk"))
+    return drive(AdaptiveMuntheKaas(system, read_tableau(coefficients)), system, steps, h);
   if (method == "taylor") return drive(TaylorStepper(system), system, steps, h);
   if (method == "seulex") return drive(AdaptiveExtrapolation(system), system, steps, h);
   if (method.starts_with("rattle"))
     return drive(CompositionStepper<ExpMap>(system, read_row(coefficients)), system, steps, h);
   if (method == "generalized_alpha")
     return drive(LagrangeStepper<ExpMap>(system, GeneralizedAlpha(0.8)), system, steps, h);
-  if (method == "INDEX1_LE") return drive(LagrangeStepper<ExpMap>(system, Level::acceleration, false, {}), system, steps, h);
+  if (method == "INDEX1_LE")
+    return drive(LagrangeStepper<ExpMap>(system, Level::acceleration, false, {}), system, steps, h);
   if (method == "BAUMGARTE_LE")
     return drive(LagrangeStepper<ExpMap>(system, Level::acceleration, false, {5, 5}), system, steps, h);
-  const Level level = method[3] == '3' ? Level::position : (method.ends_with("LSE") ? Level::stabilised : Level::velocity);
+  const Level level =
+      method[3] == '3' ? Level::position : (method.ends_with("LSE") ? Level::stabilised : Level::velocity);
   const bool index1 = method[3] == '1';
   if (method[4] == 'H') return drive(HamiltonStepper<ExpMap>(system, level, index1), system, steps, h);
   return drive(LagrangeStepper<ExpMap>(system, level, index1, {}), system, steps, h);

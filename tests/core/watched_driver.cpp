@@ -4,11 +4,11 @@
 #include <cstdio>
 #include <string>
 
-#include "run/adaptive.hpp"
 #include "methods/extrapolation.hpp"
-#include "run/loop.hpp"
 #include "methods/rkmk.hpp"
 #include "methods/taylor.hpp"
+#include "run/adaptive.hpp"
+#include "run/loop.hpp"
 
 using namespace lieeuler;
 

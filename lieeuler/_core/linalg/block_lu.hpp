@@ -3,8 +3,9 @@
 // Every unknown belongs to a node of three: a translation, a rotation, or up to three constraint rows (fewer are padded
 // with the identity). Which blocks can be nonzero and in which order nodes are eliminated is fixed once, when the
 // factorization is planned; a factorization then runs down a list of 3 x 3 operations, without search, branch on size
-// or allocation. The last nodes, the tail, are left to a dense factorization with full pivoting: those of the joints that
-// close loops, where redundant constraints make the matrix singular; its rank is set, not found, in a factorization.
+// or allocation. The last nodes, the tail, are left to a dense factorization with full pivoting: those of the joints
+// that close loops, where redundant constraints make the matrix singular; its rank is set, not found, in a
+// factorization.
 #pragma once
 
 #include <algorithm>
@@ -194,8 +195,8 @@ class BlockLU {
     const int tail = static_cast<int>(tail_.size());
     for (int i = 0; i < 3 * tail; ++i)
       for (int j = 0; j < 3 * tail; ++j)
-        dense_(i, j) = tail_scale_[i] * tail_scale_[j] *
-                       values[tail_blocks_[tail * (i / 3) + j / 3] + kColumn * (j % 3) + i % 3];
+        dense_(i, j) =
+            tail_scale_[i] * tail_scale_[j] * values[tail_blocks_[tail * (i / 3) + j / 3] + kColumn * (j % 3) + i % 3];
     return true;
   }
   void scatter_tail(double* b) const {

@@ -45,8 +45,8 @@ class CompensatedFrame {
  private:
   static constexpr int kMovesApart = 32;
 
-  // R + its lost part towards the nearest rotation. Reactions do no work and give no moment where R is one: a defect that
-  // stays from step to step becomes a drift of the momentum, though it be far below rounding of R.
+  // R + its lost part towards the nearest rotation. Reactions do no work and give no moment where R is one: a defect
+  // that stays from step to step becomes a drift of the momentum, though it be far below rounding of R.
   void straighten(Mat3& R) {
     Mat3 half;  // of I - (R + lost)^T (R + lost)
     for (int i = 0; i < 3; ++i)

@@ -18,8 +18,8 @@ class FullPivotLU {
   int size() const { return n_; }
   double& operator()(int i, int j) { return a_[static_cast<size_t>(i) * n_ + j]; }
 
-  // Eliminates `rank` pivots; the rest is taken for zero. False when one of them is rounding: the rank has dropped, which
-  // happens at a singular position.
+  // Eliminates `rank` pivots; the rest is taken for zero. False when one of them is rounding: the rank has dropped,
+  // which happens at a singular position.
   bool factor(int rank) {
     rank_ = rank;
     for (int i = 0; i < n_; ++i) rows_[i] = columns_[i] = i;

@@ -4,10 +4,10 @@
 #include <array>
 #include <optional>
 
-#include "solve/newton.hpp"
-#include "solve/saddle_point.hpp"
 #include "model/scales.hpp"
 #include "model/sizes.hpp"
+#include "solve/newton.hpp"
+#include "solve/saddle_point.hpp"
 
 namespace lieeuler {
 
@@ -22,8 +22,8 @@ struct Layout {
   bool eliminates = false;        // it couples bodies by constraint rows alone, and they are eliminated beforehand
 };
 
-// Equations supplies begin(), guess(z), residual(z, r), factor(), exact_matrix(), has_velocity_rows(level), finish(), and
-// projects(level): whether finish() factors the saddle point at the new state.
+// Equations supplies begin(), guess(z), residual(z, r), factor(), exact_matrix(), has_velocity_rows(level), finish(),
+// and projects(level): whether finish() factors the saddle point at the new state.
 template <class Equations, class Map>
 class EulerStepper {
  public:
@@ -130,10 +130,21 @@ class EulerStepper {
 
  protected:
   EulerStepper(const System& system, Level level, bool index1_output, const Layout& layout)
-      : system_(system), level_(level), index1_output_(index1_output), second_order_(layout.second_order),
-        nodes_(system, layout.doubled_unknowns), columns_(nodes_), joints_(system), start_joints_(system),
-        saddle_(system, layout.eliminates && has_many_loops(system)), start_(system), state_(system), maps_(system.n() + 1), xi_(system.n() + 1),
-        force_(system.n() + 1), z_(3 * nodes_.count(), 0.0) {
+      : system_(system),
+        level_(level),
+        index1_output_(index1_output),
+        second_order_(layout.second_order),
+        nodes_(system, layout.doubled_unknowns),
+        columns_(nodes_),
+        joints_(system),
+        start_joints_(system),
+        saddle_(system, layout.eliminates && has_many_loops(system)),
+        start_(system),
+        state_(system),
+        maps_(system.n() + 1),
+        xi_(system.n() + 1),
+        force_(system.n() + 1),
+        z_(3 * nodes_.count(), 0.0) {
     if (layout.eliminates)
       core_.emplace(system, has_many_loops(system));
     else
@@ -168,17 +179,18 @@ class EulerStepper {
       padding_.push_back({lu_.block(columns_.lam(k), columns_.lam(k)), lu_.block(columns_.mu(k), columns_.mu(k))});
       for (Side side : kSides) {
         const int body = body_of(k, side);
-        blocks_.push_back(body == system_.n() ? SideBlocks{}
-                                              : SideBlocks::of(lu_, columns_.lam(k), columns_.v(body), columns_.w(body)));
+        blocks_.push_back(body == system_.n()
+                              ? SideBlocks{}
+                              : SideBlocks::of(lu_, columns_.lam(k), columns_.v(body), columns_.w(body)));
       }
     }
     for (const Force& force : system_.forces)
       for (int row : {force.parent, force.child})
         for (int column : {force.parent, force.child})
-          force_blocks_.push_back(row == system_.n() || column == system_.n()
-                                      ? PairBlocks{}
-                                      : PairBlocks::of(lu_, columns_.v(row), columns_.w(row), columns_.v(column),
-                                                       columns_.w(column)));
+          force_blocks_.push_back(
+              row == system_.n() || column == system_.n()
+                  ? PairBlocks{}
+                  : PairBlocks::of(lu_, columns_.v(row), columns_.w(row), columns_.v(column), columns_.w(column)));
   }
 
   const Joint& joint_of(int k) const { return system_.joints[nodes_.part(k).joint]; }
@@ -236,8 +248,8 @@ class EulerStepper {
   const Level level_;
   bool index1_output_;
   const bool second_order_;  // whether the matrix holds second derivatives of the constraints
-  const Nodes nodes_;  // layout of the unknowns z
-  Nodes columns_;      // of Newton's matrix
+  const Nodes nodes_;        // layout of the unknowns z
+  Nodes columns_;            // of Newton's matrix
   double h_ = 0;
   Constraints joints_, start_joints_;  // at q and q_n
   SaddlePoint saddle_;
@@ -246,12 +258,13 @@ class EulerStepper {
   std::vector<Twist> xi_, force_;
   std::vector<double> z_;
   BlockLU lu_;
-  std::optional<Delassus> core_;  // in place of lu_
-  std::vector<SideBlocks> blocks_;        // of lam and (v, w), per part and side
+  std::optional<Delassus> core_;                 // in place of lu_
+  std::vector<SideBlocks> blocks_;               // of lam and (v, w), per part and side
   std::vector<std::array<double*, 2>> padding_;  // diagonal blocks of lam and mu, per part
-  std::vector<PairBlocks> force_blocks_;  // against (v, w), per force, row side, column side
+  std::vector<PairBlocks> force_blocks_;         // against (v, w), per force, row side, column side
 
-  // Of h u, rounding level unless set otherwise: that of the configuration, or that of the velocity where Newton solves velocity rows.
+  // Of h u, rounding level unless set otherwise: that of the configuration, or that of the velocity where Newton solves
+  // velocity rows.
   double target() const {
     return Equations::has_velocity_rows(level_) ? accuracy_ * std::min(1.0, std::abs(h_) * speed_) : accuracy_;
   }
@@ -284,7 +297,7 @@ class EulerStepper {
       if (saddle_.dropped()) return Status::success;
       if (!saddle_.factor(joints_)) return Status::singular_matrix;
     } else if (saddle_.dropped()) {
-      return Status::success;  // no null space to follow
+      return Status::success;                                      // no null space to follow
     } else if (!index1_output_ && !Equations::projects(level_)) {  // else finish() has factored it here
       if (!saddle_.factor(joints_)) return Status::singular_matrix;
     }

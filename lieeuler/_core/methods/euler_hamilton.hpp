@@ -7,8 +7,8 @@
 //   velocity      G M^-1 p = 0                                                        DAE2H_LE
 //   stabilised    Phi(q) = 0, then p <- p - G^T mu with G M^-1 p = 0                  DAE2H_LSE, DAE1H_LSE
 //
-// RATTLE is half a step of the last one followed by half a step of its adjoint, which amounts to h/2 in place of h before
-// f_app (and in Lam), and p <- p + h/2 f_app(q, xi) before the projection: symmetric, second order.
+// RATTLE is half a step of the last one followed by half a step of its adjoint, which amounts to h/2 in place of h
+// before f_app (and in Lam), and p <- p + h/2 f_app(q, xi) before the projection: symmetric, second order.
 //
 // Unknowns: xi of each body, Lam of each joint.
 #pragma once
@@ -29,9 +29,15 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   HamiltonStepper(const System& system, Level level, bool index1_output, Kind kind = Kind::euler)
       : Base(system, level, index1_output,
              {.second_order = level == Level::velocity, .eliminates = eliminates(system, level)}),
-        rattle_(kind == Kind::rattle), rotations_(system.n() + 1), slopes_(system.n()), tangents_(slopes_),
-        velocity_slopes_(level == Level::velocity ? system.n() : 0), momentum_(system.n() + 1),
-        impulse_(system.n() + 1), change_(rattle_ ? system.n() + 1 : 0), mu_(system.rows(), 0.0) {
+        rattle_(kind == Kind::rattle),
+        rotations_(system.n() + 1),
+        slopes_(system.n()),
+        tangents_(slopes_),
+        velocity_slopes_(level == Level::velocity ? system.n() : 0),
+        momentum_(system.n() + 1),
+        impulse_(system.n() + 1),
+        change_(rattle_ ? system.n() + 1 : 0),
+        mu_(system.rows(), 0.0) {
     if (!this->core_) find_blocks();
   }
 
@@ -47,7 +53,8 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       const Body& body = system_.bodies[b];
       const Vec3 y = maps_[b].momentum(angular_momentum(body, xi_[b].w));
       store(Twist{body.mass * xi_[b].v - impulse_[b].v, y - impulse_[b].w}, &r[3 * nodes_.v(b)]);
-      if (by_velocity()) state_.u[b] = {xi_[b].v, times(body.inertia_inverse, transposed_times(rotations_[b], y) - body.spin)};
+      if (by_velocity())
+        state_.u[b] = {xi_[b].v, times(body.inertia_inverse, transposed_times(rotations_[b], y) - body.spin)};
     }
     for (int k = 0; k < nodes_.parts(); ++k)
       store(by_velocity() ? this->velocity_rows(k, state_, this->here(k))

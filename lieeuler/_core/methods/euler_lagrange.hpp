@@ -58,8 +58,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     find_blocks();
   }
 
-  // What an implicit step, with the matrix factored last, leaves of a change of the velocities: forces that answer to it
-  // within the step have let it decay. False where the matrix cannot be solved with.
+  // What an implicit step, with the matrix factored last, leaves of a change of the velocities: forces that answer to
+  // it within the step have let it decay. False where the matrix cannot be solved with.
   bool filter(std::vector<Twist>& change) {
     filtered_.assign(this->unknowns(), 0.0);
     for (int b = 0; b < system_.n(); ++b) store(momentum(system_.bodies[b], change[b]), &filtered_[3 * nodes_.v(b)]);
@@ -99,11 +99,17 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
 
  private:
-  LagrangeStepper(const System& system, Level level, bool index1_output, Gains gains, std::optional<GeneralizedAlpha> alpha)
-      : Base(system, level, index1_output, layout(system, level, alpha.has_value())), gains_(gains),
-        alpha_(std::move(alpha)), force_share_(alpha_ ? alpha_->force_share() : 1),
-        velocity_share_(alpha_ ? alpha_->velocity_share() : 1), tangents_(system.n() + 1),
-        stiffness_of_(system.n() + 1), balance_(system.n() + 1), drift_(system.n() + 1) {
+  LagrangeStepper(const System& system, Level level, bool index1_output, Gains gains,
+                  std::optional<GeneralizedAlpha> alpha)
+      : Base(system, level, index1_output, layout(system, level, alpha.has_value())),
+        gains_(gains),
+        alpha_(std::move(alpha)),
+        force_share_(alpha_ ? alpha_->force_share() : 1),
+        velocity_share_(alpha_ ? alpha_->velocity_share() : 1),
+        tangents_(system.n() + 1),
+        stiffness_of_(system.n() + 1),
+        balance_(system.n() + 1),
+        drift_(system.n() + 1) {
     if (!alpha_ && splits(system, level)) split_.emplace(system, this->saddle_.delassus());
     if (!this->core_) find_blocks();
   }
@@ -115,7 +121,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
             .eliminates = !alpha && eliminates(system, level)};
   }
 
-  using Base::columns_, Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_, Base::state_;
+  using Base::columns_, Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_,
+      Base::state_;
   using Base::system_, Base::xi_, Base::z_, Base::force_;
 
   struct BodyBlocks {
@@ -151,8 +158,10 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
       for (Side side : kSides) {
         const int b = this->body_of(k, side);
         const bool none = !doubled() || b == system_.n();
-        rate_blocks_.push_back(none ? SideBlocks{} : SideBlocks::of(lu_, columns_.lam(k), columns_.xi_v(b), columns_.xi_w(b)));
-        drift_blocks_.push_back(none ? SideBlocks{} : SideBlocks::of(lu_, columns_.mu(k), columns_.xi_v(b), columns_.xi_w(b)));
+        rate_blocks_.push_back(none ? SideBlocks{}
+                                    : SideBlocks::of(lu_, columns_.lam(k), columns_.xi_v(b), columns_.xi_w(b)));
+        drift_blocks_.push_back(none ? SideBlocks{}
+                                     : SideBlocks::of(lu_, columns_.mu(k), columns_.xi_v(b), columns_.xi_w(b)));
       }
     }
     for (const Force& force : system_.forces)
@@ -225,7 +234,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     if (splits(system, level) && !is_forest(system)) return true;  // but for the coupling of a joint's two bodies
     return level != Level::acceleration && system.forces.empty() && is_forest(system) &&
            std::all_of(system.joints.begin(), system.joints.end(), [](const Joint& joint) {
-             return std::all_of(joint.parts.begin(), joint.parts.end(), [](const Part& part) { return part.spherical; });
+             return std::all_of(joint.parts.begin(), joint.parts.end(),
+                                [](const Part& part) { return part.spherical; });
            });
   }
 
@@ -319,7 +329,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
         const Mat3& T = tangents_[column == kChild ? force.child : force.parent];
         by_position.add(-force_time() * h_, here.by_position(row, column), T);
         if (force.damping == 0) continue;
-        this->force_blocks_[4 * k + 2 * row + column].add(-force_time(), here.by_velocity(row, column), Mat3::Identity());
+        this->force_blocks_[4 * k + 2 * row + column].add(-force_time(), here.by_velocity(row, column),
+                                                          Mat3::Identity());
       }
   }
 

@@ -1,26 +1,34 @@
-// Extrapolation of DAE1L_LSE in the step, with order and step control: the idea of Deuflhard's codes (doi:10.1137/1027140)
-// as in SEULEX (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.9).
+// Extrapolation of DAE1L_LSE in the step, with order and step control: the idea of Deuflhard's codes
+// (doi:10.1137/1027140) as in SEULEX (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.9).
 //
-// A step H is done in n_j = 1, 2, 3, ... sub-steps. The results, taken as y = (x, log(R_n^T R), v, w), have an expansion in
-// powers of H / n_j: a sub-step uses nothing of its start but (q, u), which are consistent, and equations that are smooth.
-// Aitken and Neville's table removes one power a column; one projection onto Phi = 0 and G u = 0 ends the step.
+// A step H is done in n_j = 1, 2, 3, ... sub-steps. The results, taken as y = (x, log(R_n^T R), v, w), have an
+// expansion in powers of H / n_j: a sub-step uses nothing of its start but (q, u), which are consistent, and equations
+// that are smooth. Aitken and Neville's table removes one power a column; one projection onto Phi = 0 and G u = 0 ends
+// the step.
 //
 //   T_j1 = y of n_j sub-steps,   T_j,k+1 = T_jk + (T_jk - T_j-1,k) / (n_j / n_j-k - 1)
 #pragma once
 
 #include <array>
 
-#include "run/adaptive_steps.hpp"
 #include "methods/euler_lagrange.hpp"
+#include "run/adaptive_steps.hpp"
 
 namespace lieeuler {
 
 class Extrapolation {
  public:
   explicit Extrapolation(const System& system)
-      : system_(system), euler_(system, Level::stabilised, false, {}), whole_(system, Level::stabilised, false, {}),
-        projection_(system), state_(system), next_(system),
-        size_(12 * system.n()), most_turn_(most_turn(system, 2.5)), difference_(size_), rates_(system.n() + 1) {
+      : system_(system),
+        euler_(system, Level::stabilised, false, {}),
+        whole_(system, Level::stabilised, false, {}),
+        projection_(system),
+        state_(system),
+        next_(system),
+        size_(12 * system.n()),
+        most_turn_(most_turn(system, 2.5)),
+        difference_(size_),
+        rates_(system.n() + 1) {
     euler_.polish_velocities(), whole_.polish_velocities();  // the table magnifies what errors a sub-step leaves
     for (std::vector<double>& entry : table_) entry.assign(size_, 0.0);
     for (Node& node : nodes_) node.y.assign(size_ / 2, 0.0);
@@ -34,7 +42,8 @@ class Extrapolation {
     scales_ = Scales::of(system_, state_);
     if (const Status status = projection_.settle(state_, scales_, counters); status != Status::success) return status;
     rank_confirmed_ = projection_.redundant_rows() == 0;
-    for (most_rows_ = 4; most_rows_ < kMostRows && magnification(most_rows_ + 1) < kRounding * rtol; ++most_rows_) {}
+    for (most_rows_ = 4; most_rows_ < kMostRows && magnification(most_rows_ + 1) < kRounding * rtol; ++most_rows_) {
+    }
     step_ = 1e-2 / scales_.rate;  // the first steps mend it
     target_ = std::clamp(static_cast<int>(2 - 0.5 * std::log10(rtol)), 3, most_rows_ - 1);
     return Status::success;
@@ -43,7 +52,8 @@ class Extrapolation {
   double proposed() const { return std::min(step_, longest_step()); }
 
   Status attempt(double h, bool& stands, Counters& counters, Watch& watch) {
-    if (const Status status = fill_rows(h, stands, counters, watch); status != Status::success || !stands) return status;
+    if (const Status status = fill_rows(h, stands, counters, watch); status != Status::success || !stands)
+      return status;
     extrapolate(state_, next_);
     return projection_.project(next_, scales_, counters);
   }
@@ -67,8 +77,8 @@ class Extrapolation {
     return projection_.confirm_rank();
   }
 
-  // By Hermite interpolation of (x, theta) and their rates at the ends of the step and at points inside it, extrapolated
-  // like the step itself: of the order of the step at least.
+  // By Hermite interpolation of (x, theta) and their rates at the ends of the step and at points inside it,
+  // extrapolated like the step itself: of the order of the step at least.
   Status dense(double fraction, State& out, Counters& counters, Watch& watch) {
     if (node_count_ == 0)
       if (const Status status = interpolate(h_, counters, watch); status != Status::success) return status;
@@ -100,7 +110,7 @@ class Extrapolation {
   static constexpr int kMostRows = 12;
   // A row may magnify rounding up to the tolerance: a fifth of that is what is left of it, measured.
   static constexpr double kRounding = 1 / std::numeric_limits<double>::epsilon();
-  static constexpr double kSolved = 0.1;    // of the tolerance, for what the iterations of all sub-steps leave
+  static constexpr double kSolved = 0.1;  // of the tolerance, for what the iterations of all sub-steps leave
   static constexpr int kMostInner = (kMostRows - 1) / 2;
 
   // A term of Newton's interpolation formula: 3 + 3 numbers a body.
@@ -196,8 +206,8 @@ class Extrapolation {
     }
     return Status::success;
   }
-  // The error of the row filled last; of the velocities what outlasts an implicit step, not the oscillation of a stiff spring
-  // that displaces nothing (as in code RADAU5; Hairer and Wanner IV.8).
+  // The error of the row filled last; of the velocities what outlasts an implicit step, not the oscillation of a stiff
+  // spring that displaces nothing (as in code RADAU5; Hairer and Wanner IV.8).
   double estimate() {
     for (int b = 0; b < system_.n(); ++b) rates_[b] = load(&difference_[12 * b + 6]);
     if (whole_.filter(rates_))
@@ -245,7 +255,8 @@ class Extrapolation {
         Node &value = nodes_[2 * place], &rate = nodes_[2 * place + 1];
         value.s = rate.s = s;
         store(load(at), &value.y[6 * b]);
-        store(Twist{h * (start.u[b].v + load3(at + 6)), h * map.momentum(start.u[b].w + load3(at + 9))}, &rate.y[6 * b]);
+        store(Twist{h * (start.u[b].v + load3(at + 6)), h * map.momentum(start.u[b].w + load3(at + 9))},
+              &rate.y[6 * b]);
       }
     };
     std::fill(difference_.begin(), difference_.end(), 0.0);

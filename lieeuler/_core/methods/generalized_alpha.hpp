@@ -1,5 +1,5 @@
-// Coefficients and memory of the generalized-alpha method, doi:10.1016/j.mechmachtheory.2011.07.017 on Lie groups, in the
-// stabilised index-2 form of doi:10.1007/s00211-014-0633-1. All at n+1, A the auxiliary accelerations:
+// Coefficients and memory of the generalized-alpha method, doi:10.1016/j.mechmachtheory.2011.07.017 on Lie groups, in
+// the stabilised index-2 form of doi:10.1007/s00211-014-0633-1. All at n+1, A the auxiliary accelerations:
 //
 //   M a = f(q, u) - G^T lam,   (1 - alpha_m) A + alpha_m A_n = (1 - alpha_f) a + alpha_f a_n
 //   u = u_n + h ((1 - gamma) A_n + gamma A)                          Phi(q) = 0,  G u = 0
@@ -20,7 +20,8 @@ class GeneralizedAlpha {
   // The spectral radius at infinite frequency, 0 (they are damped out in one step) to 1 (nothing is damped).
   explicit GeneralizedAlpha(double spectral_radius)
       : alpha_m_((2 * spectral_radius - 1) / (spectral_radius + 1)),
-        alpha_f_(spectral_radius / (spectral_radius + 1)), gamma_(0.5 + alpha_f_ - alpha_m_),
+        alpha_f_(spectral_radius / (spectral_radius + 1)),
+        gamma_(0.5 + alpha_f_ - alpha_m_),
         beta_(0.25 * (gamma_ + 0.5) * (gamma_ + 0.5)) {}
 
   double force_share() const { return gamma_ * (1 - alpha_f_) / (1 - alpha_m_); }  // theta / h

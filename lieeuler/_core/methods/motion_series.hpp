@@ -131,7 +131,8 @@ class MotionSeries {
       case Force::Kind::torsional_spring:
         torsions_.emplace_back(force, static_cast<int>(&force - system_.forces.data()));
         break;
-      case Force::Kind::load: break;
+      case Force::Kind::load:
+        break;
     }
   }
   // A pull V of the anchors towards each other.
@@ -195,8 +196,8 @@ class MotionSeries {
       for (int z : {row.a, row.b}) carried_[z].guess(turned_, k);
     for (size_t r = 0; r < series.rows.size(); ++r) {
       const PartSeries::Row& row = series.rows[r];
-      target[r] = -(k + 1) * (k + 2) * row.scale *
-                  dot(carried_[row.a].value.data(), carried_[row.b].value.data(), k + 2);
+      target[r] =
+          -(k + 1) * (k + 2) * row.scale * dot(carried_[row.a].value.data(), carried_[row.b].value.data(), k + 2);
     }
   }
   // A^T a of the upper rows

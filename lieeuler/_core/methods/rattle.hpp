@@ -11,7 +11,8 @@ class CompositionStepper : public HamiltonStepper<Map> {
 
  public:
   CompositionStepper(const System& system, std::vector<double> weights)
-      : Rattle(system, Level::stabilised, true, Rattle::Kind::rattle), weights_(std::move(weights)),
+      : Rattle(system, Level::stabilised, true, Rattle::Kind::rattle),
+        weights_(std::move(weights)),
         predictors_(weights_.size()) {}
 
   Status start(const State& state, double h) {

@@ -23,9 +23,17 @@ struct Tableau {
 class MuntheKaas {
  public:
   MuntheKaas(const System& system, const Tableau& tableau)
-      : system_(system), projection_(system), state_(system), next_(system), trial_(system), size_(kPerBody * system.n()),
-        stages_(sparse(tableau.stages)), weights_(sparse({tableau.weights})), errors_(sparse(tableau.errors)),
-        extra_(sparse(tableau.extra)), dense_(sparse(tableau.dense)),
+      : system_(system),
+        projection_(system),
+        state_(system),
+        next_(system),
+        trial_(system),
+        size_(kPerBody * system.n()),
+        stages_(sparse(tableau.stages)),
+        weights_(sparse({tableau.weights})),
+        errors_(sparse(tableau.errors)),
+        extra_(sparse(tableau.extra)),
+        dense_(sparse(tableau.dense)),
         most_turn_(most_turn(system, 2 * std::numbers::pi)) {
     slopes_.assign((stages_.size() + 2 + extra_.size()) * size_, 0.0);
     y_.assign(size_, 0.0), step_.assign(size_, 0.0);
@@ -206,7 +214,7 @@ class MuntheKaas {
   Scales scales_;
   const size_t size_;
   const std::vector<Terms> stages_, weights_, errors_, extra_, dense_;
-  const double most_turn_;  // of a body in a step: dexp^-1 is singular at a whole turn
+  const double most_turn_;      // of a body in a step: dexp^-1 is singular at a whole turn
   std::vector<double> slopes_;  // of the stages, of the end of the step, of the extra stages
   std::vector<double> y_, step_, dense_terms_;
   double h_ = 0;
@@ -236,7 +244,8 @@ class FixedMuntheKaas : public MuntheKaas {
 // Steps chosen by the error estimate.
 class ControlledMuntheKaas : public MuntheKaas {
  public:
-  ControlledMuntheKaas(const System& system, const Tableau& tableau) : MuntheKaas(system, tableau), order_(tableau.order) {}
+  ControlledMuntheKaas(const System& system, const Tableau& tableau)
+      : MuntheKaas(system, tableau), order_(tableau.order) {}
 
   Status start(const State& initial, double rtol, Counters& counters) {
     rtol_ = rtol;

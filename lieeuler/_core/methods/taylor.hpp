@@ -2,18 +2,25 @@
 #pragma once
 
 #include "methods/motion_series.hpp"
+#include "run/watch.hpp"
 #include "solve/projection.hpp"
 #include "solve/small_saddle.hpp"
 #include "solve/step_control.hpp"
-#include "run/watch.hpp"
 
 namespace lieeuler {
 
 class TaylorStepper {
  public:
   explicit TaylorStepper(const System& system)
-      : system_(system), tree_(system), small_(is_small(system, tree_)), points_(system, tree_, small_), state_(system),
-        projection_(system), saddle_(system, has_many_loops(system)), small_saddle_(system, points_), series_(system, points_) {}
+      : system_(system),
+        tree_(system),
+        small_(is_small(system, tree_)),
+        points_(system, tree_, small_),
+        state_(system),
+        projection_(system),
+        saddle_(system, has_many_loops(system)),
+        small_saddle_(system, points_),
+        series_(system, points_) {}
   TaylorStepper(const TaylorStepper&) = delete;  // parts refer to each other
 
   Status start(const State& initial, double t, double t_end, double rtol) {
@@ -93,8 +100,7 @@ class TaylorStepper {
   Status expand() {
     series_.start(state_);
     for (int k = 0; k < order_; ++k)
-      if (!(small_ ? series_.extend(k, small_saddle_) : series_.extend(k, saddle_)))
-        return Status::non_finite;
+      if (!(small_ ? series_.extend(k, small_saddle_) : series_.extend(k, saddle_))) return Status::non_finite;
     measure_scales();
     return Status::success;
   }
@@ -129,7 +135,8 @@ class TaylorStepper {
     scales_ = Scales::of_motion(system_, state_);
     double square = 0;
     for (int b = 0; b < system_.n(); ++b)
-      square = std::max(square, scales_.rate_of({2 * vector(series_.bodies().x[b][2]), vector(series_.bodies().w[b][1])}));
+      square =
+          std::max(square, scales_.rate_of({2 * vector(series_.bodies().x[b][2]), vector(series_.bodies().w[b][1])}));
     scales_.rate = std::max(scales_.rate, std::sqrt(square));
   }
 

@@ -1,8 +1,8 @@
 // Series of the parts a motion is made of: bodies, carried vectors, reactions, springs.
 #pragma once
 
-#include "model/reference_points.hpp"
 #include "linalg/series.hpp"
+#include "model/reference_points.hpp"
 
 namespace lieeuler {
 
@@ -19,7 +19,10 @@ class BodySeries {
 
   BodySeries(const System& system, const ReferencePoints& points)
       : R(system.n() + 1, std::vector<Columns>(kMostOrder + 3)),
-        w(system.n() + 1, std::vector<Doubled>(kMostOrder + 3)), x(system.n() + 1, std::vector<Quad>(kMostOrder + 3)), system_(system), points_(points) {
+        w(system.n() + 1, std::vector<Doubled>(kMostOrder + 3)),
+        x(system.n() + 1, std::vector<Quad>(kMostOrder + 3)),
+        system_(system),
+        points_(points) {
     put_upper(R.back()[0], Mat3::Identity());
     for (int b = 0; b < system.n(); ++b) inertia_.push_back(deviation(points.inertia(b)));
   }
@@ -153,8 +156,12 @@ class PartSeries {
   std::vector<Quad> lam;
 
   PartSeries(const Joint& joint, const Part& part, int index, const ReferencePoints& points)
-      : part(&part), index(index), parent(joint.parent), child(joint.child),
-        parent_point(points.local(parent, joint.parent_anchor)), child_point(points.local(child, joint.child_anchor)),
+      : part(&part),
+        index(index),
+        parent(joint.parent),
+        child(joint.child),
+        parent_point(points.local(parent, joint.parent_anchor)),
+        child_point(points.local(child, joint.child_anchor)),
         lam(kMostOrder + 3) {}
 
   // Order k of the reactions without lam_k.
@@ -200,8 +207,8 @@ class SpringSeries {
     } else {
       for (; known_ <= k + 1; ++known_)
         if (!extend_length(d, known_)) return false;
-      ratio = spring->stiffness * (length_[k] - (k == 0 ? spring->rest : 0)) +
-              spring->damping * (k + 1) * length_[k + 1];
+      ratio =
+          spring->stiffness * (length_[k] - (k == 0 ? spring->rest : 0)) + spring->damping * (k + 1) * length_[k + 1];
       for (int j = 1; j <= k; ++j) ratio -= length_[j] * ratio_[4 * (k - j)];
       ratio /= length_[0];
     }

@@ -19,9 +19,14 @@ class ForceState {
   ForceState(const Force& force, const std::vector<Frame>& frames, const std::vector<Twist>& u, double last_angle)
       : force_(force), frame_{&frames[force.parent], &frames[force.child]}, u_{&u[force.parent], &u[force.child]} {
     switch (force.kind) {
-      case Force::Kind::linear_spring: stretch(); break;
-      case Force::Kind::torsional_spring: twist(last_angle); break;
-      case Force::Kind::load: break;
+      case Force::Kind::linear_spring:
+        stretch();
+        break;
+      case Force::Kind::torsional_spring:
+        twist(last_angle);
+        break;
+      case Force::Kind::load:
+        break;
     }
   }
 
@@ -46,13 +51,17 @@ class ForceState {
     child.v -= size * gradient_[kChild].v, child.w -= size * gradient_[kChild].w;
   }
 
-  // Derivatives of the force on one side with respect to q and u of another; those of f = -F g with F = k (extent - rest)
+  // Derivatives of the force on one side with respect to q and u of another; those of f = -F g with F = k (extent -
+  // rest)
   // + c rate, g = d extent/dq, rate = g u.
   Stiffness by_position(Side row, Side column) const {
     switch (force_.kind) {
-      case Force::Kind::linear_spring: return line_stiffness(row, column);
-      case Force::Kind::torsional_spring: return {.ww = twist_stiffness(row, column)};
-      case Force::Kind::load: break;
+      case Force::Kind::linear_spring:
+        return line_stiffness(row, column);
+      case Force::Kind::torsional_spring:
+        return {.ww = twist_stiffness(row, column)};
+      case Force::Kind::load:
+        break;
     }
     return row == kChild && column == kChild ? load_stiffness() : Stiffness{};
   }
@@ -109,8 +118,8 @@ class ForceState {
       gradient_[side] = {sign(side) * line_, sign(side) * point(side).cross(seen_[side])};
     }
   }
-  // Minus the force at one point by the displacement of another, K, as seen by the bodies: a point moves with its body by
-  // v + R (w x s), with a minus for the parent's.
+  // Minus the force at one point by the displacement of another, K, as seen by the bodies: a point moves with its body
+  // by v + R (w x s), with a minus for the parent's.
   Stiffness between_points(Side row, Side column, const Mat3& K) const {
     const double both = -sign(row) * sign(column);
     const Mat3 turned = K * (attitude(column) * hat(point(column)));
@@ -171,7 +180,8 @@ inline void applied_forces(const System& system, const std::vector<Frame>& frame
   }
 }
 
-// rad a body may turn in a step: `elsewhere`, or half a turn between two bodies where angles are unwrapped step by step.
+// rad a body may turn in a step: `elsewhere`, or half a turn between two bodies where angles are unwrapped step by
+// step.
 inline double most_turn(const System& system, double elsewhere) {
   const bool unwraps = std::any_of(system.forces.begin(), system.forces.end(),
                                    [](const Force& force) { return force.kind == Force::Kind::torsional_spring; });

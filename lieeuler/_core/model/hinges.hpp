@@ -53,7 +53,7 @@ class HingeTree {
 
   std::vector<Hinge> hinges;
   std::vector<char> hangs;  // bodies that hang on another one or the ground
-  bool complete;  // there are no other constraints
+  bool complete;            // there are no other constraints
 };
 
 }  // namespace lieeuler

@@ -174,7 +174,9 @@ class JointState {
     return K;
   }
   // G of a spherical part against rotations, R hat(-+ s), and its slope d(G u)/dq, +- R hat(s x w).
-  Mat3 anchor_jacobian(Side side) const { return turned(side, side == kChild ? Vec3(-*anchor_[side]) : *anchor_[side]); }
+  Mat3 anchor_jacobian(Side side) const {
+    return turned(side, side == kChild ? Vec3(-*anchor_[side]) : *anchor_[side]);
+  }
   Mat3 anchor_rate_slope(Side side, const Vec3& w) const {
     const Vec3& s = *anchor_[side];
     return turned(side, side == kChild ? s.cross(w) : w.cross(s));
@@ -252,7 +254,8 @@ class JointState {
   Vec3 point_rate(Side side, const Twist& u) const { return u.v + times(frame_[side]->R, u.w.cross(*anchor_[side])); }
   Vec3 point_second(Side side, const Vec3& w) const { return times(frame_[side]->R, w.cross(w.cross(*anchor_[side]))); }
   Vec3 second(Carrier carrier, const Vec3& local, const Twist* const u[2]) const {
-    if (carrier == Carrier::difference) return point_second(kChild, u[kChild]->w) - point_second(kParent, u[kParent]->w);
+    if (carrier == Carrier::difference)
+      return point_second(kChild, u[kChild]->w) - point_second(kParent, u[kParent]->w);
     const Side side = carrier == Carrier::child_axis ? kChild : kParent;
     return frame_[side]->R * u[side]->w.cross(u[side]->w.cross(local));
   }

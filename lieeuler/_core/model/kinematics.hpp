@@ -14,7 +14,10 @@ struct State {
   std::vector<double> angles;  // of the torsional springs, one place per force
 
   explicit State(const System& system)
-      : frames(system.n() + 1), u(system.n() + 1), a(system.n() + 1), lam(system.rows(), 0.0),
+      : frames(system.n() + 1),
+        u(system.n() + 1),
+        a(system.n() + 1),
+        lam(system.rows(), 0.0),
         angles(system.forces.size(), 0.0) {}
 };
 

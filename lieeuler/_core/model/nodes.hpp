@@ -88,7 +88,8 @@ class Nodes {
         if (part.spherical && row != column) continue;  // an anchor's stiffness is its own body's
         found.insert({w(row), xi_w(column)});
         if (part.spherical || !part.translational()) continue;
-        found.insert({v(row), xi_v(column)}), found.insert({v(row), xi_w(column)}), found.insert({w(row), xi_v(column)});
+        found.insert({v(row), xi_v(column)}), found.insert({v(row), xi_w(column)}),
+            found.insert({w(row), xi_v(column)});
       }
   }
 

@@ -5,13 +5,13 @@
 
 namespace lieeuler {
 
-// Sizes that make errors of translations and rotations, and of their rates, comparable: m, 1/s. They scale with the units
-// of length and time, and no unit of mass enters.
+// Sizes that make errors of translations and rotations, and of their rates, comparable: m, 1/s. They scale with the
+// units of length and time, and no unit of mass enters.
 struct Scales {
   double length = 1, rate = 1;
 
-  // Rates below the one that weight and loads give, or below one over the duration of the run, count as these: what is at
-  // rest for a moment need not be followed to the last digit of its speed.
+  // Rates below the one that weight and loads give, or below one over the duration of the run, count as these: what is
+  // at rest for a moment need not be followed to the last digit of its speed.
   static Scales of(const System& system, const State& state) {
     Scales scales = of_motion(system, state);
     scales.rate = std::max({scales.rate, scales.falling(system), system.slowest});
@@ -29,7 +29,9 @@ struct Scales {
   double natural(const System& system) const { return std::max(falling(system), kSlow * system.frequency); }
 
   // The larger rate of a body's two, comparable to `rate`.
-  double rate_of(const Twist& u) const { return std::max(u.v.cwiseAbs().maxCoeff() / length, u.w.cwiseAbs().maxCoeff()); }
+  double rate_of(const Twist& u) const {
+    return std::max(u.v.cwiseAbs().maxCoeff() / length, u.w.cwiseAbs().maxCoeff());
+  }
 
   // The largest of position / length, angle, and their rates, over twelve numbers a body: x, theta, v, w.
   double norm(const std::vector<double>& y) const {

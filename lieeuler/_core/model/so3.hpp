@@ -23,9 +23,7 @@ enum class CoordinateMap { exp, cayley, ccsk };
 using Vec3 = Eigen::Vector3d;
 using Mat3 = Eigen::Matrix3d;
 
-inline Mat3 hat(const Vec3& a) {
-  return Mat3{{0, -a.z(), a.y()}, {a.z(), 0, -a.x()}, {-a.y(), a.x(), 0}};
-}
+inline Mat3 hat(const Vec3& a) { return Mat3{{0, -a.z(), a.y()}, {a.z(), 0, -a.x()}, {-a.y(), a.x(), 0}}; }
 
 // m x and m^T x, written out: half the instructions of the general product.
 EIGEN_ALWAYS_INLINE Vec3 times(const Mat3& m, const Vec3& x) {
@@ -61,12 +59,12 @@ struct ExpCoefficients {
 
 template <int Terms>
 ExpCoefficients exp_series(double s) {
-  static constexpr double sinc[] = {1.,           -1. / 6,         1. / 120,          -1. / 5040,
-                                    1. / 362880,  -1. / 39916800,  1. / 6227020800.,  -1. / 1307674368000.};
-  static constexpr double cosc[] = {1. / 2,         -1. / 24,         1. / 720,           -1. / 40320,
-                                    1. / 3628800,   -1. / 479001600., 1. / 87178291200.,  -1. / 20922789888000.};
-  static constexpr double cubic[] = {1. / 6,          -1. / 120,         1. / 5040,            -1. / 362880,
-                                     1. / 39916800,   -1. / 6227020800., 1. / 1307674368000.,  -1. / 355687428096000.};
+  static constexpr double sinc[] = {1.,          -1. / 6,        1. / 120,         -1. / 5040,
+                                    1. / 362880, -1. / 39916800, 1. / 6227020800., -1. / 1307674368000.};
+  static constexpr double cosc[] = {1. / 2,       -1. / 24,         1. / 720,          -1. / 40320,
+                                    1. / 3628800, -1. / 479001600., 1. / 87178291200., -1. / 20922789888000.};
+  static constexpr double cubic[] = {1. / 6,        -1. / 120,         1. / 5040,           -1. / 362880,
+                                     1. / 39916800, -1. / 6227020800., 1. / 1307674368000., -1. / 355687428096000.};
   return {polynomial<Terms>(sinc, s), polynomial<Terms>(cosc, s), polynomial<Terms>(cubic, s)};
 }
 inline ExpCoefficients exp_coefficients(double s) {
@@ -80,14 +78,10 @@ inline ExpCoefficients exp_coefficients(double s) {
 inline void inverse_tangent_coefficient(double s, double& c, double& slope) {
   if (s < kSeriesLimit) {
     // |B_2k| / (2k)!, k = 1, 2, ...
-    static constexpr double c_series[] = {1. / 12,
-                                          1. / 720,
-                                          1. / 30240,
-                                          1. / 1209600,
-                                          1. / 47900160,
-                                          691. / 1307674368000.,
-                                          1. / 74724249600.,
-                                          3617. / 10670622842880000.};
+    static constexpr double c_series[] = {1. / 12,           1. / 720,
+                                          1. / 30240,        1. / 1209600,
+                                          1. / 47900160,     691. / 1307674368000.,
+                                          1. / 74724249600., 3617. / 10670622842880000.};
     static constexpr double slope_series[] = {c_series[1],     2 * c_series[2], 3 * c_series[3], 4 * c_series[4],
                                               5 * c_series[5], 6 * c_series[6], 7 * c_series[7]};
     if (s < kShortSeriesLimit)
@@ -223,8 +217,8 @@ inline Vec3 logarithm(const Mat3& R) {
   return sine < 1e-9 && angle < 1 ? axis : Vec3(angle / sine * axis);
 }
 
-// One Newton step towards the nearest rotation: exact to rounding for a matrix already orthogonal to rounding. The largest
-// entry of R^T R - I before, which the step squares.
+// One Newton step towards the nearest rotation: exact to rounding for a matrix already orthogonal to rounding. The
+// largest entry of R^T R - I before, which the step squares.
 inline double polish(Mat3& R) {
   const Vec3 a = R.col(0), b = R.col(1), c = R.col(2);
   const double aa = 0.5 * (1 - a.dot(a)), bb = 0.5 * (1 - b.dot(b)), cc = 0.5 * (1 - c.dot(c));
@@ -241,7 +235,8 @@ inline Mat3 polished(Mat3 R) {
 // The nearest rotation of a matrix farther off.
 inline Mat3 orthogonalised(Mat3 R) {
   constexpr double kLast = 1e-8;
-  for (int k = 0; k < 8 && polish(R) >= kLast; ++k) {}
+  for (int k = 0; k < 8 && polish(R) >= kLast; ++k) {
+  }
   return R;
 }
 

@@ -9,8 +9,8 @@
 
 namespace lieeuler {
 
-// An inertia J without the middle one of its moments, J - s I. w x (J w) does not change with s, and keeps its digits where
-// the largest entries cancel: those of a needle, of a disk.
+// An inertia J without the middle one of its moments, J - s I. w x (J w) does not change with s, and keeps its digits
+// where the largest entries cancel: those of a needle, of a disk.
 inline Mat3 deviation(const Mat3& inertia) {
   const Eigen::SelfAdjointEigenSolver<Mat3> moments(inertia, Eigen::EigenvaluesOnly);
   return inertia - moments.eigenvalues()[1] * Mat3::Identity();
@@ -117,8 +117,8 @@ struct System {
   }
   // Whether a light body may carry a heavy one, whose share in G M^-1 G^T then loses three digits or more.
   bool graded() const {
-    const auto [least, most] = std::minmax_element(
-        bodies.begin(), bodies.end(), [](const Body& a, const Body& b) { return a.mass < b.mass; });
+    const auto [least, most] =
+        std::minmax_element(bodies.begin(), bodies.end(), [](const Body& a, const Body& b) { return a.mass < b.mass; });
     return least != bodies.end() && most->mass > 1e3 * least->mass;
   }
 };

@@ -11,7 +11,8 @@ namespace lieeuler {
 // Integrates from t_eval.front() and samples at t_eval; samples never shape the steps. The stepper supplies
 //
 //   Status start(const State& initial, double t, double t_end, double rtol)
-//   Status step(Counters&, Watch&)        one accepted step, never beyond t_end and at last onto it; ends at once where the
+//   Status step(Counters&, Watch&)        one accepted step, never beyond t_end and at last onto it; ends at once where
+//   the
 //                                         watch says so
 //   double time(), previous_time()        ends of that step
 //   const State& state()                  at time(), on the constraints, with (a, lam) of the index-1 system; asked for
@@ -55,8 +56,7 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
         status = projection->start(initial);
       }
       if (status == Status::success) status = stepper.dense(t_eval[next], sample, outcome.counters, watch);
-      if (status == Status::success)
-        status = projection->project(sample, Scales::of(system, sample), outcome.counters);
+      if (status == Status::success) status = projection->project(sample, Scales::of(system, sample), outcome.counters);
       if (status == Status::success && !is_finite(sample)) status = Status::non_finite;
       if (status != Status::success) return end(status);
       record(outcome.samples++, least_norm.of(sample));

@@ -1,9 +1,9 @@
 // Steps that a method proposes and may refuse: one after the other to the end of a run.
 #pragma once
 
+#include "run/watch.hpp"
 #include "solve/projection.hpp"
 #include "solve/step_control.hpp"
-#include "run/watch.hpp"
 
 namespace lieeuler {
 
@@ -11,12 +11,11 @@ namespace lieeuler {
 //
 //   Status start(const State& initial, double rtol, Counters&)    proposes the first step
 //   double proposed()                                             the next step, s
-//   Status attempt(double h, bool& stands, Counters&, Watch&)     a step from state(); whether its error is small enough
-//   void refuse(double h, Status)                                 proposes a shorter one
-//   Status accept(double h)                                       the step attempted last becomes state()
-//   Status dense(double fraction, State& out, Counters&, Watch&)  within the step accepted last
-//   double smallest_pivot()                                       of Projection
-//   double rate()                                                 of Scales, 1/s
+//   Status attempt(double h, bool& stands, Counters&, Watch&)     a step from state(); whether its error is small
+//   enough void refuse(double h, Status)                                 proposes a shorter one Status accept(double h)
+//   the step attempted last becomes state() Status dense(double fraction, State& out, Counters&, Watch&)  within the
+//   step accepted last double smallest_pivot()                                       of Projection double rate() of
+//   Scales, 1/s
 template <class Method>
 class AdaptiveSteps {
  public:
@@ -34,7 +33,8 @@ class AdaptiveSteps {
     for (;;) {
       const bool last = time_ + 1.01 * method_.proposed() >= end_;  // no crumb of a step at the end
       const double h = last ? end_ - time_ : method_.proposed();
-      if (!last && h < std::min(smallest_, kGrowing * taken_)) return too_small();  // at the start steps may grow from less
+      if (!last && h < std::min(smallest_, kGrowing * taken_))
+        return too_small();  // at the start steps may grow from less
       bool stands = false;
       const Status status = method_.attempt(h, stands, counters, watch);
       if (status == Status::success && stands) {

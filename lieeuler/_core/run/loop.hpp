@@ -48,8 +48,8 @@ class Monitor {
       for (const Part& part : joint.parts) {
         raise(maxima.position, here.position(part));
         raise(maxima.velocity, here.velocity(part, parent, child));
-        raise(maxima.acceleration, here.velocity(part, state.a[joint.parent], state.a[joint.child]) +
-                                       here.gamma(part, parent, child));
+        raise(maxima.acceleration,
+              here.velocity(part, state.a[joint.parent], state.a[joint.child]) + here.gamma(part, parent, child));
       }
     }
     for (int b = 0; b < system_.n(); ++b) {
@@ -89,7 +89,7 @@ struct Method {
   Level level;
   bool index1_output;  // (a, lam) from the index-1 system at the new state
   Gains gains = {};
-  std::vector<double> composition = {};  // weights of a composition of RATTLE; empty: the method itself
+  std::vector<double> composition = {};        // weights of a composition of RATTLE; empty: the method itself
   std::optional<double> spectral_radius = {};  // of generalized-alpha, in place of implicit Euler
   bool polish = true;  // bring attitudes back to rounding level after every step; Euler methods alone may not
 };

@@ -1,10 +1,12 @@
-// Saddle-point systems with the bodies eliminated: the Delassus matrix S = G A^-1 Gc^T, the mobility of the constraint rows.
+// Saddle-point systems with the bodies eliminated: the Delassus matrix S = G A^-1 Gc^T, the mobility of the constraint
+// rows.
 //
-// A is block diagonal: a mass and a 3 x 3 rotational matrix per body. Bodies leave  A y + Gc^T lam = f,  G y = g  at the
-// cost of a few 3 x 3 products, and what is left couples the joints that share a body. A body with many joints would tie
-// each of them to every other: such a hub stays among the unknowns, and the cost stays proportional to the number of
-// bodies. So do all bodies where joints close loops: S alone would lose digits there near singular positions. Where there
-// are many loops no body stays; dependent rows are dropped, and the others eliminated in the order of least fill.
+// A is block diagonal: a mass and a 3 x 3 rotational matrix per body. Bodies leave  A y + Gc^T lam = f,  G y = g  at
+// the cost of a few 3 x 3 products, and what is left couples the joints that share a body. A body with many joints
+// would tie each of them to every other: such a hub stays among the unknowns, and the cost stays proportional to the
+// number of bodies. So do all bodies where joints close loops: S alone would lose digits there near singular positions.
+// Where there are many loops no body stays; dependent rows are dropped, and the others eliminated in the order of least
+// fill.
 #pragma once
 
 #include "model/kinematics.hpp"
@@ -118,8 +120,8 @@ class Delassus {
     };
     fill(Other{{rows}}, Jacobians{columns});
   }
-  // Rows of the caller's: rotations(place, C), all that is not known of a spherical part, and rows(place, C), with C the
-  // columns' Jacobian there.
+  // Rows of the caller's: rotations(place, C), all that is not known of a spherical part, and rows(place, C), with C
+  // the columns' Jacobian there.
   template <class RowsOf>
   void assemble(const RowsOf& rows, const Jacobians& columns) {
     fill(rows, columns);

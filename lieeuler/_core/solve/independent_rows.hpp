@@ -1,9 +1,10 @@
-// Independent constraint rows of joints that close loops, chosen loop by loop, and the least-norm multipliers of all rows.
+// Independent constraint rows of joints that close loops, chosen loop by loop, and the least-norm multipliers of all
+// rows.
 //
-// A joint that closes a loop is seen together with the joints of a shortest way between its two bodies, over the tree and
-// the loops closed before. Its rows that depend on theirs are dropped: they hold by themselves, at every level. Each dropped
-// row gives a vector N of multipliers without effect, G^T N = 0, that is zero outside its loop; the least-norm multipliers
-// are lam - N (N^T N)^-1 N^T lam.
+// A joint that closes a loop is seen together with the joints of a shortest way between its two bodies, over the tree
+// and the loops closed before. Its rows that depend on theirs are dropped: they hold by themselves, at every level.
+// Each dropped row gives a vector N of multipliers without effect, G^T N = 0, that is zero outside its loop; the
+// least-norm multipliers are lam - N (N^T N)^-1 N^T lam.
 #pragma once
 
 #include <Eigen/Dense>
@@ -14,8 +15,8 @@
 
 namespace lieeuler {
 
-// Loops are solved for by independent rows where they have more rows than this. Fewer cost little in a dense factorization
-// with full pivoting, which also passes singular positions where the choice of rows would have to change.
+// Loops are solved for by independent rows where they have more rows than this. Fewer cost little in a dense
+// factorization with full pivoting, which also passes singular positions where the choice of rows would have to change.
 inline bool has_many_loops(const System& system) {
   constexpr int kMostDenseRows = 12;
   if (is_forest(system)) return false;
@@ -74,7 +75,8 @@ class IndependentRows {
   }
 
  private:
-  static constexpr double kDependent = 3e-6;  // of a row's length: what is left of it is rounding, or a singular position
+  static constexpr double kDependent =
+      3e-6;  // of a row's length: what is left of it is rounding, or a singular position
   struct Loop {
     int joint;
     std::vector<int> others;  // joints of the way round
@@ -116,7 +118,8 @@ class IndependentRows {
     std::vector<int> bodies, rows;
     for (int j : loop.others)
       for (int body : {system_.joints[j].parent, system_.joints[j].child})
-        if (body != system_.n() && std::find(bodies.begin(), bodies.end(), body) == bodies.end()) bodies.push_back(body);
+        if (body != system_.n() && std::find(bodies.begin(), bodies.end(), body) == bodies.end())
+          bodies.push_back(body);
     for (int j : loop.others) append_rows(j, rows);
     const Eigen::Index known = static_cast<Eigen::Index>(rows.size());
     append_rows(loop.joint, rows);

@@ -8,8 +8,8 @@
 
 #include <variant>
 
-#include "solve/newton.hpp"
 #include "model/scales.hpp"
+#include "solve/newton.hpp"
 #include "solve/schur.hpp"
 
 namespace lieeuler {
@@ -30,8 +30,12 @@ class Projection {
 
  public:
   explicit Projection(const System& system)
-      : system_(system), joints_(system), solver_(make_solver(system)), change_(system.n() + 1),
-        momentum_(system.n() + 1), mu_(system.rows(), 0.0) {}
+      : system_(system),
+        joints_(system),
+        solver_(make_solver(system)),
+        change_(system.n() + 1),
+        momentum_(system.n() + 1),
+        mu_(system.rows(), 0.0) {}
 
   // Counts the redundant rows where the run starts and factors the matrix there.
   Status start(const State& state) {

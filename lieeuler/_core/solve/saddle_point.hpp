@@ -12,7 +12,10 @@ class SaddlePoint {
  public:
   // independent: without the rows of loops that depend on others.
   explicit SaddlePoint(const System& system, bool independent = false)
-      : system_(system), delassus_(std::in_place, system, independent), graded_(system.graded()), rows_(3 * delassus_->parts(), 0.0),
+      : system_(system),
+        delassus_(std::in_place, system, independent),
+        graded_(system.graded()),
+        rows_(3 * delassus_->parts(), 0.0),
         force_(system.n() + 1) {
     if (independent) independent_.emplace(system);
   }
@@ -139,7 +142,8 @@ class SaddlePoint {
     generalized_forces(system_, state.frames, state.u, state.angles, force_);
     for (int k = 0; k < delassus_->parts(); ++k) {
       const Joint& joint = system_.joints[delassus_->index(k).joint];
-      store(Vec3(-joints[delassus_->index(k).joint].gamma(delassus_->part(k), state.u[joint.parent], state.u[joint.child])),
+      store(Vec3(-joints[delassus_->index(k).joint].gamma(delassus_->part(k), state.u[joint.parent],
+                                                          state.u[joint.child])),
             &rows_[3 * k]);
     }
     solve(joints, state.a, state.lam.data());
@@ -198,7 +202,8 @@ class SaddlePoint {
     for (size_t i = 0; i < rows_.size(); ++i) rows_[i] += first_[i];
   }
   // target -= G^T values
-  void subtract_reactions(const Constraints& joints, const std::vector<double>& values, std::vector<Twist>& target) const {
+  void subtract_reactions(const Constraints& joints, const std::vector<double>& values,
+                          std::vector<Twist>& target) const {
     for (int k = 0; k < delassus_->parts(); ++k) {
       const int j = delassus_->index(k).joint;
       joints[j].subtract_reaction(delassus_->part(k), load3(&values[3 * k]), target[system_.joints[j].parent],
@@ -250,7 +255,7 @@ class SaddlePoint {
   double inverse_at_choice_ = 0;
   int redundant_ = 0, choice_ = 0;
   const Constraints* factored_ = nullptr;
-  std::vector<double> rows_;  // right-hand side, then multipliers, three values a part
+  std::vector<double> rows_;            // right-hand side, then multipliers, three values a part
   std::vector<double> wanted_, first_;  // of a second pass
   std::vector<Twist> force_;
   std::vector<std::vector<double>> null_;  // orthonormal vectors w with G^T w = 0, three values a part

@@ -31,7 +31,8 @@ class SchurComplement {
       for (Side side : kSides) add_end(k, side, ends_on);
     std::vector<int> order;
     for (int item : elimination_order(system).tree)
-      if (item >= system.n()) order.insert(order.end(), parts_of[item - system.n()].begin(), parts_of[item - system.n()].end());
+      if (item >= system.n())
+        order.insert(order.end(), parts_of[item - system.n()].begin(), parts_of[item - system.n()].end());
     std::set<BlockLU::Entry> entries;
     for (const std::vector<int>& ends : ends_on)
       for (int a : ends)
@@ -39,7 +40,8 @@ class SchurComplement {
           if (a != b) entries.insert({ends_[a].part, ends_[b].part});
     lu_.plan(order, 0, entries);
     rows_.assign(lu_.unknowns(), 0.0);
-    for (int k = 0; k < parts(); ++k) diagonal_.push_back(lu_.block(k, k)), axes_.push_back(nullptr), turns_.push_back(Mat3::Zero());
+    for (int k = 0; k < parts(); ++k)
+      diagonal_.push_back(lu_.block(k, k)), axes_.push_back(nullptr), turns_.push_back(Mat3::Zero());
     for (const std::vector<int>& ends : ends_on)
       for (int a : ends)
         for (int b : ends)
@@ -127,8 +129,17 @@ class SchurComplement {
     if (b == system_.n()) return;
     const Kind kind = !part(k).spherical ? Kind::dots : (side == kChild ? Kind::child_point : Kind::parent_point);
     const Mat3 zero = Mat3::Zero();
-    End end{kind, k, b, side, 1 / system_.bodies[b].mass, false, side == kChild ? joint.child_anchor : joint.parent_anchor,
-            zero, zero, zero, zero};
+    End end{kind,
+            k,
+            b,
+            side,
+            1 / system_.bodies[b].mass,
+            false,
+            side == kChild ? joint.child_anchor : joint.parent_anchor,
+            zero,
+            zero,
+            zero,
+            zero};
     if (kind != Kind::dots) {
       end.W = -hat(end.s);
       end.N = end.W * system_.bodies[b].inertia_inverse;
@@ -191,8 +202,7 @@ class SchurComplement {
       end.V = G.v, end.W = G.w;
     }
     end.N.noalias() = end.W * system_.bodies[end.body].inertia_inverse;
-    if (end.kind == Kind::dots)
-      add(diagonal, end.inverse_mass * end.V * end.V.transpose() + end.N * end.W.transpose());
+    if (end.kind == Kind::dots) add(diagonal, end.inverse_mass * end.V * end.V.transpose() + end.N * end.W.transpose());
   }
 
   // From y and the rows -c: mu of S mu = G y - c, and y <- y - M^-1 G^T mu.
@@ -201,11 +211,15 @@ class SchurComplement {
       const Twist& t = y[end.body];
       Vec3 sum = load3(&rows_[3 * end.part]);
       switch (end.kind) {
-        case Kind::child_point: sum += transposed_times(*axes_[end.part], t.v) - end.s.cross(t.w); break;
+        case Kind::child_point:
+          sum += transposed_times(*axes_[end.part], t.v) - end.s.cross(t.w);
+          break;
         case Kind::parent_point:
           sum += times(turns_[end.part], end.s.cross(t.w)) - transposed_times(*axes_[end.part], t.v);
           break;
-        case Kind::dots: sum += times(end.V, t.v) + times(end.W, t.w); break;
+        case Kind::dots:
+          sum += times(end.V, t.v) + times(end.W, t.w);
+          break;
       }
       store(sum, &rows_[3 * end.part]);
     }
@@ -234,8 +248,8 @@ class SchurComplement {
   const System& system_;
   std::vector<PartIndex> parts_;
   std::vector<End> ends_;
-  std::vector<const Mat3*> axes_;   // attitude of each part's child, the axes of spherical rows
-  std::vector<Mat3> turns_;         // attitude of its parent relative to its child
+  std::vector<const Mat3*> axes_;  // attitude of each part's child, the axes of spherical rows
+  std::vector<Mat3> turns_;        // attitude of its parent relative to its child
   std::vector<double*> diagonal_;
   std::vector<Pair> pairs_;
   std::vector<double> rows_;

@@ -57,7 +57,8 @@ class SmallSaddle {
     return parts() == 1 ? invert_block() : invert();
   }
 
-  // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places, to rounding always.
+  // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places, to rounding
+  // always.
   void solve(std::vector<Twist>& f, std::vector<Vec3>& rows, bool) {
     for (size_t b = 0; b < bodies_.size(); ++b) {
       f[b].v *= bodies_[b].mass_inverse;

@@ -1,7 +1,7 @@
 // The linear systems of the stabilised Lagrangian methods on trees, in two parts instead of one of twice the size.
 //
-// Newton's system for (du, dLam, dxi, dmu), with A = M - h df/du, K the stiffness onto xi and N the slope of the velocity
-// rows, is
+// Newton's system for (du, dLam, dxi, dmu), with A = M - h df/du, K the stiffness onto xi and N the slope of the
+// velocity rows, is
 //
 //   A du + h K dxi + G^T dLam = r_u        M (dxi - du) + Gn^T dmu = r_xi
 //   G du + h N dxi            = r_lam      G T dxi                 = r_mu
@@ -15,12 +15,12 @@
 // and since (G + h N) dxi is r_mu but for O(h) dxi, which changes little from one step to the next, dmu is known well
 // beforehand, and a sweep over the two shrinks the error by O(h^2).
 //
-// In place of S = G M^-1 Gn^T stands the one of q_n, O(h) away, as long as a pass over what that leaves of the rows shrinks
-// them well.
+// In place of S = G M^-1 Gn^T stands the one of q_n, O(h) away, as long as a pass over what that leaves of the rows
+// shrinks them well.
 #pragma once
 
-#include "solve/independent_rows.hpp"
 #include "solve/delassus.hpp"
+#include "solve/independent_rows.hpp"
 
 namespace lieeuler {
 
@@ -28,10 +28,21 @@ class StabilisedSolve {
  public:
   // `delassus` holds S of q_n, factored, when the iteration of a step begins.
   StabilisedSolve(const System& system, Delassus& delassus)
-      : system_(system), delassus_(delassus), slopes_(2 * delassus_.parts()), rows_(3 * delassus_.parts(), 0.0),
-        target_(rows_), correction_(rows_), mu_(rows_), core_rhs_(6 * system.n() + rows_.size(), 0.0), total_(core_rhs_),
-        velocity_(system.n() + 1), response_(velocity_), balance_(velocity_), shift_(velocity_),
-        guessed_(delassus_.parts()), excess_(delassus_.parts(), Vec3::Zero()) {}
+      : system_(system),
+        delassus_(delassus),
+        slopes_(2 * delassus_.parts()),
+        rows_(3 * delassus_.parts(), 0.0),
+        target_(rows_),
+        correction_(rows_),
+        mu_(rows_),
+        core_rhs_(6 * system.n() + rows_.size(), 0.0),
+        total_(core_rhs_),
+        velocity_(system.n() + 1),
+        response_(velocity_),
+        balance_(velocity_),
+        shift_(velocity_),
+        guessed_(delassus_.parts()),
+        excess_(delassus_.parts(), Vec3::Zero()) {}
 
   // Where the sweeps converge by construction: no damping, and no loops unless their dependent rows are dropped.
   static bool suits(const System& system) {
@@ -77,7 +88,7 @@ class StabilisedSolve {
  private:
   static constexpr int kMostSweeps = 12;
   static constexpr double kSlow = 0.3;
-  static constexpr double kNoise = 1e3;  // times the tolerance: what no longer shrinks there is rounding
+  static constexpr double kNoise = 1e3;   // times the tolerance: what no longer shrinks there is rounding
   static constexpr double kCaution = 10;  // on the size of E, seen along one direction
   static constexpr double kStale = 0.01;  // ratio of what a pass leaves above which S is renewed
   static constexpr double kRounding = 4;  // times the tolerance: what the products of a sweep round to
@@ -92,8 +103,8 @@ class StabilisedSolve {
     for (double value : values) size = std::max(size, std::abs(value));
     return size;
   }
-  // The first right-hand sides, with dmu as if (G + h N) dxi - r_mu were that of the last solve. Returns the size of E, of
-  // M^-1 E dmu over dmu.
+  // The first right-hand sides, with dmu as if (G + h N) dxi - r_mu were that of the last solve. Returns the size of E,
+  // of M^-1 E dmu over dmu.
   double start(const std::vector<double>& r, const Nodes& nodes, double length) {
     for (int b = 0; b < system_.n(); ++b) {
       const Twist own = load(&r[3 * nodes.v(b)]), drift = load(&r[3 * nodes.xi_v(b)]);
@@ -193,8 +204,8 @@ class StabilisedSolve {
       const Body& body = system_.bodies[b];
       const Vec3 v = -balance_[b].v;
       const Vec3 w = gyroscopic(b, times(body.inertia, velocity_[b].w), velocity_[b].w) - balance_[b].w;
-      size = std::max({size, v.cwiseAbs().maxCoeff() / (body.mass * length),
-                       times(body.inertia_inverse, w).cwiseAbs().maxCoeff()});
+      size = std::max(
+          {size, v.cwiseAbs().maxCoeff() / (body.mass * length), times(body.inertia_inverse, w).cwiseAbs().maxCoeff()});
       for (int i = 0; i < 3; ++i) core_rhs_[6 * b + i] += v[i], core_rhs_[6 * b + 3 + i] += w[i];
     }
     return size;
@@ -232,9 +243,9 @@ class StabilisedSolve {
   std::vector<double> rows_, target_;  // of - S dmu: what is left now, and before the last pass
   std::vector<double> correction_, mu_, core_rhs_, total_;
   std::vector<Twist> velocity_, response_, balance_;
-  std::vector<Twist> shift_;  // dxi - du = M^-1 (r_xi - Gn^T dmu)
-  std::vector<Vec3> guessed_;   // of (G + h N) dxi, until the first sweep has found it
-  std::vector<Vec3> excess_;    // (G + h N) dxi - r_mu
+  std::vector<Twist> shift_;   // dxi - du = M^-1 (r_xi - Gn^T dmu)
+  std::vector<Vec3> guessed_;  // of (G + h N) dxi, until the first sweep has found it
+  std::vector<Vec3> excess_;   // (G + h N) dxi - r_mu
 };
 
 }  // namespace lieeuler

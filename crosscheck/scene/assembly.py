@@ -263,6 +263,8 @@ def _close_positions(constraints: Constraints, guess: Configuration) -> Configur
         # From far away full steps may alternate between two places for ever.
         damping = 0.5 ** (iteration // _BEFORE_DAMPING) if largest > _NEAR else 1.0
         z = z + step * (damping * _LARGEST_TURN / max(largest, _LARGEST_TURN))
+    if closed:  # along the closed positions the least change is flat here: this one is as good as its neighbours
+        return _moved(guess, (unweighted @ z).reshape(-1, 6))
     index, gap, unit = _largest_gap(constraints, phi, anchor_length(scene))
     joint = scene.joints[index]
     raise EntryError(f'joints[{index}] "{joint.name}"', f"the joints cannot be closed together, this one keeps the "

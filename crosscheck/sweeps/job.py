@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from crosscheck.errors import ArgumentError, CrosscheckError, missing
 from crosscheck.files import finite, put
 from crosscheck.jobs.workers.process import Crash
@@ -280,9 +282,10 @@ class _Sweep:
 
 def structure_of(scene: Scene) -> str:
     """Digest of all of a scene but its initial state."""
+    zero = np.zeros(3)
     fixed = scene.replace(bodies=tuple(
-        dataclasses.replace(body, attitude=(1.0, 0.0, 0.0, 0.0), angular_velocity=(0.0,) * 3, position=(0.0,) * 3,
-                            velocity=(0.0,) * 3) for body in scene.bodies))
+        dataclasses.replace(body, attitude=np.eye(4)[0], angular_velocity=zero, position=zero, velocity=zero)
+        for body in scene.bodies))
     return str(fixed.hash)
 
 

@@ -12,9 +12,9 @@ from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.exudyn import adapter as exudyn_adapter
 from crosscheck.adapters.pinocchio import models
 from crosscheck.errors import EngineError
-from crosscheck.running import trajectory
 from crosscheck.scene import mechanics
 from crosscheck.scene.model import Scene
+from crosscheck.scene.monitor import Monitor
 from tests.adapters.scenes import full_inertia, mixed_tree
 
 NAMES = ("single_pendulum", "double_pendulum", "heavy_top", "triple_pendulum")
@@ -178,13 +178,13 @@ def test_monitor_sees_every_step(engine: str, method: str, form: str) -> None:
 def test_accelerations_of_every_step_are_watched(engine: str, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The monitor sees each step's acceleration, at that step's state; unmonitored runs evaluate the samples only."""
     seen = []
-    update = trajectory.Monitor.update
+    update = Monitor.update
 
-    def spy(self: trajectory.Monitor, *states: np.ndarray) -> None:
+    def spy(self: Monitor, *states: np.ndarray) -> None:
         seen.append(states)
         update(self, *states)
 
-    monkeypatch.setattr(trajectory.Monitor, "update", spy)
+    monkeypatch.setattr(Monitor, "update", spy)
     scene = crosscheck.load_scene("double_pendulum").replace(duration=0.5, samples=2)
     found = crosscheck.run(scene, engine, method, step=1e-2)
     x, R, v, w, a, alpha = (np.concatenate(parts) for parts in zip(*seen, strict=True))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import crosscheck
+from crosscheck.document import EULER
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import tolerances
-from crosscheck.judge.plan import EULER
 from crosscheck.judge.tolerances import Tol
 from tests import SCENARIOS
 

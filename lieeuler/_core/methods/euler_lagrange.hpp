@@ -190,10 +190,12 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
       inside = this->move(b) && inside;
     }
     h_ = whole;
-    if (!inside) return Status::map_domain;
-    this->evaluate_joints();
-    if (const Status status = this->solve_index1(); status != Status::success) return status;
-    alpha_->start(start_.a, state_.a);
+    if (inside) {
+      this->evaluate_joints();
+      inside = this->solve_index1() == Status::success;
+    }
+    // A step so long that nothing can be solved there fails by itself, and names the reason.
+    alpha_->start(start_.a, inside ? state_.a : start_.a);
     alpha_->prepare(start_.u, h_);
     state_ = start_;
     joints_.update(state_.frames);

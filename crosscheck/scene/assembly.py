@@ -263,7 +263,7 @@ def _close_positions(constraints: Constraints, guess: Configuration) -> Configur
         # From far away full steps may alternate between two places for ever.
         damping = 0.5 ** (iteration // _BEFORE_DAMPING) if largest > _NEAR else 1.0
         z = z + step * (damping * _LARGEST_TURN / max(largest, _LARGEST_TURN))
-    if closed:  # along the closed positions the least change is flat here: this one is as good as its neighbours
+    if closed:  # the joints close, though the search for the least change did not settle
         return _moved(guess, (unweighted @ z).reshape(-1, 6))
     index, gap, unit = _largest_gap(constraints, phi, anchor_length(scene))
     joint = scene.joints[index]

@@ -68,7 +68,7 @@ def test_stiff_motion_below_the_tolerance_is_stepped_over(name, rate):
 
 
 @pytest.mark.xfail(strict=True, reason=(
-    "at 1e-12 the 6777 steps round to 8e-12 m, 2e-12 before w x ((J - s I) w): a slope of .75 in positions"))
+    "at 1e-12 it is off by 8e-12 m (2e-12 in an earlier kernel, cause not found): a slope of .75 in positions"))
 def test_error_is_proportional_to_the_tolerance_where_forces_are_stiff():
     """At the end of a second of `stiff_damped`, against rkmk853; far fewer steps than its rates of 2e4 1/s ask for.
 

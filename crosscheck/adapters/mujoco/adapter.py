@@ -7,10 +7,9 @@ that metric and the springs of constraints taken at the end of the step; without
 
 from __future__ import annotations
 
-import contextlib
 import copy
 import importlib.metadata
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from crosscheck.adapters.mujoco.models import INTEGRATORS, build, set_initial_st
 from crosscheck.errors import EngineError
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import Scene
+from crosscheck.scene.models.compiling import listening
 from crosscheck.scene.states import States
 
 __all__ = ["INTEGRATORS", "MuJoCo", "build", "set_initial_state"]
@@ -94,27 +94,13 @@ class MuJoCo:
         data = mujoco.MjData(model)
         set_initial_state(scene, model, data)
         accelerate, convert = _evaluation(scene, model)
-        with _listening() as warnings:
+        with listening() as warnings:
             advance = _advance(model, data, warnings)
             raw = stepping.march(scene, spec, (data.qpos.copy(), data.qvel.copy()), advance, convert, accelerate)
         raw.form = form
         if model.neq:
             raw.stats["softness"] = softness
         return raw
-
-
-@contextlib.contextmanager
-def _listening() -> Iterator[list[str]]:
-    """MuJoCo's warnings in a list; by itself it appends them to MUJOCO_LOG.TXT in the working folder."""
-    import mujoco
-
-    warnings: list[str] = []
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(warnings.append)
-    try:
-        yield warnings
-    finally:
-        mujoco.set_mju_user_warning(before)
 
 
 def _evaluation(scene: Scene, model: Any) -> tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], stepping.Convert]:

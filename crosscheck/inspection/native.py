@@ -14,6 +14,7 @@ from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
 from crosscheck.errors import CrosscheckError, Unsupported
 from crosscheck.scene.armature import rotors
 from crosscheck.scene.coordinates import zero_attitude
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import index1
 from crosscheck.scene.model import Joint, Scene
 
@@ -75,7 +76,7 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
 
     source = Path(path)
     scene = import_model(against or path, drop=True)
-    joints = [joint for joint in scene.joints if joint.type in ("revolute", "prismatic")]
+    joints = [joint for joint in scene.joints if JOINT_TYPES[joint.type].positions == 1]
     rng = np.random.default_rng(seed)
     size = (1 + count, len(joints))
     states = JointStates(tuple(joint.name for joint in joints), rng.uniform(-0.6, 0.6, size),

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from crosscheck.scene.constraints import cross
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Joint, Scene
 
 Rotor = tuple[float, np.ndarray, np.ndarray]
@@ -19,10 +20,9 @@ Rotor = tuple[float, np.ndarray, np.ndarray]
 def rotors(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> Iterator[Rotor]:
     """(I, S (T, 6n), s (T,)) of every coordinate with armature; states as in `crosscheck.scene.mechanics`."""
     for joint in scene.joints:
-        kinds = {"revolute": ("turn",), "prismatic": ("slide",), "cylindrical": ("turn", "slide")}.get(joint.type, ())
-        for value, kind in zip(joint.armature, kinds, strict=False):
+        for value, word in zip(joint.armature, JOINT_TYPES[joint.type].coordinates, strict=False):
             if value:
-                yield value, *(_turn(joint, scene, x) if kind == "turn" else _slide(joint, scene, x, R, v, w))
+                yield value, *(_turn(joint, scene, x) if word == "turn" else _slide(joint, scene, x, R, v, w))
 
 
 def _turn(joint: Joint, scene: Scene, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

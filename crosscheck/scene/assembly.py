@@ -6,8 +6,7 @@ Positions and velocities change by the least amount in the metric of the mass ma
 from __future__ import annotations
 
 import dataclasses
-import heapq
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,8 +16,9 @@ from crosscheck.scene.checks import Draft
 from crosscheck.scene.constraints import Constraints, cross
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import RANK_TOLERANCE
-from crosscheck.scene.model import GROUND, Joint, Scene
+from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.schema import EntryError
+from crosscheck.scene.spanning import Branch, spanning_tree
 from crosscheck.scene.sparse import block_diagonal, least_norm
 from crosscheck.scene.starts import ALLOWED_VIOLATION, Configuration, anchor_length, bodies_at
 
@@ -84,8 +84,7 @@ def projected(scene: Scene, moved: Scene) -> Scene:
     state = Configuration(moved.x0, np.array([body.attitude for body in moved.bodies]), moved.v0, moved.w0)
     constraints = Constraints(scene)  # prismatic and fixed joints keep the relative attitude of the scene
     draft = Draft(moved, given, given, assemble=True)
-    reached = {body for _, body in _tree(scene, list(given), rooted=True)} | {k for k in range(scene.n) if given[k]}
-    if len(reached) < scene.n:  # a group of bodies on no ground: where it floats is given
+    if any(branch.joint is None for branch in _tree(scene, given)):  # it floats: where it does is given
         draft = dataclasses.replace(draft, given_positions=(True,) * scene.n, given_velocities=(True,) * scene.n)
     state = _close_positions(constraints, _tree_positions(draft, state, {}))
     state = _close_velocities(constraints, _tree_velocities(draft, state, {}))
@@ -95,41 +94,13 @@ def projected(scene: Scene, moved: Scene) -> Scene:
 # --- open positions and velocities -----------------------------------------------------------------------------------
 
 
-def _tree(scene: Scene, known: list[bool], rooted: bool) -> Iterator[tuple[Joint, int]]:
-    """(joint, body it places) in an order in which the joint's other body is already known; updates `known`.
+def _tree(scene: Scene, given: Sequence[bool]) -> list[Branch]:
+    """The bodies whose state is not given, each with the joint that places it from a body that has one already.
 
-    Joints whose anchors coincide come first, the others only where none of these is left, both in the file's order.
-    Where no joint leads on, the first body that is not known becomes so by itself, unless the tree has to be `rooted`
-    in what is known.
+    Joints whose anchors coincide come first, the others only where none of these leads on.
     """
-    joints_of: list[list[tuple[bool, int]]] = [[] for _ in range(scene.n + 1)]  # the ground is the last
-    for k, joint in enumerate(scene.joints):
-        for body in (joint.parent, joint.child):
-            joints_of[body].append((not JOINT_TYPES[joint.type].anchors_coincide, k))
-    known.append(True)
-    choices = [choice for body in range(scene.n + 1) if known[body] for choice in joints_of[body]]
-    heapq.heapify(choices)
-    first = 0
-    while True:
-        while choices:
-            joint = scene.joints[heapq.heappop(choices)[1]]
-            if known[joint.parent] == known[joint.child]:
-                continue
-            body = joint.parent if known[joint.child] else joint.child
-            yield joint, body
-            known[body] = True
-            for choice in joints_of[body]:
-                heapq.heappush(choices, choice)
-        while known[first]:
-            first += 1
-            if first > scene.n:
-                break
-        if rooted or first > scene.n:
-            break
-        known[first] = True
-        choices = list(joints_of[first])
-        heapq.heapify(choices)
-    known.pop()
+    roots = [body for body in range(scene.n) if given[body]]
+    return spanning_tree(scene, lambda joint: int(JOINT_TYPES[joint.type].anchors_coincide), roots)[0]
 
 
 def _tree_positions(draft: Draft, state: Configuration, shifts: Mapping[str, np.ndarray]) -> Configuration:
@@ -139,22 +110,21 @@ def _tree_positions(draft: Draft, state: Configuration, shifts: Mapping[str, np.
     joint the child's anchor hangs below the parent's, along gravity (along -z without gravity).
     """
     scene = draft.scene
-    known = list(draft.given_positions)
     x, R = np.vstack([state.x, np.zeros(3)]), np.concatenate([state.R, np.eye(3)[None]])
     size = np.linalg.norm(scene.gravity)
     down = scene.gravity / size if size > 0 else np.array([0.0, 0.0, -1.0])
-    for joint, body in _tree(scene, known, rooted=True):
+    for branch in _tree(scene, draft.given_positions):
+        body, joint = branch.body, branch.joint
+        if joint is None:
+            raise EntryError(f'bodies[{body}] "{scene.bodies[body].name}": position',
+                             "missing, and no chain of joints leads to it",
+                             "add position = three numbers in m, the centre of mass in the world")
         gap = R[joint.parent] @ joint.parent_anchor - R[joint.child] @ joint.child_anchor
         if joint.length is not None:
             gap = gap + joint.length * down
         if joint.name in shifts:
             gap = gap + R[joint.parent] @ shifts[joint.name]
         x[body] = x[joint.parent] + gap if body == joint.child else x[joint.child] - gap
-    for k in range(scene.n):
-        if not known[k]:
-            name = scene.bodies[k].name
-            raise EntryError(f'bodies[{k}] "{name}": position', "missing, and no chain of joints leads to it",
-                             "add position = three numbers in m, the centre of mass in the world")
     return dataclasses.replace(state, x=x[:-1])
 
 
@@ -164,11 +134,14 @@ def _tree_velocities(draft: Draft, state: Configuration, speeds: Mapping[str, np
     In a group of bodies that no joint ties to the ground or to a given velocity, the first is at rest.
     """
     scene = draft.scene
-    known = list(draft.given_velocities)
+    given = draft.given_velocities
     x, R = np.vstack([state.x, np.zeros(3)]), np.concatenate([state.R, np.eye(3)[None]])
-    v, spin = np.vstack([np.where(np.array(known)[:, None], state.v, 0.0), np.zeros(3)]), np.zeros((len(x), 3))
+    v, spin = np.vstack([np.where(np.array(given)[:, None], state.v, 0.0), np.zeros(3)]), np.zeros((len(x), 3))
     spin[:-1] = np.einsum("nij,nj->ni", state.R, state.w)
-    for joint, body in _tree(scene, known, rooted=False):
+    for branch in _tree(scene, given):
+        body, joint = branch.body, branch.joint
+        if joint is None:
+            continue
         arm = R[joint.child] @ joint.child_anchor
         carried = x[joint.child] + arm - x[joint.parent]
         change = cross(spin[joint.parent], carried) - cross(spin[joint.child], arm)

@@ -195,6 +195,11 @@ def normal_references(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return n1, cross(axis, n1)
 
 
+def slide_direction(word: str, axis: np.ndarray) -> np.ndarray:
+    """The unit vector of "slide", "slide n1" or "slide n2", words of `JointType.motion`, for a unit `axis`."""
+    return axis if word == "slide" else normal_references(axis)[word == "slide n2"]
+
+
 def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray) -> list[Basic]:
     """The basic constraints of a joint, in row order, each for itself: `Constraints` stacks them.
 

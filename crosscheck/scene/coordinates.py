@@ -18,13 +18,11 @@ import dataclasses
 
 import numpy as np
 
-from crosscheck.scene.constraints import cross, normal_references
-from crosscheck.scene.mechanics import shortest_rotation
+from crosscheck.scene.constraints import cross, normal_references, slide_direction
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.mechanics import continuous, shortest_rotation
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.states import Motion
-
-COUNTS = {"revolute": 1, "prismatic": 1, "cylindrical": 2, "universal": 2, "planar": 3, "spherical": 4}
-"""Types of joints with coordinates, and how many positions each has; a spherical joint has three velocities."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,9 +37,10 @@ def zero_attitude(joint: Joint) -> np.ndarray:
     """Q0, (3, 3): the joint's reference attitude, or the default of its type."""
     if joint.reference is not None:
         return rotation_from_quaternion(joint.reference)
-    if joint.type in ("revolute", "cylindrical", "planar", "prismatic"):
+    axes = JOINT_TYPES[joint.type].axes
+    if axes == "parallel":
         return shortest_rotation(joint.child_axis, joint.parent_axis)
-    if joint.type == "universal":
+    if axes == "perpendicular":
         across = joint.child_axis - (joint.child_axis @ joint.parent_axis) * joint.parent_axis
         size = float(np.linalg.norm(across))
         return shortest_rotation(joint.child_axis, across / size if size > 1e-6 else
@@ -58,48 +57,40 @@ def turned(axis: np.ndarray, angle: float) -> np.ndarray:
 
 def relative_pose(joint: Joint, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(R_rel (3, 3), d (3,) in the parent's axes) at the joint's coordinates."""
-    zero, none = zero_attitude(joint), np.zeros(3)
-    match joint.type:
-        case "revolute":
-            return turned(joint.parent_axis, position[0]) @ zero, none
-        case "cylindrical":
-            return turned(joint.parent_axis, position[0]) @ zero, position[1] * joint.parent_axis
-        case "prismatic":
-            return zero, position[0] * joint.parent_axis
-        case "planar":
-            n1, n2 = normal_references(joint.parent_axis)
-            return turned(joint.parent_axis, position[2]) @ zero, position[0] * n1 + position[1] * n2
-        case "universal":
-            return turned(joint.parent_axis, position[0]) @ zero @ turned(joint.child_axis, position[1]), none
-        case "spherical":
-            return zero @ rotation_from_quaternion(position / np.linalg.norm(position)), none
-    return zero, none
+    attitude, d = zero_attitude(joint), np.zeros(3)
+    words = JOINT_TYPES[joint.type].coordinates
+    if words == ("ball",):
+        return attitude @ rotation_from_quaternion(position / np.linalg.norm(position)), d
+    for word, value in zip(words, position, strict=False):
+        if word.startswith("slide"):
+            d = d + value * slide_direction(word, joint.parent_axis)
+        elif word == "turn child":
+            attitude = attitude @ turned(joint.child_axis, value)
+        else:
+            attitude = turned(joint.parent_axis, value) @ attitude
+    return attitude, d
 
 
 def relative_rates(joint: Joint, position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(relative angular velocity, d' as seen from the parent), (3,) each, in the parent's axes."""
-    axis, none = joint.parent_axis, np.zeros(3)
-    match joint.type:
-        case "revolute":
-            return velocity[0] * axis, none
-        case "cylindrical":
-            return velocity[0] * axis, velocity[1] * axis
-        case "prismatic":
-            return none, velocity[0] * axis
-        case "planar":
-            n1, n2 = normal_references(axis)
-            return velocity[2] * axis, velocity[0] * n1 + velocity[1] * n2
-        case "universal":
-            second = turned(axis, position[0]) @ zero_attitude(joint) @ joint.child_axis
-            return velocity[0] * axis + velocity[1] * second, none
-        case "spherical":
-            return relative_pose(joint, position)[0] @ velocity, none
-    return none, none
+    w, speed = np.zeros(3), np.zeros(3)
+    words = JOINT_TYPES[joint.type].coordinates
+    if words == ("ball",):
+        return relative_pose(joint, position)[0] @ velocity, speed
+    for k, (word, rate) in enumerate(zip(words, velocity, strict=False)):
+        if word.startswith("slide"):
+            speed = speed + rate * slide_direction(word, joint.parent_axis)
+        elif word == "turn child":  # about an axis that the coordinates before have turned
+            w = w + rate * (relative_pose(joint, position[:k])[0] @ joint.child_axis)
+        else:
+            w = w + rate * joint.parent_axis
+    return w, speed
 
 
 def histories(scene: Scene, states: Motion) -> dict[str, JointHistory]:
     """Coordinates of every joint that has them, over the times of `states`."""
-    return {joint.name: _history(joint, states) for joint in scene.joints if joint.type in COUNTS}
+    return {joint.name: _history(joint, states) for joint in scene.joints
+            if JOINT_TYPES[joint.type].coordinates}
 
 
 def _history(joint: Joint, states: Motion) -> JointHistory:
@@ -116,61 +107,39 @@ def _history(joint: Joint, states: Motion) -> JointHistory:
     rate = np.einsum("tji,tj->ti", Rp, vc + cross(outer, arm) - vp - cross(spin, reach))
     relative = np.swapaxes(Rp, 1, 2) @ Rc
     w = np.einsum("tji,tj->ti", Rp, outer - spin)
-    position, velocity = _read(joint, relative, w, d, rate)
-    for column, kind in enumerate(_kinds(joint)):
-        if kind == "angle":
-            position[:, column] = _continuous(position[:, column], velocity[:, column], states.t,
-                                              None if joint.start is None else joint.start[column])
-    if joint.type == "spherical":
+    words = JOINT_TYPES[joint.type].coordinates
+    if words == ("ball",):
+        position, velocity = quaternion_from_rotation(zero_attitude(joint).T @ relative), np.einsum(
+            "tji,tj->ti", relative, w)
         flips = np.cumprod(np.where(np.einsum("tk,tk->t", position[1:], position[:-1]) < 0, -1.0, 1.0))
         position[1:] *= flips[:, None]
-    return JointHistory(*(values[:, 0] if values.shape[1] == 1 else values for values in (position, velocity)))
+        return JointHistory(position, velocity)
+    columns = []
+    for k, word in enumerate(words):
+        values, rates = _coordinate(word, joint, relative, w, d, rate)
+        if word.startswith("turn"):
+            values = continuous(values, None if joint.start is None else joint.start[k], rates, states.t)
+        columns.append((values, rates))
+    return JointHistory(*(np.stack(part, axis=1) if len(words) > 1 else part[0]
+                          for part in zip(*columns, strict=True)))
 
 
-def _kinds(joint: Joint) -> tuple[str, ...]:
-    return {"revolute": ("angle",), "prismatic": ("slide",), "cylindrical": ("angle", "slide"),
-            "planar": ("slide", "slide", "angle"), "universal": ("angle", "angle")}.get(joint.type, ())
-
-
-def _read(joint: Joint, relative: np.ndarray, w: np.ndarray, d: np.ndarray,
-          rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities, angles in (-pi, pi]; `w`, `d`, `rate` (T, 3) in the parent's axes."""
-    zero = zero_attitude(joint)
-    if joint.type == "spherical":
-        return quaternion_from_rotation(zero.T @ relative), np.einsum("tji,tj->ti", relative, w)
+def _coordinate(word: str, joint: Joint, relative: np.ndarray, w: np.ndarray, d: np.ndarray,
+                rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A coordinate and its rate, (T,), angles in (-pi, pi]; `w`, `d`, `rate` (T, 3) in the parent's axes."""
     axis = joint.parent_axis
+    if word.startswith("slide"):
+        along = slide_direction(word, axis)
+        return d @ along, rate @ along
+    zero = zero_attitude(joint)
+    if word == "turn parent":
+        second, start = relative @ joint.child_axis, zero @ joint.child_axis
+        return np.arctan2(second @ cross(axis, start), second @ start), w @ axis
+    if word == "turn child":
+        inner = zero.T @ axis  # the parent's axis in the child's frame at zero, normal to the child's
+        back = np.einsum("tji,j->ti", relative, axis)
+        return (-np.arctan2(back @ cross(joint.child_axis, inner), back @ inner),
+                np.einsum("tk,tk->t", w, relative @ joint.child_axis))  # the axes are at right angles
     n1, n2 = normal_references(axis)
-    slide, slide_rate = d @ axis, rate @ axis
-    if joint.type == "prismatic":
-        return slide[:, None], slide_rate[:, None]
-    if joint.type == "universal":
-        return _universal(joint, zero, relative, w)
     pointer = relative @ (zero.T @ n1)
-    angle, turn = np.arctan2(pointer @ n2, pointer @ n1), w @ axis
-    if joint.type == "revolute":
-        return angle[:, None], turn[:, None]
-    if joint.type == "cylindrical":
-        return np.stack([angle, slide], axis=1), np.stack([turn, slide_rate], axis=1)
-    return np.stack([d @ n1, d @ n2, angle], axis=1), np.stack([rate @ n1, rate @ n2, turn], axis=1)
-
-
-def _universal(joint: Joint, zero: np.ndarray, relative: np.ndarray,
-               w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    axis, second = joint.parent_axis, relative @ joint.child_axis
-    start = zero @ joint.child_axis
-    first_angle = np.arctan2(second @ cross(axis, start), second @ start)
-    inner = zero.T @ axis  # the first axis in the child's frame at zero, normal to the second
-    back = np.einsum("tji,j->ti", relative, axis)
-    second_angle = -np.arctan2(back @ cross(joint.child_axis, inner), back @ inner)
-    velocity = np.stack([w @ axis, np.einsum("tk,tk->t", w, second)], axis=1)  # the axes are at right angles
-    return np.stack([first_angle, second_angle], axis=1), velocity
-
-
-def _continuous(wrapped: np.ndarray, rate: np.ndarray, t: np.ndarray, start: float | None) -> np.ndarray:
-    """Angles without jumps: each is the one nearest to what the rates predict from the one before."""
-    steps = np.zeros(len(wrapped))
-    steps[1:] = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
-    first = wrapped[0] if start is None else start
-    gaps = np.diff(wrapped, prepend=first) - steps
-    found: np.ndarray = wrapped - 2 * np.pi * np.cumsum(np.round(gaps / (2 * np.pi)))
-    return found
+    return np.arctan2(pointer @ n2, pointer @ n1), w @ axis

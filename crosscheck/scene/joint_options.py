@@ -12,15 +12,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from crosscheck.scene.coordinates import COUNTS, histories
+from crosscheck.scene.coordinates import histories
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import Force, Joint, Mimic, Scene
 from crosscheck.scene.schema import EntryError, JointEntry, listed, nearest
 from crosscheck.scene.states import States
-
-ELASTIC = {"revolute": ("angle",), "prismatic": ("slide",), "cylindrical": ("angle", "slide")}
-"""Types that may have damping, stiffness and armature, and what each of their coordinates is."""
 
 Values = float | list[float] | None
 
@@ -32,14 +29,14 @@ def start(entry: str, joint: JointEntry) -> tuple[tuple[float, ...] | None, tupl
         if given is None:
             found.append(None)
             continue
-        count = COUNTS.get(joint.type, 0)
+        count = JOINT_TYPES[joint.type].positions
         if count == 4 and key == "velocity":
             count = 3
         if count == 0:
             raise EntryError(f"{entry}: {key}", f"a {joint.type} joint has no coordinate", "remove it")
         found.append(_many(f"{entry}: {key}", given, count))
     position, velocity = found
-    if position is not None and joint.type == "spherical" and not any(position):
+    if position is not None and len(position) == 4 and not any(position):
         raise EntryError(f"{entry}: position", "all its numbers are zero", "write a quaternion w, x, y, z")
     return position, velocity
 
@@ -57,10 +54,11 @@ def elastic(entry: str, joint: JointEntry, key: str) -> tuple[float, ...]:
     given: Values = getattr(joint, key)
     if given is None:
         return ()
-    if joint.type not in ELASTIC:
-        raise EntryError(f"{entry}: {key}", f"a {joint.type} joint cannot have it", "remove it, or use a joint of type "
-                         f"{listed(ELASTIC)}")
-    values = _many(f"{entry}: {key}", given, len(ELASTIC[joint.type]))
+    if not JOINT_TYPES[joint.type].is_elastic:
+        elastic = listed(name for name, kind in JOINT_TYPES.items() if kind.is_elastic)
+        raise EntryError(f"{entry}: {key}", f"a {joint.type} joint cannot have it",
+                         f"remove it, or use a joint of type {elastic}")
+    values = _many(f"{entry}: {key}", given, JOINT_TYPES[joint.type].positions)
     if key != "rest_position" and min(values) < 0:
         raise EntryError(f"{entry}: {key}", f"{min(values):g} is negative", "write a number >= 0")
     return values
@@ -70,7 +68,7 @@ def mimic(entry: str, joint: JointEntry, joints: Sequence[JointEntry]) -> Mimic 
     """The joint whose coordinate this one follows."""
     if joint.mimic is None:
         return None
-    one = {each.name: each.type for each in joints if COUNTS.get(each.type) == 1}
+    one = {each.name: each.type for each in joints if JOINT_TYPES[each.type].positions == 1}
     if joint.name not in one:
         raise EntryError(f"{entry}: mimic", f"a {joint.type} joint cannot have it", "use a revolute or prismatic joint")
     motor = joint.mimic.joint
@@ -92,12 +90,13 @@ def _forces(scene: Scene, joint: Joint) -> list[Force]:
     here = histories(scene, states)[joint.name]
     position, velocity = (np.atleast_1d(values[0]) for values in (here.position, here.velocity))
     found = []
-    for k, kind in enumerate(ELASTIC[joint.type]):
-        stiffness, damping, rest = ((values or (0.0,) * len(ELASTIC[joint.type]))[k]
+    words = JOINT_TYPES[joint.type].coordinates
+    for k, word in enumerate(words):
+        stiffness, damping, rest = ((values or (0.0,) * len(words))[k]
                                     for values in (joint.stiffness, joint.damping, joint.rest_position))
         if not stiffness and not damping:
             continue
-        if kind == "angle":
+        if word == "turn":
             force = Force("torsional_spring", None, None, joint.name, {}, joint.name)
             angle = float(torsion_angles(scene.replace(forces=(force,)), scene.R0[None])[joint.name][0])
             force.parameters.update(stiffness=stiffness, rest_angle=rest + (angle - float(position[k])),
@@ -115,5 +114,6 @@ def _forces(scene: Scene, joint: Joint) -> list[Force]:
 
 def check_types(entry: str, joint: JointEntry) -> None:
     """A reference attitude belongs to joints whose coordinates or rows count from one."""
-    if joint.reference_attitude is not None and not (joint.type in COUNTS or JOINT_TYPES[joint.type].keeps_attitude):
+    kind = JOINT_TYPES[joint.type]
+    if joint.reference_attitude is not None and not (kind.coordinates or kind.keeps_attitude):
         raise EntryError(f"{entry}: reference_attitude", f"a {joint.type} joint has none", "remove it")

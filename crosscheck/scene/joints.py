@@ -34,8 +34,9 @@ class JointType:
     ----------
     rows : its constraint rows in their order.
     motion : what it leaves free, from the parent outwards: "slide", "turn" (along, about the axis), "slide n1",
-        "slide n2" (along the references of the axis), "turn parent" (about the parent's axis), "ball", "rod" (two turns
-        of a rod's direction and a ball at its end).
+        "slide n2" (along the references of the axis), "turn parent", "turn child" (about the axis of that body),
+        "ball", "rod" (two turns of a rod's direction and a ball at its end).
+    coordinates : the words of `motion` whose values a scene may give, in the order in which it gives them.
     axes : which axes it needs and how they lie in the world: "parallel" and "perpendicular" need both.
     zero : the attitude of the child in the parent from which its coordinates count: "axes" is the shortest rotation
         that takes the child's axis to the parent's, "start" the one of the initial state.
@@ -44,6 +45,7 @@ class JointType:
 
     rows: tuple[Row, ...]
     motion: tuple[str, ...] = ()
+    coordinates: tuple[str, ...] = ()
     axes: Literal["none", "parent", "parallel", "perpendicular"] = "none"
     zero: Zero = "identity"
     length: bool = False
@@ -53,6 +55,16 @@ class JointType:
         """The optional keys of a scene file: whether the type needs each."""
         return {"parent_axis": self.axes != "none", "child_axis": self.axes in ("parallel", "perpendicular"),
                 "length": self.length}
+
+    @property
+    def positions(self) -> int:
+        """Number of its position coordinates; a ball has four, a quaternion, and three velocities."""
+        return 4 if self.coordinates == ("ball",) else len(self.coordinates)
+
+    @property
+    def is_elastic(self) -> bool:
+        """Whether it may have springs, dampers and armature: both bodies keep the axis of each coordinate."""
+        return bool(self.coordinates) and {"turn", "slide"}.issuperset(self.coordinates)
 
     @property
     def anchors_coincide(self) -> bool:
@@ -67,26 +79,28 @@ class JointType:
     @property
     def has_angle(self) -> bool:
         """Whether it turns about one axis that both bodies keep, and about nothing else, wherever it slides to."""
-        return self.axes == "parallel" and self.motion in (("turn",), ("slide", "turn"))
+        return self.is_elastic and "turn" in self.coordinates
 
 
 _POINT = Row("point")
 _PARALLEL = (Row("dot1", "n1", "axis"), Row("dot1", "n2", "axis"))
 _ON_LINE = (Row("dot2", "n1"), Row("dot2", "n2"))
+_NO_TURN = Row("dot1", "n1", "b")
 _ON_PLANE = Row("dot2", "axis")
 _ALL_AXES = (Row("dot1", "e1", "f2"), Row("dot1", "e2", "f3"), Row("dot1", "e3", "f1"))
 _PLANE = ("slide n1", "slide n2")
+_TWO_AXES = ("turn parent", "turn child")
 
 JOINT_TYPES: dict[str, JointType] = {
-    "spherical": JointType((_POINT,), ("ball",)),
-    "universal": JointType((_POINT, Row("dot1", "axis", "axis")), ("turn parent", "turn"), "perpendicular", "start"),
-    "revolute": JointType((_POINT, *_PARALLEL), ("turn",), "parallel", "axes"),
-    "cylindrical": JointType((*_PARALLEL, *_ON_LINE), ("slide", "turn"), "parallel", "axes"),
-    "prismatic": JointType((*_PARALLEL, *_ON_LINE, Row("dot1", "n1", "b")), ("slide",), "parallel", "start"),
-    "planar": JointType((*_PARALLEL, _ON_PLANE), (*_PLANE, "turn"), "parallel", "axes"),
+    "spherical": JointType((_POINT,), ("ball",), ("ball",)),
+    "universal": JointType((_POINT, Row("dot1", "axis", "axis")), _TWO_AXES, _TWO_AXES, "perpendicular", "start"),
+    "revolute": JointType((_POINT, *_PARALLEL), ("turn",), ("turn",), "parallel", "axes"),
+    "cylindrical": JointType((*_PARALLEL, *_ON_LINE), ("slide", "turn"), ("turn", "slide"), "parallel", "axes"),
+    "prismatic": JointType((*_PARALLEL, *_ON_LINE, _NO_TURN), ("slide",), ("slide",), "parallel", "start"),
+    "planar": JointType((*_PARALLEL, _ON_PLANE), (*_PLANE, "turn"), (*_PLANE, "turn"), "parallel", "axes"),
     "fixed": JointType((_POINT, *_ALL_AXES), zero="start"),
     "distance": JointType((Row("distance"),), ("rod",), length=True),
-    "point_on_line": JointType(_ON_LINE, ("slide", "ball"), "parent"),
-    "point_on_plane": JointType((_ON_PLANE,), (*_PLANE, "ball"), "parent"),
+    "point_on_line": JointType(_ON_LINE, ("slide", "ball"), axes="parent"),
+    "point_on_plane": JointType((_ON_PLANE,), (*_PLANE, "ball"), axes="parent"),
 }
 """By the names that scene files use, in the order in which messages list them."""

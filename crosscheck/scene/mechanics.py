@@ -12,6 +12,7 @@ import numpy as np
 from crosscheck.scene.armature import rotors
 from crosscheck.scene.constraints import Constraints, cross, normal_references
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
+from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import Motion
 
 RANK_TOLERANCE = 1e-9
@@ -78,15 +79,24 @@ def torsion_angles(scene: Scene, R: np.ndarray, w: np.ndarray | None = None, t: 
     """
     angles = {}
     for joint in _torsion_joints(scene):
-        wrapped = _wrapped_angle(joint, R)
-        steps = np.zeros(len(wrapped))
-        if w is not None and t is not None:
-            rate = _torsion_rate(joint, R, w)
-            steps[1:] = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
-        start = wrapped[0] if previous is None else previous[joint.name]
-        gaps = np.diff(wrapped, prepend=start) - steps
-        angles[joint.name] = wrapped - 2 * np.pi * np.cumsum(np.round(gaps / (2 * np.pi)))
+        rate = None if w is None else _torsion_rate(joint, R, w)
+        angles[joint.name] = continuous(_wrapped_angle(joint, R), None if previous is None else previous[joint.name],
+                                        rate, t)
     return angles
+
+
+def continuous(wrapped: np.ndarray, start: float | None, rate: np.ndarray | None = None,
+               t: np.ndarray | None = None) -> np.ndarray:
+    """Angles (T,) without jumps: each is the one nearest to what the rates at times t predict from the one before.
+
+    Without rates it is the one nearest to the one before. The first is the one nearest to `start`, or stays as it is.
+    """
+    steps = np.zeros(len(wrapped))
+    if rate is not None and t is not None:
+        steps[1:] = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
+    gaps = np.diff(wrapped, prepend=wrapped[0] if start is None else start) - steps
+    found: np.ndarray = wrapped - 2 * np.pi * np.cumsum(np.round(gaps / (2 * np.pi)))
+    return found
 
 
 def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
@@ -148,7 +158,8 @@ def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndar
     lam = np.zeros((len(x), constraints.m))
     if constraints.m:
         G, gamma = constraints.jacobian(x, R), constraints.gamma(x, R, v, w)
-        solve = _schur_solver(G, inverse, independent=_is_forest(scene))
+        _, closing = spanning_tree(scene)
+        solve = _schur_solver(G, inverse, independent=not closing)  # in an open tree no row repeats another
         # Twice: where a light body carries a heavy one, G M^-1 G^T loses digits, which the rows' rest brings back.
         for _ in range(2):
             more = solve(np.einsum("tmk,tk->tm", G, rates) + gamma)
@@ -176,21 +187,14 @@ def _schur_solver(G: np.ndarray, inverse: np.ndarray, independent: bool) -> Call
     return lambda rhs: np.einsum("tmr,tr,tr->tm", U, 1 / sigma**2, np.einsum("tmr,tm->tr", U, rhs))
 
 
-def _is_forest(scene: Scene) -> bool:
-    """Whether no joint closes a loop, the ground being one body: then no row repeats another."""
-    roots = {body: body for body in range(GROUND, scene.n)}
-
-    def root(body: int) -> int:
-        while roots[body] != body:
-            body = roots[body]
-        return body
-
-    for joint in scene.joints:
-        ends = root(joint.parent), root(joint.child)
-        if ends[0] == ends[1]:
-            return False
-        roots[ends[1]] = ends[0]
-    return True
+def redundant_rows(scene: Scene) -> int:
+    """Number of constraint rows of the scene that depend on the others in the initial position."""
+    constraints = Constraints(scene)
+    if constraints.m == 0:
+        return 0
+    scaled = constraints.jacobian(scene.x0[None], scene.R0[None])[0] @ np.linalg.cholesky(inverse_mass(scene))
+    sizes = np.linalg.svd(scaled, compute_uv=False)
+    return constraints.m - int(np.count_nonzero(sizes > RANK_TOLERANCE * sizes[0]))
 
 
 def _point(x: np.ndarray, R: np.ndarray, body: int, s: tuple[float, ...]) -> np.ndarray:

@@ -137,7 +137,7 @@ def check(draft: Draft, scene: Scene) -> None:
     for start in draft.starts:
         joint = scene.joints[start.joint]
         for key, given, unit in (("position", start.position, ""), ("velocity", start.velocity, "/s")):
-            if given is None or joint.type == "spherical":  # its attitude has been compared already
+            if given is None or JOINT_TYPES[joint.type].positions == 4:  # its attitude has been compared already
                 continue
             gap = float(np.abs(np.atleast_1d(getattr(found[joint.name], key)[0]) - np.array(given)).max())
             if gap > ALLOWED_VIOLATION * max(1.0, L, *(abs(value) for value in given)):

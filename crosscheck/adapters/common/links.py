@@ -12,10 +12,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from crosscheck.adapters.common.spanning import spanning_tree
-from crosscheck.scene.constraints import normal_references
+from crosscheck.scene.constraints import normal_references, slide_direction
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
+from crosscheck.scene.spanning import spanning_tree
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 _ZERO = np.zeros(3)
@@ -73,17 +73,22 @@ def obstacle(scene: Scene, types: Iterable[str], forces: Iterable[str] = ()) -> 
     for joint in scene.joints:
         if joint.type not in types:
             return f"joint {joint.name!r}: type {joint.type} is not built; this form has {', '.join(types)}"
-    if len(scene.joints) > scene.n or _order(scene) is None:
+    if not is_open_tree(scene):
         return "the joints do not form an open tree rooted in the ground (a loop, or a body that hangs on no joint)"
     return None
 
 
+def is_open_tree(scene: Scene) -> bool:
+    """Whether every body hangs on one chain of joints from the ground and no joint closes a loop."""
+    branches, closing = spanning_tree(scene)
+    return not closing and all(branch.joint is not None for branch in branches)
+
+
 def links(scene: Scene) -> tuple[Link, ...]:
     """The links of an open tree rooted in the ground, parents before children."""
-    ordered = _order(scene)
-    if ordered is None:
+    if not is_open_tree(scene):
         raise ValueError(f"scene {scene.name!r} is no open tree")
-    return tuple(link(scene, joint, outward) for joint, outward in ordered)
+    return tuple(link(scene, branch.joint, branch.outward) for branch in spanning_tree(scene)[0] if branch.joint)
 
 
 def unfold(scene: Scene, always_cut: tuple[str, ...] = ()) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
@@ -115,19 +120,6 @@ def free(body: int) -> Link:
     return Link(body, GROUND, "free", _ZERO, _ZERO, _ZERO, IDENTITY, parts)
 
 
-def _order(scene: Scene) -> list[tuple[Joint, bool]] | None:
-    """Joints from the ground outwards, each with whether its child is the outer body; None if that is no tree."""
-    reached, left, ordered = {GROUND}, list(scene.joints), []
-    while left:
-        joint = next((joint for joint in left if (joint.parent in reached) != (joint.child in reached)), None)
-        if joint is None:
-            return None
-        ordered.append((joint, joint.parent in reached))
-        left.remove(joint)
-        reached |= {joint.parent, joint.child}
-    return ordered if len(reached) == scene.n + 1 else None
-
-
 def link(scene: Scene, joint: Joint, outward: bool = True) -> Link:
     """A joint as the link that hangs its child on its parent or, not `outward`, the other way round."""
     axes = [np.zeros(3) if axis is None else axis for axis in (joint.parent_axis, joint.child_axis)]
@@ -155,9 +147,9 @@ def _part(motion: str, joint: Joint, axis: np.ndarray, inner_axis: np.ndarray) -
             return Part("ball")
         case "turn parent":
             return Part("turn", inner_axis)
-        case "slide n1" | "slide n2":
-            return Part("slide", normal_references(along)[motion == "slide n2"])
-    return Part(motion, along)
+        case "turn" | "turn child":
+            return Part("turn", along)
+    return Part("slide", slide_direction(motion, along))
 
 
 def _rod(scene: Scene, joint: Joint, parent: int, body: int, outward: bool) -> tuple[Part, ...]:

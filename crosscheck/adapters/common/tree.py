@@ -59,12 +59,13 @@ def initial_coordinates(scene: Scene, link: Link) -> tuple[np.ndarray, np.ndarra
 
 def _coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarray:
     """Joint position from the relative attitude and the gap between the anchors, the parent's axes."""
-    if link.type == "universal":
+    kinds = [part.kind for part in link.parts]
+    if kinds == ["turn", "turn"]:  # of a universal joint
         return np.array(_two_turns(link, multiply(link.zero * CONJUGATE, attitude)))
-    if link.type == "distance":
+    if kinds == ["turn", "turn", "ball"]:  # of a rod
         return _rod_coordinates(link, attitude, gap)
     turned = multiply(link.zero * CONJUGATE, attitude)
-    outer_slides = link.parts[:1] and link.parts[0].kind == "ball"  # they lie in the axes the ball has turned to
+    outer_slides = kinds[:1] == ["ball"]  # they lie in the axes the ball has turned to
     reach = rotation_from_quaternion(attitude if outer_slides else link.zero).T @ gap
     values: list[np.ndarray] = []
     for part in link.parts:

@@ -16,10 +16,10 @@ import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import stepping, tree
-from crosscheck.adapters.common.spanning import redundant_rows
 from crosscheck.adapters.exudyn import kinematic_tree, models, solving
 from crosscheck.adapters.exudyn.solving import IMPLICIT, NEWTON_TOLERANCES, load, solve
 from crosscheck.errors import EngineError
+from crosscheck.scene.mechanics import redundant_rows
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
 

@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 
 from crosscheck.scene.constraints import normal_references
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import shortest_rotation, torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 
-FREE_AXES = {"universal": (3, 4), "revolute": (5,), "cylindrical": (2, 5), "prismatic": (2,), "planar": (0, 1, 5),
-             "fixed": (), "point_on_line": (2, 3, 4, 5), "point_on_plane": (0, 1, 3, 4, 5)}
-"""Of ObjectJointGeneric: translations x, y, z and rotations x, y, z in the frame of the first marker that it leaves."""
+FREE_AXES = {"slide n1": (0,), "slide n2": (1,), "slide": (2,), "turn parent": (3,), "turn child": (4,), "turn": (5,),
+             "ball": (3, 4, 5)}
+"""Of ObjectJointGeneric: translations x, y, z and rotations x, y, z in the frame of the first marker that each word of
+`JointType.motion` leaves free."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Carrier:
@@ -42,21 +45,25 @@ def add_joint(carrier: Carrier, joint: Joint) -> Any:
         return carrier.system.AddObject(ObjectConnectorDistance(markerNumbers=markers, distance=joint.length))
     markers = [carrier.mark(*end, frame) for end, frame in zip(ends, joint_frames(carrier.scene, joint), strict=True)]
     return carrier.system.AddObject(ObjectJointGeneric(
-        markerNumbers=markers, constrainedAxes=[int(axis not in FREE_AXES[joint.type]) for axis in range(6)]))
+        markerNumbers=markers, constrainedAxes=[int(axis not in free_axes(joint)) for axis in range(6)]))
+
+
+def free_axes(joint: Joint) -> set[int]:
+    """The axes that ObjectJointGeneric leaves free for a joint, see `FREE_AXES`."""
+    return {axis for word in JOINT_TYPES[joint.type].motion for axis in FREE_AXES[word]}
 
 
 def joint_frames(scene: Scene, joint: Joint) -> list[np.ndarray]:
     """Joint frames (3, 3) in the axes of the parent and of the child; z is the axis, for a universal joint x and y."""
     child, parent = (np.eye(3) if body == GROUND else scene.R0[body] for body in (joint.child, joint.parent))
-    if joint.type == "fixed":
-        return [np.eye(3), child.T @ parent]
-    normals = normal_references(joint.parent_axis)
-    inner = np.column_stack([*normals, joint.parent_axis])
-    if joint.type == "universal":
+    kind, inner = JOINT_TYPES[joint.type], np.eye(3)
+    if joint.parent_axis is not None:
+        inner = np.column_stack([*normal_references(joint.parent_axis), joint.parent_axis])
+    if kind.axes == "perpendicular":
         # its one constraint is that x of the first frame is normal to y of the second
         outer = np.column_stack([*normal_references(joint.child_axis), joint.child_axis])
         return [inner[:, [2, 0, 1]], outer[:, [1, 2, 0]]]
-    if joint.type == "prismatic":
+    if kind.keeps_attitude:
         return [inner, child.T @ parent @ inner]
     if joint.child_axis is None:  # nothing of the child's attitude enters
         return [inner, np.eye(3)]

@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.adapters.common.spanning import Branch, in_body, relative_pose, spanning_tree
+from crosscheck.adapters.common.poses import in_body, relative_pose
 from crosscheck.errors import Unsupported
-from crosscheck.scene.constraints import normal_references
+from crosscheck.scene.constraints import slide_direction
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
+from crosscheck.scene.spanning import Branch, spanning_tree
 
 INTEGRATORS = {
     "Euler": "mjINT_EULER",
@@ -147,27 +149,25 @@ def _coordinates(scene: Scene, branch: Branch) -> list[tuple[str, np.ndarray, np
     """
     joint, body = branch.joint, branch.body
     assert joint is not None
+    kind = JOINT_TYPES[joint.type]
     anchors = {joint.parent: joint.parent_anchor, joint.child: joint.child_anchor}
-    point, turn, slide = anchors[body], "mjJNT_HINGE", "mjJNT_SLIDE"
-    if joint.type in ("spherical", "fixed"):
-        return [("mjJNT_BALL", point, np.zeros(3))] if joint.type == "spherical" else []
-    axis = in_body(scene, joint.parent, body, joint.parent_axis)
-    if joint.type == "universal":
-        axes = [axis, in_body(scene, joint.child, body, joint.child_axis)]
-        return [(turn, point, along) for along in (axes if branch.outward else axes[::-1])]
-    across = [in_body(scene, joint.parent, body, normal) for normal in normal_references(joint.parent_axis)]
-    # the angle of the scene is that of the child relative to the parent
-    hinge = (turn, point, axis if branch.outward else -axis)
-    if joint.type in ("revolute", "cylindrical", "prismatic", "planar"):
-        lines = {"revolute": [], "planar": across}.get(joint.type, [axis])
-        slides = [(slide, point, along) for along in lines]
-        return slides if joint.type == "prismatic" else [*slides, hinge]
-    slides = [(slide, point, along) for along in ([axis] if joint.type == "point_on_line" else across)]
-    if branch.outward:
-        return [*slides, ("mjJNT_BALL", point, np.zeros(3))]
-    at, attitude = relative_pose(scene, branch.parent, body)
-    point = attitude.T @ (anchors[branch.parent] - at)  # the inner body's point, about which the outer one turns
-    return [("mjJNT_BALL", point, np.zeros(3)), *slides]
+    point = anchors[body]
+    if not branch.outward and kind.axes == "parent":  # the ball comes first: about the inner body's point
+        at, attitude = relative_pose(scene, branch.parent, body)
+        point = attitude.T @ (anchors[branch.parent] - at)
+    found = []
+    for word in kind.motion:
+        if word == "ball":
+            found.append(("mjJNT_BALL", point, np.zeros(3)))
+        elif word.startswith("slide"):
+            along = in_body(scene, joint.parent, body, slide_direction(word, joint.parent_axis))
+            found.append(("mjJNT_SLIDE", point, along))
+        else:
+            ends = (joint.child, joint.child_axis) if word == "turn child" else (joint.parent, joint.parent_axis)
+            axis = in_body(scene, ends[0], body, ends[1])
+            # the angle of the scene is that of the child relative to the parent
+            found.append(("mjJNT_HINGE", point, -axis if word == "turn" and not branch.outward else axis))
+    return found if branch.outward or kind.axes == "parallel" else [*found[-1:], *found[:-1]]
 
 
 class _Constraints:

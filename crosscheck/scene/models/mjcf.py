@@ -6,14 +6,16 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from crosscheck.scene.constraints import normal_references
+from crosscheck.scene.constraints import slide_direction
 from crosscheck.scene.coordinates import histories
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation
 from crosscheck.scene.models.trees import grown, numbers, refused
 from crosscheck.scene.states import States
 
-TYPES = ("spherical", "universal", "revolute", "cylindrical", "prismatic", "planar", "fixed")
+SECOND_NAMES = {"slide": " slide", "slide n1": " slide 1", "slide n2": " slide 2", "turn child": " second"}
+"""What the names of MJCF's joints add to that of a joint with several coordinates, by words of `JointType.motion`."""
 
 
 def mjcf(scene: Scene) -> Element:
@@ -53,13 +55,13 @@ def _joints(scene: Scene, element: Element, body: int, joint: Joint | None) -> t
     if joint is None:
         SubElement(element, "freejoint", name=f"{scene.bodies[body].name} free")
         return ([*scene.x0[body], *scene.bodies[body].attitude], [*scene.v0[body], *scene.w0[body]])
-    if joint.type not in TYPES:
+    kind = JOINT_TYPES[joint.type]
+    if kind.motion and not kind.coordinates:
         raise refused(scene, "MJCF", f"joint {joint.name!r} of type {joint.type}")
-    if joint.type == "fixed":
+    if not kind.motion:
         return [], []
     start = histories(scene, States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]))
     q, v = (np.atleast_1d(values[0]) for values in (start[joint.name].position, start[joint.name].velocity))
-    inner = np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]
 
     def add(name: str, kind: str, axis: np.ndarray | None, k: int) -> None:
         made = SubElement(element, "joint", name=name, type=kind, pos=numbers(joint.child_anchor))
@@ -73,27 +75,17 @@ def _joints(scene: Scene, element: Element, body: int, joint: Joint | None) -> t
         if any(joint.stiffness):
             made.set("springref", repr(float((joint.rest_position or (0.0, 0.0))[k])))
 
-    def inward(axis: np.ndarray) -> np.ndarray:
-        found: np.ndarray = scene.R0[body].T @ inner @ axis
-        return found
-
-    if joint.type == "spherical":
+    if kind.coordinates == ("ball",):
         add(joint.name, "ball", None, 0)
         return [1.0, 0.0, 0.0, 0.0], list(v)
-    if joint.type in ("revolute", "prismatic"):
-        add(joint.name, "hinge" if joint.type == "revolute" else "slide", joint.child_axis, 0)
-        return [q[0]], [v[0]]
-    if joint.type == "cylindrical":
-        add(joint.name, "hinge", joint.child_axis, 0)
-        add(f"{joint.name} slide", "slide", joint.child_axis, 1)
-        return list(q), list(v)
-    if joint.type == "universal":
-        add(joint.name, "hinge", inward(joint.parent_axis), 0)
-        add(f"{joint.name} second", "hinge", joint.child_axis, 1)
-        return list(q), list(v)
-    for k, axis in enumerate(normal_references(joint.parent_axis)):
-        add(f"{joint.name} slide {k + 1}", "slide", inward(axis), k)
-    add(joint.name, "hinge", joint.child_axis, 2)
+    for k, word in enumerate(kind.coordinates):
+        axis = joint.child_axis
+        if word == "turn parent" or word.startswith("slide n"):
+            inner = np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]
+            axis = scene.R0[body].T @ inner @ (joint.parent_axis if word == "turn parent" else
+                                               slide_direction(word, joint.parent_axis))
+        name = joint.name + (SECOND_NAMES.get(word, "") if len(kind.coordinates) > 1 else "")
+        add(name, "slide" if word.startswith("slide") else "hinge", axis, k)
     return list(q), list(v)
 
 

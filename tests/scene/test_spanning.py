@@ -3,8 +3,9 @@
 import dataclasses
 
 import crosscheck
-from crosscheck.adapters.common.spanning import redundant_rows, spanning_tree
+from crosscheck.scene.mechanics import redundant_rows
 from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.spanning import spanning_tree
 
 
 def _ranked(scene: Scene, first: str) -> list[str]:

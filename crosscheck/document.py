@@ -68,6 +68,23 @@ class Calibration(Part, frozen=True, kw_only=True):
     deviation: float | None = None  # us, median absolute deviation
 
 
+class Asked(Part, frozen=True, kw_only=True, omit_defaults=True):
+    """What main runs take in place of what the plan says; None: as planned."""
+
+    coordinate_map: str | None = None  # also of the order studies, with the engines that have this option
+    step: float | None = None  # s, of methods with a fixed step
+    duration: float | None = None  # s
+
+    @property
+    def words(self) -> list[str]:
+        """The options of a command that asks for it."""
+        given = (("--map", self.coordinate_map), ("--step", self.step), ("--duration", self.duration))
+        return [word for option, value in given if value is not None for word in (option, str(value))]
+
+
+AS_PLANNED = Asked()
+
+
 class Meta(Part, frozen=True, kw_only=True):
     """Where the results come from."""
 
@@ -84,6 +101,7 @@ class Meta(Part, frozen=True, kw_only=True):
     calibration: Calibration | None = None
     started: str | None = None  # UTC, ISO 8601; of a nightly run
     compared_with: str | None = None  # name of the run that `changes` are about
+    asked: Asked = AS_PLANNED
 
 
 # --- scenes
@@ -115,7 +133,7 @@ class Plan(Part, frozen=True):
     practical: float | None = None  # s; first-order methods also run at this step, for what a user meets who starts so
     samples: int = 251  # output times of the main run: smooth curves on a screen, and no more
     duration: float | None = None  # s; main runs end here where the scene itself is longer
-    budgeted: bool = False  # a budget of steps decided, so that no bound may be able to judge a run
+    budgeted: bool = False  # a budget of steps or the user decided, so that no bound may be able to judge a run
 
     @property
     def most_steps(self) -> float:
@@ -308,6 +326,7 @@ class Run(Part, frozen=True, kw_only=True):
     step: float | None = None  # s
     rtol: float | None = None
     documented_order: int | None = None
+    coordinate_map: str | None = None  # None: the method's own
     command: str = ""  # reproduces the run
     practical: bool = False  # at a step too coarse for bounds of states, see `crosscheck.judge.verdict.judge_practical`
     own_environment: bool = False  # another version, in an environment of its own: its times compare with no other

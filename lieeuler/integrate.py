@@ -141,10 +141,8 @@ def plan_run(method: str, step: float | None, rtol: float | None, t_eval: ArrayL
     record = _method(method)
     if not isinstance(coordinate_map, str) or coordinate_map not in COORDINATE_MAPS:
         raise ArgumentError(f"coordinate_map must be one of {', '.join(COORDINATE_MAPS)}, not {coordinate_map!r}")
-    if record.formulation != "index1" and record.order != 1 and coordinate_map == "ccsk":
-        raise ArgumentError(f"{method} would fall to order 1 with ccsk, which is not symmetric; use exp or cayley")
-    if record.formulation == "index1" and coordinate_map != "exp":
-        raise ArgumentError(f"{method} works with the exponential map; leave coordinate_map out")
+    if refused := record.refused_map(coordinate_map):
+        raise ArgumentError(refused)
     if not polish and (record.order != 1 or record.formulation == "index1"):
         raise ArgumentError(f"{method} always polishes its attitudes; polish=False is for the Euler methods")
     gains, radius = _gains(record, alpha, beta), _spectral_radius(record, spectral_radius)

@@ -70,6 +70,14 @@ class Method:
     tableau: Tableau | None = None
     controls: tuple[str, ...] = ("step",)
 
+    def refused_map(self, coordinate_map: str) -> str | None:
+        """Why the method does not work with a map of `COORDINATE_MAPS`, or None where it does."""
+        if self.formulation != "index1" and self.order != 1 and coordinate_map == "ccsk":
+            return f"{self.name} would fall to order 1 with ccsk, which is not symmetric; use exp or cayley"
+        if self.formulation == "index1" and coordinate_map != "exp":
+            return f"{self.name} works with the exponential map; leave coordinate_map out"
+        return None
+
 
 def _symmetric(*half: float) -> tuple[float, ...]:
     """Weights g_1 .. g_m, 1 - 2 (g_1 + .. + g_m), g_m .. g_1 of a symmetric composition."""

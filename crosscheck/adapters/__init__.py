@@ -84,6 +84,11 @@ def turning(name: str, scene: Scene, form: str | None) -> Sequence[int]:
     return range(scene.n) if declared is None else declared(scene, form)
 
 
+def coordinate_map(name: str, wanted: str | None) -> str | None:
+    """The map that a job asks of every engine, for those that declare this option; None for the others."""
+    return wanted if "coordinate_map" in getattr(get(name), "options", ()) else None
+
+
 def pace(name: str) -> int:
     """How slowly runs of an engine step, see `Engine`; slow ones are started first."""
     return getattr(get(name), "pace", 0)

@@ -71,6 +71,7 @@ class Engine(Protocol):
     - `fixed_step_methods`: those that take a step, where they are more than the others;
     - `forms`: model forms, the preferred one first;
     - `pace`: 0, or more the slower its runs are, which a grid of runs then starts first;
+    - `refused_map(spec)`: why a method does not work with `spec.coordinate_map`, None where it does;
     - `on_group`: True where attitudes stay on SO(3) by construction, so that no product of rotations leaves it;
     - `dash`, `marker`: how figures draw it, in Matplotlib's words;
     - `turning(scene, form)`: the bodies its model carries on coordinates of SO(3), a free body among them: where its

@@ -94,7 +94,11 @@ class LieEuler:
             return f"{spec.method} takes a fixed step, not rtol"
         if spec.step is not None and "step" not in controls:
             return f"{spec.method} chooses its steps by rtol, it takes no step"
-        return None
+        return self.refused_map(spec)
+
+    def refused_map(self, spec: RunSpec) -> str | None:
+        """Why the method does not work with the coordinate map of a request, or None where it does."""
+        return lieeuler.METHODS[spec.method].refused_map(spec.coordinate_map or "exp")
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate with a fixed step (s) or a relative tolerance; maxima over every step come from the kernel.

@@ -21,6 +21,7 @@ def chaos(
     duration: Annotated[float, typer.Option(min=1.0, help="s, of each run")] = 2000.0,
     step: Annotated[float, typer.Option(min=1e-9, help="s; a power of 2 keeps clocks that add it up exact")] = 2.0**-8,
     time_limit: Annotated[float, options.time_limit("longer ones are left out")] = 120.0,
+    coordinate_map: options.CoordinateMap = None,
     out: Annotated[Path, typer.Option(help="folder of the page, JSON and CSV")] = Path("reports/chaos"),
 ) -> None:
     """Do methods and engines agree on energies and heights of chaotic scenes, past the time where trajectories can?
@@ -30,7 +31,8 @@ def chaos(
     from crosscheck.studies.chaos import ChaosAsk, ChaosStudy
     from crosscheck.studies.study import conduct
 
-    ask = ChaosAsk(chosen(scene), chosen(engine), chosen(method), time_limit, duration, step)
+    ask = ChaosAsk(chosen(scene), chosen(engine), chosen(method), time_limit, duration, step,
+                   coordinate_map=coordinate_map)
     with progress_bar() as progress:
         document = conduct(ChaosStudy(), ask, out, progress)
     _print(document)

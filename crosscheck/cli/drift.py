@@ -21,13 +21,15 @@ def drift(
                                          "as the default is")] = 2.0**-10,
     steps: Annotated[int, typer.Option(min=2, help="of each run")] = 1_000_000,
     time_limit: Annotated[float, options.time_limit("longer ones are left out")] = 120.0,
+    coordinate_map: options.CoordinateMap = None,
     out: Annotated[Path, typer.Option(help="folder of the page, JSON and CSV")] = Path("reports/drift"),
 ) -> None:
     """Long runs: is the energy error a band, does the momentum hold, do constraints and attitudes?"""
     from crosscheck.studies.drift import DriftAsk, DriftStudy
     from crosscheck.studies.study import conduct
 
-    ask = DriftAsk(chosen(scene), chosen(engine), chosen(method), time_limit, step, steps)
+    ask = DriftAsk(chosen(scene), chosen(engine), chosen(method), time_limit, step, steps,
+                   coordinate_map=coordinate_map)
     with progress_bar() as progress:
         document = conduct(DriftStudy(), ask, out, progress)
     _print(document)

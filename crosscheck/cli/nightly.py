@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from crosscheck.cli import options
 from crosscheck.cli.console import progress_bar
 
 
@@ -15,6 +16,9 @@ def nightly(
                                                     "default: all")] = None,
     engine: Annotated[list[str] | None, typer.Option("--engine", help="may be repeated; default: all")] = None,
     profile: Annotated[str, typer.Option(help="as of `crosscheck verify`")] = "full",
+    coordinate_map: options.CoordinateMap = None,
+    step: options.Step = None,
+    duration: options.Duration = None,
     jobs: Annotated[int, typer.Option(help="worker processes")] = 2,
     time_limit: Annotated[float, typer.Option(help="s for one run and its order study")] = 1800.0,
     memory_limit: Annotated[float, typer.Option(help="GB resident of one worker process")] = 4.0,
@@ -29,10 +33,12 @@ def nightly(
 
     Exit code 0: all within tolerance and no finding; 1: a verdict failed or something became worse; 2: the run failed.
     """
+    from crosscheck.document import Asked
     from crosscheck.history import nightly as job
     from crosscheck.verification.guarded import limits
 
-    wanted = job.Wanted(profile, scene, engine, jobs, limits(time_limit, memory_limit))
+    wanted = job.Wanted(profile, scene, engine, jobs, limits(time_limit, memory_limit),
+                        Asked(coordinate_map=coordinate_map, step=step, duration=duration))
     with progress_bar() as progress:
         night = job.nightly(out, wanted, store, keep, progress)
     typer.echo(night.summary, nl=False)

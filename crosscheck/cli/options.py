@@ -3,16 +3,34 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from crosscheck.errors import ArgumentError
+from crosscheck.errors import ArgumentError, unknown
 
 if TYPE_CHECKING:
     from crosscheck.scene.model import Scene
+
+def _known_map(given: str | Sequence[str] | None) -> Any:
+    """The map or maps of an option; `ArgumentError` for one that there is not."""
+    from crosscheck.adapters.base import CHOICES
+
+    for name in (given,) if isinstance(given, str) else given or ():
+        if name not in CHOICES["coordinate_map"]:
+            raise ArgumentError(unknown("--map", name, CHOICES["coordinate_map"]))
+    return given
+
+
+CoordinateMap = Annotated[str | None, typer.Option("--map", callback=_known_map, help=(
+    "exp, cayley or ccsk: from turning vectors to rotations (lieeuler); default: exp"))]
+CoordinateMaps = Annotated[list[str] | None, typer.Option("--map", callback=_known_map, help=(
+    "exp, cayley or ccsk; may be repeated: tables have all, figures the first; default: exp"))]
+Step = Annotated[float | None, typer.Option(min=1e-9, help="s, of fixed-step methods; default: one that suits the scene"
+                                            )]
+Duration = Annotated[float | None, typer.Option(min=1e-6, help="s; default: the scene's")]
 
 SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]
 EngineNames = Annotated[list[str] | None, typer.Option("--engine", help=(

@@ -11,18 +11,15 @@ from crosscheck.cli import options
 from crosscheck.cli.console import progress_bar
 from crosscheck.errors import ArgumentError, unknown
 
-MAPS = ("exp", "cayley", "ccsk")
-
 
 def paper(
     scene: Annotated[list[str], typer.Argument(help="names or paths")],
     out: Annotated[Path, typer.Option("--out", "-o", help="folder of figures, tables, data")] = Path("reports/paper"),
     method: Annotated[list[str] | None, options.methods("the eight Euler methods")] = None,
-    coordinate_map: Annotated[list[str] | None, typer.Option("--map", help=(
-        "exp, cayley or ccsk; may be repeated: tables have all, figures the first; default: exp"))] = None,
+    coordinate_map: options.CoordinateMaps = None,
     shown: Annotated[str, typer.Option("--show", help="the method of figures that show one")] = "DAE1L_LSE",
-    step: Annotated[float | None, typer.Option(min=1e-9, help="s; default: one that suits the scene")] = None,
-    duration: Annotated[float | None, typer.Option(min=1e-6, help="s; default: the scene's")] = None,
+    step: options.Step = None,
+    duration: options.Duration = None,
     formats: Annotated[list[str] | None, typer.Option("--format", help="pdf or svg; may be repeated; default: both")
                        ] = None,
 ) -> None:
@@ -35,7 +32,7 @@ def paper(
 
     methods, maps, kinds = chosen(method), tuple(coordinate_map or ("exp",)), tuple(formats or FORMATS)
     known = adapters.get("lieeuler").methods
-    for option, names, allowed in (("--method", methods, known), ("--show", (shown,), known), ("--map", maps, MAPS),
+    for option, names, allowed in (("--method", methods, known), ("--show", (shown,), known),
                                    ("--format", kinds, FORMATS)):
         for name in names:
             if name not in allowed:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crosscheck.cli.options import Drop, Keyframe, SceneName, loaded
+from crosscheck.cli.options import CoordinateMap, Drop, Duration, Keyframe, SceneName, loaded
 from crosscheck.cli.states_csv import write_csv
 from crosscheck.document import PASSING, Judged, Run
 from crosscheck.errors import ArgumentError
@@ -25,14 +25,14 @@ def run(
     rtol: Annotated[float | None, typer.Option(help="relative tolerance of an adaptive method")] = None,
     csv_file: Annotated[str | None, typer.Option("--csv", help="write the trajectory here; - for the terminal")] = None,
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the best that fits")] = None,
-    coordinate_map: Annotated[str | None, typer.Option("--map", help="exp, cayley or ccsk (lieeuler)")] = None,
+    coordinate_map: CoordinateMap = None,
     softness: Annotated[str | None, typer.Option(help="tight or default: MuJoCo's equality constraints")] = None,
     node: Annotated[str | None, typer.Option(help="lie or euler_parameters: Exudyn's rigid bodies")] = None,
     alpha: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")] = None,
     beta: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of positions, not squared")] = None,
     spectral_radius: Annotated[float | None, typer.Option(help="0 to 1, of generalized_alpha; default 0.8")] = None,
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
-    duration: Annotated[float | None, typer.Option(help="s; default: the scene's")] = None,
+    duration: Duration = None,
     drop: Drop = False,
     keyframe: Keyframe = None,
 ) -> None:

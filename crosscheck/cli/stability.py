@@ -21,6 +21,10 @@ def stability(
     method: Annotated[list[str] | None, options.methods("all with a fixed step")] = None,
     time_limit: Annotated[float, options.time_limit("longer ones are not tried")] = 2.0,
     jobs: Annotated[int, typer.Option(min=1, help="worker processes")] = 2,
+    coordinate_map: options.CoordinateMap = None,
+    step: Annotated[float | None, typer.Option(min=1e-9, help="s, the common step; default: one that suits each scene")
+                    ] = None,
+    duration: options.Duration = None,
     out: Annotated[Path, typer.Option(help="folder of the page, JSON and CSV")] = Path("reports/stability"),
 ) -> None:
     """Largest usable step (end error below 10 %), the error at a common step, and how runs fail beyond.
@@ -30,7 +34,8 @@ def stability(
     from crosscheck.studies.stability import Stability, StabilityAsk
     from crosscheck.studies.study import conduct
 
-    ask = StabilityAsk(chosen(scene), chosen(engine), chosen(method), time_limit, jobs)
+    ask = StabilityAsk(chosen(scene), chosen(engine), chosen(method), time_limit, jobs, step, duration,
+                       coordinate_map=coordinate_map)
     with progress_bar() as progress:
         document = conduct(Stability(), ask, out, progress)
     _print(document)

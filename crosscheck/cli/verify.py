@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from crosscheck.cli import options
 from crosscheck.cli.console import complain, progress_bar
 from crosscheck.cli.options import Drop, EngineNames, Keyframe, SceneNames, scene_files
 from crosscheck.errors import ArgumentError, install
@@ -20,6 +21,9 @@ def verify(
     method: Annotated[list[str] | None, typer.Option(help="a name; may be repeated; default: all")] = None,
     profile: Annotated[str, typer.Option(help="default; smoke: first seconds, three steps, no timing; full: every "
                                          "scene, within a budget of steps")] = "default",
+    coordinate_map: options.CoordinateMap = None,
+    step: options.Step = None,
+    duration: options.Duration = None,
     jobs: Annotated[int, typer.Option(help="worker processes")] = 2,
     time_limit: Annotated[float, typer.Option(help="s for one run and its order study")] = 1800.0,
     memory_limit: Annotated[float, typer.Option(help="GB resident of one worker process")] = 4.0,
@@ -35,6 +39,7 @@ def verify(
     Exit code 0: all within tolerance; 1: a verdict failed; 2: the run itself failed.
     """
     from crosscheck.cli.verdicts import print_verdicts
+    from crosscheck.document import Asked
     from crosscheck.jobs.resume import resumable
     from crosscheck.judge import overrides
     from crosscheck.report import folder, schema
@@ -47,13 +52,14 @@ def verify(
     folder.check_out(out)
     scene = scene_files(scene, drop, keyframe)
     within = limits(time_limit, memory_limit)
-    identity = job.fingerprint(profile, scene, engine, within, dataclasses.astuple(within), own, method)
+    asked = Asked(coordinate_map=coordinate_map, step=step, duration=duration)
+    identity = job.fingerprint(profile, scene, engine, within, dataclasses.astuple(within), own, method, asked.words)
     job.check_methods(method, job.select_engines(engine, within))
     with resumable(out, identity, job.JOURNAL_TYPES) as kept, progress_bar() as progress:
         if kept.results:
             typer.echo(f"going on with a run that was killed: {kept.results} results are kept", err=True)
         results = job.verify(profile, scene, engine, jobs, progress, kept.journal, within, own,
-                             methods=method)
+                             methods=method, asked=asked)
         page = folder.write(results, out)
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")

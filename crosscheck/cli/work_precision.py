@@ -27,13 +27,16 @@ def work_precision(
     repeats: Annotated[int, typer.Option(min=1, help="interleaved rounds; their medians count")] = 5,
     time_limit: Annotated[float, options.time_limit("stepping only; longer rungs are left out")] = 1.0,
     bound: Annotated[bool, typer.Option(help="also heyoka's Taylor series, which bounds what is possible")] = True,
+    coordinate_map: options.CoordinateMap = None,
+    duration: options.Duration = None,
     out: Annotated[Path, typer.Option(help="folder of the page, JSON and CSV")] = Path("reports/work-precision"),
 ) -> None:
     """Errors against stepping time and force evaluations, and who leads at 1e-2 ... 1e-11."""
     from crosscheck.studies.study import conduct
     from crosscheck.studies.work_precision import WorkPrecision, WorkPrecisionAsk
 
-    ask = WorkPrecisionAsk(chosen(scene), chosen(engine), chosen(method), time_limit, repeats, bound)
+    ask = WorkPrecisionAsk(chosen(scene), chosen(engine), chosen(method), time_limit, repeats, bound, duration,
+                           coordinate_map=coordinate_map)
     with progress_bar() as progress:
         document = conduct(WorkPrecision(), ask, out, progress)
     _print(document)

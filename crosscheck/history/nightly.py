@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from crosscheck.document import Change, Document
+from crosscheck.document import AS_PLANNED, Asked, Change, Document
 from crosscheck.errors import ArgumentError
 from crosscheck.files import replacing
 from crosscheck.history import store
@@ -67,6 +67,7 @@ class Wanted:
     engines: Sequence[str] | None = None
     jobs: int = 2
     limits: Limits | None = None
+    asked: Asked = AS_PLANNED
 
     @property
     def command(self) -> str:
@@ -75,7 +76,7 @@ class Wanted:
         for option, names in (("--scene", self.scenes), ("--engine", self.engines)):
             for name in names or ():
                 words += [option, str(name)]
-        return shlex.join(words)
+        return shlex.join([*words, *self.asked.words])
 
 
 def nightly(out: Path, wanted: Wanted, where: str | Path | None = None, keep: int = 14,
@@ -112,7 +113,7 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
     journal = Journal(out / RUNNING / "journal.jsonl", job.JOURNAL_TYPES)
     try:
         results = job.verify(wanted.profile, wanted.scenes, wanted.engines, wanted.jobs, progress, journal,
-                             wanted.limits, walk=wanted.profile == "full")
+                             wanted.limits, walk=wanted.profile == "full", asked=wanted.asked)
         results = replace(results, meta=replace(
             results.meta, command=wanted.command, started=heading["started"],
             time=heading["started"].replace("T", " ")[:16] + " UTC"))

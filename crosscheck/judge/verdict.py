@@ -84,7 +84,7 @@ def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, o
     if empty & {"position", "attitude"}:
         findings.append(Finding("step", "unjudged" if budgeted else "fail", step, None, "s", "a bound of position or "
                                 "attitude exceeds the size of the scene, so that it would pass anything",
-                                "the budget of steps has none smaller" if budgeted else "choose a smaller step"))
+                                "the plan has none smaller" if budgeted else "choose a smaller step"))
     return findings, errors(scene, traj, truth.states), bounds
 
 
@@ -235,7 +235,7 @@ def settle(run: Measured, findings: list[Finding], turning: known.Turning, messa
                                     f"{entry.reason}", "if the engine was mended, remove the entry"))
     outcome = outcome_of(findings)
     if outcome == "unjudged":
-        message = "the step is too coarse for bounds of the motion, and the budget of steps has none smaller"
+        message = "the step is too coarse for bounds of the motion, and the plan has none smaller"
     return extended(Judged, run, findings=findings, outcome=outcome, message=message, judged_until=judged_until,
                     errors=_with_bounds(run.errors, findings))
 

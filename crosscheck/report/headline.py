@@ -13,7 +13,7 @@ OUTCOMES = {"pass": ("✓", "pass", "every check within its bound, over the whol
             "fail": ("✗", "fail", "a figure is beyond its bound"),
             "error": ("‼", "error", "it did not run"),
             "unjudged": ("?", "unjudged", "no truth: only energy and constraints were judged"),
-            "budgeted": ("◷", "budgeted", "the budget of steps has none that is fine enough for bounds of the motion"),
+            "budgeted": ("◷", "budgeted", "the plan has no step that is fine enough for bounds of the motion"),
             "unsupported": ("–", "n/a", "the engine cannot model this scene")}
 """Symbol, word and meaning of each state of a run, see `state`."""
 

@@ -58,6 +58,9 @@ def request(engine: str, adapter: Engine, method: str, step: float | None, rtol:
     monitor = flag is None or bool(flag)
     spec = RunSpec(method, _positive("step", step), _positive("rtol", rtol), monitor=monitor, **given)
     _check_step_control(engine, adapter, spec)
+    refused_map = getattr(adapter, "refused_map", None)
+    if refused_map is not None and (refused := refused_map(spec)):
+        raise ArgumentError(refused)
     return spec
 
 

@@ -51,6 +51,7 @@ class Target:
     R: np.ndarray  # (n, 3, 3) true attitudes at the end
     moved: float  # how far a body gets from its start at most: of a sleeping top that stays up this is little
     attitudes: bool  # positions do not depend on attitudes here, so that these count
+    coordinate_map: str | None = None  # of the runs
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,6 +62,16 @@ class Task:
     engine: str
     method: str
     time_limit: float  # s of one run
+    coordinate_map: str | None = None
+    step: float | None = None  # s, the common one; None: one that suits the scene
+    duration: float | None = None  # s; None: the scene's
+
+    def scene_asked(self) -> Scene:
+        """The scene, over the duration that is asked for."""
+        from crosscheck.scene.file import load_scene
+
+        scene = load_scene(self.scene)
+        return scene.replace(duration=self.duration or scene.duration)
 
     @property
     def key(self) -> str:
@@ -112,7 +123,8 @@ def attempt(goal: Target, engine: str, method: str, steps: int) -> Attempt:
 
     began = time.perf_counter()
     try:
-        traj = run(goal.scene, engine, method, step=goal.scene.duration / steps, monitor=False)
+        traj = run(goal.scene, engine, method, step=goal.scene.duration / steps, monitor=False,
+                   coordinate_map=goal.coordinate_map)
     except (Unsupported, ArgumentError):
         raise
     except Exception as error:  # whatever a foreign engine raises is what its user meets
@@ -186,15 +198,15 @@ def search(task: Task) -> Row:
     from crosscheck.adapters.base import RunSpec
     from crosscheck.judge.plan import natural_time
     from crosscheck.references import truth
-    from crosscheck.scene.file import load_scene
 
-    scene = load_scene(task.scene)
+    scene = task.scene_asked()
     row = Row(scene.name, task.engine, task.method)
-    common = max(1, math.ceil(COMMON * scene.duration / natural_time(scene)))
-    goal = target(scene, truth(scene))
+    common = max(1, math.ceil(scene.duration / (task.step or natural_time(scene) / COMMON)))
+    goal = dataclasses.replace(target(scene, truth(scene)), coordinate_map=task.coordinate_map)
     common = max(1, round(common * goal.scene.duration / scene.duration))
     adapter = adapters.get(task.engine)
-    reason = adapter.unsupported(goal.scene, RunSpec(task.method, step=goal.scene.duration / common))
+    reason = adapter.unsupported(goal.scene, RunSpec(task.method, step=goal.scene.duration / common,
+                                                       coordinate_map=task.coordinate_map))
     if reason is not None:
         return dataclasses.replace(row, outcome="unsupported", reason=reason)
     hunt = Search(goal, task.engine, task.method, task.time_limit)

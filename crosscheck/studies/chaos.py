@@ -179,7 +179,8 @@ def _run_into(found: Comparison, way: Way, long: Scene, time_limit: float, truth
     if reason:
         found.status, found.reason = "skipped", reason
         return
-    traj = run(long, way.engine, way.method, step=found.step, form=way.form, monitor=False)
+    traj = run(long, way.engine, way.method, step=found.step, form=way.form, monitor=False,
+               coordinate_map=way.coordinate_map)
     states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
     found.wall_time = traj.wall_time
     found.energy_error = float(np.abs(traj.energy - traj.energy[0]).max() / kinetic_energy(long, states).max())
@@ -198,7 +199,7 @@ class ChaosStudy:
 
     def cells(self, ask: ChaosAsk, engines: tuple[str, ...], scenes: Sequence[Scene]) -> list[tuple[Scene, list[Way]]]:
         """A scene and its ways each."""
-        return [(scene, long_ways(scene, engines, ask.methods)) for scene in scenes]
+        return [(scene, long_ways(scene, engines, ask)) for scene in scenes]
 
     def measure(self, ask: ChaosAsk, cells: list[tuple[Scene, list[Way]]], out: Path, progress: Progress,
                 keep: Callable[[list[Comparison]], None]) -> None:

@@ -136,7 +136,8 @@ def too_long(scene: Scene, way: Way, step: float, steps: int, time_limit: float)
     if steps <= 2 * PROBE:
         return ""
     short = scene.replace(duration=PROBE * step, samples=2)
-    probe = run(short, way.engine, way.method, step=step, form=way.form, monitor=False)
+    probe = run(short, way.engine, way.method, step=step, form=way.form, monitor=False,
+                coordinate_map=way.coordinate_map)
     expected = probe.wall_time / PROBE * steps
     return f"it would take about {expected:.0f} s, the limit is {time_limit:g} s" if expected > time_limit else ""
 
@@ -148,7 +149,8 @@ def _run_into(drift: Drift, way: Way, long: Scene, time_limit: float) -> None:
     if drift.reason:
         drift.status = "skipped"
         return
-    traj = run(long, drift.engine, drift.method, step=drift.step, form=drift.form, monitor=False)
+    traj = run(long, drift.engine, drift.method, step=drift.step, form=drift.form, monitor=False,
+               coordinate_map=way.coordinate_map)
     drift.wall_time = traj.wall_time
     fill_in(drift, traj)
 
@@ -183,10 +185,10 @@ class DriftAsk(Ask):
     steps: int = 1_000_000
 
 
-def long_ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None) -> list[Way]:
+def long_ways(scene: Scene, engines: Sequence[str], ask: Ask) -> list[Way]:
     """The ways of long runs: each method with a fixed step in the first form that can model the scene."""
     found: dict[tuple[str, str], Way] = {}
-    for way in ways(scene, engines, methods or METHODS)[0]:
+    for way in ways(scene, engines, ask.methods or METHODS, asked_map=ask.coordinate_map)[0]:
         if not way.adaptive:
             found.setdefault((way.engine, way.method), way)
     return list(found.values())
@@ -203,7 +205,7 @@ class DriftStudy:
 
     def cells(self, ask: DriftAsk, engines: tuple[str, ...], scenes: Sequence[Scene]) -> list[tuple[Scene, list[Way]]]:
         """A scene and its ways each."""
-        return [(scene, long_ways(scene, engines, ask.methods)) for scene in scenes]
+        return [(scene, long_ways(scene, engines, ask)) for scene in scenes]
 
     def measure(self, ask: DriftAsk, cells: list[tuple[Scene, list[Way]]], out: Path, progress: Progress,
                 keep: Callable[[list[Drift]], None]) -> None:

@@ -26,6 +26,7 @@ class Rung:
     rtol: float | None
     status: str = "success"  # or "error", "skipped"
     reason: str = ""
+    coordinate_map: str | None = None
     steps: int | None = None
     rejected_steps: int | None = None
     force_evaluations: int | None = None  # where the engine counts them
@@ -44,7 +45,7 @@ class Rung:
     def of(cls, scene: Scene, way: Way, value: float | None, status: str = "success", reason: str = "") -> Rung:
         """The rung of a way at a step (s) or, where it is adaptive, a tolerance."""
         return cls(scene.name, way.engine, way.method, way.form, way.label, None if way.adaptive else value,
-                   value if way.adaptive else None, status, reason)
+                   value if way.adaptive else None, status, reason, way.coordinate_map)
 
     def plain(self) -> dict[str, Any]:
         """As a row of a table."""

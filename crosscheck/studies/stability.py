@@ -52,6 +52,8 @@ class StabilityAsk(Ask):
 
     time_limit: float = 2.0  # s of one run
     jobs: int = 2
+    step: float | None = None  # s, the common one; None: one that suits each scene
+    duration: float | None = None  # s; None: the scene's
 
 
 class Stability:
@@ -68,9 +70,10 @@ class Stability:
 
     def cells(self, ask: StabilityAsk, engines: tuple[str, ...], scenes: Sequence[Scene]) -> list[Task]:
         """A way on a scene each."""
-        return [Task(scene, engine, method, ask.time_limit) for scene in ask.scenes or self.scenes()
-                for engine in engines for method in fixed_step_methods(engine)
-                if ask.methods is None or method in ask.methods]
+        return [Task(scene, engine, method, ask.time_limit, chart, ask.step, ask.duration)
+                for scene in ask.scenes or self.scenes() for engine in engines
+                for chart in [all_engines.coordinate_map(engine, ask.coordinate_map)]
+                for method in fixed_step_methods(engine) if ask.methods is None or method in ask.methods]
 
     def measure(self, ask: StabilityAsk, cells: list[Task], out: Path, progress: Progress,
                 keep: Callable[[list[Row]], None]) -> None:
@@ -105,7 +108,7 @@ class Stability:
 def _measure(ways: list[Task], ask: StabilityAsk, journal: Journal, keep: Callable[[int, Row], None],
              progress: Progress) -> None:
     """Hand the row of every way to `keep`, from the journal where it is there."""
-    untrue = _without_truth(list(dict.fromkeys(way.scene for way in ways)), ask.jobs, journal, progress)
+    untrue = _without_truth(list({way.scene: way for way in ways}.values()), ask.jobs, journal, progress)
     open_ways = []
     for index, way in enumerate(ways):
         row = journal.get("way", way.key)
@@ -133,9 +136,9 @@ def _failed(way: Task, reason: str) -> Row:
     return Row(load_scene(way.scene).name, way.engine, way.method, "failed", reason=reason)
 
 
-def _without_truth(scenes: list[str], jobs: int, journal: Journal, progress: Progress) -> dict[str, str]:
-    """Why some scenes have no truth. That of the others is in the cache then, and costs their ways no time."""
-    kept = {scene: journal.get("truth", scene) for scene in scenes}
+def _without_truth(ways: list[Task], jobs: int, journal: Journal, progress: Progress) -> dict[str, str]:
+    """Why some scenes have no truth, of a way for each. That of the others is in the cache then, and costs no time."""
+    kept = {way.scene: journal.get("truth", way.scene) for way in ways}
     missing = [scene for scene, entry in kept.items() if entry is None]
 
     def done(place: int, result: Any) -> None:
@@ -145,16 +148,15 @@ def _without_truth(scenes: list[str], jobs: int, journal: Journal, progress: Pro
             kept[missing[place]] = journal.put("truth", missing[place], {"reason": ""})
         progress(place + 1, len(missing), f"truth of {missing[place]}")
 
-    run_tasks(prepare, missing, jobs, done, Limits(TRUTH_LIMIT, MEMORY))
+    run_tasks(prepare, [way for way in ways if way.scene in missing], jobs, done, Limits(TRUTH_LIMIT, MEMORY))
     return {scene: entry["reason"] for scene, entry in kept.items() if entry["reason"]}
 
 
-def prepare(scene: str) -> None:
-    """Put the truth of a scene into the cache; raises what `crosscheck.truth` raises."""
+def prepare(way: Task) -> None:
+    """Put the truth of a way's scene into the cache; raises what `crosscheck.truth` raises."""
     from crosscheck.references import truth
-    from crosscheck.scene.file import load_scene
 
-    truth(load_scene(scene))
+    truth(way.scene_asked())
 
 
 def hard_scenes() -> tuple[str, ...]:

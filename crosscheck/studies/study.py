@@ -6,6 +6,7 @@ A study is a file with a class of this shape, and the template of its page.
 from __future__ import annotations
 
 import dataclasses
+import shlex
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -30,6 +31,23 @@ class Ask:
     engines: tuple[str, ...] | None = None
     methods: tuple[str, ...] | None = None
     time_limit: float = 1.0
+    coordinate_map: str | None = dataclasses.field(default=None, kw_only=True)  # of engines that have this option
+
+    def command(self, study: str) -> str:
+        """The shell command that asks for this; what has its default is left out."""
+        words = ["crosscheck", "study", study, *(self.scenes or ())]
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if field.name == "scenes" or value == field.default:
+                continue
+            flag = {"engines": "engine", "methods": "method", "coordinate_map": "map"}.get(
+                field.name, field.name.replace("_", "-"))
+            if isinstance(value, bool):
+                words.append(f"--{flag}" if value else f"--no-{flag}")
+                continue
+            for each in value if isinstance(value, tuple) else (value,):
+                words += [f"--{flag}", str(each)]
+        return shlex.join(words)
 
 
 Asked = TypeVar("Asked", bound=Ask, contravariant=True)
@@ -73,7 +91,8 @@ def conduct(study: Study[Asked, Any], ask: Asked, out: Path, progress: Progress)
     scenes = [load_scene(name) for name in ask.scenes or study.scenes()]
     results_folder.check(out, study.name)
     cells = study.cells(ask, engines, scenes)
-    sheet = _Sheet(study, ask, out, {"study": study.name, "meta": provenance.describe(engines)})
+    sheet = _Sheet(study, ask, out, {
+        "study": study.name, "meta": provenance.describe(engines) | {"command": ask.command(study.name)}})
     try:
         study.measure(ask, cells, out, progress, sheet.keep)
     finally:

@@ -134,7 +134,7 @@ def _run(scene: Scene, rung: Rung, samples: int) -> Any:
     from crosscheck.running.run import run
 
     return run(scene, rung.engine, rung.method, step=rung.step, rtol=rung.rtol, form=rung.form, samples=samples,
-               monitor=False)
+               monitor=False, coordinate_map=rung.coordinate_map)
 
 
 def _timer(scene: Scene, rung: Rung) -> Callable[[], float]:
@@ -188,6 +188,7 @@ class WorkPrecisionAsk(Ask):
 
     repeats: int = 5
     bound: bool = True
+    duration: float | None = None  # s; None: the scene's
 
 
 @dataclasses.dataclass(frozen=True)
@@ -229,7 +230,7 @@ class WorkPrecision:
 
     def cells(self, ask: WorkPrecisionAsk, engines: tuple[str, ...], scenes: Sequence[Scene]) -> list[Ladders]:
         """A scene each: only runs that take turns compare in time."""
-        return [Ladders(scene, engines) for scene in scenes]
+        return [Ladders(scene.replace(duration=ask.duration or scene.duration), engines) for scene in scenes]
 
     def measure(self, ask: WorkPrecisionAsk, cells: list[Ladders], out: Path, progress: Progress,
                 keep: Callable[[list[Ladder]], None]) -> None:
@@ -249,7 +250,7 @@ class WorkPrecision:
             found.duration = sampled.duration
             found.truth = {"source": truth.source, "disagreement": truth.disagreement,
                            "amplification": truth.amplification}
-            chosen, refused = ways(sampled, cell.engines, ask.methods)
+            chosen, refused = ways(sampled, cell.engines, ask.methods, asked_map=ask.coordinate_map)
             missing = [Rung.of(sampled, way, None, "skipped", reason) for way, reason in refused]
 
             def kept(rungs: list[Rung], found: Ladder = found, missing: list[Rung] = missing) -> None:

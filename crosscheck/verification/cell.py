@@ -42,6 +42,7 @@ def run_cell(cell: Cell) -> Judged:
     """Run and judge one cell. Whatever happens, a verdict comes back."""
     from crosscheck.adapters.base import RunSpec
     from crosscheck.references import truth
+    from crosscheck.scene.file import load_scene
 
     version = engine_version(cell.engine)
     run = Run(scene=cell.scene, engine=cell.engine, version=version, method=cell.method, form=cell.form,
@@ -53,12 +54,13 @@ def run_cell(cell: Cell) -> Judged:
     order = engine.documented_order(scene, RunSpec(cell.method, step=cell.plan.step(1), form=cell.form))
     step = None if order is None else cell.plan.practical if cell.practical else cell.plan.step(order)
     rtol = cell.plan.rtol if order is None else None
-    spec = RunSpec(cell.method, step=step, rtol=rtol, form=cell.form)
-    run = replace(run, step=step, rtol=rtol, documented_order=order, command=cell.command(step, rtol))
+    spec = RunSpec(cell.method, step=step, rtol=rtol, form=cell.form, coordinate_map=cell.coordinate_map)
+    run = replace(run, step=step, rtol=rtol, documented_order=order, coordinate_map=cell.coordinate_map,
+                  command=cell.command(step, rtol))
     reason = engine.unsupported(scene, spec)
     if reason is not None:
         return _refused(run, reason)
-    traj = attempt(scene, run.engine, run.method, run.form, run.step, run.rtol)
+    traj = attempt(scene, run.engine, run.method, run.form, run.step, run.rtol, coordinate_map=run.coordinate_map)
     if isinstance(traj, NoRun) and traj.unsupported:
         return replace(_refused(run, traj.reason), duration=scene.duration)
     held = engine.held_levels(scene, spec)
@@ -69,7 +71,8 @@ def run_cell(cell: Cell) -> Judged:
             _main_run(run, scene, traj, reference, window, held, cell.plan.budgeted))
     if not cell.study:
         return settle(main.run, override(main.findings, cell.overrides), adapters.turning, main.message, main.until)
-    study = order_study(cell, order, windowed(scene, cell.plan.window), window, main.findings, isinstance(traj, NoRun))
+    brief = windowed(load_scene(cell.scene), cell.plan.window)  # whole, also where the main run is shorter
+    study = order_study(cell, order, brief, truth(brief), main.findings, isinstance(traj, NoRun))
     measured = replace(main.run, orders=study.orders, ladder=study.ladder, ladder_cut=study.cut)
     if study.refused:
         return extended(Judged, measured, outcome="unsupported", message=study.refused, findings=main.findings,

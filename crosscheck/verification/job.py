@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import shlex
 import time
@@ -14,6 +15,8 @@ from msgspec.structs import replace
 
 from crosscheck import adapters
 from crosscheck.document import (
+    AS_PLANNED,
+    Asked,
     Document,
     Finding,
     Judged,
@@ -93,7 +96,7 @@ def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[st
 def verify(profile: str = "default", scenes: Sequence[str] | None = None, engines: Sequence[str] | None = None,
            jobs: int = 2, progress: Progress | None = None, journal: Journal | None = None,
            limits: Limits | None = None, overrides: Overrides = (), walk: bool = False,
-           methods: Sequence[str] | None = None) -> Document:
+           methods: Sequence[str] | None = None, asked: Asked = AS_PLANNED) -> Document:
     """Run the main job and return its document; nothing is written, except into the journal.
 
     Parameters
@@ -106,6 +109,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     limits : time and resident memory of one cell; None: generous ones
     overrides : bounds set by the user, from `crosscheck.judge.overrides.read`
     methods : names; None: all
+    asked : map, step and duration of main runs in place of the plan's
     walk : also run every method at many steps for the advice, half a minute a scene and engine; without it the document
         has the advice of walks that were made before
 
@@ -117,6 +121,8 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     if jobs < 1:
         raise ArgumentError(f"jobs has to be at least 1, not {jobs}")
     settings = profile_called(profile)
+    if asked.duration is not None:
+        settings = dataclasses.replace(settings, whole=True)
     within = limits or default_limits()
     scene_names, engine_names = select_scenes(scenes, settings.every_scene), select_engines(engines, within)
     check_methods(methods, engine_names)
@@ -126,12 +132,14 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     stages = Stages(jobs, journal, _Counter(len(scene_names) * (1 + bool(settings.timing) + settings.speed)
                                              + len(cells) + walk * len(scene_names) * len(engine_names), progress))
 
-    truths = _truths(stages, scene_names, settings)
+    truths = _truths(stages, scene_names, settings, asked)
     plans = {scene.name: scene.plan for scene in truths if scene.plan is not None}
     without = {scene.name: scene.no_truth for scene in truths if scene.no_truth}
     cells = [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
-                                 overrides=overrides, most_seconds=settings.most_seconds)
-             for cell in cells if not (cell.practical and cell.scene in without)]
+                                 overrides=overrides, most_seconds=settings.most_seconds,
+                                 coordinate_map=adapters.coordinate_map(cell.engine, asked.coordinate_map))
+             for cell in cells
+             if not (cell.practical and (cell.scene in without or asked.step is not None))]
     records = _records(stages, cells, truths, within)
     if settings.timing:
         records = timed(cells, records, settings.timing, stages.count, within)
@@ -143,12 +151,12 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
         names = [f"{scene} {engine}" for scene, engine in tasks]
         dataclasses.replace(stages, jobs=1).run("walk", advice.prepare, tasks, names,
                                                 [f"ladders of {name}" for name in names], within)
-    told = _command(profile, scenes, engines, jobs, overrides, methods)
+    told = _command(profile, scenes, engines, jobs, overrides, methods, asked)
     meta = provenance.describe(engine_names) | {
         "profile": profile, "jobs": jobs, "command": told, "calibration": calibration,
         "seconds": journal.seconds if journal is not None else time.perf_counter() - started}
     rows = msgspec.convert(finite(support.of_scenes(scene_names, engine_names, within)), list[Support])
-    made = document(msgspec.convert(meta, Meta), truths, records, rows)
+    made = document(replace(msgspec.convert(meta, Meta), asked=asked), truths, records, rows)
     return replace(made, advice=advice.of_scenes(scene_names, engine_names) or None)
 
 
@@ -167,9 +175,10 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
     return Document(meta=meta, scenes=scenes, records=shown, exit_code=exit_code(scenes, records), support=rows)
 
 
-def _truths(stages: Stages, names: list[str], settings: Profile) -> list[SceneTruth]:
+def _truths(stages: Stages, names: list[str], settings: Profile, asked: Asked) -> list[SceneTruth]:
     """What the report says about every scene; of those that could not be prepared, why."""
-    found = stages.run("truth", prepare_truth, [(name, settings.whole, settings.most_steps) for name in names], names,
+    found = stages.run("truth", functools.partial(prepare_truth, asked=asked),
+                       [(name, settings.whole, settings.most_steps) for name in names], names,
                        [f"truth of {name}" for name in names], again=True)  # every run of the scene needs it
     return [_failed_scene(name, each) if isinstance(each, Crash) else each
             for name, each in zip(names, found, strict=True)]
@@ -229,7 +238,8 @@ def labels(runs: Sequence[Judged]) -> list[str]:
     for run in runs:
         several = len(forms[run.engine, run.method]) > 1 and run.form
         coarse = f" at {1e3 * run.step:g} ms" if run.practical and run.step else ""
-        found.append(f"{run.engine} {run.method}" + (f" ({run.form})" if several else "") + coarse)
+        found.append(f"{run.engine} {run.method}" + (f" ({run.form})" if several else "")
+                     + (f" with {run.coordinate_map}" if run.coordinate_map else "") + coarse)
     return found
 
 
@@ -239,11 +249,11 @@ def _failed_scene(name: str, crash: Crash) -> SceneTruth:
 
 
 def _command(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, jobs: int,
-             overrides: Overrides = (), methods: Sequence[str] | None = None) -> str:
+             overrides: Overrides, methods: Sequence[str] | None, asked: Asked) -> str:
     words = ["crosscheck", "verify", "--profile", profile]
     for option, names in (("--scene", scenes), ("--engine", engines), ("--method", methods)):
         for name in names or ():
             words += [option, str(name)]
     for name, bound, _ in overrides:
         words += ["--tol", f"{name}={bound!r}"]
-    return shlex.join([*words, "--jobs", str(jobs)])
+    return shlex.join([*words, *asked.words, "--jobs", str(jobs)])

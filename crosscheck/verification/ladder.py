@@ -32,15 +32,17 @@ class Way:
     form: str | None
     adaptive: bool
     order: int | None
+    coordinate_map: str | None = None  # None: the method's own
 
     @property
     def label(self) -> str:
-        """Engine, method and form."""
-        return f"{self.engine} {self.method}" + (f" ({self.form})" if self.form else "")
+        """Engine, method, form and map."""
+        named = ", ".join(filter(None, (self.form, self.coordinate_map)))
+        return f"{self.engine} {self.method}" + (f" ({named})" if named else "")
 
 
 def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = None,
-         default_form: bool = False) -> tuple[list[Way], list[tuple[Way, str]]]:
+         default_form: bool = False, asked_map: str | None = None) -> tuple[list[Way], list[tuple[Way, str]]]:
     """Every way to integrate the scene, and each combination that does not exist with the reason.
 
     Parameters
@@ -48,13 +50,14 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
     engines : names as `crosscheck.adapters.get` takes them
     methods : only these; None for all
     default_form : only the form that the engine chooses by itself, which a way then leaves open
+    asked_map : coordinate map of the engines that have this option
     """
-    from crosscheck.adapters import get
+    from crosscheck.adapters import coordinate_map, get
     from crosscheck.adapters.base import RunSpec
 
     found, missing = [], []
     for name in engines:
-        adapter = get(name)
+        adapter, chart = get(name), coordinate_map(name, asked_map)
         adaptive = tuple(getattr(adapter, "adaptive_methods", None) or ())
         forms = (None,) if default_form else tuple(getattr(adapter, "forms", ())) or (None,)
         for form in forms:
@@ -62,9 +65,11 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
                 if methods is not None and method not in methods:
                     continue
                 varies = method in adaptive
-                spec = RunSpec(method, None if varies else scene.duration / 64, RTOLS[0] if varies else None, form=form)
+                spec = RunSpec(method, None if varies else scene.duration / 64, RTOLS[0] if varies else None, form,
+                               coordinate_map=chart)
                 reason = adapter.unsupported(scene, spec)
-                way = Way(name, method, form, varies, None if reason else adapter.documented_order(scene, spec))
+                way = Way(name, method, form, varies, None if reason else adapter.documented_order(scene, spec),
+                          chart)
                 if reason is None:
                     found.append(way)
                 else:

@@ -62,7 +62,8 @@ class _Ladder:
         step, rtol = (None, size) if self.order is None else (size, None)
         began = clock()
         cell = self.cell
-        traj = attempt(self.scene, cell.engine, cell.method, cell.form, step, rtol, monitor=False)
+        traj = attempt(self.scene, cell.engine, cell.method, cell.form, step, rtol, monitor=False,
+                       coordinate_map=cell.coordinate_map)
         self._costs.append(clock() - began)
         if isinstance(traj, NoRun):
             self.rungs.append(Rung(step=step, rtol=rtol, message=traj.reason.partition("\n")[0]))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from crosscheck.document import SceneTruth, Truth
+from msgspec.structs import replace
+
+from crosscheck.document import AS_PLANNED, Asked, Plan, SceneTruth, Truth
 from crosscheck.errors import Unsupported
 from crosscheck.judge import tolerances
 from crosscheck.judge.plan import PLANS, plan_without_truth
@@ -13,7 +15,7 @@ from crosscheck.verification.curves import scene_curves
 from crosscheck.verification.task import load
 
 
-def prepare_truth(task: tuple[str, bool, int]) -> SceneTruth:
+def prepare_truth(task: tuple[str, bool, int], asked: Asked = AS_PLANNED) -> SceneTruth:
     """Compute (or find in the cache) the truths a scene's cells need, and choose its plan.
 
     `task`: name or path, whether main runs cover the whole scene, and how many steps they may take, see
@@ -27,11 +29,11 @@ def prepare_truth(task: tuple[str, bool, int]) -> SceneTruth:
     name, whole, most_steps = task
     given = load_scene(name)
     try:
-        plan = plan_within(given, name, most_steps)
+        plan = _as_asked(plan_within(given, name, most_steps), asked)
         scene = load(name, plan, whole)
         reference = truth(scene)
     except (Unsupported, TruthError) as error:
-        plan = PLANS.get(name) or plan_without_truth(given)
+        plan = _as_asked(PLANS.get(name) or plan_without_truth(given), asked)
         return SceneTruth(**_described(name, given), plan=plan, truth=None, scales=None,
                           curves=scene_curves(load(name, plan, whole), None), no_truth=" ".join(str(error).split()),
                           disputed=not isinstance(error, Unsupported))
@@ -41,6 +43,13 @@ def prepare_truth(task: tuple[str, bool, int]) -> SceneTruth:
                   horizon=reference.horizon)
     return SceneTruth(**_described(name, scene), plan=plan, truth=known, scales=tolerances.scales(scene, reference),
                       rounding=tolerances.rounding_levels(scene, reference), curves=scene_curves(scene, reference))
+
+
+def _as_asked(plan: Plan, asked: Asked) -> Plan:
+    """The plan with the step and the duration of main runs that the user asked for."""
+    if asked.step is not None:
+        plan = replace(plan, steps={1: asked.step}, practical=None, budgeted=True)
+    return plan if asked.duration is None else replace(plan, duration=asked.duration)
 
 
 def _described(name: str, scene: Scene) -> dict[str, Any]:

@@ -54,6 +54,7 @@ class Burst:
     step: float | None  # s
     rtol: float | None
     duration: float | None = None  # s, of an adaptive run: as long as `STEPS` steps are, None: the whole scene
+    coordinate_map: str | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,7 +104,8 @@ def _seconds_per_step(scene: Any, burst: Burst, warming: bool) -> float | None:
 
     def once() -> float:
         nonlocal steps
-        traj = run(brief, burst.engine, burst.method, step=burst.step, rtol=burst.rtol, form=burst.form, monitor=False)
+        traj = run(brief, burst.engine, burst.method, step=burst.step, rtol=burst.rtol, form=burst.form, monitor=False,
+                   coordinate_map=burst.coordinate_map)
         steps = max(1, traj.steps)
         return traj.wall_time
 
@@ -195,7 +197,8 @@ def _burst(record: Record) -> Burst:
     form = None if record.default_form else record.form
     share = None if record.rtol is None or not record.steps else STEPS / record.steps
     return Burst(record.engine, record.method, form, record.step, record.rtol,
-                 None if share is None or record.duration is None else share * record.duration)
+                 None if share is None or record.duration is None else share * record.duration,
+                 record.coordinate_map)
 
 
 def _round(stages: Stages, tasks: list[Round], name: str, within: Limits | None) -> list[Any]:

@@ -25,6 +25,7 @@ class Cell:
     default_form: bool = True
     no_truth: str = ""  # why the scene has none; then only what needs none is judged
     practical: bool = False  # runs at the plan's practical step, far too coarse for bounds of states
+    coordinate_map: str | None = None  # None: the method's own
     overrides: tuple[tuple[str, float, str], ...] = ()  # bounds set by the user, see `crosscheck.judge.overrides`
     most_seconds: float | None = None  # of processor time that the order study may take
 
@@ -38,6 +39,7 @@ class Cell:
         words = ["crosscheck", "run", self.scene, "--engine", self.engine, "--method", self.method]
         words += ["--step", repr(step)] if step is not None else ["--rtol", repr(rtol)]
         words += ["--form", self.form] if self.form else []
+        words += ["--map", self.coordinate_map] if self.coordinate_map else []
         if not self.whole or self.plan.duration:
             words += ["--duration", repr(self.plan.duration if self.whole else self.plan.window)]
         return shlex.join([*words, "--samples", str(self.plan.samples), "--csv", "run.csv"])
@@ -58,7 +60,7 @@ def load(name: str, plan: Plan, whole: bool = True) -> Scene:
     from crosscheck.scene.file import load_scene
 
     scene = load_scene(name)
-    duration = min((plan.duration or scene.duration) if whole else plan.window, scene.duration)
+    duration = plan.duration or scene.duration if whole else min(plan.window, scene.duration)
     return scene.replace(duration=duration, samples=plan.samples)
 
 

@@ -18,7 +18,7 @@ from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 from crosscheck.verification.attempts import NoRun, attempt
-from crosscheck.verification.task import Cell, Timing, load, windowed
+from crosscheck.verification.task import Cell, Timing, windowed
 
 ENOUGH = 0.1
 """Stepping time (s) of two runs after which there is no third: they average over what is short."""
@@ -92,9 +92,10 @@ def time_cells(timing: Timing) -> list[list[Point]]:
     The last point of a cell, "main", is at the step of its main run and stops after `MAIN_STEPS`; it has no error.
     """
     from crosscheck.references import truth
+    from crosscheck.scene.file import load_scene
 
     first = timing.cells[0]
-    scene = load(first.scene, first.plan)
+    scene = load_scene(first.scene)
     brief = windowed(scene, first.plan.window).replace(samples=2)
     exact = truth(windowed(scene, first.plan.window)).states
     end = dataclasses.replace(exact, **{name: getattr(exact, name)[[0, -1]] for name in ("t", "x", "R", "v", "w")},
@@ -113,7 +114,8 @@ def time_cells(timing: Timing) -> list[list[Point]]:
                 shorter = brief
                 if main and step is not None:
                     shorter = brief.replace(duration=min(brief.duration, MAIN_STEPS * step))
-                traj = attempt(shorter, cell.engine, cell.method, cell.form, step, rtol, monitor=False)
+                traj = attempt(shorter, cell.engine, cell.method, cell.form, step, rtol, monitor=False,
+                               coordinate_map=cell.coordinate_map)
                 if not isinstance(traj, NoRun):
                     runs[index].setdefault((rung, size), []).append(traj)
     result = []

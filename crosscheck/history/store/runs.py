@@ -66,7 +66,7 @@ def run_from_document(name: str, document: Document, good: bool = False) -> Stor
                                     {figure.name: figure for figure in figures(record, scene)})
     environment = {"system": machine.system, "processor": machine.processor, "cores": machine.cores,
                    "python": meta.python, "commit": meta.commit}
-    selection = json.dumps([sorted(scenes), sorted(meta.engines)])
+    selection = json.dumps([sorted(scenes), sorted(meta.engines), *meta.asked.words])
     return StoredRun(name, meta.started or _iso(meta.time), meta.profile, selection, meta.command,
                      meta.seconds, document.exit_code, good, meta.calibration.us if meta.calibration else None,
                      environment, {"engine": dict(meta.engines), "package": dict(meta.packages)}, results)

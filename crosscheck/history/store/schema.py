@@ -49,7 +49,7 @@ def _runs(metadata: MetaData) -> Table:
         Column("name", Text, nullable=False, unique=True),  # also the name of its folder
         Column("started", Text, nullable=False),  # UTC, ISO 8601, so that text sorts as time does
         Column("profile", Text, nullable=False),
-        Column("selection", Text, nullable=False),  # scenes and engines asked for, JSON
+        Column("selection", Text, nullable=False),  # scenes, engines and what else was asked for, JSON
         Column("command", Text, nullable=False),
         Column("seconds", Float),
         Column("exit_code", Integer, nullable=False),

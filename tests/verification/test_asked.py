@@ -1,0 +1,91 @@
+"""--map, --step and --duration: what runs takes them, the document keeps them, and the commands repeat them."""
+
+import dataclasses
+import shlex
+
+import pytest
+from typer.testing import CliRunner
+
+from crosscheck import adapters
+from crosscheck.cli.app import app
+from crosscheck.document import Asked
+from crosscheck.history.nightly import Wanted
+from crosscheck.judge.plan import Profile
+from crosscheck.studies.bisection import Task, search
+from crosscheck.studies.chaos import ChaosAsk
+from crosscheck.studies.drift import DriftAsk
+from crosscheck.studies.stability import StabilityAsk
+from crosscheck.studies.work_precision import WorkPrecisionAsk
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.job import labels
+from crosscheck.verification.scene_truth import prepare_truth
+from crosscheck.verification.task import Cell
+
+ASKED = Asked(coordinate_map="ccsk", step=2e-3, duration=0.4)
+
+
+def record(method, engine="lieeuler", asked=ASKED):
+    scene = prepare_truth(("single_pendulum", True, Profile.most_steps), asked)
+    chart = adapters.coordinate_map(engine, asked.coordinate_map)
+    return run_cell(Cell("single_pendulum", engine, method, None, scene.plan, rungs=3, coordinate_map=chart)), scene
+
+
+def test_a_run_takes_map_step_and_duration_and_its_command_repeats_them():
+    run, scene = record("DAE1L_LSE")
+    assert run.outcome == "pass"
+    assert (run.coordinate_map, run.step, run.duration) == ("ccsk", 2e-3, 0.4)
+    assert scene.duration == 0.4
+    assert "--step 0.002 --map ccsk --duration 0.4" in run.command
+    assert labels([run]) == ["lieeuler DAE1L_LSE with ccsk"]
+    # the order study keeps its own window: its steps would not fit into less
+    assert run.orders["position"].observed == pytest.approx(1.0, abs=0.1)
+    exp, _ = record("DAE1L_LSE", asked=Asked(step=2e-3, duration=0.4))
+    assert exp.errors["position"].end != run.errors["position"].end
+    assert exp.ladder[0].errors != run.ladder[0].errors
+
+
+def test_methods_that_refuse_a_map_say_so_and_engines_without_maps_run():
+    refused, _ = record("rattle4")
+    assert refused.outcome == "unsupported"
+    assert "ccsk" in refused.message
+    other, _ = record("RK4", "mujoco")
+    assert (other.outcome, other.coordinate_map) == ("pass", None)
+
+
+def test_a_step_that_is_too_coarse_for_bounds_is_no_failure_of_the_method():
+    run, _ = record("DAE1L_LSE", asked=Asked(step=0.1))
+    assert run.outcome == "unjudged", run.message
+    assert "too coarse" in run.message
+
+
+def test_a_night_that_asks_for_more_is_told_apart():
+    assert shlex.split(Wanted(asked=ASKED).command)[-6:] == ["--map", "ccsk", "--step", "0.002", "--duration", "0.4"]
+    assert Asked().words == []
+
+
+@pytest.mark.parametrize(("study", "ask"), [
+    ("drift", DriftAsk(("heavy_top",), methods=("DAE1L_LSE",), step=1e-3, coordinate_map="ccsk")),
+    ("chaos", ChaosAsk(engines=("lieeuler", "mujoco"), duration=20.0, coordinate_map="cayley")),
+    ("stability", StabilityAsk(("single_pendulum",), jobs=1, step=0.01, duration=0.5, coordinate_map="ccsk")),
+    ("work-precision", WorkPrecisionAsk(bound=False, repeats=2, duration=0.5, coordinate_map="exp")),
+])
+def test_the_command_of_a_study_asks_for_the_same(study, ask, monkeypatch):
+    found = []
+    monkeypatch.setattr("crosscheck.studies.study.conduct", lambda _, ask, *__: found.append(ask) or 1 / 0)
+    CliRunner().invoke(app, shlex.split(ask.command(study))[1:])
+    assert found == [ask]
+
+
+def test_a_study_runs_under_the_map():
+    task = Task("single_pendulum", "lieeuler", "DAE1L_LSE", 20.0, "ccsk", step=0.01, duration=0.2)
+    refused, ccsk, exp = (search(dataclasses.replace(task, **more)) for more in (
+        {"method": "rattle4"}, {}, {"coordinate_map": None}))
+    assert refused.outcome == "unsupported"
+    assert ccsk.common_step == exp.common_step == 0.01
+    assert ccsk.common_error != exp.common_error
+
+
+def test_a_wrong_map_names_the_right_one():
+    done = CliRunner().invoke(app, ["study", "drift", "--map", "cskk"])
+    assert done.exit_code != 0
+    assert "did you mean 'ccsk'" in str(done.exception)

@@ -68,7 +68,8 @@ def test_stiff_motion_below_the_tolerance_is_stepped_over(name, rate):
 
 
 @pytest.mark.xfail(strict=True, reason=(
-    "at 1e-12 it is off by 8e-12 m (2e-12 in an earlier kernel, cause not found): a slope of .75 in positions"))
+    "a slope of .76 in positions: .4 times the tolerance after 8 steps at 1e-4, 8 to 11 times it after 27 to 73 at "
+    "1e-10 to 1e-12. Errors of the steps add up there; this is not rounding, and is the same for neighbouring scenes"))
 def test_error_is_proportional_to_the_tolerance_where_forces_are_stiff():
     """At the end of a second of `stiff_damped`, against rkmk853; far fewer steps than its rates of 2e4 1/s ask for.
 
@@ -81,7 +82,7 @@ def test_error_is_proportional_to_the_tolerance_where_forces_are_stiff():
     for rtol in TOLERANCES:
         run = lieeuler.integrate(problem, "seulex", None, s.t[[0, -1]], rtol=rtol)
         rows.append([np.abs(getattr(run, name)[-1] - getattr(exact, name)[-1]).max() for name in "xR"])
-        assert run.stats.steps < (100 if rtol >= 1e-10 else 2e4)
+        assert run.stats.steps < 100
     for name, slope in zip("xR", slopes(TOLERANCES, rows), strict=True):
         assert 0.8 < slope < 1.2, (name, slope)
 

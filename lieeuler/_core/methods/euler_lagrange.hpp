@@ -37,6 +37,15 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   LagrangeStepper(const System& system, const GeneralizedAlpha& alpha)
       : LagrangeStepper(system, Level::stabilised, true, {}, alpha) {}
 
+  // The motion since start(), x and R^T R' - I and u, summed up apart from the state: it rounds with its own size.
+  struct Increment {
+    Vec3 x = Vec3::Zero();
+    Mat3 turn = Mat3::Zero();
+    Twist u;
+  };
+  void keep_increments() { increments_.resize(system_.n()); }
+  const std::vector<Increment>& increments() const { return increments_; }
+
   static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
   static constexpr bool projects(Level) { return false; }
   bool exact_matrix() const { return level_ != Level::acceleration && !(this->core_ && this->saddle_.dropped()); }
@@ -74,9 +83,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     generalized_forces(system_, state_.frames, state_.u, start_.angles, force_);
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
-      const Twist &u = state_.u[b], &f = force_[b], from = alpha_ ? alpha_->from(b) : start_.u[b];
-      balance_[b] = {body.mass * (u.v - from.v) - force_time() * f.v,
-                     times(body.inertia, u.w - from.w) - force_time() * f.w};
+      const Twist &f = force_[b], gain = gain_of(b, z);
+      balance_[b] = {body.mass * gain.v - force_time() * f.v, times(body.inertia, gain.w) - force_time() * f.w};
       if (stabilised()) drift_[b] = momentum(body, drift_of(b));
     }
     for (int k = 0; k < nodes_.parts(); ++k) {
@@ -103,6 +111,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
                   std::optional<GeneralizedAlpha> alpha)
       : Base(system, level, index1_output, layout(system, level, alpha.has_value())),
         gains_(gains),
+        origin_(system),
         alpha_(std::move(alpha)),
         force_share_(alpha_ ? alpha_->force_share() : 1),
         velocity_share_(alpha_ ? alpha_->velocity_share() : 1),
@@ -133,6 +142,12 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
   // theta: what a force acts for in a step.
   double force_time() const { return force_share_ * h_; }
+  // u - u_n
+  Twist gain_of(int b, const std::vector<double>& z) const {
+    const Twist u = increments_.empty() ? state_.u[b] : load(&z[3 * nodes_.v(b)]);
+    const Twist& from = !increments_.empty() ? increments_[b].u : alpha_ ? alpha_->from(b) : start_.u[b];
+    return {u.v - from.v, u.w - from.w};
+  }
   // xi - u, but for the multipliers.
   Twist drift_of(int b) const {
     const Twist &xi = xi_[b], &u = state_.u[b];
@@ -176,6 +191,10 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   Status begin() {
     if (split_) split_->forget();
+    if (!increments_.empty()) {
+      std::fill(increments_.begin(), increments_.end(), Increment{});
+      origin_ = state_;
+    }
     return alpha_ ? begin_alpha() : Status::success;
   }
   // The accelerations here, and those a little later or earlier.
@@ -203,8 +222,9 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
   void guess(std::vector<double>& z) const {
     for (int b = 0; b < system_.n(); ++b) {
-      store(state_.u[b], &z[3 * nodes_.v(b)]);
-      store(state_.u[b], &z[3 * nodes_.xi_v(b)]);
+      const Twist& u = increments_.empty() ? state_.u[b] : increments_[b].u;
+      store(u, &z[3 * nodes_.v(b)]);
+      store(u, &z[3 * nodes_.xi_v(b)]);
     }
     this->guess_multipliers(force_time(), z);
   }
@@ -213,9 +233,22 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     for (int b = 0; b < system_.n(); ++b) {
       state_.u[b] = load(&z[3 * nodes_.v(b)]);
       xi_[b] = load(&z[3 * nodes_.xi_v(b)]);
+      if (!increments_.empty())
+        for (Twist* u : {&state_.u[b], &xi_[b]}) u->v += origin_.u[b].v, u->w += origin_.u[b].w;
       if (!this->move(b)) return false;
     }
     return true;
+  }
+  // After a step, whose state becomes that of the increments.
+  void add_increments() {
+    for (int b = 0; b < system_.n(); ++b) {
+      Increment& sum = increments_[b];
+      const Mat3 turn = maps_[b].turn();
+      sum.x += h_ * xi_[b].v;
+      sum.turn += turn + sum.turn * turn;
+      sum.u = load(&z_[3 * nodes_.v(b)]);
+      state_.frames[b] = {origin_.frames[b].x + sum.x, origin_.frames[b].R + origin_.frames[b].R * sum.turn};
+    }
   }
 
   // The rows that belong to Lam; positions are divided by h.
@@ -372,6 +405,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   Status finish() {
     if (!configure(z_)) return Status::map_domain;
+    if (!increments_.empty()) add_increments();
     this->settle();
     if (alpha_) {
       alpha_->advance(start_.u, state_.u, h_);
@@ -386,6 +420,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
 
   Gains gains_;
+  std::vector<Increment> increments_;  // where they are kept; z then holds u and xi less those of origin_
+  State origin_;
   std::optional<GeneralizedAlpha> alpha_;
   const double force_share_, velocity_share_;  // theta / h and rho; 1 for implicit Euler
   std::optional<StabilisedSolve> split_;

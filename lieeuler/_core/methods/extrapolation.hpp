@@ -29,7 +29,8 @@ class Extrapolation {
         most_turn_(most_turn(system, 2.5)),
         difference_(size_),
         rates_(system.n() + 1) {
-    euler_.polish_velocities(), whole_.polish_velocities();  // the table magnifies what errors a sub-step leaves
+    for (auto* euler : {&euler_, &whole_})
+      euler->polish_velocities(), euler->keep_increments();  // errors are magnified
     for (std::vector<double>& entry : table_) entry.assign(size_, 0.0);
     for (Node& node : nodes_) node.y.assign(size_ / 2, 0.0);
   }
@@ -109,7 +110,7 @@ class Extrapolation {
  private:
   static constexpr int kMostRows = 12;
   // A row may magnify rounding up to the tolerance: a fifth of that is what is left of it, measured.
-  static constexpr double kRounding = 1 / std::numeric_limits<double>::epsilon();
+  static constexpr double kRounding = 10 / std::numeric_limits<double>::epsilon();
   static constexpr double kSolved = 0.1;  // of the tolerance, for what the iterations of all sub-steps leave
   static constexpr int kMostInner = (kMostRows - 1) / 2;
 
@@ -145,7 +146,7 @@ class Extrapolation {
       status = watch.ends() ? Status::interrupted : euler.step(inner);  // a step has hundreds of these
     inner.add_to(counters);
     if (status != Status::success) return status;
-    if (!coordinates(start, euler.state(), difference_)) return Status::map_domain;
+    if (!coordinates(euler, difference_)) return Status::map_domain;
     for (size_t i = 0; i < size_; ++i) {
       double entry = difference_[i];
       for (int k = 1; k < n; ++k) {
@@ -159,7 +160,17 @@ class Extrapolation {
     return Status::success;
   }
 
-  // False where a body turned too far for the chart.
+  // Of sub-steps. False where a body turned too far for the chart.
+  bool coordinates(const LagrangeStepper<ExpMap>& euler, std::vector<double>& y) const {
+    for (int b = 0; b < system_.n(); ++b) {
+      const auto& moved = euler.increments()[b];
+      const Vec3 theta = logarithm(Mat3::Identity() + moved.turn);
+      if (!(theta.norm() < most_turn_)) return false;
+      store(Twist{moved.x, theta}, &y[12 * b]), store(moved.u, &y[12 * b + 6]);
+    }
+    return true;
+  }
+  // Between two states.
   bool coordinates(const State& start, const State& state, std::vector<double>& y) const {
     for (int b = 0; b < system_.n(); ++b) {
       const Vec3 theta = logarithm(start.frames[b].R.transpose() * state.frames[b].R);

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lieeuler import _kernel
+from lieeuler import _kernel, held
 from lieeuler.checks import LARGEST, real
 from lieeuler.errors import ArgumentError
 from lieeuler.integrate import check_problem, check_switch, plan_run
@@ -38,6 +38,7 @@ class EnsembleSolution:
     R : (N, T, n, 3, 3)
         NaN from where a member failed.
     status : (N,) of lieeuler.Status
+        CONSTRAINTS_OPEN where the positions or velocities that the method holds are open at the end.
     t_end : (N,)
         Where each member ended, s.
     steps, rejected_steps : (N,)
@@ -60,7 +61,7 @@ class EnsembleSolution:
 
     @property
     def success(self) -> np.ndarray:
-        """(N,) whether each member reached the last output time."""
+        """(N,) whether each member reached the last output time and held there what the method holds."""
         return np.asarray(self.status == Status.SUCCESS, dtype=bool)
 
     def __repr__(self) -> str:
@@ -128,6 +129,7 @@ def integrate_ensemble(
     states, N = _states(problem, {"x": x, "R": R, "v": v, "w": w}, values)
     spins = plan.spins_out if spin_free is None else spin_free
     frames: list[SpinFreeFrames | None] = []
+    members = [problem]
     if values or (spins and symmetric_bodies(problem)):
         members = [_member(problem, k, states, values) for k in range(N)]
         frames = [spin_free_frames(member) if spins else None for member in members]
@@ -145,6 +147,11 @@ def integrate_ensemble(
         if each is not None:
             each.restore(plan.t, result["R"][k], result["w"][k])
     status = np.array([Status(name) for name in result["status"]], dtype=object)
+    last = {name: result[name][:, -1] for name in ("x", "R", "v", "w")}
+    for k, member in enumerate(members):  # one of each, or one of all
+        here = slice(k, k + 1) if len(members) > 1 else slice(None)
+        open_ = held.open_at(member, method, *(array[here] for array in last.values()))
+        status[here][open_ & (status[here] == Status.SUCCESS)] = Status.CONSTRAINTS_OPEN
     solution = EnsembleSolution(
         t=plan.t, x=result["x"], R=result["R"], v=result["v"], w=result["w"], status=status,
         t_end=plan.t[0] + result["time"], steps=np.array(result["steps"]),

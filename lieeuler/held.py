@@ -1,9 +1,10 @@
-"""Whether a run held the constraint levels that its method holds by construction, at every step."""
+"""Whether a run held the constraint levels that its method holds by construction."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from lieeuler import _kernel
 from lieeuler.methods import METHODS
 from lieeuler.problem import Problem
 from lieeuler.solution import Solution, Status
@@ -24,9 +25,24 @@ def open_levels(problem: Problem, solution: Solution) -> tuple[str, ...]:
                  if not maxima[f"constraint_{level}"] <= OPEN * sizes[level])
 
 
+def open_at(problem: Problem, method: str, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """(N,) whether the positions or velocities that the method holds are open in each of N states, by the measure that
+    a problem's own state must pass."""
+    held = [level in METHODS[method].held for level in ("position", "velocity")]
+    if not problem.joints or not any(held):
+        return np.zeros(len(x), dtype=bool)
+    levels = _kernel.constraint_levels(problem.kernel, *(np.ascontiguousarray(array) for array in (x, R, v, w)))
+    return np.asarray(~(levels[:, held] <= OPEN).all(axis=1))
+
+
 def judge(problem: Problem, solution: Solution) -> None:
-    """Give a solution that reached its end with an open level the status that says so."""
-    if solution.status is Status.SUCCESS and open_levels(problem, solution):
+    """Give a solution that reached its end with an open level the status that says so; of a run that was not monitored
+    the last state is looked at."""
+    if solution.status is not Status.SUCCESS:
+        return
+    last = (each[-1:] for each in (solution.x, solution.R, solution.v, solution.w))
+    if open_levels(problem, solution) or (
+            not solution.stats.maxima and open_at(problem, solution.method, *last).any()):
         solution.status = Status.CONSTRAINTS_OPEN
 
 

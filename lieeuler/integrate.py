@@ -74,12 +74,14 @@ def integrate(
         After every step bring attitudes back to rotations to rounding (docs/theory.md, section 3). False shows what the
         group update alone preserves; only for the Euler methods.
     monitor : bool
-        Evaluate energy, constraint levels and orthogonality after every step (`solution.stats.maxima`).
+        Evaluate energy, constraint levels and orthogonality after every step (`solution.stats.maxima`). Without it only
+        the positions and velocities of the last state are judged.
 
     Returns
     -------
     Solution
-        Its status is SUCCESS, or CONSTRAINTS_OPEN where a level that the method holds opened on the way.
+        Its status is SUCCESS, or CONSTRAINTS_OPEN where a level that the method holds opened on the way (without
+        `monitor`: at the end).
 
     Raises
     ------
@@ -101,10 +103,9 @@ def integrate(
     if frames is not None:
         frames.restore(solution.t, solution.R, solution.w, solution.alpha)
         solution.stats.spin_free = frames.bodies
-    if monitor:
-        held.judge(problem, solution)
-    else:
+    if not monitor:
         solution.stats.maxima = {}
+    held.judge(problem, solution)
     log.info("%s", solution)
     if solution.status is Status.INTERRUPTED:
         raise Interrupted(solution)

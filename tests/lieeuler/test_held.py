@@ -48,6 +48,14 @@ def test_the_usual_systems_are_a_success():
             assert lieeuler.integrate(make(), method, t_eval=T / 20, **control).success
 
 
-def test_what_is_not_monitored_is_not_judged():
+def test_of_what_is_not_monitored_the_last_state_is_judged():
     problem = build_problem(crosscheck.load_scene("bricard"))
-    assert lieeuler.integrate(problem, "DAE2L_LE", step=1e-2, t_eval=T, monitor=False).status is Status.SUCCESS
+    for method, status in (("DAE2L_LE", Status.CONSTRAINTS_OPEN), ("DAE2L_LSE", Status.SUCCESS)):
+        alone = lieeuler.integrate(problem, method, step=1e-2, t_eval=T, monitor=False)
+        assert alone.status is status
+        assert alone.stats.maxima == {}
+        many = lieeuler.integrate_ensemble(problem, method, step=1e-2, t_eval=T, v=problem.v[None].repeat(2, axis=0))
+        assert (many.status == status).all()
+        heavier = {"bodies.0.mass": np.array([1.0, 1.1])}
+        apart = lieeuler.integrate_ensemble(problem, method, step=1e-2, t_eval=T, parameters=heavier)
+        assert (apart.status == status).all()

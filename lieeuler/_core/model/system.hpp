@@ -9,21 +9,28 @@
 
 namespace lieeuler {
 
+// Principal moments, the least first.
+inline Vec3 principal_moments(const Mat3& inertia) {
+  return Eigen::SelfAdjointEigenSolver<Mat3>(inertia, Eigen::EigenvaluesOnly).eigenvalues();
+}
+
 // An inertia J without the middle one of its moments, J - s I. w x (J w) does not change with s, and keeps its digits
 // where the largest entries cancel: those of a needle, of a disk.
-inline Mat3 deviation(const Mat3& inertia) {
-  const Eigen::SelfAdjointEigenSolver<Mat3> moments(inertia, Eigen::EigenvaluesOnly);
-  return inertia - moments.eigenvalues()[1] * Mat3::Identity();
-}
+inline Mat3 deviation(const Mat3& inertia) { return inertia - principal_moments(inertia)[1] * Mat3::Identity(); }
 
 struct Body {
   double mass;
   Mat3 inertia, inertia_inverse;  // about the centre of mass, body axes
   Mat3 inertia_deviation;
+  Vec3 moments;              // principal, the least first
   Vec3 spin = Vec3::Zero();  // constant angular momentum inside the body, body axes: -w x (J w + spin) turns it
 
   Body(double mass, const Mat3& inertia)
-      : mass(mass), inertia(inertia), inertia_inverse(inertia.inverse()), inertia_deviation(deviation(inertia)) {}
+      : mass(mass),
+        inertia(inertia),
+        inertia_inverse(inertia.inverse()),
+        inertia_deviation(deviation(inertia)),
+        moments(principal_moments(inertia)) {}
 };
 
 // Position of the centre of mass (world) and attitude (body to world).
@@ -114,6 +121,20 @@ struct System {
     int total = 0;
     for (const Joint& joint : joints) total += static_cast<int>(joint.parts.size());
     return total;
+  }
+  // Whether a body turns a thousand times more easily than it moves at a joint, or about one axis than about another:
+  // a needle, a wire, a point mass. G M^-1 G^T then loses twice as many digits.
+  bool thin() const {
+    constexpr double kThin = 1e3;
+    const auto stretched = [](const Body& body, double most) { return most > kThin * body.moments[0]; };
+    const auto turns_easily = [&](int b, const Vec3& arm) {
+      return b != n() && stretched(bodies[b], bodies[b].mass * arm.squaredNorm());
+    };
+    return std::any_of(bodies.begin(), bodies.end(),
+                       [&](const Body& body) { return stretched(body, body.moments[2]); }) ||
+           std::any_of(joints.begin(), joints.end(), [&](const Joint& joint) {
+             return turns_easily(joint.parent, joint.parent_anchor) || turns_easily(joint.child, joint.child_anchor);
+           });
   }
   // Whether a light body may carry a heavy one, whose share in G M^-1 G^T then loses three digits or more.
   bool graded() const {

@@ -15,6 +15,7 @@ class SaddlePoint {
       : system_(system),
         delassus_(std::in_place, system, independent),
         graded_(system.graded()),
+        thin_(system.thin()),
         rows_(3 * delassus_->parts(), 0.0),
         force_(system.n() + 1) {
     if (independent) independent_.emplace(system);
@@ -129,11 +130,8 @@ class SaddlePoint {
   // M y + G^T lam = f, G y = rows, at the joints factored last: takes f and the rows of each part, leaves y and lam in
   // their places. to_rounding: what redundant rows cost in digits matters.
   void solve(std::vector<Twist>& f, std::vector<Vec3>& rows, bool to_rounding) {
-    const bool again = graded_ || (to_rounding && redundant_ > 0);
     for (int k = 0; k < delassus_->parts(); ++k) store(rows[k], &rows_[3 * k]);
-    if (again) wanted_ = rows_;
-    delassus_->solve(flat(f), rows_.data(), [this](double* values) { remove_null_space(values); });
-    if (again) refine(*factored_, f);
+    solve_in_place(*factored_, f, graded_ || thin_ || (to_rounding && redundant_ > 0));
     for (int k = 0; k < delassus_->parts(); ++k) rows[k] = load3(&rows_[3 * k]);
   }
 
@@ -152,6 +150,8 @@ class SaddlePoint {
  private:
   static constexpr double kWorse = 4;         // of the inverted pivots: other rows are chosen then
   static constexpr double kDependent = 1e10;  // inverse of an eigenvalue that is rounding
+  static constexpr int kMostPasses = 8;       // of refinement: each gains a digit or more where moments span eight
+  static constexpr double kSlow = 0.3;        // a correction not smaller than this much of the last is rounding
 
   bool take_choice(const Constraints& joints) {
     ++choice_;
@@ -178,28 +178,51 @@ class SaddlePoint {
   }
   // M y + G^T m = force_, G y = rows_; rows_ becomes m, in three values a part.
   void solve(const Constraints& joints, std::vector<Twist>& y, double* multipliers) {
-    const auto adjust = [this](double* values) { remove_null_space(values); };
-    const bool again = redundant_ > 0 || graded_;
-    if (again) wanted_ = rows_;
-    delassus_->solve(flat(force_), rows_.data(), adjust);
+    solve_in_place(joints, force_, redundant_ > 0 || graded_ || thin_);
     std::copy_n(force_.begin(), system_.n(), y.begin());
-    if (again) refine(joints, y);
     if (multipliers) for_rows([&](int row, int place) { multipliers[row] = rows_[place]; });
   }
-  // What rounding has left of G y = wanted_, solved for once more: near-dependent rows and graded masses lose digits in
-  // the first pass.
-  void refine(const Constraints& joints, std::vector<Twist>& y) {
+  // The same with the forces in y, which become y. again: what rounding has left is solved for once more;
+  // near-dependent rows and graded masses lose digits of the rows in the first pass, thin bodies of the balance of
+  // forces too.
+  void solve_in_place(const Constraints& joints, std::vector<Twist>& y, bool again) {
+    if (again) wanted_ = rows_;
+    if (thin_) forces_ = y;
+    solve_once(y);
+    double last = std::numeric_limits<double>::infinity();
+    for (int pass = 0; again && pass < (thin_ ? kMostPasses : 1); ++pass) {
+      const double change = refine(joints, y);
+      if (!(change < kSlow * last)) break;
+      last = change;
+    }
+  }
+  void solve_once(std::vector<Twist>& y) {
+    delassus_->solve(flat(y), rows_.data(), [this](double* values) { remove_null_space(values); });
+  }
+  // Adds the correction of the residual of the whole system to y and rows_; returns its size in w.
+  double refine(const Constraints& joints, std::vector<Twist>& y) {
     y[system_.n()] = Twist{};
-    first_ = rows_;
+    first_ = rows_, correction_.assign(system_.n() + 1, Twist{});
+    if (thin_) {
+      for (int b = 0; b < system_.n(); ++b) {
+        const Twist inertial = momentum(system_.bodies[b], y[b]);
+        correction_[b] = {forces_[b].v - inertial.v, forces_[b].w - inertial.w};
+      }
+      subtract_reactions(joints, rows_, correction_);
+    }
     for (int k = 0; k < delassus_->parts(); ++k) {
       const Joint& joint = system_.joints[delassus_->index(k).joint];
       const Vec3 rate = joints[delassus_->index(k).joint].velocity(delassus_->part(k), y[joint.parent], y[joint.child]);
       store(Vec3(load3(&wanted_[3 * k]) - rate), &rows_[3 * k]);
     }
-    std::fill(force_.begin(), force_.end(), Twist{});
-    delassus_->solve(flat(force_), rows_.data(), [this](double* values) { remove_null_space(values); });
-    for (int b = 0; b < system_.n(); ++b) y[b].v += force_[b].v, y[b].w += force_[b].w;
+    solve_once(correction_);
+    double change = 0;
+    for (int b = 0; b < system_.n(); ++b) {
+      y[b].v += correction_[b].v, y[b].w += correction_[b].w;
+      change = std::max(change, correction_[b].w.cwiseAbs().maxCoeff());
+    }
     for (size_t i = 0; i < rows_.size(); ++i) rows_[i] += first_[i];
+    return change;
   }
   // target -= G^T values
   void subtract_reactions(const Constraints& joints, const std::vector<double>& values,
@@ -248,7 +271,7 @@ class SaddlePoint {
 
   const System& system_;
   std::optional<Delassus> delassus_;
-  const bool graded_;
+  const bool graded_, thin_;
   std::optional<IndependentRows> independent_;
   std::vector<char> dropped_;
   std::vector<double> scales_;  // of rows_, where rows are chosen
@@ -257,7 +280,7 @@ class SaddlePoint {
   const Constraints* factored_ = nullptr;
   std::vector<double> rows_;            // right-hand side, then multipliers, three values a part
   std::vector<double> wanted_, first_;  // of a second pass
-  std::vector<Twist> force_;
+  std::vector<Twist> force_, forces_, correction_;
   std::vector<std::vector<double>> null_;  // orthonormal vectors w with G^T w = 0, three values a part
 };
 

@@ -9,9 +9,9 @@ namespace lieeuler {
 
 class SchurComplement {
  public:
-  // Without loops no row can be redundant; a body with many parts would fill S; of graded masses S alone loses digits.
+  // Without loops no row can be redundant; a body with many parts would fill S; of graded masses or moments S alone loses digits.
   static bool fits(const System& system) {
-    if (system.graded()) return false;
+    if (system.graded() || system.thin()) return false;
     constexpr int kMostParts = 6;
     std::vector<int> parts(system.n() + 1, 0);
     for (const Joint& joint : system.joints)

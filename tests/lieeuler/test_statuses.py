@@ -23,7 +23,7 @@ def spring_at_rest(stiffness, free_length, start):
 WAYS = {
     Status.SUCCESS: lambda: (SYSTEMS["double_pendulum"](), "rkmk4", {"step": 0.01}),
     Status.NEWTON_FAILED: lambda: (SYSTEMS["double_pendulum"](), "rattle2", {"step": 0.4}),
-    Status.SINGULAR_MATRIX: lambda: (linkage([[0, 0, 0], [1, 0, 0], [3, 0, 0], [2, 0, 0]]), "DAE1L_LSE", {"step": 1e-3}),
+    Status.SINGULAR_MATRIX: lambda: (linkage([[0, 0, 0], [1, 0, 0], [3, 0, 0], [2, 0, 0]]), "rkmk4", {"step": 1e-3}),
     Status.MAP_DOMAIN: lambda: (SYSTEMS["heavy_top"](), "DAE1L_LSE", {"step": 0.1}),  # 15 rad a step
     Status.NON_FINITE: lambda: (spring_at_rest(4.0, 0.5, 0.0), "taylor", {"rtol": 1e-8}),  # no direction, no series
     Status.STEP_TOO_SMALL: lambda: (spring_at_rest(1e30, 1.0, -1.5), "taylor", {"rtol": 1e-6}),

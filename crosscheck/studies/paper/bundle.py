@@ -139,7 +139,7 @@ def _number(value: float | None, plain: bool) -> str:
     if plain:
         return f"{value:.2f}"
     mantissa, exponent = f"{value:.1e}".split("e")
-    return "0" if value == 0 else rf"${mantissa} \cdot 10^{{{int(exponent)}}}$"
+    return "0" if value == 0 else rf"${mantissa}{{\cdot}}10^{{{int(exponent)}}}$"
 
 
 def _write_data(shown: Shown, folder: Path) -> None:
@@ -173,9 +173,10 @@ def _section(shown: Shown, drawn: list[tuple[str, str]], request: Request) -> st
               rf"with and without the polish after every step. Step {shown.step:g}\,s, {shown.scene.duration:g}\,s."
               + (r" The error of the mass centres is that at the end, its order that of a brief run." if any(
                   line.error is not None for line in shown.lines) else "") + "}",
+              r"\setlength{\tabcolsep}{3pt}",
               rf"\resizebox{{\textwidth}}{{!}}{{\input{{{shown.scene.name}-table}}}}", r"\end{table}", ""]
     for stem, caption in drawn:
-        parts += [r"\begin{figure}[htbp]\centering", rf"\includegraphics[width=\textwidth]{{figures/{stem}}}",
+        parts += [r"\begin{figure}[htbp]\centering", rf"\includegraphics{{figures/{stem}}}",
                   rf"\caption{{{caption}}}", r"\end{figure}", ""]
     parts += [r"\clearpage", ""]
     return "\n".join(parts)

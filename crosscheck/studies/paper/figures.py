@@ -1,6 +1,7 @@
 """The papers' figures, drawn by matplotlib as vector graphics.
 
-Curves that coincide stay visible: of several methods the first is drawn widest and the last thinnest, on top of it.
+Curves that coincide stay visible: of several methods the first is drawn widest and the last thinnest, on top of it, and
+each has its markers where no other method has one.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from crosscheck.report.identity import look
 from crosscheck.studies.paper.runs import Shown, ends
 
 if TYPE_CHECKING:
@@ -21,8 +23,12 @@ if TYPE_CHECKING:
 FORMATS = ("pdf", "svg")
 COLOURS = ("#a6cee3", "#fdbf6f", "#b2df8a", "#1f4e9c", "#d55e00", "#7b3f9d", "#e7298a", "#000000")
 """Light below, dark on top, told apart with and without colour."""
-WIDEST, THINNEST = 4.4, 0.7
+WIDEST, THINNEST = 3.6, 0.7
 """Line widths, pt."""
+MARKS = 5
+"""Markers on a curve."""
+PEAKS = 50
+"""Parts of a run of which the largest value is drawn where values are noise: every one would hide the others."""
 SMALLEST = 1e-18
 """Where an exact zero is drawn on a logarithmic axis."""
 MOST_BODIES = 4
@@ -73,12 +79,15 @@ def drawings(shown: Shown, method: str) -> Iterator[Drawing]:
     yield _orthogonality(shown)
 
 
-def _many(shown: Shown) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Every method with its style."""
+def _many(shown: Shown, points: int | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every method with its style, for so many points; None: all samples."""
     widths = np.geomspace(WIDEST, THINNEST, max(2, len(shown.runs)))
     for index, method in enumerate(shown.runs):
+        apart = max(1, (points or len(shown.runs[method].t)) // MARKS)
         yield method, {"color": COLOURS[index % len(COLOURS)], "linewidth": widths[index], "label": method,
-                       "solid_capstyle": "butt"}
+                       "solid_capstyle": "butt", "marker": look("lieeuler", index).matplotlib_marker, "markersize": 4.5,
+                       "markeredgecolor": "#444444", "markeredgewidth": 0.4,
+                       "markevery": (index * apart // len(shown.runs), apart)}
 
 
 def _sheet(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
@@ -97,6 +106,7 @@ def _legend(figure: Figure, axes: Axes, columns: int) -> None:
 def _path(shown: Shown, method: str) -> Drawing:
     """Fig. 2 and 12 of P1: the path of the pendulum's end, and of the mass centres."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     traj, scene = shown.runs[method], shown.scene
     figure = Figure(figsize=(4.6, 3.9), layout="constrained")
@@ -109,7 +119,9 @@ def _path(shown: Shown, method: str) -> Drawing:
         axes.plot(*path[0], marker="o", markersize=3, color=colour)
     axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
     axes.set_aspect("equal")
-    axes.locator_params(nbins=4)
+    extent = np.ptp(np.concatenate([path for _, path in points]), axis=0)
+    for axis, share in zip((axes.xaxis, axes.yaxis, axes.zaxis), extent / extent.max(), strict=True):
+        axis.set_major_locator(MaxNLocator(max(1, round(4 * share))))
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, 1.08))
     caption = ("Paths of the mass centres" + (" and of the end, the point opposite the joint," if ends(scene) else "")
                + f" by {tex(method)}; a dot marks the start. {_caption(shown)}")
@@ -118,14 +130,20 @@ def _path(shown: Shown, method: str) -> Drawing:
 
 def _paths(shown: Shown) -> Drawing:
     """The last body's mass centre by every method, seen along two axes."""
-    figure, axes = _sheet(6.4, 3.4, 1, 2)
+    extent = np.ptp(np.concatenate([traj.x[:, -1] for traj in shown.runs.values()]), axis=0) + 1e-12
+    y, z = extent[1:] / extent[0]
+    flat = max(y, z) < 0.7  # then one above the other
+    height = 5.6 * (y + z) + 1.4 if flat else min(2.7 * max(y, z), 5.0) + 1.0
+    figure, axes = _sheet(6.4, max(height, 2.4), *((2, 1) if flat else (1, 2)),
+                          **({"height_ratios": (z, y)} if flat else {}))
+    side, above = axes.flat
     for method, style in _many(shown):
         x = shown.runs[method].x[:, -1]
-        axes[0, 0].plot(x[:, 0], x[:, 2], **style)
-        axes[0, 1].plot(x[:, 0], x[:, 1], **style)
-    axes[0, 0].set(xlabel="x (m)", ylabel="z (m)", aspect="equal")
-    axes[0, 1].set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
-    _legend(figure, axes[0, 0], 4)
+        side.plot(x[:, 0], x[:, 2], **style)
+        above.plot(x[:, 0], x[:, 1], **style)
+    side.set(xlabel="x (m)", ylabel="z (m)", aspect="equal")
+    above.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    _legend(figure, side, 4)
     return Drawing("path-methods", figure, f"Path of the mass centre of {tex(shown.scene.bodies[-1].name)} by every "
                    f"method, from the side and from above. {_caption(shown)}")
 
@@ -152,15 +170,21 @@ def _levels(shown: Shown) -> Drawing:
     """Fig. 4 to 7 and 14 of P1: the three constraint levels."""
     figure, axes = _sheet(6.4, 6.4, 3, 1, sharex=True)
     for row, (level, _, label) in enumerate(LEVELS):
-        for method, style in _many(shown):
+        for method, style in _many(shown, PEAKS):
             values = getattr(shown.runs[method], f"constraint_{level}")
             if values is not None:
-                axes[row, 0].semilogy(shown.runs[method].t, np.maximum(values, SMALLEST), **style)
+                axes[row, 0].semilogy(*_peaks(shown.runs[method].t, values), **style)
         axes[row, 0].set(ylabel=label)
     axes[2, 0].set(xlabel="t (s)")
     _legend(figure, axes[0, 0], 4)
-    return Drawing("levels", figure, "Constraints at the levels of position, velocity and acceleration, largest entry. "
-                   f"Exact zeros are drawn at {SMALLEST:g}. {_caption(shown)}")
+    return Drawing("levels", figure, "Constraints at the levels of position, velocity and acceleration: largest entry "
+                   f"in each fiftieth of the run; exact zeros are drawn at {SMALLEST:g}. {_caption(shown)}")
+
+
+def _peaks(t: np.ndarray, values: np.ndarray) -> tuple[list[float], list[float]]:
+    """Times (s) and largest values of so many parts of a run as `PEAKS` says."""
+    parts = np.array_split(np.arange(len(t)), min(PEAKS, len(t)))
+    return [float(t[part].mean()) for part in parts], [max(float(values[part].max()), SMALLEST) for part in parts]
 
 
 def _rotation(shown: Shown, method: str, body: int) -> Drawing:
@@ -180,16 +204,17 @@ def _rotation(shown: Shown, method: str, body: int) -> Drawing:
 def _orthogonality(shown: Shown) -> Drawing:
     """Fig. 9, 10 and 16 of P1: with the polish after every step, and by the group update alone."""
     figure, axes = _sheet(6.4, 3.2, 1, 2, sharey=True)
-    for method, style in _many(shown):
+    for method, style in _many(shown, PEAKS):
         traj = shown.runs[method]
-        axes[0, 0].semilogy(traj.t, np.maximum(traj.orthogonality, SMALLEST), **style)
+        axes[0, 0].semilogy(*_peaks(traj.t, traj.orthogonality), **style)
         if method in shown.unpolished:
-            axes[0, 1].semilogy(traj.t, np.maximum(shown.unpolished[method], SMALLEST), **style)
+            axes[0, 1].semilogy(*_peaks(traj.t, shown.unpolished[method]), **style)
     axes[0, 0].set(xlabel="t (s)", ylabel=r"max $|R^T R - I|$", title="with the polish after every step")
     axes[0, 1].set(xlabel="t (s)", title="group update alone")
     _legend(figure, axes[0, 0], 4)
-    return Drawing("orthogonality", figure, "Orthogonality error of the rotation matrices, largest entry over all "
-                   f"bodies, with the polish after every step and without it. {_caption(shown)}")
+    return Drawing("orthogonality", figure, "Orthogonality error of the rotation matrices, with the polish after every "
+                   "step and without it: largest entry over all bodies in each fiftieth of the run. "
+                   f"{_caption(shown)}")
 
 
 def _caption(shown: Shown) -> str:

@@ -139,6 +139,7 @@ class EulerStepper {
         joints_(system),
         start_joints_(system),
         saddle_(system, layout.eliminates && has_many_loops(system)),
+        graded_(system.graded()),
         start_(system),
         state_(system),
         maps_(system.n() + 1),
@@ -253,6 +254,7 @@ class EulerStepper {
   double h_ = 0;
   Constraints joints_, start_joints_;  // at q and q_n
   SaddlePoint saddle_;
+  const bool graded_;
   State start_, state_;
   std::vector<Map> maps_;
   std::vector<Twist> xi_, force_;
@@ -331,7 +333,9 @@ class EulerStepper {
   void measure_scales() {
     const Scales scales = Scales::of_motion(system_, start_);
     length_ = scales.length, speed_ = std::max(scales.rate, scales.natural(system_));
-    // Velocities are sums of the joints' impulses, which are large in a long chain, and round with them.
+    // Velocities are sums of the joints' impulses, which are large in a long chain, and round with them. Between graded
+    // masses an impulse says nothing of the speeds.
+    if (graded_) return;
     double impulse = 0;
     for (size_t i = 3 * nodes_.lam(0); i < z_.size(); ++i) impulse = std::max(impulse, std::abs(z_[i]));
     speed_ = std::max(speed_, impulse * mobility_);

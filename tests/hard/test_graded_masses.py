@@ -28,11 +28,7 @@ def graded_chain():
         for number, body in enumerate(scene.bodies)))
 
 
-OPEN = pytest.param("generalized_alpha", marks=pytest.mark.xfail(strict=True, reason=(
-    "its velocities come from the Newton iteration alone, and keep the joints to 4e-13 m/s only")))
-
-
-@pytest.mark.parametrize("method", [*(name for name in HOLDING if name != "generalized_alpha"), *ADAPTIVE, OPEN])
+@pytest.mark.parametrize("method", [*HOLDING, *ADAPTIVE])
 def test_velocities_and_accelerations_keep_the_joints_to_rounding(method):
     scene = crosscheck.load_scene("light_heavy")
     control = {"rtol": 1e-9} if method in ADAPTIVE else {"step": 1e-3}

@@ -1,11 +1,13 @@
-"""Many odd inputs against the scene loader, or against the kernel's entry points.
+"""Many odd inputs against the scene loader, the kernel's entry points, or the kernel with random mechanisms.
 
     python -m benchmarks.fuzz scenes --count 1000000 [--seed 0] [--seconds 180]
-    python -m benchmarks.fuzz kernel --count 100000
+    python -m benchmarks.fuzz kernel --count 100000        # good problems, a few arguments changed
+    python -m benchmarks.fuzz mechanisms --count 100000    # random trees and loops, all joints, absurd steps and masses
 
 A scene file must be a scene or one `crosscheck.SceneError`. A call of the kernel must be refused by an
-`lieeuler.ArgumentError`, end with a named status, finish, or be interrupted, and give finite numbers alone. Prints how
-many of each; the first input that breaks the rule is named by its number, and the run ends with status 1.
+`lieeuler.ArgumentError`, end with a named status, finish, or be interrupted, and give finite numbers alone; what ends
+in success must be closed. Prints how many of each; the first input that breaks the rule is named by its number, and the
+run ends with status 1.
 """
 
 from __future__ import annotations
@@ -53,21 +55,31 @@ def scene_answer(folder: Path) -> Callable[[Random], str]:
 
 def kernel_answer() -> Callable[[Random], str]:
     """What the kernel answers to a call."""
-    from tests.kernel_mutations import case, judged, patience
+    from tests.kernel_mutations import case, judged
 
     def answer(random: Random) -> str:
         make, options = case(random)
-        with patience(PATIENCE):
-            solution = judged(make, **options)
-            return "refused" if solution is None else solution.status.value
-        return "interrupted"
+        solution = judged(make, **options)
+        return "refused" if solution is None else solution.status.value
 
     return answer
 
 
+def patiently(answer: Callable[[Random], str]) -> Callable[[Random], str]:
+    """The answer, or that it was not waited for."""
+    from tests.kernel_mutations import patience
+
+    def asked(random: Random) -> str:
+        with patience(PATIENCE):
+            return answer(random)
+        return "interrupted"
+
+    return asked
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("target", choices=("scenes", "kernel"))
+    parser.add_argument("target", choices=("scenes", "kernel", "mechanisms"))
     parser.add_argument("--count", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0, help="of the first input; the next has the next number")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="end earlier")
@@ -75,7 +87,13 @@ def main() -> int:
     faulthandler.enable()
     warnings.simplefilter("error", RuntimeWarning)
     with tempfile.TemporaryDirectory() as folder:
-        answer = scene_answer(Path(folder)) if options.target == "scenes" else kernel_answer()
+        if options.target == "scenes":
+            answer = scene_answer(Path(folder))
+        elif options.target == "kernel":
+            answer = patiently(kernel_answer())
+        else:
+            from tests.random_mechanisms import answer as mechanism_answer
+            answer = patiently(mechanism_answer)
         answers, found = fuzz(answer, options.count, options.seed, options.seconds)
     print(f"{options.target}, inputs {options.seed} to {options.seed + answers.total() - 1}: "
           f"{', '.join(f'{count} {name}' for name, count in sorted(answers.items()))}; "

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 import lieeuler
 from lieeuler import _kernel
-from tests.kernel_mutations import EXTREME, FIELDS, ODD, case, judged, layouts
+from tests import random_mechanisms
+from tests.kernel_mutations import EXTREME, FIELDS, ODD, case, judged, layouts, patience
 from tests.lieeuler.systems import SYSTEMS
 
 T = np.linspace(0, 0.1, 3)
@@ -208,3 +209,28 @@ def test_an_unknown_word_is_no_level_map_or_carrier():
             _kernel.Method(_kernel.Formulation.lagrange, wrong, False, 0.0, 0.0, (), None, True)
         with pytest.raises(TypeError):
             _kernel.map_values(wrong, np.zeros(3), np.eye(3), 1.0)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_random_mechanisms_finish_or_say_why_not(seed):
+    """Sixty of what `python -m benchmarks.fuzz mechanisms` tries; the first of them twice, to the last bit."""
+    with patience(0.2):
+        random_mechanisms.answer(Random(seed))
+    if seed < 10:
+        for first, second in zip(random_mechanisms.again(Random(seed)), random_mechanisms.again(Random(seed)),
+                                 strict=True):
+            np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("chunk", range(4))
+@pytest.mark.parametrize("draw", ["mechanisms", "calls"])
+def test_five_hundred_draws(draw, chunk):
+    """Under the sanitizers: `tools/sanitize -k five_hundred tests/lieeuler/test_entry_points.py`."""
+    for seed in range(1000 + 500 * chunk, 1500 + 500 * chunk):
+        with patience(0.2):
+            if draw == "mechanisms":
+                random_mechanisms.answer(Random(seed))
+            else:
+                make, options = case(Random(seed))
+                judged(make, **options)

@@ -13,7 +13,7 @@ help:
 	@echo "make verify     run every method and engine over the scenes, write reports/latest/index.html"
 	@echo "make test       run the tests"
 	@echo "make smoke      the main job in half a minute"
-	@echo "make sample     a small report of two scenes in reports/sample"
+	@echo "make sample     a small report of three scenes in reports/sample"
 	@echo "make sanitize   run the kernel's tests under AddressSanitizer and UndefinedBehaviorSanitizer"
 	@echo "make coverage   run the tests and print the coverage of Python and C++"
 	@echo "make lint       ruff, mypy, codespell, clang-format, the rule of imports"
@@ -47,7 +47,7 @@ smoke: setup
 
 # Exit code 1, a verdict that fails, is a report too.
 sample: setup
-	@$(VENV)/bin/crosscheck verify --profile smoke --scene double_pendulum --scene heavy_top --out reports/sample || test $$? -eq 1
+	@$(VENV)/bin/crosscheck verify --profile smoke --scene single_pendulum --scene double_pendulum --scene heavy_top --out reports/sample || test $$? -eq 1
 
 test: setup
 	@$(PY) -m pytest -m "not slow" -n $(JOBS) --dist worksteal

@@ -120,6 +120,12 @@ def test_tables_sort_both_ways_and_filter_by_words_and_verdict(watched):
     bar.get_by_role("searchbox").fill("mujoco rk4")
     assert column(page, "runs", 1) == ["RK4"]
     assert bar.get_by_role("status").inner_text() == "1 of 7"
+    bar.get_by_role("searchbox").fill("DAE1L_LSE")
+    found = column(page, "runs", 1)
+    assert found
+    for spelling in ("DAE1_IELS", "dae1l_les"):  # as P1 also writes it
+        bar.get_by_role("searchbox").fill(spelling)
+        assert column(page, "runs", 1) == found
     bar.get_by_role("searchbox").fill("")
     bar.get_by_role("combobox").select_option("known")
     assert column(page, "runs", 1) == ["RK4naive"]

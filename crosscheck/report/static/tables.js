@@ -1,6 +1,8 @@
 // Tables that sort by a click on a heading and filter by words and verdict.
 "use strict";
 (function () {
+  // Other spellings of a method in the papers behind lieeuler, doi:10.1177/1687814019842406.
+  const SPELLINGS = {dae1_iels: "dae1l_lse", dae1l_les: "dae1l_lse"};
   const OUTCOMES = ["error", "fail", "known", "unjudged", "pass", "unsupported"];
 
   const value = (row, column) => {
@@ -68,7 +70,8 @@
     const chosen = new URLSearchParams(window.location.search).get("engine");
     if (chosen && rows.some((row) => row.dataset.engine === chosen)) words.value = chosen;
     function apply() {
-      const wanted = words.value.toLowerCase().split(/\s+/).filter(Boolean);
+      const wanted = words.value.toLowerCase().split(/\s+/).filter(Boolean)
+        .map((word) => SPELLINGS[word] ?? word);
       let shown = 0;
       table.classList.toggle("single", Boolean(scene) && !every.checked);
       rows.forEach((row) => {

@@ -117,6 +117,7 @@ class Truth(Part, frozen=True, kw_only=True):
     amplification: float
     error: float | None = None  # how wrong it may be, over the length of the scene
     horizon: float  # s
+    outvoted: str = ""  # which formulation two others outvoted, and by how much
 
 
 class Plan(Part, frozen=True):

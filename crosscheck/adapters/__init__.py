@@ -6,9 +6,10 @@ version ("mujoco==3.3.7").
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.metadata
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import Engine
@@ -33,7 +34,21 @@ def get(name: str) -> Engine:
     """
     if not isinstance(name, str):
         raise ArgumentError(f"engine: a name is wanted, not {type(name).__name__}; allowed: {', '.join(names())}")
-    return _get(str(name))
+    return _LENT.get(name) or _get(str(name))
+
+
+_LENT: dict[str, Engine] = {}
+
+
+@contextlib.contextmanager
+def lent(engine: Engine) -> Iterator[str]:
+    """A name for an engine that is an object, as long as the context lasts, for what knows engines by their names."""
+    name = f"{engine.name} {id(engine)}"
+    _LENT[name] = engine
+    try:
+        yield name
+    finally:
+        del _LENT[name]
 
 
 @functools.cache

@@ -20,6 +20,7 @@ from crosscheck.scene.model import Scene
 
 if TYPE_CHECKING:
     from crosscheck.diagnosis.observe import Observation, Subject
+    from crosscheck.diagnosis.of_output import Noise
 
 __all__ = ["Evidence", "Explanation", "NamedCause", "explain"]
 
@@ -53,7 +54,7 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
     EngineError
         It failed on the first short runs; its words.
     """
-    from crosscheck.diagnosis import observe
+    from crosscheck.diagnosis import observe, of_output, of_verdict
     from crosscheck.scene import file as scene_file
 
     began = time.perf_counter()
@@ -63,13 +64,16 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
     if reason is not None:
         raise Unsupported(f"{subject.engine.name} {subject.method} on scene {loaded.name!r}: {reason}")
     scale = observe.scale_of(loaded)
+    noise = of_output.floor(subject, observe.window(loaded, scale), scale)
     try:
-        first = observe.first_look(subject, loaded, scale)
+        first = observe.first_look(subject, loaded, scale, noise.size if noise else 0.0)
     except observe.Silent as error:
         raise EngineError(f"{subject.engine.name} {subject.method} on scene {loaded.name!r}: {error}") from error
-    answer = _judged(subject, first)
+    answer = _judged(subject, first, noise)
     if answer.outcome == "agrees":
         _looked_through(subject, first, loaded, step, answer)
+    if answer.outcome == "agrees":
+        of_verdict.add(subject, loaded, step, answer)
     answer.seconds = time.perf_counter() - began
     return answer
 
@@ -104,23 +108,12 @@ def _completed(engine: Any) -> Engine:
 
 def _looked_through(subject: Subject, first: Observation, scene: Scene, step: float | None,
                     answer: Explanation) -> None:
-    """Look at the whole run and at the noise of its states where the beginning agrees; alters the answer."""
-    from crosscheck.diagnosis import of_model, of_output, of_run
+    """Look at the whole run where the beginning agrees; alters the answer."""
+    from crosscheck.diagnosis import of_model, of_run
 
-    order = subject.order(scene)
-    finest = None if order is None else first.scene.duration / (first.scene.samples - 1) / 64
-    noisy = of_output.floor(subject, first, finest, None if order is not None else 1e-12)
-    answer.tried += 2
-    if noisy is not None:
-        answer.causes.append(noisy)
-        answer.evidence.append(Evidence(noisy.name, "numerics", None, None, "states at a fine step", noisy.magnitude,
-                                        True))
-        answer.outcome = "named"
-        answer.sentence = _sentence(answer, [])
-        return
     answer.window, late = of_run.diagnose(subject, scene, first.scale, step)
     if late is None:
-        answer.sentence = _sentence(answer, [])
+        answer.conclude([])
         return
     answer.evidence.append(late.evidence)
     answer.causes += late.causes
@@ -134,21 +127,26 @@ def _looked_through(subject: Subject, first: Observation, scene: Scene, step: fl
             answer.causes += [NamedCause(cause.name, f"{cause.magnitude}, from about t = {late.time:.4g} s on",
                                          cause.mend) for cause in found.causes]
             unexplained = []
-    answer.outcome = "unknown" if unexplained else "named"
-    answer.sentence = _sentence(answer, unexplained)
+    answer.conclude(unexplained)
 
 
-def _judged(subject: Subject, first: Observation) -> Explanation:
+def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explanation:
     """Compare the limit with truth, look for causes of what differs, and check the altered model afresh."""
-    from crosscheck.diagnosis import altered, fit, misreadings, of_model, of_stepping
+    from crosscheck.diagnosis import altered, fit, misreadings, observe, of_model, of_output, of_stepping
     from crosscheck.diagnosis.physics import of_scene
-    from crosscheck.references.maximal import Maximal
 
     scene, scale = first.scene, first.scale
-    exact = scale.flat(Maximal(scene).run())
-    deviation = float(np.abs(first.y - exact).max())
+    deviation = float(np.abs(first.y - scale.flat(observe.true_motion(scene))).max())
     answer = Explanation(scene.name, subject.engine.name, subject.method, subject.form, "agrees", "", [], [], [],
                          scene.duration, deviation, first.noise, documented_order=subject.order(scene))
+    if noise is not None:
+        answer.causes.append(noise.cause)
+        answer.evidence.append(Evidence(noise.cause.name, "numerics", None, None, "states at a fine step",
+                                        noise.cause.magnitude, True))
+        answer.tried += 1
+        if deviation <= of_output.SPREAD * noise.size:
+            answer.conclude([])
+            return answer
     differs = deviation > max(AGREES, fit.EXPLAINED * first.noise)
     found = of_model.diagnose(subject, first) if differs else of_model.ModelFinding()
     physics = found.physics or of_scene(scene).replace(absent=found.absent)
@@ -156,10 +154,11 @@ def _judged(subject: Subject, first: Observation) -> Explanation:
     unexplained = list(found.unexplained)
     if not differs and first.noise > UNSURE:
         unexplained.append(f"runs at finer steps leave {first.noise:.1e} open: there is no limit to compare")
+    answer.causes += found.causes
+    answer.evidence += found.evidence
+    answer.tried += found.tried
     if found.told:
-        answer.causes, answer.evidence, answer.tried = found.causes, found.evidence, found.tried
-        answer.outcome = "named"
-        answer.sentence = _sentence(answer, [])
+        answer.conclude([])
         return answer
     if differs and not found.causes and not unexplained:
         unexplained.append("the motion differs, but neither its start nor its accelerations do")
@@ -173,27 +172,13 @@ def _judged(subject: Subject, first: Observation) -> Explanation:
         unsure = fit.EXPLAINED * of_model.accelerations(first)[1]
         if answer.explained > max(AGREES, 10 * fit.EXPLAINED * first.noise, unsure):
             unexplained.append(f"the altered model still differs by {answer.explained:.1e}")
-    known = of_stepping.Known(physics, start, found.soft, found.reported.undo if found.reported else None)
+    known = of_stepping.Known(physics, start, found.soft, found.reported.undo if found.reported else None,
+                              bool(found.causes))
     steps = of_stepping.diagnose(subject, first, known)
     answer.observed_order = steps.order
-    answer.causes, answer.candidates = found.causes + steps.causes, found.candidates
-    answer.evidence, answer.tried = found.evidence + steps.evidence, found.tried + steps.tried
-    unexplained += steps.unexplained
-    answer.outcome = "unknown" if unexplained else "named" if answer.causes else "agrees"
-    answer.sentence = _sentence(answer, unexplained)
+    answer.causes += steps.causes
+    answer.candidates = found.candidates
+    answer.evidence += steps.evidence
+    answer.tried += steps.tried
+    answer.conclude(unexplained + steps.unexplained)
     return answer
-
-
-def _sentence(answer: Explanation, unexplained: list[str]) -> str:
-    who = f"{answer.engine} {answer.method} on {answer.scene}"
-    if answer.outcome == "agrees":
-        return (f"{who}: no difference beyond {max(answer.deviation or 0.0, answer.noise or 0.0):.1e} in the first "
-                f"{answer.window:.3g} s")
-    causes = " and ".join(f"{cause.name} ({cause.magnitude})" for cause in answer.causes)
-    seen = f"; looked at: the first {answer.window:.3g} s"
-    if answer.outcome == "named":
-        return f"{who}: {causes}{seen}"
-    text = f"{who}: unknown; {'; '.join(unexplained)}"
-    text += f"; {answer.tried} hypotheses tried" if answer.tried else ""
-    text += f"; each of these would do: {', '.join(answer.candidates)}" if answer.candidates else ""
-    return text + (f"; what would explain a part of it: {causes}" if causes else "") + seen

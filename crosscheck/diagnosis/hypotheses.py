@@ -258,12 +258,17 @@ def _all_springs(context: Context) -> Iterator[Cause]:
                                       ("damping", "damping", "damping", "missing damper")):
         if np.any(getattr(context.right, field)):
             yield _every_spring(family, field, text, none)
+    if len(context.right.stiffness) > 1:  # with one alone, `_force` says it
+        yield _every_spring("moment of a force", "lever", "moments about the centres of mass", "moment of a force")
 
 
 def _every_spring(family: str, field: str, text: str, none: str) -> Cause:
-    return Cause(family, lambda p, t: p.replace(**{field: t[0] * getattr(p, field)}), ((1.0,),),
-                 lambda t: f"{text} of every spring times {t[0]:.6g}", "check how springs are converted for the engine",
-                 lambda t: none if abs(t[0]) < GONE else family, _none)
+    def apply(p: Physics, t: np.ndarray) -> Physics:
+        return p.replace(**{field: t[0] * (_levers(p) if field == "lever" else getattr(p, field))})
+
+    return Cause(family, apply, ((1.0,),), lambda t: f"{text} of every spring times {t[0]:.6g}",
+                 "check how springs are converted for the engine", lambda t: none if abs(t[0]) < GONE else family,
+                 _none)
 
 
 def _none(_theta: np.ndarray) -> list[tuple[float, ...]]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.adapters.base import Engine, RunSpec
+from crosscheck.references.maximal import Maximal
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
 
@@ -48,6 +49,23 @@ NOISY, FINER = 1e-7, 4
 
 RESOLVED, FASTEST = 1e-5, 64.0
 """A derivative less sure than this part of the rate asks for a shorter window, up to so many times."""
+
+
+_TRUE: dict[str, States] = {}
+MOST_KEPT = 64
+
+
+def true_motion(scene: Scene) -> States:
+    """The true states at the output times; kept, since many hypotheses ask for the same ones."""
+    if scene.hash not in _TRUE:
+        if len(_TRUE) >= MOST_KEPT:
+            _TRUE.clear()
+        _TRUE[scene.hash] = Maximal(scene).run()
+    return _TRUE[scene.hash]
+
+
+NOISE_LEFT = 5.0
+"""Times the noise of the states that a limit may be off by."""
 
 
 class Silent(Exception):
@@ -141,7 +159,8 @@ class Subject:
         spec = self.spec(step, rtol)
         try:
             reason = self.engine.unsupported(scene, spec)
-            raw = None if reason else self.engine.run(scene, spec)
+            with np.errstate(all="ignore"):  # steps that are too coarse overflow before they are found not finite
+                raw = None if reason else self.engine.run(scene, spec)
         except Exception as error:  # a foreign engine may raise anything; the explanation then says what
             raise Silent(f"{type(error).__name__}: {' '.join(str(error).split())}") from error
         if raw is None:
@@ -159,15 +178,18 @@ def window(scene: Scene, scale: Scale) -> Scene:
     return scene.replace(duration=min(TURN / (scale.rate * scale.fast), scene.duration), samples=SAMPLES)
 
 
-def first_look(subject: Subject, scene: Scene, scale: Scale) -> Observation:
+def first_look(subject: Subject, scene: Scene, scale: Scale, noise: float) -> Observation:
     """The limit over the beginning of a scene, short enough for the motion the engine shows to be resolved.
 
-    A soft joint oscillates far faster than the scene turns. Raises `Silent` where a run fails.
+    A soft joint oscillates far faster than the scene turns; `noise` of the states does not tell how fast they move.
+    Raises `Silent` where a run fails.
     """
     while True:
         seen = observe(subject, window(scene, scale), scale)
-        _, error = rates(seen.y, seen.scene.duration / (SAMPLES - 1))
-        if error <= RESOLVED * scale.rate * scale.fast or scale.fast >= FASTEST:
+        interval = seen.scene.duration / (SAMPLES - 1)
+        _, error = rates(seen.y, interval)
+        seen.noise = max(seen.noise, NOISE_LEFT * noise)
+        if error <= max(RESOLVED * scale.rate * scale.fast, seen.noise / interval) or scale.fast >= FASTEST:
             return seen
         scale = dataclasses.replace(scale, fast=FINER * scale.fast)
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from crosscheck.diagnosis import fit, misreadings
-from crosscheck.diagnosis.observe import REACH, Observation, Scale, Silent, Subject, rates
+from crosscheck.diagnosis.observe import FASTEST, REACH, Observation, Scale, Silent, Subject, rates, true_motion
 from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
@@ -33,6 +33,15 @@ differences make of independent errors. Those of a smooth motion, 0.05 rad apart
 SEEN = 1e-10
 """Of y: noise below this is the rounding of double precision, or the tolerance of an engine's own solver."""
 
+FINE, TIGHT = 64, 1e-12
+"""Steps per sample, or the rtol, of the runs that are looked at for noise."""
+
+COARSER, GROWS = 4, 2.5
+"""Noise is no error of the step: it does not grow so much at steps so many times as large."""
+
+SPREAD = 30.0
+"""A difference from truth of so many times the noise from sample to sample may be noise: it adds up over a run."""
+
 SINGLE = float(np.finfo(np.float32).eps)
 
 
@@ -50,8 +59,8 @@ class Told:
 def diagnose(observations: list[Observation]) -> tuple[list[Told], list[Evidence]]:
     """The hypotheses that reproduce what is observed, and the evidence for each that was tried."""
     found, evidence = [], []
-    exact = Maximal(observations[0].scene).run()
-    before = float(np.abs(observations[0].y - observations[0].scale.flat(exact)).max())
+    exact = observations[0].scale.flat(true_motion(observations[0].scene))
+    before = float(np.abs(observations[0].y - exact).max())
     for told in hypotheses(observations):
         after = 0.0
         for each in observations:
@@ -101,7 +110,7 @@ def _reordered(order: list[int], scene: Scene) -> Told:
     back = list(np.argsort(order))
     names = ", ".join(scene.bodies[k].name for k in order)
     return Told("order of bodies", f"bodies are reported in the order {names}", "report bodies in the scene's order",
-                lambda given: _picked(Maximal(given).run(), order), lambda states: _picked(states, back))
+                lambda given: _picked(true_motion(given), order), lambda states: _picked(states, back))
 
 
 def _picked(states: States, order: list[int]) -> States:
@@ -119,7 +128,7 @@ def _levers(scene: Scene) -> np.ndarray:
 
 def _at_joint(with_speed: bool) -> Told:
     def show(scene: Scene) -> States:
-        states, levers = Maximal(scene).run(), _levers(scene)
+        states, levers = true_motion(scene), _levers(scene)
         x = states.x + np.einsum("tnij,nj->tni", states.R, levers)
         v = states.v + np.einsum("tnij,tnj->tni", states.R, np.cross(states.w, levers)) if with_speed else states.v
         return States(states.t, x, states.R, v, states.w)
@@ -157,7 +166,7 @@ def _anchored(where: str, text: str, which: tuple[int, ...],
             return dataclasses.replace(joint, parent_anchor=parent, child_anchor=child)
 
         made = replaced(scene, tuple(changed(k, joint) for k, joint in enumerate(scene.joints)))
-        return None if made is None else Maximal(made).run()
+        return None if made is None else true_motion(made)
 
     return Told("anchors", f"{where}: {text}", "check the anchors that the engine is given, and the frame they are in",
                 show)
@@ -227,14 +236,17 @@ def _slopes(scene: Scene, scale: Scale, states: States) -> np.ndarray:
     return np.concatenate([states.v / scale.length, turning, np.zeros((*states.x.shape[:2], 6))], axis=2)
 
 
-def late(subject: Subject, scene: Scene, scale: Scale, step: float) -> tuple[str, str] | None:
-    """(name, text) where a run's error at a finite step is that of its times, or of lines between its states."""
+def late(subject: Subject, first: Observation) -> NamedCause | None:
+    """The cause where a run's error at a finite step is that of its times, or of lines between its states."""
+    scene, scale = first.scene, first.scale
+    step = scene.duration / (scene.samples - 1)
+    mend = "report states at the output times: let steps end on them, or use dense output of the method's order"
     try:
         raw = subject.run(scene, step)
     except Silent:
         return None
     y = scale.flat(raw.states)
-    exact = scale.flat(Maximal(scene).run())
+    exact = scale.flat(true_motion(scene))
     error = float(np.abs(y - exact)[1:].max())
     delays = shifts(scene, scale, y)
     if delays is None or error < AGREES:
@@ -245,9 +257,9 @@ def late(subject: Subject, scene: Scene, scale: Scale, step: float) -> tuple[str
     if float(np.abs(y - there)[1:].max()) <= 0.1 * error:
         steps = mean / step
         if np.abs(delays[1:] - mean).max() <= 0.1 * abs(mean):
-            return ("late output" if mean < 0 else "early output",
-                    f"each sample shows the motion {abs(steps):.3g} steps {'before' if mean < 0 else 'after'} its time")
-        return "output times", f"samples are up to {np.abs(delays).max():.3g} s from their times"
+            return NamedCause("late output" if mean < 0 else "early output", f"each sample shows the motion "
+                              f"{abs(steps):.3g} steps {'before' if mean < 0 else 'after'} its time", mend)
+        return NamedCause("output times", f"samples are up to {np.abs(delays).max():.3g} s from their times", mend)
     bend, _ = rates(y, scene.duration / (scene.samples - 1))
     inner = slice(2 * REACH, len(y) - 2 * REACH)
     curvature, _ = rates(bend, scene.duration / (scene.samples - 1))
@@ -255,41 +267,55 @@ def late(subject: Subject, scene: Scene, scale: Scale, step: float) -> tuple[str
     size = np.einsum("tnk,tnk->t", left, curvature) / np.einsum("tnk,tnk->t", curvature, curvature)
     after = float(np.abs(left - size[:, None, None] * curvature).max())
     if np.all(size >= 0) and after <= 0.2 * float(np.abs(left).max()) and np.ptp(size) > 0.2 * np.abs(size).max():
-        return "interpolated output", "errors are those of straight lines between the states of other times"
+        return NamedCause("interpolated output", "errors are those of straight lines between the states of other times",
+                          mend)
     return None
 
 
 # --- noise ------------------------------------------------------------------------------------------------------------
 
 
-def floor(subject: Subject, first: Observation, step: float | None, rtol: float | None) -> NamedCause | None:
-    """What noise an engine's states hold at a fine step, beyond the rounding of double precision; None: no more."""
-    scene, scale = first.scene, first.scale
+@dataclasses.dataclass(frozen=True)
+class Noise:
+    """What jumps from sample to sample in an engine's states."""
+
+    cause: NamedCause
+    size: float  # normalised
+
+
+def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
+    """What noise an engine's states hold at a fine step, beyond the rounding of double precision; None: no more.
+
+    Looked at over so short a time that even the fastest motion, that of a soft joint, is smooth from sample to sample.
+    """
+    scene = scene.replace(duration=scene.duration / FASTEST)
+    finest = scene.duration / (scene.samples - 1) / FINE
+    asked = ((finest, None), (finest, None), (COARSER * finest, None)) if subject.order(scene) is not None else (
+        (None, TIGHT), (None, TIGHT), (None, COARSER**2 * TIGHT))
     try:
-        one, two = (subject.run(scene, step, rtol).states for _ in range(2))
+        one, two, coarse = (subject.run(scene, *each).states for each in asked)
     except Silent:
         return None
-    y = scale.flat(one)
-    difference = y - scale.flat(Maximal(scene).run())
-    size = rough(difference)
+    y, exact = scale.flat(one), scale.flat(true_motion(scene))
+    size = rough(y - exact)
     again = float(np.abs(y - scale.flat(two)).max())
     mend = "compute and report in double precision, to the last digit"
     if again > SEEN:
-        return NamedCause("noise", f"two equal runs differ by {again:.1e}", "make runs repeatable: no random numbers, "
-                          "no race between threads")
-    if size <= SEEN:
+        return Noise(NamedCause("noise", f"two equal runs differ by {again:.1e}", "make runs repeatable: no random "
+                                "numbers, no race between threads"), max(size, again))
+    if size <= SEEN or rough(scale.flat(coarse) - exact) > GROWS * size:
         return None
     parts = np.concatenate([getattr(one, name).ravel() for name in ("x", "R", "v", "w")])
     if np.array_equal(parts, parts.astype(np.float32).astype(float)):
-        return NamedCause("precision floor", "states are numbers of single precision", mend)
+        return Noise(NamedCause("precision floor", "states are numbers of single precision", mend), size)
     digits = next((k for k in range(2, 12) if np.abs(np.round(parts, k) - parts).max() <= 1e-15 * np.abs(parts).max()),
                   None)
     if digits is not None:
-        return NamedCause("rounded output", f"states are rounded to {digits} decimals", mend)
+        return Noise(NamedCause("rounded output", f"states are rounded to {digits} decimals", mend), size)
     if 0.02 * SINGLE <= size <= 50 * SINGLE:
-        return NamedCause("precision floor", f"noise of {size:.1e} from sample to sample, as single precision leaves "
-                          "(float32)", mend)
-    return NamedCause("noise", f"{size:.1e} from sample to sample", mend)
+        return Noise(NamedCause("precision floor", f"noise of {size:.1e} from sample to sample, as single precision "
+                                "leaves (float32)", mend), size)
+    return Noise(NamedCause("noise", f"{size:.1e} from sample to sample", mend), size)
 
 
 def rough(difference: np.ndarray) -> float:

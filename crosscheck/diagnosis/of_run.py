@@ -38,8 +38,14 @@ COARSE = 0.1
 STUCK = 0.5
 """Part of a defect that steps FINER times as fine leave of it at least where it is no error of the step."""
 
+ALONE = 20.0
+"""A pose is off by so many times as much as any velocity where it jumps."""
+
 MOST_STEPS = 12000
 """Of one run; a scene that needs more is looked at as far as these reach."""
+
+CLOSER = 16
+"""Times as many samples around an interval with a defect: numbers that are clamped may soon be free again."""
 
 REPEATED = 4
 """Samples in a row at which a moving number stays the same to the last bit where it is clamped."""
@@ -68,14 +74,14 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
         per = max(1, int(np.ceil(sampled.duration / INTERVALS / h)))
     per = FINER * int(np.ceil(per / FINER))
 
-    def run(finer: int) -> States:
-        found: States = (subject.run(sampled, rtol=RTOLS[finer == FINER]) if order is None else subject.run(
-            sampled, sampled.duration / INTERVALS / (per // FINER * finer))).states
+    def run(finer: int, shown: Scene) -> States:
+        step = None if order is None else sampled.duration / INTERVALS / (per // FINER * finer)
+        found: States = subject.run(shown, step, RTOLS[finer == FINER] if order is None else None).states
         return found
 
     coarse: States | None = None
     try:
-        fine = run(FINER)
+        fine = run(FINER, sampled)
     except Silent as error:
         return sampled.duration, Late(0.0, f"the whole run fails: {error}", [], Evidence(
             "whole run", "numerics", None, None, "a run over the whole scene", note=str(error)))
@@ -86,12 +92,14 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
             return sampled.duration, _too_coarse(float(fine.t[k]), step, found)
         if found > DEFECT:
             try:
-                coarse = run(1) if coarse is None else coarse
+                coarse = run(1, sampled) if coarse is None else coarse
                 rough = defect(sampled, scale, coarse, k)
             except Silent:  # too coarse to run: that its defect would be larger is all there is to say
                 rough = np.inf
             if found > STUCK * rough and found > 10 * before:
-                return sampled.duration, _described(sampled, scale, fine, k, rough, found)
+                until = min(k + 2, INTERVALS)
+                closer = sampled.replace(duration=float(fine.t[until]), samples=CLOSER * until + 1)
+                return sampled.duration, _described(sampled, scale, fine, k, rough, found, run(FINER, closer))
         before = max(before, found)
     return sampled.duration, None
 
@@ -133,8 +141,9 @@ def _onward(scene: Scene, states: States, k: int) -> States | None:
         return None
 
 
-def _described(scene: Scene, scale: Scale, states: States, k: int, before: float, after: float) -> Late:
-    """What the first wrong interval shows."""
+def _described(scene: Scene, scale: Scale, states: States, k: int, before: float, after: float,
+               closer: States) -> Late:
+    """What the first wrong interval shows, and samples `CLOSER` times as close around it."""
     time = float(states.t[k])
     evidence = Evidence("a mistake that begins later", "report", before, after, "defect of one interval of the whole "
                         f"run, at steps {FINER} times as fine after",
@@ -142,34 +151,36 @@ def _described(scene: Scene, scale: Scale, states: States, k: int, before: float
     truth = _onward(scene, states, k)
     causes: list[NamedCause] = []
     text = f"from t = {time:.4g} s on the motion is not the scene's"
-    stuck = _clamped(states, k)
+    stuck = _clamped(closer, CLOSER * k)
     if stuck:
         causes.append(NamedCause("clamp", f"{stuck}, from t = {time:.4g} s on", "leave states as large as they are"))
     elif truth is not None:
         turn = np.abs(states.R[k + 1] - truth.R[-1]).max(axis=(-2, -1))
         spin = np.abs(states.w[k + 1] - truth.w[-1]).max(axis=-1) / scale.rate
         shift = np.abs(states.x[k + 1] - truth.x[-1]).max(axis=-1) / scale.length
+        speed = np.abs(states.v[k + 1] - truth.v[-1]).max(axis=-1) / (scale.length * scale.rate)
         body = int(np.argmax(np.maximum(turn, shift)))
         name = scene.bodies[body].name
         # In an interval a velocity that is wrong moves a pose by far less than this; a jump moves the pose alone.
-        if max(turn[body], shift[body]) > 0.05 and max(turn[body], shift[body]) > 20 * spin[body]:
-            causes.append(NamedCause(
-                "wrap or lost sign", f"the pose of body {name!r} jumps by {max(turn[body], shift[body]):.3g} at "
-                f"t = {time:.4g} s while its velocities go on", "keep angles beyond pi and the sign of quaternions"))
+        if max(turn[body], shift[body]) > ALONE * max(spin.max(), speed.max()):
+            what, size, more, mend = (
+                ("attitude", turn[body], ", as it does after a wrapped angle or a lost sign of a quaternion",
+                 "keep angles beyond pi and the sign of quaternions") if turn[body] > shift[body] else
+                ("position", shift[body], "", "leave positions as they are"))
+            causes.append(NamedCause(f"jump of {what}", f"the {what} of body {name!r} jumps by {size:.3g} at t = "
+                                     f"{time:.4g} s while all velocities go on{more}", mend))
     return Late(time, text, causes, evidence)
 
 
 def _clamped(states: States, k: int) -> str | None:
-    """Which number stays the same to the last bit from the k-th sample on, although it moved before."""
+    """Which number stays the same to the last bit for a while after the k-th sample, although it moved before."""
     for name, what in (("w", "an angular velocity"), ("v", "a velocity"), ("x", "a position")):
         values = getattr(states, name).reshape(len(states.t), -1)
-        after = values[k + 1:k + 1 + REPEATED]
-        if len(after) < REPEATED:
-            continue
-        same = (after == after[0]).all(axis=0) & (values[:k + 1].std(axis=0) > 0) if k else np.zeros(1, bool)
+        still = np.lib.stride_tricks.sliding_window_view(np.diff(values[k:], axis=0) == 0.0, REPEATED - 1, axis=0)
+        same = still.all(axis=-1) & (values[:k + 1].std(axis=0) > 0)
         if same.any():
-            index = int(np.flatnonzero(same)[0])
-            return f"{what} stays at {after[0, index]:.6g}"
+            at, index = np.argwhere(same)[0]
+            return f"{what} stays at {values[k + at, index]:.6g}"
     return None
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.diagnosis import altered, fit
+from crosscheck.diagnosis import altered, fit, of_output
 from crosscheck.diagnosis.observe import (
     REACH,
     ROUNDING,
@@ -96,6 +96,7 @@ class Known:
     start: tuple[np.ndarray, np.ndarray]  # attitudes and angular velocities
     soft: bool  # its joints give way by a law that nobody knows: no plain method can stand in for it
     undo: Callable[[States], States] | None = None  # of a misreport
+    altered: bool = False  # another model than the scene's
 
 
 def diagnose(subject: Subject, first: Observation, known: Known) -> NumericsFinding:
@@ -103,6 +104,14 @@ def diagnose(subject: Subject, first: Observation, known: Known) -> NumericsFind
     result, order = NumericsFinding(), subject.order(first.scene)
     if order is None:
         return result
+    if first.order is not None and first.order < order - CLEAR and not known.altered:
+        shown = of_output.late(subject, first)
+        result.tried += 1
+        if shown is not None:
+            result.causes.append(shown)
+            result.evidence.append(Evidence(shown.name, "report", first.order, None, f"observed order, documented "
+                                            f"{order}", shown.magnitude, True))
+            return result
     found = _ordered(subject, first.scene, first.scale, order)
     result.order = None if found is None else found.observed
     low = found is not None and found.lower is not None

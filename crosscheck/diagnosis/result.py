@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 EXIT_CODES = {"agrees": 0, "named": 1, "unknown": 2}
@@ -50,8 +51,27 @@ class Explanation:
     explained: float | None = None  # what is left of the deviation when the model is altered as named
     documented_order: int | None = None
     observed_order: float | None = None
+    verdict: str = ""  # what `crosscheck verify` says of it, where nothing else was found
     tried: int = 0
     seconds: float = 0.0
+
+    def conclude(self, unexplained: Sequence[str]) -> None:
+        """Settle the outcome and its sentence by the causes that were found and what these leave unexplained."""
+        self.outcome = "unknown" if unexplained else "named" if self.causes else "agrees"
+        who = f"{self.engine} {self.method} on {self.scene}"
+        if self.outcome == "agrees":
+            self.sentence = (f"{who}: no difference beyond {max(self.deviation or 0.0, self.noise or 0.0):.1e} in the "
+                             f"first {self.window:.3g} s" + (f"; verify says: {self.verdict}" if self.verdict else ""))
+            return
+        causes = " and ".join(f"{cause.name} ({cause.magnitude})" for cause in self.causes)
+        if self.outcome == "named":
+            text = causes
+        else:
+            text = f"unknown; {'; '.join(unexplained)}"
+            text += f"; {self.tried} hypotheses tried" if self.tried else ""
+            text += f"; each of these would do: {', '.join(self.candidates)}" if self.candidates else ""
+            text += f"; what would explain a part of it: {causes}" if causes else ""
+        self.sentence = f"{who}: {text}; looked at: the first {self.window:.3g} s"
 
     @property
     def exit_code(self) -> int:

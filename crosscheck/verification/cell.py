@@ -81,14 +81,21 @@ def run_cell(cell: Cell) -> Judged:
     return settle(measured, findings, adapters.turning, study.message or main.message, main.until)
 
 
-def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str]) -> Judged:
-    """The verdict on one run, without an order study; where its step is too coarse for bounds, also by its energy."""
+FIRST = 1.0
+"""s at the beginning that a single run is judged by where no bound reaches over the whole of it."""
+
+
+def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST) -> Judged:
+    """The verdict on one run, without an order study; where its step is too coarse for bounds, also by its energy.
+
+    Where no bound reaches over the whole of it, the `first` seconds are judged.
+    """
     from crosscheck.references import TruthError, truth
 
     try:
         if scene.n > MOST_BODIES:
             raise Unsupported("the truth of so many bodies takes minutes")
-        reference, window = truth(scene), truth(windowed(scene, FIRST))
+        reference, window = truth(scene), truth(windowed(scene, first))
     except (TruthError, Unsupported) as error:
         maxima = _maxima(traj)
         findings = [judge_without_truth(scene, traj), *judge_levels(scene, traj, None, None, held, maxima),
@@ -100,10 +107,6 @@ def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str]) ->
     coarse = any(finding.kind == "step" for finding in main.findings)
     findings = [*main.findings, *([judge_practical(scene, traj, reference)] if coarse else [])]
     return settle(main.run, findings, adapters.turning, main.message, main.until)
-
-
-FIRST = 1.0
-"""s at the beginning that a single run is judged by where no bound reaches over the whole of it."""
 
 
 @dataclasses.dataclass(frozen=True)

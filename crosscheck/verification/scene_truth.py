@@ -40,7 +40,7 @@ def prepare_truth(task: tuple[str, bool, int], asked: Asked = AS_PLANNED) -> Sce
     known = Truth(source=reference.source, second_source=reference.second_source,
                   disagreement=reference.disagreement, allowed=reference.allowed,
                   amplification=reference.amplification, error=reference.error,
-                  horizon=reference.horizon)
+                  horizon=reference.horizon, outvoted=reference.outvoted)
     return SceneTruth(**_described(name, scene), plan=plan, truth=known, scales=tolerances.scales(scene, reference),
                       rounding=tolerances.rounding_levels(scene, reference), curves=scene_curves(scene, reference))
 

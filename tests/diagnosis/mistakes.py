@@ -37,6 +37,11 @@ def flawed(**draw):
                                                for name, value in draw.items()}))
 
 
+def claiming(**draw):
+    """As `flawed`, by an engine that claims to hold all levels."""
+    return lambda rng, scene: Stepper(Flaws(**draw), frozenset({"position", "velocity", "acceleration"}))
+
+
 def told(change):
     """An engine that reports its states wrongly; `change(rng, scene, states)` -> states."""
     def build(rng, scene):
@@ -141,6 +146,41 @@ def each(change):
 def retimed(times):
     """True states at other times than those asked for."""
     return told(lambda rng, scene, states: of_output.at_times(scene, times(scene)))
+
+
+def finite(change):
+    """What goes away with the step: `change(scene, raw)` -> states."""
+    def build(rng, scene):
+        def report(given, raw):
+            raw.states = change(given, raw)
+            return raw
+        return Misbuilt(Stepper(), (), (report,))
+    return build
+
+
+def between(scene, raw):
+    """True states on straight lines between those of steps that do not end on the output times."""
+    h = 1.3 * raw.step
+    k = np.floor(scene.t / h)
+    # Rounded: truth cannot step between times that differ by their roundings.
+    one, two = (of_output.at_times(scene, np.round((k + more) * h, 12)) for more in (0, 1))
+    part = (scene.t / h - k)[:, None, None]
+
+    def line(name):
+        early, late = (getattr(states, name).reshape(len(k), scene.n, -1) for states in (one, two))
+        return ((1 - part) * early + part * late).reshape(getattr(one, name).shape)
+    return with_states(one, t=scene.t, **{name: line(name) for name in ("x", "R", "v", "w")})
+
+
+def spoilt(**changes):
+    """Reported accelerations that are those of another state, or in other axes."""
+    def build(rng, scene):
+        def report(given, raw):
+            raw.states = with_states(raw.states, **{name: change(given, raw.states) for name, change in
+                                                    changes.items()})
+            return raw
+        return Misbuilt(Stepper(), (), (report,))
+    return build
 
 
 def unrepeatable(rng, scene):
@@ -272,10 +312,22 @@ MISTAKES = [
     Mistake("six decimals", ("rounded output",), told(each(lambda r, v: np.round(v, 6)))),
     Mistake("noise", ("noise",), told(each(lambda r, v: v + 1e-9 * r.normal(size=v.shape)))),
     Mistake("random", ("noise",), unrepeatable),
+    Mistake("single arithmetic", ("precision floor", "noise"), flawed(single=True)),
+    Mistake("clamped in steps", ("clamp",), flawed(stuck=lambda r, s: r.uniform(0.97, 0.99) * float(
+        np.abs(Maximal(s).run().w).max())), (ONE,)),
+    Mistake("positions projected", ("open velocity level",), claiming(projected="positions")),
+    Mistake("nothing projected", ("open position level", "open velocity level"), claiming()),
+    Mistake("one step late", ("late output",), finite(lambda s, raw: of_output.at_times(
+        s, np.maximum(s.t - raw.step, 0.0)))),
+    Mistake("half a step early", ("early output",), finite(lambda s, raw: of_output.at_times(s, s.t + 0.5 * raw.step))),
+    Mistake("interpolated", ("interpolated output",), finite(between)),
+    Mistake("a without g", ("reported accelerations",), spoilt(a=lambda s, t: t.a - s.gravity)),
+    Mistake("alpha in world axes", ("reported accelerations",), spoilt(alpha=lambda s, t: np.einsum(
+        "tnij,tnj->tni", t.R, t.alpha))),
     Mistake("gravity later", ("gravity size", "mass"), later(gravity_off)),
     Mistake("clamp", ("clamp",), later(stuck)),
-    Mistake("lost sign", ("wrap or lost sign",), later(jumped)),
-    Mistake("positions later", ("wrap or lost sign",), later(shifted_later)),
+    Mistake("lost sign", ("jump of attitude",), later(jumped)),
+    Mistake("positions later", ("jump of position",), later(shifted_later)),
     Mistake("quaternion order", ("quaternion order",), altered(lambda r, s: lambda g: misbuilt._relative(g,
         attitude=misbuilt.quaternion_order))),
     Mistake("quaternion inverse", ("quaternion conjugated",), altered(lambda r, s: lambda g: misbuilt._relative(g,

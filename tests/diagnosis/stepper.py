@@ -12,6 +12,8 @@ from crosscheck.adapters.base import RawRun, steps_per_sample
 from crosscheck.errors import EngineError
 from crosscheck.references.maximal import Maximal, gyroscopic
 from crosscheck.references.world import Motion, turned
+from crosscheck.scene import mechanics
+from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.states import States
 
@@ -36,6 +38,9 @@ class Flaws:
     naive: bool = False  # velocities of the stages summed, attitudes moved once
     substeps: int = 1
     euler: bool = False  # a first-order step under the name of a fourth-order one
+    single: bool = False  # the state is kept in single precision
+    projected: str = ""  # "positions": these are moved back onto the constraints, velocities are not; "both": they too
+    stuck: float = 0.0  # rad/s, components of angular velocities are clamped to this size; 0: not
 
 
 def cross(p, q):
@@ -144,13 +149,39 @@ class Stepper:
         begin = time.perf_counter()
         for _ in range(scene.samples - 1):
             for _ in range(per * self.flaws.substeps):
-                state = _step(equations, state, h / self.flaws.substeps, self.flaws)
+                state = _spoilt(scene, _step(equations, state, h / self.flaws.substeps, self.flaws), self.flaws)
             if not all(np.isfinite(part).all() for part in state):
                 raise EngineError("the state is not finite")
             rows.append((*state[:4], *_rates(equations, state)))
         x, R, v, w, a, alpha = (np.array(column) for column in zip(*rows, strict=True))
         steps = per * (scene.samples - 1)
         return RawRun(States(scene.t, x, R, v, w, a, alpha), time.perf_counter() - begin, steps, h, form="maximal")
+
+
+def _spoilt(scene, state, flaws):
+    """What is done to the state after a step."""
+    if flaws.projected:
+        state = projected(scene, state, flaws.projected == "both")
+    if flaws.stuck:
+        state = [*state[:3], np.clip(state[3], -flaws.stuck, flaws.stuck)]
+    return [part.astype(np.float32).astype(float) for part in state] if flaws.single else state
+
+
+def projected(scene, state, speeds):
+    """Positions, and velocities too, moved back onto the constraints in the metric of the mass matrix."""
+    constraints, (x, R, v, w) = Constraints(scene), state
+    weights = mechanics.inverse_mass(scene)
+    for _ in range(3):
+        G = constraints.jacobian(x[None], R[None])[0]
+        gap = constraints.position(x[None], R[None])[0]
+        move = -(weights @ G.T @ np.linalg.solve(G @ weights @ G.T, gap)).reshape(-1, 6)
+        x, R = x + move[:, :3], R @ exponential(move[:, 3:])
+    if speeds:
+        G = constraints.jacobian(x[None], R[None])[0]
+        u = np.concatenate([v, w], axis=1)
+        u = u - (weights @ G.T @ np.linalg.solve(G @ weights @ G.T, G @ u.ravel())).reshape(-1, 6)
+        v, w = u[:, :3], u[:, 3:]
+    return [x, R, v, w]
 
 
 def _rates(equations, state):

@@ -1,0 +1,126 @@
+"""The last look before nothing is found: the run and the order study of `crosscheck verify`, by its own judgement."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from typing import Any
+
+from crosscheck import adapters
+from crosscheck.adapters.base import Engine, RawRun, RunSpec
+from crosscheck.diagnosis.observe import Subject
+from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
+from crosscheck.document import Finding, Judged, Plan, Run, extended
+from crosscheck.errors import Unsupported
+from crosscheck.judge.plan import PLANS, PROFILES, plan_without_truth
+from crosscheck.judge.verdict import settle, word, worst
+from crosscheck.references import TruthError, truth
+from crosscheck.scene.file import load_scene, scene_names
+from crosscheck.scene.model import Scene
+from crosscheck.verification.attempts import NoRun, attempt
+from crosscheck.verification.budget import plan_within
+from crosscheck.verification.cell import judge_run
+from crosscheck.verification.order_study import order_study
+from crosscheck.verification.task import Cell, windowed
+
+MOST_SECONDS = 20.0
+"""Of processor time of the order study, as in the profile that takes every scene."""
+
+
+class _Asked:
+    """An engine that is always asked with the same options."""
+
+    def __init__(self, subject: Subject) -> None:
+        self._engine, self._options = subject.engine, dict(subject.options)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._engine, name)
+
+    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
+        """The engine's run."""
+        return self._engine.run(scene, dataclasses.replace(spec, **self._options))
+
+
+def judged(subject: Subject, scene: Scene, step: float | None) -> Judged:
+    """What `crosscheck verify` says of a method on a scene, at its own step or at the one given (s)."""
+    own = not subject.options and subject.engine.name in adapters.names() and (
+        adapters.get(subject.engine.name) is subject.engine)
+    engine: Engine = subject.engine if own or not subject.options else _Asked(subject)
+    with contextlib.nullcontext(engine.name) if own else adapters.lent(engine) as name:
+        return _judged(subject, scene, step, name)
+
+
+def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Judged:
+    plan, known = _plan(scene)
+    order = subject.order(scene)
+    size = None if order is None else step or plan.step(order)
+    rtol = plan.rtol if order is None else None
+    run = Run(scene=scene.name, engine=name, version=subject.engine.version(), method=subject.method,
+              form=subject.form, step=size, rtol=rtol, documented_order=order)
+    whole = scene.replace(duration=min(plan.duration or scene.duration, scene.duration), samples=plan.samples)
+    traj = attempt(whole, name, subject.method, subject.form, size, rtol)
+    if isinstance(traj, NoRun):
+        return extended(Judged, run, outcome="unsupported" if traj.unsupported else "fail", message=traj.reason,
+                        findings=[Finding("run", "fail", None, None, "", "a run has to reach its end", traj.reason)])
+    main = judge_run(run, whole, traj, subject.held(scene), plan.window)
+    if not known or main.outcome == "fail":
+        return main
+    cell = Cell(scene.name, name, subject.method, subject.form, plan, most_seconds=MOST_SECONDS)
+    short = windowed(scene, plan.window)
+    study = order_study(cell, order, short, truth(short), main.findings, False)
+    orders = settle(main, study.findings, adapters.turning)
+    return orders if orders.outcome == "fail" else main
+
+
+def _plan(scene: Scene) -> tuple[Plan, bool]:
+    """The plan of `crosscheck verify`, and whether there is a truth to judge by."""
+    built_in = scene.name in scene_names() and load_scene(scene.name).hash == scene.hash
+    try:
+        return plan_within(scene, scene.name if built_in else "", PROFILES["default"].most_steps), True
+    except (TruthError, Unsupported):
+        return PLANS.get(scene.name) or plan_without_truth(scene), False
+
+
+def add(subject: Subject, scene: Scene, step: float | None, answer: Explanation) -> None:
+    """Ask for the verdict where nothing was found; alters the answer where it fails."""
+    verdict = judged(subject, scene, step)
+    answer.verdict = word(verdict)
+    failing = [finding for finding in verdict.findings if finding.status == "fail"]
+    answer.evidence += [Evidence(f"verdict: {finding.kind}", "report", finding.value, finding.bound,
+                                 f"the finding of crosscheck verify ({finding.unit}), and its bound", finding.detail)
+                        for finding in failing]
+    answer.causes += _causes({finding.kind: finding for finding in failing})
+    first = worst(failing)
+    unexplained = []
+    if first is not None and not answer.causes:
+        figures = "" if first.value is None or first.bound is None else (
+            f" {first.value:.2g} {first.unit}, bound {first.bound:.2g}")
+        unexplained = [f"crosscheck verify rejects it: {first.kind}{figures}; {first.detail or verdict.message}"]
+    answer.conclude(unexplained)
+
+
+CLAIMS = (
+    ("open {0} level", ("level position", "level velocity", "level acceleration"),
+     "the engine claims to hold its constraints at this level, and they are open by {value:.2g} {unit}",
+     "project or solve at this level too, or do not claim it"),
+    ("reported accelerations", ("acceleration", "angular acceleration"),
+     "{kind} off by {value:.2g} {unit} from that of the reported state ({detail})",
+     "report the accelerations that belong to the states, in the common convention"),
+    ("reported multipliers", ("reaction", "reaction torque"),
+     "{kind} off by {value:.2g} {unit} from that of the reported state ({detail})",
+     "report the multipliers of f = M du/dt + G^T lam that belong to the states, rows as in the scene"),
+    ("attitudes off the group", ("orthogonality",), "R^T R - I reaches {value:.2g}",
+     "move attitudes by rotations, or normalise them"),
+)
+"""(name, kinds of findings, text, mend): findings about claims and reports, which say what is wrong by themselves."""
+
+
+def _causes(failing: dict[str, Finding]) -> list[NamedCause]:
+    """The causes that failing findings are, where all of them are about claims and reports."""
+    if not failing.keys() <= {kind for _, kinds, _, _ in CLAIMS for kind in kinds}:
+        return []
+    if failing.keys() & {"acceleration", "angular acceleration"}:  # wrong ones cannot satisfy the constraints
+        failing = {kind: finding for kind, finding in failing.items() if kind != "level acceleration"}
+    return [NamedCause(name.format(kind.removeprefix("level ")),
+                       text.format(kind=kind, value=finding.value, unit=finding.unit, detail=finding.detail), mend)
+            for name, kinds, text, mend in CLAIMS for kind, finding in failing.items() if kind in kinds]

@@ -1,0 +1,71 @@
+"""Where `crosscheck verify` fails, `explain` never says that nothing differs, even if all its own looks are blind."""
+
+import numpy as np
+import pytest
+
+from crosscheck import adapters, diagnosis
+from crosscheck.diagnosis import of_verdict
+from crosscheck.diagnosis.observe import Subject
+from crosscheck.diagnosis.result import Explanation
+from crosscheck.judge.plan import PLANS
+from crosscheck.scene.file import load_scene
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell
+from tests.diagnosis import misbuilt
+from tests.diagnosis.misbuilt import Misbuilt
+
+NAME, METHOD = "single_pendulum", "rkmk4"
+
+
+def reporting(**changes):
+    """lieeuler that reports some of its states otherwise: `change(t, values)`."""
+    def report(scene, raw):
+        for name, change in changes.items():
+            setattr(raw.states, name, change(scene.t[:, None, None], getattr(raw.states, name)))
+        return raw
+    return Misbuilt(adapters.get("lieeuler"), (), (report,))
+
+
+MISTAKES = {
+    "single precision": reporting(x=lambda t, x: x.astype(np.float32).astype(float)),
+    "clamp": reporting(w=lambda t, w: np.clip(w, -1.0, 1.0)),
+    "lost sign": reporting(R=lambda t, R: np.where(t[..., None] > 5.0, np.swapaxes(R, -1, -2), R)),
+    "noise": reporting(x=lambda t, x: x + 1e-7 * np.random.default_rng(1).normal(size=x.shape)),
+    "late": reporting(x=lambda t, x: np.where(t > 8.0, np.roll(x, 1, axis=0), x)),
+    "open joint": reporting(x=lambda t, x: x + 1e-3 * (t > 9.0)),
+    "acceleration without gravity": reporting(a=lambda t, a: a + 9.81 * np.array([0.0, 0.0, 1.0])),
+    "gravity": Misbuilt(adapters.get("lieeuler"), (misbuilt.gravity(lambda g: 1.001 * g),)),
+}
+
+
+@pytest.mark.parametrize("key", MISTAKES)
+def test_no_tick_where_verify_fails(key, monkeypatch):
+    with adapters.lent(MISTAKES[key]) as name:
+        assert run_cell(Cell(NAME, name, METHOD, None, PLANS[NAME])).outcome == "fail"
+
+    def blind(subject, first, noise):
+        return Explanation(NAME, subject.engine.name, METHOD, None, "agrees", "", [], [], [], 1.0, 0.0, 0.0)
+
+    monkeypatch.setattr(diagnosis, "_judged", blind)
+    monkeypatch.setattr(diagnosis, "_looked_through", lambda *given: None)
+    answer = diagnosis.explain(NAME, MISTAKES[key], METHOD)
+    assert answer.outcome != "agrees"
+    assert answer.exit_code > 0
+    assert answer.verdict == "fail"
+
+
+def test_findings_about_reports_are_causes_and_others_are_not():
+    scene = load_scene(NAME)
+    answers = {}
+    for key in ("acceleration without gravity", "gravity"):
+        answers[key] = Explanation(NAME, "", METHOD, None, "agrees", "", [], [], [], 1.0, 0.0, 0.0)
+        of_verdict.add(Subject(MISTAKES[key], METHOD), scene, None, answers[key])
+    assert answers["acceleration without gravity"].names == ("reported accelerations",)
+    assert answers["gravity"].outcome == "unknown"
+    assert "crosscheck verify rejects it" in answers["gravity"].sentence
+
+
+def test_a_right_engine_passes_and_its_name_is_taken_back():
+    engine = Misbuilt(adapters.get("lieeuler"))
+    assert of_verdict.judged(Subject(engine, METHOD), load_scene(NAME), None).outcome == "pass"
+    assert not adapters._LENT

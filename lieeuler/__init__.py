@@ -2,7 +2,8 @@
 
 from lieeuler.ensemble import EnsembleSolution, integrate_ensemble
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted, LieEulerError
-from lieeuler.forces import ConstantLoad, LinearSpring, TorsionalSpring
+from lieeuler.forces import ConstantLoad, LinearSpring, SlideForce, TorsionalSpring
+from lieeuler.functions import TimeFunction
 from lieeuler.integrate import integrate
 from lieeuler.joints import (
     Dot,
@@ -38,9 +39,11 @@ __all__ = [
     "LinearSpring",
     "Method",
     "Problem",
+    "SlideForce",
     "Solution",
     "Stats",
     "Status",
+    "TimeFunction",
     "TorsionalSpring",
     "cylindrical_joint",
     "distance_joint",

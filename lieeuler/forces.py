@@ -1,6 +1,6 @@
-"""Applied forces besides gravity: springs with dampers, constant loads.
+"""Applied forces besides gravity: springs with dampers, loads.
 
-With a damper the Hamiltonian methods lose their symplecticity, not their order. Constant loads count as no energy.
+With a damper the Hamiltonian methods lose their symplecticity, not their order. Loads count as no energy.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 from lieeuler import _kernel
 from lieeuler.checks import Frozen, body_index, normals, number, unit, vector
 from lieeuler.errors import ArgumentError
+from lieeuler.functions import TimeFunction, value
 from lieeuler.types import GROUND
 
 
@@ -57,7 +58,7 @@ class LinearSpring(Frozen):
 
 @dataclasses.dataclass(frozen=True)
 class TorsionalSpring(Frozen):
-    """Torque -(stiffness (theta - rest_angle) + damping dtheta/dt) on the child about a revolute or cylindrical axis.
+    """Torque -(stiffness (theta - rest_angle) + damping dtheta/dt) + torque on the child about an axis it keeps.
 
     theta: R_parent^T R_child = exp(theta hat(parent_axis)) Q0, with Q0 the shortest rotation that takes child_axis to
     parent_axis (for opposite axes the half turn about the first normal of `lieeuler.checks.normals`). It lies in
@@ -71,10 +72,12 @@ class TorsionalSpring(Frozen):
         The joint's axes, each in its body's frame.
     stiffness : float
         N m/rad.
-    rest_angle : float
+    rest_angle : float or TimeFunction
         rad.
     damping : float
         N m s/rad.
+    torque : float or TimeFunction
+        N m: with stiffness and damping zero, a motor. One of this and rest_angle may depend on time.
     """
 
     parent: int
@@ -82,28 +85,40 @@ class TorsionalSpring(Frozen):
     parent_axis: np.ndarray
     child_axis: np.ndarray
     stiffness: float
-    rest_angle: float
+    rest_angle: float | TimeFunction
     damping: float = 0.0
+    torque: float | TimeFunction = 0.0
 
     def __post_init__(self) -> None:
         for name in ("parent", "child"):
             object.__setattr__(self, name, body_index(name, getattr(self, name)))
         for name in ("parent_axis", "child_axis"):
             object.__setattr__(self, name, unit(name, getattr(self, name)))
-        for name, lowest in (("stiffness", 0.0), ("rest_angle", None), ("damping", 0.0)):
-            object.__setattr__(self, name, number(name, getattr(self, name), lowest))
+        for name in ("stiffness", "damping"):
+            object.__setattr__(self, name, number(name, getattr(self, name), lowest=0.0))
+        for name in ("rest_angle", "torque"):
+            object.__setattr__(self, name, value(name, getattr(self, name)))
+        if isinstance(self.rest_angle, TimeFunction) and isinstance(self.torque, TimeFunction):
+            raise ArgumentError("one of rest_angle and torque may depend on time; make two springs of it")
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this force to the compiled system."""
         n1, n2 = normals(self.parent_axis)
         pointer = _shortest_rotation(self.child_axis, self.parent_axis).T @ n1
-        system.add_torsional_spring(self.parent, self.child, self.parent_axis, n1, n2, pointer, self.stiffness,
-                                    self.rest_angle, self.damping)
+        rest, torque = self.rest_angle, self.torque
+        if isinstance(rest, TimeFunction):  # a moving rest angle is a torque of stiffness times its value
+            assert not isinstance(torque, TimeFunction)
+            rest, torque = 0.0, rest.scaled(self.stiffness, torque)
+        elif not isinstance(torque, TimeFunction):
+            torque = TimeFunction([[torque]])
+        drive = torque.kernel if torque != TimeFunction() else None
+        system.add_torsional_spring(self.parent, self.child, self.parent_axis, n1, n2, pointer, self.stiffness, rest,
+                                    self.damping, drive)
 
 
 @dataclasses.dataclass(frozen=True)
 class ConstantLoad(Frozen):
-    """A force at a point of a body and a torque on it, both constant in the world or in the body.
+    """A force at a point of a body and a torque on it, both constant in the world or in the body but for a factor.
 
     Parameters
     ----------
@@ -114,6 +129,8 @@ class ConstantLoad(Frozen):
     point : (3,)
         Where the force acts, from the centre of mass in the body's frame.
     frame : "world" | "body"
+    factor : TimeFunction, optional
+        What force and torque are multiplied by.
     """
 
     child: int
@@ -121,6 +138,7 @@ class ConstantLoad(Frozen):
     torque: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
     point: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
     frame: str = "world"
+    factor: TimeFunction | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "child", body_index("child", self.child))
@@ -128,6 +146,8 @@ class ConstantLoad(Frozen):
             object.__setattr__(self, name, vector(name, getattr(self, name)))
         if not isinstance(self.frame, str) or self.frame not in ("world", "body"):
             raise ArgumentError(f"frame must be 'world' or 'body', not {self.frame!r}")
+        if not (self.factor is None or isinstance(self.factor, TimeFunction)):
+            raise ArgumentError(f"factor must be a lieeuler.TimeFunction, not {self.factor!r}")
 
     @property
     def parent(self) -> int:
@@ -136,10 +156,49 @@ class ConstantLoad(Frozen):
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this force to the compiled system."""
-        system.add_load(self.child, self.point, self.force, self.torque, self.frame == "world")
+        system.add_load(self.child, self.point, self.force, self.torque, self.frame == "world",
+                        None if self.factor is None else self.factor.kernel)
 
 
-Force = LinearSpring | TorsionalSpring | ConstantLoad
+@dataclasses.dataclass(frozen=True)
+class SlideForce(Frozen):
+    """A force along an axis of the parent on the child, the opposite on the parent, at anchors on that axis.
+
+    Parameters
+    ----------
+    parent, child : int
+        Body indices; the parent may be the ground (-1).
+    parent_anchor, child_anchor : (3,)
+        Those of the joint that keeps them on the axis.
+    parent_axis : (3,)
+        In the parent's frame.
+    force : float or TimeFunction
+        N.
+    """
+
+    parent: int
+    child: int
+    parent_anchor: np.ndarray
+    child_anchor: np.ndarray
+    parent_axis: np.ndarray
+    force: float | TimeFunction
+
+    def __post_init__(self) -> None:
+        for name in ("parent", "child"):
+            object.__setattr__(self, name, body_index(name, getattr(self, name)))
+        for name in ("parent_anchor", "child_anchor"):
+            object.__setattr__(self, name, vector(name, getattr(self, name)))
+        object.__setattr__(self, "parent_axis", unit("parent_axis", self.parent_axis))
+        object.__setattr__(self, "force", value("force", self.force))
+
+    def add_to(self, system: _kernel.System) -> None:
+        """Add this force to the compiled system."""
+        size = self.force if isinstance(self.force, TimeFunction) else TimeFunction([[self.force]])
+        system.add_slide_force(self.parent, self.child, self.parent_anchor, self.child_anchor, self.parent_axis,
+                               size.kernel)
+
+
+Force = LinearSpring | TorsionalSpring | ConstantLoad | SlideForce
 
 
 def _shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:

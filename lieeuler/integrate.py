@@ -151,7 +151,9 @@ def plan_run(method: str, step: float | None, rtol: float | None, t_eval: ArrayL
     tolerance = _tolerance(record, step, rtol)
     spins_out = "rtol" in record.controls or record.order != 1
     if tolerance is not None:
-        return Plan(_adaptive(record, (t - t[0]).tolist(), tolerance, monitor), t, None, spins_out)
+        adaptive = _adaptive(record, (t - t[0]).tolist(), tolerance, monitor)
+        adaptive.begin = float(t[0])
+        return Plan(adaptive, t, None, spins_out)
     assert step is not None  # _tolerance has seen to it
     steps, counts = _steps(t, step)
     if record.tableau is not None:
@@ -160,6 +162,7 @@ def plan_run(method: str, step: float | None, rtol: float | None, t_eval: ArrayL
         rule = _kernel.Method(_kernel.Formulation[record.formulation], _kernel.Level[record.level],
                               record.index1_output, *gains, record.composition, radius, polish)
         run = _kernel.implicit(_kernel.CoordinateMap[coordinate_map], rule, steps, counts, monitor)
+    run.begin = float(t[0])
     return Plan(run, t, max(steps), spins_out)
 
 

@@ -16,7 +16,7 @@ import dataclasses
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.forces import ConstantLoad, TorsionalSpring
+from lieeuler.forces import ConstantLoad, SlideForce, TorsionalSpring
 from lieeuler.problem import Problem
 
 SYMMETRIC = 1e-12
@@ -124,7 +124,7 @@ def _attached(problem: Problem, body: int) -> list[np.ndarray] | None:
     for force in problem.forces:
         if body not in (force.parent, force.child):
             continue
-        if isinstance(force, TorsionalSpring):
+        if isinstance(force, TorsionalSpring | SlideForce):
             return None
         if isinstance(force, ConstantLoad):
             if np.any(force.torque):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
 import lieeuler
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.errors import ArgumentError, CrosscheckError
+from crosscheck.scene.functions import TimeFunction, Value
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.states import States
@@ -44,13 +46,26 @@ def _force(scene: Scene, force: Force) -> lieeuler.forces.Force:
     if force.type == "linear_spring":
         return lieeuler.LinearSpring(force.parent, force.child, p["parent_point"], p["child_point"], p["stiffness"],
                                      p["free_length"], p["damping"])
-    if force.type == "torsional_spring":
+    if force.joint is not None:
         joint = next(joint for joint in scene.joints if joint.name == force.joint)
-        return lieeuler.TorsionalSpring(joint.parent, joint.child, joint.parent_axis, joint.child_axis, p["stiffness"],
-                                        p["rest_angle"], p["damping"])
+        if force.type == "joint_force":
+            return lieeuler.SlideForce(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor,
+                                       joint.parent_axis, _value(p["force"]))
+        stiffness, rest, damping, torque = (p.get(key, 0.0) for key in ("stiffness", "rest_angle", "damping", "torque"))
+        return lieeuler.TorsionalSpring(joint.parent, joint.child, joint.parent_axis, joint.child_axis, stiffness,
+                                        _value(rest), damping, _value(torque))
+    factor = _value(p["factor"]) if "factor" in p else None
     if force.type == "constant_force":
-        return lieeuler.ConstantLoad(force.child, force=p["force"], point=p["child_point"], frame=p["frame"])
-    return lieeuler.ConstantLoad(force.child, torque=p["torque"], frame=p["frame"])
+        return lieeuler.ConstantLoad(force.child, force=p["force"], point=p["child_point"], frame=p["frame"],
+                                     factor=factor)
+    return lieeuler.ConstantLoad(force.child, torque=p["torque"], frame=p["frame"], factor=factor)
+
+
+def _value(value: Value) -> Any:
+    """A number or a function of time as lieeuler has it."""
+    if not isinstance(value, TimeFunction):
+        return value
+    return lieeuler.TimeFunction(value.pieces, value.terms, value.breaks)
 
 
 class IntegrationError(CrosscheckError, lieeuler.IntegrationError):
@@ -85,7 +100,7 @@ class LieEuler:
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """All joints and forces are modelled, redundant constraints included, but for armature and mimic."""
-        if reason := scene.beyond():
+        if reason := scene.beyond(("joint_torque", "function")):
             return reason
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"

@@ -35,7 +35,7 @@ def judge_accelerations(scene: Scene, traj: Any, truth: Reference, order: int | 
     with np.errstate(over="ignore", invalid="ignore"):
         try:
             a, alpha, lam = mechanics.index1(scene, traj.x, traj.R, traj.v, traj.w,
-                                             mechanics.torsion_angles(scene, traj.R, traj.w, traj.t))
+                                             mechanics.torsion_angles(scene, traj.R, traj.w, traj.t), traj.t)
         except np.linalg.LinAlgError:
             return [Finding("acceleration", "fail", np.inf, None, "m/s^2",
                             "the equations of motion have no solution at the run's own states")]

@@ -150,7 +150,7 @@ def flow(scene: Scene, traj: Any, count: int) -> States:
 
 def _rates(scene: Scene, t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray
            ) -> list[np.ndarray]:
-    a, alpha, _ = mechanics.index1(scene, x, R, v, w, mechanics.torsion_angles(scene, R, w, t))
+    a, alpha, _ = mechanics.index1(scene, x, R, v, w, mechanics.torsion_angles(scene, R, w, t), t)
     hat = np.zeros_like(R)
     hat[..., 0, 1], hat[..., 0, 2], hat[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
     return [v, R @ (hat - np.swapaxes(hat, -1, -2)), a, alpha]

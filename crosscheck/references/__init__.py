@@ -37,9 +37,9 @@ def truth(scene: Scene) -> Reference:
     """
     from crosscheck.references import cache
 
-    if reason := scene.beyond(("armature",)):
+    if reason := scene.beyond(("armature", "joint_torque", "function")):
         raise Unsupported(f"truth of {scene.name!r}: {reason}")
-    if scene.beyond() is not None and _has_loop(scene):
+    if any(any(joint.armature) for joint in scene.joints) and _has_loop(scene):
         raise Unsupported(f"truth of {scene.name!r}: armature is not built for scenes with loops")
     stored = cache.load(scene)
     if stored is not None:

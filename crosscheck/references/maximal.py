@@ -20,7 +20,7 @@ from crosscheck.references import stiffness
 from crosscheck.references.base import TruthError
 from crosscheck.references.rotors import rotors
 from crosscheck.references.world import Motion, cross, rotation, turned
-from crosscheck.references.world_loads import ConstantLoad, LinearSpring, TorsionalSpring
+from crosscheck.references.world_loads import ConstantLoad, JointLoad, LinearSpring, TorsionalSpring
 from crosscheck.references.world_rows import Relations, kinds
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -61,7 +61,9 @@ class Maximal:
         self.constraints = kinds(scene)
         self.springs = [LinearSpring(force) for force in scene.forces if force.type == "linear_spring"]
         self.torsions = [TorsionalSpring(force, scene) for force in scene.forces if force.type == "torsional_spring"]
-        self.loads = [ConstantLoad(force) for force in scene.forces if force.type.startswith("constant")]
+        self.loads: list[ConstantLoad | JointLoad] = [
+            ConstantLoad(force) for force in scene.forces if force.type.startswith("constant")]
+        self.loads += [JointLoad(force, scene) for force in scene.forces if force.type.startswith("joint_")]
         self.rotors = rotors(scene)
         self.inverse_inertia = np.linalg.inv(scene.inertias)
         self.root = np.linalg.cholesky(self.inverse_inertia)  # J^-1 = root root^T
@@ -136,7 +138,7 @@ class Maximal:
         found: np.ndarray = scaled.reshape(len(G), -1)
         return found
 
-    def motion(self, y: np.ndarray) -> tuple[Motion, np.ndarray]:
+    def motion(self, y: np.ndarray, t: float = 0.0) -> tuple[Motion, np.ndarray]:
         """Unpack x (n, 3), q (n, 4), v (n, 3), w (n, 3), and angles of torsional springs and of hinges."""
         n = self.scene.n
         x, v, w = (np.zeros((n + 1, 3)) for _ in range(3))
@@ -146,7 +148,7 @@ class Maximal:
         R[:n] = rotation(q)
         R[n] = np.eye(3)
         end = 13 * n + len(self.torsions)
-        return Motion(x, R, v, w, y[end:]), y[13 * n:end]
+        return Motion(x, R, v, w, y[end:], t), y[13 * n:end]
 
     def _applied(self, motion: Motion, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Applied forces (world) and torques about the centres of mass (body axes), (n, 3) each."""
@@ -240,9 +242,9 @@ class Maximal:
         return np.concatenate(jacobians), np.concatenate(targets)
 
     def rates(self, t: float, y: np.ndarray) -> np.ndarray:
-        """dy/dt; t is not used, the scene is autonomous."""
+        """dy/dt"""
         n = self.scene.n
-        motion, angles = self.motion(y)
+        motion, angles = self.motion(y, t)
         a, alpha = self.accelerations(motion, angles)
         q, w = y[3 * n:7 * n].reshape(n, 4), motion.w[:-1]
         rate = np.empty((n, 4))  # dq/dt = q (0, w) / 2
@@ -270,8 +272,10 @@ class Maximal:
         y, rows = self.initial(), []
         step: float | None = None
         times = self.scene.t if times is None else times
-        for start, end in itertools.pairwise(times):
-            rows.append(self._row(y))
+        stops = np.union1d(times, [t for t in self.scene.breaks if t < times[-1]])
+        for start, end in itertools.pairwise(stops):
+            if start in times:
+                rows.append(self._row(y, start))
             first = None if step is None else min(step, end - start)
             kind, rtol = self.integrator
             solver = kind(self.rates, start, y, end, first_step=first, rtol=max(rtol, 1e-13), atol=ATOL)
@@ -283,11 +287,11 @@ class Maximal:
                     raise TruthError(f"{self.source}: {self.scene.name!r} at t = {solver.t:.6g} s: {message}")
                 proposals.append(solver.h_abs)
             y, step = solver.y, max(proposals)  # the last proposal follows a step that the interval's end cut short
-        rows.append(self._row(y))
+        rows.append(self._row(y, times[-1]))
         return States(times, *(np.array(column) for column in zip(*rows, strict=True)))
 
-    def _row(self, y: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _row(self, y: np.ndarray, t: float) -> tuple[np.ndarray, ...]:
         """x, R, v, w, a, alpha at one instant, in the common convention."""
-        motion, angles = self.motion(y)
+        motion, angles = self.motion(y, t)
         a, alpha = self.accelerations(motion, angles)
         return motion.x[:-1], motion.R[:-1], motion.v[:-1], motion.w[:-1], a, alpha

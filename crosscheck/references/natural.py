@@ -17,7 +17,7 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import TruthError
-from crosscheck.references.natural_loads import LinearSpring, Load, TorsionalSpring
+from crosscheck.references.natural_loads import JointLoad, LinearSpring, Load, TorsionalSpring
 from crosscheck.references.natural_rows import Rows, rows_of
 from crosscheck.references.natural_series import LONG, Motion
 from crosscheck.scene.model import Scene
@@ -44,7 +44,7 @@ class Natural:
     """
 
     def __init__(self, scene: Scene) -> None:
-        if reason := scene.beyond():
+        if reason := scene.beyond(("joint_torque", "function")):
             raise Unsupported(f"{SOURCE}: {reason}")
         self.scene, self.n = scene, scene.n
         self.rows: Rows = rows_of(scene)
@@ -59,7 +59,9 @@ class Natural:
         self.mass_long = self.mass.astype(LONG)
         self.torsions = [TorsionalSpring(force, scene) for force in scene.forces if force.type == "torsional_spring"]
         self.springs = [LinearSpring(force) for force in scene.forces if force.type == "linear_spring"]
-        self.loads = [Load(force) for force in scene.forces if force.type.startswith("constant")]
+        self.loads: list[Load | JointLoad] = [Load(force) for force in scene.forces
+                                              if force.type.startswith("constant")]
+        self.loads += [JointLoad(force, scene) for force in scene.forces if force.type.startswith("joint_")]
         self.weight = np.zeros((self.n + 1, 4, 3), LONG)
         self.weight[:-1, 0] = scene.masses[:, None].astype(LONG) * scene.gravity
 
@@ -76,8 +78,10 @@ class Natural:
         found: list[tuple[np.ndarray, ...]] = []
         waiting = list(times)
         while True:
-            motion = self._series(q, rate, angles)
+            motion = self._series(q, rate, angles, now)
             h = self._step(motion)
+            if following := [t for t in self.scene.breaks if t > now]:
+                h = min(h, LONG(following[0]) - now)
             end = now + h
             if steps is not None:
                 steps.append((min(float(h), float(times[-1] - now)), motion))
@@ -157,8 +161,8 @@ class Natural:
             a, lam, last = a + step[:size].reshape(n, 4, 3), lam + step[size:], change
         return a, lam
 
-    def _series(self, q: np.ndarray, rate: np.ndarray, angles: np.ndarray) -> Motion:
-        """Taylor coefficients of the motion from a state."""
+    def _series(self, q: np.ndarray, rate: np.ndarray, angles: np.ndarray, t: np.longdouble) -> Motion:
+        """Taylor coefficients of the motion from a state at time t."""
         motion = Motion(q, rate, angles, ORDER)
         rows, n = self.rows, self.n
         G = np.zeros((ORDER + 1, rows.count, 2, 12), LONG)
@@ -166,10 +170,8 @@ class Natural:
         lam = np.zeros((ORDER + 1, rows.count), LONG)
         G[0] = rows.gradient(q)
         inverse = self._inverse(G[0])
-        for spring in self.springs:
-            spring.begin(ORDER)
-        for torsion in self.torsions:
-            torsion.begin(ORDER)
+        for force in (*self.springs, *self.torsions, *self.loads):
+            force.begin(ORDER, t)
         for k in range(ORDER - 1):
             if k:
                 G[k] = rows.curved(motion.q[k])

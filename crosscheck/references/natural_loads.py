@@ -10,6 +10,7 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.natural_series import LONG, Motion, crossed, product
+from crosscheck.scene.functions import TimeFunction, Value
 from crosscheck.scene.model import GROUND, Force, Scene
 
 OPPOSITE = 1e-6  # axes nearer than this to opposite have no shortest turn between them
@@ -30,8 +31,8 @@ class LinearSpring:
         self.points = [np.array(p[name], LONG) for name in ("parent_point", "child_point")]
         self.k, self.free, self.c = (LONG(p[name]) for name in ("stiffness", "free_length", "damping"))
 
-    def begin(self, order: int) -> None:
-        """Forget the last step."""
+    def begin(self, order: int, t: np.longdouble) -> None:
+        """Forget the last step; nothing here depends on time."""
         self.d, self.rate = np.zeros((2, order + 1, 3), LONG)
         self.square, self.length, self.over, self.over_square, self.slip, self.pull = np.zeros((6, order + 1), LONG)
 
@@ -63,26 +64,87 @@ class LinearSpring:
 
 
 class Load:
-    """A force at a point of a body, or a torque on it, constant in world or in body axes."""
+    """A force at a point of a body, or a torque on it, constant in world or in body axes but for a factor."""
 
     def __init__(self, force: Force) -> None:
         p = force.parameters
         self.body, self.in_body, self.turns = force.child, p["frame"] == "body", force.type == "constant_torque"
         self.vector = np.array(p["torque" if self.turns else "force"], LONG)
         self.point = np.array(p.get("child_point", (0.0, 0.0, 0.0)), LONG)
+        self.factor = p.get("factor", 1.0)
+
+    def begin(self, order: int, t: np.longdouble) -> None:
+        """Forget the last step."""
+        self.scale = series_of(self.factor, t, order + 1)
 
     def add(self, motion: Motion, k: int, effort: np.ndarray) -> None:
         """Add the k-th coefficient to what acts on q."""
-        if self.turns:
-            if self.in_body:
-                torque = np.array([motion.vector(self.body, self.vector, j) for j in range(k + 1)])
-                effort[self.body, 1:] += 0.5 * crossed(torque, motion.q[:, self.body, 1:], k)
-            else:
-                effort[self.body, 1:] += 0.5 * np.cross(self.vector, motion.q[k, self.body, 1:])
+        if self.in_body:
+            now = product(self.scale, np.array([motion.vector(self.body, self.vector, j) for j in range(k + 1)]), k)
+        else:
+            now = self.scale[k] * self.vector
+        if not self.turns:
+            _push(effort, self.body, self.point, now)
         elif self.in_body:
-            _push(effort, self.body, self.point, motion.vector(self.body, self.vector, k))
-        elif k == 0:
-            _push(effort, self.body, self.point, self.vector)
+            torque = np.array([product(self.scale, np.array([motion.vector(self.body, self.vector, i)
+                                                             for i in range(j + 1)]), j) for j in range(k + 1)])
+            effort[self.body, 1:] += 0.5 * crossed(torque, motion.q[:, self.body, 1:], k)
+        else:
+            torque = self.scale[:k + 1, None] * self.vector
+            effort[self.body, 1:] += 0.5 * crossed(torque, motion.q[:, self.body, 1:], k)
+
+
+class JointLoad:
+    """A torque about a joint's axis on its child, or a force along it; the opposite on its parent."""
+
+    def __init__(self, force: Force, scene: Scene) -> None:
+        self.joint = next(joint for joint in scene.joints if joint.name == force.joint)
+        self.turns = force.type == "joint_torque"
+        self.size = force.parameters["torque" if self.turns else "force"]
+        self.axis = self.joint.parent_axis.astype(LONG)
+
+    def begin(self, order: int, t: np.longdouble) -> None:
+        """Forget the last step."""
+        self.scale = series_of(self.size, t, order + 1)
+        self.along = np.zeros((order + 1, 3), LONG)
+        self.effort = np.zeros((order + 1, 3), LONG)
+
+    def add(self, motion: Motion, k: int, effort: np.ndarray) -> None:
+        """Add the k-th coefficient to what acts on q."""
+        joint = self.joint
+        self.along[k] = motion.vector(joint.parent, self.axis, k)
+        self.effort[k] = product(self.scale, self.along, k)
+        for body, anchor, sign in ((joint.child, joint.child_anchor, 1), (joint.parent, joint.parent_anchor, -1)):
+            if self.turns:
+                effort[body, 1:] += 0.5 * sign * crossed(self.effort, motion.q[:, body, 1:], k)
+            else:
+                _push(effort, body, anchor.astype(LONG), sign * self.effort[k])
+
+
+def series_of(value: Value, t: np.longdouble, count: int) -> np.ndarray:
+    """Taylor coefficients about t of a number or a function of time, (count,), in extended precision.
+
+    A sine's are a w^k sin(w t + phase + k pi/2) / k!, a polynomial's come from moving its origin, by Horner's rule.
+    """
+    found = np.zeros(count, LONG)
+    if not isinstance(value, TimeFunction):
+        found[0] = value
+        return found
+    piece = max(int(np.searchsorted(np.array(value.breaks, LONG), t, side="right")) - 1, 0)
+    moved = np.array(value.pieces[piece], LONG)
+    shift = t - LONG(value.breaks[piece])
+    for first in range(len(moved)):
+        for k in range(len(moved) - 2, first - 1, -1):
+            moved[k] += shift * moved[k + 1]
+    found[:min(count, len(moved))] = moved[:count]
+    for amplitude, frequency, phase in value.terms:
+        angle = LONG(frequency) * t + LONG(phase)
+        turns = (np.sin(angle), np.cos(angle), -np.sin(angle), -np.cos(angle))
+        factor = LONG(amplitude)
+        for k in range(count):
+            found[k] += factor * turns[k % 4]
+            factor *= LONG(frequency) / (k + 1)
+    return found
 
 
 class TorsionalSpring:
@@ -96,7 +158,8 @@ class TorsionalSpring:
         values = force.parameters
         joint = next(joint for joint in scene.joints if joint.name == force.joint)
         self.parent, self.child = joint.parent, joint.child
-        self.k, self.rest, self.c = (LONG(values[name]) for name in ("stiffness", "rest_angle", "damping"))
+        self.k, self.c = LONG(values["stiffness"]), LONG(values["damping"])
+        self.rest_angle: Value = values["rest_angle"]
         self.axis = joint.parent_axis.astype(LONG)
         frames = [np.eye(3) if body == GROUND else scene.R0[body] for body in (joint.parent, joint.child)]
         p = np.cross(joint.parent_axis, np.eye(3)[np.argmin(np.abs(joint.parent_axis))])
@@ -105,8 +168,9 @@ class TorsionalSpring:
         self.b = (frames[1].T @ frames[0] @ p).astype(LONG)
         self.start = _angle(frames[0].T @ frames[1], joint.parent_axis, joint.child_axis)
 
-    def begin(self, order: int) -> None:
+    def begin(self, order: int, t: np.longdouble) -> None:
         """Forget the last step."""
+        self.rest = series_of(self.rest_angle, t, order + 1)
         self.cosine, self.sine, self.rate, self.torque = np.zeros((4, order + 2), LONG)
         self.p_now, self.g_now, self.b_now, self.along, self.twist = np.zeros((5, order + 2, 3), LONG)
         self.known = 0
@@ -127,7 +191,7 @@ class TorsionalSpring:
         cosine_rate, sine_rate = orders * self.cosine[1:k + 2], orders * self.sine[1:k + 2]
         self.rate[k] = product(self.cosine, sine_rate, k) - product(self.sine, cosine_rate, k)
         motion.angles[k + 1, index] = self.rate[k] / (k + 1)
-        self.torque[k] = -(self.k * (motion.angles[k, index] - (self.rest if k == 0 else 0)) + self.c * self.rate[k])
+        self.torque[k] = -(self.k * (motion.angles[k, index] - self.rest[k]) + self.c * self.rate[k])
         self.along[k] = motion.vector(self.parent, self.axis, k)
         self.twist[k] = product(self.torque, self.along, k)
         for body, sign in ((self.child, 0.5), (self.parent, -0.5)):

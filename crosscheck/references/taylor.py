@@ -8,8 +8,9 @@ angle of a torsional spring in such a joint is a state of its own; in a joint of
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from crosscheck.references.joint_motion import ZERO, Tree
 from crosscheck.references.series import ORDERS, Series, safe_step, shifted
 from crosscheck.references.tree import FREE, unfold
 from crosscheck.references.tree_loads import Loads, angle_rate, start_angle, tree_angle
+from crosscheck.scene.functions import TimeFunction, Value, at
 from crosscheck.scene.model import Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
 
@@ -50,6 +52,7 @@ class Taylor:
         self.initial = np.concatenate([self.tree.initial(), angles])
         if not len(self.initial):  # nothing moves, and an integrator wants a state
             self.initial = np.zeros(1)
+        self.functions = [function for force in scene.forces for function in force.functions]
         self.rank, self.shift = 0, 0.0
         self.relations: np.ndarray | None = None
         self._analyse_loops()
@@ -61,7 +64,8 @@ class Taylor:
         import heyoka
 
         symbols = [heyoka.make_vars(f"y{k}") for k in range(len(self.initial))]
-        rates = [heyoka.expression(rate) if isinstance(rate, float | int) else rate for rate in self._rates(symbols)]
+        rates = [heyoka.expression(rate) if isinstance(rate, float | int) else rate
+                 for rate in self._rates(symbols, self._expression)]
         given = {} if tolerance is None else {"tol": tolerance}
         return heyoka.taylor_adaptive(list(zip(symbols, rates, strict=True)), self.initial.tolist(), **given, **options)
 
@@ -73,19 +77,44 @@ class Taylor:
         if self.relations is not None:
             self.cuts, self.rank = [], len(self.relations)
             return
-        _, S = self._loop_terms(*self._columns(self.initial.tolist()))
+        _, S = self._loop_terms(*self._columns(self.initial.tolist(), functools.partial(at, t=0.0)))
         self.rank = loops.rank(np.array(S))
         if self.rank < len(S):
             self.shift = loops.SHIFT * float(np.trace(np.array(S))) / self.rank
 
-    def _columns(self, state: Sequence[Any]) -> tuple[Any, ...]:
+    def _expression(self, value: Value) -> Any:
+        """A number or a function of time in heyoka's symbols; the coefficients of pieces are parameters of the run."""
+        import heyoka
+
+        if not isinstance(value, TimeFunction):
+            return value
+        first = sum(_places(function) for function in self.functions[:self.functions.index(value)])
+        t, total = heyoka.time - heyoka.par[first], heyoka.expression(0.0)
+        for k in reversed(range(_places(value) - 1)):
+            total = heyoka.par[first + 1 + k] + t * total
+        for amplitude, frequency, phase in value.terms:
+            total = total + amplitude * heyoka.sin(frequency * heyoka.time + phase)
+        return total
+
+    def _set_pieces(self, t: float) -> None:
+        """The parameters of `_expression` from time t on."""
+        values: list[float] = []
+        for function in self.functions:
+            piece = max(int(np.searchsorted(function.breaks, t, side="right")) - 1, 0)
+            coefficients = function.pieces[piece]
+            values += [function.breaks[piece], *coefficients]
+            values += [0.0] * (_places(function) - 1 - len(coefficients))
+        if values:
+            self._integrator.pars[:] = values
+
+    def _columns(self, state: Sequence[Any], value: Callable[[Value], Any]) -> tuple[Any, ...]:
         """Loads, rows of loops, and accelerations alpha, A and of speeds, by body and column."""
         tree = self.tree
         frames = tree.frames(state)
         placed = tree.world(frames) if self.cuts or self.scene.forces else {}
-        loads = Loads(tree, frames, placed)
+        loads = Loads(tree, frames, placed, value)
         for force in self.scene.forces:
-            loads.add(force, self._angle(force.joint, state))
+            loads.add(force, self._angle(force.joint if force.type == "torsional_spring" else None, state))
         rows = [loops.row(cut, loads) for cut in self.cuts]
         units = [loops.unit_wrenches(found, loads) for found in rows]
         efforts = None
@@ -118,9 +147,9 @@ class Taylor:
             return state[self.tree.size + self.springs.index(joint)]
         return tree_angle(joint, self.tree, state)
 
-    def _solved(self, state: Sequence[Any]) -> tuple[Any, ...]:
+    def _solved(self, state: Sequence[Any], value: Callable[[Value], Any]) -> tuple[Any, ...]:
         """Loads, and alpha, A and derivatives of speeds with the loops closed, by body."""
-        loads, rows, *columns = self._columns(state)
+        loads, rows, *columns = self._columns(state, value)
         factors = [1.0]
         if self.rank:
             rhs, S = self._loop_terms(loads, rows, *columns)
@@ -130,9 +159,9 @@ class Taylor:
                    for body, parts in column.items()} for column in columns)
         return loads, *closed
 
-    def _rates(self, state: Sequence[Any]) -> list[Any]:
-        """d state / dt."""
-        loads, _, _, speeding = self._solved(state)
+    def _rates(self, state: Sequence[Any], value: Callable[[Value], Any]) -> list[Any]:
+        """d state / dt; `value` makes numbers of functions of time."""
+        loads, _, _, speeding = self._solved(state, value)
         turning = [angle_rate(joint, loads.frames, loads.placed) for joint in self.springs]
         rates = [*self.tree.rates(state, loads.frames, speeding), *turning]
         return rates or [0.0]
@@ -172,9 +201,14 @@ class Taylor:
         times = self.scene.t if times is None else times
         states = np.empty((len(times), len(self.initial)))
         states[0] = integrator.state  # times start at 0
+        breaks = np.array([*(t for t in self.scene.breaks if t < times[-1]), times[-1]])
+        self._set_pieces(0.0)
         while integrator.time < times[-1]:
             reached = int(np.searchsorted(times, integrator.time, side="right"))
-            self._step(times[-1])
+            stop = breaks[np.searchsorted(breaks, integrator.time, side="right")]
+            self._step(stop)
+            if integrator.time >= stop:
+                self._set_pieces(stop)
             if coefficients is not None:
                 coefficients.append((integrator.last_h, integrator.tc.copy()))
             for k in range(reached, int(np.searchsorted(times, integrator.time, side="right"))):
@@ -235,7 +269,7 @@ class Taylor:
     def states(self, states: np.ndarray) -> States:
         """Everything at the output times, with accelerations from these equations."""
         x, attitudes = self.pose(states)
-        loads, alpha, A, _ = self._solved([*states.T])
+        loads, alpha, A, _ = self._solved([*states.T], functools.partial(at, t=self.scene.t))
         placed = loads.placed or self.tree.world(loads.frames)
         v, w, a, spin = (np.empty_like(x) for _ in range(4))
         for body in range(self.scene.n):
@@ -281,3 +315,8 @@ def _coefficients(entry: Series | float, length: int) -> np.ndarray:
 def _stack(entries: Sequence[Any], length: int) -> np.ndarray:
     """Columns of a vector whose entries are arrays over time or constants, (length, size)."""
     return np.stack([np.broadcast_to(entry, (length,)) for entry in entries], axis=-1)
+
+
+def _places(function: TimeFunction) -> int:
+    """Parameters that a function of time needs: a break and the coefficients of its longest piece."""
+    return 1 + max(len(piece) for piece in function.pieces)

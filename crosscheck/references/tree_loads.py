@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,14 +19,17 @@ from crosscheck.references.generic import (
     square_root,
 )
 from crosscheck.references.joint_motion import ZERO, Frame, Tree
+from crosscheck.scene.functions import Value
 from crosscheck.scene.model import Force, Joint
 
 
 class Loads:
     """Wrenches (force, torque about the centre of mass), own axes, of every body and the ground."""
 
-    def __init__(self, tree: Tree, frames: dict[int, Frame], placed: dict[int, tuple[Any, Any, Any]]) -> None:
+    def __init__(self, tree: Tree, frames: dict[int, Frame], placed: dict[int, tuple[Any, Any, Any]],
+                 value: Callable[[Value], Any] = lambda value: value) -> None:
         self.tree, self.frames, self.placed = tree, frames, placed
+        self.value = value  # a number or a function of time as a number of the kind of the state's
         self.wrenches = dict.fromkeys(frames, (ZERO, ZERO))
 
     def lever(self, body: int, anchor: list[Any]) -> list[Any]:
@@ -57,20 +61,34 @@ class Loads:
             self._linear_spring(force)
         elif force.type == "torsional_spring":
             joint = next(joint for joint in self.tree.scene.joints if joint.name == force.joint)
-            size = torsion(p["stiffness"], angle - p["rest_angle"], p["damping"],
+            size = torsion(p["stiffness"], angle - self.value(p["rest_angle"]), p["damping"],
                            angle_rate(joint, self.frames, self.placed))
             axis = apply(self.placed[joint.parent][0], joint.parent_axis.tolist())
             for body, sign in ((joint.child, 1.0), (joint.parent, -1.0)):
                 self.push(body, ZERO, apply_transposed(self.placed[body][0], scale(sign * size, axis)))
+        elif force.type.startswith("joint_"):
+            self._along_joint(force)
         else:
             turns = force.type == "constant_torque"
             vector = [*p["torque" if turns else "force"]]
+            if "factor" in p:
+                vector = scale(self.value(p["factor"]), vector)
             if p["frame"] == "world":
                 vector = apply_transposed(self.placed[force.child][0], vector)
             if turns:
                 self.push(force.child, ZERO, vector)
             else:
                 self.push(force.child, vector, cross([*p["child_point"]], vector))
+
+    def _along_joint(self, force: Force) -> None:
+        """A torque about a joint's axis or a force along it, at the child's anchor, and its opposite on the parent."""
+        joint = next(joint for joint in self.tree.scene.joints if joint.name == force.joint)
+        turns = force.type == "joint_torque"
+        axis = apply(self.placed[joint.parent][0], joint.parent_axis.tolist())
+        along = scale(self.value(force.parameters["torque" if turns else "force"]), axis)
+        place, _ = self.point(joint.child, joint.child_anchor.tolist())
+        for body, vector in ((joint.child, along), (joint.parent, scale(-1.0, along))):
+            self.push_at(body, place, *((ZERO, vector) if turns else (vector, ZERO)))
 
     def _linear_spring(self, force: Force) -> None:
         p = force.parameters

@@ -34,6 +34,7 @@ class Motion:
     v: np.ndarray
     w: np.ndarray
     hinges: np.ndarray | None = None  # from the start, over any number of turns
+    t: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "omega", turned(self.R, self.w))

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from crosscheck.references.world import Motion, cross, turned
+from crosscheck.scene.functions import at
 from crosscheck.scene.model import Force, Scene
 
 AT_CENTRE = np.zeros(3)
@@ -61,29 +62,53 @@ class TorsionalSpring:
 
     def add(self, motion: Motion, angle: float, torque: np.ndarray) -> None:
         """Add to the torques (n + 1, 3)."""
-        size = torsion(self.stiffness, angle - self.rest_angle, self.damping, self.rate(motion))
+        size = torsion(self.stiffness, angle - at(self.rest_angle, motion.t), self.damping, self.rate(motion))
         torque[self.child] += size * (motion.R[self.parent] @ self.axis @ motion.R[self.child])
         torque[self.parent] -= size * self.axis
 
 
 class ConstantLoad:
-    """A force at a point of a body, or a torque on it, constant in world or in body axes."""
+    """A force at a point of a body, or a torque on it, constant in world or body axes but for a factor."""
 
     def __init__(self, force: Force) -> None:
         p = force.parameters
         self.body, self.in_body, self.turns = force.child, p["frame"] == "body", force.type == "constant_torque"
         self.vector = np.array(p["torque" if self.turns else "force"])
         self.point = np.array(p.get("child_point", AT_CENTRE))
+        self.factor = p.get("factor", 1.0)
 
     def add(self, motion: Motion, force: np.ndarray, torque: np.ndarray) -> None:
         """Add to forces (world axes) and torques about the centres of mass (body axes), (n + 1, 3) each."""
-        R = motion.R[self.body]
-        own = self.vector if self.in_body else self.vector @ R
+        R, vector = motion.R[self.body], at(self.factor, motion.t) * self.vector
+        own = vector if self.in_body else vector @ R
         if self.turns:
             torque[self.body] += own
         else:
-            force[self.body] += R @ self.vector if self.in_body else self.vector
+            force[self.body] += R @ vector if self.in_body else vector
             torque[self.body] += cross(self.point[None], own[None])[0]
+
+
+class JointLoad:
+    """A torque about a joint's axis on its child, or a force along it; the opposite on the parent.
+
+    The line of the force is the axis, on which both anchors lie.
+    """
+
+    def __init__(self, force: Force, scene: Scene) -> None:
+        self.joint = next(joint for joint in scene.joints if joint.name == force.joint)
+        self.turns = force.type == "joint_torque"
+        self.size = force.parameters["torque" if self.turns else "force"]
+
+    def add(self, motion: Motion, force: np.ndarray, torque: np.ndarray) -> None:
+        """Add to forces (world axes) and torques about the centres of mass (body axes), (n + 1, 3) each."""
+        joint, size = self.joint, at(self.size, motion.t)
+        axis = motion.R[joint.parent] @ joint.parent_axis
+        for body, anchor, sign in ((joint.child, joint.child_anchor, size), (joint.parent, joint.parent_anchor, -size)):
+            if self.turns:
+                torque[body] += sign * (axis @ motion.R[body])
+            else:
+                force[body] += sign * axis
+                torque[body] += sign * np.cross(anchor, axis @ motion.R[body])
 
 
 def spring_pull(stiffness: float, extension: float, damping: float, rate: float) -> float:

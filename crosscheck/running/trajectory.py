@@ -97,7 +97,7 @@ def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
     constraints = Constraints(scene)
     with np.errstate(over="ignore", invalid="ignore"):
         if len(s.t) and (a is not None or lam is not None):
-            start = mechanics.index1(scene, s.x[:1], s.R[:1], s.v[:1], s.w[:1])
+            start = mechanics.index1(scene, s.x[:1], s.R[:1], s.v[:1], s.w[:1], t=s.t[:1])
             a, alpha, lam = (_with_first(values, first) for values, first in zip((a, alpha, lam), start, strict=True))
         levels = level_norms(constraints, s.x, s.R, s.v, s.w, a, alpha)
         return Trajectory(

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from crosscheck.scene import joint_options
+from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene
 from crosscheck.scene.schema import (
@@ -18,6 +19,8 @@ from crosscheck.scene.schema import (
     EntryError,
     ForceEntry,
     JointEntry,
+    JointForceEntry,
+    JointTorqueEntry,
     SceneEntry,
     TorsionalSpringEntry,
     listed,
@@ -71,7 +74,8 @@ def draft(entry: SceneEntry) -> Draft:
         gravity=np.array(entry.gravity), duration=entry.duration, samples=entry.samples,
         bodies=tuple(_body(f'bodies[{i}] "{body.name}"', body) for i, body in enumerate(entry.bodies)),
         joints=tuple(_joint(entry, bodies, i, joint) for i, joint in enumerate(entry.joints)),
-        forces=tuple(_force(bodies, types, i, force) for i, force in enumerate(entry.forces)),
+        forces=tuple(made for i, force in enumerate(entry.forces)
+                     for made in _forces(bodies, types, i, force, entry.duration)),
         left_out=tuple(entry.left_out),
     )
     starts = (Start(i, *joint_options.start(f'joints[{i}] "{joint.name}"', joint))
@@ -203,7 +207,9 @@ def _joint(scene: SceneEntry, bodies: Mapping[str, int], index: int, joint: Join
                  mimic=joint_options.mimic(entry, joint, scene.joints), **elastic)
 
 
-def _force(bodies: Mapping[str, int], types: Mapping[str, str], index: int, force: ForceEntry) -> Force:
+def _forces(bodies: Mapping[str, int], types: Mapping[str, str], index: int, force: ForceEntry,
+            duration: float) -> list[Force]:
+    """A force of the file; one with components that are functions of time is one for each of these, and the rest."""
     values = msgspec.structs.asdict(force)
     kind = str(force.__struct_config__.tag)
     entry = f"forces[{index}] ({kind})"
@@ -211,23 +217,37 @@ def _force(bodies: Mapping[str, int], types: Mapping[str, str], index: int, forc
         if values.get(key, 0.0) < 0:
             raise EntryError(f"{entry}: {key}", f"{values[key]:g} is negative", "write a number >= 0")
     parent = child = joint = None
-    if isinstance(force, TorsionalSpringEntry):
-        joint = _torsion_joint(f"{entry}: joint", types, values.pop("joint"))
+    if isinstance(force, TorsionalSpringEntry | JointTorqueEntry | JointForceEntry):
+        joint = _axial_joint(f"{entry}: joint", types, values.pop("joint"), isinstance(force, JointForceEntry))
     else:
         child = _body_index(f"{entry}: child", bodies, values.pop("child"), ground=False)
     if "parent" in values:
         parent = _body_index(f"{entry}: parent", bodies, values.pop("parent"), ground=True)
         if parent == child:
             raise EntryError(f"{entry}: child", "joins a body to itself", "name two different bodies")
-    return Force(kind, parent, child, joint, values)
+    vector = next((key for key in ("force", "torque") if isinstance(values.get(key), tuple)), None)
+    if vector is None:
+        values = {key: joint_options.function(f"{entry}: {key}", value, duration) for key, value in values.items()}
+        return [Force(kind, parent, child, joint, values)]
+    components = [joint_options.function(f"{entry}: {vector}[{k}]", value, duration)
+                  for k, value in enumerate(values[vector])]
+    constant = tuple(0.0 if isinstance(value, TimeFunction) else value for value in components)
+    timed = [(axis, value) for axis, value in zip(np.eye(3).tolist(), components, strict=True)
+             if isinstance(value, TimeFunction)]
+    found = [] if timed and not any(constant) else [Force(kind, parent, child, joint, values | {vector: constant})]
+    return found + [Force(kind, parent, child, joint, values | {vector: tuple(axis), "factor": value})
+                    for axis, value in timed]
 
 
-def _torsion_joint(entry: str, types: Mapping[str, str], name: str) -> str:
+def _axial_joint(entry: str, types: Mapping[str, str], name: str, slides: bool) -> str:
+    """The name of a joint with an angle, or of a slide."""
     if name not in types:
         raise EntryError(entry, f'no joint is named "{name}"',
                          f"{nearest(name, types)}write one of {listed(types) or '(the scene has no joints)'}")
-    if not JOINT_TYPES[types[name]].has_angle:
-        turning = [kind for kind, entry in JOINT_TYPES.items() if entry.has_angle]
-        raise EntryError(entry, f'"{name}" is a {types[name]} joint, it has no angle',
-                         f"name a joint of type {listed(turning)}")
+    fitting = [kind for kind, known in JOINT_TYPES.items() if known.has_angle]
+    if slides:
+        fitting = ["prismatic"]
+    if types[name] not in fitting:
+        raise EntryError(entry, f'"{name}" is a {types[name]} joint, it has no {"slide" if slides else "angle"}',
+                         f"name a joint of type {listed(fitting)}")
     return name

@@ -7,16 +7,27 @@ parent's anchor that the child's anchor never passes it: its length is then that
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from crosscheck.scene import functions
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import Force, Joint, Mimic, Scene
-from crosscheck.scene.schema import EntryError, JointEntry, listed, nearest
+from crosscheck.scene.schema import (
+    EntryError,
+    JointEntry,
+    PolynomialEntry,
+    SineEntry,
+    SplineEntry,
+    listed,
+    nearest,
+)
 from crosscheck.scene.states import States
 
 Values = float | list[float] | None
@@ -76,6 +87,28 @@ def mimic(entry: str, joint: JointEntry, joints: Sequence[JointEntry]) -> Mimic 
         raise EntryError(f"{entry}: mimic", f'no other revolute or prismatic joint is named "{motor}"',
                          f"{nearest(motor, one)}write one of {listed(set(one) - {joint.name}) or '(there is none)'}")
     return Mimic(motor, joint.mimic.ratio, joint.mimic.offset)
+
+
+def function(entry: str, given: Any, duration: float) -> Any:
+    """A function of time from its table in the file; anything else as it is."""
+    match given:
+        case PolynomialEntry(coefficients):
+            if not coefficients:
+                raise EntryError(f"{entry}: coefficients", "is empty", "write at least one number")
+            return functions.polynomial(coefficients)
+        case SineEntry(terms, offset):
+            return functions.sine(terms, offset)
+        case SplineEntry(times, values):
+            if len(times) != len(values) or len(times) < 2:
+                raise EntryError(f"{entry}: values", f"{len(values)} given for {len(times)} times", "write as many "
+                                 "values as times, at least two")
+            if any(b <= a for a, b in itertools.pairwise(times)):
+                raise EntryError(f"{entry}: times", "do not increase", "write them in order, each once")
+            if times[0] > 0 or times[-1] < duration:
+                raise EntryError(f"{entry}: times", f"reach from {times[0]:g} to {times[-1]:g} s", "cover the whole "
+                                 f"run, 0 to {duration:g} s")
+            return functions.spline(times, values)
+    return given
 
 
 def with_forces(scene: Scene) -> Scene:

@@ -5,15 +5,18 @@ Arrays have a leading time axis: x, v (T, n, 3) world, R (T, n, 3, 3) body to wo
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from crosscheck.scene.armature import rotors
 from crosscheck.scene.constraints import Constraints, cross, normal_references
+from crosscheck.scene.functions import at
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.spanning import spanning_tree
-from crosscheck.scene.states import Motion
+from crosscheck.scene.states import Motion, States
 
 RANK_TOLERANCE = 1e-9
 """Singular values of G M^-1/2 below this fraction of the largest count as redundant rows: rounding leaves them near
@@ -31,8 +34,12 @@ def kinetic_energy(scene: Scene, states: Motion) -> np.ndarray:
     return found
 
 
-def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[str, np.ndarray]) -> np.ndarray:
-    """Minus the sum of m g . x, plus the energy of every spring, (T,) in J; `angles` as from `torsion_angles`."""
+def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[str, np.ndarray],
+                     t: np.ndarray | float = 0.0) -> np.ndarray:
+    """Minus the sum of m g . x, plus the energy of every spring, (T,) in J; `angles` as from `torsion_angles`.
+
+    `t` (T,): the times, for rest angles that depend on it.
+    """
     energy = -np.einsum("n,k,tnk->t", scene.masses, scene.gravity, x)
     for force in scene.forces:
         p = force.parameters
@@ -40,7 +47,7 @@ def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[st
             d = _point(x, R, force.child, p["child_point"]) - _point(x, R, force.parent, p["parent_point"])
             energy = energy + 0.5 * p["stiffness"] * (np.linalg.norm(d, axis=-1) - p["free_length"]) ** 2
         elif force.type == "torsional_spring":
-            energy = energy + 0.5 * p["stiffness"] * (angles[force.joint] - p["rest_angle"]) ** 2
+            energy = energy + 0.5 * p["stiffness"] * (angles[force.joint] - at(p["rest_angle"], t)) ** 2
     found: np.ndarray = energy
     return found
 
@@ -48,7 +55,45 @@ def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[st
 def energy(scene: Scene, states: Motion) -> np.ndarray:
     """Kinetic energy - sum of m g . x + spring energies, (T,) in J."""
     angles = torsion_angles(scene, states.R, states.w, states.t)
-    found: np.ndarray = kinetic_energy(scene, states) + potential_energy(scene, states.x, states.R, angles)
+    found: np.ndarray = kinetic_energy(scene, states) + potential_energy(scene, states.x, states.R, angles, states.t)
+    return found
+
+
+def power(scene: Scene, states: Motion) -> np.ndarray:
+    """dE/dt of `energy`, (T,) in W: of loads, of dampers, and of springs whose rest angle moves."""
+    angles = torsion_angles(scene, states.R, states.w, states.t)
+    total = np.zeros(len(states.t))
+    u = np.concatenate([states.v, states.w], axis=-1)
+
+    def pushed(force: Force) -> np.ndarray:
+        f = np.zeros_like(u)
+        _add_of_force(f, scene, force, states, angles, states.t)
+        found: np.ndarray = np.einsum("tnk,tnk->t", f, u)
+        return found
+
+    for force in scene.forces:
+        p = force.parameters
+        if force.type.endswith("spring"):
+            undamped = dataclasses.replace(force, parameters=p | {"damping": 0.0})
+            total += pushed(force) - pushed(undamped)
+            if force.type == "torsional_spring":
+                total -= p["stiffness"] * (angles[force.joint] - at(p["rest_angle"], states.t)) * at(
+                    p["rest_angle"], states.t, 1)
+        else:
+            total += pushed(force)
+    return total
+
+
+def work(scene: Scene, states: Motion) -> np.ndarray:
+    """What loads, dampers and moving rest angles have done since the first time, (T,) in J: the integral of `power`.
+
+    Exact to the order four of the spline through the power at the times given, and no better.
+    """
+    if not scene.forces or len(states.t) < 2:
+        return np.zeros(len(states.t))
+    from scipy.interpolate import CubicSpline
+
+    found: np.ndarray = CubicSpline(states.t, power(scene, states)).antiderivative()(states.t)
     return found
 
 
@@ -100,34 +145,52 @@ def continuous(wrapped: np.ndarray, start: float | None, rate: np.ndarray | None
 
 
 def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
-                   angles: dict[str, np.ndarray] | None = None) -> np.ndarray:
-    """f(q, u) of M du/dt = f - G^T lam, (T, 6n): per body the force (world) and the torque - w x J w (body axes).
+                   angles: dict[str, np.ndarray] | None = None, t: np.ndarray | float = 0.0) -> np.ndarray:
+    """f(q, u, t) of M du/dt = f - G^T lam, (T, 6n): per body the force (world) and the torque - w x J w (body axes).
 
-    `angles` as from `torsion_angles`; left out, they are unwrapped along the time axis of R.
+    `angles` as from `torsion_angles`; left out, they are unwrapped along the time axis of R. `t`: the times.
     """
     f = np.zeros((len(x), scene.n, 6))
     f[:, :, :3] = scene.masses[:, None] * scene.gravity
     f[:, :, 3:] = -cross(w, np.einsum("njk,tnk->tnj", scene.inertias, w))
     if angles is None:
         angles = torsion_angles(scene, R)
+    states = States(np.empty(0), x, R, v, w)
     for force in scene.forces:
-        p = force.parameters
-        if force.type == "linear_spring":
-            pull = _spring_pull(force, x, R, v, w)
-            _add_force(f, R, force.child, p["child_point"], -pull)
-            _add_force(f, R, force.parent, p["parent_point"], pull)
-        elif force.type == "torsional_spring":
-            joint = next(joint for joint in scene.joints if joint.name == force.joint)
-            size = (p["stiffness"] * (angles[joint.name] - p["rest_angle"])
-                    + p["damping"] * _torsion_rate(joint, R, w))
-            torque = -size[:, None] * _parent_axis(joint, R)
-            _add_torque(f, R, joint.child, torque)
-            _add_torque(f, R, joint.parent, -torque)
-        elif force.type == "constant_force":
-            _add_force(f, R, force.child, p["child_point"], _in_world(p["force"], p["frame"], R[:, force.child]))
-        elif force.type == "constant_torque":
-            _add_torque(f, R, force.child, _in_world(p["torque"], p["frame"], R[:, force.child]))
+        _add_of_force(f, scene, force, states, angles, t)
     return f.reshape(len(x), 6 * scene.n)
+
+
+def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, angles: dict[str, np.ndarray],
+                  t: np.ndarray | float) -> None:
+    """Add one force to f, (T, n, 6)."""
+    x, R, v, w = states.x, states.R, states.v, states.w
+    p = force.parameters
+    factor = np.broadcast_to(at(p.get("factor", 1.0), t), len(x))[:, None]
+    joint = next((joint for joint in scene.joints if joint.name == force.joint), None)
+    if force.type == "linear_spring":
+        pull = _spring_pull(force, x, R, v, w)
+        _add_force(f, R, force.child, p["child_point"], -pull)
+        _add_force(f, R, force.parent, p["parent_point"], pull)
+    elif joint is not None:
+        axis = _parent_axis(joint, R)
+        if force.type == "joint_force":
+            push = np.broadcast_to(at(p["force"], t), len(x))[:, None] * axis
+            _add_force(f, R, joint.child, joint.child_anchor, push)
+            _add_force(f, R, joint.parent, joint.parent_anchor, -push)
+            return
+        if force.type == "joint_torque":
+            size = np.broadcast_to(at(p["torque"], t), len(x))
+        else:
+            size = -(p["stiffness"] * (angles[joint.name] - at(p["rest_angle"], t))
+                     + p["damping"] * _torsion_rate(joint, R, w))
+        _add_torque(f, R, joint.child, size[:, None] * axis)
+        _add_torque(f, R, joint.parent, -size[:, None] * axis)
+    elif force.type == "constant_force":
+        push = factor * _in_world(p["force"], p["frame"], R[:, force.child])
+        _add_force(f, R, force.child, p["child_point"], push)
+    else:
+        _add_torque(f, R, force.child, factor * _in_world(p["torque"], p["frame"], R[:, force.child]))
 
 
 def inverse_mass(scene: Scene) -> np.ndarray:
@@ -140,14 +203,15 @@ def inverse_mass(scene: Scene) -> np.ndarray:
 
 
 def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
-           angles: dict[str, np.ndarray] | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Accelerations and multipliers that satisfy G du/dt + gamma = 0 at the given states, by dense algebra.
+           angles: dict[str, np.ndarray] | None = None,
+           t: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Accelerations and multipliers that satisfy G du/dt + gamma = 0 at the given states and times, by dense algebra.
 
     Returns a (T, n, 3) world, alpha (T, n, 3) body axes, lam (T, m); lam is the least-norm one where rows are
     redundant, with the rank found at the first state.
     """
     constraints = Constraints(scene)
-    inverse, forces = inverse_mass(scene)[None], applied_forces(scene, x, R, v, w, angles)
+    inverse, forces = inverse_mass(scene)[None], applied_forces(scene, x, R, v, w, angles, t)
     if any(any(joint.armature) for joint in scene.joints):
         mass = np.linalg.inv(inverse)
         for inertia, S, bias in rotors(scene, x, R, v, w):
@@ -216,7 +280,7 @@ def _in_world(vector: tuple[float, ...], frame: str, R: np.ndarray) -> np.ndarra
     return R @ np.array(vector) if frame == "body" else np.broadcast_to(np.array(vector), (len(R), 3))
 
 
-def _add_force(f: np.ndarray, R: np.ndarray, body: int, s: tuple[float, ...], force: np.ndarray) -> None:
+def _add_force(f: np.ndarray, R: np.ndarray, body: int, s: Any, force: np.ndarray) -> None:
     if body == GROUND:
         return
     f[:, body, :3] += force

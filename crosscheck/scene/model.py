@@ -15,8 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.scene.functions import TimeFunction
+
 GROUND = -1
 """Body index of the ground."""
+
+ELEMENTS = ("armature", "mimic", "joint_torque", "function")
+"""What an engine has to know by name: keys of joints, torques and forces along them, functions of time."""
 
 
 def _frozen(values: Any, shape: tuple[int, ...]) -> np.ndarray:
@@ -102,14 +107,23 @@ class Joint:
 
 @dataclasses.dataclass(frozen=True)
 class Force:
-    """A spring-damper or a constant load; `parameters` holds the keys of SCENES for this type, arrays as tuples."""
+    """A spring-damper, a load or the drive of a joint; `parameters` holds the keys of its type, arrays as tuples.
+
+    A constant_force or constant_torque may have a `factor`, a function of time that multiplies it; rest_angle and the
+    torque or force of a joint may be functions themselves.
+    """
 
     type: str
     parent: Any  # body index, -1 for the ground; None where the type has none
     child: Any  # body index; None where the type has none
-    joint: Any  # joint name, torsional springs only
+    joint: Any  # joint name; of torsional springs, joint torques and forces
     parameters: dict[str, Any]
     of_joint: str = ""  # the joint whose damping or stiffness this is
+
+    @property
+    def functions(self) -> tuple[TimeFunction, ...]:
+        """The functions of time among the parameters."""
+        return tuple(value for value in self.parameters.values() if isinstance(value, TimeFunction))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -176,12 +190,28 @@ class Scene:
         return np.array([body.angular_velocity for body in self.bodies]).reshape(-1, 3)
 
     def beyond(self, known: Container[str] = ()) -> str | None:
-        """Why an engine with only `known` of "armature" and "mimic" cannot model the scene, or None where it can."""
+        """Why an engine with only `known` of ELEMENTS cannot model the scene, or None where it can."""
         for joint in self.joints:
             for element, there in (("armature", any(joint.armature)), ("mimic", joint.mimic is not None)):
                 if there and element not in known:
                     return f"joint {joint.name!r} has the key {element}, which is not built here"
+        for index, force in enumerate(self.forces):
+            if force.type.startswith("joint_") and "joint_torque" not in known:
+                return f"forces[{index}] is a {force.type}, a type that is not built here"
+            if force.functions and "function" not in known:
+                return f"forces[{index}] ({force.type}) depends on time, which is not built here"
         return None
+
+    @property
+    def timed(self) -> bool:
+        """Whether anything depends on time."""
+        return any(force.functions for force in self.forces)
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Times inside the run at which a derivative of a function of time jumps, in order."""
+        return tuple(sorted({t for force in self.forces for function in force.functions
+                             for t in function.inner_breaks if 0 < t < self.duration}))
 
     def replace(self, **changes: Any) -> Scene:
         """A copy with some fields changed, say `duration` or `samples`."""
@@ -212,4 +242,7 @@ def _plain(record: Any) -> dict[str, Any]:
             fields.pop(name, None)
         elif name == "mimic":
             fields[name] = dataclasses.astuple(fields[name])
+    if "parameters" in fields:
+        fields["parameters"] = {key: dataclasses.astuple(value) if isinstance(value, TimeFunction) else value
+                                for key, value in fields["parameters"].items()}
     return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in fields.items()}

@@ -6,7 +6,7 @@ import difflib
 import math
 import re
 from collections.abc import Iterable
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import msgspec
 
@@ -18,6 +18,8 @@ VERSIONS = (1, 2)
 SECOND = {"joints": ("reference_attitude", "position", "velocity", "armature", "damping", "stiffness", "rest_position",
                      "mimic"), "": ("left_out",)}
 """Keys that a file may have from version 2 on, by their table."""
+
+VERSION_2_FORCES = ("joint_torque", "joint_force")
 
 LARGEST = 1e100
 """Magnitude of the largest number a scene may hold; products of three such still are doubles."""
@@ -80,6 +82,31 @@ class JointEntry(msgspec.Struct, frozen=True):
     mimic: MimicEntry | None = None
 
 
+class PolynomialEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="polynomial"):
+    """A function of time: sum of coefficients[k] t^k."""
+
+    coefficients: list[float]
+
+
+class SineEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="sine"):
+    """A function of time: offset + sum of amplitude sin(angular frequency t + phase)."""
+
+    terms: list[Vector]
+    offset: float = 0.0
+
+
+class SplineEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="spline"):
+    """A function of time: the cubic spline through a table."""
+
+    times: list[float]
+    values: list[float]
+
+
+FunctionEntry = PolynomialEntry | SineEntry | SplineEntry
+Timed = float | PolynomialEntry | SineEntry | SplineEntry
+TimedVector = tuple[Timed, Timed, Timed]
+
+
 class LinearSpringEntry(msgspec.Struct, frozen=True, tag_field="type", tag="linear_spring"):
     """One of [[forces]]: spring-damper between two points."""
 
@@ -97,30 +124,44 @@ class TorsionalSpringEntry(msgspec.Struct, frozen=True, tag_field="type", tag="t
 
     joint: str
     stiffness: float
-    rest_angle: float
+    rest_angle: Timed
     damping: float = 0.0
 
 
+class JointTorqueEntry(msgspec.Struct, frozen=True, tag_field="type", tag="joint_torque"):
+    """One of [[forces]]: torque about the axis of a joint on its child, the opposite on its parent."""
+
+    joint: str
+    torque: Timed
+
+
+class JointForceEntry(msgspec.Struct, frozen=True, tag_field="type", tag="joint_force"):
+    """One of [[forces]]: force along the axis of a slide on its child, the opposite on its parent."""
+
+    joint: str
+    force: Timed
+
+
 class ConstantForceEntry(msgspec.Struct, frozen=True, tag_field="type", tag="constant_force"):
-    """One of [[forces]]: constant force at a point of a body."""
+    """One of [[forces]]: force at a point of a body, its components constant or functions of time."""
 
     child: str
     child_point: Vector
     frame: Literal["world", "body"]
-    force: Vector
+    force: TimedVector
 
 
 class ConstantTorqueEntry(msgspec.Struct, frozen=True, tag_field="type", tag="constant_torque"):
-    """One of [[forces]]: constant torque on a body."""
+    """One of [[forces]]: torque on a body, its components constant or functions of time."""
 
     child: str
     frame: Literal["world", "body"]
-    torque: Vector
+    torque: TimedVector
 
 
-ForceEntry = LinearSpringEntry | TorsionalSpringEntry | ConstantForceEntry | ConstantTorqueEntry
-FORCE_ENTRIES = {str(cls.__struct_config__.tag): cls
-                 for cls in (LinearSpringEntry, TorsionalSpringEntry, ConstantForceEntry, ConstantTorqueEntry)}
+ForceEntry = (LinearSpringEntry | TorsionalSpringEntry | ConstantForceEntry | ConstantTorqueEntry | JointTorqueEntry
+              | JointForceEntry)
+FORCE_ENTRIES = {str(cls.__struct_config__.tag): cls for cls in get_args(ForceEntry)}
 
 
 class SceneEntry(msgspec.Struct, frozen=True):
@@ -155,11 +196,14 @@ _EXPECTED = {
     "parent_axis": "three numbers, not all zero", "child_axis": "three numbers, not all zero",
     "length": "a number of m > 0", "parent_point": _VECTOR_METRES, "child_point": _VECTOR_METRES,
     "stiffness": "a number >= 0 in N/m (N m/rad for a torsional spring)", "damping": "a number >= 0 in SI units",
-    "free_length": "a number of m >= 0", "rest_angle": "a number of rad", "joint": "the name of a joint",
+    "free_length": "a number of m >= 0", "rest_angle": "a number or a function of time in rad",
+    "joint": "the name of a joint",
     "reference_attitude": "a quaternion of four numbers w, x, y, z", "armature": "a number >= 0 in kg m^2 or kg",
     "rest_position": "a number of rad or m", "mimic": 'a table, { joint = "motor", ratio = 3.0 }',
     "ratio": "a number", "offset": "a number of rad or m", "left_out": "a list of texts",
-    "frame": '"world" or "body"', "force": "three numbers in N", "torque": "three numbers in N m",
+    "frame": '"world" or "body"', "force": "three numbers or functions of time in N (one along a joint)",
+    "torque": "three numbers or functions of time in N m (one about a joint)", "coefficients": "a list of numbers",
+    "terms": "rows of amplitude, angular frequency, phase", "times": "a list of s", "values": "a list of numbers",
 }
 
 
@@ -215,6 +259,13 @@ def _check_version(data: dict[str, Any]) -> None:
         raise EntryError("schema", f"version {data['schema']!r} is not known here", "write schema = 1")
     if data["schema"] >= 2:
         return
+    forces = data.get("forces", [])
+    for index, force in enumerate(forces if isinstance(forces, list) else []):
+        for key, value in force.items() if isinstance(force, dict) else ():
+            parts = value if isinstance(value, list) else [value]
+            if (key == "type" and value in VERSION_2_FORCES) or any(isinstance(part, dict) for part in parts):
+                raise EntryError(entry_name(data, ("forces", index, key)), "is of version 2", "write schema = 2 at the "
+                                 "top")
     for group, keys in SECOND.items():
         tables = data.get(group, []) if group else [data]
         for index, table in enumerate(tables if isinstance(tables, list) else []):

@@ -161,7 +161,7 @@ def _true_reactions(scene: Scene, reference: Reference) -> Any:
     constraints, s = Constraints(scene), reference.states
     if constraints.m == 0 or scene.n > DENSE_BODIES:
         return None
-    lam = mechanics.index1(scene, s.x, s.R, s.v, s.w, mechanics.torsion_angles(scene, s.R, s.w, s.t))[2]
+    lam = mechanics.index1(scene, s.x, s.R, s.v, s.w, mechanics.torsion_angles(scene, s.R, s.w, s.t), s.t)[2]
     return constraints.reactions(s.x, s.R, lam)
 
 

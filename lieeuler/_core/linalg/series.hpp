@@ -93,6 +93,11 @@ inline void add_scaled(Quad& total, double factor, const double* s, const Quad* 
   for (int i = 0; i < 2; ++i) total.half[i] += both(factor) * product.half[i];
 }
 
+inline void add_scaled(Columns& total, double factor, const Columns& A) {
+  for (int c = 0; c < 3; ++c)
+    for (int i = 0; i < 2; ++i) total.half[c][i] += both(factor) * A.half[c][i];
+}
+
 // Horner's rule, coefficients 0 .. order.
 template <class Coefficient>
 Coefficient evaluate(const Coefficient* series, int order, double h) {

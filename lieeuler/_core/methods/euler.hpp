@@ -67,6 +67,7 @@ class EulerStepper {
     remove_null_space(z_);
     std::swap(start_, state_);
     std::swap(start_joints_, joints_);
+    state_.frames.follow(start_.frames, h_);
     measure_scales();
     Status status = newton_.solve(equations(), z_, target(), counters);
     if (status != Status::success && predictor.extrapolates()) {

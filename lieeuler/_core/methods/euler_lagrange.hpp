@@ -201,6 +201,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   Status begin_alpha() {
     const double whole = std::exchange(h_, alpha_->ahead(h_));
     start_ = state_;
+    state_.frames.follow(start_.frames, h_);
     bool inside = true;
     for (int b = 0; b < system_.n(); ++b) {
       const Twist &u = start_.u[b], &a = start_.a[b];

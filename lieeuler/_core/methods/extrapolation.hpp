@@ -56,6 +56,7 @@ class Extrapolation {
     if (const Status status = fill_rows(h, stands, counters, watch); status != Status::success || !stands)
       return status;
     extrapolate(state_, next_);
+    next_.frames.follow(state_.frames, h);
     return projection_.project(next_, scales_, counters);
   }
 
@@ -98,9 +99,11 @@ class Extrapolation {
       out.u[b] = {rate.v / h_, map.left_tangent() * rate.w / h_};
     }
     out.angles = next_.angles;
+    out.frames.follow(next_.frames, fraction * h_);
     return Status::success;
   }
 
+  double next_break(double end) const { return system_.next_break(state_.frames.time, end); }
   const State& state() const { return state_; }
   const Constraints& joints() const { return projection_.joints(); }
   int redundant_rows() const { return projection_.redundant_rows(); }

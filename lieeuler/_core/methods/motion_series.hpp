@@ -30,6 +30,7 @@ class MotionSeries {
     for (CarriedSeries& z : carried_) z.extend(body_, 0), z.extend(body_, 1);
     for (SpringSeries& spring : springs_) spring.start();
     for (size_t k = 0; k < torsions_.size(); ++k) torsions_[k].start(state);
+    for (DriveSeries& drive : drives_) drive.start(state.frames.time);
   }
 
   // Order k: accelerations and multipliers k, velocities k + 1, configurations k + 2. False where a force has no
@@ -128,12 +129,21 @@ class MotionSeries {
                  false);
         break;
       }
+      case Force::Kind::slide_force: {
+        const Joint ends{force.parent, force.child, force.parent_point, force.child_point, {}};
+        drives_.emplace_back(force, carried(ends, Carrier::parent_axis, force.axis));
+        add_arms(force.parent, force.child, force.parent_point, force.child_point, drives_.back().force.data(), true,
+                 false);
+        break;
+      }
       case Force::Kind::torsional_spring:
         torsions_.emplace_back(force, static_cast<int>(&force - system_.forces.data()));
         break;
       case Force::Kind::load:
         break;
     }
+    if (force.drive && force.kind != Force::Kind::slide_force)
+      drives_.emplace_back(force, static_cast<int>(torsions_.size()) - 1);
   }
   // A pull V of the anchors towards each other.
   void add_arms(int parent, int child, const Vec3& parent_anchor, const Vec3& child_anchor, const Quad* force,
@@ -163,19 +173,37 @@ class MotionSeries {
       force_[torsion.force->child].w -= torque * torsion.seen;
     }
     for (const Force& force : system_.forces)
-      if (force.kind == Force::Kind::load) add_load(force, k);
+      if (force.kind == Force::Kind::load && !force.drive) add_load(force, body_.R[force.child][k], k == 0);
+    for (DriveSeries& drive : drives_) add_drive(drive, k);
     return true;
   }
-  void add_load(const Force& load, int k) {
-    const Columns& R = body_.R[load.child][k];
+  void add_drive(DriveSeries& drive, int k) {
+    const Force& force = *drive.given;
+    switch (force.kind) {
+      case Force::Kind::torsional_spring:
+        force_[force.parent].w -= drive[k] * force.axis;
+        force_[force.child].w += drive[k] * torsions_[drive.line].seen;
+        break;
+      case Force::Kind::load: {
+        Columns R{};
+        for (int j = 0; j <= k; ++j) add_scaled(R, drive[j], body_.R[force.child][k - j]);
+        add_load(force, R, drive[k]);
+        break;
+      }
+      default:
+        drive.extend(carried_[drive.line].value.data(), k);
+    }
+  }
+  // R, and one, multiplied by what the load is multiplied by, of this order.
+  void add_load(const Force& load, const Columns& R, double factor) {
     Twist& target = force_[load.child];
     const Vec3 point = points_.local(load.child, load.child_point);
     if (load.in_world) {
       target.w += point.cross(seen_from(R, load.force)) + seen_from(R, load.torque);
-      if (k == 0) target.v += load.force;
+      if (factor != 0) target.v += factor * load.force;
     } else {
       target.v += vector(times(R, load.force));
-      if (k == 0) target.w += point.cross(load.force) + load.torque;
+      if (factor != 0) target.w += factor * (point.cross(load.force) + load.torque);
     }
   }
   void add_arm(const Arm& arm, int k) {
@@ -217,6 +245,7 @@ class MotionSeries {
   std::vector<PartSeries> parts_;
   std::vector<SpringSeries> springs_;
   std::vector<TorsionSeries> torsions_;
+  std::vector<DriveSeries> drives_;
   std::vector<Arm> arms_;
   std::vector<Twist> force_;  // in: forces of this order; out: accelerations
   std::vector<Vec3> rows_;    // by part; in: -gamma; out: multipliers

@@ -7,6 +7,8 @@
 // One projection onto Phi = 0 and G u = 0 ends the step; the matrix factored there is that of the next first stage.
 #pragma once
 
+#include <numeric>
+
 #include "run/adaptive_steps.hpp"
 
 namespace lieeuler {
@@ -34,7 +36,9 @@ class MuntheKaas {
         errors_(sparse(tableau.errors)),
         extra_(sparse(tableau.extra)),
         dense_(sparse(tableau.dense)),
-        most_turn_(most_turn(system, 2 * std::numbers::pi)) {
+        most_turn_(most_turn(system, 2 * std::numbers::pi)),
+        nodes_(sums(tableau.stages)),
+        extra_nodes_(sums(tableau.extra)) {
     slopes_.assign((stages_.size() + 2 + extra_.size()) * size_, 0.0);
     y_.assign(size_, 0.0), step_.assign(size_, 0.0);
     dense_terms_.assign((3 + dense_.size()) * size_, 0.0);
@@ -54,10 +58,12 @@ class MuntheKaas {
     put_first_slope();
     for (size_t i = 0; i < stages_.size(); ++i) {
       combine(stages_[i], y_.data());
-      if (const Status status = evaluate(slope(i + 1), counters); status != Status::success) return status;
+      if (const Status status = evaluate(slope(i + 1), h * nodes_[i], counters); status != Status::success)
+        return status;
     }
     combine(weights_[0], step_.data());
     next_.angles = state_.angles;
+    next_.frames.follow(state_.frames, h);
     if (!configure(step_.data(), state_, next_, slope(end()))) return Status::map_domain;
     if (const Status status = projection_.settle(next_, scales_, counters); status != Status::success) return status;
     put_accelerations(next_, slope(end()));
@@ -91,7 +97,7 @@ class MuntheKaas {
     const double first = scales_.norm(y_);
     const double rate = scales_.rate, h = 0.01 / std::max(first, 1e-6 * rate);
     for (size_t i = 0; i < size_; ++i) y_[i] = h * slope(0)[i];
-    const Status status = evaluate(slope(1), counters);
+    const Status status = evaluate(slope(1), h, counters);
     projection_.move_to(state_);  // joints() are those of state()
     if (status != Status::success) return 0.01 * h;
     for (size_t i = 0; i < size_; ++i) y_[i] = slope(1)[i] - slope(0)[i];
@@ -111,9 +117,11 @@ class MuntheKaas {
       y_[i] = s * value;
     }
     out.angles = next_.angles;
+    out.frames.follow(next_.frames, fraction * h_);
     return configure(y_.data(), next_, out, step_.data()) ? Status::success : Status::map_domain;
   }
 
+  double next_break(double end) const { return system_.next_break(state_.frames.time, end); }
   const State& state() const { return state_; }
   const Constraints& joints() const { return projection_.joints(); }
   int redundant_rows() const { return projection_.redundant_rows(); }
@@ -132,6 +140,13 @@ class MuntheKaas {
       for (size_t k = 0; k < row.size(); ++k)
         if (row[k] != 0) all.back().push_back({static_cast<int>(k), row[k]});
     }
+    return all;
+  }
+
+  // Times of the stages, as parts of the step.
+  static std::vector<double> sums(const std::vector<std::vector<double>>& rows) {
+    std::vector<double> all;
+    for (const std::vector<double>& row : rows) all.push_back(std::accumulate(row.begin(), row.end(), 0.0));
     return all;
   }
 
@@ -176,9 +191,10 @@ class MuntheKaas {
     for (int b = 0; b < system_.n(); ++b) store(state_.u[b], out + kPerBody * b);
     put_accelerations(state_, out);
   }
-  // The slope at y_.
-  Status evaluate(double* out, Counters& counters) {
+  // The slope at y_, a time after the start of the step.
+  Status evaluate(double* out, double after, Counters& counters) {
     trial_.angles = state_.angles;
+    trial_.frames.follow(state_.frames, after);
     if (!configure(y_.data(), state_, trial_, out)) return Status::map_domain;
     ++counters.factorizations;
     ++counters.force_evaluations;
@@ -193,7 +209,7 @@ class MuntheKaas {
     Status status = Status::success;
     for (size_t i = 0; i < extra_.size() && status == Status::success; ++i) {
       combine(extra_[i], y_.data());
-      status = evaluate(slope(end() + 1 + i), counters);
+      status = evaluate(slope(end() + 1 + i), h_ * extra_nodes_[i], counters);
     }
     std::swap(state_, next_);
     if (status != Status::success) return status;
@@ -215,6 +231,7 @@ class MuntheKaas {
   const size_t size_;
   const std::vector<Terms> stages_, weights_, errors_, extra_, dense_;
   const double most_turn_;      // of a body in a step: dexp^-1 is singular at a whole turn
+  const std::vector<double> nodes_, extra_nodes_;
   std::vector<double> slopes_;  // of the stages, of the end of the step, of the extra stages
   std::vector<double> y_, step_, dense_terms_;
   double h_ = 0;

@@ -25,6 +25,7 @@ class TaylorStepper {
 
   Status start(const State& initial, double t, double t_end, double rtol) {
     state_ = initial;
+    offset_ = initial.frames.time - t;
     time_ = previous_time_ = t, end_ = t_end, rtol_ = rtol;
     smallest_ = smallest_step(t, t_end);
     order_ = order_for(rtol_);
@@ -49,6 +50,7 @@ class TaylorStepper {
     if (!std::isfinite(h)) return Status::non_finite;
     if (h < std::min(smallest_, end_ - time_))
       return projection_.smallest_pivot() < kNearlySingular ? Status::singular_matrix : Status::step_too_small;
+    h = std::min(h, system_.next_break(offset_ + time_, offset_ + end_) - offset_ - time_);
     previous_time_ = time_;
     for (int attempt = 1;; ++attempt) {
       time_ = previous_time_ + h < end_ ? previous_time_ + h : end_;
@@ -106,6 +108,7 @@ class TaylorStepper {
   }
   void evaluate(double t, State& out) const {
     series_.evaluate(t - previous_time_, order_, tree_, out);
+    out.frames.time = offset_ + t;
     for (int b = 0; b < system_.n(); ++b) out.frames[b].R = orthogonalised(out.frames[b].R);
     if (tree_.complete) tree_.settle(out);
   }
@@ -171,6 +174,7 @@ class TaylorStepper {
   SmallSaddle small_saddle_;
   MotionSeries series_;
   Scales scales_;
+  double offset_ = 0;  // of the problem's time
   double time_ = 0, previous_time_ = 0, end_ = 0, smallest_ = 0, rtol_ = 1e-8;
   int order_ = 16;
   bool rank_confirmed_ = false, accelerated_ = false;

@@ -263,4 +263,28 @@ class TorsionSeries {
   std::vector<double> angle_;
 };
 
+// What of a force depends on time, and for one along a slide the pull of the anchors towards each other.
+class DriveSeries {
+ public:
+  const Force* given;
+  int line;  // the axis among the carried vectors; of a torsional spring its place among these
+  std::vector<Quad> force;
+
+  DriveSeries(const Force& given, int line)
+      : given(&given), line(line), force(kMostOrder + 3), plain_(kMostOrder + 3), drive_(4 * (kMostOrder + 3)) {}
+
+  void start(double t) {
+    given->drive->expand(t, kMostOrder + 3, plain_.data());
+    for (size_t k = 0; k < plain_.size(); ++k) drive_[4 * k] = plain_[k];
+  }
+  double operator[](int k) const { return plain_[k]; }
+  void extend(const Quad* axis, int k) {
+    force[k] = {};
+    add_scaled(force[k], -1, drive_.data(), axis, k + 1, k);
+  }
+
+ private:
+  std::vector<double> plain_, drive_;  // the second in strides of four, as add_scaled takes it
+};
+
 }  // namespace lieeuler

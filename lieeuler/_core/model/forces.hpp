@@ -1,4 +1,4 @@
-// Applied forces: gravity, springs, dampers, constant loads; their potential and their derivatives.
+// Applied forces: gravity, springs, dampers, loads; their potential and their derivatives.
 #pragma once
 
 #include <numbers>
@@ -16,14 +16,18 @@ struct Linearised {
 class ForceState {
  public:
   // `last_angle`: of a torsional spring at the last accepted step, to unwrap against.
-  ForceState(const Force& force, const std::vector<Frame>& frames, const std::vector<Twist>& u, double last_angle)
+  ForceState(const Force& force, const Configuration& frames, const std::vector<Twist>& u, double last_angle)
       : force_(force), frame_{&frames[force.parent], &frames[force.child]}, u_{&u[force.parent], &u[force.child]} {
+    if (force.drive) drive_ = (*force.drive)(frames.time);
     switch (force.kind) {
       case Force::Kind::linear_spring:
         stretch();
         break;
       case Force::Kind::torsional_spring:
         twist(last_angle);
+        break;
+      case Force::Kind::slide_force:
+        push();
         break;
       case Force::Kind::load:
         break;
@@ -41,9 +45,11 @@ class ForceState {
   // Adds force (world) and torque (body axes) on both sides.
   void add_to(Twist& parent, Twist& child) const {
     if (force_.kind == Force::Kind::load) {
-      const Vec3 F = world_force();
+      Vec3 F = world_force();
+      Vec3 torque = force_.child_point.cross(transposed_times(attitude(kChild), F)) + body_torque();
+      if (force_.drive) F *= drive_, torque *= drive_;
       child.v += F;
-      child.w += force_.child_point.cross(transposed_times(attitude(kChild), F)) + body_torque();
+      child.w += torque;
       return;
     }
     const double size = tension();
@@ -60,10 +66,15 @@ class ForceState {
         return line_stiffness(row, column);
       case Force::Kind::torsional_spring:
         return {.ww = twist_stiffness(row, column)};
+      case Force::Kind::slide_force:
+        return slide_stiffness(row, column);
       case Force::Kind::load:
         break;
     }
-    return row == kChild && column == kChild ? load_stiffness() : Stiffness{};
+    if (row != kChild || column != kChild) return {};
+    Stiffness K = load_stiffness();
+    if (force_.drive) K.vw *= drive_, K.ww *= drive_;
+    return K;
   }
   Stiffness by_velocity(Side row, Side column) const {
     if (force_.kind == Force::Kind::linear_spring)
@@ -82,7 +93,9 @@ class ForceState {
   const Mat3& attitude(Side side) const { return frame_[side]->R; }
   const Vec3& point(Side side) const { return side == kChild ? force_.child_point : force_.parent_point; }
   static double sign(Side side) { return side == kChild ? 1 : -1; }
-  double tension() const { return force_.stiffness * (extent_ - force_.rest) + force_.damping * rate_; }
+  double tension() const { return force_.stiffness * (extent_ - force_.rest) + force_.damping * rate_ - drive(); }
+  // Of a spring: what pulls the other way; loads are multiplied by it.
+  double drive() const { return force_.drive ? drive_ : 0; }
   Vec3 world_force() const { return force_.in_world ? force_.force : Vec3(attitude(kChild) * force_.force); }
   Vec3 body_torque() const {
     return force_.in_world ? Vec3(transposed_times(attitude(kChild), force_.torque)) : force_.torque;
@@ -158,9 +171,27 @@ class ForceState {
     return K;
   }
 
+  // Along the parent's axis, at anchors that both lie on it.
+  void push() {
+    line_ = times(attitude(kParent), force_.axis);
+    for (Side side : kSides) {
+      seen_[side] = transposed_times(attitude(side), line_);
+      gradient_[side] = {sign(side) * line_, sign(side) * point(side).cross(seen_[side])};
+    }
+  }
+  // The line turns with the parent, and is seen from the child.
+  Stiffness slide_stiffness(Side row, Side column) const {
+    if (column == kChild)
+      return row == kParent ? Stiffness{} : Stiffness{.ww = drive_ * hat(point(kChild)) * hat(seen_[kChild])};
+    const Mat3 turn = -drive_ * attitude(kParent) * hat(force_.axis);
+    if (row == kParent) return {.vw = -turn};
+    return {.vw = turn, .ww = hat(point(kChild)) * attitude(kChild).transpose() * turn};
+  }
+
   const Force& force_;
   const Frame* frame_[2];
   const Twist* u_[2];
+  double drive_ = 0;
   double extent_ = 0, rate_ = 0;
   Twist gradient_[2];  // d extent/dq
   // Of a linear spring: direction from parent to child, velocity of the child's point seen from the parent's (world);
@@ -170,7 +201,7 @@ class ForceState {
 };
 
 // Force and torque on every body without -w x J w: what the Hamiltonian methods use.
-inline void applied_forces(const System& system, const std::vector<Frame>& frames, const std::vector<Twist>& u,
+inline void applied_forces(const System& system, const Configuration& frames, const std::vector<Twist>& u,
                            const std::vector<double>& last_angles, std::vector<Twist>& f) {
   for (int b = 0; b < system.n(); ++b) f[b] = {system.bodies[b].mass * system.gravity, Vec3::Zero()};
   f[system.n()] = Twist{};
@@ -189,14 +220,14 @@ inline double most_turn(const System& system, double elsewhere) {
 }
 
 // The right-hand side f(q, u) of the Lagrangian equations.
-inline void generalized_forces(const System& system, const std::vector<Frame>& frames, const std::vector<Twist>& u,
+inline void generalized_forces(const System& system, const Configuration& frames, const std::vector<Twist>& u,
                                const std::vector<double>& last_angles, std::vector<Twist>& f) {
   applied_forces(system, frames, u, last_angles, f);
   for (int b = 0; b < system.n(); ++b) f[b].w += gyroscopic_torque(system.bodies[b], u[b].w);
 }
 
 // Angles of the torsional springs (zero for other forces), unwrapped against the last ones.
-inline void update_angles(const System& system, const std::vector<Frame>& frames, const std::vector<Twist>& u,
+inline void update_angles(const System& system, const Configuration& frames, const std::vector<Twist>& u,
                           std::vector<double>& angles) {
   for (size_t k = 0; k < system.forces.size(); ++k)
     if (system.forces[k].kind == Force::Kind::torsional_spring)

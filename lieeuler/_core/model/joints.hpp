@@ -26,7 +26,7 @@ struct Stiffness {
 class JointState {
  public:
   // `frames` has to stay where it is while this is in use.
-  void update(const Joint& joint, const std::vector<Frame>& frames) {
+  void update(const Joint& joint, const Configuration& frames) {
     frame_[kParent] = &frames[joint.parent], frame_[kChild] = &frames[joint.child];
     anchor_[kParent] = &joint.parent_anchor, anchor_[kChild] = &joint.child_anchor;
     for (Side side : kSides) arm_[side] = times(frame_[side]->R, *anchor_[side]);

@@ -8,7 +8,7 @@ namespace lieeuler {
 
 // A point of the trajectory. frames, u and a have one entry more than bodies: the ground, at rest.
 struct State {
-  std::vector<Frame> frames;
+  Configuration frames;
   std::vector<Twist> u, a;
   std::vector<double> lam;
   std::vector<double> angles;  // of the torsional springs, one place per force
@@ -31,7 +31,7 @@ class Constraints {
  public:
   explicit Constraints(const System& system) : system_(&system), states_(system.joints.size()) {}
 
-  void update(const std::vector<Frame>& frames) {
+  void update(const Configuration& frames) {
     for (size_t j = 0; j < states_.size(); ++j) states_[j].update(system_->joints[j], frames);
   }
   const JointState& operator[](int joint) const { return states_[joint]; }

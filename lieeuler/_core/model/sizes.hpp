@@ -38,11 +38,14 @@ inline void measure(System& system, const Force& force) {
     rotation += turns;
     translation += 1 / system.bodies[b].mass + turns * point.squaredNorm();
   }
+  const double drive = force.drive ? force.drive->size() : 1;
   if (force.kind == Force::Kind::load) {
-    enlarge(system.acceleration, translation * force.force.norm());
-    enlarge(system.angular_acceleration, rotation * force.torque.norm());
+    enlarge(system.acceleration, translation * drive * force.force.norm());
+    enlarge(system.angular_acceleration, rotation * drive * force.torque.norm());
     return;
   }
+  if (force.kind == Force::Kind::slide_force) return enlarge(system.acceleration, translation * drive);
+  if (force.drive) enlarge(system.angular_acceleration, rotation * drive);
   const double mobility = force.kind == Force::Kind::linear_spring ? translation : rotation;
   enlarge(system.frequency, std::max(std::sqrt(force.stiffness * mobility), force.damping * mobility));
 }

@@ -3,9 +3,11 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <optional>
 #include <vector>
 
 #include "model/so3.hpp"
+#include "model/time_function.hpp"
 
 namespace lieeuler {
 
@@ -37,6 +39,19 @@ struct Body {
 struct Frame {
   Vec3 x = Vec3::Zero();
   Mat3 R = Mat3::Identity();
+};
+
+// Where all bodies are, the ground last, and when.
+struct Configuration : std::vector<Frame> {
+  using std::vector<Frame>::vector;
+  double time = 0, lost = 0;  // s, and what rounding has taken of it: a million steps would gather digits
+
+  // The time a step after `before`.
+  void follow(const Configuration& before, double h) {
+    const double step = h - before.lost;
+    time = before.time + step;
+    lost = (time - before.time) - step;
+  }
 };
 
 // Quasi-velocities of one body: v of the centre of mass (world), w (body axes). Also used for accelerations,
@@ -85,9 +100,9 @@ struct Joint {
   std::vector<Part> parts;
 };
 
-// A spring-damper or a constant load. parent == number of bodies: the ground.
+// A spring-damper or a load. parent == number of bodies: the ground.
 struct Force {
-  enum class Kind { linear_spring, torsional_spring, load };
+  enum class Kind { linear_spring, torsional_spring, load, slide_force };
   Kind kind;
   int parent, child;
   Vec3 parent_point = Vec3::Zero(), child_point = Vec3::Zero();  // linear spring, load: from the centres of mass
@@ -97,6 +112,8 @@ struct Force {
   // Load on the child: constant in the world or in the body.
   Vec3 force = Vec3::Zero(), torque = Vec3::Zero();
   bool in_world = true;
+  // Of a load a factor, of a torsional spring a torque on the child, of a slide force its size along the axis.
+  std::optional<TimeFunction> drive;
 };
 
 struct System {
@@ -135,6 +152,12 @@ struct System {
            std::any_of(joints.begin(), joints.end(), [&](const Joint& joint) {
              return turns_easily(joint.parent, joint.parent_anchor) || turns_easily(joint.child, joint.child_anchor);
            });
+  }
+  // Where a step that begins at t has to end: series and error estimates do not see across a break.
+  double next_break(double t, double end) const {
+    for (const Force& force : forces)
+      if (force.drive) end = force.drive->next_break(t, end);
+    return end;
   }
   // Whether a light body may carry a heavy one, whose share in G M^-1 G^T then loses three digits or more.
   bool graded() const {

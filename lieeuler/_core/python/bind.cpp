@@ -67,16 +67,25 @@ void add_linear_spring(System& system, int parent, int child, const Vec3& parent
 // axis, normal, second_normal: right-handed, in the parent; pointer: the normal in the child at angle zero.
 void add_torsional_spring(System& system, int parent, int child, const Vec3& axis, const Vec3& normal,
                           const Vec3& second_normal, const Vec3& pointer, double stiffness, double rest_angle,
-                          double damping) {
+                          double damping, const std::optional<TimeFunction>& torque) {
   Force force{Force::Kind::torsional_spring, parent_of(system, parent, child), child};
   force.axis = axis, force.normal = normal, force.second_normal = second_normal, force.pointer = pointer;
-  force.stiffness = stiffness, force.rest = rest_angle, force.damping = damping;
+  force.stiffness = stiffness, force.rest = rest_angle, force.damping = damping, force.drive = torque;
   add_force(system, force);
 }
 
-void add_load(System& system, int child, const Vec3& point, const Vec3& value, const Vec3& torque, bool in_world) {
+void add_slide_force(System& system, int parent, int child, const Vec3& parent_anchor, const Vec3& child_anchor,
+                     const Vec3& axis, const TimeFunction& size) {
+  Force force{Force::Kind::slide_force, parent_of(system, parent, child), child};
+  force.parent_point = parent_anchor, force.child_point = child_anchor, force.axis = axis, force.drive = size;
+  add_force(system, force);
+}
+
+void add_load(System& system, int child, const Vec3& point, const Vec3& value, const Vec3& torque, bool in_world,
+              const std::optional<TimeFunction>& factor) {
   Force force{Force::Kind::load, parent_of(system, -1, child), child};
   force.child_point = point, force.force = value, force.torque = torque, force.in_world = in_world;
+  force.drive = factor;
   add_force(system, force);
 }
 
@@ -111,7 +120,8 @@ bool ctrl_c() {
 
 nb::dict integrate(const System& system, const Run& method, const Array& x, const Array& R, const Array& v,
                    const Array& w) {
-  const State initial = make_state(system, x, R, v, w);
+  State initial = make_state(system, x, R, v, w);
+  initial.frames.time = method.begin;
   Samples samples(method.samples, system);
   const Record record = [&](int, const State& state) { samples.append(state); };
   Outcome outcome;
@@ -166,7 +176,8 @@ nb::dict integrate_ensemble(const std::vector<const System*>& systems, const Run
   std::vector<std::int64_t> steps(N, 0), rejected(N, 0);
   auto member = [&](size_t k, const Interrupted& stopped) {
     const System& system = *systems[systems.size() == 1 ? 0 : k];
-    const State initial = make_state(system, x, R, v, w, k);
+    State initial = make_state(system, x, R, v, w, k);
+    initial.frames.time = method.begin;
     const Record record = [&](int sample, const State& state) {
       for (size_t b = 0; b < n; ++b) {
         const size_t at = (k * T + sample) * n + b;
@@ -308,6 +319,24 @@ NB_MODULE(_kernel, m) {
             new (self) Method{formulation, level, index1_output, {alpha, beta}, composition, spectral_radius, polish};
           },
           nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none(), nb::arg());
+  nb::class_<TimeFunction>(m, "TimeFunction")
+      .def("__init__",
+           [](TimeFunction* self, const std::vector<double>& breaks, const std::vector<std::vector<double>>& pieces,
+              const std::vector<std::vector<double>>& terms) {
+             require(!breaks.empty() && breaks.size() == pieces.size(), "every piece needs a break");
+             new (self) TimeFunction{breaks, pieces, {}};
+             for (const std::vector<double>& piece : pieces) require(!piece.empty(), "a piece needs a coefficient");
+             for (const std::vector<double>& term : terms) {
+               require(term.size() == 3, "a sine has an amplitude, a frequency and a phase");
+               self->sines.push_back({term[0], term[1], term[2]});
+             }
+           })
+      .def("expand", [](const TimeFunction& f, double t, int count) {
+        require(count > 0, "a series has a coefficient");
+        std::vector<double> coefficients(count);
+        f.expand(t, count, coefficients.data());
+        return coefficients;
+      });
   nb::class_<System>(m, "System")
       .def("__init__",
            [](System* self, const std::vector<double>& masses, const std::vector<Mat3>& inertias, const Vec3& gravity) {
@@ -325,8 +354,10 @@ NB_MODULE(_kernel, m) {
            })
       .def("add_joint", &add_joint)
       .def("add_linear_spring", &add_linear_spring)
-      .def("add_torsional_spring", &add_torsional_spring)
-      .def("add_load", &add_load)
+      .def("add_torsional_spring", &add_torsional_spring, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(),
+           nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none())
+      .def("add_load", &add_load, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none())
+      .def("add_slide_force", &add_slide_force)
       .def_prop_ro("rows", &System::rows)
       .def_ro("length", &System::length);
   using TableauRows = std::vector<std::vector<double>>;
@@ -342,7 +373,7 @@ NB_MODULE(_kernel, m) {
         at_most(extra, count + 1, 1), at_most(dense, inside, 0);
         new (self) Tableau{stages, weights, order, errors, extra, dense};
       });
-  nb::class_<Run>(m, "Run");
+  nb::class_<Run>(m, "Run").def_rw("begin", &Run::begin);
   m.def("implicit", &implicit);
   m.def("runge_kutta", &runge_kutta);
   m.def("adaptive_runge_kutta", &adaptive_runge_kutta);

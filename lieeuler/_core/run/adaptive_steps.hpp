@@ -23,7 +23,7 @@ class AdaptiveSteps {
   explicit AdaptiveSteps(const Arguments&... arguments) : method_(arguments...) {}
 
   Status start(const State& initial, double t, double t_end, double rtol) {
-    time_ = previous_ = t, end_ = t_end;
+    time_ = previous_ = t, end_ = t_end, offset_ = initial.frames.time - t;
     smallest_ = smallest_step(t, t_end), taken_ = 0;
     return method_.start(initial, rtol, at_start_);
   }
@@ -31,8 +31,9 @@ class AdaptiveSteps {
   Status step(Counters& counters, Watch& watch) {
     std::exchange(at_start_, Counters{}).add_to(counters);
     for (;;) {
-      const bool last = time_ + 1.01 * method_.proposed() >= end_;  // no crumb of a step at the end
-      const double h = last ? end_ - time_ : method_.proposed();
+      const double end = method_.next_break(offset_ + end_) - offset_;
+      const bool last = time_ + 1.01 * method_.proposed() >= end;  // no crumb of a step at the end
+      const double h = last ? end - time_ : method_.proposed();
       if (!last && h < std::min(smallest_, kGrowing * taken_))
         return too_small();  // at the start steps may grow from less
       bool stands = false;
@@ -40,7 +41,7 @@ class AdaptiveSteps {
       if (status == Status::success && stands) {
         ++counters.steps;
         previous_ = time_, taken_ = h;
-        time_ = last ? end_ : time_ + h;
+        time_ = last ? end : time_ + h;
         return method_.accept(h);
       }
       if (status == Status::interrupted || watch.ends()) return Status::interrupted;
@@ -75,6 +76,7 @@ class AdaptiveSteps {
   Method method_;
   Counters at_start_;  // work before the first step
   double time_ = 0, previous_ = 0, end_ = 0, smallest_ = 0, taken_ = 0;
+  double offset_ = 0;  // of the problem's time
 };
 
 }  // namespace lieeuler

@@ -15,6 +15,7 @@ namespace lieeuler {
 struct Run {
   std::function<Outcome(const System&, const State& initial, const Record&, const Interrupted&)> run;
   size_t samples;
+  double begin = 0;  // s, the time of the initial state
 };
 
 // Calls member(k, stopped) for every k below `count` on `threads` threads. A member that shares nothing with the others

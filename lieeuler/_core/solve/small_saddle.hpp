@@ -37,7 +37,7 @@ class SmallSaddle {
   int parts() const { return static_cast<int>(parts_.size()); }
 
   // False where the rows have become dependent.
-  bool factor(const Constraints& joints, const std::vector<Frame>& frames) {
+  bool factor(const Constraints& joints, const Configuration& frames) {
     for (Mat3& block : inverse_) block.setZero();
     for (int p = 0; p < parts(); ++p)
       for (int r = parts_[p].rows; r < 3; ++r) block(p, p)(r, r) = 1;

@@ -1,0 +1,83 @@
+"""Functions of time: what loads, joint torques, rest angles and prescribed joint coordinates may be."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+
+@dataclasses.dataclass(frozen=True)
+class TimeFunction:
+    """A piecewise polynomial plus a sum of sines.
+
+    Attributes
+    ----------
+    breaks : s, where the pieces begin, increasing; the first piece holds before its break too, the last one for ever
+    pieces : for each break its coefficients in powers of t - break, constant first
+    terms : (amplitude, angular frequency in rad/s, phase in rad) of amplitude sin(angular frequency t + phase)
+    """
+
+    breaks: tuple[float, ...] = (0.0,)
+    pieces: tuple[tuple[float, ...], ...] = ((0.0,),)
+    terms: tuple[tuple[float, float, float], ...] = ()
+
+    def __call__(self, t: Any, derivative: int = 0) -> Any:
+        """Value, or that of a derivative, at times of any shape."""
+        t = np.asarray(t, dtype=float)
+        total = np.zeros(t.shape)
+        at = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, None)
+        for k in np.unique(at):
+            slopes = np.polynomial.polynomial.polyder(np.array(self.pieces[k]), derivative)
+            here = at == k
+            total[here] = np.polynomial.polynomial.polyval(t[here] - self.breaks[k], slopes)
+        for amplitude, frequency, phase in self.terms:
+            total += amplitude * frequency**derivative * np.sin(frequency * t + phase + derivative * math.pi / 2)
+        return total if total.ndim else float(total)
+
+    def times(self, factor: float) -> TimeFunction:
+        """The function times a number."""
+        return TimeFunction(self.breaks, tuple(tuple(factor * c for c in piece) for piece in self.pieces),
+                            tuple((factor * a, w, phase) for a, w, phase in self.terms))
+
+    def delayed(self, by: float) -> TimeFunction:
+        """The function of t - by."""
+        return TimeFunction(tuple(t + by for t in self.breaks), self.pieces,
+                            tuple((a, w, phase - w * by) for a, w, phase in self.terms))
+
+    @property
+    def inner_breaks(self) -> tuple[float, ...]:
+        """Times at which a derivative jumps."""
+        return self.breaks[1:]
+
+
+Value = float | TimeFunction
+"""A number, or a function of time."""
+
+
+def at(value: Value, t: Any, derivative: int = 0) -> Any:
+    """A number or a function of time at times t; derivatives of a number are zero."""
+    if isinstance(value, TimeFunction):
+        return value(t, derivative)
+    return value if derivative == 0 else 0.0
+
+
+def polynomial(coefficients: Sequence[float]) -> TimeFunction:
+    """sum of coefficients[k] t^k"""
+    return TimeFunction(pieces=(tuple(coefficients),))
+
+
+def sine(terms: Sequence[Sequence[float]], offset: float = 0.0) -> TimeFunction:
+    """offset + sum of amplitude sin(angular frequency t + phase)"""
+    return TimeFunction(pieces=((offset,),), terms=tuple((a, w, phase) for a, w, phase in terms))
+
+
+def spline(times: Sequence[float], values: Sequence[float]) -> TimeFunction:
+    """The cubic spline through a table, its third derivative continuous at the second and the last but one time."""
+    from scipy.interpolate import CubicSpline
+
+    found = CubicSpline(np.array(times), np.array(values))
+    return TimeFunction(tuple(times[:-1]), tuple(tuple(piece[::-1]) for piece in found.c.T.tolist()))

@@ -1,0 +1,77 @@
+"""Functions of time, by which loads, torques and rest angles may vary."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from lieeuler import _kernel
+from lieeuler.checks import Frozen, number
+from lieeuler.errors import ArgumentError
+
+
+@dataclasses.dataclass(frozen=True)
+class TimeFunction(Frozen):
+    """A piecewise polynomial plus a sum of sines.
+
+    Methods of order p keep it where the function is smooth over a step: a break belongs on the end of a fixed step;
+    adaptive methods end a step there by themselves.
+
+    Parameters
+    ----------
+    pieces : sequence of sequences of float
+        Coefficients of each piece in powers of t - break, constant first.
+    terms : sequence of (amplitude, angular frequency in rad/s, phase in rad)
+        Each is amplitude sin(angular frequency t + phase).
+    breaks : sequence of float
+        s, increasing, where the pieces begin; the first one holds before its break too, the last one for ever.
+    """
+
+    pieces: Sequence[Sequence[float]] = ((0.0,),)
+    terms: Sequence[Sequence[float]] = ()
+    breaks: Sequence[float] = (0.0,)
+
+    def __post_init__(self) -> None:
+        for name in ("pieces", "terms"):
+            rows = _rows(name, getattr(self, name))
+            object.__setattr__(self, name, rows)
+        object.__setattr__(self, "breaks", _numbers("breaks", self.breaks))
+        if not self.breaks or len(self.breaks) != len(self.pieces) or not all(self.pieces):
+            raise ArgumentError("every piece needs a break and at least one coefficient")
+        if (np.diff(self.breaks) <= 0).any():
+            raise ArgumentError("breaks must increase")
+        if any(len(term) != 3 for term in self.terms):
+            raise ArgumentError("a term is an amplitude, an angular frequency and a phase")
+
+    @property
+    def kernel(self) -> _kernel.TimeFunction:
+        """The function as the compiled core holds it."""
+        return _kernel.TimeFunction(self.breaks, self.pieces, self.terms)
+
+    def scaled(self, factor: float, offset: float = 0.0) -> TimeFunction:
+        """offset + factor times the function."""
+        pieces = [[factor * c for c in piece] for piece in self.pieces]
+        return TimeFunction([[piece[0] + offset, *piece[1:]] for piece in pieces],
+                            [(factor * a, w, phase) for a, w, phase in self.terms], self.breaks)
+
+
+def value(name: str, given: float | TimeFunction) -> float | TimeFunction:
+    """A function of time as it is, a number checked."""
+    return given if isinstance(given, TimeFunction) else number(name, given)
+
+
+def _numbers(name: str, values: Any) -> tuple[float, ...]:
+    try:
+        return tuple(number(name, each) for each in values)
+    except TypeError:
+        raise ArgumentError(f"{name} must be a sequence of numbers, not {values!r}") from None
+
+
+def _rows(name: str, rows: Any) -> tuple[tuple[float, ...], ...]:
+    try:
+        return tuple(_numbers(name, row) for row in rows)
+    except TypeError:
+        raise ArgumentError(f"{name} must be a sequence of rows of numbers, not {rows!r}") from None

@@ -55,6 +55,11 @@ class Trajectory:
     status: str
     stats: dict[str, Any]  # the run's counters, "step" (s), and its maxima over every step by the keys of MAXIMA
 
+    @functools.cached_property
+    def work(self) -> np.ndarray:
+        """What loads, dampers and moving rest angles have done since the start, (T,) J; see `mechanics.work`."""
+        return mechanics.work(self.scene, self)
+
     def __repr__(self) -> str:
         until = f"{self.t[-1]:.6g} s" if len(self.t) else "its start"
         return (f"Trajectory({self.scene.name}: {self.engine} {self.method}{f', {self.form}' if self.form else ''}, "

@@ -16,7 +16,7 @@ from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import GROUND
 from lieeuler import _kernel
 from tests.adapters import pairs
-from tests.scene.test_mechanics import aligned_pair, springs
+from tests.scene.test_mechanics import aligned_pair, driven, springs
 from tests.scene_making import JOINT_TYPES, drawn, jointed_pair, make_scene, moved, random_body, random_joint, unit
 
 seeds = st.integers(0, 2**31)
@@ -63,7 +63,8 @@ def test_forces_are_the_common_ones_and_their_derivatives_hold(parent, seed):
 
     rng = np.random.default_rng(seed)
     aligned = aligned_pair(rng, parent)  # the angle of a torsional spring is meant for axes that coincide
-    scene = make_scene(list(aligned.bodies), list(aligned.joints), springs(rng, parent, damping=0.7, loads=True))
+    scene = make_scene(list(aligned.bodies), list(aligned.joints), [
+        *springs(rng, parent, damping=0.7, loads=True), *driven(rng)])
     system = _kernel.System(list(scene.masses), list(scene.inertias), scene.gravity)
     for force in scene.forces:
         _force(scene, force).add_to(system)

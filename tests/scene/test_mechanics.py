@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from crosscheck.scene import mechanics
+from crosscheck.scene import functions, mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import GROUND, Body, Force, Joint
@@ -60,6 +60,19 @@ def springs(rng, parent, torsion=True, damping=0.0, loads=False):
                    Force("constant_torque", None, 1, None, {"frame": "world", "torque": p[5]}),
                    Force("constant_torque", None, 0, None, {"frame": "body", "torque": p[3]})]
     return forces
+
+
+def driven(rng):
+    """Loads with factors that depend on time, and a torque and a force along the joint named "joint"."""
+    p = rng.uniform(-1, 1, size=(4, 3)).tolist()
+    f = functions.sine([rng.uniform(-2, 2, 3).tolist()], 0.8)
+    return [Force("constant_force", None, 1, None, {"child_point": p[0], "frame": "world", "force": p[1], "factor": f}),
+            Force("constant_force", None, 1, None, {"child_point": p[0], "frame": "body", "force": p[1], "factor": f}),
+            Force("constant_torque", None, 0, None, {"frame": "world", "torque": p[2], "factor": f}),
+            Force("constant_torque", None, 1, None, {"frame": "body", "torque": p[3], "factor": f}),
+            Force("torsional_spring", None, None, "joint", {"stiffness": 2.0, "rest_angle": f, "damping": 0.3}),
+            Force("joint_torque", None, None, "joint", {"torque": f}),
+            Force("joint_force", None, None, "joint", {"force": f})]
 
 
 def aligned_pair(rng, parent, kind="revolute"):

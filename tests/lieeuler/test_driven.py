@@ -1,0 +1,131 @@
+"""Loads and torques that depend on time: accelerations, series, orders, and steps that end where a function breaks."""
+
+import numpy as np
+import pytest
+
+import lieeuler
+from crosscheck.adapters.lieeuler import build_problem
+from crosscheck.scene import mechanics
+from lieeuler import _kernel
+from tests.lieeuler.accuracy import assert_on_the_constraints, errors, scene, slopes, solve
+
+NAMES = ("driven_double_pendulum", "driven_cart")
+LADDERS = {1: (4e-3, 2e-3, 1e-3, 5e-4), 2: (2e-2, 1e-2, 5e-3, 2.5e-3), 4: (2e-2, 1e-2, 5e-3, 2.5e-3),
+           6: (5e-2, 2.5e-2, 1.25e-2), 8: (5e-2, 4e-2, 2.5e-2)}
+FIXED = {name: method.order for name, method in lieeuler.METHODS.items() if "rtol" not in method.controls}
+WITHIN = {"driven_double_pendulum": (2.0, 5), "driven_cart": (0.5, 3)}
+"""Duration (s) and samples: the spline of the cart breaks at .5 s, where stages of compositions reach beyond a step."""
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("t0", [0.0, 0.37, 1.6])
+def test_accelerations_at_any_time_are_those_of_the_dense_equations(name, t0):
+    s = scene(name, 2.0, 3)
+    run = lieeuler.integrate(build_problem(s), "INDEX1_LE", 1e-6, [t0, t0 + 1e-6])
+    a, alpha, _ = mechanics.index1(s, s.x0[None], s.R0[None], s.v0[None], s.w0[None], t=np.array([t0]))
+    size = max(np.abs(a).max(), np.abs(alpha).max())
+    assert max(np.abs(run.a[0] - a[0]).max(), np.abs(run.alpha[0] - alpha[0]).max()) < 1e-13 * size
+
+
+def of_order(most):
+    return [name for name, order in FIXED.items() if order <= most and name != "BAUMGARTE_LE"]
+
+
+@pytest.mark.parametrize("method", ["DAE1L_LSE", "DAE2H_LE", "rattle4", "rkmk4"])
+def test_order(method):
+    check_order("driven_double_pendulum", method)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("method", of_order(8))
+def test_order_of_every_method(name, method):
+    check_order(name, method)
+
+
+def check_order(name, method):
+    order, (duration, samples) = FIXED[method], WITHIN[name]
+    steps = LADDERS[order]
+    found = slopes(steps, [errors(name, solve(name, method, duration, samples, step=h, monitor=False), duration, samples)
+                           for h in steps])
+    assert np.abs(found - order).max() < (0.1 if order == 1 else 0.15), found
+
+
+@pytest.mark.parametrize("method", ["rkmk54", "rkmk853", "taylor", "seulex"])
+def test_errors_of_adaptive_methods_follow_the_tolerance(method):
+    """Over breaks too; the slope of seulex is that of its undriven runs, a little below one."""
+    tolerances = np.logspace(-5, -10, 6)
+    runs = [solve("driven_cart", method, 1.2, 5, rtol=rtol, monitor=False) for rtol in tolerances]
+    found = slopes(tolerances, [errors("driven_cart", run, 1.2, 5) for run in runs])
+    assert (found > 0.8).all(), found
+    assert (found < 1.2).all(), found
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("method", ["DAE1L_LSE", "rattle4", "taylor", "rkmk853"])
+def test_constraints_are_held(name, method):
+    run = solve(name, method, 2.0, 5, **({"rtol": 1e-9} if method in ("taylor", "rkmk853") else {"step": 1e-2}))
+    assert_on_the_constraints(run, build_problem(scene(name, 2.0, 5)))
+
+
+def test_a_run_from_a_later_time_goes_on_as_the_whole_one_did():
+    """The second half from where the first one ended, at its own time: to the rounding of the states handed over."""
+    s = scene("driven_cart", 2.0, 5)
+    whole = lieeuler.integrate(build_problem(s), "taylor", t_eval=[0.0, 0.5, 1.0, 2.0], rtol=1e-12)
+    problem = build_problem(s)
+    states = (whole.x[2], whole.R[2], whole.v[2], whole.w[2])
+    later = lieeuler.Problem(problem.bodies, problem.joints, problem.gravity, *states, forces=problem.forces)
+    for method, control in (("taylor", {"rtol": 1e-12}), ("rkmk853", {"rtol": 1e-12}), ("rattle8", {"step": 1e-2})):
+        again = lieeuler.integrate(later, method, t_eval=[1.0, 2.0], **control)
+        # rattle8 in steps of 1e-2, with stages beyond the break at 1.5 s, is the least accurate of the three
+        assert np.abs(again.x[-1] - whole.x[-1]).max() < 1e-9, method
+    wrong = lieeuler.integrate(later, "taylor", t_eval=[0.0, 1.0], rtol=1e-12)
+    assert np.abs(wrong.x[-1] - whole.x[-1]).max() > 1e-2
+
+
+def test_the_clock_keeps_its_digits_over_many_steps():
+    """A free body under a force sin(w t): where it ends tells the time each step believed it was."""
+    force = lieeuler.ConstantLoad(0, force=[1.0, 0.0, 0.0], factor=lieeuler.TimeFunction(terms=[(1.0, 40.0, 0.0)]))
+    body = lieeuler.Body(1.0, np.diag([0.1, 0.2, 0.15]))
+    at_rest = (np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
+    problem = lieeuler.Problem([body], [], np.zeros(3), *at_rest, forces=[force])
+    h, T = 1e-3, 200.0
+    run = lieeuler.integrate(problem, "rattle2", h, [0.0, T], monitor=False)
+    t = h * np.arange(200_001, dtype=np.longdouble)
+    kicks = np.sin(40.0 * t) * h
+    kicks[[0, -1]] /= 2
+    assert abs(run.v[0, 0, 0]) < 2  # the last sample is the end
+    # v is the sum of the kicks to rounding; a clock late by 1e-11 s would show by w times as much in each of its ends
+    assert abs(run.v[-1, 0, 0] - float(kicks.sum())) < 1e-12
+
+
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda: lieeuler.TimeFunction([[]]), "coefficient"),
+    (lambda: lieeuler.TimeFunction([[1.0], [2.0]]), "every piece needs a break"),
+    (lambda: lieeuler.TimeFunction([[1.0], [2.0]], breaks=[1.0, 0.0]), "increase"),
+    (lambda: lieeuler.TimeFunction(terms=[(1.0, 2.0)]), "amplitude"),
+    (lambda: lieeuler.TimeFunction(1.0), "rows of numbers"),
+    (lambda: lieeuler.ConstantLoad(0, factor=2.0), "TimeFunction"),
+    (lambda: lieeuler.SlideForce(0, 1, np.zeros(3), np.zeros(3), np.zeros(3), 1.0), "vanish"),
+])
+def test_wrong_arguments_are_named(make, words):
+    with pytest.raises(lieeuler.ArgumentError, match=words):
+        make()
+
+
+def test_steps_end_on_breaks():
+    """A kink: with steps across it the methods of order eight would leave 1e-6 at this tolerance."""
+    kink = lieeuler.TimeFunction([[0.0], [0.0, 50.0]], breaks=[0.0, 0.4321])
+    body = lieeuler.Body(1.0, np.diag([0.1, 0.2, 0.15]))
+    at_rest = (np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
+    problem = lieeuler.Problem([body], [], np.zeros(3), *at_rest,
+                               forces=[lieeuler.ConstantLoad(0, force=[1.0, 0.0, 0.0], factor=kink)])
+    for method in ("taylor", "rkmk853", "rkmk54", "seulex"):
+        run = lieeuler.integrate(problem, method, t_eval=[0.0, 1.0], rtol=1e-10)
+        assert run.x[-1, 0, 0] == pytest.approx(50 * (1 - 0.4321) ** 3 / 6, rel=1e-10), method
+        assert run.stats.steps < 60, method
+
+
+def test_series_of_the_kernel_are_functions():
+    with pytest.raises(ValueError, match="series"):
+        _kernel.TimeFunction([0.0], [[1.0]], []).expand(0.0, 0)

@@ -1,0 +1,72 @@
+"""Truth of driven scenes: three formulations agree, and a wrong sign or a late function in one of them does not pass."""
+
+import numpy as np
+import pytest
+
+from crosscheck.references import compute, maximal, natural, natural_loads, taylor, tree_loads, truth, world_loads
+from crosscheck.scene import mechanics
+from crosscheck.scene.file import load_scene
+
+NAMES = ("driven_double_pendulum", "driven_cart")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_three_formulations_agree(name):
+    scene = load_scene(name)
+    truth = compute(scene)
+    assert truth.disagreement <= 1e-12  # the bound of a well-conditioned scene: growth here is below 20
+    assert not truth.outvoted
+    third = natural.Natural(scene).run()
+    for quantity in "xR":
+        np.testing.assert_allclose(getattr(third, quantity), getattr(truth.states, quantity), rtol=0, atol=1e-13)
+    states = truth.states
+    a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w,
+                                   mechanics.torsion_angles(scene, states.R, states.w, states.t), states.t)
+    # accelerations up to some hundred, from states to 1e-14
+    np.testing.assert_allclose(a, states.a, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(alpha, states.alpha, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_cached_truth_has_two_formulations(name):
+    found = truth(load_scene(name))
+    assert found.disagreement <= 1e-12
+    assert "Taylor" in found.source
+    assert "DOP853" in found.second_source
+
+
+def late(function):
+    return lambda value, t, *rest: function(value, t - 1e-9, *rest)
+
+
+@pytest.mark.parametrize("module", [world_loads, pytest.param(natural_loads, marks=pytest.mark.slow),
+                                    pytest.param(taylor, marks=pytest.mark.slow)])
+def test_a_function_that_is_late_by_a_nanosecond_or_off_by_as_much_is_seen(module, monkeypatch):
+    """1e-9 s times rates of some 30 1/s: far above 1e-12, and below what one would see in a figure."""
+    scene = load_scene("driven_cart").replace(duration=0.4, samples=3)
+    exact = maximal.Maximal(scene).run().x
+    name = "series_of" if module is natural_loads else "at"
+    if module is taylor:
+        monkeypatch.setattr(taylor.Taylor, "_expression", _weaker(taylor.Taylor._expression))
+        other = taylor.Taylor(scene)
+        found = other.states(other.run()).x
+    else:
+        monkeypatch.setattr(module, name, late(getattr(module, name)))
+        found = (natural.Natural if module is natural_loads else maximal.Maximal)(scene).run().x
+    assert 1e-12 < np.abs(found - exact).max() < 1e-7
+
+
+def _weaker(original):
+    def expression(self, value):
+        return original(self, value) * (1.0 - 1e-9)
+    return expression
+
+
+@pytest.mark.slow
+def test_a_joint_force_left_out_is_seen(monkeypatch):
+    scene = load_scene("driven_cart").replace(duration=0.4, samples=3)
+    right = maximal.Maximal(scene).run().x
+    monkeypatch.setattr(tree_loads.Loads, "_along_joint", lambda self, force: None)
+    other = taylor.Taylor(scene)
+    assert np.abs(other.states(other.run()).x - right).max() > 1e-3

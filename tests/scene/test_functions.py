@@ -1,0 +1,134 @@
+"""Functions of time: their values and derivatives, what a file may say of them, and the work that loads do."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import crosscheck
+from crosscheck.references.natural_loads import series_of
+from crosscheck.scene import functions, mechanics
+from lieeuler import _kernel
+
+TABLE = ([0.0, 0.3, 1.0, 1.4, 2.0], [1.0, -2.0, 0.5, 3.0, -1.0])
+KINDS = {
+    "polynomial": functions.polynomial([1.0, -2.0, 0.0, 0.5]),
+    "sine": functions.sine([(2.0, 3.0, 0.4), (-0.5, 11.0, 1.0)], 0.7),
+    "spline": functions.spline(*TABLE),
+    "mixed": functions.TimeFunction((0.0, 0.8), ((1.0, 2.0), (2.6, 2.0, -3.0)), ((0.3, 5.0, 0.1),)),
+}
+T = np.linspace(0.0, 2.0, 41)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives_are_those_of_the_values(kind):
+    f, step = KINDS[kind], 1e-6
+    for order in range(3):
+        inside = np.array([0.13, 0.71, 0.93, 1.7])  # away from breaks, where a derivative may jump
+        slope = (f(inside + step, order) - f(inside - step, order)) / (2 * step)
+        # central differences: eps / step times values of some ten, and step^2 times derivatives up to 11^5
+        np.testing.assert_allclose(slope, f(inside, order + 1), rtol=0, atol=1e-6 * 11**order)
+
+
+def test_a_spline_is_that_of_scipy():
+    np.testing.assert_allclose(KINDS["spline"](T), CubicSpline(*TABLE)(T), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_series_of_the_kernel_and_of_extended_precision_are_the_derivatives(kind):
+    f = KINDS[kind]
+    kernel = _kernel.TimeFunction(f.breaks, f.pieces, f.terms)
+    for t in (0.0, 0.41, 0.8, 1.4, 1.9):
+        wanted = [f(t, k) / np.prod(np.arange(1.0, k + 1)) for k in range(8)]
+        size = max(1.0, np.abs(wanted).max())
+        np.testing.assert_allclose(kernel.expand(t, 8), wanted, rtol=0, atol=1e-14 * size)
+        np.testing.assert_allclose(series_of(f, np.longdouble(t), 8).astype(float), wanted, rtol=0, atol=1e-14 * size)
+
+
+def test_delay_and_factor():
+    f = KINDS["mixed"]
+    np.testing.assert_allclose(f.delayed(0.25)(T), f(T - 0.25), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(f.times(-3.0)(T), -3.0 * f(T), rtol=0, atol=1e-14)
+
+
+SCENE = """schema = 2
+name = "one"
+gravity = [0.0, 0.0, -9.81]
+duration = 1.0
+samples = 3
+[[bodies]]
+name = "bar"
+mass = 1.0
+inertia = [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]]
+[[joints]]
+name = "pin"
+type = "revolute"
+parent = "ground"
+child = "bar"
+parent_anchor = [0.0, 0.0, 0.0]
+child_anchor = [0.0, 0.0, 0.5]
+parent_axis = [0.0, 1.0, 0.0]
+child_axis = [0.0, 1.0, 0.0]
+[[forces]]
+type = "joint_torque"
+joint = "pin"
+torque = VALUE
+"""
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ('{ type = "polynomial", coefficients = [] }', ["torque: coefficients", "is empty"]),
+    ('{ type = "sine", terms = [[1.0, 2.0]] }', ["terms"]),
+    ('{ type = "sine", terms = [[1.0, 2.0, 0.0]], frequency = 3.0 }', ["frequency"]),
+    ('{ type = "spline", times = [0.0, 1.0], values = [0.0] }', ["values", "1 given for 2 times"]),
+    ('{ type = "spline", times = [0.0, 1.0, 0.5], values = [0.0, 1.0, 2.0] }', ["times", "do not increase"]),
+    ('{ type = "spline", times = [0.0, 0.5], values = [0.0, 1.0] }', ["times", "cover the whole run"]),
+    ('{ type = "steps", times = [0.0] }', ["torque"]),
+    ("[1.0, 2.0, 3.0]", ["torque"]),
+    ('{ type = "polynomial", coefficients = [inf] }', ["not a finite number"]),
+])
+def test_a_wrong_function_is_named(tmp_path, text, words):
+    path = tmp_path / "one.toml"
+    path.write_text(SCENE.replace("VALUE", text))
+    with pytest.raises(crosscheck.SceneError) as caught:
+        crosscheck.load_scene(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert all(word in message for word in ["forces[0]", *words])
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("schema = 2", "schema = 1", ["is of version 2", "schema = 2"]),
+    ('"pin"\ntorque', '"pun"\ntorque', ['no joint is named "pun"', 'did you mean "pin"']),
+    ("joint_torque", "joint_force", ["torque", "joint_force"]),
+])
+def test_a_wrong_joint_torque_is_named(tmp_path, old, new, words):
+    path = tmp_path / "one.toml"
+    path.write_text(SCENE.replace("VALUE", "1.0").replace(old, new))
+    with pytest.raises(crosscheck.SceneError) as caught:
+        crosscheck.load_scene(path)
+    if "torque" not in words:
+        assert all(word in str(caught.value) for word in words)
+
+
+def test_functions_count_in_the_hash_and_numbers_are_as_before():
+    scene = crosscheck.load_scene("driven_cart")
+    force = scene.forces[0]
+    moved = type(force)(force.type, None, None, force.joint, {"force": force.parameters["force"].delayed(1e-3)})
+    assert scene.replace(forces=(moved, *scene.forces[1:])).hash != scene.hash
+    assert scene.timed
+    assert scene.breaks == (0.5, 1.0, 1.5)
+    assert not crosscheck.load_scene("double_pendulum").timed
+
+
+@pytest.mark.parametrize("name", ["driven_cart", "driven_double_pendulum"])
+def test_energy_less_work_stays_as_samples_get_dense(name):
+    """The rule of `work` is of order four in the sample interval, and the truth is to 1e-12."""
+    scene = crosscheck.load_scene(name).replace(duration=0.5)  # before the first break
+    gaps = []
+    for samples in (11, 21, 41):
+        traj = crosscheck.run(scene, engine="lieeuler", method="taylor", rtol=1e-13, samples=samples)
+        gaps.append(np.abs(traj.energy - traj.energy[0] - traj.work).max())
+    assert np.ptp(traj.energy) > 0.3
+    assert gaps[2] < 1e-5 * np.ptp(traj.energy)
+    assert min(np.log2(np.divide(gaps[:-1], gaps[1:]))) > 3.0  # towards four; the ends of a spline are of order less
+    np.testing.assert_allclose(mechanics.work(scene, traj), traj.work)

@@ -105,15 +105,13 @@ class TorsionalSpring(Frozen):
         """Add this force to the compiled system."""
         n1, n2 = normals(self.parent_axis)
         pointer = _shortest_rotation(self.child_axis, self.parent_axis).T @ n1
-        rest, torque = self.rest_angle, self.torque
-        if isinstance(rest, TimeFunction):  # a moving rest angle is a torque of stiffness times its value
-            assert not isinstance(torque, TimeFunction)
-            rest, torque = 0.0, rest.scaled(self.stiffness, torque)
-        elif not isinstance(torque, TimeFunction):
-            torque = TimeFunction([[torque]])
-        drive = torque.kernel if torque != TimeFunction() else None
+        constant = 0.0 if isinstance(self.torque, TimeFunction) else self.torque
+        drive = self.torque if isinstance(self.torque, TimeFunction) else TimeFunction([[constant]])
+        rest = self.rest_angle
+        if isinstance(rest, TimeFunction):  # which moves like a torque of stiffness times its value
+            drive, rest = rest.scaled(self.stiffness, offset=constant), 0.0
         system.add_torsional_spring(self.parent, self.child, self.parent_axis, n1, n2, pointer, self.stiffness, rest,
-                                    self.damping, drive)
+                                    self.damping, None if drive == TimeFunction() else drive.kernel)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Truth of driven scenes: three formulations agree, and a wrong sign or a late function in one of them does not pass."""
+"""Truth of driven scenes: three formulations agree, and a late or a missing function in one does not pass."""
 
 import numpy as np
 import pytest

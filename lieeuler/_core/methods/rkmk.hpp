@@ -230,7 +230,7 @@ class MuntheKaas {
   Scales scales_;
   const size_t size_;
   const std::vector<Terms> stages_, weights_, errors_, extra_, dense_;
-  const double most_turn_;      // of a body in a step: dexp^-1 is singular at a whole turn
+  const double most_turn_;  // of a body in a step: dexp^-1 is singular at a whole turn
   const std::vector<double> nodes_, extra_nodes_;
   std::vector<double> slopes_;  // of the stages, of the end of the step, of the extra stages
   std::vector<double> y_, step_, dense_terms_;

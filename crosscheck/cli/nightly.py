@@ -20,6 +20,7 @@ def nightly(
     step: options.Step = None,
     duration: options.Duration = None,
     jobs: Annotated[int, typer.Option(help="worker processes")] = 2,
+    scheduler: options.Scheduler = None,
     time_limit: Annotated[float, typer.Option(help="s for one run and its order study")] = 1800.0,
     memory_limit: Annotated[float, typer.Option(help="GB resident of one worker process")] = 4.0,
     out: Annotated[Path, typer.Option(help="folder of the nights: a folder per run, and the link latest")] = Path(
@@ -38,7 +39,7 @@ def nightly(
     from crosscheck.verification.guarded import limits
 
     wanted = job.Wanted(profile, scene, engine, jobs, limits(time_limit, memory_limit),
-                        Asked(coordinate_map=coordinate_map, step=step, duration=duration))
+                        Asked(coordinate_map=coordinate_map, step=step, duration=duration), scheduler)
     with progress_bar() as progress:
         night = job.nightly(out, wanted, store, keep, progress)
     typer.echo(night.summary, nl=False)

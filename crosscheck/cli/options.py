@@ -30,6 +30,8 @@ CoordinateMaps = Annotated[list[str] | None, typer.Option("--map", callback=_kno
     "exp, cayley or ccsk; may be repeated: tables have all, figures the first; default: exp"))]
 Step = Annotated[float | None, typer.Option(min=1e-9, help="s, of fixed-step methods; default: one that suits the scene"
                                             )]
+Scheduler = Annotated[str | None, typer.Option(help="in place of processes here: tcp://host:port of a Dask scheduler, "
+                                               "or module:factory of another executor")]
 Duration = Annotated[float | None, typer.Option(min=1e-6, help="s; default: the scene's")]
 
 SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]

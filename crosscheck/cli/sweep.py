@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from crosscheck.cli import options
 from crosscheck.cli.console import console, progress_bar
 
 
@@ -15,8 +16,7 @@ def sweep(
     out: Annotated[Path | None, typer.Option("-o", "--out", help="folder of results and page; cells in it are kept")
                    ] = None,
     workers: Annotated[int, typer.Option(min=1, help="processes of this machine")] = 2,
-    scheduler: Annotated[str | None, typer.Option(help="in their place: tcp://host:port of a Dask scheduler, or "
-                                                  "module:factory of another executor")] = None,
+    scheduler: options.Scheduler = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="say how many cells and how long, and stop")] = False,
     cell: Annotated[str | None, typer.Option(help="run this cell alone, again, and print its row")] = None,
 ) -> None:

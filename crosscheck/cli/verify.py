@@ -25,6 +25,7 @@ def verify(
     step: options.Step = None,
     duration: options.Duration = None,
     jobs: Annotated[int, typer.Option(help="worker processes")] = 2,
+    scheduler: options.Scheduler = None,
     time_limit: Annotated[float, typer.Option(help="s for one run and its order study")] = 1800.0,
     memory_limit: Annotated[float, typer.Option(help="GB resident of one worker process")] = 4.0,
     tolerance_file: Annotated[Path | None, typer.Option("--tolerances", help="TOML file of your own bounds")] = None,
@@ -59,7 +60,7 @@ def verify(
         if kept.results:
             typer.echo(f"going on with a run that was killed: {kept.results} results are kept", err=True)
         results = job.verify(profile, scene, engine, jobs, progress, kept.journal, within, own,
-                             methods=method, asked=asked)
+                             methods=method, asked=asked, scheduler=scheduler)
         page = folder.write(results, out)
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")

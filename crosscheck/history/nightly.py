@@ -68,6 +68,7 @@ class Wanted:
     jobs: int = 2
     limits: Limits | None = None
     asked: Asked = AS_PLANNED
+    scheduler: str | None = None
 
     @property
     def command(self) -> str:
@@ -113,7 +114,8 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
     journal = Journal(out / RUNNING / "journal.jsonl", job.JOURNAL_TYPES)
     try:
         results = job.verify(wanted.profile, wanted.scenes, wanted.engines, wanted.jobs, progress, journal,
-                             wanted.limits, walk=wanted.profile == "full", asked=wanted.asked)
+                             wanted.limits, walk=wanted.profile == "full", asked=wanted.asked,
+                             scheduler=wanted.scheduler)
         results = replace(results, meta=replace(
             results.meta, command=wanted.command, started=heading["started"],
             time=heading["started"].replace("T", " ")[:16] + " UTC"))

@@ -11,6 +11,7 @@ import functools
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from crosscheck.errors import CrosscheckError
 from crosscheck.jobs.workers.crew import Crew, isolated
 from crosscheck.jobs.workers.process import Crash, Limits
 
@@ -36,6 +37,11 @@ def run_tasks(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int = 
     -------
     list
         One result per task; a `Crash` where the task raised, went beyond its limits or its process died.
+
+    Raises
+    ------
+    CrosscheckError
+        The scheduler behind `executor` was lost.
     """
     waiting = list(enumerate(tasks))
     results: list[Any] = [None] * len(waiting)
@@ -50,7 +56,9 @@ def run_tasks(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int = 
             flying[pool.submit(functools.partial(run, function, task, limits, again))] = index
         for future in concurrent.futures.as_completed(flying):
             index = flying[future]
-            failure = future.exception()
+            if future.cancelled() or type(failure := future.exception()).__name__ == "FutureCancelledError":
+                raise CrosscheckError("the scheduler was lost; what ended before is kept where there is a journal, and "
+                                      "the same command goes on from there")
             results[index] = future.result() if failure is None else Crash(f"{type(failure).__name__}: {failure}")
             if done is not None:
                 done(index, results[index])

@@ -6,6 +6,7 @@ dropped when the journal is opened again, and its task runs anew.
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
 import json
 import os
@@ -121,6 +122,7 @@ class Stages:
     jobs: int
     journal: Journal | None
     count: Callable[[str], None]  # called as each task ends
+    executor: concurrent.futures.Executor | None = None  # in place of `jobs` processes here
 
     def run(self, stage: str, function: Callable[[Any], Any], tasks: Sequence[Any], keys: Sequence[str],
             labels: Sequence[str], limits: Limits | None = None, again: bool = False) -> list[Any]:
@@ -138,5 +140,6 @@ class Stages:
             results[index] = self.journal.put(stage, keys[index], result) if self.journal is not None else result
             self.count(labels[index])
 
-        run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, again=again)
+        run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, self.executor,
+                  again)
         return results

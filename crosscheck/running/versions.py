@@ -10,6 +10,8 @@ import platform
 from collections.abc import Iterable
 from pathlib import Path
 
+from crosscheck.errors import CrosscheckError
+
 LIBRARIES = ("numpy", "scipy", "heyoka")
 ROOMS = ("scene", "references", "adapters", "running", "judge")
 """Folders of the package whose code makes figures; pages and commands do not."""
@@ -42,3 +44,11 @@ def code() -> str:
     for source in sources:
         digest.update(source.read_bytes())
     return digest.hexdigest()[:12]
+
+
+def refuse_others(planned: dict[str, str], found: dict[str, str], where: str) -> None:
+    """Raise `CrosscheckError` with the difference where versions differ."""
+    differ = [f"{name} {found.get(name, 'missing')} instead of {version}" for name, version in planned.items()
+              if found.get(name) != version]
+    if differ:
+        raise CrosscheckError(f"{where} has other versions: {', '.join(differ)}; install the same ones there")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,14 @@ _DEEP_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*({_KEY_PART}(?:[ \t]*\.[ \t]*{_KEY_
 def scene_names() -> tuple[str, ...]:
     """Names of the built-in scenes, sorted."""
     return tuple(sorted(path.stem for path in _folder().glob("*.toml")))
+
+
+_carried: dict[str, dict[str, Any]] = {}  # contents that came from another machine, by their names there
+
+
+def carry(contents: Mapping[str, dict[str, Any]]) -> None:
+    """Scenes under these names have these contents from now on, in this process: they came from another machine."""
+    _carried.update(contents)
 
 
 def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
@@ -63,6 +73,8 @@ def read_scene(name_or_path: str | os.PathLike[str]) -> tuple[Path, dict[str, An
 
     The content of a model file is that of the scene it is imported as.
     """
+    if isinstance(name_or_path, str) and name_or_path in _carried:
+        return Path(name_or_path), copy.deepcopy(_carried[name_or_path])
     if is_model(name_or_path):
         return Path(name_or_path), table(name_or_path)
     path = _locate(name_or_path)

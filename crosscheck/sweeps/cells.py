@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.errors import CrosscheckError, Unsupported
+from crosscheck.errors import Unsupported
 from crosscheck.jobs.workers import output
 from crosscheck.references.base import TruthError
 from crosscheck.running import versions
@@ -85,7 +85,7 @@ def run(task: Task) -> Done:
         This worker has other versions than the sweep was planned with.
     """
     engines = {way.engine: way.version for member in task.members for way in member.ways}
-    refuse_others(dict(task.versions) | engines, _own_versions(tuple(sorted(engines))), "this worker")
+    versions.refuse_others(dict(task.versions) | engines, _own_versions(tuple(sorted(engines))), "this worker")
     rows: list[dict[str, Any]] = []
     checked: list[float] = []
     trouble: list[str] = []
@@ -101,14 +101,6 @@ def run(task: Task) -> Done:
         truth_seconds += middle - began
         run_seconds += time.perf_counter() - middle
     return Done(rows, truth_seconds, run_seconds, checked, trouble)
-
-
-def refuse_others(planned: dict[str, str], found: dict[str, str], where: str) -> None:
-    """Raise `CrosscheckError` with the difference where versions differ."""
-    differ = [f"{name} {found.get(name, 'missing')} instead of {version}" for name, version in planned.items()
-              if found.get(name) != version]
-    if differ:
-        raise CrosscheckError(f"{where} has other versions: {', '.join(differ)}; install the same ones there")
 
 
 @functools.lru_cache(maxsize=4)

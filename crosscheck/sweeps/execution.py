@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import concurrent.futures
-import functools
-import importlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from crosscheck.errors import ArgumentError, CrosscheckError, install
+from crosscheck.errors import CrosscheckError
 from crosscheck.jobs.workers.crew import Crew, isolated
 from crosscheck.jobs.workers.process import Crash, Limits
-from crosscheck.running import versions
+from crosscheck.running.cluster import Cluster
 from crosscheck.sweeps import cells
 
 LIMITS = Limits(time=3600.0, memory=4 * 2**30)
-CONNECT = 10.0
-"""s to wait for a scheduler."""
 TRIES = 5
 """How often a task whose worker was lost is handed out."""
 
@@ -47,69 +43,16 @@ class Local:
 class Foreign:
     """An executor that is not ours; each of its workers keeps a supervised process beside it."""
 
-    def __init__(self, executor: Any, workers: int, close: Callable[[], None]) -> None:
-        self.workers, self._executor, self._close = workers, executor, close
+    def __init__(self, cluster: Cluster) -> None:
+        self.workers, self._cluster = cluster.workers, cluster
 
     def submit(self, task: cells.Task) -> concurrent.futures.Future[Any]:
         """The future of a task's `Done` or `Crash`."""
-        found: concurrent.futures.Future[Any] = self._executor.submit(isolated, cells.run, task, LIMITS, True)
-        return found
+        return self._cluster.executor.submit(isolated, cells.run, task, LIMITS, True)
 
     def close(self, at_once: bool) -> None:
         """Let go of the executor."""
-        self._close()
-
-
-def connect(scheduler: str, engines: tuple[str, ...]) -> Foreign:
-    """A Dask cluster at tcp://host:port whose workers have our versions, or the executor that module:factory makes.
-
-    Raises
-    ------
-    ArgumentError
-        Nothing answers there, it has no workers, or the extra `cluster` is missing.
-    CrosscheckError
-        A worker has other versions; the difference.
-    """
-    if "://" not in scheduler:
-        return _made(scheduler)
-    try:
-        from distributed import Client
-    except ImportError:
-        raise ArgumentError(f"--scheduler needs Dask; {install('distributed')}") from None
-    try:
-        client = Client(scheduler, timeout=CONNECT, set_as_default=False)
-    except (OSError, ValueError) as error:
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise ArgumentError(f"--scheduler {scheduler}: no scheduler answers there ({reason}); start one with "
-                            "`dask scheduler` and workers with `dask worker tcp://host:8786`") from None
-    try:
-        found = client.run(versions.of, engines)
-        if not found:
-            raise ArgumentError(f"--scheduler {scheduler}: it has no workers; start one with `dask worker {scheduler}`")
-        own = versions.of(engines)
-        for worker, theirs in found.items():
-            cells.refuse_others(own, theirs, f"worker {worker}")
-    except ModuleNotFoundError as error:
-        client.close()
-        raise CrosscheckError(f"--scheduler {scheduler}: a worker there lacks {error.name}; install the same "
-                              "environment on all machines") from None
-    except BaseException:
-        client.close()
-        raise
-    workers = sum(client.nthreads().values())
-    return Foreign(client.get_executor(pure=False), workers, functools.partial(client.close, timeout=5))
-
-
-def _made(name: str) -> Foreign:
-    module, colon, factory = name.partition(":")
-    try:
-        executor = getattr(importlib.import_module(module), factory)()
-    except Exception as error:  # whatever a factory of the user's raises
-        raise ArgumentError(f"--scheduler {name}: {type(error).__name__}: {error}; give tcp://host:port, or "
-                            "module:factory of a function that returns a concurrent.futures executor") from None
-    if not colon or not hasattr(executor, "submit"):
-        raise ArgumentError(f"--scheduler {name}: what it returns is no executor")
-    return Foreign(executor, int(getattr(executor, "_max_workers", 2)), executor.shutdown)
+        self._cluster.close()
 
 
 def run(tasks: Iterator[cells.Task], place: Local | Foreign, handle: Handle) -> None:

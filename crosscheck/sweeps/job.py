@@ -18,7 +18,7 @@ import numpy as np
 from crosscheck.errors import ArgumentError, CrosscheckError, missing
 from crosscheck.files import finite, put
 from crosscheck.jobs.workers.process import Crash
-from crosscheck.running import provenance, versions
+from crosscheck.running import cluster, provenance, versions
 from crosscheck.scene.model import Scene
 from crosscheck.sweeps import cells, execution, members, plan
 from crosscheck.sweeps.parts import COLUMNS, Parts
@@ -114,7 +114,7 @@ def _silent(done: int, total: int | None, label: str) -> None:
 
 def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progress: Progress) -> pd.DataFrame:
     engines = tuple(sorted({way.engine for way in asked.ways}))
-    place = execution.Local(workers) if scheduler is None else execution.connect(scheduler, engines)
+    place = execution.Local(workers) if scheduler is None else execution.Foreign(cluster.connect(scheduler, engines))
     if asked.timing:
         place.workers = 1
     at_once = True

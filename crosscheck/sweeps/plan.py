@@ -56,7 +56,7 @@ class Origin:
 
     name: str
     path: str
-    data: dict[str, Any] | None  # None: a scene that came without a file, or an imported model
+    data: dict[str, Any] | None  # None: a scene that came without a file
     scene: Scene
 
 
@@ -152,11 +152,6 @@ def _origin(scene: Any, folder: Path, changes: dict[str, Any]) -> Origin:
         return Origin(scene.name, scene.name, None, scene.replace(**changes))
     beside = folder / str(scene)
     name = beside.resolve() if "." in str(scene) and beside.exists() else scene
-    if Path(str(scene)).suffix in (".xml", ".urdf", ".mjcf"):
-        import crosscheck
-
-        model = crosscheck.import_model(str(name))
-        return Origin(model.name, str(scene), None, model.replace(**changes))
     path, data = read_scene(name)
     data |= changes
     built = scene_from(data, path)
@@ -210,8 +205,7 @@ def _parameters(given: Any, origins: Sequence[Origin]) -> tuple[tuple[str, tuple
     for path, values in given.items():
         for origin in origins:
             if origin.data is None:
-                raise ArgumentError(f"parameters: {path!r} has no place in {origin.path!r}, which is no scene file; "
-                                    "save the model as a scene file first")
+                raise ArgumentError(f"parameters: {path!r} has no place in {origin.path!r}, which is no file")
             now = paths.read(origin.data, path, origin.name)
             for value in _several(f"parameters.{path}", values, "values"):
                 if np.shape(value) != np.shape(now) or not np.isfinite(np.asarray(value, dtype=float)).all():

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import json
 import shlex
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from typing import Any
 
 import msgspec
@@ -37,14 +39,14 @@ from crosscheck.judge import verdict
 from crosscheck.judge.overrides import Overrides
 from crosscheck.judge.plan import PENDING, PLANS, Profile
 from crosscheck.judge.plan import profile as profile_called
-from crosscheck.running import provenance, support
+from crosscheck.running import cluster, provenance, support
 from crosscheck.verification import advice, trust
 from crosscheck.verification.guarded import check_engines, guarded_cell
 from crosscheck.verification.guarded import limits as default_limits
 from crosscheck.verification.listing import all_cells
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.speed import measure_speed
-from crosscheck.verification.task import Cell
+from crosscheck.verification.task import Cell, with_scenes
 from crosscheck.verification.timing import timed
 
 Progress = Callable[[int, int, str], None]
@@ -96,7 +98,7 @@ def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[st
 def verify(profile: str = "default", scenes: Sequence[str] | None = None, engines: Sequence[str] | None = None,
            jobs: int = 2, progress: Progress | None = None, journal: Journal | None = None,
            limits: Limits | None = None, overrides: Overrides = (), walk: bool = False,
-           methods: Sequence[str] | None = None, asked: Asked = AS_PLANNED) -> Document:
+           methods: Sequence[str] | None = None, asked: Asked = AS_PLANNED, scheduler: str | None = None) -> Document:
     """Run the main job and return its document; nothing is written, except into the journal.
 
     Parameters
@@ -110,6 +112,8 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     overrides : bounds set by the user, from `crosscheck.judge.overrides.read`
     methods : names; None: all
     asked : map, step and duration of main runs in place of the plan's
+    scheduler : tcp://host:port of a Dask scheduler, or module:factory of an executor, for truth and runs in place of
+        `jobs` processes here; what is timed runs here
     walk : also run every method at many steps for the advice, half a minute a scene and engine; without it the document
         has the advice of walks that were made before
 
@@ -132,15 +136,18 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     stages = Stages(jobs, journal, _Counter(len(scene_names) * (1 + bool(settings.timing) + settings.speed)
                                              + len(cells) + walk * len(scene_names) * len(engine_names), progress))
 
-    truths = _truths(stages, scene_names, settings, asked)
-    plans = {scene.name: scene.plan for scene in truths if scene.plan is not None}
-    without = {scene.name: scene.no_truth for scene in truths if scene.no_truth}
-    cells = [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
-                                 overrides=overrides, most_seconds=settings.most_seconds,
-                                 coordinate_map=adapters.coordinate_map(cell.engine, asked.coordinate_map))
-             for cell in cells
-             if not (cell.practical and (cell.scene in without or asked.step is not None))]
-    records = _records(stages, cells, truths, within)
+    with _executor(scheduler, engine_names) as executor:
+        far = dataclasses.replace(stages, executor=executor)
+        contents = _own_scenes(scene_names) if executor is not None else {}
+        truths = _truths(far, scene_names, settings, asked, contents)
+        plans = {scene.name: scene.plan for scene in truths if scene.plan is not None}
+        without = {scene.name: scene.no_truth for scene in truths if scene.no_truth}
+        cells = [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
+                                     overrides=overrides, most_seconds=settings.most_seconds,
+                                     coordinate_map=adapters.coordinate_map(cell.engine, asked.coordinate_map))
+                 for cell in cells
+                 if not (cell.practical and (cell.scene in without or asked.step is not None))]
+        records = _records(far, cells, truths, within, contents)
     if settings.timing:
         records = timed(cells, records, settings.timing, stages.count, within)
     calibration = None
@@ -175,16 +182,38 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
     return Document(meta=meta, scenes=scenes, records=shown, exit_code=exit_code(scenes, records), support=rows)
 
 
-def _truths(stages: Stages, names: list[str], settings: Profile, asked: Asked) -> list[SceneTruth]:
+@contextlib.contextmanager
+def _executor(scheduler: str | None, engines: Sequence[str]) -> Iterator[Executor | None]:
+    """What runs tasks elsewhere; None: nothing does."""
+    if scheduler is None:
+        yield None
+        return
+    far = cluster.connect(scheduler, tuple(engines))
+    try:
+        yield far.executor
+    finally:
+        far.close()
+
+
+def _own_scenes(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """The contents of the scenes that do not come with the package, by name."""
+    from crosscheck.scene.file import read_scene, scene_names
+
+    return {name: read_scene(name)[1] for name in names if name not in scene_names()}
+
+
+def _truths(stages: Stages, names: list[str], settings: Profile, asked: Asked,
+            contents: dict[str, dict[str, Any]]) -> list[SceneTruth]:
     """What the report says about every scene; of those that could not be prepared, why."""
-    found = stages.run("truth", functools.partial(prepare_truth, asked=asked),
+    found = stages.run("truth", functools.partial(with_scenes, contents, functools.partial(prepare_truth, asked=asked)),
                        [(name, settings.whole, settings.most_steps) for name in names], names,
                        [f"truth of {name}" for name in names], again=True)  # every run of the scene needs it
     return [_failed_scene(name, each) if isinstance(each, Crash) else each
             for name, each in zip(names, found, strict=True)]
 
 
-def _records(stages: Stages, cells: list[Cell], truths: list[SceneTruth], within: Limits) -> list[Record]:
+def _records(stages: Stages, cells: list[Cell], truths: list[SceneTruth], within: Limits,
+             contents: dict[str, dict[str, Any]]) -> list[Record]:
     """The records of all cells, in their order."""
     scenes = {scene.name: scene for scene in truths}
     # The longest first, so that no worker is left alone with one at the end.
@@ -192,8 +221,8 @@ def _records(stages: Stages, cells: list[Cell], truths: list[SceneTruth], within
                    key=lambda index: (-adapters.pace(cells[index].engine), -len(scenes[cells[index].scene].bodies)
                                       * cells[index].plan.most_steps))
     chosen = [cells[index] for index in ready]
-    found = stages.run("cell", guarded_cell, chosen, [_key(cell) for cell in chosen],
-                       [f"{cell.scene}: {cell.label}" for cell in chosen], limits=within)
+    found = stages.run("cell", functools.partial(with_scenes, contents, guarded_cell), chosen,
+                       [_key(cell) for cell in chosen], [f"{cell.scene}: {cell.label}" for cell in chosen], within)
     by_index = dict(zip(ready, found, strict=True))
     judged = [_recorded(cell, by_index.get(index), scenes[cell.scene]) for index, cell in enumerate(cells)]
     return [extended(Timed, each, label=label, default_form=cell.default_form)

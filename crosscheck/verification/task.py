@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from crosscheck.document import Plan
 from crosscheck.judge.plan import STUDY_SAMPLES
@@ -62,6 +64,14 @@ def load(name: str, plan: Plan, whole: bool = True) -> Scene:
     scene = load_scene(name)
     duration = plan.duration or scene.duration if whole else min(plan.window, scene.duration)
     return scene.replace(duration=duration, samples=plan.samples)
+
+
+def with_scenes(contents: Mapping[str, dict[str, Any]], function: Callable[[Any], Any], task: Any) -> Any:
+    """`function(task)` where scenes by these names have these contents: no file of theirs need be on this machine."""
+    from crosscheck.scene.file import carry
+
+    carry(contents)
+    return function(task)
 
 
 def windowed(scene: Scene, window: float) -> Scene:

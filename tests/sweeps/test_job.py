@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -14,7 +15,8 @@ import pytest
 
 import crosscheck
 from crosscheck.errors import ArgumentError, CrosscheckError
-from crosscheck.sweeps import cells, execution, job, plan
+from crosscheck.running import cluster
+from crosscheck.sweeps import cells, job, plan
 from crosscheck.sweeps.parts import Parts
 
 SWEEP = {"scenes": ["single_pendulum"], "engines": {"lieeuler": ["rattle2", "taylor"], "mujoco": ["RK4"]},
@@ -138,7 +140,7 @@ def test_an_estimate_counts_what_is_missing(local, tmp_path):
 ])
 def test_an_unreachable_scheduler_is_one_sentence(scheduler, words, monkeypatch, tmp_path):
     pytest.importorskip("distributed")
-    monkeypatch.setattr(execution, "CONNECT", 1.0)
+    monkeypatch.setattr(cluster, "CONNECT", 1.0)
     with pytest.raises(CrosscheckError) as caught:
         crosscheck.sweep(SWEEP, scheduler=scheduler, out=tmp_path)
     assert words in str(caught.value)
@@ -175,7 +177,7 @@ def test_a_dask_cluster_gives_the_same_bits_and_survives_a_lost_worker(local, tm
 
 
 def test_a_killed_client_goes_on_where_it_was(local, tmp_path):
-    import json
+
 
     request = tmp_path / "sweep.json"
     request.write_text(json.dumps(SWEEP))
@@ -191,3 +193,23 @@ def test_a_killed_client_goes_on_where_it_was(local, tmp_path):
     frame = crosscheck.sweep(request, out=tmp_path / "out")
     assert frame.attrs["report"]["computed"] == 18 - kept
     pd.testing.assert_frame_equal(frame, local[1])
+
+
+BAR = """<robot name="bar"><link name="base"/><link name="bar"><inertial><origin xyz="0 0 -0.3"/><mass value="1"/>
+<inertia ixx="0.1" iyy="0.12" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="continuous"><parent link="base"/><child link="bar"/><origin xyz="0 0 1" rpy="0 0.4 0"/>
+<axis xyz="0 1 0"/></joint></robot>"""
+
+
+def test_a_model_file_and_its_numbers_by_their_paths(tmp_path):
+    (tmp_path / "bar.urdf").write_text(BAR)
+    request = tmp_path / "sweep.json"
+    request.write_text(json.dumps({"scenes": ["bar.urdf"], "engines": {"lieeuler": ["rattle2"]}, "steps": [1e-2],
+                                   "samples": 2, "duration": 0.1, "parameters": {"bodies.bar.mass": [1.0, 1.3]}}))
+    frame = crosscheck.sweep(request, scheduler="tests.sweeps.test_job:executor", out=tmp_path / "out")
+    assert list(frame["bodies.bar.mass"]) == [1.0, 1.3]
+    assert (frame["status"] == "success").all()
+    assert 0 < frame["position_error"].max() < 1e-4
+    request.write_text(request.read_text().replace("bodies.bar.mass", "bodies.baar.mass"))
+    with pytest.raises(ArgumentError, match="did you mean 'bodies"):
+        crosscheck.sweep(request)

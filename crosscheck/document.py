@@ -372,7 +372,7 @@ class Timed(Judged, frozen=True, kw_only=True):
     timing: list[Point] = []
     word: str = ""  # the outcome in words that claim no more than was judged
     partly: bool = False  # the bounds of the motion judge only its beginning
-    worst: Finding | None = None  # farthest beyond, or nearest to, its bound
+    worst: Finding | None = None  # to name first, see `crosscheck.judge.verdict.worst`
 
 
 Record = Timed

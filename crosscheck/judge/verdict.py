@@ -263,11 +263,22 @@ def beyond(run: J, finding: Finding, message: str = "") -> J:
                    message="; ".join(filter(None, (run.message, message))))
 
 
+FIRST = (("run", "step", "vanished"), (*QUANTITIES, "order", "energy"),
+         ("momentum", "level", "acceleration", "orthogonality", "limit"))
+"""Kinds of findings, or how their names begin, in the order in which `worst` names them; others are plausibility checks
+and come last: they say little more than that a motion looks like one."""
+
+
 def worst(findings: Sequence[Finding]) -> Finding | None:
-    """The finding farthest beyond, or nearest to, its bound."""
-    judged = [finding for finding in findings if finding.status != "unjudged"]
-    rank = {"fail": 2, "known": 1, "ok": 0}
-    return max(judged, key=lambda finding: (rank[finding.status], finding.severity), default=None)
+    """The finding to name first: of those that fail, else are known, else pass, the most telling kind that says how far
+    it is beyond or within its bound, and of that the farthest beyond or nearest to it."""
+    def place(finding: Finding) -> tuple[int, bool, int, float]:
+        group = next((index for index, kinds in enumerate(FIRST)
+                      if finding.kind in kinds or finding.kind.partition(" ")[0] in kinds), len(FIRST))
+        says = finding.status != "ok" or math.isfinite(finding.severity)
+        return {"fail": 2, "known": 1, "ok": 0}[finding.status], says, -group, finding.severity
+
+    return max((finding for finding in findings if finding.status != "unjudged"), key=place, default=None)
 
 
 def partly(run: Judged) -> bool:

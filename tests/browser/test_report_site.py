@@ -2,6 +2,7 @@
 
 import csv
 import io
+import itertools
 import re
 from pathlib import Path
 
@@ -103,6 +104,15 @@ def test_figures_hold_the_curves_they_name(watched):
     page.wait_for_selector("[data-figure='convergence'] .main-svg")
     notes = page.eval_on_selector("[data-figure='convergence']", "e => e.layout.annotations.map(note => note.text)")
     assert any(3.5 < float(note) < 4.5 for note in notes)
+
+
+def test_names_at_line_ends_do_not_cover_each_other(watched):
+    page = watched.open(SCENE)
+    figure = page.locator("[data-figure='error']").first  # whose axis a bound far above all errors stretches
+    figure.scroll_into_view_if_needed()
+    figure.locator(".annotation-text").nth(2).wait_for()
+    boxes = sorted(each.bounding_box()["y"] for each in figure.locator(".annotation-text").all())
+    assert min(lower - upper for upper, lower in itertools.pairwise(boxes)) > 9, boxes  # of text 10 px high
 
 
 def test_tables_sort_both_ways_and_filter_by_words_and_verdict(watched):

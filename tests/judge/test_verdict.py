@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from crosscheck.document import QUANTITIES, Plan, Rung
+from crosscheck.document import QUANTITIES, Finding, Plan, Rung
 from crosscheck.judge import known
 from crosscheck.judge.known import Known
 from crosscheck.judge.metrics import Plateau
@@ -225,7 +225,8 @@ def test_severity_ranks_findings(verdict):
     record = verdict(size=1e5)
     largest = worst(record.findings)
     assert largest.severity == pytest.approx(math.log10(largest.value / largest.bound))
-    assert largest.severity == max(finding.severity for finding in record.findings if finding.status == "fail")
+    assert largest.severity == max(finding.severity for finding in record.findings if finding.status == "fail"
+                                   and (finding.kind in (*QUANTITIES, "energy") or finding.kind.startswith("order")))
 
 
 def test_timing_gives_stepping_time_and_end_error(monkeypatch):
@@ -279,3 +280,20 @@ def test_one_percent_of_gravity_does_not_pass_unseen(monkeypatch, profile):
         record = run_cell(dataclasses.replace(cell, plan=PLANS["single_pendulum"]))
         assert record.outcome == "fail", record.method
         assert kinds(record, "fail") & {"position", "attitude", "order position", "order attitude"}, record.method
+
+
+def test_plausibility_checks_are_named_last():
+    def found(kind, status, value, bound):
+        return Finding(kind, status, value, bound, "m", "why")
+
+    near = [found("continuity", "ok", 0.99, 1.0), found("run", "ok", None, None),
+            found("level position", "ok", 0.5, 1.0), found("angular velocity", "ok", 1e-3, 1.0)]
+    assert worst(near).kind == "angular velocity"
+    assert worst(near[:3]).kind == "level position"
+    assert worst(near[:2]).kind == "continuity"
+    beyond = [found("continuity", "fail", 1e6, 1.0), found("level velocity", "fail", 1e3, 1.0),
+              found("energy", "fail", 2.0, 1.0), found("order position", "known", 1.0, 3.9)]
+    assert worst([*near, *beyond]).kind == "energy"
+    assert worst([*near, *beyond[:2]]).kind == "level velocity"
+    assert worst([*near, *beyond[3:]]).kind == "order position"
+    assert worst([*near, *beyond, found("run", "fail", None, None)]).kind == "run"

@@ -114,7 +114,9 @@ window.Figures = (function () {
       });
       return last < 0 ? null : {trace, x: scaled("xaxis", trace.x[last]), y: scaled("yaxis", trace.y[last])};
     }).filter(Boolean).sort((one, other) => one.y - other.y);
-    const all = named.flatMap((trace) => trace.y).filter((value) => value !== null).map((value) => scaled("yaxis", value));
+    // Of all traces, for a bound far above the others stretches the axis.
+    const all = figure.traces.flatMap((trace) => trace.y).filter((value) => value !== null)
+      .map((value) => scaled("yaxis", value)).filter(Number.isFinite);
     const low = Math.min(...all), high = Math.max(...all);
     const perUnit = Math.max(100, element.clientHeight - 70) / (1.1 * (high - low) || 1);
     let before = -Infinity;

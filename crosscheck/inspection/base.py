@@ -8,6 +8,7 @@ have said, and leaves None, with a note, where the engine has no answer.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -66,6 +67,24 @@ class Probe:
     def label(self) -> str:
         """Engine and form."""
         return f"{self.engine} {self.form}"
+
+
+BY_STATE = ("x", "R", "v", "w", "com", "kinetic", "potential", "jacobian", "closing", "mass_matrix", "gravity_force",
+            "applied_force", "a", "alpha")
+"""Fields of a probe with one entry a state."""
+
+
+def stacked(probes: Sequence[Probe]) -> Probe:
+    """Probes of one engine, of one state each, as one of all states; the rest is that of the first."""
+    found = dataclasses.replace(probes[0])
+    for name in BY_STATE:
+        parts = [getattr(one, name) for one in probes]
+        setattr(found, name, None if any(part is None for part in parts) else np.concatenate(parts))
+    if found.reactions is not None:
+        wrenches = [one.reactions for one in probes if one.reactions is not None]
+        found.reactions = {joint: (np.concatenate([each[joint][0] for each in wrenches]),
+                                   np.concatenate([each[joint][1] for each in wrenches])) for joint in found.reactions}
+    return found
 
 
 class Probing(Protocol):

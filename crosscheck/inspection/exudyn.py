@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.inspection.admissible import posed
-from crosscheck.inspection.base import Probe
+from crosscheck.inspection.base import Probe, stacked
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -29,71 +29,57 @@ DIFFERENCES = "Exudyn's constraints take their velocity-dependent part from one-
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     """The Exudyn model in form "maximal" (Lie-group nodes), "tree" or "pivot"."""
     chosen = form or "maximal"
-    found = [_at(posed(scene, states, k), chosen) for k in range(len(states.t))]
-    values: dict[str, Any] = {key: np.array([one[key] for one in found]) for key in found[0]
-                              if all(one[key] is not None for one in found)}
-    for key in ("masses", "inertias"):
-        if key in values:
-            values[key] = values[key][0]
-    if "total_mass" in values:
-        values["total_mass"] = float(values["total_mass"][0])
-    notes = {**NOTES, "reaction torque": NOTES["reaction force"]}
-    if "masses" not in values:
-        notes |= dict.fromkeys(("mass", "inertia", "centre of mass"), LINKS if chosen == "tree" else PIVOT)
+    at = {"maximal": _maximal, "pivot": _pivot, "tree": _tree}[chosen]
+    found = stacked([at(posed(scene, states, k)) for k in range(len(states.t))])
+    found.notes = {**NOTES, "reaction torque": NOTES["reaction force"]}
+    if found.masses is None:
+        found.notes |= dict.fromkeys(("mass", "inertia", "centre of mass"), LINKS if chosen == "tree" else PIVOT)
     if chosen == "pivot":
-        notes |= dict.fromkeys(("total mass", "kinetic energy", "mass matrix", "gravity force"), PIVOT)
-    if "a" not in values:
-        notes |= dict.fromkeys(("acceleration", "angular acceleration"), DIFFERENCES)
-    return Probe("exudyn", chosen, notes=notes, **values)
+        found.notes |= dict.fromkeys(("total mass", "kinetic energy", "mass matrix", "gravity force"), PIVOT)
+    if found.a is None:
+        found.notes |= dict.fromkeys(("acceleration", "angular acceleration"), DIFFERENCES)
+    return found
 
 
-def _at(scene: Scene, form: str) -> dict[str, Any]:
-    """Everything at the initial state of `scene`."""
+def _pivot(scene: Scene) -> Probe:
     from crosscheck.adapters.exudyn import models
 
-    if form == "maximal":
-        return _maximal(scene)
-    if form == "pivot":
-        model = models.pivot(scene)
-        matrix, right, _ = _assembled(model.system, "RK44")
-        rate = np.linalg.solve(matrix[3:, 3:], right[3:])  # the node's position is held by coordinate constraints
-        data = [np.array([model.system.GetSensorValues(sensor)]) for sensor in model.sensors]
-        data[-1] = rate[None]
-        return {**_states(model.convert(np.zeros(1), data)), "kinetic": None, "total_mass": None}
-    return _tree(scene)
+    model = models.pivot(scene)
+    matrix, right, _ = _assembled(model.system, "RK44")
+    rate = np.linalg.solve(matrix[3:, 3:], right[3:])  # the node's position is held by coordinate constraints
+    data = [np.array([model.system.GetSensorValues(sensor)]) for sensor in model.sensors]
+    data[-1] = rate[None]
+    return _moving("pivot", model.convert(np.zeros(1), data))
 
 
-def _maximal(scene: Scene) -> dict[str, Any]:
+def _maximal(scene: Scene) -> Probe:
     from crosscheck.adapters.exudyn import models
 
     model = models.maximal(scene)
     matrix, right, speeds = _assembled(model.system, "GeneralizedAlpha")
     data = [np.array([model.system.GetSensorValues(sensor)]) for sensor in model.sensors]
-    found = _states(model.convert(np.zeros(1), data))
-    free = not scene.joints
+    found = _moving("maximal", model.convert(np.zeros(1), data))
+    found.a = found.alpha = None
+    if not scene.joints:
+        rates = np.linalg.solve(matrix, right).reshape(-1, 6)
+        found.a, found.alpha = rates[None, :, :3], np.einsum("nji,nj->ni", scene.R0, rates[:, 3:])[None]
     items = [model.system.GetObject(k) for k in range(model.system.systemData.NumberOfObjects())]
     bodies = [item for item in items if item["objectType"] == "RigidBody"]
     turned = np.array([_inertia(item["inertia"]) for item in bodies])  # node axes are the world's at the start
-    jacobian = np.zeros((6 * scene.n, 6 * scene.n))
+    size = 6 * scene.n
+    jacobian = np.zeros((size, size))
     for k in range(scene.n):
         jacobian[6 * k:6 * k + 3, 6 * k:6 * k + 3] = np.eye(3)
         jacobian[6 * k + 3:6 * k + 6, 6 * k + 3:6 * k + 6] = scene.R0[k].T
-    size = 6 * scene.n
-    return {**found, "a": np.linalg.solve(matrix, right).reshape(-1, 6)[:, :3] if free else None,
-            "alpha": _free_spin(scene, matrix, right) if free else None,
-            "masses": np.array([item["mass"] for item in bodies]),
-            "inertias": np.einsum("nji,njk,nkl->nil", scene.R0, turned, scene.R0),
-            "jacobian": jacobian, "mass_matrix": matrix[:size, :size], "applied_force": right[:size],
-            "gravity_force": _weight(scene, models.maximal, "GeneralizedAlpha")[:size],
-            "kinetic": 0.5 * float(speeds @ matrix @ speeds), "total_mass": None}
+    return dataclasses.replace(
+        found, masses=np.array([item["mass"] for item in bodies]),
+        inertias=np.einsum("nji,njk,nkl->nil", scene.R0, turned, scene.R0), jacobian=jacobian[None],
+        mass_matrix=matrix[None, :size, :size], applied_force=right[None, :size],
+        gravity_force=_weight(scene, models.maximal, "GeneralizedAlpha")[None, :size],
+        kinetic=np.array([0.5 * speeds @ matrix @ speeds]))
 
 
-def _free_spin(scene: Scene, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    found: np.ndarray = np.einsum("nji,nj->ni", scene.R0, np.linalg.solve(matrix, right).reshape(-1, 6)[:, 3:])
-    return found
-
-
-def _tree(scene: Scene) -> dict[str, Any]:
+def _tree(scene: Scene) -> Probe:
     from crosscheck.adapters.exudyn import kinematic_tree
 
     closed = bool(kinematic_tree.spanned(scene)[1])
@@ -109,22 +95,21 @@ def _tree(scene: Scene) -> dict[str, Any]:
                                               key=lambda found: np.linalg.cond(found[2]))
     size = len(matrix)
     q = np.atleast_1d(model.system.GetSensorValues(model.sensors[0]))
-    found = _states(model.convert(np.zeros(1), [q[None], speeds[None], np.linalg.solve(matrix, right)[None]]))
+    found = _moving("tree", model.convert(np.zeros(1), [q[None], speeds[None], np.linalg.solve(matrix, right)[None]]))
     if closed:  # the constraints are not in it
-        found["a"] = found["alpha"] = None
+        found.a = found.alpha = None
     unit = model.convert(np.zeros(size), [np.tile(q, (size, 1)), np.eye(size), np.zeros((size, size))])
     jacobian = np.concatenate([unit.v, unit.w], axis=2).reshape(size, -1).T  # velocities are linear in the rates
     items = [model.system.GetObject(k) for k in range(model.system.systemData.NumberOfObjects())]
     tree = next(item for item in items if item["objectType"] == "KinematicTree")
-    return {**found, "kinetic": 0.5 * float(speeds @ matrix @ speeds), "total_mass": float(sum(tree["linkMasses"])),
-            "jacobian": jacobian, "mass_matrix": matrix,
-            "gravity_force": _weight(scene, lambda bare: kinematic_tree.kinematic_tree(bare, order), method)}
+    return dataclasses.replace(
+        found, kinetic=np.array([0.5 * speeds @ matrix @ speeds]), total_mass=float(sum(tree["linkMasses"])),
+        jacobian=jacobian[None], mass_matrix=matrix[None],
+        gravity_force=_weight(scene, lambda bare: kinematic_tree.kinematic_tree(bare, order), method)[None])
 
 
-def _states(states: States) -> dict[str, Any]:
-    """One time of `states` by the names of a probe."""
-    return {key: None if getattr(states, key) is None else getattr(states, key)[0]
-            for key in ("x", "R", "v", "w", "a", "alpha")}
+def _moving(form: str, states: States) -> Probe:
+    return Probe("exudyn", form, x=states.x, R=states.R, v=states.v, w=states.w, a=states.a, alpha=states.alpha)
 
 
 def _inertia(entries: Any) -> np.ndarray:

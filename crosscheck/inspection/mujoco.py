@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.inspection.admissible import posed
-from crosscheck.inspection.base import Probe
+from crosscheck.inspection.base import Probe, stacked
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -20,22 +20,11 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     from crosscheck.adapters.base import RunSpec
 
     chosen = form or get("mujoco").form(scene, RunSpec("Euler"))  # type: ignore[attr-defined]
-    found = [_at(posed(scene, states, k), chosen) for k in range(len(states.t))]
-    soft = any(one.pop("soft") for one in found)
-    values: dict[str, Any] = {key: np.array([one[key] for one in found]) for key in found[0] if key != "reactions"}
-    values["masses"], values["inertias"] = values["masses"][0], values["inertias"][0]
-    notes = {}
-    if soft:
-        values["a"] = values["alpha"] = None
-        notes = dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"), SOFT)
-    else:
-        values["reactions"] = {joint.name: tuple(np.array(part) for part in zip(
-            *(one["reactions"][joint.name] for one in found), strict=True)) for joint in scene.joints}
-    return Probe("mujoco", chosen, notes=notes, **values)
+    return stacked([_at(posed(scene, states, k), chosen) for k in range(len(states.t))])
 
 
-def _at(scene: Scene, form: str) -> dict[str, Any]:
-    """Everything at the initial state of `scene`."""
+def _at(scene: Scene, form: str) -> Probe:
+    """The model at the initial state of `scene`."""
     import mujoco
 
     from crosscheck.adapters.mujoco import models
@@ -50,21 +39,27 @@ def _at(scene: Scene, form: str) -> dict[str, Any]:
     R = data.xmat[bodies].reshape(-1, 3, 3)
     principal = np.swapaxes(R, 1, 2) @ data.ximat[bodies].reshape(-1, 3, 3)
     twists, rates, jacobian = _motion(model, data, bodies)
-    found = {
-        "masses": model.body_mass[bodies],
-        "inertias": np.einsum("nij,nj,nkj->nik", principal, model.body_inertia[bodies], principal),
-        "x": data.xipos[bodies], "R": R, "v": twists[:, 3:], "w": np.einsum("nji,nj->ni", R, twists[:, :3]),
-        "kinetic": float(data.energy[1]), "potential": float(data.energy[0]),
-        "jacobian": _in_body_axes(jacobian, R), "mass_matrix": _mass_matrix(model, data),
-        "a": rates[:, 3:], "alpha": np.einsum("nji,nj->ni", R, rates[:, :3]),
-        "soft": bool(model.neq), "reactions": _reactions(scene, model, data, bodies),
-    }
+    jacobian[:, 1] = np.einsum("nji,njk->nik", R, jacobian[:, 1])
+    matrix = np.zeros((model.nv, model.nv))
+    if model.nv:
+        mujoco.mj_fullM(model, data, matrix)
+    found = Probe(
+        "mujoco", form, model.body_mass[bodies],
+        np.einsum("nij,nj,nkj->nik", principal, model.body_inertia[bodies], principal), data.xipos[None, bodies],
+        R[None], twists[None, :, 3:], np.einsum("nji,nj->ni", R, twists[:, :3])[None],
+        kinetic=data.energy[1:].copy(), potential=data.energy[:1].copy(),
+        jacobian=jacobian.reshape(1, 6 * scene.n, model.nv), mass_matrix=matrix[None])
+    if model.neq:
+        found.notes = dict.fromkeys(("acceleration", "angular acceleration", "reaction force", "reaction torque"), SOFT)
+    else:
+        found.a, found.alpha = rates[None, :, 3:], np.einsum("nji,nj->ni", R, rates[:, :3])[None]
+        found.reactions = _reactions(scene, model, data, bodies)
     if form == "maximal":
-        found["applied_force"] = data.qfrc_smooth.copy()
+        found.applied_force = data.qfrc_smooth[None].copy()
     data.qvel[:] = 0.0
     mujoco.mj_forward(model, data)
-    found["gravity_force"] = -data.qfrc_bias.copy()  # at rest nothing else is in it
-    return {key: np.array(value) if isinstance(value, np.ndarray) else value for key, value in found.items()}
+    found.gravity_force = -data.qfrc_bias[None].copy()  # at rest nothing else is in it
+    return found
 
 
 def _motion(model: Any, data: Any, bodies: list[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -82,21 +77,6 @@ def _motion(model: Any, data: Any, bodies: list[int]) -> tuple[np.ndarray, np.nd
     return twists, rates, jacobian
 
 
-def _in_body_axes(jacobian: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """(6n, nv): linear world, angular in body axes, from (n, 2, 3, nv) in world axes."""
-    turned = np.stack([jacobian[:, 0], np.einsum("nji,njk->nik", R, jacobian[:, 1])], axis=1)
-    return turned.reshape(6 * len(R), jacobian.shape[-1])
-
-
-def _mass_matrix(model: Any, data: Any) -> np.ndarray:
-    import mujoco
-
-    matrix = np.zeros((model.nv, model.nv))
-    if model.nv:
-        mujoco.mj_fullM(model, data, matrix)
-    return matrix
-
-
 def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Of the joints of an open tree: the wrench between a body and its inner neighbour, without the hinge's spring."""
     found = {}
@@ -108,22 +88,17 @@ def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[s
         first = model.body_jntadr[body]
         for number in range(first, first + model.body_jntnum[body]):
             if model.jnt_type[number] == 3:  # a hinge; its spring and damper act through the joint, but are no reaction
-                torque -= data.xaxis[number] * _own_torque(model, data, number)
+                at_q, at_v = model.jnt_qposadr[number], model.jnt_dofadr[number]
+                own = -model.jnt_stiffness[number] * (data.qpos[at_q] - model.qpos_spring[at_q])
+                torque -= data.xaxis[number] * (own - model.dof_damping[at_v] * data.qvel[at_v])
         child = bodies[joint.child]
         point = data.xpos[child] + data.xmat[child].reshape(3, 3) @ joint.child_anchor
         torque += np.cross(data.subtree_com[model.body_rootid[body]] - point, force)
         for loaded, at, load in loads:
             if _hangs_on(model, loaded, body):
                 force, torque = force - load[:3], torque - load[3:] - np.cross(at - point, load[:3])
-        found[joint.name] = sign * force, sign * torque
+        found[joint.name] = sign * force[None], sign * torque[None]
     return found
-
-
-def _own_torque(model: Any, data: Any, hinge: int) -> float:
-    """Of the hinge's own spring and damper; MuJoCo's sum of passive torques has those of tendons in it too."""
-    at_q, at_v = model.jnt_qposadr[hinge], model.jnt_dofadr[hinge]
-    stretch = data.qpos[at_q] - model.qpos_spring[at_q]
-    return float(-model.jnt_stiffness[hinge] * stretch - model.dof_damping[at_v] * data.qvel[at_v])
 
 
 def _loads(model: Any, data: Any) -> list[tuple[int, np.ndarray, np.ndarray]]:

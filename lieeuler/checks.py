@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
-from typing import Any, SupportsFloat
+from typing import SupportsFloat
 
 import numpy as np
 
@@ -123,10 +123,10 @@ def normals(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 class Frozen:
     """A frozen dataclass whose copies hold its fields, arrays read-only again, and nothing that it computed."""
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         for name, value in state.items():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)

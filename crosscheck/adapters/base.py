@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Protocol
+from typing import Protocol, TypedDict
 
 import numpy as np
 
@@ -39,6 +39,36 @@ CHOICES = {"form": ("tree", "maximal", "pivot"), "coordinate_map": ("exp", "cayl
 """The words that options take."""
 
 
+class Stats(TypedDict, total=False):
+    """What a run tells besides its states: counters, what the engine chose, and in a `Trajectory` maxima and step.
+
+    An engine of the user's own may add keys.
+    """
+
+    step: float | None  # s, the step used; None where the engine chose its steps
+    energy_error: float  # this and the next four: `crosscheck.scene.monitor.MAXIMA`
+    constraint_position: float
+    constraint_velocity: float
+    constraint_acceleration: float
+    orthogonality: float
+    rejected_steps: int
+    force_evaluations: int
+    newton_iterations: int
+    most_iterations: int  # of Newton's method in one step
+    factorizations: int
+    redundant_rows: int
+    spin_free: tuple[str, ...]  # names of bodies
+    softness: str
+    node: str
+    newton_tolerance: float
+    cardan_order: str
+    gimbal_clearance: float
+    forward_dynamics: str  # Pinocchio's algorithm
+    constraint_models: int
+    constraint_rank: int
+    own_environment: bool
+
+
 @dataclasses.dataclass
 class RawRun:
     """What `Engine.run` returns: states at the scene's output times, and what stepping cost.
@@ -53,7 +83,7 @@ class RawRun:
     steps: int
     step: float | None  # the step used, s
     status: str = "success"
-    stats: dict[str, Any] = dataclasses.field(default_factory=dict)
+    stats: Stats = dataclasses.field(default_factory=lambda: Stats())
     maxima: dict[str, float] | None = None
     form: str | None = None
 

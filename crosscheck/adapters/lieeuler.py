@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import lieeuler
-from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.base import RawRun, RunSpec, Stats
 from crosscheck.errors import ArgumentError, CrosscheckError
 from crosscheck.scene.functions import TimeFunction, Value
 from crosscheck.scene.joints import JOINT_TYPES
@@ -137,9 +137,11 @@ class LieEuler:
             raise ArgumentError(str(error)) from error
         fields = [field.name for field in dataclasses.fields(States)]
         stats = solution.stats
-        counters = {name: getattr(stats, name) for name in ("rejected_steps", "force_evaluations", "newton_iterations",
-                                                           "factorizations", "most_iterations", "redundant_rows")}
-        counters["spin_free"] = tuple(scene.bodies[body].name for body in stats.spin_free)
+        counters = Stats(
+            rejected_steps=stats.rejected_steps, force_evaluations=stats.force_evaluations,
+            newton_iterations=stats.newton_iterations, factorizations=stats.factorizations,
+            most_iterations=stats.most_iterations, redundant_rows=stats.redundant_rows,
+            spin_free=tuple(scene.bodies[body].name for body in stats.spin_free))
         maxima = {key: value for key, value in stats.maxima.items() if key != "kinetic"}
         return RawRun(
             states=States(**{field: np.asarray(getattr(solution, field)) for field in fields}),

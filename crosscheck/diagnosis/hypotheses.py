@@ -229,12 +229,13 @@ def _force(scene: Scene, k: int) -> Iterator[Cause]:
     if force.type not in SPRINGS:
         yield entry("load", "load", 1.0, "factor of the load")
         return
-    rest, unit = ("free_length", "m") if force.type == "linear_spring" else ("rest_angle", "rad")
+    rest, unit, value = (("free_length", "m", p["free_length"]) if force.type == "linear_spring" else
+                         ("rest_angle", "rad", p["rest_angle"]))
     stiffness, damping = p["stiffness"], p["damping"]
     if stiffness:
         yield entry("spring stiffness", "stiffness", stiffness, "stiffness",
                     lambda t: "missing spring" if abs(t[0]) < GONE * stiffness else "spring stiffness")
-        yield entry("spring free length", "rest", p[rest], f"{rest} ({unit})")
+        yield entry("spring free length", "rest", value, f"{rest} ({unit})")
         yield Cause("missing spring", lambda q, t: q.replace(stiffness=_with(q.stiffness, k, 0.0),
                                                              damping=_with(q.damping, k, 0.0)), ((),),
                     lambda t: f"{where} is not there", mend)

@@ -48,12 +48,11 @@ class Physics:
 
 def of_scene(scene: Scene, copies: int = 1) -> Physics:
     """The parameters of a scene as they stand."""
-    def parameter(*names: str) -> np.ndarray:
-        return np.array([next((force.parameters[name] for name in names if name in force.parameters), 0.0)
-                         for force in scene.forces])
+    given = [force.parameters for force in scene.forces]
     return Physics(scene.gravity, scene.masses, np.broadcast_to(scene.inertias, (copies, scene.n, 3, 3)),
-                   parameter("stiffness"), parameter("free_length", "rest_angle"), parameter("damping"),
-                   np.ones(len(scene.forces)))
+                   np.array([p.get("stiffness", 0.0) for p in given]),
+                   np.array([p.get("free_length", p.get("rest_angle", 0.0)) for p in given]),
+                   np.array([p.get("damping", 0.0) for p in given]), np.ones(len(scene.forces)))
 
 
 @dataclasses.dataclass

@@ -78,8 +78,8 @@ def sprung(scene: Scene, scale: Scale) -> Scene | None:
     rng = np.random.default_rng([SEED, 99])
     forces = []
     for k, body in enumerate(scene.bodies):
-        parameters = {"parent_point": tuple(body.position + scale.length * rng.uniform(-1, 1, 3)),
-                      "child_point": tuple(0.3 * scale.length * rng.uniform(-1, 1, 3)),
-                      "stiffness": float(0.3 * body.mass * scale.rate**2), "free_length": 0.0, "damping": 0.0}
-        forces.append(Force("linear_spring", GROUND, k, None, parameters))
+        forces.append(Force("linear_spring", GROUND, k, None, {
+            "parent_point": tuple(body.position + scale.length * rng.uniform(-1, 1, 3)),
+            "child_point": tuple(0.3 * scale.length * rng.uniform(-1, 1, 3)),
+            "stiffness": float(0.3 * body.mass * scale.rate**2), "free_length": 0.0, "damping": 0.0}))
     return scene.replace(forces=(*scene.forces, *forces))

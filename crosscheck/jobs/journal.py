@@ -11,7 +11,7 @@ import dataclasses
 import json
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ class Journal:
     types : type of the results of each stage, to which `msgspec` converts what it reads
     """
 
-    def __init__(self, path: Path, types: dict[str, Any]) -> None:
+    def __init__(self, path: Path, types: Mapping[str, object]) -> None:
         self._types = types
         self._found: dict[tuple[str, str], Any] = {}  # what earlier sessions left
         self._spent: dict[int, float] = {}  # s, of each of them

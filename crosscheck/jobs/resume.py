@@ -8,9 +8,8 @@ import fcntl
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 from crosscheck.errors import ArgumentError
 from crosscheck.files import put
@@ -26,7 +25,7 @@ class Kept:
 
 
 @contextlib.contextmanager
-def resumable(out: Path, identity: str, types: dict[str, Any]) -> Iterator[Kept]:
+def resumable(out: Path, identity: str, types: Mapping[str, object]) -> Iterator[Kept]:
     """The journal of a run whose result will be `out`, in a hidden folder beside that.
 
     The folder goes when the run ends or is interrupted; a kill or an error leaves it for the next run of the same
@@ -61,7 +60,7 @@ def resumable(out: Path, identity: str, types: dict[str, Any]) -> Iterator[Kept]
         _end(journal, folder)
 
 
-def _opened(folder: Path, identity: str, types: dict[str, Any]) -> Journal:
+def _opened(folder: Path, identity: str, types: Mapping[str, object]) -> Journal:
     heading, journal = folder / "run.json", folder / "journal.jsonl"
     try:
         with contextlib.suppress(FileNotFoundError, ValueError, AttributeError):

@@ -32,7 +32,7 @@ class LinearSpring:
         levers = turned(motion.R[self.ends], self.points)
         parent, child = motion.x[self.ends] + levers
         parent_rate, child_rate = motion.v[self.ends] + cross(motion.omega[self.ends], levers)
-        length = np.linalg.norm(child - parent)
+        length = float(np.linalg.norm(child - parent))
         if length == 0.0:  # no direction to pull in
             return
         along = (child - parent) / length

@@ -77,17 +77,17 @@ def _check_step_control(engine: str, adapter: Engine, spec: RunSpec) -> None:
 
 def overridden(scene: Scene, options: Mapping[str, Any]) -> Scene:
     """The scene with the options' own samples and duration."""
-    changes: dict[str, Any] = {}
+    samples, duration = scene.samples, scene.duration
     if options.get("samples") is not None:
-        samples = _scalar(options["samples"])
-        whole = isinstance(samples, numbers.Integral) and not isinstance(samples, bool)
-        if not whole or not 2 <= samples <= MOST_SAMPLES:
+        given = _scalar(options["samples"])
+        whole = isinstance(given, numbers.Integral) and not isinstance(given, bool)
+        if not whole or not 2 <= given <= MOST_SAMPLES:
             raise ArgumentError(f"samples: a whole number of at least 2 and at most {MOST_SAMPLES} is wanted, not "
-                                f"{_brief(samples)}")
-        changes["samples"] = int(samples)
-    if options.get("duration") is not None:
-        changes["duration"] = _positive("duration", options["duration"])
-    return dataclasses.replace(scene, **changes) if changes else scene
+                                f"{_brief(given)}")
+        samples = int(given)
+    duration = _positive("duration", options.get("duration")) or duration
+    unchanged = (samples, duration) == (scene.samples, scene.duration)
+    return scene if unchanged else dataclasses.replace(scene, samples=samples, duration=duration)
 
 
 def _positive(name: str, value: Any) -> float | None:

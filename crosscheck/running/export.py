@@ -53,14 +53,14 @@ def dataset(traj: Trajectory) -> xr.Dataset:
     except ImportError as error:
         raise ArgumentError(f"to_xarray: {missing(error)}") from None
     axis = list("xyz")
-    arrays: dict[str, Any] = {
+    arrays: dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]] = {
         name: (("t", "body", "axis"), getattr(traj, name), {"units": unit})
         for name, unit in VECTORS.items() if getattr(traj, name) is not None}
     arrays["R"] = (("t", "body", "axis", "body_axis"), traj.R, {"units": "1", "long_name": "attitude, body to world"})
     arrays |= {name: (("t",), getattr(traj, name), {"units": unit}) for name, unit in SERIES.items()
                if getattr(traj, name) is not None}
     if traj.lam is not None:
-        arrays["lam"] = (("t", "row"), traj.lam)
+        arrays["lam"] = (("t", "row"), traj.lam, {})
     coordinates = {"t": ("t", traj.t, {"units": "s"}), "body": [body.name for body in traj.scene.bodies], "axis": axis,
                    "body_axis": axis}
     return xr.Dataset(arrays, coordinates, _attributes(traj))
@@ -104,7 +104,7 @@ def table(traj: Trajectory) -> str:
     return f"<table>{lines}</table>"
 
 
-def _attributes(traj: Trajectory) -> dict[str, Any]:
+def _attributes(traj: Trajectory) -> dict[str, str | int | float]:
     return {"scene": traj.scene.name, "scene_hash": traj.scene.hash, "engine": traj.engine, "method": traj.method,
             "form": traj.form or "", "status": traj.status, "steps": int(traj.steps),
             "wall_time": float(traj.wall_time)}

@@ -13,13 +13,32 @@ import platform
 import subprocess
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 PACKAGES = ("lieeuler-crosscheck", "numpy", "scipy", "heyoka")
 NOT_INSTALLED = "not installed"
 
 
-def describe(engine_names: Iterable[str]) -> dict[str, Any]:
+class Machine(TypedDict):
+    """The machine of a run."""
+
+    system: str
+    processor: str
+    cores: int | None
+
+
+class Provenance(TypedDict):
+    """Where results come from, ready for JSON; the first fields of `crosscheck.document.Meta`."""
+
+    time: str
+    engines: dict[str, str]
+    packages: dict[str, str]
+    python: str
+    machine: Machine
+    commit: str | None
+
+
+def describe(engine_names: Iterable[str]) -> Provenance:
     """Versions of everything that takes part, the machine, the time (UTC) and, in a git checkout, the commit."""
     return {
         "time": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),

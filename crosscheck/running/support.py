@@ -57,33 +57,30 @@ def matrix(names: Iterable[str] | None = None) -> tuple[Support, ...]:
     return tuple(found)
 
 
-def of_scenes(scenes: Iterable[str], names: Iterable[str], within: Limits | None = None) -> list[dict[str, Any]]:
-    """Which engine and form can model which scene: rows for the key "support" of a report's document.
+def of_scenes(scenes: Iterable[str], names: Iterable[str], within: Limits | None = None) -> list[Support]:
+    """Which engine and form can model which scene, the `item` of each entry.
 
-    Each has `scene`, `engine`, `form`, `methods` (those that can) and `reason` (why the others cannot; None where all
-    can). Engines that are not installed have no rows. Those of the user's own are asked in a worker process; where one
+    Engines that are not installed have no entries. Those of the user's own are asked in a worker process; where one
     fails there, that is the reason.
     """
     from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 
     tasks = [(scene, name) for scene in scenes for name in names if engine_version(name) != NOT_INSTALLED]
     risky = [task for task in tasks if adapters.is_own(task[1])]
-    told = dict(zip(risky, run_tasks(_rows, risky, 1, limits=within), strict=True))
-    rows: list[dict[str, Any]] = []
+    told = dict(zip(risky, run_tasks(_of_scene, risky, 1, limits=within), strict=True))
+    entries: list[Support] = []
     for scene, name in tasks:
-        found = told[scene, name] if (scene, name) in told else _rows((scene, name))
-        rows += found if not isinstance(found, Crash) else [
-            {"scene": scene, "engine": name, "form": None, "methods": [], "reason": found.message}]
-    return rows
+        found = told[scene, name] if (scene, name) in told else _of_scene((scene, name))
+        entries += [Support(name, None, "scene", scene, (), found.message)] if isinstance(found, Crash) else found
+    return entries
 
 
-def _rows(task: tuple[str, str]) -> list[dict[str, Any]]:
+def _of_scene(task: tuple[str, str]) -> list[Support]:
     from crosscheck.scene.file import load_scene
 
-    scene, adapter = load_scene(task[0]), adapters.get(task[1])
-    found = [_support(adapter, form, Minimal("scene", task[0], scene)) for form in _forms(adapter)]
-    return [{"scene": task[0], "engine": task[1], "form": each.form, "methods": list(each.methods),
-             "reason": each.reason} for each in found]
+    name, engine = task
+    adapter, minimal = adapters.get(engine), Minimal("scene", name, load_scene(name))
+    return [dataclasses.replace(_support(adapter, form, minimal), engine=engine) for form in _forms(adapter)]
 
 
 def _forms(adapter: Any) -> tuple[str | None, ...]:
@@ -147,7 +144,7 @@ def _joint(kind: str, parent: int, child: int, name: str) -> Joint:
 
 
 def _force(kind: str, parent: int = GROUND, child: int = 0) -> Force:
-    content: dict[str, dict[str, Any]] = {
+    content: dict[str, dict[str, object]] = {
         "linear_spring": {"parent_point": (0.6, 0.3, -1.2), "child_point": (0.1, 0.0, -0.3), "stiffness": 40.0,
                           "free_length": 0.5, "damping": 2.0},
         "torsional_spring": {"stiffness": 5.0, "rest_angle": 0.4, "damping": 0.3},

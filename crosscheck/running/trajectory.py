@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from crosscheck.adapters.base import RawRun
+from crosscheck.adapters.base import RawRun, Stats
 from crosscheck.running import export
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import JointHistory, histories
 from crosscheck.scene.model import Scene
-from crosscheck.scene.monitor import level_norms
+from crosscheck.scene.monitor import MAXIMA, level_norms
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,7 +53,7 @@ class Trajectory:
     wall_time: float  # s, stepping only
     steps: int
     status: str
-    stats: dict[str, Any]  # the run's counters, "step" (s), and its maxima over every step by the keys of MAXIMA
+    stats: Stats  # the run's counters, "step" (s), and its maxima over every step by the keys of MAXIMA
 
     @functools.cached_property
     def work(self) -> np.ndarray:
@@ -86,6 +86,11 @@ class Trajectory:
         return histories(self.scene, self)
 
     @property
+    def maxima(self) -> dict[str, float]:
+        """The maxima over every step, by the keys of `crosscheck.scene.monitor.MAXIMA`; empty without a monitor."""
+        return {key: value for key, value in self.stats.items() if key in MAXIMA and isinstance(value, float | int)}
+
+    @property
     def potential_energy(self) -> np.ndarray:
         """(T,) J: zero where every mass centre is at the origin and every spring at rest."""
         potential: np.ndarray = self.energy - self.kinetic_energy
@@ -111,7 +116,8 @@ def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
             kinetic_energy=mechanics.kinetic_energy(scene, s),
             momentum_vertical=mechanics.momentum_vertical(scene, s), orthogonality=mechanics.orthogonality(s.R),
             reactions=None if lam is None else constraints.reactions(s.x, s.R, lam), wall_time=raw.wall_time,
-            steps=raw.steps, status=raw.status, stats={**raw.stats, "step": raw.step, **(raw.maxima or {})}, **levels)
+            steps=raw.steps, status=raw.status,
+            stats=cast(Stats, {**raw.stats, "step": raw.step, **(raw.maxima or {})}), **levels)
 
 
 def _with_first(values: np.ndarray | None, first: np.ndarray) -> np.ndarray | None:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import os
-from typing import Any
 
 import numpy as np
 
 from crosscheck.errors import SceneError
 from crosscheck.scene import assembly, checks
 from crosscheck.scene.model import Scene
-from crosscheck.scene.schema import EntryError, decode
+from crosscheck.scene.schema import Content, EntryError, decode
 
 
-def scene_from(data: dict[str, Any], origin: str | os.PathLike[str]) -> Scene:
+def scene_from(data: Content, origin: str | os.PathLike[str]) -> Scene:
     """The scene with this content of a file; raises `SceneError` that names `origin`, the entry and the mend."""
     try:
         return _assembled(checks.draft(decode(data)))

@@ -16,7 +16,7 @@ from crosscheck.scene.building import printable
 from crosscheck.scene.building import scene_from as scene_from
 from crosscheck.scene.model import Scene
 from crosscheck.scene.models import is_model, table
-from crosscheck.scene.schema import EntryError, listed, nearest
+from crosscheck.scene.schema import Content, EntryError, listed, nearest
 
 _SUFFIXES = (".toml", ".json")
 
@@ -68,7 +68,7 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     return scene_from(data, path)
 
 
-def read_scene(name_or_path: str | os.PathLike[str]) -> tuple[Path, dict[str, Any]]:
+def read_scene(name_or_path: str | os.PathLike[str]) -> tuple[Path, Content]:
     """The path of a scene and the content of its file, not yet checked; arguments and errors as `load_scene`.
 
     The content of a model file is that of the scene it is imported as.
@@ -145,7 +145,7 @@ def _check_depth(text: str) -> None:
                          "a scene has tables of keys and rows of numbers only")
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> Content:
     try:
         text = _text(path)
     except OSError as error:
@@ -178,7 +178,7 @@ def _read(path: Path) -> dict[str, Any]:
     return data
 
 
-def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _distinct(pairs: list[tuple[str, Any]]) -> Content:
     """A JSON object whose keys all differ, as TOML demands of its tables."""
     table = dict(pairs)
     if len(table) < len(pairs):

@@ -130,10 +130,11 @@ def _forces(scene: Scene, joint: Joint) -> list[Force]:
         if not stiffness and not damping:
             continue
         if word == "turn":
-            force = Force("torsional_spring", None, None, joint.name, {}, joint.name)
-            angle = float(torsion_angles(scene.replace(forces=(force,)), scene.R0[None])[joint.name][0])
-            force.parameters.update(stiffness=stiffness, rest_angle=rest + (angle - float(position[k])),
-                                    damping=damping)
+            probe = Force("torsional_spring", None, None, joint.name, {})
+            angle = float(torsion_angles(scene.replace(forces=(probe,)), scene.R0[None])[joint.name][0])
+            force = Force("torsional_spring", None, None, joint.name, {
+                "stiffness": stiffness, "rest_angle": rest + (angle - float(position[k])), "damping": damping},
+                joint.name)
         else:
             reach = 1.0 + abs(float(position[k])) + abs(rest) + abs(float(velocity[k])) * scene.duration
             back = 2.0 ** math.ceil(math.log2(8.0 * reach))  # a power of two: adding it loses the fewest digits

@@ -233,7 +233,7 @@ _NOT_HASHED = frozenset({"reference", "start", "damping", "stiffness", "rest_pos
 """Fields that say how coordinates count, or that stand among the forces of the scene as well."""
 
 
-def _plain(record: Any) -> dict[str, Any]:
+def _plain(record: Any) -> dict[str, object]:
     """A dataclass as JSON-ready values; floats keep every bit through repr."""
     fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)
               if field.name not in _NOT_HASHED}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -40,8 +40,8 @@ class Monitor:
             energies = self._energies(x, R, v, w)
             self._gap = float(np.maximum(self._gap, np.abs(energies - self._energy).max()))
             levels = level_norms(self._constraints, x, R, v, w, a, alpha)
-            for key, values in {**levels, "orthogonality": mechanics.orthogonality(R)}.items():
-                if values is not None:
+            for key, values in (*levels.items(), ("orthogonality", mechanics.orthogonality(R))):
+                if isinstance(values, np.ndarray):
                     self._maxima[key] = float(np.maximum(self._maxima.get(key, 0.0), values.max()))
 
     def maxima(self) -> dict[str, float]:
@@ -60,13 +60,23 @@ class Monitor:
         return found
 
 
+class Levels(TypedDict):
+    """Max-norms (T,) of the rows at each constraint level."""
+
+    constraint_position: np.ndarray
+    constraint_velocity: np.ndarray
+    constraint_acceleration: np.ndarray | None
+
+
 def level_norms(constraints: Constraints, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
-            a: np.ndarray | None, alpha: np.ndarray | None) -> dict[str, Any]:
+                a: np.ndarray | None, alpha: np.ndarray | None) -> Levels:
     """Max-norms (T,) of the constraint levels by their names in `Trajectory`."""
+    def norm(rows: np.ndarray) -> np.ndarray:
+        found: np.ndarray = np.abs(rows).max(axis=1, initial=0.0)
+        return found
+
     acceleration = None
     if a is not None and alpha is not None:
-        acceleration = constraints.acceleration(x, R, v, w, a, alpha)
-    rows = {"constraint_position": constraints.position(x, R),
-            "constraint_velocity": constraints.velocity(x, R, v, w),
-            "constraint_acceleration": acceleration}
-    return {key: None if values is None else np.abs(values).max(axis=1, initial=0.0) for key, values in rows.items()}
+        acceleration = norm(constraints.acceleration(x, R, v, w, a, alpha))
+    return {"constraint_position": norm(constraints.position(x, R)),
+            "constraint_velocity": norm(constraints.velocity(x, R, v, w)), "constraint_acceleration": acceleration}

@@ -27,6 +27,9 @@ LARGEST = 1e100
 MOST_LISTED = 60
 """Names in one message; there are forty built-in scenes."""
 
+Content = dict[str, Any]
+"""A scene file, or one of its tables, as TOML or JSON have it; not checked yet."""
+
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 Quaternion = tuple[float, float, float, float]
@@ -241,7 +244,7 @@ def entry_name(data: Any, path: Iterable[str | int]) -> str:
     return text or "the file"
 
 
-def decode(data: dict[str, Any]) -> SceneEntry:
+def decode(data: Content) -> SceneEntry:
     """The typed content of a scene file from its plain mapping; raises `EntryError` for the first thing wrong."""
     _check_version(data)
     _check_keys(data)
@@ -252,7 +255,7 @@ def decode(data: dict[str, Any]) -> SceneEntry:
         raise _translated(data, str(error)) from None
 
 
-def _check_version(data: dict[str, Any]) -> None:
+def _check_version(data: Content) -> None:
     if "schema" not in data:
         raise EntryError("schema", "missing", "add schema = 1 at the top of the file")
     if type(data["schema"]) is not int or data["schema"] not in VERSIONS:
@@ -275,7 +278,7 @@ def _check_version(data: dict[str, Any]) -> None:
                     raise EntryError(entry_name(data, path), "is a key of version 2", "write schema = 2 at the top")
 
 
-def _check_keys(data: dict[str, Any]) -> None:
+def _check_keys(data: Content) -> None:
     """Unknown keys first, table by table: a misspelt key must not read as a missing one."""
     _check_table_keys(data, (), SceneEntry.__struct_fields__)
     for group in ("bodies", "joints", "forces"):

@@ -160,7 +160,7 @@ def _row(member: Member, way: Way, exact: States | None, task: Task) -> dict[str
     row["status"], row["form"], row["steps"] = traj.status, traj.form or "", int(traj.steps)
     if task.timing:
         row["wall_time"] = float(traj.wall_time)
-    row |= {name: float(traj.stats[name]) for name in LEVELS if name in traj.stats}
+    row |= traj.maxima
     if exact is not None:
         found = errors(member.scene, _states(traj), exact)
         row |= {ERRORS[name]: error.max for name, error in found.items()}

@@ -139,7 +139,7 @@ def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progr
     return frame
 
 
-def _write(out: Path, asked: plan.Plan, frame: pd.DataFrame, meta: dict[str, Any]) -> None:
+def _write(out: Path, asked: plan.Plan, frame: pd.DataFrame, meta: provenance.Provenance) -> None:
     """request.json, sweep.json and, where the extra `report` is there, the page."""
     from crosscheck.sweeps import summary
 

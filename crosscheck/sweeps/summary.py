@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,7 @@ POINTS = 24
 WAY = ["engine", "method", "form", "step", "rtol"]
 
 
-def document(frame: pd.DataFrame, parameters: list[str], report: dict[str, Any], meta: dict[str, Any],
+def document(frame: pd.DataFrame, parameters: list[str], report: dict[str, Any], meta: Mapping[str, Any],
              out: str) -> dict[str, Any]:
     """Everything the page draws, a few kilobytes a way whatever the number of cells."""
     groups = list(frame.groupby(["scene", *WAY], dropna=False, sort=False))

@@ -29,7 +29,6 @@ from crosscheck.references.base import Reference
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
-from crosscheck.scene.monitor import MAXIMA
 from crosscheck.verification.attempts import NoRun, attempt
 from crosscheck.verification.curves import run_curves
 from crosscheck.verification.order_study import order_study
@@ -97,7 +96,7 @@ def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], fi
             raise Unsupported("the truth of so many bodies takes minutes")
         reference, window = truth(scene), truth(windowed(scene, first))
     except (TruthError, Unsupported) as error:
-        maxima = _maxima(traj)
+        maxima = traj.maxima
         findings = [judge_without_truth(scene, traj), *judge_levels(scene, traj, None, None, held, maxima),
                     _orthogonality(run.engine, traj, maxima)]
         judged = settle(_measured(run, scene, traj, None, {}, held, maxima), findings, adapters.turning)
@@ -131,7 +130,7 @@ def _no_main_run(run: Run, scene: Scene, why: NoRun) -> _Main:
 
 def _main_run(run: Run, scene: Scene, traj: Trajectory, reference: Reference, window: Reference,
               held: frozenset[str], budgeted: bool) -> _Main:
-    maxima = _maxima(traj)
+    maxima = traj.maxima
     if run.practical:
         bounds, found = None, errors(scene, traj, reference.states)
         findings = [judge_practical(scene, traj, reference)]
@@ -156,7 +155,7 @@ def _without_truth(run: Run, cell: Cell, scene: Scene, traj: Trajectory | NoRun,
     if isinstance(traj, NoRun):
         main = _no_main_run(run, scene, traj)
     else:
-        maxima = _maxima(traj)
+        maxima = traj.maxima
         main = _Main(_measured(run, scene, traj, None, {}, held, maxima),
                      [Finding("run", "ok", None, None, "", ENDED), judge_without_truth(scene, traj),
                       *judge_levels(scene, traj, None, None, held, maxima), _orthogonality(run.engine, traj, maxima)])
@@ -164,10 +163,6 @@ def _without_truth(run: Run, cell: Cell, scene: Scene, traj: Trajectory | NoRun,
     if judged.outcome != "pass":
         return judged
     return replace(judged, outcome="unjudged", message=f"unjudged: no truth ({cell.no_truth})")
-
-
-def _maxima(traj: Trajectory) -> dict[str, float]:
-    return {key: traj.stats[key] for key in MAXIMA if key in traj.stats}
 
 
 def _orthogonality(engine: str, traj: Trajectory, maxima: Mapping[str, float]) -> Finding:

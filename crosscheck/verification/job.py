@@ -162,7 +162,8 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     meta = provenance.describe(engine_names) | {
         "profile": profile, "jobs": jobs, "command": told, "calibration": calibration,
         "seconds": journal.seconds if journal is not None else time.perf_counter() - started}
-    rows = msgspec.convert(finite(support.of_scenes(scene_names, engine_names, within)), list[Support])
+    rows = [Support(scene=one.item, engine=one.engine, form=one.form, reason=one.reason, methods=list(one.methods))
+            for one in support.of_scenes(scene_names, engine_names, within)]
     made = document(replace(msgspec.convert(meta, Meta), asked=asked), truths, records, rows)
     return replace(made, advice=advice.of_scenes(scene_names, engine_names) or None)
 

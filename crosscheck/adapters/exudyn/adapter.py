@@ -10,11 +10,10 @@ import functools
 import importlib.metadata
 import itertools
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
-from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.base import RawRun, RunSpec, Stats
 from crosscheck.adapters.common import stepping, tree
 from crosscheck.adapters.exudyn import kinematic_tree, models, solving
 from crosscheck.adapters.exudyn.solving import IMPLICIT, NEWTON_TOLERANCES, load, solve
@@ -123,12 +122,13 @@ class Exudyn:
         return RawRun(states, found.wall_time, per * (scene.samples - 1), h, stats=stats, maxima=maxima, form=form)
 
     def _builder(self, scene: Scene, spec: RunSpec,
-                 form: str) -> tuple[Callable[[], models.Model], dict[str, Any]]:
+                 form: str) -> tuple[Callable[[], models.Model], Stats]:
         """What makes a fresh model, and what there is to say about it."""
         if form == "tree":
-            stats = {"cardan_order": cardan_order(scene)} if kinematic_tree.balls(scene) else {}
-            order = stats.get("cardan_order", PREFERRED_ORDER)
-            return functools.partial(kinematic_tree.kinematic_tree, scene, order), stats
+            if not kinematic_tree.balls(scene):
+                return functools.partial(kinematic_tree.kinematic_tree, scene, PREFERRED_ORDER), {}
+            order = cardan_order(scene)
+            return functools.partial(kinematic_tree.kinematic_tree, scene, order), {"cardan_order": order}
         node = spec.node or "lie"
         make = models.maximal if form == "maximal" else models.pivot
         return functools.partial(make, scene, node), {"node": node}

@@ -84,8 +84,9 @@ def add_force(carrier: Carrier, force: Force) -> Any:
             referenceLength=p["free_length"], stiffness=p["stiffness"], damping=p["damping"]))
     point = np.array(p.get("child_point", (0.0, 0.0, 0.0)))
     marker = carrier.mark(force.child, point, np.eye(3))
-    load, key = (LoadForceVector, "force") if force.type == "constant_force" else (LoadTorqueVector, "torque")
-    return carrier.system.AddLoad(load(markerNumber=marker, loadVector=p[key], bodyFixed=p["frame"] == "body"))
+    load, vector = ((LoadForceVector, p["force"]) if force.type == "constant_force" else
+                    (LoadTorqueVector, p["torque"]))
+    return carrier.system.AddLoad(load(markerNumber=marker, loadVector=vector, bodyFixed=p["frame"] == "body"))
 
 
 def _add_torsion(carrier: Carrier, force: Force) -> Any:

@@ -107,11 +107,12 @@ def kinematic_tree(scene: Scene, order: str) -> Model:
                                           initialCoordinates_t=v, numberOfODE2Coordinates=len(q)))
     vectors: Any = exudyn.Vector3DList  # Exudyn's stubs know these two only without arguments
     matrices: Any = exudyn.Matrix3DList
+    springs: Any = _springs(scene, chain)
     body = system.AddObject(ObjectKinematicTree(
         nodeNumber=node, jointTypes=[getattr(exudyn.JointType, kind) for kind in joints.kinds],
         linkParents=joints.parents, gravity=scene.gravity, linkMasses=joints.masses,
         jointTransformations=matrices(joints.turns), jointOffsets=vectors(joints.offsets),
-        linkCOMs=vectors(joints.centres), linkInertiasCOM=matrices(joints.inertias), **_springs(scene, chain)))
+        linkCOMs=vectors(joints.centres), linkInertiasCOM=matrices(joints.inertias), **springs))
     _attach(scene, system, body, seats, closing)
     slots = np.cumsum([0, *(link.dofs for link in chain)])
 
@@ -187,7 +188,7 @@ def cardan_coordinates(attitude: np.ndarray, w: np.ndarray, order: str) -> tuple
     return angles, np.linalg.solve(np.transpose(unit_rates), w)
 
 
-def _springs(scene: Scene, chain: list[Link]) -> dict[str, Any]:
+def _springs(scene: Scene, chain: list[Link]) -> dict[str, list[float]]:
     """Torsional spring-dampers as the proportional and differential control of the joints they act on."""
     springs = {force.joint: force.parameters for force in scene.forces if force.type == "torsional_spring"}
     if not springs:

@@ -1,12 +1,11 @@
-"""An engine of another version, seen from inside the environment made for it.
+"""An engine of another version, seen from inside the environment made for it by `crosscheck.adapters.foreign.versions`.
 
-`crosscheck.adapters.foreign.versions` calls this.
-
-Imported there, where only the engine and what its adapter needs are installed.
+This module is imported there, where only the engine and what its adapter needs are installed.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from typing import Any
 
@@ -14,12 +13,22 @@ from crosscheck.adapters import built_in
 from crosscheck.adapters.base import Engine
 
 
-def describe(engine: str) -> dict[str, Any]:
-    """What the adapter says about itself without a scene."""
+@dataclasses.dataclass(frozen=True)
+class About:
+    """What an adapter says about itself without a scene."""
+
+    version: str
+    methods: tuple[str, ...]
+    forms: tuple[str, ...]
+    options: frozenset[str]
+    adaptive_methods: tuple[str, ...]
+
+
+def describe(engine: str) -> About:
+    """About the adapter of this name."""
     adapter: Any = _adapter(engine)
-    found = {"version": adapter.version(), "methods": tuple(adapter.methods), "forms": tuple(adapter.forms),
-             "options": frozenset(adapter.options)}
-    return found | {"adaptive_methods": tuple(adapter.adaptive_methods)}
+    return About(adapter.version(), tuple(adapter.methods), tuple(adapter.forms), frozenset(adapter.options),
+                 tuple(adapter.adaptive_methods))
 
 
 def ask(engine: str, question: str, *arguments: Any) -> Any:

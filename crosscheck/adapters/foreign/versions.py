@@ -46,18 +46,17 @@ class Versioned:
         self.name = name
         self._python = environment(self._engine, version)
         self._worker: Any = None
-        self._about: dict[str, Any] = self._call(remote.describe, self._engine)
+        about: remote.About = self._call(remote.describe, self._engine)
+        self._about = about
         if version != self.version():  # "3" installs 3.0.0: reports name what ran
             raise ArgumentError(f"engine: {name!r}: this is version {self.version()}; write "
                                 f"{self._engine}=={self.version()}")
-        self.methods: tuple[str, ...] = self._about["methods"]
-        self.forms: tuple[str, ...] = self._about["forms"]
-        self.options: frozenset[str] = self._about["options"]
-        self.adaptive_methods: tuple[str, ...] = self._about["adaptive_methods"]
+        self.methods, self.forms = about.methods, about.forms
+        self.options, self.adaptive_methods = about.options, about.adaptive_methods
 
     def version(self) -> str:
         """Version of the engine as its environment has it."""
-        return str(self._about["version"])
+        return self._about.version
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
         """As the adapter says it there."""

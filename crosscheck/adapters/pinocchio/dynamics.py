@@ -138,12 +138,14 @@ class Dynamics:
             self._push(wrenches, *ends[0], pull)
             self._push(wrenches, *ends[1], -pull)
         elif force.type == "constant_force":
-            self._push(wrenches, force.child, np.array(p["child_point"]), self._in_world(force, "force"))
+            self._push(wrenches, force.child, np.array(p["child_point"]), self._in_world(force, p["force"]))
         else:
-            self._wring(wrenches, force.child, self._in_world(force, "torque"))
+            joint, _ = self.model.frames[force.child]
+            torque = self.data.oMi[joint].rotation.T @ self._in_world(force, p["torque"])
+            wrenches[joint] += self._pin.Force(np.zeros(3), torque)
 
-    def _in_world(self, force: Force, key: str) -> np.ndarray:
-        vector = np.array(force.parameters[key])
+    def _in_world(self, force: Force, load: tuple[float, ...]) -> np.ndarray:
+        vector = np.array(load)
         return self._frame(force.child).rotation @ vector if force.parameters["frame"] == "body" else vector
 
     def _frame(self, body: int) -> Any:
@@ -164,10 +166,6 @@ class Dynamics:
         joint, frame = self.model.frames[body]
         local = self.data.oMi[joint].rotation.T @ push
         wrenches[joint] += self._pin.Force(local, self._pin.skew(frame.act(point)) @ local)
-
-    def _wring(self, wrenches: Any, body: int, torque: np.ndarray) -> None:
-        joint, _ = self.model.frames[body]
-        wrenches[joint] += self._pin.Force(np.zeros(3), self.data.oMi[joint].rotation.T @ torque)
 
     def reactions(self, q: np.ndarray, v: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Force and torque, world axes, of every joint on its child at the child's anchor.

@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from crosscheck.errors import ArgumentError, SceneError
 from crosscheck.scene.model import Scene
+from crosscheck.scene.schema import Content
 
 SUFFIXES = (".xml", ".urdf", ".mjcf", ".xacro")
 """Names of files that are models, not scenes; xacro is refused by its name."""
@@ -58,7 +59,7 @@ def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None
     return scene_from(content, path)
 
 
-def table(path: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
+def table(path: str | os.PathLike[str], **options: Any) -> Content:
     """The content of the scene file that a model is imported as; options and errors as `import_model`."""
     from crosscheck.scene.models import reading
 

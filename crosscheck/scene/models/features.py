@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.scene.models.neutral import Reading, Table
+from crosscheck.scene.models.neutral import Reading
+from crosscheck.scene.schema import Content as Table
 
 MOST_NAMED = 6
 """Of one kind in a message; the rest is counted."""

@@ -13,11 +13,10 @@ import numpy as np
 
 from crosscheck.scene.constraints import cross
 from crosscheck.scene.model import quaternion_from_rotation
+from crosscheck.scene.schema import Content as Table
 
 ALIGNED = 1e-9
 """Sine of the angle, and relative distance, below which axes count as parallel and points as one."""
-
-Table = dict[str, Any]
 
 
 @dataclasses.dataclass

@@ -11,8 +11,9 @@ import numpy as np
 
 from crosscheck.errors import ArgumentError, SceneError, unknown
 from crosscheck.scene.models import compiling, features, neutral, source
-from crosscheck.scene.models.neutral import Reading, Table
+from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.models.source import Source
+from crosscheck.scene.schema import Content as Table
 
 
 def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop: bool = False, base: str = "fixed",

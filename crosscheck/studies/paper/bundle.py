@@ -188,7 +188,7 @@ def _plain(text: str) -> str:
     return text
 
 
-def _origin(origin: dict[str, Any]) -> str:
+def _origin(origin: provenance.Provenance) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in origin["packages"].items())
     machine = origin["machine"]
     return "\n".join([

@@ -14,7 +14,6 @@ from crosscheck.judge.plan import natural_time
 from crosscheck.running.run import run
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
-from crosscheck.scene.monitor import MAXIMA
 
 SAMPLES = 1001
 """Output times at most: smooth curves in print, and files that are still read with pleasure."""
@@ -129,7 +128,7 @@ def _attempt(scene: Scene, method: str, coordinate_map: str, step: float, **opti
 
 def _line(scene: Scene, traj: Trajectory, plain: Trajectory | str, coordinate_map: str,
           exact: np.ndarray | None) -> Line:
-    largest = {name: float(traj.stats[name]) for name in MAXIMA}
+    largest = traj.maxima
     kinetic = float(traj.kinetic_energy.max())
     start = abs(float(traj.energy[0]))
     return Line(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -15,14 +14,24 @@ SOLVED = ("mass matrix", "gravity force", "applied force", "acceleration", "angu
           "reaction torque")
 """Found by solving in the engine's coordinates, the first three by mapping them to common ones here."""
 
+OF_BODIES = ("mass", "inertia", "position", "attitude", "velocity", "angular velocity", "acceleration",
+             "angular acceleration")
+
 
 def deviations(scene: Scene, reference: Reference, probe: Probe) -> tuple[Deviation, ...]:
     """One deviation for each quantity the probe tells, in the order of `QUANTITIES`."""
     gaps = dict(_gaps(scene, reference, probe))
     solved = _solved_bound(probe)
-    return tuple(dataclasses.replace(_worst(scene, reference, probe, quantity, gaps[quantity]),
-                                     bound=solved if quantity in SOLVED else TOLERANCE)
-                 for quantity in QUANTITIES if quantity in gaps)
+    found = []
+    for quantity in (quantity for quantity in QUANTITIES if quantity in gaps):
+        sizes = gaps[quantity]
+        state, place = np.unravel_index(np.argmax(np.where(np.isfinite(sizes), sizes, np.inf)), sizes.shape)
+        gap, scale = float(sizes[state, place]), reference.scales.get(quantity, 1.0)
+        of_joints = quantity.startswith("reaction")
+        name = (scene.joints if of_joints else scene.bodies)[place].name if of_joints or quantity in OF_BODIES else ""
+        found.append(Deviation(probe.engine, probe.form, quantity, gap / scale, gap, scale, name, int(state),
+                               solved if quantity in SOLVED else TOLERANCE))
+    return tuple(found)
 
 
 def _solved_bound(probe: Probe) -> float:
@@ -50,7 +59,10 @@ def _gaps(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[st
         found, wanted = getattr(probe, field), getattr(truth, field)
         if found is not None:
             yield quantity, np.abs(found - wanted).reshape(*found.shape[:2], -1).max(axis=2)
-    if (total := _total(probe)) is not None:
+    total = probe.total_mass
+    if total is None and probe.masses is not None:
+        total = float(probe.masses.sum())
+    if total is not None:
         yield "total mass", np.abs([[total - scene.masses.sum()]])
     if (centre := _centre(probe)) is not None:
         yield "centre of mass", np.abs(centre - _centre(truth)).max(axis=1)[:, None]
@@ -60,10 +72,6 @@ def _gaps(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[st
     yield from _projected(reference, probe)
     if probe.reactions is not None:
         yield from _reactions(scene, reference, probe)
-
-
-def _total(probe: Probe) -> float | None:
-    return probe.total_mass if probe.masses is None or probe.total_mass is not None else float(probe.masses.sum())
 
 
 def _centre(probe: Probe) -> np.ndarray | None:
@@ -77,7 +85,16 @@ def _projected(reference: Reference, probe: Probe) -> Iterator[tuple[str, np.nda
     """Mass matrix and gravity force in the common basis of admissible velocities, through the engine's Jacobian."""
     if probe.jacobian is None:
         return
-    own = [_own_velocities(probe, k, N) for k, N in enumerate(reference.bases)]
+    own = []  # the engine's velocities (nv, d) in each state that move the bodies as the columns of N do
+    for k, N in enumerate(reference.bases):
+        rows, wanted = probe.jacobian[k], N
+        if not N.size or not rows.size:
+            own.append(np.zeros((rows.shape[1], N.shape[1])))
+            continue
+        if probe.closing is not None:  # what moves no body must follow the engine's own constraints
+            rows = np.concatenate([rows, probe.closing[k]])
+            wanted = np.concatenate([N, np.zeros((len(probe.closing[k]), N.shape[1]))])
+        own.append(np.linalg.lstsq(rows, wanted, rcond=None)[0])
     for quantity, field in (("mass matrix", "mass_matrix"), ("gravity force", "gravity_force"),
                             ("applied force", "applied_force")):
         found, wanted = getattr(probe, field), getattr(reference.probe, field)
@@ -88,19 +105,6 @@ def _projected(reference: Reference, probe: Probe) -> Iterator[tuple[str, np.nda
             seen, meant = ((Q.T @ engine @ Q, N.T @ truth @ N) if engine.ndim == 2 else (Q.T @ engine, N.T @ truth))
             gaps.append([np.abs(seen - meant).max(initial=0.0)])
         yield quantity, np.array(gaps)
-
-
-def _own_velocities(probe: Probe, k: int, N: np.ndarray) -> np.ndarray:
-    """The engine's velocities (nv, d) in its k-th state that move the bodies as the columns of N do."""
-    assert probe.jacobian is not None
-    if not N.size or not probe.jacobian[k].size:
-        return np.zeros((probe.jacobian.shape[2], N.shape[1]))
-    rows, wanted = probe.jacobian[k], N
-    if probe.closing is not None:  # what moves no body must follow the engine's own constraints
-        rows = np.concatenate([rows, probe.closing[k]])
-        wanted = np.concatenate([N, np.zeros((len(probe.closing[k]), N.shape[1]))])
-    found: np.ndarray = np.linalg.lstsq(rows, wanted, rcond=None)[0]
-    return found
 
 
 def _reactions(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[str, np.ndarray]]:
@@ -114,14 +118,3 @@ def _reactions(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tup
             gap = np.abs(probe.reactions[joint.name][part] - reference.probe.reactions[joint.name][part]).max(axis=1)
             gaps[:, column] = np.where([joint.name in unique for unique in reference.unique], gap, 0.0)
         yield quantity, gaps
-
-
-def _worst(scene: Scene, reference: Reference, probe: Probe, quantity: str, gaps: np.ndarray) -> Deviation:
-    state, place = np.unravel_index(np.argmax(np.where(np.isfinite(gaps), gaps, np.inf)), gaps.shape)
-    gap, scale = float(gaps[state, place]), reference.scales.get(quantity, 1.0)
-    names = [record.name for record in (scene.joints if quantity.startswith("reaction") else scene.bodies)]
-    per_place = quantity.startswith("reaction") or quantity in (
-        "mass", "inertia", "position", "attitude", "velocity", "angular velocity", "acceleration",
-        "angular acceleration")
-    return Deviation(probe.engine, probe.form, quantity, gap / scale, gap, scale, names[place] if per_place else "",
-                     int(state))

@@ -95,7 +95,9 @@ def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[s
         point = data.xpos[child] + data.xmat[child].reshape(3, 3) @ joint.child_anchor
         torque += np.cross(data.subtree_com[model.body_rootid[body]] - point, force)
         for loaded, at, load in loads:
-            if _hangs_on(model, loaded, body):
+            while loaded not in (body, 0):  # until the load hangs on the body, or is found to hang elsewhere
+                loaded = model.body_parentid[loaded]
+            if loaded == body:
                 force, torque = force - load[:3], torque - load[3:] - np.cross(at - point, load[:3])
         found[joint.name] = sign * force[None], sign * torque[None]
     return found
@@ -110,9 +112,3 @@ def _loads(model: Any, data: Any) -> list[tuple[int, np.ndarray, np.ndarray]]:
         wrench = data.actuator_force[number] * model.actuator_gear[number].reshape(2, 3) @ turn.T
         found.append((int(model.site_bodyid[site]), data.site_xpos[site].copy(), wrench.ravel()))
     return found
-
-
-def _hangs_on(model: Any, body: int, inner: int) -> bool:
-    while body not in (inner, 0):
-        body = model.body_parentid[body]
-    return body == inner

@@ -16,7 +16,7 @@ from crosscheck.scene.armature import rotors
 from crosscheck.scene.coordinates import zero_attitude
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import index1
-from crosscheck.scene.model import Joint, Scene
+from crosscheck.scene.model import Scene, quaternion_from_rotation
 
 READERS = ("mujoco", "pinocchio")
 """Engines that read model files."""
@@ -73,6 +73,7 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     """
     from crosscheck import adapters
     from crosscheck.scene.models import import_model
+    from crosscheck.scene.models.source import read as read_source
 
     source = Path(path)
     scene = import_model(against or path, drop=True)
@@ -94,7 +95,9 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
         except CrosscheckError as error:
             refused[name] = str(error)
     neutral = _neutral(scene, states, against or path)
-    invented = _without_inertial(source)
+    root = read_source(source).root
+    invented = frozenset(link.get("name", "") for link in root.findall("link")
+                         if link.find("inertial") is None and link.find("collision") is not None)
     found = [each for native in natives for each in _differences(neutral, native, invented)]
     return NativeInspection(source, scene, tuple(natives), tuple(found), refused)
 
@@ -122,15 +125,10 @@ def _posed(scene: Scene, states: JointStates, k: int) -> Scene:
     never = (False,) * scene.n
     starts = tuple(Start(index, (float(states.position[k, index]),), (float(states.velocity[k, index]),))
                    for index in range(len(scene.joints)))
-    joints = tuple(dataclasses.replace(joint, reference=_quaternion(joint)) for joint in scene.joints)
+    joints = tuple(dataclasses.replace(joint, reference=quaternion_from_rotation(zero_attitude(joint)))
+                   for joint in scene.joints)
     bare = scene.replace(joints=joints, forces=tuple(force for force in scene.forces if not force.of_joint))
     return assembly.completed(Draft(bare, never, never, False, starts, never, never))
-
-
-def _quaternion(joint: Joint) -> np.ndarray:
-    from crosscheck.scene.model import quaternion_from_rotation
-
-    return quaternion_from_rotation(zero_attitude(joint))
 
 
 def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -157,16 +155,8 @@ def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return M, -M @ coordinates(scene.replace(forces=())), coordinates(scene)
 
 
-def _without_inertial(path: Path) -> frozenset[str]:
-    """Links of a URDF that have no inertial, and collision shapes from which an engine may make one."""
-    from crosscheck.scene.models import source
-
-    root = source.read(path).root
-    return frozenset(link.get("name", "") for link in root.findall("link")
-                     if link.find("inertial") is None and link.find("collision") is not None)
-
-
 def _differences(neutral: Native, native: Native, invented: frozenset[str]) -> Iterator[Difference]:
+    """What differs; `invented` are links without an inertial whose mass an engine may make from collision shapes."""
     def told(quantity: str, place: str, words: str) -> Difference:
         return Difference(native.engine, quantity, place, words)
 

@@ -54,12 +54,15 @@ def completed(draft: Draft) -> Scene:
     constraints = Constraints(scene)
     state = _tree_positions(draft, state, shifts)
     if not draft.assemble:
-        _check_positions(constraints, state)
+        phi = constraints.position(state.x[None], state.R[None])[0]
+        _check_level(constraints, phi, 1.0, "position", "attitude")
     state = _close_positions(constraints, state)
     state, speeds = starts.spins(draft, state)
     state = _tree_velocities(draft, state, speeds)
     if not draft.assemble:
-        _check_velocities(constraints, state)
+        rates = constraints.velocity(state.x[None], state.R[None], state.v[None], state.w[None])[0]
+        spin = max(1.0, float(np.linalg.norm(state.w, axis=1).max()))
+        _check_level(constraints, rates, spin, "velocity", "angular_velocity")
     state = _close_velocities(constraints, state)
     _check_axes(scene, state.R)
     done = scene.replace(bodies=bodies_at(scene, state))
@@ -152,17 +155,6 @@ def _tree_velocities(draft: Draft, state: Configuration, speeds: Mapping[str, np
 
 
 # --- the check of a given state --------------------------------------------------------------------------------------
-
-
-def _check_positions(constraints: Constraints, state: Configuration) -> None:
-    phi = constraints.position(state.x[None], state.R[None])[0]
-    _check_level(constraints, phi, 1.0, "position", "attitude")
-
-
-def _check_velocities(constraints: Constraints, state: Configuration) -> None:
-    rates = constraints.velocity(state.x[None], state.R[None], state.v[None], state.w[None])[0]
-    spin = max(1.0, float(np.linalg.norm(state.w, axis=1).max()))
-    _check_level(constraints, rates, spin, "velocity", "angular_velocity")
 
 
 def _check_level(constraints: Constraints, rows: np.ndarray, spin: float, linear: str, angular: str) -> None:

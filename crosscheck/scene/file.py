@@ -77,7 +77,18 @@ def read_scene(name_or_path: str | os.PathLike[str]) -> tuple[Path, Content]:
         return Path(name_or_path), copy.deepcopy(_carried[name_or_path])
     if is_model(name_or_path):
         return Path(name_or_path), table(name_or_path)
-    path = _locate(name_or_path)
+    if not isinstance(name_or_path, str | os.PathLike):
+        raise ArgumentError(f"a scene is named by text or a path, not by {type(name_or_path).__name__}; "
+                            f"the built-in scenes are {listed(scene_names())}")
+    text = os.fsdecode(name_or_path)
+    path = Path(text)
+    if path.suffix not in _SUFFIXES:
+        if isinstance(name_or_path, os.PathLike) or path.name != text:
+            raise SceneError(f"{printable(text)}: the name of the file: a scene file ends in .toml or .json; rename it")
+        if text not in scene_names():
+            raise SceneError(f'"{printable(text)}": no built-in scene has this name; {nearest(text, scene_names())}'
+                             f"write one of {listed(scene_names())} or a path that ends in .toml or .json")
+        path = _folder() / f"{text}.toml"
     try:
         return path, _read(path)
     except EntryError as error:
@@ -109,22 +120,6 @@ def _folder() -> Path:
     return inside if inside.is_dir() else package.parent / "scenarios"
 
 
-def _locate(name_or_path: str | os.PathLike[str]) -> Path:
-    if not isinstance(name_or_path, str | os.PathLike):
-        raise ArgumentError(f"a scene is named by text or a path, not by {type(name_or_path).__name__}; "
-                            f"the built-in scenes are {listed(scene_names())}")
-    text = os.fsdecode(name_or_path)
-    path = Path(text)
-    if path.suffix in _SUFFIXES:
-        return path
-    if isinstance(name_or_path, os.PathLike) or path.name != text:
-        raise SceneError(f"{printable(text)}: the name of the file: a scene file ends in .toml or .json; rename it")
-    if text not in scene_names():
-        raise SceneError(f'"{printable(text)}": no built-in scene has this name; {nearest(text, scene_names())}'
-                         f"write one of {listed(scene_names())} or a path that ends in .toml or .json")
-    return _folder() / f"{text}.toml"
-
-
 def _text(path: Path) -> str:
     """The text of a file; no more of it is read than a scene may have, and nothing of a pipe or a device."""
     if path.exists() and not path.is_file() and not path.is_dir():
@@ -135,14 +130,6 @@ def _text(path: Path) -> str:
         raise EntryError("the file", f"is larger than {MOST_BYTES >> 20} MB", "describe a smaller system, or build the "
                          "scene in Python")
     return content.decode("utf-8-sig").replace("\r\n", "\n")
-
-
-def _check_depth(text: str) -> None:
-    """Python's reader of TOML takes a time that grows as the square of the parts of a dotted key."""
-    if deep := _DEEP_KEY.search(text):
-        line = text.count("\n", 0, deep.start(1)) + 1
-        raise EntryError("syntax", f"line {line}: a key has more than {MOST_DOTS} dots",
-                         "a scene has tables of keys and rows of numbers only")
 
 
 def _read(path: Path) -> Content:
@@ -158,8 +145,11 @@ def _read(path: Path) -> Content:
         raise EntryError("the name of the file", "no file can have it",
                          f"correct it, or write one of {listed(scene_names())}") from None
     try:
-        if path.suffix == ".toml":
-            _check_depth(text)
+        # Python's reader of TOML takes a time that grows as the square of the parts of a dotted key.
+        if path.suffix == ".toml" and (deep := _DEEP_KEY.search(text)):
+            line = text.count("\n", 0, deep.start(1)) + 1
+            raise EntryError("syntax", f"line {line}: a key has more than {MOST_DOTS} dots",
+                             "a scene has tables of keys and rows of numbers only")
         data = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text, object_pairs_hook=_distinct)
         json.dumps(data, ensure_ascii=False, default=str).encode()
     except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:

@@ -123,9 +123,15 @@ def torsion_angles(scene: Scene, R: np.ndarray, w: np.ndarray | None = None, t: 
     is unwrapped against `previous`, the last angles of the batch before.
     """
     angles = {}
-    for joint in _torsion_joints(scene):
+    sprung = {force.joint for force in scene.forces if force.type == "torsional_spring"}
+    for joint in (joint for joint in scene.joints if joint.name in sprung):
+        # theta in R_parent^T R_child = exp(theta hat(parent_axis)) Q0
+        n1, n2 = normal_references(joint.parent_axis)
+        pointer = _turn(R, joint.child, shortest_rotation(joint.child_axis, joint.parent_axis).T @ n1)
+        sine = np.einsum("tk,tk->t", _turn(R, joint.parent, n2), pointer)
+        cosine = np.einsum("tk,tk->t", _turn(R, joint.parent, n1), pointer)
         rate = None if w is None else _torsion_rate(joint, R, w)
-        angles[joint.name] = continuous(_wrapped_angle(joint, R), None if previous is None else previous[joint.name],
+        angles[joint.name] = continuous(np.arctan2(sine, cosine), None if previous is None else previous[joint.name],
                                         rate, t)
     return angles
 
@@ -173,7 +179,7 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
         _add_force(f, R, force.child, p["child_point"], -pull)
         _add_force(f, R, force.parent, p["parent_point"], pull)
     elif joint is not None:
-        axis = _parent_axis(joint, R)
+        axis = _turn(R, joint.parent, joint.parent_axis)
         if force.type == "joint_force":
             push = np.broadcast_to(at(p["force"], t), len(x))[:, None] * axis
             _add_force(f, R, joint.child, joint.child_anchor, push)
@@ -304,24 +310,15 @@ def _spring_pull(force: Force, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: n
     return found
 
 
-def _torsion_joints(scene: Scene) -> list[Joint]:
-    sprung = {force.joint for force in scene.forces if force.type == "torsional_spring"}
-    return [joint for joint in scene.joints if joint.name in sprung]
-
-
 def _turn(R: np.ndarray, body: int, vector: np.ndarray) -> np.ndarray:
     return np.broadcast_to(vector, (len(R), 3)) if body == GROUND else R[:, body] @ vector
-
-
-def _parent_axis(joint: Joint, R: np.ndarray) -> np.ndarray:
-    return _turn(R, joint.parent, joint.parent_axis)
 
 
 def _torsion_rate(joint: Joint, R: np.ndarray, w: np.ndarray) -> np.ndarray:
     spin = np.einsum("tij,tj->ti", R[:, joint.child], w[:, joint.child])
     if joint.parent != GROUND:
         spin = spin - np.einsum("tij,tj->ti", R[:, joint.parent], w[:, joint.parent])
-    found: np.ndarray = np.einsum("tk,tk->t", spin, _parent_axis(joint, R))
+    found: np.ndarray = np.einsum("tk,tk->t", spin, _turn(R, joint.parent, joint.parent_axis))
     return found
 
 
@@ -337,14 +334,4 @@ def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     x, y, z = cross(start, end)
     hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     found: np.ndarray = np.eye(3) + hat + hat @ hat / (1 + cosine)
-    return found
-
-
-def _wrapped_angle(joint: Joint, R: np.ndarray) -> np.ndarray:
-    """theta in R_parent^T R_child = exp(theta hat(parent_axis)) Q0, in (-pi, pi], (T,)."""
-    n1, n2 = normal_references(joint.parent_axis)
-    pointer = _turn(R, joint.child, shortest_rotation(joint.child_axis, joint.parent_axis).T @ n1)
-    sine = np.einsum("tk,tk->t", _turn(R, joint.parent, n2), pointer)
-    cosine = np.einsum("tk,tk->t", _turn(R, joint.parent, n1), pointer)
-    found: np.ndarray = np.arctan2(sine, cosine)
     return found

@@ -289,20 +289,16 @@ def _check_keys(data: Content) -> None:
             types = tuple(FORCE_ENTRIES if group == "forces" else JOINT_TYPES if group == "joints" else ())
             kind = table.get("type")
             if types and (not isinstance(kind, str) or kind not in types):
-                raise _bad_type(data, (group, index), kind, types)
+                entry = entry_name(data, (group, index, "type"))
+                if kind is None:
+                    raise EntryError(entry, "missing", f"add type = one of {listed(types)}")
+                hint = nearest(kind, types) if isinstance(kind, str) else ""
+                raise EntryError(entry, f"unknown type {kind!r}", f"{hint}write one of {listed(types)}")
             if group == "forces":
                 allowed = ("type", *FORCE_ENTRIES[str(kind)].__struct_fields__)
             else:
                 allowed = (BodyEntry if group == "bodies" else JointEntry).__struct_fields__
             _check_table_keys(data, (group, index), allowed)
-
-
-def _bad_type(data: Any, path: tuple[str | int, ...], kind: Any, allowed: Iterable[str]) -> EntryError:
-    entry = entry_name(data, (*path, "type"))
-    if kind is None:
-        return EntryError(entry, "missing", f"add type = one of {listed(allowed)}")
-    hint = nearest(kind, allowed) if isinstance(kind, str) else ""
-    return EntryError(entry, f"unknown type {kind!r}", f"{hint}write one of {listed(allowed)}")
 
 
 def _check_table_keys(data: Any, path: tuple[str | int, ...], allowed: tuple[str, ...]) -> None:

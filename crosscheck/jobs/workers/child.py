@@ -79,32 +79,31 @@ def main() -> None:
     # Ctrl-C at the parent's terminal is answered by the parent, which ends its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent, pid = _Parent(), os.getpid()
-    _discard_streams()
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    os.dup2(2, 1)
     faulthandler.enable()  # a crash inside an engine then prints where Python was
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     output.listen(lambda label: parent.send(pickle.dumps(("at", label))))
+    said: list[str] = []
     try:
-        _serve(parent)
+        path = pickle.loads(parent.receive())
+        if path is not None:
+            sys.path[:] = path
+        while True:
+            seconds, payload = pickle.loads(parent.receive())
+            # Not the parent's watch, which comes first; this one ends orphans inside a C loop that never returns.
+            if seconds is not None:
+                faulthandler.dump_traceback_later(min(seconds + GRACE, threading.TIMEOUT_MAX), exit=True)
+            answer = _answer(payload, said)
+            faulthandler.cancel_dump_traceback_later()
+            parent.send(answer)
     except (_Lost, BrokenPipeError):
         if os.getpid() == pid:
             atexit._run_exitfuncs()
             _end_group()
         os._exit(0)
-
-
-def _serve(parent: _Parent) -> None:
-    said: list[str] = []
-    path = pickle.loads(parent.receive())
-    if path is not None:
-        sys.path[:] = path
-    while True:
-        seconds, payload = pickle.loads(parent.receive())
-        # Not the parent's watch, which comes first; this one ends orphans inside a C loop that never returns.
-        if seconds is not None:
-            faulthandler.dump_traceback_later(min(seconds + GRACE, threading.TIMEOUT_MAX), exit=True)
-        answer = _answer(payload, said)
-        faulthandler.cancel_dump_traceback_later()
-        parent.send(answer)
 
 
 def _end_with_parent(parent: int) -> None:
@@ -117,13 +116,6 @@ def _end_with_parent(parent: int) -> None:
 def _end_group() -> None:
     """End this process and the helpers that engines left in its group."""
     os.killpg(0, signal.SIGKILL)
-
-
-def _discard_streams() -> None:
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
-    os.close(nothing)
-    os.dup2(2, 1)
 
 
 def _answer(payload: bytes, said: list[str]) -> bytes:

@@ -36,7 +36,10 @@ class Crew:
             worker = self._idle.pop() if self._idle else Worker()
             self._all.add(worker)
         if not worker.alive:  # ended while it had nothing to do
-            worker = self._replaced(worker)
+            self._dismiss(worker)
+            with self._lock:
+                worker = Worker()
+                self._all.add(worker)
         result = worker.call(function, (task,), limits)
         most = limits.memory / 2 if limits is not None and limits.memory is not None else None
         if not worker.alive or (most is not None and worker.memory() > most):  # what earlier tasks left counts too
@@ -60,13 +63,6 @@ class Crew:
             workers = list(self._all)
         for worker in workers:
             worker.kill("stopped by an interrupt")
-
-    def _replaced(self, worker: Worker) -> Worker:
-        self._dismiss(worker)
-        with self._lock:
-            fresh = Worker()
-            self._all.add(fresh)
-        return fresh
 
     def _dismiss(self, worker: Worker) -> None:
         with self._lock:

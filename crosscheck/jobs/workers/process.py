@@ -31,6 +31,12 @@ PATIENCE = 5.0
 FAMILY = 20
 """Ticks between two looks for processes that the worker started; finding them takes milliseconds."""
 
+SIGNALS = {"SIGSEGV": "a crash inside the engine, wrong memory accessed", "SIGABRT": "the engine aborted",
+           "SIGBUS": "a crash inside the engine", "SIGFPE": "a crash inside the engine, division by zero",
+           "SIGILL": "an instruction this processor does not have",
+           "SIGKILL": "killed from outside, as the system does when memory runs out"}
+"""What signals that end a process mean."""
+
 MOST_PRINTED = 64 * 2**20
 """Bytes a task may print before it is stopped: the text is kept on disk until the task ends."""
 
@@ -146,20 +152,21 @@ class Worker:
         for stream in (self._process.stdin, self._process.stdout):
             with contextlib.suppress(OSError):
                 stream.close()  # type: ignore[union-attr]
+
+        def bury() -> None:
+            if self._process.returncode is None:
+                self._wait()
+                self._end_helpers()
+                self._process.wait()
+            self._printed.close()
+
         # Not a daemon: this process stays until the worker and its helpers have ended.
-        threading.Thread(target=self._bury).start()
+        threading.Thread(target=bury).start()
 
     def kill(self, reason: str = "stopped") -> None:
         """End it and every process it started, at once."""
         self._reason = self._reason or reason
         self._end_helpers()
-
-    def _bury(self) -> None:
-        if self._process.returncode is None:
-            self._wait()
-            self._end_helpers()
-            self._process.wait()
-        self._printed.close()
 
     def _wait(self) -> None:
         """Give the process time to end by itself."""
@@ -210,13 +217,17 @@ class Worker:
 
     def _watch(self, limits: Limits, over: threading.Event) -> None:
         """Kill the worker where the running task goes beyond its limits."""
+        import psutil
+
         began, tick = time.monotonic(), 0
         family: list[Any] = []
         while not over.wait(TICK):
             if limits.time is not None and time.monotonic() - began > limits.time:
                 return self.kill(f"stopped: it did not end within the time limit of {limits.time:g} s")
             if limits.memory is not None:
-                family = self._family() if tick % FAMILY == 0 else family
+                if tick % FAMILY == 0:  # the processes that it started, and theirs
+                    with contextlib.suppress(psutil.Error):  # gone meanwhile
+                        family = psutil.Process(self._process.pid).children(recursive=True)
                 if self.memory() + sum(_resident(process) for process in family) > limits.memory:
                     return self.kill("stopped: it took more memory than the limit of "
                                      f"{limits.memory / GIGABYTE:.3g} GB resident")
@@ -225,25 +236,20 @@ class Worker:
             tick += 1
         return None
 
-    def _family(self) -> list[Any]:
-        """The processes that it started, and theirs."""
-        import psutil
-
-        try:
-            return list(psutil.Process(self._process.pid).children(recursive=True))
-        except psutil.Error:  # gone meanwhile
-            return []
-
     def _obituary(self) -> Crash:
         self._end_helpers()
         code = self._process.wait()
         printed = self.printed()
         if self._reason is not None:
             return Crash(self._reason, printed, at=self._at)
-        self._reason = f"the worker process died while it ran this: {_cause(code)}"
+        name, cause = "", f"something in it ended the process (exit code {code})"
+        if code < 0:
+            name = cause = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+            cause += f" ({SIGNALS[name]})" if name in SIGNALS else ""
+        self._reason = f"the worker process died while it ran this: {cause}"
         if code > 0 and printed.strip():
             self._reason += f"; it said: {printed.strip().splitlines()[-1]}"
-        return Crash(self._reason, printed, at=self._at, signal=_signal(code) if code < 0 else "")
+        return Crash(self._reason, printed, at=self._at, signal=name)
 
 
 def _resident(process: Any) -> int:
@@ -254,22 +260,3 @@ def _resident(process: Any) -> int:
         return int(process.memory_info().rss)
     except psutil.Error:
         return 0
-
-
-def _signal(code: int) -> str:
-    try:
-        return signal.Signals(-code).name
-    except ValueError:
-        return f"signal {-code}"
-
-
-def _cause(code: int) -> str:
-    """Why a process ended, from its exit code."""
-    if code >= 0:
-        return f"something in it ended the process (exit code {code})"
-    name = _signal(code)
-    words = {"SIGSEGV": "a crash inside the engine, wrong memory accessed", "SIGABRT": "the engine aborted",
-             "SIGBUS": "a crash inside the engine", "SIGFPE": "a crash inside the engine, division by zero",
-             "SIGILL": "an instruction this processor does not have",
-             "SIGKILL": "killed from outside, as the system does when memory runs out"}
-    return f"{name} ({words[name]})" if name in words else name

@@ -18,8 +18,11 @@ UNREACHABLE = 1e6
 
 def collect(reading: Reading, joints: list[Table]) -> tuple[list[Table], list[Table]]:
     """(further joints, forces); what has no place goes into `reading.lost`. Mimics are written into `joints`."""
+    m = reading.model
     _limits(reading)
-    _medium(reading)
+    media = (("the drag of the medium (option density or viscosity)", m.opt.density or m.opt.viscosity),
+             ("flexible bodies", m.nflex), ("plugins", m.nplugin))
+    reading.lost += [words for words, there in media if there]
     _contacts(reading)
     _actuators(reading)
     return _equalities(reading, joints), [*_tendons(reading), *_compensation(reading)]
@@ -54,16 +57,6 @@ def _limits(reading: Reading) -> None:
             which = rows if owner is None else getattr(m, owner)[rows]
             reading.lost += _named(f"nonlinear {'stiffness' if owner is None else 'damping'} of joint",
                                    [labels[int(j)] for j in which])
-
-
-def _medium(reading: Reading) -> None:
-    m = reading.model
-    if m.opt.density or m.opt.viscosity:
-        reading.lost.append("the drag of the medium (option density or viscosity)")
-    if m.nflex:
-        reading.lost.append("flexible bodies")
-    if m.nplugin:
-        reading.lost.append("plugins")
 
 
 def _contacts(reading: Reading) -> None:

@@ -26,7 +26,14 @@ def merge(root: Element, drop_root: bool) -> None:
     found = {name: _read(link) for name, link in links.items()}
     joints = [joint for joint in root.findall("joint") if joint.find("child") is not None]
     children = {_end(joint, "child"): joint for joint in joints}
-    for name in _outermost(links, children):
+
+    def depth(name: str) -> int:
+        steps = 0
+        while name in children and steps <= len(children):
+            name, steps = _end(children[name], "parent"), steps + 1
+        return steps
+
+    for name in sorted(links, key=depth, reverse=True):  # the farthest first; the parsers refuse a circle of joints
         joint = children.get(name)
         parent = "" if joint is None else _end(joint, "parent")
         if joint is not None and joint.get("type") == "fixed" and parent in found and found[name] is not None:
@@ -44,17 +51,6 @@ def merge(root: Element, drop_root: bool) -> None:
 def _end(joint: Element, which: str) -> str:
     element = joint.find(which)
     return "" if element is None else element.get("link", "")
-
-
-def _outermost(links: dict[str, Element], children: dict[str, Element]) -> list[str]:
-    """Names of links, those farthest from the root first; a circle of joints is left to the parsers."""
-    def depth(name: str) -> int:
-        steps = 0
-        while name in children and steps <= len(children):
-            name, steps = _end(children[name], "parent"), steps + 1
-        return steps
-
-    return sorted(links, key=depth, reverse=True)
 
 
 def _numbers(text: str | None, count: int) -> np.ndarray:

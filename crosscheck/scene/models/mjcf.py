@@ -30,7 +30,21 @@ def mjcf(scene: Scene) -> Element:
         parent = GROUND if joint is None else joint.parent
         elements[body] = _body(scene, elements[parent], body, parent)
         start[scene.bodies[body].name] = _joints(scene, elements[body], body, joint)
-    _loops(scene, root, loops)
+    equality = Element("equality")
+    names = [body.name for body in scene.bodies]
+    for joint in loops:
+        if joint.type != "spherical":
+            raise refused(scene, "MJCF", f"joint {joint.name!r}, which closes a loop and is of type {joint.type}")
+        made = SubElement(equality, "connect", name=joint.name, body1=names[joint.child],
+                          anchor=numbers(joint.child_anchor))
+        if joint.parent != GROUND:
+            made.set("body2", names[joint.parent])
+    for joint in scene.joints:
+        if joint.mimic is not None:
+            SubElement(equality, "joint", joint1=joint.name, joint2=joint.mimic.joint, polycoef=numbers(
+                (joint.mimic.offset, joint.mimic.ratio, 0.0, 0.0, 0.0)))
+    if len(equality):
+        root.append(equality)
     for number, force in enumerate(scene.forces):
         _force(scene, root, elements, number, force)
     walked = [start[element.get("name", "")] for element in elements[GROUND].iter("body")]  # MuJoCo's order
@@ -87,25 +101,6 @@ def _joints(scene: Scene, element: Element, body: int, joint: Joint | None) -> t
         name = joint.name + (SECOND_NAMES.get(word, "") if len(kind.coordinates) > 1 else "")
         add(name, "slide" if word.startswith("slide") else "hinge", axis, k)
     return list(q), list(v)
-
-
-def _loops(scene: Scene, root: Element, loops: list[Joint]) -> None:
-    mimics = [joint for joint in scene.joints if joint.mimic is not None]
-    if not loops and not mimics:
-        return
-    equality = SubElement(root, "equality")
-    names = [body.name for body in scene.bodies]
-    for joint in loops:
-        if joint.type != "spherical":
-            raise refused(scene, "MJCF", f"joint {joint.name!r}, which closes a loop and is of type {joint.type}")
-        made = SubElement(equality, "connect", name=joint.name, body1=names[joint.child],
-                          anchor=numbers(joint.child_anchor))
-        if joint.parent != GROUND:
-            made.set("body2", names[joint.parent])
-    for joint in mimics:
-        assert joint.mimic is not None
-        SubElement(equality, "joint", joint1=joint.name, joint2=joint.mimic.joint, polycoef=numbers(
-            (joint.mimic.offset, joint.mimic.ratio, 0.0, 0.0, 0.0)))
 
 
 def _force(scene: Scene, root: Element, elements: dict[int, Element], number: int, force: Force) -> None:

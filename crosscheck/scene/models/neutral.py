@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.scene.constraints import cross
+from crosscheck.scene.coordinates import turned
 from crosscheck.scene.model import quaternion_from_rotation
 from crosscheck.scene.schema import Content as Table
 
@@ -132,7 +133,10 @@ def _hanging(reading: Reading, group: int) -> Table | None:
                      "child_axis": reading.direction(group, parent_axis if child_axis is None else child_axis)}
         return made
 
-    if kinds == "f" or (parent == 0 and _six(kinds, turning, slides, axes, together)):
+    # three slides and then a ball or three hinges are together no joint at all
+    six = kinds in ("sssb", "ssshhh") and _independent(axes, slides) and (
+        kinds == "sssb" or (together and _independent(axes, turning)))
+    if kinds == "f" or (parent == 0 and six):
         _plain(reading, ids, "a free body")
         return None
     if kinds == "b" or (kinds == "hhh" and together and _independent(axes, ids)):
@@ -164,13 +168,6 @@ def _independent(axes: dict[int, np.ndarray], ids: list[int]) -> bool:
     return abs(float(np.linalg.det(np.array([axes[j] for j in ids])))) > 1e-3
 
 
-def _six(kinds: str, turning: list[int], slides: list[int], axes: dict[int, np.ndarray], together: bool) -> bool:
-    """Whether joints are three slides and then a ball or three hinges: together no joint at all."""
-    if kinds not in ("sssb", "ssshhh") or not _independent(axes, slides):
-        return False
-    return kinds == "sssb" or (together and _independent(axes, turning))
-
-
 def _dof(reading: Reading, j: int) -> tuple[float, float, float, float]:
     """Armature, damping, stiffness and rest position of a joint with one coordinate, as far as the flags count them."""
     import mujoco
@@ -190,7 +187,7 @@ def _one(reading: Reading, parent: int, group: int, j: int) -> Table:
     relative = reading.attitude(parent).T @ reading.attitude(group)
     if m.jnt_type[j] == 3:  # a hinge: turn back by its angle
         axis = reading.attitude(parent).T @ d.xaxis[j]
-        relative = _turned(axis, -position) @ relative
+        relative = turned(axis / np.linalg.norm(axis), -position) @ relative
     armature, damping, stiffness, rest = _dof(reading, j)
     made: Table = {"reference_attitude": quaternion_from_rotation(relative).tolist(), "position": position,
                    "velocity": velocity}
@@ -210,23 +207,14 @@ def _pair(reading: Reading, hinge: int, slide: int, name: str) -> Table:
 
 def _plain(reading: Reading, ids: list[int], kind: str) -> None:
     """Several coordinates in one joint have no armature, damping or stiffness of their own here."""
+    import mujoco
+
     m = reading.model
+    damped = not int(m.opt.disableflags) & mujoco.mjtDisableBit.mjDSBL_DAMPER
     for j in ids:
         dofs = range(int(m.jnt_dofadr[j]), int(m.jnt_dofadr[j]) + (6, 3, 1, 1)[int(m.jnt_type[j])])
         values = _dof(reading, j)
         label = m.jnt(j).name or f"joint {j}"
         present = {"armature": any(m.dof_armature[dof] for dof in dofs), "stiffness": values[2] != 0,
-                   "damping": _damped(m) and any(m.dof_damping[dof] for dof in dofs)}
+                   "damping": damped and any(m.dof_damping[dof] for dof in dofs)}
         reading.lost += [f"{key} of joint {label!r}, which is part of {kind}" for key, has in present.items() if has]
-
-
-def _damped(m: Any) -> bool:
-    import mujoco
-
-    return not int(m.opt.disableflags) & mujoco.mjtDisableBit.mjDSBL_DAMPER
-
-
-def _turned(axis: np.ndarray, angle: float) -> np.ndarray:
-    from crosscheck.scene.coordinates import turned
-
-    return turned(axis / np.linalg.norm(axis), angle)

@@ -25,15 +25,22 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     if base not in ("fixed", "free"):
         raise ArgumentError(unknown("base", base, ("fixed", "free")))
     model = source.read(Path(path))
-    m = compiling.compiled(model, base)
+    m = compiling.compiled(model, base)  # which says so where MuJoCo is not installed
+    import mujoco
+
     reading = read(model, m, _state(model, m, keyframe, qpos, qvel))
     joints = neutral.joint_tables(reading)
     further, forces = features.collect(reading, joints)
     if model.is_urdf:
         _urdf_only(model, reading, joints)
         _check_against_pinocchio(model, reading, base)
-    _refuse(model, reading, drop)
-    gravity = np.zeros(3) if int(m.opt.disableflags) & _gravity_bit() else m.opt.gravity
+    if reading.impossible:
+        raise SceneError(f"{model.path}: cannot be a scene: {'; '.join(reading.impossible)}")
+    if reading.lost and not drop:
+        raise SceneError(f"{model.path}: a scene cannot hold {'; '.join(reading.lost)}; give --drop (drop=True) to "
+                         "leave all this out")
+    weightless = int(m.opt.disableflags) & mujoco.mjtDisableBit.mjDSBL_GRAVITY
+    gravity = np.zeros(3) if weightless else m.opt.gravity
     if model.is_urdf:
         gravity = np.array([0.0, 0.0, -9.81])
     content: Table = {
@@ -45,12 +52,6 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
         "bodies": [neutral.body_table(body) for body in reading.bodies.values()],
         "joints": _distinct([*joints, *further]), "forces": forces}
     return {key: value for key, value in content.items() if value not in ([], "")}
-
-
-def _gravity_bit() -> int:
-    import mujoco
-
-    return int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
 
 
 def read(model: Source, m: Any, state: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Reading:
@@ -104,14 +105,6 @@ def _urdf_only(model: Source, reading: Reading, joints: list[Table]) -> None:
                                       "offset": float(mimic.get("offset", 0.0))}
         else:
             reading.lost.append(f"mimic of joint {name!r}")
-
-
-def _refuse(model: Source, reading: Reading, drop: bool) -> None:
-    if reading.impossible:
-        raise SceneError(f"{model.path}: cannot be a scene: {'; '.join(reading.impossible)}")
-    if reading.lost and not drop:
-        raise SceneError(f"{model.path}: a scene cannot hold {'; '.join(reading.lost)}; give --drop (drop=True) to "
-                         "leave all this out")
 
 
 def _name(model: Source) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from lieeuler import _kernel, held
 from lieeuler.checks import LARGEST, real
 from lieeuler.errors import ArgumentError
-from lieeuler.integrate import check_problem, check_switch, plan_run
+from lieeuler.integrate import plan_run
 from lieeuler.problem import CLOSED, Problem
 from lieeuler.solution import Status
 from lieeuler.spin_free import SpinFreeFrames, spin_free_frames, symmetric_bodies
@@ -70,30 +70,16 @@ class EnsembleSolution:
                 f"{self.steps.sum()} steps, {self.wall_time:.3g} s of computing)")
 
 
-def integrate_ensemble(
-    problem: Problem,
-    method: str,
-    step: float | None = None,
-    t_eval: ArrayLike | None = None,
-    *,
-    rtol: float | None = None,
-    x: ArrayLike | None = None,
-    R: ArrayLike | None = None,
-    v: ArrayLike | None = None,
-    w: ArrayLike | None = None,
-    parameters: Mapping[str, ArrayLike] | None = None,
-    coordinate_map: str = "exp",
-    alpha: float | None = None,
-    beta: float | None = None,
-    spectral_radius: float | None = None,
-    spin_free: bool | None = None,
-    threads: int = 0,
-) -> EnsembleSolution:
+def integrate_ensemble(problem: Problem, method: str, step: float | None = None, t_eval: ArrayLike | None = None, *,
+                       rtol: float | None = None, x: ArrayLike | None = None, R: ArrayLike | None = None,
+                       v: ArrayLike | None = None, w: ArrayLike | None = None,
+                       parameters: Mapping[str, ArrayLike] | None = None, coordinate_map: str = "exp",
+                       alpha: float | None = None, beta: float | None = None, spectral_radius: float | None = None,
+                       spin_free: bool | None = None, threads: int = 0) -> EnsembleSolution:
     """Integrate many members of one problem: each has its own state, parameters, steps and status.
 
-    A member's trajectory does not depend on the other members, nor on the number of threads, to the last bit. The
-    interpreter is free meanwhile. Where bodies are symmetric (`lieeuler.spin_free`), or parameters differ, a system is
-    built for every member, which takes some 0.3 ms each; `spin_free=False` avoids the first.
+    A member's trajectory does not depend on the other members or on the threads, to the last bit. Symmetric bodies
+    (`lieeuler.spin_free`) and parameters need a system a member, 0.3 ms each; `spin_free=False` avoids the first.
 
     Parameters
     ----------
@@ -109,48 +95,34 @@ def integrate_ensemble(
     threads : int
         0: as many as the process may use processors.
 
-    Returns
-    -------
-    EnsembleSolution
-
     Raises
     ------
     ArgumentError
-        A wrong argument, also a state of a member that violates the joints. A member that fails later raises nothing:
-        it is NaN from where it failed, with its status.
+        A wrong argument, or a state that violates the joints. A member that fails later is NaN from there.
     KeyboardInterrupt
         Ctrl-C.
     """
-    check_problem(problem)
-    check_switch("spin_free", spin_free, optional=True)
-    threads = _threads(threads)
-    plan = plan_run(method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, monitor=False)
+    plan = plan_run(problem, method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, spin_free,
+                    monitor=False)
+    if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or not 0 <= threads <= 1024:
+        raise ArgumentError(f"threads must be a whole number from 0 (all processors) to 1024, not {threads!r}")
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     values = _parameters(problem, parameters or {})
     states, N = _states(problem, {"x": x, "R": R, "v": v, "w": w}, values)
-    spins = plan.spins_out if spin_free is None else spin_free
-    frames: list[SpinFreeFrames | None] = []
-    members = [problem]
-    if values or (spins and symmetric_bodies(problem)):
-        members = [_member(problem, k, states, values) for k in range(N)]
-        frames = [spin_free_frames(member) if spins else None for member in members]
-        systems = [member.kernel if each is None else each.kernel for member, each in zip(members, frames, strict=True)]
-        states["w"] = np.stack([member.w if each is None else each.w
-                                for member, each in zip(members, frames, strict=True)])
-    else:
-        _check_states(problem, states)
-        systems = [problem.kernel]
+    members, frames = _members(problem, plan.spin_free, states, N, values)
+    systems = [(frame or member).kernel for member, frame in zip(members, frames, strict=True)]
     result = _kernel.integrate_ensemble(systems, plan.run, states["x"], states["R"], states["v"], states["w"],
-                                        min(threads, N))
+                                        min(int(threads) or allowed or 1, N))
     if result["interrupted"]:
         raise KeyboardInterrupt("interrupted during an ensemble")
     for k, each in enumerate(frames):
         if each is not None:
             each.restore(plan.t, result["R"][k], result["w"][k])
     status = np.array([Status(name) for name in result["status"]], dtype=object)
-    last = {name: result[name][:, -1] for name in ("x", "R", "v", "w")}
+    last = [result[name][:, -1] for name in ("x", "R", "v", "w")]
     for k, member in enumerate(members):  # one of each, or one of all
         here = slice(k, k + 1) if len(members) > 1 else slice(None)
-        open_ = held.open_at(member, method, *(array[here] for array in last.values()))
+        open_ = held.open_at(member, method, *(array[here] for array in last))
         status[here][open_ & (status[here] == Status.SUCCESS)] = Status.CONSTRAINTS_OPEN
     solution = EnsembleSolution(
         t=plan.t, x=result["x"], R=result["R"], v=result["v"], w=result["w"], status=status,
@@ -160,11 +132,19 @@ def integrate_ensemble(
     return solution
 
 
-def _threads(threads: int) -> int:
-    if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or not 0 <= threads <= 1024:
-        raise ArgumentError(f"threads must be a whole number from 0 (all processors) to 1024, not {threads!r}")
-    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return int(threads) or allowed or 1
+def _members(problem: Problem, spin_free: bool, states: dict[str, np.ndarray], N: int,
+             values: Mapping[str, np.ndarray]) -> tuple[list[Problem], list[SpinFreeFrames | None]]:
+    """The problems, one for all members or one for each, and their spin-free frames.
+
+    The angular velocities in the frames take the place of those in `states`.
+    """
+    if not values and not (spin_free and symmetric_bodies(problem)):
+        _check_states(problem, states)
+        return [problem], [None]
+    members = [_member(problem, k, states, values) for k in range(N)]
+    frames = [spin_free_frames(member) if spin_free else None for member in members]
+    states["w"] = np.stack([(frame or member).w for member, frame in zip(members, frames, strict=True)])
+    return members, frames
 
 
 def _parameters(problem: Problem, given: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:

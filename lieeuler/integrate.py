@@ -23,27 +23,17 @@ MOST_STEPS = 1e12
 """More steps than this are a mistake: they would run for weeks."""
 
 DEFAULT_RTOL = 1e-8
-"""Where an adaptive method is given neither a step nor a tolerance."""
+"""Where an adaptive method is given neither a step nor a tolerance. A tolerance is relative to the sizes of the system
+(m), one radian, and their rates. It is no strict bound; the error is proportional to it."""
 
 RTOL_RANGE = (1e-14, 0.1)
 """Below, rounding would steer the steps; above, nothing is resolved."""
 
 
-def integrate(
-    problem: Problem,
-    method: str,
-    step: float | None = None,
-    t_eval: ArrayLike | None = None,
-    *,
-    rtol: float | None = None,
-    coordinate_map: str = "exp",
-    alpha: float | None = None,
-    beta: float | None = None,
-    spectral_radius: float | None = None,
-    spin_free: bool | None = None,
-    polish: bool = True,
-    monitor: bool = True,
-) -> Solution:
+def integrate(problem: Problem, method: str, step: float | None = None, t_eval: ArrayLike | None = None, *,
+              rtol: float | None = None, coordinate_map: str = "exp", alpha: float | None = None,
+              beta: float | None = None, spectral_radius: float | None = None, spin_free: bool | None = None,
+              polish: bool = True, monitor: bool = True) -> Solution:
     """Integrate a problem with a fixed step, or with steps that follow a tolerance.
 
     Every run writes one line to the logger "lieeuler", at level INFO.
@@ -58,21 +48,17 @@ def integrate(
     t_eval : (T,)
         Output times, s, increasing; the first is the time of the initial state.
     rtol : float, optional
-        In place of `step`, for methods with "rtol" among their controls: the error wanted, relative to the sizes of the
-        system (m), one radian, and their rates. It is not rigorous, but proportional to the error. Default 1e-8.
+        In place of `step`, for methods with "rtol" among their controls: the error wanted, see `DEFAULT_RTOL`.
     coordinate_map : "exp" | "cayley" | "ccsk"
         Only for the implicit methods and the compositions; those of order two and up need a symmetric one, not ccsk.
     alpha, beta : float, optional
         Baumgarte gains, 1/s; only for BAUMGARTE_LE.
     spectral_radius : float, optional
-        Only for generalized_alpha: from 0, where motions much faster than the step are gone after it, to 1, where they
-        keep their size. Default 0.8.
+        Only for generalized_alpha: 0 removes motions much faster than the step, 1 keeps them. Default 0.8.
     spin_free : bool, optional
-        Carry symmetric bodies in frames that do not spin with them where the problem allows it (`lieeuler.spin_free`).
-        Default: for the methods of higher order, not for the Euler methods.
+        Carry symmetric bodies in frames without their spin (`lieeuler.spin_free`). Default: not for the Euler methods.
     polish : bool
-        After every step bring attitudes back to rotations to rounding (docs/theory.md, section 3). False shows what the
-        group update alone preserves; only for the Euler methods.
+        Bring attitudes back to rotations after every step (docs/theory.md, section 3). False: the Euler methods only.
     monitor : bool
         Evaluate energy, constraint levels and orthogonality after every step (`solution.stats.maxima`). Without it only
         the positions and velocities of the last state are judged.
@@ -87,16 +73,12 @@ def integrate(
     ------
     ArgumentError
         A wrong argument.
-    IntegrationError
-        The run ended early; carries status, advice and the trajectory so far.
-    Interrupted
-        Ctrl-C; carries the trajectory so far.
+    IntegrationError, Interrupted
+        The run ended early, or by Ctrl-C; the error carries the trajectory so far.
     """
-    check_problem(problem)
-    for name, value in (("spin_free", spin_free), ("polish", polish), ("monitor", monitor)):
-        check_switch(name, value, optional=name == "spin_free")
-    plan = plan_run(method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, monitor, polish)
-    frames = spin_free_frames(problem) if (plan.spins_out if spin_free is None else spin_free) else None
+    plan = plan_run(problem, method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, spin_free,
+                    monitor, polish)
+    frames = spin_free_frames(problem) if plan.spin_free else None
     kernel, w = (problem.kernel, problem.w) if frames is None else (frames.kernel, frames.w)
     result = _kernel.integrate(kernel, plan.run, problem.x, problem.R, problem.v, w)
     solution = Solution.from_kernel(result, plan.t, method, plan.step)
@@ -106,10 +88,15 @@ def integrate(
     if not monitor:
         solution.stats.maxima = {}
     held.judge(problem, solution)
+    return _ended(solution, coordinate_map)
+
+
+def _ended(solution: Solution, coordinate_map: str) -> Solution:
+    """The solution, logged; raises where the run has no whole trajectory."""
     log.info("%s", solution)
     if solution.status is Status.INTERRUPTED:
         raise Interrupted(solution)
-    if not solution.success and solution.status is not Status.CONSTRAINTS_OPEN:  # which has its whole trajectory
+    if not solution.success and solution.status is not Status.CONSTRAINTS_OPEN:
         advice = solution.status.advice
         if solution.status is Status.MAP_DOMAIN and coordinate_map == "ccsk":
             advice += ", or coordinate_map='exp'"
@@ -126,19 +113,24 @@ class Plan:
     run : what the kernel runs
     t : (T,) output times, s
     step : the largest step used, s; None where the method chooses its steps
-    spins_out : whether spin-free frames are the default, which they are not for the Euler methods of the papers
+    spin_free : whether to carry symmetric bodies in spin-free frames; by default not with the Euler methods
     """
 
     run: _kernel.Run
     t: np.ndarray
     step: float | None
-    spins_out: bool
+    spin_free: bool
 
 
-def plan_run(method: str, step: float | None, rtol: float | None, t_eval: ArrayLike | None, coordinate_map: str,
-             alpha: float | None, beta: float | None, spectral_radius: float | None, monitor: bool,
-             polish: bool = True) -> Plan:
+def plan_run(problem: Problem, method: str, step: float | None, rtol: float | None, t_eval: ArrayLike | None,
+             coordinate_map: str, alpha: float | None, beta: float | None, spectral_radius: float | None,
+             spin_free: bool | None, monitor: bool, polish: bool = True) -> Plan:
     """Check the arguments of a run, as `integrate` describes them, and make what the kernel runs."""
+    if not isinstance(problem, Problem):
+        raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
+    for name, value in (("spin_free", spin_free), ("polish", polish), ("monitor", monitor)):
+        if not (isinstance(value, bool) or (value is None and name == "spin_free")):
+            raise ArgumentError(f"{name} must be True or False, not {value!r}")
     record = _method(method)
     if not isinstance(coordinate_map, str) or coordinate_map not in COORDINATE_MAPS:
         raise ArgumentError(f"coordinate_map must be one of {', '.join(COORDINATE_MAPS)}, not {coordinate_map!r}")
@@ -146,14 +138,16 @@ def plan_run(method: str, step: float | None, rtol: float | None, t_eval: ArrayL
         raise ArgumentError(refused)
     if not polish and (record.order != 1 or record.formulation == "index1"):
         raise ArgumentError(f"{method} always polishes its attitudes; polish=False is for the Euler methods")
-    gains, radius = _gains(record, alpha, beta), _spectral_radius(record, spectral_radius)
+    gains, radius = _options(record, alpha, beta, spectral_radius)
     t = _output_times(t_eval)
     tolerance = _tolerance(record, step, rtol)
-    spins_out = "rtol" in record.controls or record.order != 1
+    spins = ("rtol" in record.controls or record.order != 1) if spin_free is None else spin_free
     if tolerance is not None:
-        adaptive = _adaptive(record, (t - t[0]).tolist(), tolerance, monitor)
-        adaptive.begin = float(t[0])
-        return Plan(adaptive, t, None, spins_out)
+        times = (t - t[0]).tolist()
+        run = (_kernel.adaptive_runge_kutta(record.tableau.kernel, times, tolerance, monitor) if record.tableau else
+               {"seulex": _kernel.seulex, "taylor": _kernel.taylor}[method](times, tolerance, monitor))
+        run.begin = float(t[0])
+        return Plan(run, t, None, spins)
     assert step is not None  # _tolerance has seen to it
     steps, counts = _steps(t, step)
     if record.tableau is not None:
@@ -163,13 +157,7 @@ def plan_run(method: str, step: float | None, rtol: float | None, t_eval: ArrayL
                               record.index1_output, *gains, record.composition, radius, polish)
         run = _kernel.implicit(_kernel.CoordinateMap[coordinate_map], rule, steps, counts, monitor)
     run.begin = float(t[0])
-    return Plan(run, t, max(steps), spins_out)
-
-
-def _adaptive(method: Method, times: list[float], rtol: float, monitor: bool) -> _kernel.Run:
-    if method.tableau is not None:
-        return _kernel.adaptive_runge_kutta(method.tableau.kernel, times, rtol, monitor)
-    return {"seulex": _kernel.seulex, "taylor": _kernel.taylor}[method.name](times, rtol, monitor)
+    return Plan(run, t, max(steps), spins)
 
 
 def _method(name: str) -> Method:
@@ -180,37 +168,22 @@ def _method(name: str) -> Method:
     return METHODS[name]
 
 
-def check_problem(problem: Problem) -> None:
-    """Refuse what is no problem."""
-    if not isinstance(problem, Problem):
-        raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
-
-
-def check_switch(name: str, value: bool | None, optional: bool = False) -> None:
-    """Refuse what is neither True nor False."""
-    if not (isinstance(value, bool) or (value is None and optional)):
-        raise ArgumentError(f"{name} must be True or False, not {value!r}")
-
-
-def _gains(method: Method, alpha: float | None, beta: float | None) -> tuple[float, float]:
-    if method.gains is None:
-        if alpha is not None or beta is not None:
-            raise ArgumentError(f"alpha and beta belong to BAUMGARTE_LE; {method.name} has no gains")
-        return 0.0, 0.0
-    first, second = method.gains
-    return (first if alpha is None else number("alpha", alpha, lowest=0.0),
-            second if beta is None else number("beta", beta, lowest=0.0))
-
-
-def _spectral_radius(method: Method, value: float | None) -> float | None:
-    if method.spectral_radius is None:
-        if value is not None:
-            raise ArgumentError(f"spectral_radius belongs to generalized_alpha; {method.name} has none")
-        return None
-    radius = method.spectral_radius if value is None else number("spectral_radius", value, lowest=0.0)
-    if radius > 1:
-        raise ArgumentError(f"spectral_radius must lie between 0 and 1, not {value!r}")
-    return radius
+def _options(method: Method, alpha: float | None, beta: float | None,
+             spectral_radius: float | None) -> tuple[tuple[float, float], float | None]:
+    """The gains and the spectral radius of a method; refused where it has none."""
+    if method.gains is None and (alpha is not None or beta is not None):
+        raise ArgumentError(f"alpha and beta belong to BAUMGARTE_LE; {method.name} has no gains")
+    if method.spectral_radius is None and spectral_radius is not None:
+        raise ArgumentError(f"spectral_radius belongs to generalized_alpha; {method.name} has none")
+    first, second = method.gains or (0.0, 0.0)
+    gains = (first if alpha is None else number("alpha", alpha, lowest=0.0),
+             second if beta is None else number("beta", beta, lowest=0.0))
+    radius = method.spectral_radius
+    if spectral_radius is not None:
+        radius = number("spectral_radius", spectral_radius, lowest=0.0)
+        if radius > 1:
+            raise ArgumentError(f"spectral_radius must lie between 0 and 1, not {spectral_radius!r}")
+    return gains, radius
 
 
 def _tolerance(method: Method, step: float | None, rtol: float | None) -> float | None:

@@ -102,9 +102,6 @@ class Problem(Frozen):
                 if not (0 <= item.child < n and GROUND <= item.parent < n and item.parent != item.child):
                     raise ArgumentError(f"{group}[{k}]: parent {item.parent} and child {item.child} must be two of the "
                                         f"bodies 0 .. {n - 1}, the parent may be the ground ({GROUND})")
-        self._check_constraints()
-
-    def _check_constraints(self) -> None:
         if not self.joints:
             return
         levels = _kernel.constraint_levels(self.kernel, self.x, self.R, self.v, self.w)[0]

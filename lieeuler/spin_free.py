@@ -50,7 +50,10 @@ class SpinFreeFrames:
         """Turn R (T, n, 3, 3), w and alpha (T, n, 3) of the frames into those of the bodies, in place; t in s."""
         for body, axis, rate in zip(self.bodies, self.axes, self.rates, strict=True):
             spin = rate * axis
-            turn = _rotations(axis, rate * (t - t[:1]))  # body to frame; a run may end before its first sample
+            angles = rate * (t - t[:1])  # a run may end before its first sample
+            hat = np.cross(axis, np.eye(3)).T
+            sine, versine = np.sin(angles)[:, None, None], 2 * np.sin(0.5 * angles)[:, None, None] ** 2
+            turn = np.eye(3) + sine * hat + versine * (hat @ hat)  # body to frame
             if alpha is not None:
                 slope = alpha[:, body] - np.cross(spin, w[:, body])
                 alpha[:, body] = np.einsum("tji,tj->ti", turn, slope)
@@ -66,23 +69,22 @@ def symmetric_bodies(problem: Problem) -> tuple[int, ...]:
 def spin_free_frames(problem: Problem) -> SpinFreeFrames | None:
     """The spin-free frames a problem allows, None where no body has one or none of them spins; found once."""
     known = vars(problem)
-    if "_spin_free_frames" not in known:
-        known["_spin_free_frames"] = _find_frames(problem)
-    frames: SpinFreeFrames | None = known["_spin_free_frames"]
-    return frames
-
-
-def _find_frames(problem: Problem) -> SpinFreeFrames | None:
+    if "_spin_free_frames" in known:
+        frames: SpinFreeFrames | None = known["_spin_free_frames"]
+        return frames
     found = {b: axis for b in range(problem.n) if (axis := _axis(problem, b)) is not None}
     rates = {b: float(axis @ problem.w[b]) for b, axis in found.items()}
     bodies = tuple(b for b in found if rates[b] != 0.0)
-    if not bodies:
-        return None
-    system, w = problem.new_kernel(), problem.w.copy()
-    for b in bodies:
-        w[b] -= rates[b] * found[b]
-        system.set_spin(b, rates[b] * (problem.bodies[b].inertia @ found[b]))
-    return SpinFreeFrames(bodies, np.array([found[b] for b in bodies]), np.array([rates[b] for b in bodies]), system, w)
+    frames = None
+    if bodies:
+        system, w = problem.new_kernel(), problem.w.copy()
+        for b in bodies:
+            w[b] -= rates[b] * found[b]
+            system.set_spin(b, rates[b] * (problem.bodies[b].inertia @ found[b]))
+        frames = SpinFreeFrames(bodies, np.array([found[b] for b in bodies]), np.array([rates[b] for b in bodies]),
+                                system, w)
+    known["_spin_free_frames"] = frames
+    return frames
 
 
 def _axis(problem: Problem, body: int) -> np.ndarray | None:
@@ -135,12 +137,3 @@ def _attached(problem: Problem, body: int) -> list[np.ndarray] | None:
         else:
             found.append((force.parent_point if force.parent == body else force.child_point) / length)
     return found
-
-
-def _rotations(axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """(T, 3, 3) rotations about one axis."""
-    x, y, z = axis
-    hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    sine, versine = np.sin(angles)[:, None, None], 2 * np.sin(0.5 * angles)[:, None, None] ** 2
-    rotations: np.ndarray = np.eye(3) + sine * hat + versine * (hat @ hat)
-    return rotations

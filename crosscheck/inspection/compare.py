@@ -21,7 +21,13 @@ OF_BODIES = ("mass", "inertia", "position", "attitude", "velocity", "angular vel
 def deviations(scene: Scene, reference: Reference, probe: Probe) -> tuple[Deviation, ...]:
     """One deviation for each quantity the probe tells, in the order of `QUANTITIES`."""
     gaps = dict(_gaps(scene, reference, probe))
-    solved = _solved_bound(probe)
+    solved = TOLERANCE  # of what it finds by solving with its mass matrix, whose conditioning multiplies rounding
+    if probe.jacobian is not None and probe.mass_matrix is not None and probe.mass_matrix.size:
+        sizes = np.sqrt(np.abs(np.diag(probe.mass_matrix[0])))
+        scaled = probe.mass_matrix[0] / np.outer(sizes, sizes)
+        if np.isfinite(scaled).all():
+            rounding = ROUNDINGS * np.finfo(float).eps * np.linalg.cond(scaled)
+            solved = float(np.clip(rounding, TOLERANCE, LOOSEST))
     found = []
     for quantity in (quantity for quantity in QUANTITIES if quantity in gaps):
         sizes = gaps[quantity]
@@ -32,18 +38,6 @@ def deviations(scene: Scene, reference: Reference, probe: Probe) -> tuple[Deviat
         found.append(Deviation(probe.engine, probe.form, quantity, gap / scale, gap, scale, name, int(state),
                                solved if quantity in SOLVED else TOLERANCE))
     return tuple(found)
-
-
-def _solved_bound(probe: Probe) -> float:
-    """Bound on what an engine finds by solving with its mass matrix, whose conditioning multiplies rounding."""
-    if probe.jacobian is None or probe.mass_matrix is None or not probe.mass_matrix.size:
-        return TOLERANCE
-    sizes = np.sqrt(np.abs(np.diag(probe.mass_matrix[0])))
-    own = probe.mass_matrix[0] / np.outer(sizes, sizes)
-    if not np.isfinite(own).all():
-        return TOLERANCE
-    rounding = ROUNDINGS * np.finfo(float).eps * np.linalg.cond(own)
-    return float(np.clip(rounding, TOLERANCE, LOOSEST))
 
 
 def _gaps(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[str, np.ndarray]]:

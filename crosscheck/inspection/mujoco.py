@@ -80,7 +80,12 @@ def _motion(model: Any, data: Any, bodies: list[int]) -> tuple[np.ndarray, np.nd
 def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Of the joints of an open tree: the wrench between a body and its inner neighbour, without the hinge's spring."""
     found = {}
-    loads = _loads(model, data)
+    loads = []  # (body, point, force and torque in world axes) of every actuator: rnePostConstraint leaves them out
+    for number in range(model.nu):
+        site, axes = model.actuator_trnid[number]
+        turn = data.site_xmat[axes if axes >= 0 else site].reshape(3, 3)
+        wrench = data.actuator_force[number] * model.actuator_gear[number].reshape(2, 3) @ turn.T
+        loads.append((int(model.site_bodyid[site]), data.site_xpos[site].copy(), wrench.ravel()))
     for joint in scene.joints:
         inner = bodies[joint.parent] if joint.parent >= 0 else 0
         body, sign = (bodies[joint.child], 1.0) if model.body_parentid[bodies[joint.child]] == inner else (inner, -1.0)
@@ -100,15 +105,4 @@ def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[s
             if loaded == body:
                 force, torque = force - load[:3], torque - load[3:] - np.cross(at - point, load[:3])
         found[joint.name] = sign * force[None], sign * torque[None]
-    return found
-
-
-def _loads(model: Any, data: Any) -> list[tuple[int, np.ndarray, np.ndarray]]:
-    """(body, point, force and torque in world axes) of every actuator: rnePostConstraint leaves them out."""
-    found = []
-    for number in range(model.nu):
-        site, axes = model.actuator_trnid[number]
-        turn = data.site_xmat[axes if axes >= 0 else site].reshape(3, 3)
-        wrench = data.actuator_force[number] * model.actuator_gear[number].reshape(2, 3) @ turn.T
-        found.append((int(model.site_bodyid[site]), data.site_xpos[site].copy(), wrench.ravel()))
     return found

@@ -57,22 +57,16 @@ def request(engine: str, adapter: Engine, method: str, step: float | None, rtol:
     flag = options.get("monitor")
     monitor = flag is None or bool(flag)
     spec = RunSpec(method, _positive("step", step), _positive("rtol", rtol), monitor=monitor, **given)
-    _check_step_control(engine, adapter, spec)
+    adaptive = getattr(adapter, "adaptive_methods", None)  # an adapter without them answers for itself
+    if adaptive is not None and method not in adaptive:
+        if spec.rtol is not None:
+            raise ArgumentError(f"rtol: {engine} {method} runs with a fixed step here; give step= (s) instead")
+        if spec.step is None:
+            raise ArgumentError(f"step: {engine} {method} needs a fixed step; give step= (s)")
     refused_map = getattr(adapter, "refused_map", None)
     if refused_map is not None and (refused := refused_map(spec)):
         raise ArgumentError(refused)
     return spec
-
-
-def _check_step_control(engine: str, adapter: Engine, spec: RunSpec) -> None:
-    """Adapters that name their `adaptive_methods` get step and rtol checked here; others answer for themselves."""
-    adaptive = getattr(adapter, "adaptive_methods", None)
-    if adaptive is None or spec.method in adaptive:
-        return
-    if spec.rtol is not None:
-        raise ArgumentError(f"rtol: {engine} {spec.method} runs with a fixed step here; give step= (s) instead")
-    if spec.step is None:
-        raise ArgumentError(f"step: {engine} {spec.method} needs a fixed step; give step= (s)")
 
 
 def overridden(scene: Scene, options: Mapping[str, Any]) -> Scene:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
-import functools
 import hashlib
-import importlib.metadata
-import importlib.util
 import json
 import os
 import platform
@@ -15,9 +13,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypedDict
 
-PACKAGES = ("lieeuler-crosscheck", "numpy", "scipy", "heyoka")
-NOT_INSTALLED = "not installed"
+from crosscheck.running.versions import NOT_INSTALLED as NOT_INSTALLED
+from crosscheck.running.versions import digest, of_package
 
+PACKAGES = ("lieeuler-crosscheck", "numpy", "scipy", "heyoka")
 
 class Machine(TypedDict):
     """The machine of a run."""
@@ -40,12 +39,16 @@ class Provenance(TypedDict):
 
 def describe(engine_names: Iterable[str]) -> Provenance:
     """Versions of everything that takes part, the machine, the time (UTC) and, in a git checkout, the commit."""
+    processor = platform.processor() or "unknown"
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        processor = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown")
     return {
         "time": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "engines": {name: engine_version(name) for name in engine_names},
-        "packages": {name: _version(name) for name in PACKAGES},
+        "packages": {name: of_package(name) for name in PACKAGES},
         "python": platform.python_version(),
-        "machine": {"system": f"{platform.system()} {platform.machine()}", "processor": _processor(),
+        "machine": {"system": f"{platform.system()} {platform.machine()}", "processor": processor,
                     "cores": os.cpu_count()},
         "commit": _commit(Path(__file__).resolve().parents[2]),
     }
@@ -59,27 +62,10 @@ def code_digest(engine_names: Iterable[str], more: Any) -> str:
     names = tuple(engine_names)
     versions = {key: value for key, value in describe(names).items()
                 if key in ("engines", "packages", "python", "machine")}
-    digest = hashlib.sha256(json.dumps([more, versions], sort_keys=True).encode())
-    digest.update(_sources_digest(names))
-    return digest.hexdigest()
-
-
-@functools.cache
-def _sources_digest(names: tuple[str, ...]) -> bytes:
-    """Digest of our code and kernel, and of the files of engines of the user's own, as this process found them first:
-    that is what it has imported, whoever edits them later."""
-    digest = hashlib.sha256()
-    kernel = importlib.util.find_spec("lieeuler._kernel")
-    package = importlib.util.find_spec("lieeuler")
-    sources = [*sorted(Path(__file__).parents[1].rglob("*.py"))]
-    if package is not None and package.origin:
-        sources += sorted(Path(package.origin).parent.glob("*.py"))
-    if kernel is not None and kernel.origin:
-        sources.append(Path(kernel.origin))
-    sources += [path for path in (Path(name.rpartition(":")[0]) for name in names) if path.suffix == ".py"]
-    for source in sources:
-        digest.update(source.read_bytes())
-    return digest.digest()
+    found = hashlib.sha256(json.dumps([more, versions], sort_keys=True).encode())
+    own = tuple(path for path in (Path(name.rpartition(":")[0]) for name in names) if path.suffix == ".py")
+    found.update(digest((".",), own))
+    return found.hexdigest()
 
 
 def engine_version(name: str) -> str:
@@ -90,21 +76,6 @@ def engine_version(name: str) -> str:
         return adapters.get(name).version()
     except ImportError:  # PackageNotFoundError is one
         return NOT_INSTALLED
-
-
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return NOT_INSTALLED
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or "unknown"
-    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown")
 
 
 def _commit(folder: Path) -> str | None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crosscheck import adapters
-from crosscheck.adapters.base import Engine, RawRun, RunSpec
+from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.errors import CrosscheckError, EngineError, Unsupported, install
 from crosscheck.files import readable
 from crosscheck.running import arguments
@@ -64,7 +64,14 @@ def run(scene: Scene | str | os.PathLike[str], engine: str, method: str, step: f
     reason = adapter.unsupported(scene, spec)
     if reason is not None:
         raise Unsupported(f"{engine} {method} on scene {scene.name!r}: {reason}")
-    raw = _guarded(adapter, scene, spec)
+    try:
+        raw = adapter.run(scene, spec)
+    except CrosscheckError:
+        raise
+    except ImportError as error:
+        raise EngineError(readable(f"{adapter.name} cannot be imported: {error}; {install(adapter.name)}")) from error
+    except Exception as error:
+        raise EngineError(readable(f"{adapter.name} {method}: {type(error).__name__}: {error}")) from error
     _check_states(engine, spec, scene, raw)
     from crosscheck.running.trajectory import derive
 
@@ -87,18 +94,6 @@ def truth(scene: Scene | str | os.PathLike[str]) -> Reference:
     from crosscheck import references
 
     return references.truth(loaded)
-
-
-def _guarded(adapter: Engine, scene: Scene, spec: RunSpec) -> RawRun:
-    """`adapter.run`, with every failure that is not one of our own errors told as an `EngineError`."""
-    try:
-        return adapter.run(scene, spec)
-    except CrosscheckError:
-        raise
-    except ImportError as error:
-        raise EngineError(readable(f"{adapter.name} cannot be imported: {error}; {install(adapter.name)}")) from error
-    except Exception as error:
-        raise EngineError(readable(f"{adapter.name} {spec.method}: {type(error).__name__}: {error}")) from error
 
 
 def _check_states(engine: str, spec: RunSpec, scene: Scene, raw: RawRun) -> None:

@@ -108,7 +108,8 @@ def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
     with np.errstate(over="ignore", invalid="ignore"):
         if len(s.t) and (a is not None or lam is not None):
             start = mechanics.index1(scene, s.x[:1], s.R[:1], s.v[:1], s.w[:1], t=s.t[:1])
-            a, alpha, lam = (_with_first(values, first) for values, first in zip((a, alpha, lam), start, strict=True))
+            a, alpha, lam = (None if values is None else np.concatenate([first, values[1:]])
+                             for values, first in zip((a, alpha, lam), start, strict=True))
         levels = level_norms(constraints, s.x, s.R, s.v, s.w, a, alpha)
         return Trajectory(
             scene=scene, engine=engine, method=method, form=raw.form, t=s.t, x=s.x, R=s.R, v=s.v, w=s.w,
@@ -118,7 +119,3 @@ def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
             reactions=None if lam is None else constraints.reactions(s.x, s.R, lam), wall_time=raw.wall_time,
             steps=raw.steps, status=raw.status,
             stats=cast(Stats, {**raw.stats, "step": raw.step, **(raw.maxima or {})}), **levels)
-
-
-def _with_first(values: np.ndarray | None, first: np.ndarray) -> np.ndarray | None:
-    return None if values is None else np.concatenate([first, values[1:]])

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from crosscheck.errors import CrosscheckError
 
+NOT_INSTALLED = "not installed"
 LIBRARIES = ("numpy", "scipy", "heyoka")
 ROOMS = ("scene", "references", "adapters", "running", "judge")
 """Folders of the package whose code makes figures; pages and commands do not."""
@@ -22,28 +23,34 @@ def of(engines: Iterable[str]) -> dict[str, str]:
     from crosscheck.running.provenance import engine_version
 
     found = {name: engine_version(name) for name in sorted(set(engines))}
-    for name in LIBRARIES:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "not installed"
-    return found | {"python": platform.python_version(), "code": code()}
+    found |= {name: of_package(name) for name in LIBRARIES}
+    return found | {"python": platform.python_version(), "code": digest(ROOMS).hex()[:12]}
+
+
+def of_package(name: str) -> str:
+    """Version of a Python package as installed, or "not installed"."""
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return NOT_INSTALLED
 
 
 @functools.cache
-def code() -> str:
-    """Digest of the code that makes figures."""
-    package = Path(__file__).parents[1]
-    sources = [path for room in ROOMS for path in sorted((package / room).rglob("*.py"))]
+def digest(folders: tuple[str, ...], more: tuple[Path, ...] = ()) -> bytes:
+    """Digest of folders of crosscheck, of lieeuler with its kernel, and of `more` files.
+
+    Of the files as this process found them first: that is what it has imported, whoever edits them later.
+    """
+    package, read = Path(__file__).parents[1], hashlib.sha256()
+    sources = [path for folder in folders for path in sorted((package / folder).rglob("*.py"))]
     for name in ("lieeuler", "lieeuler._kernel"):
         found = importlib.util.find_spec(name)
         if found is not None and found.origin:
             origin = Path(found.origin)
             sources += sorted(origin.parent.glob("*.py")) if name == "lieeuler" else [origin]
-    digest = hashlib.sha256()
-    for source in sources:
-        digest.update(source.read_bytes())
-    return digest.hexdigest()[:12]
+    for source in (*sources, *more):
+        read.update(source.read_bytes())
+    return read.digest()
 
 
 def refuse_others(planned: dict[str, str], found: dict[str, str], where: str) -> None:

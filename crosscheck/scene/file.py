@@ -120,21 +120,17 @@ def _folder() -> Path:
     return inside if inside.is_dir() else package.parent / "scenarios"
 
 
-def _text(path: Path) -> str:
-    """The text of a file; no more of it is read than a scene may have, and nothing of a pipe or a device."""
-    if path.exists() and not path.is_file() and not path.is_dir():
-        raise EntryError("the file", "is not a regular file", "give the path of a text file")
-    with open(path, "rb") as file:
-        content = file.read(MOST_BYTES + 1)
-    if len(content) > MOST_BYTES:
-        raise EntryError("the file", f"is larger than {MOST_BYTES >> 20} MB", "describe a smaller system, or build the "
-                         "scene in Python")
-    return content.decode("utf-8-sig").replace("\r\n", "\n")
-
-
 def _read(path: Path) -> Content:
+    """The content of a file; no more of it is read than a scene may have, and nothing of a pipe or a device."""
     try:
-        text = _text(path)
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise EntryError("the file", "is not a regular file", "give the path of a text file")
+        with open(path, "rb") as file:
+            content = file.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES:
+            raise EntryError("the file", f"is larger than {MOST_BYTES >> 20} MB", "describe a smaller system, or build "
+                             "the scene in Python")
+        text = content.decode("utf-8-sig").replace("\r\n", "\n")
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise EntryError("the file", f"cannot be read, {reason}",

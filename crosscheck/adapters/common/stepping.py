@@ -45,7 +45,9 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
     """
     per, h = fixed_step(scene, spec)
     total = per * (scene.samples - 1)
-    monitor = _monitor(scene) if spec.monitor else None
+    from crosscheck.scene.monitor import Monitor
+
+    monitor = Monitor(scene) if spec.monitor else None
     stride, chunk = (1, CHUNK) if spec.monitor else (per, total)
     q, v = (part[None] for part in initial)
     kept, done, wall = [(q, v, accelerate(q, v))], 0, 0.0
@@ -66,12 +68,6 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
             done += count
     states = convert(scene.t, *(np.concatenate(parts) for parts in zip(*kept, strict=True)))
     return RawRun(states, wall, total, h, maxima=maxima(monitor, states), form=spec.form)
-
-
-def _monitor(scene: Scene) -> Monitor:
-    from crosscheck.scene.monitor import Monitor
-
-    return Monitor(scene)
 
 
 def maxima(monitor: Monitor | None, states: States) -> dict[str, float] | None:

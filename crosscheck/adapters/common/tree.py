@@ -59,12 +59,22 @@ def initial_coordinates(scene: Scene, link: Link) -> tuple[np.ndarray, np.ndarra
 
 def _coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarray:
     """Joint position from the relative attitude and the gap between the anchors, the parent's axes."""
-    kinds = [part.kind for part in link.parts]
-    if kinds == ["turn", "turn"]:  # of a universal joint
-        return np.array(_two_turns(link, multiply(link.zero * CONJUGATE, attitude)))
-    if kinds == ["turn", "turn", "ball"]:  # of a rod
-        return _rod_coordinates(link, attitude, gap)
     turned = multiply(link.zero * CONJUGATE, attitude)
+    kinds = [part.kind for part in link.parts]
+    if kinds == ["turn", "turn"]:  # of a universal joint: exp(first) exp(second) = turned, the axes at right angles
+        T, first, second = rotation_from_quaternion(turned), link.parts[0].axis, link.parts[1].axis
+        third = np.cross(first, second)
+        return np.array([np.arctan2(third @ T @ second, second @ T @ second),
+                         np.arctan2(first @ T @ third, first @ T @ first)])
+    if kinds == ["turn", "turn", "ball"]:  # of a rod
+        first, rod = link.parts[0].axis, link.parts[2].offset
+        along, normal = rod / np.linalg.norm(rod), np.cross(first, rod / np.linalg.norm(rod))
+        angles = np.array([np.arctan2(gap @ normal, gap @ along),
+                           np.arctan2(gap @ first, np.hypot(gap @ normal, gap @ along))])
+        turned = IDENTITY
+        for part, angle in zip(link.parts, angles, strict=False):
+            turned = multiply(turned, np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * part.axis]))
+        return np.concatenate([angles, multiply(turned * CONJUGATE, attitude)])
     outer_slides = kinds[:1] == ["ball"]  # they lie in the axes the ball has turned to
     reach = rotation_from_quaternion(attitude if outer_slides else link.zero).T @ gap
     values: list[np.ndarray] = []
@@ -77,25 +87,6 @@ def _coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarra
             angle = 2.0 * np.arctan2(turned[1:] @ part.axis, turned[0])
             values.append(np.array([np.remainder(angle + np.pi, 2 * np.pi) - np.pi]))
     return np.concatenate(values) if values else np.zeros(0)
-
-
-def _two_turns(link: Link, turned: np.ndarray) -> tuple[float, float]:
-    """Angles of exp(first) exp(second) = `turned` about two axes at right angles."""
-    T, first, second = rotation_from_quaternion(turned), link.parts[0].axis, link.parts[1].axis
-    third = np.cross(first, second)
-    return (float(np.arctan2(third @ T @ second, second @ T @ second)),
-            float(np.arctan2(first @ T @ third, first @ T @ first)))
-
-
-def _rod_coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarray:
-    first, rod = link.parts[0].axis, link.parts[2].offset
-    along, normal = rod / np.linalg.norm(rod), np.cross(first, rod / np.linalg.norm(rod))
-    angles = np.array([np.arctan2(gap @ normal, gap @ along),
-                       np.arctan2(gap @ first, np.hypot(gap @ normal, gap @ along))])
-    turned = IDENTITY
-    for part, angle in zip(link.parts, angles, strict=False):
-        turned = multiply(turned, np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * part.axis]))
-    return np.concatenate([angles, multiply(turned * CONJUGATE, attitude)])
 
 
 def turning(axis: np.ndarray, angle: np.ndarray, rate: np.ndarray, second: np.ndarray | None) -> Motion:

@@ -6,6 +6,7 @@ every step inside the timed part: speed figures want it off, and then explicit m
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.metadata
 import itertools
@@ -102,9 +103,19 @@ class Exudyn:
         load()
         form = self.form(scene, spec)
         per, h = stepping.fixed_step(scene, spec)
-        build, stats = self._builder(scene, spec, form)
+        build: Callable[[], models.Model]
+        stats: Stats = {}
+        if form == "tree":
+            order = PREFERRED_ORDER
+            if kinematic_tree.balls(scene):
+                order = stats["cardan_order"] = cardan_order(scene)
+            build = functools.partial(kinematic_tree.kinematic_tree, scene, order)
+        else:
+            stats["node"] = spec.node or "lie"
+            build = functools.partial(models.maximal if form == "maximal" else models.pivot, scene, stats["node"])
         every = 1 if spec.monitor else per
-        linear = self._linear_solver(scene, spec, form)
+        constrained = spec.method in IMPLICIT and self._constrained(scene, form)
+        linear = _solver_for(scene, form) if constrained else None
         found = solve(build, spec.method, scene.duration, per * (scene.samples - 1), every, linear)
         model, t, data = found.model, found.t, found.data
         if "cardan_order" in stats:
@@ -120,23 +131,6 @@ class Exudyn:
             _drop_unknown_accelerations(states, every)
         maxima = _maxima(scene, model, t, data) if spec.monitor else None
         return RawRun(states, found.wall_time, per * (scene.samples - 1), h, stats=stats, maxima=maxima, form=form)
-
-    def _builder(self, scene: Scene, spec: RunSpec,
-                 form: str) -> tuple[Callable[[], models.Model], Stats]:
-        """What makes a fresh model, and what there is to say about it."""
-        if form == "tree":
-            if not kinematic_tree.balls(scene):
-                return functools.partial(kinematic_tree.kinematic_tree, scene, PREFERRED_ORDER), {}
-            order = cardan_order(scene)
-            return functools.partial(kinematic_tree.kinematic_tree, scene, order), {"cardan_order": order}
-        node = spec.node or "lie"
-        make = models.maximal if form == "maximal" else models.pivot
-        return functools.partial(make, scene, node), {"node": node}
-
-    def _linear_solver(self, scene: Scene, spec: RunSpec, form: str) -> str | None:
-        if spec.method not in IMPLICIT or not self._constrained(scene, form):
-            return None
-        return _solver_for(scene, form)
 
 
 def _solver_for(scene: Scene, form: str) -> str | None:
@@ -188,28 +182,23 @@ def cardan_order(scene: Scene) -> str:
     Watched on a run in the maximal form, which has no gimbal lock: XYZ where |cos| of every middle angle stays above
     `CLEARANCE`, else the order with the largest clearance.
     """
-    if scene.hash not in _ORDERS:
-        _ORDERS[scene.hash] = _clear_order(scene)
-    return _ORDERS[scene.hash]
-
-
-def _clear_order(scene: Scene) -> str:
     from scipy.spatial.transform import Rotation
 
-    build = functools.partial(models.maximal, scene)
-    try:
-        linear = _solver_for(scene, "maximal") if scene.joints else None
+    if scene.hash in _ORDERS:
+        return _ORDERS[scene.hash]
+    order, build = PREFERRED_ORDER, functools.partial(models.maximal, scene)
+    linear = _solver_for(scene, "maximal") if scene.joints else None
+    # A run too coarse for this scene teaches nothing; the run itself will show its clearance.
+    with contextlib.suppress(EngineError):
         scout = solve(build, "GeneralizedAlpha", scene.duration, SCOUT_STEPS, 1, linear)
-    except EngineError:  # too coarse for this scene: nothing learnt, and the run itself will show its clearance
-        return PREFERRED_ORDER
-    states = scout.model.convert(scout.t, scout.data)
-    relative = [states.R[:, link.body] if link.parent == GROUND
-                else np.swapaxes(states.R[:, link.parent], 1, 2) @ states.R[:, link.body]
-                for link in kinematic_tree.balls(scene)]
-    attitudes = Rotation.from_matrix(np.concatenate(relative))
-    orders = ["".join(order) for order in itertools.permutations(PREFERRED_ORDER)]
-    clearance = {order: np.abs(np.cos(attitudes.as_euler(order, suppress_warnings=True)[:, 1])).min()
-                 for order in orders}
-    if clearance[PREFERRED_ORDER] > CLEARANCE:
-        return PREFERRED_ORDER
-    return max(orders, key=clearance.__getitem__)
+        states = scout.model.convert(scout.t, scout.data)
+        relative = [states.R[:, link.body] if link.parent == GROUND
+                    else np.swapaxes(states.R[:, link.parent], 1, 2) @ states.R[:, link.body]
+                    for link in kinematic_tree.balls(scene)]
+        attitudes = Rotation.from_matrix(np.concatenate(relative))
+        clearance = {found: np.abs(np.cos(attitudes.as_euler(found, suppress_warnings=True)[:, 1])).min()
+                     for found in map("".join, itertools.permutations(PREFERRED_ORDER))}
+        if not clearance[PREFERRED_ORDER] > CLEARANCE:
+            order = max(clearance, key=clearance.__getitem__)
+    _ORDERS[scene.hash] = order
+    return order

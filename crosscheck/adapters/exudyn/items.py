@@ -72,11 +72,25 @@ def joint_frames(scene: Scene, joint: Joint) -> list[np.ndarray]:
 
 def add_force(carrier: Carrier, force: Force) -> Any:
     """The spring or load; returns the item's index."""
-    from exudyn.itemInterface import LoadForceVector, LoadTorqueVector, ObjectConnectorSpringDamper
+    from exudyn.itemInterface import (
+        LoadForceVector,
+        LoadTorqueVector,
+        NodeGenericData,
+        ObjectConnectorSpringDamper,
+        ObjectConnectorTorsionalSpringDamper,
+    )
 
-    p = force.parameters
+    p, scene = force.parameters, carrier.scene
     if force.type == "torsional_spring":
-        return _add_torsion(carrier, force)
+        joint = next(joint for joint in scene.joints if joint.name == force.joint)
+        anchors = (joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)
+        angle = torsion_angles(scene, scene.R0[None])[joint.name][0]
+        # the data node remembers the angle of the last step, so that it counts full turns
+        memory = carrier.system.AddNode(NodeGenericData(initialCoordinates=[angle], numberOfDataCoordinates=1))
+        return carrier.system.AddObject(ObjectConnectorTorsionalSpringDamper(
+            markerNumbers=[carrier.mark(*end, frame)
+                           for end, frame in zip(anchors, joint_frames(scene, joint), strict=True)],
+            nodeNumber=memory, stiffness=p["stiffness"], damping=p["damping"], offset=p["rest_angle"]))
     if force.type == "linear_spring":
         ends = (force.parent, p["parent_point"]), (force.child, p["child_point"])
         return carrier.system.AddObject(ObjectConnectorSpringDamper(
@@ -87,17 +101,3 @@ def add_force(carrier: Carrier, force: Force) -> Any:
     load, vector = ((LoadForceVector, p["force"]) if force.type == "constant_force" else
                     (LoadTorqueVector, p["torque"]))
     return carrier.system.AddLoad(load(markerNumber=marker, loadVector=vector, bodyFixed=p["frame"] == "body"))
-
-
-def _add_torsion(carrier: Carrier, force: Force) -> Any:
-    """A torsional spring-damper; its data node remembers the angle of the last step, so that it counts full turns."""
-    from exudyn.itemInterface import NodeGenericData, ObjectConnectorTorsionalSpringDamper
-
-    p, scene = force.parameters, carrier.scene
-    joint = next(joint for joint in scene.joints if joint.name == force.joint)
-    angle = torsion_angles(scene, scene.R0[None])[joint.name][0]
-    memory = carrier.system.AddNode(NodeGenericData(initialCoordinates=[angle], numberOfDataCoordinates=1))
-    ends = (joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)
-    return carrier.system.AddObject(ObjectConnectorTorsionalSpringDamper(
-        markerNumbers=[carrier.mark(*end, frame) for end, frame in zip(ends, joint_frames(scene, joint), strict=True)],
-        nodeNumber=memory, stiffness=p["stiffness"], damping=p["damping"], offset=p["rest_angle"]))

@@ -142,21 +142,15 @@ def _assembled(scene: Scene, chain: list[Link]) -> tuple[_Tree, dict[int, _Seat]
         at, turn = inner.at + inner.turn @ link.parent_anchor, inner.turn @ rotation_from_quaternion(link.zero)
         joint = inner.joint
         for part in link.parts:
-            kind, frame = _elementary(part)
-            joint = joints.hang(kind, joint, at + turn @ part.offset, turn @ frame)
+            # Exudyn's joint type, and the frame whose axis of that name is the part's, in the axes reached so far
+            name = next((name for name, axis in AXES.items() if np.array_equal(part.axis, axis)), None)
+            frame = np.eye(3) if name else np.column_stack([*normal_references(part.axis), part.axis])
+            kind = "Revolute" if part.kind == "turn" else "Prismatic"
+            joint = joints.hang(kind + (name or "Z"), joint, at + turn @ part.offset, turn @ frame)
             at, turn = np.zeros(3), frame.T
         seats[link.body] = seat = _Seat(joint, at - turn @ link.child_anchor, turn)
         joints.load(joint, scene.masses[link.body], seat.at, turn @ scene.inertias[link.body] @ turn.T)
     return joints, seats
-
-
-def _elementary(part: Part) -> tuple[str, np.ndarray]:
-    """Exudyn's joint type, and the frame whose axis of that name is the part's, in the axes reached so far."""
-    kind = "Revolute" if part.kind == "turn" else "Prismatic"
-    for name, axis in AXES.items():
-        if np.array_equal(part.axis, axis):
-            return kind + name, np.eye(3)
-    return f"{kind}Z", np.column_stack([*normal_references(part.axis), part.axis])
 
 
 def _initial(scene: Scene, carried: tuple[Link, ...], order: str) -> tuple[np.ndarray, np.ndarray]:

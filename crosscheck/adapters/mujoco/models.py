@@ -83,7 +83,14 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     """
     import mujoco
 
-    spec = _empty(scene, method, step)
+    if not hasattr(mujoco.mjtIntegrator, INTEGRATORS[method]):  # another version of the engine
+        raise Unsupported(f"MuJoCo {mujoco.__version__} has no integrator {method}")
+    spec = mujoco.MjSpec()
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    spec.compiler.degree = False
+    spec.option.timestep, spec.option.gravity, spec.option.tolerance = step, scene.gravity, SOLVER_TOLERANCE
+    spec.option.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[method])
+    spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_AUTORESET
     frames = {GROUND: spec.worldbody}
     branches, closing = closures(scene, form)
     for branch in branches:
@@ -92,28 +99,9 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     for joint in closing:
         builder.close(joint)
     for index, force in enumerate(scene.forces):
-        if force.type == "linear_spring":
-            _add_spring(spec, frames, index, force)
-        elif force.type != "torsional_spring":
-            _add_load(mujoco, spec, frames, index, force)
+        if force.type != "torsional_spring":  # which is part of its hinge
+            _add_force(spec, frames, index, force)
     return spec.compile()
-
-
-def _empty(scene: Scene, method: str, step: float) -> Any:
-    import mujoco
-
-    spec = mujoco.MjSpec()
-    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
-    spec.compiler.degree = False
-    spec.option.timestep = step
-    spec.option.gravity = scene.gravity
-    spec.option.tolerance = SOLVER_TOLERANCE
-    if not hasattr(mujoco.mjtIntegrator, INTEGRATORS[method]):  # another version of the engine
-        raise Unsupported(f"MuJoCo {mujoco.__version__} has no integrator {method}")
-    spec.option.integrator = getattr(mujoco.mjtIntegrator, INTEGRATORS[method])
-    flags = mujoco.mjtDisableBit
-    spec.option.disableflags = flags.mjDSBL_CONTACT | flags.mjDSBL_AUTORESET
-    return spec
 
 
 def _add_body(scene: Scene, branch: Branch, frame: Any) -> Any:
@@ -226,16 +214,6 @@ class _Constraints:
             equality.solimp[:2] = 0.9999
 
 
-def _add_spring(spec: Any, frames: dict[int, Any], index: int, force: Force) -> None:
-    p = force.parameters
-    tendon = spec.add_tendon(name=f"spring {index}")
-    for body, point in ((force.parent, p["parent_point"]), (force.child, p["child_point"])):
-        site = frames[body].add_site(name=f"spring {index}.{body}", pos=point)
-        tendon.wrap_site(site.name)
-    tendon.springlength = [p["free_length"]] * 2
-    _make_elastic(tendon, force)
-
-
 def _make_elastic(item: Any, force: Force) -> None:
     """Linear stiffness and damping of a joint or tendon; polynomials in MuJoCo 4, numbers in older ones."""
     for name in ("stiffness", "damping"):
@@ -243,12 +221,22 @@ def _make_elastic(item: Any, force: Force) -> None:
         setattr(item, name, [value, 0.0, 0.0] if np.ndim(getattr(item, name)) else value)
 
 
-def _add_load(mujoco: Any, spec: Any, frames: dict[int, Any], index: int, force: Force) -> None:
-    """A constant load as an actuator of constant bias 1 and the load for gear, evaluated at every stage of a step.
+def _add_force(spec: Any, frames: dict[int, Any], index: int, force: Force) -> None:
+    """A spring as a tendon; a constant load as an actuator of constant bias 1 with the load for gear.
 
-    A wrench is along the axes of its site or, with a reference site in the world, along the world's.
+    An actuator is evaluated at every stage of a step. Its wrench is along the axes of its site or, with a reference
+    site in the world, along the world's.
     """
+    import mujoco
+
     p = force.parameters
+    if force.type == "linear_spring":
+        tendon = spec.add_tendon(name=f"spring {index}")
+        for body, point in ((force.parent, p["parent_point"]), (force.child, p["child_point"])):
+            tendon.wrap_site(frames[body].add_site(name=f"spring {index}.{body}", pos=point).name)
+        tendon.springlength = [p["free_length"]] * 2
+        _make_elastic(tendon, force)
+        return
     load = [*p["force"], 0.0, 0.0, 0.0] if force.type == "constant_force" else [0.0, 0.0, 0.0, *p["torque"]]
     name = f"load {index}"
     frames[force.child].add_site(name=name, pos=p.get("child_point", (0.0, 0.0, 0.0)))

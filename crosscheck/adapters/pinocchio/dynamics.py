@@ -39,7 +39,14 @@ class Dynamics:
         self._turns = [(force, *self._turn(joint)) for force, joint in springs]
         self.closure = closure(model, self.data, alpha, beta) if (model.cut or model.parts) and closed else None
         self._reactions: _Reactions | None = None
-        self.factorizes = self.closure is None and closed and self._aba_is_off()
+        self.factorizes = False
+        if self.closure is None and closed:  # does inverse dynamics confirm the accelerations that aba finds?
+            q, v = model.initial_state()
+            torque, _ = self._applied(q, v)
+            found = pinocchio.aba(self._model, self.data, q, v, torque).copy()
+            terms = [pinocchio.rnea(self._model, self.data, q, v, a).copy() for a in (found, 0 * found)]
+            size = max(np.abs(terms[1]).max(initial=0.0), np.abs(torque).max(initial=0.0))
+            self.factorizes = bool(np.abs(terms[0] - torque).max(initial=0.0) > ABA_RESIDUAL * size)
         if self.closure is not None:
             pinocchio.initConstraintDynamics(self._model, self.data, self.closure.models, self.closure.workspaces)
 
@@ -49,16 +56,6 @@ class Dynamics:
         if self.closure is not None:
             return "least norm" if self.closure.redundant else "constraintDynamics"
         return "crba, Cholesky" if self.factorizes else "aba"
-
-    def _aba_is_off(self) -> bool:
-        """Whether inverse dynamics does not confirm the accelerations that aba finds at the start."""
-        pin, model = self._pin, self._model
-        q, v = self.model.initial_state()
-        torque, _ = self._applied(q, v)
-        found = pin.aba(model, self.data, q, v, torque).copy()
-        terms = [pin.rnea(model, self.data, q, v, a).copy() for a in (found, 0 * found)]
-        return bool(np.abs(terms[0] - torque).max(initial=0.0)
-                    > ABA_RESIDUAL * max(np.abs(terms[1]).max(initial=0.0), np.abs(torque).max(initial=0.0)))
 
     def _turn(self, joint: Joint) -> tuple[int, int, float]:
         """(place in q, place in v, sign of the joint's angle) of the turn of a joint in the tree."""

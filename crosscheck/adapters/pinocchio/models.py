@@ -108,20 +108,21 @@ def assemble(scene: Scene, links: tuple[Link, ...], parts: dict[int, int], cut: 
         inertia = pinocchio.Inertia(shares[body] * scene.masses[body], np.zeros(3), shares[body] * scene.inertias[body])
         model.appendBodyToJoint(joint, inertia, frame)
         frames[link.body] = joint, frame
-    slots, balls = _slots(model, links)
-    _set_armature(scene, model, links, slots)
-    return Model(scene, links, parts, cut, model, frames, slots, balls)
-
-
-def _set_armature(scene: Scene, model: Any, links: tuple[Link, ...], slots: list[tuple[slice, slice]]) -> None:
-    """Armature of the joints on the diagonal of the mass matrix; a cylindrical joint is a slide and then a turn."""
-    joints = {joint.name: joint for joint in scene.joints}
-    armature = np.array(model.armature)
-    for link, (_, at_v) in zip(links, slots, strict=True):
+    slots, balls = [], []
+    armature, joints = np.array(model.armature), {joint.name: joint for joint in scene.joints}
+    for link in links:
+        joint = model.getJointId(str(link.body)) if link.parts else 0
+        q, v = (model.idx_qs[joint], model.idx_vs[joint]) if link.parts else (0, 0)
+        slots.append((slice(q, q + sum(part.coordinates for part in link.parts)), slice(v, v + link.dofs)))
         values = joints[link.joint].armature if link.joint else ()
-        if values:
-            armature[at_v] = values[::-1] if len(values) == 2 else values
+        if values:  # on the diagonal of the mass matrix; a cylindrical joint is a slide and then a turn
+            armature[slots[-1][1]] = values[::-1] if len(values) == 2 else values
+        for part in link.parts:
+            if part.kind == "ball":
+                balls.append(slice(v, v + part.dofs))
+            v += part.dofs
     model.armature = armature
+    return Model(scene, links, parts, cut, model, frames, slots, balls)
 
 
 def _joint_model(link: Link) -> Any:
@@ -136,19 +137,6 @@ def _joint_model(link: Link) -> Any:
     for part in link.parts:
         composite.addJoint(made[part.kind](part), pinocchio.SE3(np.eye(3), part.offset))
     return composite
-
-
-def _slots(model: Any, links: tuple[Link, ...]) -> tuple[list[tuple[slice, slice]], list[slice]]:
-    slots, balls = [], []
-    for link in links:
-        joint = model.getJointId(str(link.body)) if link.parts else 0
-        q, v = (model.idx_qs[joint], model.idx_vs[joint]) if link.parts else (0, 0)
-        slots.append((slice(q, q + sum(part.coordinates for part in link.parts)), slice(v, v + link.dofs)))
-        for part in link.parts:
-            if part.kind == "ball":
-                balls.append(slice(v, v + part.dofs))
-            v += part.dofs
-    return slots, balls
 
 
 def _rolled(link: Link, q: np.ndarray, shift: int) -> np.ndarray:
@@ -186,9 +174,18 @@ def closure(model: Model, data: Any, alpha: float, beta: float) -> Closure:
     """
     import pinocchio
 
-    models, joints, bodies = pinocchio.StdVec_RigidConstraintModel(), [], []
-    for joint, kind, ends in _held(model):
-        (first, _), (second, _) = ends
+    here = pinocchio.SE3.Identity()
+    wanted: list[tuple[Joint | None, str, list[tuple[int, Any]]]] = []  # type; (body, place in its frame) of both ends
+    for joint in model.cut:
+        zero, kind = np.eye(3), "CONTACT_3D"
+        if joint.type == "fixed":
+            zero = rotation_from_quaternion(links_module.relative_attitude(model.scene, joint.parent, joint.child))
+            kind = "CONTACT_6D"
+        wanted.append((joint, kind, [(joint.child, pinocchio.SE3(np.eye(3), np.array(joint.child_anchor))),
+                                     (joint.parent, pinocchio.SE3(zero, np.array(joint.parent_anchor)))]))
+    wanted += [(None, "CONTACT_6D", [(body, here), (part, here)]) for part, body in model.parts.items()]
+    models, bodies = pinocchio.StdVec_RigidConstraintModel(), []
+    for _, kind, ends in wanted:
         carriers = [(model.frames[body][0], model.frames[body][1] * placement) for body, placement in ends]
         held = pinocchio.RigidConstraintModel(getattr(pinocchio.ContactType, kind), model.model, *carriers[0],
                                               *carriers[1], pinocchio.ReferenceFrame.LOCAL)
@@ -196,29 +193,13 @@ def closure(model: Model, data: Any, alpha: float, beta: float) -> Closure:
         gains.Kd, gains.Kp = 2 * alpha, beta**2
         held.setBaumgarteCorrectorParameters(gains)
         models.append(held)
-        joints.append(joint)
-        bodies.append((first, second))
+        bodies.append((ends[0][0], ends[1][0]))
     workspaces = pinocchio.StdVec_RigidConstraintData()
     for held in models:
         workspaces.append(held.createData())
     rank, rows = _rank(model, data, models, workspaces)
-    return Closure(models, workspaces, pinocchio.ProximalSettings(1e-16, 0.0, 1), joints, bodies, rank, rank < rows)
-
-
-def _held(model: Model) -> list[tuple[Joint | None, str, list[tuple[int, Any]]]]:
-    """(joint or None for a weld, type, (body, placement in the body's frame) of both ends) of each constraint."""
-    import pinocchio
-
-    found: list[tuple[Joint | None, str, list[tuple[int, Any]]]] = []
-    for joint in model.cut:
-        zero = np.eye(3)
-        if joint.type == "fixed":
-            zero = rotation_from_quaternion(links_module.relative_attitude(model.scene, joint.parent, joint.child))
-        ends = [(joint.child, pinocchio.SE3(np.eye(3), np.array(joint.child_anchor))),
-                (joint.parent, pinocchio.SE3(zero, np.array(joint.parent_anchor)))]
-        found.append((joint, "CONTACT_6D" if joint.type == "fixed" else "CONTACT_3D", ends))
-    here = pinocchio.SE3.Identity()
-    return found + [(None, "CONTACT_6D", [(body, here), (part, here)]) for part, body in model.parts.items()]
+    return Closure(models, workspaces, pinocchio.ProximalSettings(1e-16, 0.0, 1),
+                   [joint for joint, _, _ in wanted], bodies, rank, rank < rows)
 
 
 def _rank(model: Model, data: Any, models: Any, workspaces: Any) -> tuple[int, int]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
@@ -27,15 +25,21 @@ def load(path: str, states: JointStates) -> Native:
     links = {name: Link(float(model.inertias[joint].mass), np.array(model.inertias[joint].inertia))
              for name, joint in moving.items()}
     joints = {}
-    for joint in range(1, model.njoints):
-        if model.nvs[joint] == 1:
-            joints[model.names[joint]] = _hinge(model, data, joint, names)
+    for joint in (joint for joint in range(1, model.njoints) if model.nvs[joint] == 1):
+        parent, at, v = int(model.parents[joint]), model.jointPlacements[joint], int(model.idx_vs[joint])
+        subspace = np.array(data.joints[joint].S).ravel()
+        inner = model.inertias[parent].lever if parent else np.zeros(3)
+        joints[model.names[joint]] = Hinge(
+            names.get(parent, "ground") if parent else "ground", names.get(joint, model.names[joint]),
+            at.translation - inner, -np.array(model.inertias[joint].lever),
+            subspace[:3] if np.abs(subspace[:3]).max() > 0.5 else subspace[3:], np.array(at.rotation),
+            float(model.damping[v]), float(model.armature[v]))
     root = float(model.inertias[0].mass)
     found = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba", root_mass=root)
     order = tuple(name for name in states.names if name in joints)
     if len(order) != model.nv:
         return found
-    v = [int(model.idx_vs[model.getJointId(name)]) for name in order]
+    places = [int(model.idx_vs[model.getJointId(name)]) for name in order]
     values = []
     for position, velocity in zip(states.position, states.velocity, strict=True):
         q, rates = pinocchio.neutral(model), np.zeros(model.nv)
@@ -48,17 +52,7 @@ def load(path: str, states: JointStates) -> Native:
         M = np.triu(M) + np.triu(M, 1).T
         bias = pinocchio.nonLinearEffects(model, data, q, rates).copy()
         acceleration = pinocchio.aba(model, data, q, rates, np.zeros(model.nv)).copy()
-        values.append((M[np.ix_(v, v)], bias[v], acceleration[v]))
+        values.append((M[np.ix_(places, places)], bias[places], acceleration[places]))
     mass, biases, accelerations = (np.array(each) for each in zip(*values, strict=True))
     return Native("pinocchio", links, joints, model.gravity.linear.copy(), order, mass, biases, accelerations, "aba",
                   root)
-
-
-def _hinge(model: Any, data: Any, joint: int, names: dict[int, str]) -> Hinge:
-    parent, at, v = int(model.parents[joint]), model.jointPlacements[joint], int(model.idx_vs[joint])
-    subspace = np.array(data.joints[joint].S).ravel()
-    inner = model.inertias[parent].lever if parent else np.zeros(3)
-    axis = subspace[:3] if np.abs(subspace[:3]).max() > 0.5 else subspace[3:]
-    return Hinge(names.get(parent, "ground") if parent else "ground", names.get(joint, model.names[joint]),
-                 at.translation - inner, -np.array(model.inertias[joint].lever), axis, np.array(at.rotation),
-                 float(model.damping[v]), float(model.armature[v]))

@@ -46,14 +46,8 @@ def accelerations(model: Any, data: Any, closure: Closure, q: np.ndarray, v: np.
     U, sigma, W = np.linalg.svd(scaled, full_matrices=False)
     U, sigma, W = U[:, :closure.rank], sigma[:closure.rank], W[:closure.rank]
     share = U.T @ residual / sigma
-    _keep_forces(closure, sizes, -U @ (share / sigma))
+    for each, force in zip(closure.workspaces, np.split(-U @ (share / sigma), np.cumsum(sizes)[:-1]), strict=True):
+        each.contact_force = pin.Force(np.concatenate([force, np.zeros(6 - len(force))]))
     free = solve_triangular(root, torque - pin.nonLinearEffects(model, data, q, v), lower=True)
     found: np.ndarray = solve_triangular(root.T, free - W.T @ share)
     return found
-
-
-def _keep_forces(closure: Closure, sizes: list[int], forces: np.ndarray) -> None:
-    import pinocchio as pin
-
-    for each, force in zip(closure.workspaces, np.split(forces, np.cumsum(sizes)[:-1]), strict=True):
-        each.contact_force = pin.Force(np.concatenate([force, np.zeros(6 - len(force))]))

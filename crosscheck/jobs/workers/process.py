@@ -121,12 +121,24 @@ class Worker:
         finally:
             over.set()
             watch.join()
-        if answer is None:
-            return self._obituary()
-        kind, *content, said = answer
-        for text in said:
-            sys.stderr.write(text)
-        return content[0] if kind == "done" else Crash(*content)
+        if answer is not None:
+            kind, *content, said = answer
+            for text in said:
+                sys.stderr.write(text)
+            return content[0] if kind == "done" else Crash(*content)
+        self._end_helpers()
+        code = self._process.wait()
+        printed = self.printed()
+        if self._reason is not None:
+            return Crash(self._reason, printed, at=self._at)
+        name, cause = "", f"something in it ended the process (exit code {code})"
+        if code < 0:
+            name = cause = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+            cause += f" ({SIGNALS[name]})" if name in SIGNALS else ""
+        self._reason = f"the worker process died while it ran this: {cause}"
+        if code > 0 and printed.strip():
+            self._reason += f"; it said: {printed.strip().splitlines()[-1]}"
+        return Crash(self._reason, printed, at=self._at, signal=name)
 
     @property
     def alive(self) -> bool:
@@ -235,21 +247,6 @@ class Worker:
                 return self.kill(f"stopped: it printed more than {MOST_PRINTED >> 20} MB")
             tick += 1
         return None
-
-    def _obituary(self) -> Crash:
-        self._end_helpers()
-        code = self._process.wait()
-        printed = self.printed()
-        if self._reason is not None:
-            return Crash(self._reason, printed, at=self._at)
-        name, cause = "", f"something in it ended the process (exit code {code})"
-        if code < 0:
-            name = cause = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
-            cause += f" ({SIGNALS[name]})" if name in SIGNALS else ""
-        self._reason = f"the worker process died while it ran this: {cause}"
-        if code > 0 and printed.strip():
-            self._reason += f"; it said: {printed.strip().splitlines()[-1]}"
-        return Crash(self._reason, printed, at=self._at, signal=name)
 
 
 def _resident(process: Any) -> int:

@@ -177,7 +177,16 @@ def _equalities(reading: Reading, joints: list[Table]) -> list[Table]:
             table = _closed(reading, e, name, "spherical" if kind == kinds.mjEQ_CONNECT else "fixed")
             made += [table] if table else []
         elif kind == kinds.mjEQ_JOINT:
-            _mimic(reading, e, name, joints)
+            follower, motor = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
+            labels = [m.jnt(j).name for j in (follower, motor) if j >= 0]
+            known = {table["name"]: table for table in reversed(joints) if table["name"] and "position" in table}
+            if len(labels) < 2 or not known.keys() >= set(labels) or np.any(m.eq_data[e, 2:5]):
+                reading.lost.append(f"equality {name!r} of joint {labels[0]!r}")
+                continue
+            zero = [float(m.qpos0[m.jnt_qposadr[j]]) for j in (follower, motor)]
+            offset, ratio = (float(value) for value in m.eq_data[e, :2])
+            known[labels[0]]["mimic"] = {"joint": labels[1], "ratio": ratio,
+                                         "offset": offset + zero[0] - ratio * zero[1]}
         else:
             reading.lost.append(f"equality {name!r}")
     return made
@@ -203,18 +212,3 @@ def _closed(reading: Reading, e: int, name: str, kind: str) -> Table | None:
         groups, points = groups[::-1], points[::-1]
     (parent, near), (child, far) = (reading.end(*each) for each in zip(groups, points, strict=True))
     return {"name": name, "type": kind, "parent": parent, "child": child, "parent_anchor": near, "child_anchor": far}
-
-
-def _mimic(reading: Reading, e: int, name: str, joints: list[Table]) -> None:
-    m = reading.model
-    follower, motor = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
-    labels = [m.jnt(j).name for j in (follower, motor) if j >= 0]
-    tables = [next((table for table in joints if label and table["name"] == label and "position" in table), None)
-              for label in labels]
-    if len(tables) < 2 or None in tables or np.any(m.eq_data[e, 2:5]):
-        reading.lost.append(f"equality {name!r} of joint {labels[0]!r}")
-        return
-    zero = [float(m.qpos0[m.jnt_qposadr[j]]) for j in (follower, motor)]
-    offset, ratio = (float(value) for value in m.eq_data[e, :2])
-    assert tables[0] is not None
-    tables[0]["mimic"] = {"joint": labels[1], "ratio": ratio, "offset": offset + zero[0] - ratio * zero[1]}

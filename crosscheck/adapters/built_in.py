@@ -16,6 +16,7 @@ class Entry:
     module: str
     adapter: str
     needs: str | None = None  # a module of an optional engine, of the extras [drake] and [dart]
+    package: str = ""  # that brings a version of its own, "mujoco==3.3.7"; "" where none can be chosen
 
     def make(self) -> Engine:
         """The adapter; its engine is imported only when it is used."""
@@ -25,9 +26,9 @@ class Entry:
 
 ENTRIES = {
     "lieeuler": Entry("crosscheck.adapters.lieeuler", "LieEuler"),
-    "mujoco": Entry("crosscheck.adapters.mujoco.adapter", "MuJoCo"),
-    "pinocchio": Entry("crosscheck.adapters.pinocchio.adapter", "Pinocchio"),
-    "exudyn": Entry("crosscheck.adapters.exudyn.adapter", "Exudyn"),
+    "mujoco": Entry("crosscheck.adapters.mujoco.adapter", "MuJoCo", package="mujoco"),
+    "pinocchio": Entry("crosscheck.adapters.pinocchio.adapter", "Pinocchio", package="pin"),
+    "exudyn": Entry("crosscheck.adapters.exudyn.adapter", "Exudyn", package="exudyn"),
     "drake": Entry("crosscheck.adapters.drake", "Drake", "pydrake"),
     "dart": Entry("crosscheck.adapters.dart", "Dart", "dartpy"),
 }

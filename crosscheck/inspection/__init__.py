@@ -7,10 +7,12 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, overload
 
+from crosscheck.adapters import built_in
 from crosscheck.adapters.base import RunSpec
 from crosscheck.errors import EngineError, Unsupported, install
 from crosscheck.inspection.base import Deviation, Inspection, Probe
@@ -24,7 +26,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Deviation", "Inspection", "Probe", "inspect", "probe"]
 
-_BUILT_IN = ("lieeuler", "mujoco", "pinocchio", "exudyn")
+_BUILT_IN = tuple(name for name in built_in.ENTRIES if importlib.util.find_spec(f"{__name__}.{name}"))
+"""Engines with a module of their own here."""
+
 RANDOM_STATES = 3
 
 

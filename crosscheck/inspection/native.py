@@ -18,9 +18,6 @@ from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import index1
 from crosscheck.scene.model import Scene, quaternion_from_rotation
 
-READERS = ("mujoco", "pinocchio")
-"""Engines that read model files."""
-
 TOLERANCE = 1e-7
 """Relative: files are written with six digits and more, and both parsers read these exactly."""
 
@@ -72,6 +69,7 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     Joints with one coordinate are compared at zero, at the reference and at `count` seeded random states.
     """
     from crosscheck import adapters
+    from crosscheck.adapters import built_in
     from crosscheck.scene.models import import_model
     from crosscheck.scene.models.source import read as read_source
 
@@ -84,7 +82,8 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
                          rng.uniform(-1.0, 1.0, size))
     states.position[0], states.velocity[0] = [(joint.start or (0.0,))[0] for joint in joints], 0.0
     natives, refused = [], {}
-    for name in READERS if engines is None else engines:
+    readers = [name for name in built_in.ENTRIES if hasattr(adapters.get(name), "native")]
+    for name in readers if engines is None else engines:
         try:
             read: Callable[[str, JointStates], Native] | None = getattr(adapters.get(name), "native", None)
             if read is None:

@@ -10,13 +10,15 @@ import numpy as np
 
 from crosscheck.errors import SceneError
 from crosscheck.scene.file import scene_from
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
 from crosscheck.sweeps import paths
 from crosscheck.sweeps.plan import Origin, Perturbation, Plan
 
-FREEDOMS = {"revolute": (1, 0), "prismatic": (0, 1), "cylindrical": (1, 1), "universal": (2, 0), "spherical": (3, 0),
-            "planar": (1, 2)}
-"""Turns and displacements of the joints that `joint_position` and `joint_velocity` perturb; others keep theirs."""
+FREEDOMS = {name: (3, 0) if kind.coordinates == ("ball",) else tuple(
+    sum(word.startswith(motion) for word in kind.coordinates) for motion in ("turn", "slide"))
+    for name, kind in JOINT_TYPES.items()}
+"""Turns and displacements of each type of joint that `joint_position` and `joint_velocity` perturb."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +57,7 @@ def _changed(origin: Origin, values: dict[str, Any]) -> Scene:
 def _sizes(start: Start, perturbation: Perturbation) -> list[int]:
     """How many numbers each perturbed quantity has."""
     scene = start.scene
-    freedoms = sum(sum(FREEDOMS.get(joint.type, (0, 0))) for joint in scene.joints)
+    freedoms = sum(sum(FREEDOMS[joint.type]) for joint in scene.joints)
     known = {"angular_velocity": 3 * scene.n, "attitude": 3 * scene.n, "joint_position": freedoms,
              "joint_velocity": freedoms}
     return [known[name] if name in known else int(np.size(paths.read(start.origin.data or {}, name, scene.name)))
@@ -134,7 +136,7 @@ def _moved(scene: Scene, drawn: dict[str, np.ndarray]) -> Scene | None:
 
 def _freedom(joint: Joint, R: np.ndarray, values: Iterator[float]) -> tuple[np.ndarray, np.ndarray]:
     """Rotation vector and displacement in the world that the next drawn numbers stand for."""
-    turns, slides = FREEDOMS.get(joint.type, (0, 0))
+    turns, slides = FREEDOMS[joint.type]
     angles, shifts = ([next(values) for _ in range(count)] for count in (turns, slides))
     parent = np.eye(3) if joint.parent == GROUND else R[joint.parent]
     axes = np.eye(3)
@@ -143,10 +145,10 @@ def _freedom(joint: Joint, R: np.ndarray, values: Iterator[float]) -> tuple[np.n
         other = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
         other /= np.linalg.norm(other)
         axes = np.array([axis, other, np.cross(axis, other)])
-    if joint.type == "universal":
+    if JOINT_TYPES[joint.type].axes == "perpendicular":
         axes = np.array([axes[0], R[joint.child] @ joint.child_axis])
     turn = sum((angle * axis for angle, axis in zip(angles, axes, strict=False)), np.zeros(3))
-    along = axes[1:] if joint.type == "planar" else axes
+    along = axes[1:] if "slide n1" in JOINT_TYPES[joint.type].coordinates else axes
     return turn, sum((shift * axis for shift, axis in zip(shifts, along, strict=False)), np.zeros(3))
 
 

@@ -22,13 +22,14 @@ class About:
     forms: tuple[str, ...]
     options: frozenset[str]
     adaptive_methods: tuple[str, ...]
+    reads_models: bool  # its adapter has a method `native`
 
 
 def describe(engine: str) -> About:
     """About the adapter of this name."""
     adapter: Any = _adapter(engine)
     return About(adapter.version(), tuple(adapter.methods), tuple(adapter.forms), frozenset(adapter.options),
-                 tuple(adapter.adaptive_methods))
+                 tuple(adapter.adaptive_methods), hasattr(adapter, "native"))
 
 
 def ask(engine: str, question: str, *arguments: Any) -> Any:

@@ -16,6 +16,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from crosscheck.adapters import built_in
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.foreign import remote
@@ -23,7 +24,7 @@ from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupporte
 from crosscheck.files import cache_folder
 from crosscheck.scene.model import Scene
 
-PACKAGES = {"mujoco": "mujoco", "pinocchio": "pin", "exudyn": "exudyn"}
+PACKAGES = {name: entry.package for name, entry in built_in.ENTRIES.items() if entry.package}
 """Engines whose version can be chosen, and the package that brings each."""
 
 _NUMBER = r"(?:0|[1-9][0-9]*)"
@@ -81,7 +82,7 @@ class Versioned:
 
     def native(self, path: str, states: JointStates) -> Native:
         """What this version makes of a model file by itself; raises `Unsupported` where its adapter reads none."""
-        if self._engine not in ("mujoco", "pinocchio"):
+        if not self._about.reads_models:
             raise Unsupported(f"{self._engine} reads no model files here")
         found: Native = self._call(remote.ask, self._engine, "native", path, states)
         return found

@@ -15,6 +15,7 @@ from typing import Any, TypedDict
 
 from crosscheck.running.versions import NOT_INSTALLED as NOT_INSTALLED
 from crosscheck.running.versions import digest, of_package
+from crosscheck.running.versions import engine_version as engine_version
 
 PACKAGES = ("lieeuler-crosscheck", "numpy", "scipy", "heyoka")
 
@@ -66,16 +67,6 @@ def code_digest(engine_names: Iterable[str], more: Any) -> str:
     own = tuple(path for path in (Path(name.rpartition(":")[0]) for name in names) if path.suffix == ".py")
     found.update(digest((".",), own))
     return found.hexdigest()
-
-
-def engine_version(name: str) -> str:
-    """Version of an engine, or "not installed" where its package, or a package it needs, is missing."""
-    from crosscheck import adapters
-
-    try:
-        return adapters.get(name).version()
-    except ImportError:  # PackageNotFoundError is one
-        return NOT_INSTALLED
 
 
 def _commit(folder: Path) -> str | None:

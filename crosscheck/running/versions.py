@@ -20,11 +20,19 @@ ROOMS = ("scene", "references", "adapters", "running", "judge")
 
 def of(engines: Iterable[str]) -> dict[str, str]:
     """Versions by name, "code" among them: a digest of our own code and kernel."""
-    from crosscheck.running.provenance import engine_version
-
     found = {name: engine_version(name) for name in sorted(set(engines))}
     found |= {name: of_package(name) for name in LIBRARIES}
     return found | {"python": platform.python_version(), "code": digest(ROOMS).hex()[:12]}
+
+
+def engine_version(name: str) -> str:
+    """Version of an engine, or "not installed" where its package, or a package it needs, is missing."""
+    from crosscheck import adapters
+
+    try:
+        return adapters.get(name).version()
+    except ImportError:  # PackageNotFoundError is one
+        return NOT_INSTALLED
 
 
 def of_package(name: str) -> str:

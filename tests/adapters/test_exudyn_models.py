@@ -183,10 +183,10 @@ def test_index_2_on_a_redundant_spatial_loop_ends_in_an_error() -> None:
 def test_linear_solvers() -> None:
     adapter = adapters.get("exudyn")
     spec = RunSpec("GeneralizedAlpha", step=1e-3)
-    found = {name: adapter._linear_solver(crosscheck.load_scene(name), spec, "maximal") for name in crosscheck.scenes()}
+    found = {name: adapter.linear_solver(crosscheck.load_scene(name), spec, "maximal") for name in crosscheck.scenes()}
     assert {name for name, solver in found.items() if solver == "EigenDense"} == set(REDUNDANT)
     assert {name for name, solver in found.items() if solver == "EigenSparse"} == {"chain_8", "chain_64"}
-    assert adapter._linear_solver(crosscheck.load_scene("chain_8"), RunSpec("RK44"), "tree") is None
+    assert adapter.linear_solver(crosscheck.load_scene("chain_8"), RunSpec("RK44"), "tree") is None
     options = solving.settings("GeneralizedAlpha", 1.0, 10, 1, 1e-9, "EigenDense")
     assert options.linearSolver.ignoreSingularJacobian
 

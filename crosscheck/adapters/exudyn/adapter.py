@@ -98,6 +98,14 @@ class Exudyn:
             return bool(scene.joints)
         return form == "tree" and bool(kinematic_tree.spanned(scene)[1])
 
+    def linear_solver(self, scene: Scene, spec: RunSpec, form: str) -> str | None:
+        """Linear solver of a model with constraints; None: Exudyn's own choice."""
+        if spec.method not in IMPLICIT or not self._constrained(scene, form):
+            return None
+        if redundant_rows(scene):
+            return "EigenDense"
+        return "EigenSparse" if scene.n >= solving.SPARSE_FROM and form == "maximal" else None
+
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` with Exudyn's words when it fails."""
         load()
@@ -114,8 +122,7 @@ class Exudyn:
             stats["node"] = spec.node or "lie"
             build = functools.partial(models.maximal if form == "maximal" else models.pivot, scene, stats["node"])
         every = 1 if spec.monitor else per
-        constrained = spec.method in IMPLICIT and self._constrained(scene, form)
-        linear = _solver_for(scene, form) if constrained else None
+        linear = self.linear_solver(scene, spec, form)
         found = solve(build, spec.method, scene.duration, per * (scene.samples - 1), every, linear)
         model, t, data = found.model, found.t, found.data
         if "cardan_order" in stats:
@@ -131,13 +138,6 @@ class Exudyn:
             _drop_unknown_accelerations(states, every)
         maxima = _maxima(scene, model, t, data) if spec.monitor else None
         return RawRun(states, found.wall_time, per * (scene.samples - 1), h, stats=stats, maxima=maxima, form=form)
-
-
-def _solver_for(scene: Scene, form: str) -> str | None:
-    """Linear solver of a constrained model; None: Exudyn's own choice."""
-    if redundant_rows(scene):
-        return "EigenDense"
-    return "EigenSparse" if scene.n >= solving.SPARSE_FROM and form == "maximal" else None
 
 
 def _drop_unknown_accelerations(states: States, every: int) -> None:
@@ -187,7 +187,7 @@ def cardan_order(scene: Scene) -> str:
     if scene.hash in _ORDERS:
         return _ORDERS[scene.hash]
     order, build = PREFERRED_ORDER, functools.partial(models.maximal, scene)
-    linear = _solver_for(scene, "maximal") if scene.joints else None
+    linear = Exudyn().linear_solver(scene, RunSpec("GeneralizedAlpha"), "maximal")
     # A run too coarse for this scene teaches nothing; the run itself will show its clearance.
     with contextlib.suppress(EngineError):
         scout = solve(build, "GeneralizedAlpha", scene.duration, SCOUT_STEPS, 1, linear)

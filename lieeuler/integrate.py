@@ -145,7 +145,7 @@ def plan_run(problem: Problem, method: str, step: float | None, rtol: float | No
     if tolerance is not None:
         times = (t - t[0]).tolist()
         run = (_kernel.adaptive_runge_kutta(record.tableau.kernel, times, tolerance, monitor) if record.tableau else
-               {"seulex": _kernel.seulex, "taylor": _kernel.taylor}[method](times, tolerance, monitor))
+               getattr(_kernel, method)(times, tolerance, monitor))
         run.begin = float(t[0])
         return Plan(run, t, None, spins)
     assert step is not None  # _tolerance has seen to it

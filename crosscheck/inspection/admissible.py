@@ -5,13 +5,12 @@ Velocities of the system are u = (v world, w body axes) of its bodies in turn, (
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
-from crosscheck.scene.model import Scene
+from crosscheck.scene.model import Scene, quaternion_from_rotation
+from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import States
 
 TURN = 0.1, 0.4
@@ -59,12 +58,8 @@ def states(scene: Scene, count: int, seed: int) -> States:
 
 def posed(scene: Scene, at: States, k: int) -> Scene:
     """The scene with its bodies in the k-th state of `at`."""
-    from scipy.spatial.transform import Rotation
-
-    attitudes = Rotation.from_matrix(at.R[k]).as_quat(scalar_first=True)
-    bodies = tuple(dataclasses.replace(body, attitude=attitudes[i], position=at.x[k, i], velocity=at.v[k, i],
-                                       angular_velocity=at.w[k, i]) for i, body in enumerate(scene.bodies))
-    return scene.replace(bodies=bodies)
+    state = Configuration(at.x[k], quaternion_from_rotation(at.R[k]), at.v[k], at.w[k])
+    return scene.replace(bodies=bodies_at(scene, state))
 
 
 def _pose(scene: Scene, constraints: Constraints, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

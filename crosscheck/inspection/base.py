@@ -2,14 +2,14 @@
 
 An adapter may have a method `probe(scene, states, form=None) -> Probe`; the engines built in have theirs here, one
 module each. Like `run`, it builds the engine's own model and asks the engine; it never computes what the engine should
-have said, and leaves None, with a note, where the engine has no answer.
+have said, and leaves None, with a note, where the engine has no answer. It raises `Unsupported` where the engine cannot
+model the scene in this form, `EngineError` where it fails.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -85,16 +85,6 @@ def stacked(probes: Sequence[Probe]) -> Probe:
         found.reactions = {joint: (np.concatenate([each[joint][0] for each in wrenches]),
                                    np.concatenate([each[joint][1] for each in wrenches])) for joint in found.reactions}
     return found
-
-
-class Probing(Protocol):
-    """An adapter's optional method."""
-
-    def probe(self, scene: Scene, states: States, form: str | None = None) -> Probe:
-        """The engine's model of `scene`, in one of the adapter's forms, evaluated at `states`.
-
-        Raises `Unsupported` where the engine cannot model the scene so, `EngineError` where it fails.
-        """
 
 
 @dataclasses.dataclass(frozen=True)

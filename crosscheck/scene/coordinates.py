@@ -22,7 +22,7 @@ from crosscheck.scene.constraints import cross, normal_references, slide_directi
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import continuous, shortest_rotation
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
-from crosscheck.scene.states import Motion
+from crosscheck.scene.states import Motion, States
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,6 +91,13 @@ def histories(scene: Scene, states: Motion) -> dict[str, JointHistory]:
     """Coordinates of every joint that has them, over the times of `states`."""
     return {joint.name: _history(joint, states) for joint in scene.joints
             if JOINT_TYPES[joint.type].coordinates}
+
+
+def at_start(scene: Scene) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Coordinates and their rates, (count,) each, of every joint that has them, in the initial state."""
+    states = States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+    return {name: (np.atleast_1d(each.position[0]), np.atleast_1d(each.velocity[0]))
+            for name, each in histories(scene, states).items()}
 
 
 def _history(joint: Joint, states: Motion) -> JointHistory:

@@ -12,10 +12,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from crosscheck.scene import functions
-from crosscheck.scene.coordinates import histories
+from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import Force, Joint, Mimic, Scene
@@ -28,7 +26,6 @@ from crosscheck.scene.schema import (
     listed,
     nearest,
 )
-from crosscheck.scene.states import States
 
 Values = float | list[float] | None
 
@@ -119,9 +116,7 @@ def with_forces(scene: Scene) -> Scene:
 
 
 def _forces(scene: Scene, joint: Joint) -> list[Force]:
-    states = States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
-    here = histories(scene, states)[joint.name]
-    position, velocity = (np.atleast_1d(values[0]) for values in (here.position, here.velocity))
+    position, velocity = at_start(scene)[joint.name]
     found = []
     words = JOINT_TYPES[joint.type].coordinates
     for k, word in enumerate(words):

@@ -14,7 +14,6 @@ from crosscheck.scene.checks import Draft, Start
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Body, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.schema import EntryError
-from crosscheck.scene.states import States
 
 ALLOWED_VIOLATION = 1e-8
 """Of the largest anchor length (positions), times max(1, |w|) (velocities); without units for dot-1 rows. A state
@@ -100,14 +99,13 @@ def spins(draft: Draft, state: Configuration) -> tuple[Configuration, dict[str, 
         return state, {}
     scene, w, speeds = draft.scene, state.w.copy(), {}
     R = np.concatenate([state.R, np.eye(3)[None]])
-    now = coordinates.histories(scene.replace(bodies=bodies_at(scene, state)), States(
-        np.zeros(1), state.x[None], state.R[None], state.v[None], state.w[None]))
+    now = coordinates.at_start(scene.replace(bodies=bodies_at(scene, state)))
     for start in _outwards(draft, (each for each in draft.starts if each.position or each.velocity)):
         joint = scene.joints[start.joint]
         given = draft.given_spins is None or draft.given_spins[joint.child]
         if start.velocity is None and given:
             continue
-        position = np.atleast_1d(now[joint.name].position[0]) if start.position is None else np.array(start.position)
+        position = now[joint.name][0] if start.position is None else np.array(start.position)
         rates = np.zeros(3) if start.velocity is None else np.array(start.velocity)
         turn, speed = coordinates.relative_rates(joint, position, rates)
         inner = np.zeros(3) if joint.parent == GROUND else w[joint.parent]
@@ -131,14 +129,13 @@ def check(draft: Draft, scene: Scene) -> None:
     """A given position or velocity of a body may have put the joint elsewhere than its coordinates say."""
     if not draft.starts:
         return
-    found = coordinates.histories(scene, States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None],
-                                                scene.w0[None]))
+    found = coordinates.at_start(scene)
     L = anchor_length(scene)
     for start in draft.starts:
         joint = scene.joints[start.joint]
-        for key, given, unit in (("position", start.position, ""), ("velocity", start.velocity, "/s")):
+        for k, (key, given, unit) in enumerate((("position", start.position, ""), ("velocity", start.velocity, "/s"))):
             if given is None or JOINT_TYPES[joint.type].positions == 4:  # its attitude has been compared already
                 continue
-            gap = float(np.abs(np.atleast_1d(getattr(found[joint.name], key)[0]) - np.array(given)).max())
+            gap = float(np.abs(found[joint.name][k] - np.array(given)).max())
             if gap > ALLOWED_VIOLATION * max(1.0, L, *(abs(value) for value in given)):
                 raise _contradiction(draft, start, key, gap, f" rad{unit} or m{unit}")

@@ -7,12 +7,11 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from crosscheck.scene.constraints import slide_direction
-from crosscheck.scene.coordinates import histories
+from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation
 from crosscheck.scene.models.trees import grown, numbers, refused
-from crosscheck.scene.states import States
 
 SECOND_NAMES = {"slide": " slide", "slide n1": " slide 1", "slide n2": " slide 2", "turn child": " second"}
 """What the names of MJCF's joints add to that of a joint with several coordinates, by words of `JointType.motion`."""
@@ -74,8 +73,7 @@ def _joints(scene: Scene, element: Element, body: int, joint: Joint | None) -> t
         raise refused(scene, "MJCF", f"joint {joint.name!r} of type {joint.type}")
     if not kind.motion:
         return [], []
-    start = histories(scene, States(np.zeros(1), scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]))
-    q, v = (np.atleast_1d(values[0]) for values in (start[joint.name].position, start[joint.name].velocity))
+    q, v = at_start(scene)[joint.name]
 
     def add(name: str, kind: str, axis: np.ndarray | None, k: int) -> None:
         made = SubElement(element, "joint", name=name, type=kind, pos=numbers(joint.child_anchor))

@@ -35,10 +35,10 @@ def scene_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _folder().glob("*.toml")))
 
 
-_carried: dict[str, dict[str, Any]] = {}  # contents that came from another machine, by their names there
+_carried: dict[str, Content] = {}  # contents that came from another machine, by their names there
 
 
-def carry(contents: Mapping[str, dict[str, Any]]) -> None:
+def carry(contents: Mapping[str, Content]) -> None:
     """Scenes under these names have these contents from now on, in this process: they came from another machine."""
     _carried.update(contents)
 

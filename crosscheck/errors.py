@@ -58,3 +58,8 @@ def unknown(what: str, given: object, allowed: Iterable[str]) -> str:
     near = difflib.get_close_matches(str(given).lower(), lower, n=1)
     guess = f"; did you mean {lower[near[0]]!r}?" if near else ";"
     return f"{what}: {given!r} is not known{guess} allowed: {', '.join(allowed)}"
+
+
+def said(error: BaseException) -> str:
+    """What an error says, in one line; its name where it says nothing."""
+    return " ".join(str(error).split()) or type(error).__name__

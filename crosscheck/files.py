@@ -1,4 +1,4 @@
-"""Files as readers may meet them at any moment: whole, and in numbers that JSON knows."""
+"""Files that are replaced as a whole, and values as JSON has them."""
 
 from __future__ import annotations
 
@@ -33,6 +33,20 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def plain(value: Any) -> Any:
+    """Structs, dataclasses and NumPy's scalars as `finite` values that JSON knows, keys as texts."""
+    import msgspec
+
+    return finite(msgspec.to_builtins(value, str_keys=True, enc_hook=scalar))
+
+
+def scalar(value: Any) -> Any:
+    """A scalar of NumPy as one of Python's; for `msgspec`, which knows none."""
+    if hasattr(value, "item"):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} cannot be written as JSON")
+
+
 def cell(value: Any) -> Any:
     """A text as a spreadsheet shows it: one that begins like a formula is not computed."""
     return f"'{value}" if isinstance(value, str) and value[:1] in tuple("=+-@\t\r") else value
@@ -40,7 +54,7 @@ def cell(value: Any) -> Any:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Where to write what replaces a file once it is whole: a reader sees the old one or the new one, never a part."""
+    """Where to write what replaces a file once it is whole: a reader sees the old file or the new one, never a part."""
     aside = path.with_name(f".{path.name}.new")
     yield aside
     os.replace(aside, path)

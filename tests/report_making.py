@@ -2,7 +2,7 @@
 
 import msgspec
 
-from crosscheck.document import Advice, Change, Meta, Support, Timed, extended
+from crosscheck.document import Advice, Change, Machine, Meta, SceneTruth, Support, Timed, extended
 from crosscheck.judge.plan import Profile
 from crosscheck.running import provenance
 from crosscheck.verification import job
@@ -45,3 +45,17 @@ def small_results():
         judged += [run_cell(Cell(name, engine, method, None, truths[-1].plan, rungs=3, whole=False))
                    for engine, method in runs]
     return document(truths, judged, list(dict.fromkeys(each.engine for each in judged)), "smoke")
+
+
+def failed_scene(name, failure):
+    """A scene that could not be prepared."""
+    return SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
+                      truth=None, scales=None, failure=failure)
+
+
+def made(scenes, records):
+    """A document of nothing but these."""
+    meta = Meta(time="2026-11-21 02:00 UTC", engines={}, packages={}, python="3.11", commit=None, profile="default",
+                machine=Machine(system="Linux", processor="some", cores=2), jobs=1, command="crosscheck verify",
+                seconds=1.0)
+    return job.document(meta, scenes, records)

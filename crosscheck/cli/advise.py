@@ -32,12 +32,12 @@ def advise(
     if as_json:
         typer.echo(json.dumps(msgspec.to_builtins(found), indent=1))
     else:
-        for line in _lines(found):
-            typer.echo(line)
+        typer.echo("\n".join(words(found)))
     raise typer.Exit(int(found.method is None))
 
 
-def _lines(found: Advice) -> list[str]:
+def words(found: Advice) -> list[str]:
+    """The lines that tell an advice."""
     asked = f"{found.scene} with {found.engine}, position error at most {found.wanted:g} m up to {found.until:g} s"
     if found.method is None:
         least = "no run ended" if found.least is None else f"the least error found is {found.least:.1e} m"

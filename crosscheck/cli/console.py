@@ -65,7 +65,7 @@ def complain(message: str) -> None:
 
 
 def interrupted() -> str:
-    """What is left of a command that was interrupted."""
+    """What an interrupted command leaves behind, in one line."""
     goes_on = "the same command goes on from here"
     kept = {"nightly": goes_on, "sweep": goes_on, "study": "what was finished is in the folder of --out"}
     return f"interrupted; {kept.get(' '.join(sys.argv[1:2]), 'nothing was written')}"

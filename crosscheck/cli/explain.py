@@ -18,7 +18,7 @@ def explain(
     engine: Annotated[str, typer.Option(help="a name, or a class of your own as module:Class")],
     method: Annotated[str | None, typer.Option(help="default: the engine's best")] = None,
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the engine's choice")] = None,
-    step: Annotated[float | None, typer.Option(help="s; of the look at the whole run")] = None,
+    step: Annotated[float | None, typer.Option(help="s, of the whole run; default: one that suits the scene")] = None,
     softness: Annotated[str | None, typer.Option(help="tight or default (mujoco, maximal)")] = None,
     node: Annotated[str | None, typer.Option(help="lie or euler_parameters (exudyn)")] = None,
     alpha: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")] = None,

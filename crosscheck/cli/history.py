@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -30,7 +31,7 @@ Run = Annotated[str, typer.Argument(help="name of a run, its beginning, or lates
 
 
 @app.command("list")
-def list_(store: Store = None, limit: Annotated[int, typer.Option(help="the last so many")] = 20) -> None:
+def list_(store: Store = None, limit: Annotated[int, typer.Option(help="how many of the last runs")] = 20) -> None:
     """The last runs, the newest first."""
     from crosscheck.history.store import recent
 
@@ -38,9 +39,9 @@ def list_(store: Store = None, limit: Annotated[int, typer.Option(help="the last
     with _opened(store) as opened:
         for run in recent(opened, limit):
             engines = ", ".join(f"{name} {version}" for name, version in sorted(run.versions["engine"].items()))
-            machine = f"{run.environment['processor']}, {run.environment['cores']} cores"
+            machine = f"{run.environment.processor}, {run.environment.cores} cores"
             rows.append((run.name, run.profile, str(run.exit_code), "yes" if run.good else "",
-                         run.environment["commit"] or "", machine, engines))
+                         run.environment.commit or "", machine, engines))
     if not rows:
         typer.echo(EMPTY)
         return
@@ -69,7 +70,7 @@ def show(run: Run = "latest", store: Store = None,
             rows.append((result.key[0], result.label, result.outcome,
                          *("" if figure is None else f"{figure.value:.4g}" for figure in found_here)))
     typer.echo(f"{found.name}: {found.command}, exit code {found.exit_code}, "
-               f"commit {found.environment['commit'] or 'unknown'}")
+               f"commit {found.environment.commit or 'unknown'}")
     print_table(console(200), [key("scene"), key("run"), *figures("outcome", *wanted)], rows)
 
 
@@ -111,7 +112,13 @@ def trend(
     cell = (scene, engine, method, form, coarse)
     if metric == OUTCOME:
         with _opened(store) as opened:
-            _print_outcomes(outcomes(opened, cell))
+            told = outcomes(opened, cell)
+        if not told:
+            raise ArgumentError(_no("metric", OUTCOME, []))
+        typer.echo(f"{OUTCOME}, {len(told)} run{'' if len(told) == 1 else 's'}")
+        for outcome, runs in itertools.groupby(told, key=lambda each: each[1]):
+            names = [name for name, _ in runs]
+            typer.echo(f"{outcome}: {len(names)} run{'' if len(names) == 1 else 's'} from {names[0]} on")
         return
     with _opened(store) as opened:
         found = series(opened, metric, cell)
@@ -127,22 +134,10 @@ def trend(
     typer.echo("".join("◆" if index in changed else " " for index in range(len(found))).rstrip())
     for index in changed:
         typer.echo(f"◆ {found[index][0].name}: {series_of[index - 1].value:.4g} -> {series_of[index].value:.4g}{unit}, "
-                   f"commit {found[index][0].environment.get('commit') or 'unknown'}")
+                   f"commit {found[index][0].environment.commit or 'unknown'}")
     if page is not None:
         write_page(page, found, scene, engine, label)
         typer.echo(f"page: {page}")
-
-
-def _print_outcomes(found: list[tuple[str, str]]) -> None:
-    """A line for every run at which the outcome became another one."""
-    from itertools import groupby
-
-    if not found:
-        raise ArgumentError(_no("metric", OUTCOME, []))
-    typer.echo(f"{OUTCOME}, {len(found)} run{'' if len(found) == 1 else 's'}")
-    for outcome, runs in groupby(found, key=lambda each: each[1]):
-        names = [name for name, _ in runs]
-        typer.echo(f"{outcome}: {len(names)} run{'' if len(names) == 1 else 's'} from {names[0]} on")
 
 
 @app.command()

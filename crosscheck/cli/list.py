@@ -16,21 +16,12 @@ def list_(engine: EngineNames = None) -> None:
     terminal = console(160)
     rows = []
     for name in engine or adapters.names():
-        version = engine_version(name)
-        methods = "" if version == NOT_INSTALLED and not _importable(name) else " ".join(adapters.methods(name))
-        rows.append((name, version, methods))
+        try:
+            rows.append((name, engine_version(name), " ".join(adapters.methods(name))))
+        except ImportError:  # its adapter cannot even name them
+            rows.append((name, NOT_INSTALLED, ""))
     print_table(terminal, [key("engine"), *figures("version"), words("methods")], rows)
     terminal.print()
     loaded = [load_scene(name) for name in scene_names()]
     print_table(terminal, [key("scene"), *figures("bodies", "duration"), words("what it is")],
                 [(scene.name, str(scene.n), f"{scene.duration:g} s", scene.description) for scene in loaded])
-
-
-def _importable(engine: str) -> bool:
-    from crosscheck import adapters
-
-    try:
-        adapters.get(engine)
-    except ImportError:
-        return False
-    return True

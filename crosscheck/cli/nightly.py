@@ -15,7 +15,7 @@ def nightly(
     scene: Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated; "
                                                     "default: all")] = None,
     engine: Annotated[list[str] | None, typer.Option("--engine", help="may be repeated; default: all")] = None,
-    profile: Annotated[str, typer.Option(help="as of `crosscheck verify`")] = "full",
+    profile: Annotated[str, typer.Option(help="as in `crosscheck verify`")] = "full",
     coordinate_map: options.CoordinateMap = None,
     step: options.Step = None,
     duration: options.Duration = None,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from crosscheck.scene.model import Scene
 
 def _known_map(given: str | Sequence[str] | None) -> Any:
-    """The map or maps of an option; `ArgumentError` for one that there is not."""
+    """The map or maps of an option; `ArgumentError` for an unknown one."""
     from crosscheck.adapters.base import CHOICES
 
     for name in (given,) if isinstance(given, str) else given or ():
@@ -105,11 +105,11 @@ def chosen(names: Iterable[str] | None) -> tuple[str, ...] | None:
     return tuple(names) if names else None
 
 
-def figure(value: float | None, missing: str = "") -> str:
-    """Three digits of a number."""
-    return missing if value is None else f"{value:.3g}"
+def figure(value: float | None, missing: str = "", digits: str = ".3g") -> str:
+    """Three digits of a number, or as many as a format says."""
+    return missing if value is None else format(value, digits)
 
 
-def figures(values: Iterable[float | None], missing: str = "") -> Iterator[str]:
-    """Three digits of each of some numbers."""
-    return (figure(value, missing) for value in values)
+def figures(values: Iterable[float | None], missing: str = "", digits: str = ".3g") -> Iterator[str]:
+    """`figure` of each of some numbers."""
+    return (figure(value, missing, digits) for value in values)

@@ -2,16 +2,191 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
 import typer
 
-from crosscheck.cli.chaos import chaos
-from crosscheck.cli.drift import drift
-from crosscheck.cli.stability import stability
-from crosscheck.cli.work_precision import work_precision
+from crosscheck.cli import options
+from crosscheck.cli.console import console, progress_bar
+from crosscheck.cli.options import Engines, chosen, figure
+from crosscheck.cli.options import figures as shown
+from crosscheck.cli.tables import figures, key, print_table, words
+
+if TYPE_CHECKING:
+    from crosscheck.studies.results_folder import StudyDocument
+    from crosscheck.studies.study import Ask, Study
+
+    Asked = TypeVar("Asked", bound=Ask)
+    Doc = TypeVar("Doc", bound=StudyDocument)
 
 app = typer.Typer(name="study", no_args_is_help=True,
                   help="Work against precision, drift over long runs, largest usable steps, chaos.")
-app.command("work-precision")(work_precision)
-app.command("drift")(drift)
-app.command("stability")(stability)
-app.command("chaos")(chaos)
+
+SHOWN = (1, 4, 7)
+"""Levels of the table of all methods, among those of `crosscheck.studies.frontier.LEVELS`."""
+
+Names = list[str] | None
+Step = Annotated[float, typer.Option(min=1e-9, help="s; a power of 2, as the default is, keeps clocks that add it up "
+                                                    "exact")]
+Out = Annotated[Path, typer.Option(help="folder of the page, JSON and CSV")]
+
+
+def _conduct(study: Study[Asked, Any, Doc], ask: Asked, out: Path) -> Doc:
+    """The document of a study, which shows its progress."""
+    from crosscheck.studies.study import conduct
+
+    with progress_bar() as progress:
+        return conduct(study, ask, out, progress)
+
+
+def _tell_page(out: Path) -> None:
+    typer.echo(f"page: {out / 'index.html'}")
+
+
+@app.command("work-precision")
+def work_precision(
+    scene: Annotated[Names, options.scenes("single_pendulum double_pendulum heavy_top")] = None,
+    engine: Engines = None,
+    method: Annotated[Names, options.methods("all")] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="interleaved rounds; their medians count")] = 5,
+    time_limit: Annotated[float, options.time_limit("stepping only; longer rungs are left out")] = 1.0,
+    bound: Annotated[bool, typer.Option(help="also heyoka's Taylor series, which bounds what is possible")] = True,
+    coordinate_map: options.CoordinateMap = None,
+    duration: options.Duration = None,
+    out: Out = Path("reports/work-precision"),
+) -> None:
+    """Errors against stepping time and force evaluations, and who leads at 1e-2 ... 1e-11."""
+    from crosscheck.studies.work_precision import WorkPrecision, WorkPrecisionAsk
+
+    ask = WorkPrecisionAsk(chosen(scene), chosen(engine), chosen(method), time_limit, repeats, bound, duration,
+                           coordinate_map=coordinate_map)
+    document = _conduct(WorkPrecision(), ask, out)
+    terminal = console(180)
+    columns = [*figures("end error, m"), words("fastest"), words("best of lieeuler"), *figures("ms"),
+               words("best of the others"), *figures("ms", "factor", "heyoka, ms", "to heyoka")]
+    for each in document.scenes:
+        if each.failure:
+            terminal.print(f"{each.name}: no truth: {each.failure}", markup=False)
+            continue
+        fronts = each.frontier["end position"]
+        rows = []
+        for front in fronts:
+            own, other, *rest = shown((front.own_cost, front.other_cost, front.factor, front.bound_cost,
+                                       front.to_bound), "-")
+            rows.append((f"{front.level:.0e}", front.winner or "-", front.own or "-", own, front.other or "-", other,
+                         *rest))
+        print_table(terminal, columns, rows, f"{each.name}, {each.duration:g} s")
+        some = [fronts[index] for index in SHOWN]
+        labels = dict.fromkeys(label for front in reversed(some) for label in front.costs)
+        print_table(terminal, [key("ms to an end error of"), *figures(*(f"{front.level:.0e}" for front in some))],
+                    [(label, *(figure(front.costs.get(label), "-") for front in some)) for label in labels])
+        count = [sum(rung.status == status for rung in each.rungs) for status in ("success", "error", "skipped")]
+        terminal.print(f"{count[0]} runs, {count[1]} failed, {count[2]} left out; medians of {repeats}\n")
+    _tell_page(out)
+
+
+@app.command()
+def drift(
+    scene: Annotated[Names, options.scenes("single_pendulum double_pendulum")] = None,
+    engine: Engines = None,
+    method: Annotated[Names, options.methods("rattle2 rattle4 DAE1L_LSE DAE1H_LSE RK4 RK44 RKMK4")] = None,
+    step: Step = 2.0**-10,
+    steps: Annotated[int, typer.Option(min=2, help="of each run")] = 1_000_000,
+    time_limit: Annotated[float, options.time_limit("longer ones are left out")] = 120.0,
+    coordinate_map: options.CoordinateMap = None,
+    out: Out = Path("reports/drift"),
+) -> None:
+    """Long runs: is the energy error a band, does the momentum hold, do constraints and attitudes?"""
+    from crosscheck.studies.drift import DriftAsk, DriftStudy
+
+    ask = DriftAsk(chosen(scene), chosen(engine), chosen(method), time_limit, step, steps,
+                   coordinate_map=coordinate_map)
+    document = _conduct(DriftStudy(), ask, out)
+    columns = [key("scene"), key("run"), *figures("steps", "s"), words("energy"),
+               *figures("energy band", "slope, 1/s", "slope T / band", "growth", "momentum band"), words("momentum"),
+               *figures("position, m", "velocity, m/s", "acceleration, m/s2", "orthogonality")]
+    print_table(console(220), columns, [
+        (run.scene, run.label, f"{run.steps:,}", figure(run.wall_time),
+         run.energy_verdict or f"{run.status}: {run.reason}",
+         *shown((run.energy_band, run.energy_slope, run.energy_trend, run.energy_growth), digits=".2g"),
+         figure(run.momentum_band, digits=".1e"), run.momentum_verdict,
+         *shown((run.constraint_position, run.constraint_velocity, run.constraint_acceleration, run.orthogonality),
+                digits=".1e"))
+        for run in document.runs])
+    _tell_page(out)
+
+
+@app.command()
+def stability(
+    scene: Annotated[Names, options.scenes('the scenes tagged "hard", both pendulums and the heavy top')] = None,
+    engine: Engines = None,
+    method: Annotated[Names, options.methods("all with a fixed step")] = None,
+    time_limit: Annotated[float, options.time_limit("longer ones are not tried")] = 2.0,
+    jobs: Annotated[int, typer.Option(min=1, help="worker processes")] = 2,
+    coordinate_map: options.CoordinateMap = None,
+    step: Annotated[float | None, typer.Option(min=1e-9, help="s, the common step; default: one that suits each scene")
+                    ] = None,
+    duration: options.Duration = None,
+    out: Out = Path("reports/stability"),
+) -> None:
+    """Largest usable step (end error below 10 %), the error at a common step, and how runs fail beyond.
+
+    A study that was killed goes on where it was when it is started again with the same arguments.
+    """
+    from crosscheck.studies.stability import Stability, StabilityAsk
+
+    ask = StabilityAsk(chosen(scene), chosen(engine), chosen(method), time_limit, jobs, step, duration,
+                       coordinate_map=coordinate_map)
+    document = _conduct(Stability(), ask, out)
+    terminal = console(200)
+    columns = [key("scene"), key("run"), *figures("h_max, s", "steps", "error there", "ms", "common step, s"),
+               words("error there"), words("unusable")]
+    print_table(terminal, columns, [
+        (row.scene, f"{row.engine} {row.method}", figure(row.h_max, row.outcome), figure(row.steps, digits="d"),
+         *shown((row.error, row.milliseconds, row.common_step)), figure(row.common_error, row.common_outcome),
+         row.failures or row.reason)
+        for row in document.rows if row.outcome != "unsupported"])
+    best = [key("scene"), *figures("largest in-house step, s"), words("by"), *figures("largest of the stock engines"),
+            words("by"), *figures("ratio", "of all others, with steppers added here"), words("by"), *figures("ratio")]
+    print_table(terminal, best, [
+        (line.scene, figure(line.own_h_max), line.own, figure(line.stock_h_max), line.stock, figure(line.ratio),
+         figure(line.any_h_max), line.any, figure(line.ratio_any))
+        for line in document.scenes])
+    left = sum(row.outcome == "unsupported" for row in document.rows)
+    terminal.print(f"{len(document.rows)} ways, {left} of them unsupported by their engine (reasons in the table), "
+                  f"{document.meta.seconds:.0f} s with {jobs} worker processes")
+    _tell_page(out)
+
+
+@app.command()
+def chaos(
+    scene: Annotated[Names, options.scenes("thrown_double thrown_triple")] = None,
+    engine: Engines = None,
+    method: Annotated[Names, options.methods("rattle2 rattle4 DAE1L_LSE DAE1H_LSE RK4 RK44 RKMK4")] = None,
+    duration: Annotated[float, typer.Option(min=1.0, help="s, of each run")] = 2000.0,
+    step: Step = 2.0**-8,
+    time_limit: Annotated[float, options.time_limit("longer ones are left out")] = 120.0,
+    coordinate_map: options.CoordinateMap = None,
+    out: Out = Path("reports/chaos"),
+) -> None:
+    """Do methods and engines agree on energies and heights of chaotic scenes, past the time where trajectories can?
+
+    Exit code 0: no distribution differs; 1: one does.
+    """
+    from crosscheck.studies.chaos import ChaosAsk, ChaosStudy
+
+    ask = ChaosAsk(chosen(scene), chosen(engine), chosen(method), time_limit, duration, step,
+                   coordinate_map=coordinate_map)
+    document = _conduct(ChaosStudy(), ask, out)
+    terminal = console(200)
+    columns = [key("scene"), key("run"), *figures("horizon, s", "until, s", "energy error", "momentum error"),
+               words("worst"), *figures("distance", "effective samples", "p"), words("verdict")]
+    print_table(terminal, columns, [
+        (run.scene, run.label, *shown((run.horizon, run.duration, run.energy_error, run.momentum_error)), run.worst,
+         *shown((run.distance, run.effective, run.p)), run.verdict or f"{run.status}: {run.reason}")
+        for run in document.runs])
+    terminal.print(f"One false alarm in {1 / document.false_alarm:.0f} studies: the smallest p of a way counts "
+                  "against that over the number of all comparisons.")
+    _tell_page(out)
+    raise typer.Exit(int(any(run.verdict == "differs" for run in document.runs)))

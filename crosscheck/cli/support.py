@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def support(
     engine: Annotated[list[str] | None, typer.Option("--engine", help="a name; may be repeated; default: all")] = None,
-    reasons: Annotated[bool, typer.Option(help="say why what is missing is missing")] = True,
+    reasons: Annotated[bool, typer.Option(help="give the reasons for what is missing")] = True,
 ) -> None:
     """Which joints, forces and systems each engine can model, in which form, and why not the rest."""
     from crosscheck import adapters
@@ -24,7 +24,10 @@ def support(
     found = matrix(engine or None)
     columns = list(dict.fromkeys((entry.engine, entry.form) for entry in found))
     cells = {(entry.engine, entry.form, entry.kind, entry.item): entry for entry in found}
-    notes = _notes(found)
+    notes: dict[tuple[str, str], int] = {}  # numbers of the footnotes: one for every engine, form and reason
+    for entry in found:
+        if entry.reason is not None:
+            notes.setdefault(_note(entry), len(notes) + 1)
     rows, last = [], ""
     for kind, item in dict.fromkeys((entry.kind, entry.item) for entry in found):
         if kind != last:
@@ -40,15 +43,6 @@ def support(
     if reasons:
         for (label, reason), number in notes.items():
             terminal.print(f"[{number}] {label}: {reason}", markup=False)
-
-
-def _notes(found: tuple[Support, ...]) -> dict[tuple[str, str], int]:
-    """Numbers of the footnotes: one for every engine, form and reason."""
-    notes: dict[tuple[str, str], int] = {}
-    for entry in found:
-        if entry.reason is not None:
-            notes.setdefault(_note(entry), len(notes) + 1)
-    return notes
 
 
 def _note(entry: Support) -> tuple[str, str]:

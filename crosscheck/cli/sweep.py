@@ -21,14 +21,18 @@ def sweep(
     cell: Annotated[str | None, typer.Option(help="run this cell alone, again, and print its row")] = None,
 ) -> None:
     """Run a sweep; finished cells are never computed twice, and an interrupted sweep goes on by the same command."""
+    import msgspec
+
     from crosscheck.sweeps import job
 
     if dry_run:
         count, missing, seconds = job.estimate(file, out, workers)
-        typer.echo(f"{count} cells, {missing} of them to be computed, about {_spoken(seconds)} with {workers} workers")
+        spoken = (f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min" if seconds < 7200 else
+                  f"{seconds / 3600:.1f} h")
+        typer.echo(f"{count} cells, {missing} of them to be computed, about {spoken} with {workers} workers")
         return
     if cell is not None:
-        for name, value in job.one(file, cell).items():
+        for name, value in msgspec.structs.asdict(job.one(file, cell)).items():
             typer.echo(f"{name}: {value}")
         return
     target = out or Path("reports") / f"sweep-{file.stem}"
@@ -53,9 +57,3 @@ def sweep(
     page = target / "index.html"
     typer.echo(f"page: {page}" if page.exists() else f"results: {target / 'parts'} (no page: pip install "
                "'lieeuler-crosscheck[report]')")
-
-
-def _spoken(seconds: float) -> str:
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

@@ -22,8 +22,12 @@ def print_verdicts(document: Document, page: Path) -> None:
     """Passes by engine and scene, every other run, what is wrong and what to trust, the headline, the page."""
     typer.echo("engines: " + ", ".join(f"{name} {version}" for name, version in document.meta.engines.items()))
     terminal = console(160)
-    for (name, engine), records in _by_engine(document.records).items():
-        _print_passes(name, engine, [record for record in records if record.outcome == "pass"])
+    passing: dict[tuple[str, str], list[Record]] = {}
+    for record in document.records:
+        if record.outcome == "pass":
+            passing.setdefault((record.scene, record.engine), []).append(record)
+    for (name, engine), records in passing.items():
+        _print_passes(name, engine, records)
     told = [record for record in document.records if record.outcome in ("known", "fail", "error")]
     if told:
         print_table(terminal, COLUMNS, [_row(record) for record in told],
@@ -43,17 +47,8 @@ def print_verdicts(document: Document, page: Path) -> None:
     typer.echo(f"report: {page}")
 
 
-def _by_engine(records: Sequence[Record]) -> dict[tuple[str, str], list[Record]]:
-    found: dict[tuple[str, str], list[Record]] = {}
-    for record in records:
-        found.setdefault((record.scene, record.engine), []).append(record)
-    return found
-
-
 def _print_passes(scene: str, engine: str, passing: Sequence[Record]) -> None:
     """One line for all runs of an engine on a scene that pass; the page has each of them."""
-    if not passing:
-        return
     part = [record for record in passing if state(record) == "partly"]
     judged = [(error.judged, record) for record in passing
               if (error := record.errors.get("position")) is not None and error.judged is not None]

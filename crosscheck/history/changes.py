@@ -41,7 +41,10 @@ def compare(before: StoredRun, after: StoredRun, usual: dict[CellKey, Usual] | N
     for key in before.results.keys() | after.results.keys():
         old, new = before.results.get(key), after.results.get(key)
         if old is None or new is None:
-            changes += _come_or_gone(before, after, old, new)
+            changes += [] if old is None else [
+                _cell("missing", old, "", old.outcome, None, "this run is no longer made", True)]
+            changes += [] if new is None else [
+                _cell("new", new, "", None, new.outcome, f"made for the first time: {new.outcome}", False)]
         elif old.scene_hash != new.scene_hash:
             changes.append(_cell("scene", new, "", old.scene_hash[:12], new.scene_hash[:12],
                                  "the scene file changed: figures are not compared", False))
@@ -49,9 +52,16 @@ def compare(before: StoredRun, after: StoredRun, usual: dict[CellKey, Usual] | N
             changes.append(_cell("settings", new, "", old.step or old.rtol, new.step or new.rtol,
                                  "it ran at another step or tolerance: figures are not compared", False))
         else:
-            changes += _outcome(old, new) + _accuracy(old, new)
-            changes += _speed(old, new, _stray(usual, key), common or 1.0)
-    changes = _once_a_scene(changes) + _engine_speeds(before, after, common or 1.0, usual)
+            if old.outcome != new.outcome:
+                text = f"{old.outcome}, now {new.outcome}" + (f": {new.message}" if new.message else "")
+                changes.append(_cell("outcome", new, "", old.outcome, new.outcome, text,
+                                     RANKS[new.outcome] > RANKS[old.outcome]))
+            changes += _accuracy(old, new)
+            changes += _speed(old, new, usual[key].deviation if key in usual else 0.0, common or 1.0)
+    # An edited scene is told once and not for every run of it.
+    edited = {change.scene: replace(change, engine="", method="") for change in changes if change.kind == "scene"}
+    changes = [change for change in changes if change.kind != "scene"] + list(edited.values())
+    changes += _engine_speeds(before, after, common or 1.0, usual)
     return sorted(changes, key=lambda each: (not each.bad, KINDS.index(each.kind), each.engine, each.method,
                                              each.scene))
 
@@ -65,17 +75,6 @@ def _at_level(run: StoredRun, usual: dict[CellKey, Usual]) -> StoredRun:
         return dataclasses.replace(result, figures=result.figures | {SPEED: figure})
 
     return dataclasses.replace(run, results={key: levelled(key, result) for key, result in run.results.items()})
-
-
-def _stray(usual: dict[CellKey, Usual], key: CellKey) -> float:
-    return usual[key].deviation if key in usual else 0.0
-
-
-def _once_a_scene(changes: list[Change]) -> list[Change]:
-    """The same with an edited scene told once and not for every run of it."""
-    edited = {change.scene: replace(change, engine="", method="") for change in changes
-              if change.kind == "scene"}
-    return [change for change in changes if change.kind != "scene"] + list(edited.values())
 
 
 def _cell(kind: str, result: StoredResult, quantity: str, before: Any, after: Any, text: str, bad: bool) -> Change:
@@ -99,25 +98,10 @@ def _versions(before: StoredRun, after: StoredRun) -> list[Change]:
                 a, b = old.get(name, "absent"), new.get(name, "absent")
                 changes.append(_general("version", name, "version", a, b, f"version {a}, now {b}"))
     for name in ("python", "processor", "cores"):
-        former, now = before.environment.get(name), after.environment.get(name)
+        former, now = getattr(before.environment, name), getattr(after.environment, name)
         if former != now:
             changes.append(_general("version", name, "version", str(former), str(now), f"{former}, now {now}"))
     return changes
-
-
-def _come_or_gone(before: StoredRun, after: StoredRun, old: StoredResult | None, new: StoredResult | None
-                  ) -> list[Change]:
-    if old is not None:
-        return [_cell("missing", old, "", old.outcome, None, "this run is no longer made", True)]
-    assert new is not None
-    return [_cell("new", new, "", None, new.outcome, f"made for the first time: {new.outcome}", False)]
-
-
-def _outcome(old: StoredResult, new: StoredResult) -> list[Change]:
-    if old.outcome == new.outcome:
-        return []
-    text = f"{old.outcome}, now {new.outcome}" + (f": {new.message}" if new.message else "")
-    return [_cell("outcome", new, "", old.outcome, new.outcome, text, RANKS[new.outcome] > RANKS[old.outcome])]
 
 
 def _accuracy(old: StoredResult, new: StoredResult) -> list[Change]:
@@ -156,9 +140,10 @@ def _speed(old: StoredResult, new: StoredResult, usual: float, common: float) ->
     if not beyond_noise(former, adjusted, usual):
         return []
     factor = adjusted.value / former.value
+    spread = max(former.deviation or 0.0, adjusted.deviation or 0.0, usual) / former.value
     times = [each.figures["us per step"] for each in (old, new) if "us per step" in each.figures]
     seen = f"; {_number(times[0])} a step, now {_number(times[1])}" if len(times) == 2 else ""
-    text = f"{factor:.2f} times the time per step{seen}; spread of the repeats {_spread(former, adjusted, usual):.0%}"
+    text = f"{factor:.2f} times the time per step{seen}; spread of the repeats {spread:.0%}"
     return [_cell("speed", new, SPEED, former.value, figure.value, text, factor > 1)]
 
 
@@ -171,10 +156,6 @@ def beyond_noise(former: Figure, figure: Figure, usual: float = 0.0) -> bool:
     deviation = max(former.deviation or 0.0, figure.deviation or 0.0, usual)
     return (not 1 / NOISE_RATIO <= ratio <= NOISE_RATIO
             and abs(figure.value - former.value) > NOISE_DEVIATIONS * deviation)
-
-
-def _spread(former: Figure, figure: Figure, usual: float) -> float:
-    return max(former.deviation or 0.0, figure.deviation or 0.0, usual) / former.value
 
 
 def _engine_speeds(before: StoredRun, after: StoredRun, common: float, usual: dict[CellKey, Usual]) -> list[Change]:

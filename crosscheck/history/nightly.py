@@ -72,7 +72,7 @@ class Wanted:
 
     @property
     def command(self) -> str:
-        """As typed, without what does not change the results."""
+        """The command as typed, without options that do not change results."""
         words = ["crosscheck", "nightly", "--profile", self.profile]
         for option, names in (("--scene", self.scenes), ("--engine", self.engines)):
             for name in names or ():
@@ -126,7 +126,7 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
     changes = document.changes or []
     exit_code = max(document.exit_code, int(any(change.bad for change in changes)))
     text = summary(document, heading["name"], before, exit_code, out / LATEST / "index.html")
-    # A kill between these leaves a later step undone; going on does it, and none of them harms when done twice.
+    # After a kill between these steps the next start repeats them; each may run twice.
     store.save(history_store, store.run_from_document(heading["name"], document, good=exit_code == 0))
     folder = _publish(out, heading["name"], document, text)
     _point_latest(out, folder.name)
@@ -138,18 +138,15 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
 def _folder(out: Path) -> Path:
     try:
         out.mkdir(parents=True, exist_ok=True)
-        strange = [path.name for path in out.iterdir() if not _is_ours(path.name)]
+        strange = [path.name for path in out.iterdir() if not (
+            path.name in (RUNNING, LATEST, LOCK) or path.name.startswith((ASIDE, f".{LATEST}-"))
+            or NAME.fullmatch(path.name.removeprefix(ABANDONED)))]
     except OSError as error:
         raise ArgumentError(f"--out {out}: {error.strerror or error}; choose another folder") from None
     if strange:
         raise ArgumentError(f"--out {out}: this folder holds something else than nightly runs ({strange[0]}); choose "
                             "an empty folder or one that does not exist yet")
     return out.resolve()
-
-
-def _is_ours(name: str) -> bool:
-    return (name in (RUNNING, LATEST, LOCK) or name.startswith((ASIDE, f".{LATEST}-"))
-            or NAME.fullmatch(name.removeprefix(ABANDONED)) is not None)
 
 
 @contextlib.contextmanager
@@ -169,7 +166,7 @@ def _alone(out: Path) -> Iterator[None]:
 def _begin(out: Path, wanted: Wanted) -> tuple[dict[str, str], bool]:
     """The heading of the run, and whether it goes on with one that was killed.
 
-    What another version of the code, of an engine or of a scene has left cannot be gone on with: it is set aside.
+    A run of other code, engines or scenes cannot go on: its folder is set aside.
     """
     from crosscheck.verification import job
 
@@ -187,14 +184,17 @@ def _begin(out: Path, wanted: Wanted) -> tuple[dict[str, str], bool]:
     heading = {"name": f"{now:%Y-%m-%dT%H-%M-%SZ}-{secrets.token_hex(2)}", "started": now.isoformat(timespec="seconds"),
                "fingerprint": fingerprint}
     path.parent.mkdir()
-    _write_whole(path, json.dumps(heading))
+    with replacing(path) as aside:
+        aside.write_text(json.dumps(heading), encoding="utf-8")
+        _sync(aside)
+    _sync(path.parent)
     return heading, False
 
 
 def _compared(results: Document, name: str, history_store: Engine, journal: Journal, limits: Limits | None
               ) -> tuple[Document, store.StoredRun | None]:
-    """The document with the changes since the last good run, those of speed only where they show again and again, and
-    that run; with the times as they were measured last."""
+    """The document with the changes since the last good run, and that run. Changes of speed are kept only where every
+    repeat shows them; times are those of the last measurement."""
     run = store.run_from_document(name, results)
     before = store.baseline(history_store, run)
     if before is None:
@@ -213,7 +213,7 @@ def _compared(results: Document, name: str, history_store: Engine, journal: Jour
 
 
 def _cell_of(change: Change) -> tuple[str, str, bool]:
-    """The run it is about, and whether it became slower: faster the next time is no confirmation."""
+    """The run a change is about, and whether it became slower: a faster repeat confirms no slowdown."""
     return change.scene, change.who, change.bad
 
 
@@ -284,13 +284,6 @@ def _discard(path: Path) -> None:
         doomed = path.with_name(f"{ASIDE}{secrets.token_hex(4)}")
         path.rename(doomed)
         shutil.rmtree(doomed)
-
-
-def _write_whole(path: Path, text: str) -> None:
-    with replacing(path) as aside:
-        aside.write_text(text, encoding="utf-8")
-        _sync(aside)
-    _sync(path.parent)
 
 
 def _sync(path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from crosscheck.errors import ArgumentError
 from crosscheck.files import put
@@ -21,19 +20,12 @@ def write_page(path: Path, series: Sequence[tuple[StoredRun, Figure]], scene: st
     """Write the page of a series that is not empty; `label` names engine and method. Replaces a file as a whole."""
     from crosscheck.report.pages import environment
 
-    text = environment().get_template("history.html.j2").render(_content(series, scene, engine, label))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        put(path, text)
-    except OSError as error:
-        raise ArgumentError(f"--page {path}: {error.strerror or error}; choose another place") from None
-
-
-def _content(series: Sequence[tuple[StoredRun, Figure]], scene: str, engine: str, label: str) -> dict[str, Any]:
     figures = [figure for _, figure in series]
     values = [figure.value for figure in figures]
     logarithmic = min(values) > 0 and max(values) > 10 * min(values)
-    low, high = _range(values, logarithmic)
+    scaled = [_scaled(value, logarithmic) for value in values]
+    margin = 0.1 * (max(scaled) - min(scaled)) or 0.1 * abs(max(scaled)) or 1.0
+    low, high = min(scaled) - margin, max(scaled) + margin
 
     def y(value: float) -> float:
         share = (_scaled(value, logarithmic) - low) / (high - low)
@@ -47,24 +39,22 @@ def _content(series: Sequence[tuple[StoredRun, Figure]], scene: str, engine: str
             "x": round(LEFT + 10 + (WIDTH - LEFT - 30) * (index / max(1, len(series) - 1)), 1), "y": y(figure.value),
             "low": None if spread is None else y(figure.value - spread),
             "high": None if spread is None else y(figure.value + spread), "changed": index in changed,
-            "name": run.name, "started": run.started, "commit": run.environment.get("commit"),
+            "name": run.name, "started": run.started, "commit": run.environment.commit,
             "version": run.versions["engine"].get(engine), "text": f"{figure.value:.4g}",
             "deviation": "" if spread is None else f"{spread:.2g}"})
     levels = [low + (high - low) * share / 4 for share in range(5)]
     ticks = [{"y": round(BOTTOM - (BOTTOM - TOP) * share / 4, 1),
               "text": f"{10**level if logarithmic else level:.3g}"} for share, level in enumerate(levels)]
-    return {"metric": figures[0].name, "unit": figures[0].unit, "scene": scene, "engine": engine, "label": label,
-            "points": points, "changes": [point for point in points if point["changed"]], "ticks": ticks,
-            "width": WIDTH, "height": HEIGHT, "left": LEFT, "logarithmic": logarithmic,
-            "judged": figures[0].name == SPEED or any(figure.rounding is not None for figure in figures),
-            "has_spread": any(figure.deviation is not None for figure in figures)}
-
-
-def _range(values: Sequence[float], logarithmic: bool) -> tuple[float, float]:
-    scaled = [_scaled(value, logarithmic) for value in values]
-    low, high = min(scaled), max(scaled)
-    margin = 0.1 * (high - low) or 0.1 * abs(high) or 1.0
-    return low - margin, high + margin
+    text = environment().get_template("history.html.j2").render(
+        metric=figures[0].name, unit=figures[0].unit, scene=scene, engine=engine, label=label, points=points,
+        changes=[point for point in points if point["changed"]], ticks=ticks, width=WIDTH, height=HEIGHT, left=LEFT,
+        logarithmic=logarithmic, has_spread=any(figure.deviation is not None for figure in figures),
+        judged=figures[0].name == SPEED or any(figure.rounding is not None for figure in figures))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        put(path, text)
+    except OSError as error:
+        raise ArgumentError(f"--page {path}: {error.strerror or error}; choose another place") from None
 
 
 def _scaled(value: float, logarithmic: bool) -> float:

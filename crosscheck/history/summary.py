@@ -23,7 +23,7 @@ VERDICTS = {0: "good", 1: "look at this", 2: "NOT ALL COULD BE JUDGED"}
 
 
 def summary(document: Document, name: str, before: StoredRun | None, exit_code: int, page: Path) -> str:
-    """About twenty lines; the first says all that somebody has to know who reads no further: `headline`."""
+    """About twenty lines. The first, `headline`, is enough for somebody who reads no further."""
     meta, changes = document.meta, document.changes or []
     findings = [change for change in changes if change.bad]
     notes = [change for change in changes if not change.bad]
@@ -33,7 +33,7 @@ def summary(document: Document, name: str, before: StoredRun | None, exit_code: 
              + ", ".join(f"{engine} {version}" for engine, version in meta.engines.items())
              + f"; {length} on {meta.machine.cores} cores; commit {meta.commit or 'unknown'}",
              "first run, nothing to compare with" if before is None else
-             f"compared with {before.name} (commit {before.environment.get('commit') or 'unknown'})"]
+             f"compared with {before.name} (commit {before.environment.commit or 'unknown'})"]
     lines += _listed("Findings", grouped(findings)) + _listed("Worth knowing", grouped(notes))
     lines += _listed("Failed", _failures(document))
     return "\n".join([*lines, "", f"run {name}, report {page}", ""])
@@ -51,14 +51,15 @@ def _listed(title: str, lines: list[str]) -> list[str]:
 
 
 def grouped(changes: Sequence[Change]) -> list[str]:
-    """One line per kind, engine and method with the scenes it concerns; methods of which the same is told share one."""
+    """One line per kind, engine and method with the scenes it concerns; methods with the same text share one."""
     groups: dict[tuple[str, str, str], list[Change]] = {}
     for change in changes:
         groups.setdefault((change.kind, change.engine, change.method), []).append(change)
     alike: dict[tuple[str, str, str], list[str]] = {}
     for (kind, engine, method), each in groups.items():
         scenes = list(dict.fromkeys(change.scene for change in each if change.scene))
-        text = f"{_places(scenes)}: {each[0].text}"
+        where = scenes[0] if len(scenes) == 1 else f"{len(scenes)} scenes, for one {scenes[0]}" if scenes else ""
+        text = f"{' on ' if where else ''}{where}: {each[0].text}"
         alike.setdefault((kind, engine, text.replace(method, "…") if method else text), []).append(method)
     lines = []
     for (kind, engine, text), methods in alike.items():
@@ -66,12 +67,6 @@ def grouped(changes: Sequence[Change]) -> list[str]:
         who = f"{engine}{several} {methods[0]}".strip()
         lines.append(f"{kind}{': ' if who else ''}{who}{text.replace('…', methods[0])}")
     return lines
-
-
-def _places(scenes: list[str]) -> str:
-    if not scenes:
-        return ""
-    return f" on {scenes[0]}" if len(scenes) == 1 else f" on {len(scenes)} scenes, for one {scenes[0]}"
 
 
 def _failures(document: Document) -> list[str]:

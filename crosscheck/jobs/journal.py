@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.errors import ArgumentError
+from crosscheck.files import scalar
 from crosscheck.jobs.grid import Crash, Limits, run_tasks
 
 CRASH = "crash"
@@ -77,7 +78,7 @@ class Journal:
         import msgspec
 
         plain = {CRASH: _told(result)} if isinstance(result, Crash) else msgspec.to_builtins(
-            result, str_keys=True, enc_hook=_scalar)
+            result, str_keys=True, enc_hook=scalar)
         entry = {"stage": stage, "key": key, "session": self._session, "elapsed": time.perf_counter() - self._opened,
                  "result": plain}
         line = json.dumps(entry, separators=(",", ":")).encode() + b"\n"
@@ -106,13 +107,6 @@ def _told(crash: Crash) -> dict[str, str]:
     """The texts of a crash: the exception itself belongs to the process that met it."""
     texts = {field.name: getattr(crash, field.name) for field in dataclasses.fields(crash)}
     return {name: text for name, text in texts.items() if isinstance(text, str)}
-
-
-def _scalar(value: Any) -> Any:
-    """NumPy's scalars as Python's."""
-    if hasattr(value, "item"):
-        return value.item()
-    raise TypeError(f"{type(value).__name__} cannot be written into a journal")
 
 
 @dataclasses.dataclass

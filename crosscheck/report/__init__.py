@@ -13,7 +13,8 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from crosscheck.document import Curves, Document
+from crosscheck.document import Document, Scene
+from crosscheck.document.curves import RunCurves, SceneCurves
 from crosscheck.errors import ArgumentError
 from crosscheck.files import put
 from crosscheck.report import data, exports, names, pages, schema
@@ -24,8 +25,8 @@ STATIC = ("report.css", "theme.js", "tables.js", "decision.js", "plots.js", "stu
 def write_report(document: Document, folder: Path) -> None:
     """Write the pages, their data, summary.md, results.csv, .parquet and .json and junit.xml into a new folder.
 
-    Without the extra `report` only what needs no template, without the extra `data` no Parquet: `render_again` makes up
-    for it.
+    Without the extra `report` only the files that need no template are written, without the extra `data` no Parquet.
+    `render_again` writes the rest later.
 
     Parameters
     ----------
@@ -62,7 +63,7 @@ def render_again(folder: Path) -> Path:
             kept.discard(name)
     if installed("pandas", "pyarrow"):
         exports.write_parquet(document, folder / "results.parquet")
-    # Pages of a former layout would lead nowhere.
+    # Pages of an earlier layout would have dead links.
     for name in kept:
         if name.endswith((".html", ".js")) and is_file_of_report(folder / name):
             (folder / name).unlink()
@@ -75,19 +76,21 @@ def load_report(folder: Path) -> Document:
     Raises `ArgumentError` where results.json is missing, is no report or has another schema.
     """
     document = schema.read_document(folder / "results.json")
-    scenes, runs = [], {}
+    scenes: list[Scene] = []
+    runs: dict[str, dict[str, RunCurves]] = {}
     for scene in document.scenes:
         path = folder / names.data_file(scene)
-        curves: Curves = {}
+        curves = SceneCurves()
         if not scene.failure and path.exists():
             try:
                 content = data.read_curves(path.read_text(encoding="utf-8"))
             except (OSError, ValueError) as error:
                 raise ArgumentError(f"{path}: the curves cannot be read ({error}); run `crosscheck verify` again"
                                     ) from None
-            curves, runs[scene.name] = content["scene"], content["runs"]
+            curves, runs[scene.name] = content.scene, content.runs
         scenes.append(replace(scene, curves=curves))
-    records = [replace(record, curves=runs.get(record.scene, {}).get(record.label, {})) for record in document.records]
+    records = [replace(record, curves=runs.get(record.scene, {}).get(record.label, RunCurves()))
+               for record in document.records]
     return replace(document, scenes=scenes, records=records)
 
 

@@ -1,26 +1,25 @@
-"""Packed curves as arrays, for the figures that are no page's."""
+"""Packed curves as arrays, for figures that are not drawn by a page."""
 
 from __future__ import annotations
 
 import base64
-from typing import Any
 
 import numpy as np
 
-from crosscheck.document import PACKED_MISSING, PACKED_STEPS
+from crosscheck.document.curves import PACKED_MISSING, PACKED_STEPS, Curve, Packed
 
 
-def unpack(curve: dict[str, Any] | str | None) -> np.ndarray:
+def unpack(curve: Curve) -> np.ndarray:
     """The values (T,) of a curve that `crosscheck.verification.curves.pack` made; NaN where one is missing.
 
-    The word "truth" has to be looked up before.
+    A caller replaces the word "truth" by the true curve first.
     """
-    if not isinstance(curve, dict):
-        raise TypeError(f"a packed curve is a dictionary, not {curve!r}")
-    if "n" in curve:
-        return np.full(curve["n"], curve["lo"])
-    codes = np.frombuffer(base64.b64decode(curve["q"]), dtype="<u2").astype(float)
-    values = curve["lo"] + (codes - 1) / (PACKED_STEPS - 1) * (curve["hi"] - curve["lo"])
-    if curve.get("log"):
+    if not isinstance(curve, Packed):
+        raise TypeError(f"a packed curve is wanted, not {curve!r}")
+    if curve.n is not None:
+        return np.full(curve.n, curve.lo)
+    codes = np.frombuffer(base64.b64decode(curve.q or ""), dtype="<u2").astype(float)
+    values = curve.lo + (codes - 1) / (PACKED_STEPS - 1) * (curve.hi - curve.lo)
+    if curve.log:
         values = np.where(codes == 0, 0.0, 10.0**values)
     return np.where(codes == PACKED_MISSING, np.nan, values)

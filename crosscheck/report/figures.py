@@ -6,24 +6,26 @@ figure as it is shown there, by the link SVG below it.
 
 from __future__ import annotations
 
+import collections
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from crosscheck.document import EULER, Curves, Document, Record, Scene
+from crosscheck.document import EULER, Document, Record, Scene
+from crosscheck.document.curves import Curve, RunCurves
 from crosscheck.report import identity, names
 from crosscheck.report.arrays import unpack
 
 SMALLEST = 1e-18
 """Where an exact zero is drawn on a logarithmic axis."""
-SERIES: dict[str, tuple[str, Callable[[Curves], Any]]] = {
-    "position-error": ("position error (m)", lambda curves: curves["errors"].get("position")),
-    "energy-error": ("energy error (1)", lambda curves: curves["energy"]),
-    "constraint-position": ("position level (m)", lambda curves: curves["constraint position"]),
-    "constraint-velocity": ("velocity level (m/s)", lambda curves: curves["constraint velocity"]),
-    "constraint-acceleration": ("acceleration level (m/s$^2$)", lambda curves: curves["constraint acceleration"]),
-    "orthogonality": (r"max $|R^T R - I|$ (1)", lambda curves: curves["orthogonality"])}
+SERIES: dict[str, tuple[str, Callable[[RunCurves], Curve]]] = {
+    "position-error": ("position error (m)", lambda curves: curves.errors.get("position")),
+    "energy-error": ("energy error (1)", lambda curves: curves.energy),
+    "constraint-position": ("position level (m)", lambda curves: curves.constraint_position),
+    "constraint-velocity": ("velocity level (m/s)", lambda curves: curves.constraint_velocity),
+    "constraint-acceleration": ("acceleration level (m/s$^2$)", lambda curves: curves.constraint_acceleration),
+    "orthogonality": (r"max $|R^T R - I|$ (1)", lambda curves: curves.orthogonality)}
 """Figures over time, by the end of the file's name: axis, and reader of a run's packed curves."""
 
 
@@ -44,35 +46,38 @@ def write_figures(document: Document, folder: Path) -> list[Path]:
         for scene in document.scenes:
             runs = [record for record in document.records
                     if record.scene == scene.name and not record.practical]
-            for end, figure in _figures(scene, runs):
+            for end, figure in figures(scene, runs):
                 path = folder / f"{Path(names.scene_file(scene)).stem}-{end}.svg"
                 figure.savefig(path, format="svg", metadata={"Date": None}, bbox_inches="tight")
                 written.append(path)
     return written
 
 
-def _figures(scene: Scene, runs: Sequence[Record]) -> Any:
+def figures(scene: Scene, runs: Sequence[Record]) -> Iterator[tuple[str, Any]]:
     """Name's end and figure, for every figure of a scene that has data."""
-    styles = {record.label: style for engine in dict.fromkeys(record.engine for record in runs)
-              for record, style in _styled(engine, [record for record in runs if record.engine == engine])}
-    times = scene.curves.get("t", [])
+    places: collections.Counter[str] = collections.Counter()
+    looks = {}
+    for record in runs:
+        looks[record.label] = identity.look(record.engine, places[record.engine])
+        places[record.engine] += 1
+    times = scene.curves.t
     for end, (axis, read) in SERIES.items():
         lines = [(record, *_history(times, read(record.curves))) for record in _compared(runs)
-                 if record.curves and read(record.curves)]
+                 if read(record.curves)]
         if lines:
-            yield end, _drawn(lines, styles, "time (s)", axis, markers=False)
+            yield end, _drawn(lines, looks, "time (s)", axis, markers=False)
     points = [(record, [1e3 * point.wall_time for point in record.timing],
                [point.error for point in record.timing]) for record in runs if record.timing]
     if points:
-        yield "speed", _drawn(points, styles, "stepping time (ms)", "position error at the end (m)", log_x=True)
+        yield "speed", _drawn(points, looks, "stepping time (ms)", "position error at the end (m)", log_x=True)
     ladders = [(record, [rung.step for rung in record.ladder],
                 [rung.errors.get("position") for rung in record.ladder])
                for record in runs if record.documented_order and record.ladder]
     if ladders:
-        yield "convergence", _drawn(ladders, styles, "step (s)", "largest position error (m)", log_x=True)
+        yield "convergence", _drawn(ladders, looks, "step (s)", "largest position error (m)", log_x=True)
 
 
-def _history(times: list[float], curve: Any) -> tuple[list[float], Any]:
+def _history(times: list[float], curve: Curve) -> tuple[list[float], Any]:
     """Times and values of a curve, which may have every second time only, without the exact start."""
     values = unpack(curve)
     return times[::(len(times) - 1) // (len(values) - 1)][1:], values[1:]
@@ -95,21 +100,16 @@ def _largest(record: Record) -> float:
     return math.inf if error is None else error
 
 
-def _styled(engine: str, runs: Sequence[Record]) -> Iterator[tuple[Record, dict[str, Any]]]:
-    for index, record in enumerate(runs):
-        look = identity.look(engine, index)
-        yield record, {"color": look.light, "linestyle": look.pattern(), "marker": look.matplotlib_marker,
-                       "label": record.label}
-
-
-def _drawn(lines: Sequence[tuple[Record, Any, Any]], styles: dict[str, dict[str, Any]], x_axis: str, y_axis: str,
+def _drawn(lines: Sequence[tuple[Record, Any, Any]], looks: dict[str, identity.Look], x_axis: str, y_axis: str,
            log_x: bool = False, markers: bool = True) -> Any:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.2, 3.6))
     axes = figure.add_subplot(xlabel=x_axis, ylabel=y_axis, yscale="log", xscale="log" if log_x else "linear")
     for record, x, y in lines:
-        style = styles[record.label] | ({"markersize": 3.5} if markers else {"marker": ""})
-        axes.plot(x, [float("nan") if value is None else max(float(value), SMALLEST) for value in y], **style)
+        look = looks[record.label]
+        axes.plot(x, [float("nan") if value is None else max(float(value), SMALLEST) for value in y], color=look.light,
+                  linestyle=look.pattern(), marker=look.matplotlib_marker if markers else "", markersize=3.5,
+                  label=record.label)
     axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, ncols=1 if len(lines) <= 24 else 2)
     return figure

@@ -37,7 +37,7 @@ def check_out(out: Path) -> None:
 
 
 def _is_report(folder: Path) -> bool:
-    """Whether this folder is a report that `write` left, and nobody put anything else into it."""
+    """Whether this folder is a report that `write` made, with nothing else in it."""
     try:
         document = json.loads((folder / "results.json").read_text(encoding="utf-8"))
         ours = str(document["meta"]["command"]).startswith("crosscheck verify")

@@ -19,7 +19,7 @@ OUTCOMES = {"pass": ("✓", "pass", "every check within its bound, over the whol
 
 
 def state(record: Record) -> str:
-    """The outcome of a run, told apart by how much of it was judged: what it is coloured and counted by."""
+    """The outcome of a run, refined by how much of it was judged. Runs are coloured and counted by it."""
     if record.outcome == "pass" and (record.partly or record.practical):
         return "partly"
     if record.outcome == "unjudged" and any(found.kind == "step" for found in record.findings):
@@ -28,7 +28,7 @@ def state(record: Record) -> str:
 
 
 def judged_share(records: Sequence[Record]) -> float:
-    """Share of the time of runs over which their motion was judged, on average; those at coarse steps count as none."""
+    """Share of the time of runs over which their motion was judged, on average; those at coarse steps count as 0."""
     shares = [0.0 if record.practical or not record.judged_until or not record.duration
               else record.judged_until / record.duration for record in records]
     return sum(shares) / len(shares)

@@ -58,22 +58,18 @@ def looks(labels: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Look]]:
 def look(engine: str, place: int) -> Look:
     """The look of the run at this place among those of its engine; the hue turns a little where shades run out."""
     shade, turn = place % SHADES, place // (SHADES * len(DASHES))
-    hue = _hue(engine) + 12.0 * turn
+    name, equals, _ = engine.partition("==")
+    hue = HUES[name] + (8.0 if equals else 0.0) if name in HUES else int.from_bytes(
+        hashlib.sha256(engine.encode("utf-8", "surrogatepass")).digest()[:2]) % 360
+    hue += 12.0 * turn
     marker = MARKERS[place % len(MARKERS)]
     return Look(_hex(LIGHT[shade], CHROMA, hue), _hex(DARK[shade], 0.8 * CHROMA, hue),
                 DASHES[(place // SHADES + shade) % len(DASHES)], *marker)
 
 
 def base(label: str) -> str:
-    """The label whose look a run has: one at the coarse step of a user looks as its method does."""
+    """The label whose look a run has: a run at the coarse step looks like its method."""
     return re.sub(r" at [^ ]+ ms$", "", label)
-
-
-def _hue(engine: str) -> float:
-    name = engine.partition("==")[0]
-    if name in HUES:
-        return HUES[name] + (8.0 if "==" in engine else 0.0)
-    return int.from_bytes(hashlib.sha256(engine.encode("utf-8", "surrogatepass")).digest()[:2]) % 360
 
 
 def _hex(lightness: float, chroma: float, hue: float) -> str:
@@ -81,7 +77,9 @@ def _hex(lightness: float, chroma: float, hue: float) -> str:
     while True:
         channels = _linear(lightness, chroma, hue)
         if all(-1e-4 <= each <= 1.0001 for each in channels) or chroma < 0.01:
-            return "#" + "".join(f"{round(255 * _gamma(min(1.0, max(0.0, each)))):02x}" for each in channels)
+            linear = [min(1.0, max(0.0, each)) for each in channels]
+            return "#" + "".join(f"{round(255 * each):02x}" for each in (
+                12.92 * each if each <= 0.0031308 else 1.055 * each ** (1 / 2.4) - 0.055 for each in linear))
         chroma -= 0.01
 
 
@@ -93,7 +91,3 @@ def _linear(lightness: float, chroma: float, hue: float) -> tuple[float, float, 
     return (4.0767416621 * long - 3.3077115913 * middle + 0.2309699292 * short,
             -1.2684380046 * long + 2.6097574011 * middle - 0.3413193965 * short,
             -0.0041960863 * long - 0.7034186147 * middle + 1.7076147010 * short)
-
-
-def _gamma(value: float) -> float:
-    return 12.92 * value if value <= 0.0031308 else 1.055 * value ** (1 / 2.4) - 0.055

@@ -24,7 +24,7 @@ def anchor(record: Record) -> str:
 
 
 def _part(name: str) -> str:
-    """A name as part of a file name, another one for every name.
+    """A name as part of a file name, different for every name.
 
     Names that lose letters on the way, such as paths, get a piece of their checksum; so do those that a file system
     which ignores capitals could take for another's.

@@ -116,7 +116,7 @@ MATTERS = {"position": "error of the motion beyond its bound", "attitude": "erro
 
 @dataclasses.dataclass(frozen=True)
 class Wrong:
-    """Runs with which the same is wrong."""
+    """Runs that share what is wrong with them."""
 
     outcome: str
     engine: str  # empty for known defects, which engines share
@@ -136,19 +136,15 @@ def worst_first(records: Sequence[Record], changes: Sequence[Change] | None = No
         engine = "" if record.outcome == "known" else record.engine
         groups.setdefault((record.outcome, engine, _matter(record, finding)), []).append((record, finding))
     found = [Wrong(outcome, engine, why, runs, len({record.scene for record, _ in runs}),
-                   sum(_who(record) in worse for record, _ in runs))
+                   sum((record.scene, record.engine, record.label.removeprefix(f"{record.engine} ")) in worse
+                       for record, _ in runs))
              for (outcome, engine, why), runs in groups.items()]
     # The order within each of these, that of the worst run of a group, is kept: sorting is stable.
     return sorted(found, key=lambda group: (not group.new, SEVERITY.index(group.outcome)))
 
 
-def _who(record: Record) -> tuple[str, str, str]:
-    """Scene, engine and method of a run as a change names them."""
-    return record.scene, record.engine, record.label.removeprefix(f"{record.engine} ")
-
-
 def _matter(record: Record, finding: Finding | None) -> str:
-    """What is wrong with a run, in words that it shares with others; of a known defect, its reason."""
+    """What is wrong with a run, in words that group it with others; for a known defect its reason."""
     if record.outcome == "error" or finding is None:
         return "did not run"
     if record.outcome == "known":

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from crosscheck.document import EULER, Document, Record, Scene, Support
+from crosscheck.document import EULER, LEVELS, QUANTITIES, Document, Record, Scene, Support
 from crosscheck.report import overview
 from crosscheck.report.headline import OUTCOMES, headline, number, partly, plain_number, sentence, span, spoken, state
 from crosscheck.report.names import STUDIES, anchor, data_file, engine_file, scene_file, slug, study_file
@@ -18,9 +18,6 @@ from crosscheck.report.names import STUDIES, anchor, data_file, engine_file, sce
 HERE = Path(__file__).resolve().parent
 PENDULUMS = {"single_pendulum": "Table 1", "double_pendulum": "Table 2"}
 """The two scenes of [P1], and the table of the paper that each of ours stands for."""
-LEVELS = ("position", "velocity", "acceleration")
-QUANTITIES = ("position", "attitude", "velocity", "angular velocity")
-UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "angular velocity": "rad/s"}
 LISTED = 5
 """Runs of a group of findings that summary.md names."""
 FORCE_UNITS = {
@@ -40,10 +37,10 @@ def environment() -> Any:
         lstrip_blocks=True, keep_trailing_newline=True,
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
     made.filters |= {"number": number, "sentence": sentence, "anchor": anchor, "span": span, "spoken": spoken,
-                      "state": state, "sortable": plain_number, "query": urllib.parse.quote, "slug": slug}
-    made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": LEVELS, "QUANTITIES": QUANTITIES, "UNITS": UNITS,
-                            "scene_file": scene_file, "engine_file": engine_file, "study_file": study_file,
-                            "FORCE_UNITS": FORCE_UNITS, "LISTED": LISTED}
+                     "state": state, "sortable": plain_number, "query": urllib.parse.quote, "slug": slug}
+    made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": tuple(LEVELS), "QUANTITIES": tuple(QUANTITIES),
+                     "UNITS": QUANTITIES, "scene_file": scene_file, "engine_file": engine_file,
+                     "study_file": study_file, "FORCE_UNITS": FORCE_UNITS, "LISTED": LISTED}
     return made
 
 
@@ -60,46 +57,44 @@ def studies(document: Document) -> dict[str, str]:
 def _render(template: str, document: Document, here: str, **more: Any) -> str:
     made = environment()
     if template.endswith(".md.j2"):
-        made = made.overlay(finalize=_as_markdown)
+        # Words of engines and scenes as text: no HTML, no code, no further column, no further line.
+        made = made.overlay(finalize=lambda value: re.sub(r"[<`|]", r"\\\g<0>", " ".join(value.split()))
+                            if isinstance(value, str) else value)
     return str(made.get_template(template).render(
         document=document, meta=document.meta, scenes=document.scenes, engines=document.meta.engines,
         studies=studies(document), here=here, changes=document.changes,
         pages={scene.name: scene_file(scene) for scene in document.scenes if not scene.failure}, **more))
 
 
-def _as_markdown(value: Any) -> Any:
-    """Words of engines and scenes as text: no HTML, no code, no further column, no further line."""
-    return re.sub(r"[<`|]", r"\\\g<0>", " ".join(value.split())) if isinstance(value, str) else value
-
-
 def index(document: Document) -> str:
     """The first page: verdicts, what changed, worst findings, what to trust."""
-    return _render("index.html.j2", document, "index", **_overview(document))
+    return _overview("index.html.j2", document)
 
 
 def summary(document: Document) -> str:
     """The same in Markdown, for a terminal or a pull request."""
-    return _render("summary.md.j2", document, "index", **_overview(document))
+    return _overview("summary.md.j2", document)
 
 
-def _overview(document: Document) -> dict[str, Any]:
+def _overview(template: str, document: Document) -> str:
     records, accurate = document.records, overview.most_accurate(document)
-    return {"matrix": overview.by_method(document), "cells": overview.by_scene_and_engine(document),
-            "practical": overview.at_coarse_steps(document), "headline": headline(document),
-            "partly": partly(document), "counts": overview.summary_counts(records),
-            "worst": overview.worst_first(records, document.changes),
-            "advice": overview.recommended(document.scenes), "accurate": accurate,
-            "others": overview.leaders(accurate), "advised": {each.scene for each in document.advice or []},
-            "advice_rows": msgspec.to_builtins(document.advice)}
+    return _render(
+        template, document, "index", matrix=overview.by_method(document), cells=overview.by_scene_and_engine(document),
+        practical=overview.at_coarse_steps(document), headline=headline(document), partly=partly(document),
+        counts=overview.summary_counts(records), worst=overview.worst_first(records, document.changes),
+        advice=overview.recommended(document.scenes), accurate=accurate, others=overview.leaders(accurate),
+        advised={each.scene for each in document.advice or []}, advice_rows=msgspec.to_builtins(document.advice))
 
 
 def scene(document: Document, described: Scene) -> str:
     """The page of one scene."""
     records = [record for record in document.records if record.scene == described.name]
+    # Every reason of a bound, numbered: a page of findings would else say each a hundred times.
+    reasons = dict.fromkeys(finding.why for record in records for finding in record.findings if finding.why)
     return _render("scene.html.j2", document, described.name, scene=described, records=records,
-                   reasons=_reasons(records), paper_table=PENDULUMS.get(described.name),
-                   data_file=data_file(described), compared=paper_rows(records),
-                   support=support_rows(document, described))
+                   reasons={why: count for count, why in enumerate(reasons, 1)},
+                   paper_table=PENDULUMS.get(described.name), data_file=data_file(described),
+                   compared=paper_rows(records), support=support_rows(document, described))
 
 
 def engine(document: Document, name: str) -> str:
@@ -118,16 +113,6 @@ def study(document: Document, key: str) -> str:
     records = [record for record in document.records if record.practical == (key == "coarse")]
     return _render(f"study-{key}.html.j2", document, f"study {key}", records=records, titles=titles,
                    title=STUDIES[key], practical=overview.at_coarse_steps(document))
-
-
-def _reasons(records: Sequence[Record]) -> dict[str, int]:
-    """Every reason of a bound on a page, numbered: a page of findings would else say each a hundred times."""
-    found: dict[str, int] = {}
-    for record in records:
-        for finding in record.findings:
-            if finding.why:
-                found.setdefault(finding.why, len(found) + 1)
-    return found
 
 
 def support_rows(document: Document, described: Scene) -> list[Support]:

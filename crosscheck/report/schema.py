@@ -11,14 +11,14 @@ from typing import Any
 
 import msgspec
 
-from crosscheck.document import SCHEMA, Document
+from crosscheck import files
+from crosscheck.document import SCHEMA, Document, curves
 from crosscheck.errors import ArgumentError
-from crosscheck.files import finite
 
 
 def plain(document: Document) -> dict[str, Any]:
     """The content of results.json: values that JSON knows, without the curves, which only plots need."""
-    values: dict[str, Any] = finite(msgspec.to_builtins(document, str_keys=True))
+    values: dict[str, Any] = files.plain(document)
     for each in (*values["scenes"], *values["records"]):
         each.pop("curves", None)
     return values
@@ -33,7 +33,7 @@ def from_plain(values: Any) -> Document:
 
 
 def _as_now(values: dict[str, Any]) -> dict[str, Any]:
-    """Documents of before had {} for sizes and speeds that were not known, and little about a scene that failed."""
+    """Bring an older document up to date: {} stood for unknown sizes and speeds, and failed scenes had fewer keys."""
     failed = {"description": "", "source": "", "hash": "", "bodies": [], "duration": 0.0, "truth": None}
     scenes = [{"title": scene.get("name"), **failed, **scene, "scales": scene.get("scales") or None}
               if "failure" in scene else {**scene, "scales": scene.get("scales") or None}
@@ -70,6 +70,9 @@ def json_schema() -> dict[str, Any]:
     (document,), definitions = msgspec.json.schema_components([Document], ref_template="#/$defs/{name}")
     for name in ("Scene", "Timed"):
         definitions[name]["properties"].pop("curves")
+    for name, kind in vars(curves).items():
+        if isinstance(kind, type) and kind.__module__ == curves.__name__:
+            definitions.pop(name, None)
     definitions["Document"]["properties"]["schema"] = {"const": SCHEMA}
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "results.json of crosscheck verify",
             **document, "$defs": definitions}

@@ -2,7 +2,7 @@
 
 Runs have two samples, so that a step is the duration over any whole number of steps. A run is usable where it ends
 with an error against truth below `USABLE`; everything else, whatever name its failure has, is not. The error of one
-run may be small by accident, so that a step counts only where slightly shorter ones are usable too.
+run may be small by accident, so a step counts only where slightly shorter steps are usable too.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import time
 
 import numpy as np
 
-from crosscheck.errors import ArgumentError, EngineError, Unsupported
+from crosscheck.errors import ArgumentError, EngineError, Unsupported, said
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 
@@ -108,7 +108,7 @@ def target(scene: Scene, truth: Reference) -> Target:
     if last < 1:
         raise ArgumentError(f"scene {scene.name!r}: chaotic from its first sample on; give it more samples")
     moved = float(np.linalg.norm(truth.states.x[:last + 1] - truth.states.x[0], axis=-1).max())
-    moved = moved or tolerances.scales(scene, truth).of("position")  # where nothing moves, anything is an error
+    moved = moved or tolerances.scales(scene, truth).of("position")  # where nothing moves, every motion is an error
     tied = scene.joints or any(force.type in ("linear_spring", "constant_force") for force in scene.forces)
     short = scene.replace(duration=float(truth.t[last]), samples=2)
     return Target(short, truth.states.x[last], truth.states.R[last], moved, not tied)
@@ -127,8 +127,8 @@ def attempt(goal: Target, engine: str, method: str, steps: int) -> Attempt:
                    coordinate_map=goal.coordinate_map)
     except (Unsupported, ArgumentError):
         raise
-    except Exception as error:  # whatever a foreign engine raises is what its user meets
-        return Attempt(steps, _failure(error), None, time.perf_counter() - began, " ".join(str(error).split())[:200])
+    except Exception as error:  # its user meets whatever a foreign engine raises
+        return Attempt(steps, _failure(error), None, time.perf_counter() - began, said(error)[:200])
     found = end_error(goal, traj.x[-1], traj.R[-1])
     outcome = "usable" if found <= USABLE else "inaccurate"
     return Attempt(steps, outcome, found if math.isfinite(found) else None, traj.wall_time)
@@ -175,21 +175,17 @@ class Search:
         """The fewest usable steps; None where runs get longer than the limit before one is usable."""
         steps = 1
         while not self.usable(steps):
-            if self._too_slow(steps):
-                return None
+            # Whether twice as many steps would go beyond the limit; tried twice, for the machine may have been busy.
+            if 2 * self.runs[steps].wall_time > self._time_limit:
+                again = attempt(self._goal, self._engine, self._method, steps)
+                if 2 * min(again.wall_time, self.runs[steps].wall_time) > self._time_limit:
+                    return None
             steps *= 2
         low, high = steps // 2, steps  # unusable (or no step at all), usable
         while high - low > 1 and high > CLOSE * low:
             middle = max(low + 1, min(high - 1, round(math.sqrt(max(low, 1) * high))))
             low, high = (low, middle) if self.usable(middle) else (middle, high)
         return high
-
-    def _too_slow(self, steps: int) -> bool:
-        """Whether twice as many steps would go beyond the limit; asked twice, for the machine may have been busy."""
-        if 2 * self.runs[steps].wall_time <= self._time_limit:
-            return False
-        again = attempt(self._goal, self._engine, self._method, steps)
-        return 2 * min(again.wall_time, self.runs[steps].wall_time) > self._time_limit
 
 
 def search(task: Task) -> Row:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.errors import said
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 from crosscheck.studies.frontier import BOUND
@@ -49,7 +50,7 @@ class Bound:
             errors_into(rung, self._scene, self._series.states(self._series.normalised(states)), self._truth,
                         self._scene.samples - 1)
         except Exception as error:  # as for every engine
-            rung.status, rung.reason = "error", " ".join(str(error).split()) or type(error).__name__
+            rung.status, rung.reason = "error", said(error)
         return rung
 
     def timer(self, rung: Rung) -> Callable[[], float]:

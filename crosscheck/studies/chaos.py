@@ -10,17 +10,15 @@ studies: each comparison has its share of that (Bonferroni).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
 
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
-from crosscheck.studies.drift import long_ways, too_long
-from crosscheck.studies.study import Ask, Progress
-from crosscheck.verification.ladder import Way
+from crosscheck.studies.long_runs import LongRun, begun, long_run, long_ways, run_all
+from crosscheck.studies.results_folder import StudyDocument, StudyMeta
+from crosscheck.studies.study import Ask, Work
 
 FALSE_ALARM = 0.01
 """Probability that a study without any difference finds one."""
@@ -37,20 +35,11 @@ SPACING = 0.25
 """s between samples: a good part of the time in which heights lose their correlation, so that little is missed."""
 
 
-@dataclasses.dataclass
-class Comparison:
+class Comparison(LongRun, frozen=True, kw_only=True):
     """One way on one scene, by its worst observable."""
 
-    scene: str
-    engine: str
-    method: str
-    label: str
-    step: float  # s
-    duration: float  # s
     horizon: float  # s, until which a perturbation of 1e-15 stays below 1e-10
     comparisons: int = 1  # of the whole study, which share its false alarms
-    status: str = "success"  # or "error", "skipped"
-    reason: str = ""
     verdict: str = ""  # "agrees", "differs" or "undecided"
     worst: str = ""  # observable of the smallest p
     distance: float | None = None  # of Kolmogorov and Smirnov: largest difference of the two distributions
@@ -58,12 +47,19 @@ class Comparison:
     p: float | None = None  # probability of such a distance, or a larger one, by chance
     energy_error: float | None = None  # largest, over the largest kinetic energy
     momentum_error: float | None = None  # about the vertical, largest, over the largest size of its terms
-    wall_time: float | None = None  # s
+
+
+class ChaosDocument(StudyDocument, frozen=True, kw_only=True):
+    """chaos.json."""
+
+    false_alarm: float  # probability that a study without any difference finds one
+    comparisons: int
+    runs: list[Comparison]
 
 
 @dataclasses.dataclass(frozen=True)
 class ChaosAsk(Ask):
-    """Also how long each run is and its step; one that would step longer than `time_limit` (s) is left out."""
+    """Also the length of each run and its step. A run that would step longer than `time_limit` (s) is left out."""
 
     time_limit: float = 120.0
     duration: float = 2000.0  # s
@@ -80,7 +76,7 @@ def observables(scene: Scene, states: States) -> dict[str, np.ndarray]:
 
 
 def momentum_error(scene: Scene, states: States) -> float:
-    """Largest change of the angular momentum about the vertical, over its terms, which it may be a difference of."""
+    """Largest change of the angular momentum about the vertical, over the sum of the sizes of its terms."""
     from crosscheck.scene.mechanics import momentum_vertical
 
     momentum = momentum_vertical(scene, states)
@@ -115,15 +111,16 @@ class Law:
         return distance, count, float(kolmogorov(np.sqrt(count) * distance))
 
 
-def judge(found: Comparison, truth: dict[str, Law], shown: dict[str, np.ndarray], comparisons: int) -> None:
-    """Fill in the worst observable; `comparisons` is how many the study makes in all."""
+def judged(row: Comparison, truth: dict[str, Law], shown: dict[str, np.ndarray]) -> Comparison:
+    """The row with its worst observable and its verdict."""
     results = {name: law.compare(shown[name]) for name, law in truth.items()}
-    found.worst = min(results, key=lambda name: results[name][2])
-    found.distance, found.effective, found.p = results[found.worst]
-    if found.p < FALSE_ALARM / comparisons:
-        found.verdict = "differs"
+    worst = min(results, key=lambda name: results[name][2])
+    distance, effective, p = results[worst]
+    if p < FALSE_ALARM / row.comparisons:
+        verdict = "differs"
     else:
-        found.verdict = "agrees" if min(count for _, count, _ in results.values()) >= FEWEST else "undecided"
+        verdict = "agrees" if min(count for _, count, _ in results.values()) >= FEWEST else "undecided"
+    return msgspec.structs.replace(row, worst=worst, distance=distance, effective=effective, p=p, verdict=verdict)
 
 
 def long_scene(scene: Scene, duration: float) -> Scene:
@@ -143,49 +140,16 @@ def laws(long: Scene) -> dict[str, Law]:
     return {name: Law.of(values[1:].reshape(RUNS, each)) for name, values in series.items()}
 
 
-def measure(scene: Scene, selected: Sequence[Way], comparisons: int, ask: ChaosAsk, progress: Progress,
-            keep: Callable[[list[Comparison]], None]) -> list[Comparison]:
-    """Compare every way with the reference; `keep` is called after each with all so far.
-
-    `comparisons` is how many the study makes in all, on its other scenes as well. Raises `TruthError` where the
-    reference cannot integrate the scene.
-    """
-    from crosscheck.references import truth as reference
-
-    progress(0, len(selected), f"{scene.name}: reference")
-    long = long_scene(scene, ask.duration)
-    truth = laws(long)
-    horizon = reference(scene).horizon
-    done: list[Comparison] = []
-    for index, way in enumerate(selected):
-        progress(index, len(selected), f"{scene.name}: {way.label}")
-        found = Comparison(scene.name, way.engine, way.method, way.label, ask.step, long.duration, horizon,
-                           comparisons)
-        done.append(found)
-        try:
-            _run_into(found, way, long, ask.time_limit, truth, comparisons)
-        except Exception as error:  # whatever an engine raises is a row of the study
-            found.status, found.reason = "error", " ".join(str(error).split()) or type(error).__name__
-        keep(done)
-    return done
-
-
-def _run_into(found: Comparison, way: Way, long: Scene, time_limit: float, truth: dict[str, Law],
-              comparisons: int) -> None:
-    from crosscheck.running.run import run
+def compared(row: Comparison, long: Scene, truth: dict[str, Law], time_limit: float) -> Comparison:
+    """The row with the figures of its run, which is compared with the reference."""
     from crosscheck.scene.mechanics import kinetic_energy
 
-    reason = too_long(long, way, found.step, round(long.duration / found.step), time_limit)
-    if reason:
-        found.status, found.reason = "skipped", reason
-        return
-    traj = run(long, way.engine, way.method, step=found.step, form=way.form, monitor=False,
-               coordinate_map=way.coordinate_map)
+    traj = long_run(row, long, time_limit)
     states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
-    found.wall_time = traj.wall_time
-    found.energy_error = float(np.abs(traj.energy - traj.energy[0]).max() / kinetic_energy(long, states).max())
-    found.momentum_error = momentum_error(long, states)
-    judge(found, truth, observables(long, states), comparisons)
+    error = float(np.abs(traj.energy - traj.energy[0]).max() / kinetic_energy(long, states).max())
+    found = msgspec.structs.replace(row, wall_time=traj.wall_time, energy_error=error,
+                                    momentum_error=momentum_error(long, states))
+    return judged(found, truth, observables(long, states))
 
 
 class ChaosStudy:
@@ -197,28 +161,31 @@ class ChaosStudy:
         """Free flights of jointed bodies."""
         return "thrown_double", "thrown_triple"
 
-    def cells(self, ask: ChaosAsk, engines: tuple[str, ...], scenes: Sequence[Scene]) -> list[tuple[Scene, list[Way]]]:
-        """A scene and its ways each."""
-        return [(scene, long_ways(scene, engines, ask)) for scene in scenes]
+    def measure(self, work: Work[ChaosAsk, Comparison]) -> None:
+        """Scene after scene, kept after every run. Raises `TruthError` where the reference cannot integrate one."""
+        from crosscheck.references import truth as reference
 
-    def measure(self, ask: ChaosAsk, cells: list[tuple[Scene, list[Way]]], out: Path, progress: Progress,
-                keep: Callable[[list[Comparison]], None]) -> None:
-        """Scene after scene, kept after every run."""
-        before: list[Comparison] = []
+        ask = work.ask
+        cells = [(scene, long_ways(scene, work.engines, ask)) for scene in work.scenes]
         comparisons = sum(len(selected) * (1 + scene.n) for scene, selected in cells)
+        done: list[Comparison] = []
         for scene, selected in cells:
-            earlier = tuple(before)
+            work.progress(0, len(selected), f"{scene.name}: reference")
+            long = long_scene(scene, ask.duration)
+            truth, horizon = laws(long), reference(scene).horizon
+            rows = [begun(Comparison, long, way, ask.step, horizon=horizon, comparisons=comparisons)
+                    for way in selected]
 
-            def kept(found: list[Comparison], earlier: tuple[Comparison, ...] = earlier) -> None:
-                keep([*earlier, *found])
+            def measured(start: Comparison, long: Scene = long, truth: dict[str, Law] = truth) -> Comparison:
+                return compared(start, long, truth, ask.time_limit)
 
-            before += measure(scene, selected, comparisons, ask, progress, kept)
+            done += run_all(work, rows, done, measured)
 
-    def document(self, ask: ChaosAsk, results: list[Comparison]) -> dict[str, Any]:
+    def document(self, ask: ChaosAsk, meta: StudyMeta, results: list[Comparison]) -> ChaosDocument:
         """The comparisons, and how often chance alone makes a study differ."""
-        return {"false_alarm": FALSE_ALARM, "comparisons": max((each.comparisons for each in results), default=0),
-                "runs": [dataclasses.asdict(each) for each in results]}
+        return ChaosDocument(study=self.name, meta=meta, false_alarm=FALSE_ALARM, runs=results,
+                             comparisons=max((each.comparisons for each in results), default=0))
 
-    def table(self, document: dict[str, Any]) -> list[dict[str, Any]]:
+    def rows(self, document: ChaosDocument) -> list[Comparison]:
         """A line a run."""
-        return list(document["runs"])
+        return document.runs

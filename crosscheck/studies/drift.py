@@ -8,18 +8,15 @@ run stays below 5 % of its band, and growth is that of round-off where it is at 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from crosscheck.scene.model import Scene
-from crosscheck.studies.study import Ask, Progress
-from crosscheck.verification.ladder import Way, ways
-
-METHODS = ("rattle2", "rattle4", "DAE1L_LSE", "DAE1H_LSE", "RK4", "RK44", "RKMK4")
-"""By default the symmetric methods, the two Euler methods that hold all levels, and explicit Runge-Kutta of order 4."""
+from crosscheck.studies.long_runs import LongRun, begun, long_run, long_ways, run_all
+from crosscheck.studies.results_folder import StudyDocument, StudyMeta
+from crosscheck.studies.study import Ask, Work
 
 TREND = 0.05
 """Share of the band that slope times duration may have in an error without trend."""
@@ -38,25 +35,11 @@ the next, which is left from oscillations. The exponents of true random walks th
 SAMPLES = 10_001
 """Output times: with some hundred independent ones a slope fitted to a band without trend is below 5 % of it."""
 
-PROBE = 2000
-"""Steps of the short run that tells whether the long one fits into the limit."""
 
-
-@dataclasses.dataclass
-class Drift:
+class Drift(LongRun, frozen=True, kw_only=True):
     """One long run. The energy error is relative to the largest kinetic energy, the momentum's to its largest size."""
 
-    scene: str
-    engine: str
-    method: str
-    form: str | None
-    label: str
-    step: float  # s
     steps: int
-    duration: float  # s
-    status: str = "success"  # or "error", "skipped"
-    reason: str = ""
-    wall_time: float | None = None  # s
     energy_band: float | None = None  # largest less smallest error
     energy_slope: float | None = None  # 1/s, by least squares
     energy_trend: float | None = None  # |slope| times duration, over the band
@@ -70,6 +53,12 @@ class Drift:
     constraint_velocity: float | None = None  # m/s
     constraint_acceleration: float | None = None  # m/s^2
     orthogonality: float | None = None
+
+
+class DriftDocument(StudyDocument, frozen=True, kw_only=True):
+    """drift.json."""
+
+    runs: list[Drift]
 
 
 def growth(values: np.ndarray) -> float:
@@ -102,96 +91,34 @@ def judge(t: np.ndarray, errors: np.ndarray, steps: int) -> tuple[float, float, 
     return band, slope, trend, exponent, verdict
 
 
-def measure(scene: Scene, selected: Sequence[Way], step: float, steps: int, time_limit: float, progress: Progress,
-            keep: Callable[[list[Drift]], None]) -> list[Drift]:
-    """The long runs, one after the other; `keep` is called after each with all so far.
-
-    Parameters
-    ----------
-    step : s
-    steps : of each run; the samples lie on steps, so that it may be rounded up
-    time_limit : s of one run's stepping; one that would take longer is left out, with a row that says so
-    """
-    intervals = min(SAMPLES - 1, steps)
-    per = -(-steps // intervals)
-    steps = per * intervals
-    long = scene.replace(duration=steps * step, samples=intervals + 1)
-    done: list[Drift] = []
-    for index, way in enumerate(selected):
-        progress(index, len(selected), f"{scene.name}: {way.label}")
-        drift = Drift(scene.name, way.engine, way.method, way.form, way.label, step, steps, long.duration)
-        done.append(drift)
-        try:
-            _run_into(drift, way, long, time_limit)
-        except Exception as error:  # whatever an engine raises is a row of the study
-            drift.status, drift.reason = "error", " ".join(str(error).split()) or type(error).__name__
-        keep(done)
-    return done
-
-
-def too_long(scene: Scene, way: Way, step: float, steps: int, time_limit: float) -> str:
-    """Why a run would take too long by what its first steps take, or nothing. Times in s, of stepping."""
-    from crosscheck.running.run import run
-
-    if steps <= 2 * PROBE:
-        return ""
-    short = scene.replace(duration=PROBE * step, samples=2)
-    probe = run(short, way.engine, way.method, step=step, form=way.form, monitor=False,
-                coordinate_map=way.coordinate_map)
-    expected = probe.wall_time / PROBE * steps
-    return f"it would take about {expected:.0f} s, the limit is {time_limit:g} s" if expected > time_limit else ""
-
-
-def _run_into(drift: Drift, way: Way, long: Scene, time_limit: float) -> None:
-    from crosscheck.running.run import run
-
-    drift.reason = too_long(long, way, drift.step, drift.steps, time_limit)
-    if drift.reason:
-        drift.status = "skipped"
-        return
-    traj = run(long, drift.engine, drift.method, step=drift.step, form=drift.form, monitor=False,
-               coordinate_map=way.coordinate_map)
-    drift.wall_time = traj.wall_time
-    fill_in(drift, traj)
-
-
-def fill_in(drift: Drift, traj: Any) -> None:
-    """The figures of a finished run, from its samples."""
+def with_figures(drift: Drift, traj: Any) -> Drift:
+    """The row of a finished run with its figures, from its samples."""
     from crosscheck.scene.mechanics import kinetic_energy
     from crosscheck.scene.states import States
 
     states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
     kinetic = float(kinetic_energy(traj.scene, states).max())
-    energy = (traj.energy - traj.energy[0]) / (kinetic or 1.0)
-    (drift.energy_band, drift.energy_slope, drift.energy_trend, drift.energy_growth,
-     drift.energy_verdict) = judge(traj.t, energy, drift.steps)
+    energy = judge(traj.t, (traj.energy - traj.energy[0]) / (kinetic or 1.0), drift.steps)
     largest = float(np.abs(traj.momentum_vertical).max())
-    momentum = (traj.momentum_vertical - traj.momentum_vertical[0]) / (largest or 1.0)
-    drift.momentum_band, _, drift.momentum_trend, drift.momentum_growth, drift.momentum_verdict = judge(
-        traj.t, momentum, drift.steps)
-    drift.constraint_position = float(traj.constraint_position.max())
-    drift.constraint_velocity = float(traj.constraint_velocity.max())
-    if traj.constraint_acceleration is not None:
-        drift.constraint_acceleration = float(traj.constraint_acceleration.max())
-    drift.orthogonality = float(traj.orthogonality.max())
+    momentum = judge(traj.t, (traj.momentum_vertical - traj.momentum_vertical[0]) / (largest or 1.0), drift.steps)
+    acceleration = traj.constraint_acceleration
+    return msgspec.structs.replace(
+        drift, wall_time=traj.wall_time, energy_band=energy[0], energy_slope=energy[1], energy_trend=energy[2],
+        energy_growth=energy[3], energy_verdict=energy[4], momentum_band=momentum[0], momentum_trend=momentum[2],
+        momentum_growth=momentum[3], momentum_verdict=momentum[4],
+        constraint_position=float(traj.constraint_position.max()),
+        constraint_velocity=float(traj.constraint_velocity.max()),
+        constraint_acceleration=None if acceleration is None else float(acceleration.max()),
+        orthogonality=float(traj.orthogonality.max()))
 
 
 @dataclasses.dataclass(frozen=True)
 class DriftAsk(Ask):
-    """Also the step and how many of them each run takes."""
+    """Also the step and the number of steps of each run, which is rounded up so that samples lie on steps."""
 
     time_limit: float = 120.0  # s of one run
     step: float = 2.0**-10  # s; an engine that adds up its steps misses sample times by one step where it rounds
     steps: int = 1_000_000
-
-
-def long_ways(scene: Scene, engines: Sequence[str], ask: Ask) -> list[Way]:
-    """The ways of long runs: each method with a fixed step in the first form that can model the scene."""
-    found: dict[tuple[str, str], Way] = {}
-    for way in ways(scene, engines, ask.methods or METHODS, asked_map=ask.coordinate_map)[0]:
-        if not way.adaptive:
-            found.setdefault((way.engine, way.method), way)
-    return list(found.values())
 
 
 class DriftStudy:
@@ -203,26 +130,26 @@ class DriftStudy:
         """One body, and two."""
         return "single_pendulum", "double_pendulum"
 
-    def cells(self, ask: DriftAsk, engines: tuple[str, ...], scenes: Sequence[Scene]) -> list[tuple[Scene, list[Way]]]:
-        """A scene and its ways each."""
-        return [(scene, long_ways(scene, engines, ask)) for scene in scenes]
-
-    def measure(self, ask: DriftAsk, cells: list[tuple[Scene, list[Way]]], out: Path, progress: Progress,
-                keep: Callable[[list[Drift]], None]) -> None:
+    def measure(self, work: Work[DriftAsk, Drift]) -> None:
         """Scene after scene, kept after every run."""
-        before: list[Drift] = []
-        for scene, selected in cells:
-            earlier = tuple(before)
+        ask = work.ask
+        intervals = min(SAMPLES - 1, ask.steps)
+        steps = -(-ask.steps // intervals) * intervals
+        done: list[Drift] = []
+        for scene in work.scenes:
+            long = scene.replace(duration=steps * ask.step, samples=intervals + 1)
+            rows = [begun(Drift, long, way, ask.step, steps=steps)
+                    for way in long_ways(scene, work.engines, ask)]
 
-            def kept(drifts: list[Drift], earlier: tuple[Drift, ...] = earlier) -> None:
-                keep([*earlier, *drifts])
+            def measured(drift: Drift, long: Scene = long) -> Drift:
+                return with_figures(drift, long_run(drift, long, ask.time_limit))
 
-            before += measure(scene, selected, ask.step, ask.steps, ask.time_limit, progress, kept)
+            done += run_all(work, rows, done, measured)
 
-    def document(self, ask: DriftAsk, results: list[Drift]) -> dict[str, Any]:
+    def document(self, ask: DriftAsk, meta: StudyMeta, results: list[Drift]) -> DriftDocument:
         """The runs."""
-        return {"runs": [dataclasses.asdict(drift) for drift in results]}
+        return DriftDocument(study=self.name, meta=meta, runs=results)
 
-    def table(self, document: dict[str, Any]) -> list[dict[str, Any]]:
+    def rows(self, document: DriftDocument) -> list[Drift]:
         """A line a run."""
-        return list(document["runs"])
+        return document.runs

@@ -7,7 +7,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from crosscheck.studies.rung import Rung
 
 LEVELS = tuple(10.0**-power for power in range(2, 12))
 """Errors at which the frontier is read."""
@@ -28,7 +32,7 @@ class Curve:
 
 @dataclasses.dataclass(frozen=True)
 class Front:
-    """The frontier at one error. None stands where nobody of that kind reaches it."""
+    """The frontier at one error. None where no method of that kind reaches it."""
 
     level: float
     winner: str | None  # of all but the bound
@@ -45,8 +49,8 @@ class Front:
 def confirmed(errors: Sequence[float]) -> list[float]:
     """Errors of a ladder, each at least as large as that of the next finer rung.
 
-    An end error passes through zero between two steps; a rung that is better than the next finer one met such a
-    chance, and a method is not to win by it.
+    End errors pass through zero at some steps. A rung that is better than the next finer one is such a coincidence,
+    and no method should win by it.
     """
     return [max(errors[k:k + 2]) for k in range(len(errors))]
 
@@ -70,33 +74,29 @@ def cost_at(errors: Sequence[float], costs: Sequence[float], level: float) -> fl
 
 def frontier(curves: Sequence[Curve], levels: Sequence[float] = LEVELS) -> list[Front]:
     """Who is cheapest at each level, and by which factors."""
-    return [_front(curves, level) for level in levels]
+    found = []
+    for level in levels:
+        reached = sorted(((cost, curve) for curve in curves
+                          if (cost := cost_at(curve.errors, curve.costs, level)) is not None), key=lambda pair: pair[0])
+        own, own_cost = next(((curve.label, cost) for cost, curve in reached if curve.engine == IN_HOUSE), (None, None))
+        other, other_cost = next(((curve.label, cost) for cost, curve in reached
+                                  if curve.engine not in (IN_HOUSE, BOUND)), (None, None))
+        bound = next((cost for cost, curve in reached if curve.engine == BOUND), None)
+        found.append(Front(
+            level, next((curve.label for _, curve in reached if curve.engine != BOUND), None), own, own_cost, other,
+            other_cost, other_cost / own_cost if other_cost is not None and own_cost else None, bound,
+            own_cost / bound if own_cost is not None and bound else None,
+            {curve.label: cost for cost, curve in reached}))
+    return found
 
 
-def _front(curves: Sequence[Curve], level: float) -> Front:
-    reached = [(cost, curve) for curve in curves
-               if (cost := cost_at(curve.errors, curve.costs, level)) is not None]
-    reached.sort(key=lambda pair: pair[0])
-    own = next(((cost, curve.label) for cost, curve in reached if curve.engine == IN_HOUSE), (None, None))
-    other = next(((cost, curve.label) for cost, curve in reached if curve.engine not in (IN_HOUSE, BOUND)),
-                 (None, None))
-    bound = next((cost for cost, curve in reached if curve.engine == BOUND), None)
-    winner = next((curve.label for _, curve in reached if curve.engine != BOUND), None)
-    return Front(level, winner, own[1], own[0], other[1], other[0], _ratio(other[0], own[0]), bound,
-                 _ratio(own[0], bound), {curve.label: cost for cost, curve in reached})
-
-
-def _ratio(over: float | None, under: float | None) -> float | None:
-    return None if over is None or not under else over / under
-
-
-def curves(rungs: Sequence[Mapping[str, object]], error: str = "end_position", cost: str = "wall_ms") -> list[Curve]:
-    """The ladders in rows of `work_precision.Rung`, in their order; rows without both figures are left out."""
+def curves(rungs: Sequence[Rung], error: str = "end_position", cost: str = "wall_ms") -> list[Curve]:
+    """The ladders of these rungs, in their order; rungs without both figures are left out."""
     found: dict[str, tuple[str, list[float], list[float]]] = {}
     for rung in rungs:
-        e, c = rung[error], rung[cost]
-        if isinstance(e, float | int) and isinstance(c, float | int) and math.isfinite(e):
-            _, es, cs = found.setdefault(str(rung["label"]), (str(rung["engine"]), [], []))
+        e, c = getattr(rung, error), getattr(rung, cost)
+        if e is not None and c is not None and math.isfinite(e):
+            _, es, cs = found.setdefault(rung.label, (rung.engine, [], []))
             es.append(float(e))
             cs.append(float(c))
     return [Curve(engine, label, tuple(es), tuple(cs)) for label, (engine, es, cs) in found.items()]

@@ -8,13 +8,31 @@ import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from crosscheck.document import Origin, Part
 from crosscheck.errors import ArgumentError
-from crosscheck.files import cell, finite, put
+from crosscheck.files import cell, plain, put
 
 if TYPE_CHECKING:
     from crosscheck.jobs.journal import Journal
+
+
+class StudyMeta(Origin, frozen=True, kw_only=True, omit_defaults=True):
+    """Where the figures of a study come from."""
+
+    command: str
+    seconds: float  # of all its sessions
+    time_limit: float  # s of one run's stepping
+    repeats: int | None = None  # rounds whose medians count
+    jobs: int | None = None  # worker processes
+
+
+class StudyDocument(Part, frozen=True, kw_only=True):
+    """The JSON file of a study: all that its page shows."""
+
+    study: str
+    meta: StudyMeta
 
 
 def check(out: Path, study: str) -> None:
@@ -38,7 +56,7 @@ def check(out: Path, study: str) -> None:
 
 
 @contextlib.contextmanager
-def journal(out: Path, study: str, state: str, types: dict[str, Any]) -> Iterator[Journal]:
+def journal(out: Path, study: str, state: str, types: Mapping[str, type]) -> Iterator[Journal]:
     """The journal of a study under way; one that a kill left is gone on with where its state was the same.
 
     Parameters
@@ -61,20 +79,20 @@ def journal(out: Path, study: str, state: str, types: dict[str, Any]) -> Iterato
     path.unlink()
 
 
-def write(out: Path, document: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
+def write(out: Path, document: StudyDocument, rows: Sequence[object]) -> None:
     """Write <study>.json, <study>.csv of its rows and index.html with what it needs beside it.
 
-    Numbers that are not finite become null, and empty cells.
+    Numbers that are not finite become null, and empty cells; lists of a row are left out of the CSV file.
     """
     from crosscheck.report.standalone import write_page
 
-    study = document["study"]
-    document = finite(document)
-    put(out / f"{study}.json", json.dumps(document, indent=1, allow_nan=False))
-    table = io.StringIO()
-    if rows:
-        writer = csv.DictWriter(table, list(rows[0]), lineterminator="\n")
+    study, content = document.study, plain(document)
+    put(out / f"{study}.json", json.dumps(content, indent=1, allow_nan=False))
+    text = io.StringIO()
+    table = [{key: cell(value) for key, value in row.items() if not isinstance(value, list)} for row in plain(rows)]
+    if table:
+        writer = csv.DictWriter(text, list(table[0]), lineterminator="\n")
         writer.writeheader()
-        writer.writerows({key: cell(value) for key, value in row.items()} for row in finite(list(rows)))
-    put(out / f"{study}.csv", table.getvalue())
-    write_page(out, f"{study}.html.j2", document=document, meta=document["meta"])
+        writer.writerows(table)
+    put(out / f"{study}.csv", text.getvalue())
+    write_page(out, f"{study}.html.j2", document=content, meta=content["meta"])

@@ -39,17 +39,12 @@ class Rung:
     wall_deviation_ms: float | None = None  # their median absolute deviation
     setup_ms: float | None = None
     repeats: int = 0
-    times: list[tuple[float, float]] = dataclasses.field(default_factory=list, repr=False)  # s, stepping and set-up
 
     @classmethod
     def of(cls, scene: Scene, way: Way, value: float | None, status: str = "success", reason: str = "") -> Rung:
         """The rung of a way at a step (s) or, where it is adaptive, a tolerance."""
         return cls(scene.name, way.engine, way.method, way.form, way.label, None if way.adaptive else value,
                    value if way.adaptive else None, status, reason, way.coordinate_map)
-
-    def plain(self) -> dict[str, Any]:
-        """As a row of a table."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "times"}
 
 
 def errors_into(rung: Rung, scene: Scene, run: Any, truth: Reference, intervals: int) -> None:

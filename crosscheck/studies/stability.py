@@ -7,18 +7,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from crosscheck import adapters as all_engines
+from crosscheck.document import Part
 from crosscheck.jobs.grid import Crash, Limits, run_tasks
 from crosscheck.jobs.journal import Journal
 from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.running import provenance
-from crosscheck.scene.model import Scene
 from crosscheck.studies import results_folder
 from crosscheck.studies.bisection import COMMON, USABLE, Row, Task, search
-from crosscheck.studies.study import Ask, Progress
+from crosscheck.studies.results_folder import StudyDocument, StudyMeta
+from crosscheck.studies.study import Ask, Progress, Work
 
 TAG = "hard"
 ALSO = ("single_pendulum", "double_pendulum", "heavy_top")
@@ -46,6 +48,49 @@ SHADES = (0.95, 0.5, 0.1, 0.01)
 TYPES = {"truth": dict[str, str], "way": Row}
 
 
+class Best(Part, frozen=True, kw_only=True):
+    """The largest usable steps (s) on a scene, and which way has each; ratios are in-house over the others."""
+
+    scene: str
+    own: str
+    own_h_max: float | None
+    stock: str  # of engines with integrators of their own
+    stock_h_max: float | None
+    ratio: float | None
+    any: str  # of all others, also those with steppers of this package
+    any_h_max: float | None
+    ratio_any: float | None
+
+
+class Cell(Part, frozen=True, kw_only=True):
+    """A way on a scene, as the map shows it; no outcome where it was not measured."""
+
+    scene: str
+    h_max: float | None = None  # s
+    shade: int | None = None  # from 0, the scene's largest step, to `SHADES`
+    common_error: float | None = None
+    outcome: str = ""
+    reason: str = ""
+
+
+class MapLine(Part, frozen=True):
+    """An engine and method, with a cell for each scene."""
+
+    engine: str
+    method: str
+    cells: list[Cell]
+
+
+class StabilityDocument(StudyDocument, frozen=True, kw_only=True):
+    """stability.json."""
+
+    usable: float  # share of the motion, or rad
+    common: int  # the common step is the scene's own time over this
+    scenes: list[Best]
+    map: list[MapLine]
+    rows: list[Row]
+
+
 @dataclasses.dataclass(frozen=True)
 class StabilityAsk(Ask):
     """Also the number of worker processes. All scenes: the hard ones and `ALSO`."""
@@ -61,52 +106,44 @@ class Stability:
 
     name = "stability"
 
-    def __init__(self) -> None:
-        self._seconds = 0.0  # of all sessions
-
     def scenes(self) -> tuple[str, ...]:
         """Everyday scenes, then the hard ones."""
         return (*ALSO, *hard_scenes())
 
-    def cells(self, ask: StabilityAsk, engines: tuple[str, ...], scenes: Sequence[Scene]) -> list[Task]:
-        """A way on a scene each."""
-        return [Task(scene, engine, method, ask.time_limit, chart, ask.step, ask.duration)
-                for scene in ask.scenes or self.scenes() for engine in engines
-                for chart in [all_engines.coordinate_map(engine, ask.coordinate_map)]
-                for method in fixed_step_methods(engine) if ask.methods is None or method in ask.methods]
-
-    def measure(self, ask: StabilityAsk, cells: list[Task], out: Path, progress: Progress,
-                keep: Callable[[list[Row]], None]) -> None:
+    def measure(self, work: Work[StabilityAsk, Row]) -> None:
         """In worker processes, kept as each way ends."""
         from crosscheck.scene.file import load_scene
 
-        hashes = {task.scene: load_scene(task.scene).hash for task in cells}
-        engines = dict.fromkeys(task.engine for task in cells)
+        ask = work.ask
+        ways = [Task(scene, engine, method, ask.time_limit, chart, ask.step, ask.duration)
+                for scene in ask.scenes or self.scenes() for engine in work.engines
+                for chart in [all_engines.coordinate_map(engine, ask.coordinate_map)]
+                for method in fixed_step_methods(engine) if ask.methods is None or method in ask.methods]
+        hashes = {way.scene: load_scene(way.scene).hash for way in ways}
+        engines = dict.fromkeys(way.engine for way in ways)
         state = provenance.code_digest(engines, [dataclasses.asdict(ask), hashes])
-        found: list[Row | None] = [None] * len(cells)
-        with results_folder.journal(out, self.name, state, TYPES) as journal:
+        found: list[Row | None] = [None] * len(ways)
+        with results_folder.journal(work.out, self.name, state, TYPES) as journal:
             def kept(index: int, row: Row) -> None:
                 found[index] = row
-                self._seconds = journal.seconds
                 rows = [each for each in found if each is not None]
-                keep(rows)
-                progress(len(rows), len(cells), cells[index].key)
+                work.keep(rows, journal.seconds)
+                work.progress(len(rows), len(ways), ways[index].key)
 
-            _measure(cells, ask, journal, kept, progress)
+            _search_all(ways, ask, journal, kept, work.progress)
 
-    def document(self, ask: StabilityAsk, results: list[Row]) -> dict[str, Any]:
+    def document(self, ask: StabilityAsk, meta: StudyMeta, results: list[Row]) -> StabilityDocument:
         """The map, the largest steps of each scene, and every run."""
-        meta = {"time_limit": ask.time_limit, "jobs": ask.jobs, "seconds": self._seconds}
-        return {"meta": meta, "usable": USABLE, "common": COMMON, "scenes": summary(results), "map": shaded(results),
-                "rows": [dataclasses.asdict(row) for row in results]}
+        return StabilityDocument(study=self.name, meta=msgspec.structs.replace(meta, jobs=ask.jobs), usable=USABLE,
+                                 common=COMMON, scenes=summary(results), map=shaded(results), rows=results)
 
-    def table(self, document: dict[str, Any]) -> list[dict[str, Any]]:
+    def rows(self, document: StabilityDocument) -> list[Row]:
         """A line a way."""
-        return [{key: value for key, value in row.items() if key != "runs"} for row in document["rows"]]
+        return document.rows
 
 
-def _measure(ways: list[Task], ask: StabilityAsk, journal: Journal, keep: Callable[[int, Row], None],
-             progress: Progress) -> None:
+def _search_all(ways: list[Task], ask: StabilityAsk, journal: Journal, keep: Callable[[int, Row], None],
+                progress: Progress) -> None:
     """Hand the row of every way to `keep`, from the journal where it is there."""
     untrue = _without_truth(list({way.scene: way for way in ways}.values()), ask.jobs, journal, progress)
     open_ways = []
@@ -175,57 +212,37 @@ def fixed_step_methods(engine: str) -> tuple[str, ...]:
     return tuple(name for name in adapter.methods if name not in getattr(adapter, "adaptive_methods", ()))
 
 
-def summary(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Per scene the largest usable step in-house, among engines with integrators of their own, and among all others.
-
-    `ratio` is in-house over the former, `ratio_any` over the latter; None where either is missing.
-    """
+def summary(rows: Sequence[Row]) -> list[Best]:
+    """Per scene the largest usable step in-house, among engines with integrators of their own, and among all others."""
     found = []
     for scene in dict.fromkeys(row.scene for row in rows):
-        usable = [row for row in rows if row.scene == scene and row.h_max is not None]
-        own = _largest([row for row in usable if row.engine == OWN])
-        stock = _largest([row for row in usable if row.engine not in (OWN, *ADDED)])
-        other = _largest([row for row in usable if row.engine != OWN])
-        found.append({"scene": scene, "own": _label(own), "own_h_max": _step(own), "stock": _label(stock),
-                      "stock_h_max": _step(stock), "ratio": _ratio(own, stock), "any": _label(other),
-                      "any_h_max": _step(other), "ratio_any": _ratio(own, other)})
+        usable = [(row.h_max, row) for row in rows if row.scene == scene and row.h_max is not None]
+
+        def best(theirs: Callable[[str], bool], usable: list[tuple[float, Row]] = usable) -> tuple[str, float | None]:
+            step, row = max((pair for pair in usable if theirs(pair[1].engine)), key=lambda pair: pair[0],
+                            default=(None, None))
+            return "" if row is None else f"{row.engine} {row.method}", step
+
+        own, own_step = best(lambda engine: engine == OWN)
+        stock, stock_step = best(lambda engine: engine not in (OWN, *ADDED))
+        other, other_step = best(lambda engine: engine != OWN)
+        found.append(Best(
+            scene=scene, own=own, own_h_max=own_step, stock=stock, stock_h_max=stock_step, any=other,
+            any_h_max=other_step, ratio=own_step / stock_step if own_step and stock_step else None,
+            ratio_any=own_step / other_step if own_step and other_step else None))
     return found
 
 
-def shaded(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """The map: for every engine and method a cell per scene, shaded from 0, the scene's largest step, to `SHADES`."""
+def shaded(rows: Sequence[Row]) -> list[MapLine]:
+    """The map: for every engine and method a cell per scene."""
     scenes = list(dict.fromkeys(row.scene for row in rows))
     largest = {scene: max((row.h_max for row in rows if row.scene == scene and row.h_max), default=0.0)
                for scene in scenes}
-    by_way: dict[tuple[str, str], dict[str, Row]] = {}
+    lines = {(row.engine, row.method): {scene: Cell(scene=scene) for scene in scenes} for row in rows}
     for row in rows:
-        by_way.setdefault((row.engine, row.method), {})[row.scene] = row
-    return [{"engine": engine, "method": method, "cells": [_cell(cells.get(scene), scene, largest[scene])
-                                                           for scene in scenes]}
-            for (engine, method), cells in by_way.items()]
-
-
-def _cell(row: Row | None, scene: str, largest: float) -> dict[str, Any]:
-    """A cell of the map; `row` is None where this way was not measured."""
-    if row is None:
-        return {"scene": scene, "h_max": None, "shade": None, "common_error": None, "outcome": "", "reason": ""}
-    step = row.h_max
-    return {"scene": scene, "h_max": step, "common_error": row.common_error, "outcome": row.outcome,
-            "shade": None if step is None else sum(step < share * largest for share in SHADES),
-            "reason": row.failures or row.reason}
-
-
-def _largest(rows: Sequence[Row]) -> Row | None:
-    return max(rows, key=lambda row: row.h_max or 0.0, default=None)
-
-
-def _label(row: Row | None) -> str:
-    return "" if row is None else f"{row.engine} {row.method}"
-
-
-def _step(row: Row | None) -> float | None:
-    return None if row is None else row.h_max
-
-
-def _ratio(one: Row | None, other: Row | None) -> float | None:
-    return one.h_max / other.h_max if one and other and one.h_max and other.h_max else None
+        step = row.h_max
+        lines[row.engine, row.method][row.scene] = Cell(
+            scene=row.scene, h_max=step, common_error=row.common_error, outcome=row.outcome,
+            shade=None if step is None else sum(step < share * largest[row.scene] for share in SHADES),
+            reason=row.failures or row.reason)
+    return [MapLine(engine, method, list(cells.values())) for (engine, method), cells in lines.items()]

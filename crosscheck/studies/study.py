@@ -10,11 +10,14 @@ import shlex
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
+
+import msgspec
 
 from crosscheck.errors import ArgumentError
 from crosscheck.scene.model import Scene
 from crosscheck.studies import results_folder
+from crosscheck.studies.results_folder import StudyDocument, StudyMeta
 
 Progress = Callable[[int, int | None, str], Any]
 """Called with the number of pieces done, that of all or None, and what is at work."""
@@ -50,34 +53,47 @@ class Ask:
         return shlex.join(words)
 
 
-Asked = TypeVar("Asked", bound=Ask, contravariant=True)
-Cell = TypeVar("Cell")
+Asked = TypeVar("Asked", bound=Ask)
+Result = TypeVar("Result")
+Doc = TypeVar("Doc", bound=StudyDocument)
 
 
-class Study(Protocol[Asked, Cell]):
+@dataclasses.dataclass(frozen=True)
+class Work(Generic[Asked, Result]):
+    """A study under way: what to measure, and whom to tell.
+
+    `keep` takes all results so far, after every piece of work; its second value is the time (s) of all sessions, where
+    a study has several.
+    """
+
+    ask: Asked
+    engines: tuple[str, ...]
+    scenes: Sequence[Scene]
+    out: Path
+    progress: Progress
+    keep: Callable[[list[Result], float | None], None]
+
+
+class Study(Protocol[Asked, Result, Doc]):
     """One question, answered by many runs."""
 
     name: str
     """Of its files and of the template of its page."""
 
-    def cells(self, ask: Asked, engines: tuple[str, ...], scenes: Sequence[Scene]) -> list[Cell]:
-        """What is measured piece by piece; raises `ArgumentError` before anything runs."""
-
     def scenes(self) -> tuple[str, ...]:
         """Those of a study that names none."""
 
-    def measure(self, ask: Asked, cells: list[Cell], out: Path, progress: Progress,
-                keep: Callable[[list[Any]], None]) -> None:
-        """Measure all; `keep` is called after every piece of work with all results so far. A failed run is a result."""
+    def measure(self, work: Work[Asked, Result]) -> None:
+        """Measure all; a failed run is a result."""
 
-    def document(self, ask: Asked, results: list[Any]) -> dict[str, Any]:
-        """What the page shows, from the results so far; its "meta" joins what every study says of itself."""
+    def document(self, ask: Asked, meta: StudyMeta, results: list[Result]) -> Doc:
+        """What the page shows, from the results so far."""
 
-    def table(self, document: dict[str, Any]) -> list[dict[str, Any]]:
-        """The lines of the CSV file."""
+    def rows(self, document: Doc) -> Sequence[object]:
+        """The lines of the CSV file: structs or dataclasses. Their lists are in the JSON file only."""
 
 
-def conduct(study: Study[Asked, Any], ask: Asked, out: Path, progress: Progress) -> dict[str, Any]:
+def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: Progress) -> Doc:
     """Measure, write the folder on the way and at the end, also where the study is interrupted; return the document.
 
     Raises `ArgumentError` for wrong names or a folder that must not be replaced.
@@ -90,41 +106,32 @@ def conduct(study: Study[Asked, Any], ask: Asked, out: Path, progress: Progress)
     check_names(engines, ask.methods)
     scenes = [load_scene(name) for name in ask.scenes or study.scenes()]
     results_folder.check(out, study.name)
-    cells = study.cells(ask, engines, scenes)
-    sheet = _Sheet(study, ask, out, {
-        "study": study.name, "meta": provenance.describe(engines) | {"command": ask.command(study.name)}})
-    try:
-        study.measure(ask, cells, out, progress, sheet.keep)
-    finally:
-        sheet.write()
-    return sheet.document
+    meta = msgspec.convert(provenance.describe(engines) | {
+        "command": ask.command(study.name), "seconds": 0.0, "time_limit": ask.time_limit}, StudyMeta)
+    began = time.perf_counter()
+    document, stale, due = study.document(ask, meta, []), False, 0.0
 
-
-class _Sheet:
-    """The document of a study under way, and when it was last written."""
-
-    def __init__(self, study: Study[Any, Any], ask: Ask, out: Path, heading: dict[str, Any]) -> None:
-        self._study, self._ask, self._out, self._heading = study, ask, out, heading
-        self._began = time.perf_counter()
-        self._next, self._stale = 0.0, False
-        self.document = heading
-
-    def keep(self, results: list[Any]) -> None:
-        """Take in all results so far, and write them unless that would take too large a share of the time."""
-        more = self._study.document(self._ask, results)
-        meta = self._heading["meta"] | {"seconds": time.perf_counter() - self._began} | more.pop("meta", {})
-        self.document, self._stale = self._heading | {"meta": meta} | more, True
-        if time.perf_counter() >= self._next:
-            self.write()
-
-    def write(self) -> None:
-        """Write the folder, unless it holds this already."""
-        if not self._stale:
-            return
+    def write() -> None:
+        nonlocal stale, due
         start = time.perf_counter()
-        results_folder.write(self._out, self.document, self._study.table(self.document))
+        results_folder.write(out, document, study.rows(document))
         end = time.perf_counter()
-        self._next, self._stale = end + (end - start) / SHARE, False
+        stale, due = False, end + (end - start) / SHARE
+
+    def keep(results: list[Result], seconds: float | None = None) -> None:
+        nonlocal document, stale
+        now = time.perf_counter()
+        document = study.document(ask, msgspec.structs.replace(meta, seconds=seconds or now - began), results)
+        stale = True
+        if now >= due:
+            write()
+
+    try:
+        study.measure(Work(ask, engines, scenes, out, progress, keep))
+    finally:
+        if stale:
+            write()
+    return document
 
 
 def check_names(engines: Sequence[str], methods: Sequence[str] | None) -> None:

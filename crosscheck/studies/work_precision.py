@@ -12,18 +12,22 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
-from crosscheck.errors import Unsupported
+from msgspec.structs import replace
+
+from crosscheck.document import Part
+from crosscheck.errors import Unsupported, said
 from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference, TruthError
 from crosscheck.scene.model import Scene
 from crosscheck.studies import frontier
 from crosscheck.studies.bound import TOLERANCES, Bound
+from crosscheck.studies.results_folder import StudyDocument, StudyMeta
 from crosscheck.studies.rung import Rung, errors_into
-from crosscheck.studies.study import Ask, Progress
+from crosscheck.studies.study import Ask, Progress, Work
 from crosscheck.verification.ladder import INTERVALS, Way, ladder, reference, ways
+from crosscheck.verification.speed import spread
 
 FRONTIERS = {"end position": ("end_position", "m"), "end attitude": ("end_attitude", "rad"),
              "largest position": ("max_position", "m"), "largest attitude": ("max_attitude", "rad")}
@@ -52,26 +56,26 @@ def measure(scene: Scene, chosen: Sequence[Way], truth: Reference, repeats: int,
     bound : also the Taylor series of heyoka
     """
     rungs: list[Rung] = []
-    runs: list[tuple[Rung, Callable[[], float]]] = []
+    runs: list[tuple[Rung, Callable[[], float], list[tuple[float, float]]]] = []
     total = len(chosen) + (len(TOLERANCES) if bound else 0)
     for done, way in enumerate(chosen):
         progress(done, total, f"{scene.name}: errors of {way.label}")
         walked = _walk(scene, way, truth, time_limit)
         rungs += walked
-        runs += [(rung, _timer(scene, rung)) for rung in walked if rung.status == "success"]
+        runs += [(rung, _timer(scene, rung), []) for rung in walked if rung.status == "success"]
     if bound:
         series = Bound(scene, truth)
         for done, rtol in enumerate(TOLERANCES):
             progress(len(chosen) + done, total, f"{scene.name}: building the Taylor series of heyoka")
             rung = series.rung(rtol)
             rungs.append(rung)
-            runs += [(rung, series.timer(rung))] if rung.status == "success" else []
+            runs += [(rung, series.timer(rung), [])] if rung.status == "success" else []
     keep(rungs)
     for turn in range(repeats):
-        for done, (rung, once) in enumerate(runs):
+        for done, (rung, once, times) in enumerate(runs):
             progress(turn * len(runs) + done, repeats * len(runs), f"{scene.name}: time of {rung.label}")
             if rung.status == "success":
-                _take(rung, once)
+                _take(rung, once, times)
         keep(rungs)
     return rungs
 
@@ -123,7 +127,7 @@ def _explore(scene: Scene, rung: Rung, count: int | None, truth: Reference) -> f
     try:
         traj = _run(scene, rung, intervals + 1)
     except Exception as error:  # whatever an engine raises is a row of the study
-        rung.status, rung.reason = "error", " ".join(str(error).split()) or type(error).__name__
+        rung.status, rung.reason = "error", said(error)
         return 0.0
     rung.steps = traj.steps
     errors_into(rung, scene, traj, truth, intervals)
@@ -166,20 +170,18 @@ def _undisturbed(once: Callable[[], float]) -> tuple[float, float]:
     return min(clean or others)
 
 
-def _take(rung: Rung, once: Callable[[], float]) -> None:
-    """One turn of a rung."""
+def _take(rung: Rung, once: Callable[[], float], times: list[tuple[float, float]]) -> None:
+    """One turn of a rung, beside its seconds of stepping and of set-up in the turns before."""
     try:
-        wall, setup = _undisturbed(once)
+        times.append(_undisturbed(once))
     except Exception as error:  # it ran in the first pass, and now does not: that is a finding, too
-        rung.status, rung.reason = "error", f"when timed: {' '.join(str(error).split())}"
+        rung.status, rung.reason = "error", f"when timed: {said(error)}"
         return
-    rung.times.append((wall, setup))
-    walls = [pair[0] for pair in rung.times]
-    middle = statistics.median(walls)
+    walls = [wall for wall, _ in times]
     rung.repeats = len(walls)
-    rung.wall_ms = 1e3 * middle
-    rung.wall_deviation_ms = 1e3 * statistics.median(abs(wall - middle) for wall in walls)
-    rung.setup_ms = 1e3 * statistics.median(pair[1] for pair in rung.times)
+    rung.wall_ms = 1e3 * statistics.median(walls)
+    rung.wall_deviation_ms = 1e3 * spread(walls)
+    rung.setup_ms = 1e3 * statistics.median(setup for _, setup in times)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -191,32 +193,30 @@ class WorkPrecisionAsk(Ask):
     duration: float | None = None  # s; None: the scene's
 
 
-@dataclasses.dataclass(frozen=True)
-class Ladders:
-    """The ways of one scene, whose rungs take turns."""
+class Known(Part, frozen=True, kw_only=True):
+    """The truth of a scene, and how far it is known."""
 
-    scene: Scene
-    engines: tuple[str, ...]
+    source: str
+    disagreement: float
+    amplification: float
 
 
-@dataclasses.dataclass
-class Ladder:
-    """What is known of one scene: its truth or why there is none, and all rungs."""
+class SceneLadders(Part, frozen=True, kw_only=True):
+    """What is known of one scene: its truth or why there is none, all rungs, and by each error the frontier."""
 
     name: str
     description: str
-    duration: float
+    duration: float  # s
     failure: str | None = None
-    truth: dict[str, str | float] | None = None
-    rungs: list[Rung] = dataclasses.field(default_factory=list)
+    truth: Known | None = None
+    rungs: list[Rung]
+    frontier: dict[str, list[frontier.Front]]
 
-    def plain(self) -> dict[str, Any]:
-        """As the document has it, with its frontiers."""
-        rungs = [rung.plain() for rung in self.rungs]
-        fronts = {name: [dataclasses.asdict(front) for front in frontier.frontier(frontier.curves(rungs, column))]
-                  for name, (column, _) in FRONTIERS.items()}
-        return {"name": self.name, "description": self.description, "duration": self.duration, "failure": self.failure,
-                "truth": self.truth, "rungs": rungs, "frontier": fronts if rungs else {}}
+
+class WorkPrecisionDocument(StudyDocument, frozen=True, kw_only=True):
+    """work-precision.json."""
+
+    scenes: list[SceneLadders]
 
 
 class WorkPrecision:
@@ -228,42 +228,38 @@ class WorkPrecision:
         """Two pendulums and the heavy top."""
         return "single_pendulum", "double_pendulum", "heavy_top"
 
-    def cells(self, ask: WorkPrecisionAsk, engines: tuple[str, ...], scenes: Sequence[Scene]) -> list[Ladders]:
-        """A scene each: only runs that take turns compare in time."""
-        return [Ladders(scene.replace(duration=ask.duration or scene.duration), engines) for scene in scenes]
-
-    def measure(self, ask: WorkPrecisionAsk, cells: list[Ladders], out: Path, progress: Progress,
-                keep: Callable[[list[Ladder]], None]) -> None:
-        """Scene after scene, kept after every round; one without truth says why."""
-        results: list[Ladder] = []
-        for cell in cells:
-            scene = cell.scene
-            found = Ladder(scene.name, scene.description, scene.duration)
-            results.append(found)
+    def measure(self, work: Work[WorkPrecisionAsk, SceneLadders]) -> None:
+        """Scene after scene, for only runs that take turns compare in time; kept after every round."""
+        ask = work.ask
+        results: list[SceneLadders] = []
+        for scene in (each.replace(duration=ask.duration or each.duration) for each in work.scenes):
+            found = SceneLadders(name=scene.name, description=scene.description, duration=scene.duration,
+                                 rungs=[], frontier={})
             try:
-                progress(0, None, f"{scene.name}: truth")
+                work.progress(0, None, f"{scene.name}: truth")
                 sampled, truth = reference(scene)
             except (Unsupported, TruthError) as error:
-                found.failure = " ".join(str(error).split())
-                keep(results)
+                results.append(replace(found, failure=said(error)))
+                work.keep(results, None)
                 continue
-            found.duration = sampled.duration
-            found.truth = {"source": truth.source, "disagreement": truth.disagreement,
-                           "amplification": truth.amplification}
-            chosen, refused = ways(sampled, cell.engines, ask.methods, asked_map=ask.coordinate_map)
+            found = replace(found, duration=sampled.duration, truth=Known(
+                source=truth.source, disagreement=truth.disagreement, amplification=truth.amplification))
+            chosen, refused = ways(sampled, work.engines, ask.methods, asked_map=ask.coordinate_map)
             missing = [Rung.of(sampled, way, None, "skipped", reason) for way, reason in refused]
+            results.append(found)
 
-            def kept(rungs: list[Rung], found: Ladder = found, missing: list[Rung] = missing) -> None:
-                found.rungs = [*rungs, *missing]
-                keep(results)
+            def kept(rungs: list[Rung], found: SceneLadders = found, missing: list[Rung] = missing) -> None:
+                fronts = {name: frontier.frontier(frontier.curves(rungs, column))
+                          for name, (column, _) in FRONTIERS.items()}
+                results[-1] = replace(found, rungs=[*rungs, *missing], frontier=fronts)
+                work.keep(results, None)
 
-            measure(sampled, chosen, truth, ask.repeats, ask.time_limit, progress, kept, ask.bound)
+            measure(sampled, chosen, truth, ask.repeats, ask.time_limit, work.progress, kept, ask.bound)
 
-    def document(self, ask: WorkPrecisionAsk, results: list[Ladder]) -> dict[str, Any]:
+    def document(self, ask: WorkPrecisionAsk, meta: StudyMeta, results: list[SceneLadders]) -> WorkPrecisionDocument:
         """Per scene its rungs and frontiers."""
-        return {"meta": {"repeats": ask.repeats, "time_limit": ask.time_limit},
-                "scenes": [ladder.plain() for ladder in results]}
+        return WorkPrecisionDocument(study=self.name, meta=replace(meta, repeats=ask.repeats), scenes=results)
 
-    def table(self, document: dict[str, Any]) -> list[dict[str, Any]]:
+    def rows(self, document: WorkPrecisionDocument) -> list[Rung]:
         """A line a rung."""
-        return [rung for scene in document["scenes"] for rung in scene["rungs"]]
+        return [rung for scene in document.scenes for rung in scene.rungs]

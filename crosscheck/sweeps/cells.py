@@ -6,12 +6,14 @@ import dataclasses
 import functools
 import hashlib
 import json
+import math
 import time
 from typing import Any
 
-import numpy as np
+from msgspec.structs import replace
 
-from crosscheck.errors import Unsupported
+from crosscheck.document import Part
+from crosscheck.errors import Unsupported, said
 from crosscheck.jobs.workers import output
 from crosscheck.references.base import TruthError
 from crosscheck.running import versions
@@ -59,11 +61,39 @@ class Task:
                 for member in self.members for way in member.ways]
 
 
+class Row(Part, frozen=True, kw_only=True):
+    """A cell as it is kept; its fields are the columns of the table. NaN where there is no figure."""
+
+    cell: str  # its content key
+    scene: str
+    engine: str
+    version: str
+    method: str
+    form: str
+    step: float | None  # s
+    rtol: float | None
+    member: int
+    parameters: str  # JSON, by path
+    status: str = ""
+    position_error: float = math.nan  # m
+    attitude_error: float = math.nan  # rad
+    velocity_error: float = math.nan  # m/s
+    angular_velocity_error: float = math.nan  # rad/s
+    energy_error: float = math.nan
+    constraint_position: float = math.nan  # m
+    constraint_velocity: float = math.nan  # m/s
+    constraint_acceleration: float = math.nan  # m/s^2
+    orthogonality: float = math.nan
+    steps: int = 0
+    wall_time: float = math.nan  # s
+    message: str = ""
+
+
 @dataclasses.dataclass(frozen=True)
 class Done:
     """What a task returns: rows, and how long truth and the rest took (s)."""
 
-    rows: list[dict[str, Any]]
+    rows: list[Row]
     truth_seconds: float
     run_seconds: float
     checked: list[float]  # disagreements of the two formulations
@@ -86,7 +116,7 @@ def run(task: Task) -> Done:
     """
     engines = {way.engine: way.version for member in task.members for way in member.ways}
     versions.refuse_others(dict(task.versions) | engines, _own_versions(tuple(sorted(engines))), "this worker")
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     checked: list[float] = []
     trouble: list[str] = []
     truth_seconds = run_seconds = 0.0
@@ -97,15 +127,13 @@ def run(task: Task) -> Done:
         middle = time.perf_counter()
         for way in member.ways:
             output.at(f"{member.name} {way.engine} {way.method}")
-            rows.append(_row(member, way, exact, task))
+            rows.append(_measured(empty_row(member, way, task), member, way, exact, task.timing))
         truth_seconds += middle - began
         run_seconds += time.perf_counter() - middle
     return Done(rows, truth_seconds, run_seconds, checked, trouble)
 
 
-@functools.lru_cache(maxsize=4)
-def _own_versions(engines: tuple[str, ...]) -> dict[str, str]:
-    return versions.of(engines)
+_own_versions = functools.lru_cache(maxsize=4)(versions.of)
 
 
 @functools.lru_cache(maxsize=KEPT_STRUCTURES)
@@ -144,45 +172,29 @@ def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
             checked.append(compiled.check(member.scene, states))
         return states, ""
     except (Unsupported, TruthError) as error:
-        return None, " ".join(str(error).split())
+        return None, said(error)
 
 
-def _row(member: Member, way: Way, exact: States | None, task: Task) -> dict[str, Any]:
+def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: bool) -> Row:
+    """The row of a cell with its figures, or with the status of the run that raised: the engine's own word, if any."""
     from crosscheck.judge.metrics import errors
     from crosscheck.running.run import run as run_scene
 
-    row = empty_row(member, way, task)
     try:
         traj = run_scene(member.scene, way.engine, way.method, step=way.step, rtol=way.rtol, **dict(way.options))
     except Exception as error:
-        row["status"], row["message"] = _failure(error), " ".join(str(error).split())[:500]
-        return row
-    row["status"], row["form"], row["steps"] = traj.status, traj.form or "", int(traj.steps)
-    if task.timing:
-        row["wall_time"] = float(traj.wall_time)
-    row |= traj.maxima
+        status = "unsupported" if isinstance(error, Unsupported) else getattr(error, "status", None) or "failed"
+        return replace(row, status=str(getattr(status, "value", status)), message=said(error)[:500])
+    found = dict(traj.maxima)
     if exact is not None:
-        found = errors(member.scene, _states(traj), exact)
-        row |= {ERRORS[name]: error.max for name, error in found.items()}
-    return row
+        states = States(traj.t, traj.x, traj.R, traj.v, traj.w)
+        found |= {ERRORS[name]: error.max for name, error in errors(member.scene, states, exact).items()}
+    return replace(row, status=traj.status, form=traj.form or "", steps=int(traj.steps),
+                   wall_time=float(traj.wall_time) if timing else math.nan, **found)
 
 
-def empty_row(member: Member, way: Way, task: Task) -> dict[str, Any]:
+def empty_row(member: Member, way: Way, task: Task) -> Row:
     """The row of a cell before it ran."""
-    return {
-        "cell": key(member.scene, way, task.versions, task.timing), "scene": member.name, "engine": way.engine,
-        "version": way.version, "method": way.method, "form": way.form or "", "step": way.step, "rtol": way.rtol,
-        "member": member.index, "parameters": json.dumps(dict(member.parameters)), "status": "",
-        **dict.fromkeys(FIGURES, np.nan), "steps": 0, "wall_time": np.nan, "message": ""}
-
-
-def _states(traj: Any) -> States:
-    return States(traj.t, traj.x, traj.R, traj.v, traj.w)
-
-
-def _failure(error: Exception) -> str:
-    """The status of a run that raised: the engine's own word where it has one."""
-    if isinstance(error, Unsupported):
-        return "unsupported"
-    status = getattr(error, "status", None)
-    return str(getattr(status, "value", status)) if status is not None else "failed"
+    return Row(cell=key(member.scene, way, task.versions, task.timing), scene=member.name, engine=way.engine,
+               version=way.version, method=way.method, form=way.form or "", step=way.step, rtol=way.rtol,
+               member=member.index, parameters=json.dumps(dict(member.parameters)))

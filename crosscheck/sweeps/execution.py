@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import itertools
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -51,7 +52,7 @@ class Foreign:
         return self._cluster.executor.submit(isolated, cells.run, task, LIMITS, True)
 
     def close(self, at_once: bool) -> None:
-        """Let go of the executor."""
+        """Release the executor."""
         self._cluster.close()
 
 
@@ -67,7 +68,7 @@ def run(tasks: Iterator[cells.Task], place: Local | Foreign, handle: Handle) -> 
     waiting = iter(tasks)
     most = 4 * place.workers
     while True:
-        for task in _some(waiting, most - len(flying)):
+        for task in itertools.islice(waiting, max(0, most - len(flying))):
             flying[place.submit(task)] = task, 1
         if not flying:
             return
@@ -87,11 +88,3 @@ def run(tasks: Iterator[cells.Task], place: Local | Foreign, handle: Handle) -> 
                     flying[place.submit(task)] = task, tries + 1
                     continue
                 flying |= {place.submit(each): (each, 1) for each in handle(task, result)}
-
-
-def _some(tasks: Iterator[cells.Task], count: int) -> Iterator[cells.Task]:
-    for _ in range(count):
-        try:
-            yield next(tasks)
-        except StopIteration:
-            return

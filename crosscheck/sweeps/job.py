@@ -13,14 +13,16 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 
+from crosscheck.document import Origin
 from crosscheck.errors import ArgumentError, CrosscheckError, missing
-from crosscheck.files import finite, put
+from crosscheck.files import plain, put
 from crosscheck.jobs.workers.process import Crash
 from crosscheck.running import cluster, provenance, versions
 from crosscheck.scene.model import Scene
-from crosscheck.sweeps import cells, execution, members, plan
+from crosscheck.sweeps import cells, execution, members, plan, summary
 from crosscheck.sweeps.parts import COLUMNS, Parts
 
 if TYPE_CHECKING:
@@ -36,26 +38,6 @@ PER_TASK = 0.05
 """s of truth and overhead that an estimate counts for every task."""
 
 Progress = Callable[[int, int | None, str], Any]
-
-
-@dataclasses.dataclass
-class Report:
-    """What a sweep did."""
-
-    cells: int
-    workers: int
-    computed: int = 0
-    seconds: float = 0.0
-    truth_seconds: float = 0.0  # of all workers together
-    run_seconds: float = 0.0
-    disagreements: list[float] = dataclasses.field(default_factory=list)
-    trouble: list[str] = dataclasses.field(default_factory=list)
-
-    @property
-    def overhead(self) -> float:
-        """s per computed cell that were neither truth nor runs, on one worker."""
-        busy = self.truth_seconds + self.run_seconds
-        return max(0.0, self.seconds * self.workers - busy) / max(1, self.computed)
 
 
 def sweep(source: Mapping[str, Any] | str | os.PathLike[str], workers: int = 2, scheduler: str | None = None,
@@ -94,22 +76,18 @@ def sweep(source: Mapping[str, Any] | str | os.PathLike[str], workers: int = 2, 
     if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= 1024:
         raise ArgumentError(f"workers: a whole number from 1 to 1024 is wanted, not {workers!r}")
     if out is not None:
-        return _run(asked, workers, scheduler, Path(out), progress or _silent)
+        return _run(asked, workers, scheduler, Path(out), progress or (lambda *_: None))
     with tempfile.TemporaryDirectory() as folder:
-        return _run(asked, workers, scheduler, Path(folder), progress or _silent)
+        return _run(asked, workers, scheduler, Path(folder), progress or (lambda *_: None))
 
 
 def needed() -> None:
-    """Refuse to start without what keeps the results."""
+    """Raise `ArgumentError` where the packages that keep the results are missing."""
     try:
         import pandas  # noqa: F401
         import pyarrow  # noqa: F401
     except ImportError as error:
         raise ArgumentError(f"a sweep keeps its results in tables: {missing(error)}") from None
-
-
-def _silent(done: int, total: int | None, label: str) -> None:
-    return None
 
 
 def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progress: Progress) -> pd.DataFrame:
@@ -120,33 +98,29 @@ def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progr
     at_once = True
     try:
         parts = Parts(out)
-        run = _Sweep(asked, tuple(versions.of(()).items()), parts.finished(), parts, progress,
-                     Report(asked.cells, place.workers))
+        run = _Sweep(asked, tuple(versions.of(()).items()), parts.finished(), parts, progress, place.workers)
         try:
             execution.run(run.tasks(), place, run.handle)
             at_once = False
         except CrosscheckError as error:
-            raise type(error)(f"{error}; {run.report.computed} of {asked.cells} cells were computed and are kept in "
+            raise type(error)(f"{error}; {run.computed} of {asked.cells} cells were computed and are kept in "
                               f"{out}: the same command goes on from there") from None
         finally:
             parts.flush()
     finally:
         place.close(at_once)
-    run.report.seconds = time.perf_counter() - run.began
+    report = run.report()
     frame = _frame(parts.frame(), run.wanted, asked)
-    frame.attrs["report"] = dataclasses.asdict(run.report) | {"overhead": run.report.overhead}
-    _write(out, asked, frame, provenance.describe(engines))
+    frame.attrs["report"] = plain(report)
+    _write(out, asked, frame, report, msgspec.convert(provenance.describe(engines), Origin))
     return frame
 
 
-def _write(out: Path, asked: plan.Plan, frame: pd.DataFrame, meta: provenance.Provenance) -> None:
+def _write(out: Path, asked: plan.Plan, frame: pd.DataFrame, report: summary.Report, meta: Origin) -> None:
     """request.json, sweep.json and, where the extra `report` is there, the page."""
-    from crosscheck.sweeps import summary
-
     names = [name for name, _ in asked.parameters]
-    report = frame.attrs["report"]
     put(out / "request.json", json.dumps(asked.source, indent=1))
-    put(out / "sweep.json", json.dumps({"meta": meta, "report": report, "parameters": names}, indent=1))
+    put(out / "sweep.json", json.dumps(plain({"meta": meta, "report": report, "parameters": names}), indent=1))
     try:
         import jinja2  # noqa: F401
         import plotly  # noqa: F401
@@ -154,11 +128,11 @@ def _write(out: Path, asked: plan.Plan, frame: pd.DataFrame, meta: provenance.Pr
         return
     from crosscheck.report.standalone import write_page
 
-    document = finite(summary.document(frame, names, report, meta, str(out)))
-    write_page(out, "sweep.html.j2", document=document, meta=meta)
+    document = plain(summary.document(frame, names, report, meta, str(out)))
+    write_page(out, "sweep.html.j2", document=document, meta=document["meta"])
 
 
-def one(source: Mapping[str, Any] | str | os.PathLike[str], cell: str) -> dict[str, Any]:
+def one(source: Mapping[str, Any] | str | os.PathLike[str], cell: str) -> cells.Row:
     """Run one cell of a sweep again, whatever is stored, and return its row.
 
     Raises
@@ -191,8 +165,7 @@ def estimate(source: Mapping[str, Any] | str | os.PathLike[str], out: str | os.P
     folder = None if out is None else Path(out)
     parts = Parts(folder) if folder is not None and (folder / "parts").is_dir() else None
     own = tuple(versions.of(()).items())
-    report = Report(asked.cells, workers)
-    waiting = _Sweep(asked, own, parts.finished() if parts else set(), None, _silent, report)
+    waiting = _Sweep(asked, own, parts.finished() if parts else set(), None, lambda *_: None, workers)
     per_task = 0.0
     costs: dict[tuple[str, str, str], tuple[float, float]] = {}
     missing = 0
@@ -218,10 +191,14 @@ class _Sweep:
     """A sweep under way: hands out what is missing and keeps what comes back."""
 
     def __init__(self, asked: plan.Plan, own: tuple[tuple[str, str], ...], finished: set[str], parts: Parts | None,
-                 progress: Progress, report: Report) -> None:
-        self.asked, self.own, self.parts, self.progress, self.report = asked, own, parts, progress, report
-        self.began = time.perf_counter()
+                 progress: Progress, workers: int) -> None:
+        self.asked, self.own, self.parts, self.progress, self.workers = asked, own, parts, progress, workers
         self.wanted: list[str] = []  # keys of all cells, in order
+        self.computed = 0
+        self._began = time.perf_counter()
+        self._truth_seconds = self._run_seconds = 0.0
+        self._checked: list[float] = []
+        self._trouble: dict[str, None] = {}
         self._taken = finished
         self._missing = 0
 
@@ -229,55 +206,62 @@ class _Sweep:
         """The missing cells, made as they are asked for."""
         size = max(1, CELLS_PER_TASK // len(self.asked.ways))
         for start in members.starts(self.asked):
-            checked = _sample(start.scene.hash, self.asked.members)
+            # Drawn by the content of the start, so that every run of a sweep checks the same members.
+            drawn = sorted((hashlib.sha256(f"{start.scene.hash} {index}".encode()).digest(), index)
+                           for index in range(self.asked.members))
+            checked = {index for _, index in drawn[:max(1, round(CHECKED * len(drawn)))]}
             shared = structure_of(start.scene)
             ready: list[cells.Member] = []
             for index, scene in enumerate(members.of_start(start, self.asked.perturbation)):
-                ways = self._missing_ways(scene)
+                ways = []
+                for way in self.asked.ways:  # those that no sweep has run in this folder
+                    key = cells.key(scene, way, self.own, self.asked.timing)
+                    self.wanted.append(key)
+                    if key not in self._taken:
+                        self._taken.add(key)
+                        ways.append(way)
+                self._missing += len(ways)
                 if ways:
                     structure = start.scene if structure_of(scene) == shared else scene
                     ready.append(cells.Member(scene, structure, start.origin.name, index,
-                                              tuple(start.parameters.items()), ways, index in checked))
+                                              tuple(start.parameters.items()), tuple(ways), index in checked))
                 if len(ready) == size:
                     yield cells.Task(tuple(ready), self.own, self.asked.timing)
                     ready = []
             if ready:
                 yield cells.Task(tuple(ready), self.own, self.asked.timing)
 
-    def _missing_ways(self, scene: Scene) -> tuple[plan.Way, ...]:
-        """The ways of a member that no sweep has run in this folder."""
-        missing = []
-        for way in self.asked.ways:
-            key = cells.key(scene, way, self.own, self.asked.timing)
-            self.wanted.append(key)
-            if key not in self._taken:
-                self._taken.add(key)
-                missing.append(way)
-        self._missing += len(missing)
-        return tuple(missing)
-
     def handle(self, task: cells.Task, result: Any) -> list[cells.Task]:
         """Keep the rows of a task. One that took its worker with it is run again, each of its runs alone."""
-        report = self.report
         assert self.parts is not None  # only an estimate has none
         if isinstance(result, Crash):
             if isinstance(result.error, CrosscheckError):
                 raise result.error
             if task.cells > 1:
                 return task.split()
-            self.parts.add(_crashed(task, result))
+            row = cells.empty_row(task.members[0], task.members[0].ways[0], task)
+            self.parts.add([msgspec.structs.replace(row, status="crashed", message=result.message)])
         else:
             self.parts.add(result.rows)
-            report.truth_seconds += result.truth_seconds
-            report.run_seconds += result.run_seconds
-            report.disagreements += result.checked
-            report.trouble += [text for text in result.trouble if text not in report.trouble]
-        report.computed += task.cells
+            self._truth_seconds += result.truth_seconds
+            self._run_seconds += result.run_seconds
+            self._checked += result.checked
+            self._trouble |= dict.fromkeys(result.trouble)
+        self.computed += task.cells
         kept = len(self.wanted) - self._missing
-        left = report.cells - kept - report.computed
-        spent = time.perf_counter() - self.began
-        self.progress(kept + report.computed, report.cells, f"about {spent / report.computed * left:.0f} s left")
+        left = self.asked.cells - kept - self.computed
+        spent = time.perf_counter() - self._began
+        self.progress(kept + self.computed, self.asked.cells, f"about {spent / self.computed * left:.0f} s left")
         return []
+
+    def report(self) -> summary.Report:
+        """What was done so far."""
+        seconds = time.perf_counter() - self._began
+        idle = max(0.0, seconds * self.workers - self._truth_seconds - self._run_seconds)
+        return summary.Report(
+            cells=self.asked.cells, workers=self.workers, computed=self.computed, seconds=seconds,
+            truth_seconds=self._truth_seconds, run_seconds=self._run_seconds, disagreements=tuple(self._checked),
+            trouble=tuple(self._trouble), overhead=idle / max(1, self.computed))
 
 
 def structure_of(scene: Scene) -> str:
@@ -287,19 +271,6 @@ def structure_of(scene: Scene) -> str:
         dataclasses.replace(body, attitude=np.eye(4)[0], angular_velocity=zero, position=zero, velocity=zero)
         for body in scene.bodies))
     return str(fixed.hash)
-
-
-def _sample(seed: str, count: int) -> set[int]:
-    """The members whose truth is checked: drawn by the content of the start, so that every run checks the same."""
-    number = max(1, round(CHECKED * count))
-    ranked = sorted(range(count), key=lambda index: hashlib.sha256(f"{seed} {index}".encode()).digest())
-    return set(ranked[:number])
-
-
-def _crashed(task: cells.Task, crash: Crash) -> list[dict[str, Any]]:
-    """The row of a run that took its worker with it."""
-    member, way = task.members[0], task.members[0].ways[0]
-    return [cells.empty_row(member, way, task) | {"status": "crashed", "message": crash.message}]
 
 
 def _frame(rows: pd.DataFrame, wanted: list[str], asked: plan.Plan) -> pd.DataFrame:

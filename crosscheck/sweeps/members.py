@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from crosscheck.scene.file import scene_from
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
 from crosscheck.sweeps import paths
-from crosscheck.sweeps.plan import Origin, Perturbation, Plan
+from crosscheck.sweeps.plan import Origin, Perturbation, Plan, Value
 
 FREEDOMS = {name: (3, 0) if kind.coordinates == ("ball",) else tuple(
     sum(word.startswith(motion) for word in kind.coordinates) for motion in ("turn", "slide"))
@@ -26,7 +25,7 @@ class Start:
     """A scene with one combination of the parameters."""
 
     origin: Origin
-    parameters: dict[str, Any]
+    parameters: dict[str, Value]
     scene: Scene
 
 
@@ -42,12 +41,20 @@ def of_start(start: Start, perturbation: Perturbation | None) -> Iterator[Scene]
     if perturbation is None:
         yield start.scene
         return
-    normals = _normals(start, perturbation)
+    size = sum(_sizes(start, perturbation))
+    # Of one seed: the same for starts of one structure, so that they can be compared.
+    if perturbation.sampling == "normal":  # row by row: more members keep those there were
+        normals = np.random.default_rng(perturbation.seed).standard_normal((perturbation.count, size))
+    else:
+        from scipy.stats import norm, qmc
+
+        hypercube = qmc.LatinHypercube(size, rng=np.random.default_rng(perturbation.seed))
+        normals = np.asarray(norm.ppf(hypercube.random(perturbation.count)))
     for row in normals:
         yield _perturbed(start, perturbation, row)
 
 
-def _changed(origin: Origin, values: dict[str, Any]) -> Scene:
+def _changed(origin: Origin, values: dict[str, Value]) -> Scene:
     if not values:
         return origin.scene
     assert origin.data is not None  # `plan` has seen to it
@@ -62,17 +69,6 @@ def _sizes(start: Start, perturbation: Perturbation) -> list[int]:
              "joint_velocity": freedoms}
     return [known[name] if name in known else int(np.size(paths.read(start.origin.data or {}, name, scene.name)))
             for name, _ in perturbation.deviations]
-
-
-def _normals(start: Start, perturbation: Perturbation) -> np.ndarray:
-    """(count, size) standard normal numbers: the same for starts of one structure, so that they can be compared."""
-    size = sum(_sizes(start, perturbation))
-    if perturbation.sampling == "normal":  # row by row: more members keep those there were
-        return np.random.default_rng(perturbation.seed).standard_normal((perturbation.count, size))
-    from scipy.stats import norm, qmc
-
-    hypercube = qmc.LatinHypercube(size, rng=np.random.default_rng(perturbation.seed))
-    return np.asarray(norm.ppf(hypercube.random(perturbation.count)))
 
 
 def _perturbed(start: Start, perturbation: Perturbation, normals: np.ndarray) -> Scene:
@@ -168,7 +164,7 @@ def _beyond(scene: Scene, joint: Joint) -> list[int]:
 
 
 def _quaternion(turn: np.ndarray) -> np.ndarray:
-    """Of a rotation vector (rad)."""
+    """The unit quaternion of a rotation vector (rad)."""
     angle = float(np.linalg.norm(turn))
     return np.concatenate([[np.cos(angle / 2)], 0.5 * np.sinc(angle / (2 * np.pi)) * turn])
 

@@ -5,17 +5,18 @@ from __future__ import annotations
 import time
 import uuid
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from msgspec.structs import astuple
 
 from crosscheck.errors import ArgumentError
 from crosscheck.files import replacing
-from crosscheck.sweeps.cells import FIGURES
+from crosscheck.sweeps.cells import FIGURES, Row
 
 if TYPE_CHECKING:
     import pandas as pd
 
-COLUMNS = ("cell", "scene", "engine", "version", "method", "form", "step", "rtol", "member", "parameters", "status",
-           *FIGURES, "steps", "wall_time", "message")
+COLUMNS = Row.__struct_fields__
 MOST_ROWS = 2000
 PERIOD = 2.0
 """s after which rows are written at the latest: what a killed client loses."""
@@ -30,7 +31,7 @@ class Parts:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ArgumentError(f"{folder}: cannot be made ({error.strerror or error}); name another folder") from None
-        self._waiting: list[dict[str, Any]] = []
+        self._waiting: list[Row] = []
         self._written = time.monotonic()
 
     def finished(self) -> set[str]:
@@ -41,7 +42,7 @@ class Parts:
         """All rows in the folder, one a cell."""
         return self._read(list(COLUMNS)).drop_duplicates("cell", keep="first")
 
-    def add(self, rows: list[dict[str, Any]]) -> None:
+    def add(self, rows: list[Row]) -> None:
         """Take in rows; write them where enough came together or enough time has passed."""
         self._waiting += rows
         if len(self._waiting) >= MOST_ROWS or time.monotonic() - self._written > PERIOD:
@@ -54,7 +55,7 @@ class Parts:
         self._written = time.monotonic()
         if not self._waiting:
             return
-        frame = pd.DataFrame(self._waiting, columns=list(COLUMNS)).astype(
+        frame = pd.DataFrame(map(astuple, self._waiting), columns=list(COLUMNS)).astype(
             dict.fromkeys(("step", "rtol", *FIGURES, "wall_time"), "float64"))
         try:
             with replacing(self.folder / f"{uuid.uuid4().hex}.parquet") as aside:

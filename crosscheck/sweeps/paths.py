@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import copy
 import difflib
+from collections.abc import Mapping
 from typing import Any
 
 from crosscheck.errors import ArgumentError
 
+Content = Mapping[str, object]
+"""The content of a scene file, as TOML or JSON has it."""
 
-def read(data: dict[str, Any], path: str, scene: str) -> Any:
+
+def read(data: Content, path: str, scene: str) -> Any:
     """The number, or the list of numbers, that a path names.
 
     Raises
@@ -19,14 +23,15 @@ def read(data: dict[str, Any], path: str, scene: str) -> Any:
     """
     value = _walk(data, path, scene)
     if not _numeric(value):
+        bodies: Any = data.get("bodies") or [{}]
         raise ArgumentError(f"{path}: in scene {scene!r} this is no number but {value!r}; name a number, such as "
-                            f"bodies.{_first_name(data)}.mass")
+                            f"bodies.{bodies[0].get('name', '0')}.mass")
     return value
 
 
-def replaced(data: dict[str, Any], changes: dict[str, Any], scene: str) -> dict[str, Any]:
+def replaced(data: Content, changes: Content, scene: str) -> dict[str, Any]:
     """A copy of the content with other numbers at some paths."""
-    data = copy.deepcopy(data)
+    data = dict(copy.deepcopy(data))
     for path, value in changes.items():
         words = path.split(".")
         target = _walk(data, ".".join(words[:-1]), scene) if len(words) > 1 else data
@@ -75,8 +80,3 @@ def _numeric(value: Any) -> bool:
     if isinstance(value, list):
         return bool(value) and all(map(_numeric, value))
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _first_name(data: dict[str, Any]) -> str:
-    bodies = data.get("bodies") or [{}]
-    return str(bodies[0].get("name", "0"))

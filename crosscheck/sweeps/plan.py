@@ -15,11 +15,16 @@ import numpy as np
 
 from crosscheck.errors import ArgumentError, install, unknown
 from crosscheck.scene.model import Scene
+from crosscheck.sweeps import paths
+from crosscheck.sweeps.paths import Content
 
 KEYS = ("scenes", "engines", "steps", "rtols", "samples", "duration", "parameters", "perturb", "timing")
 PERTURBED = ("angular_velocity", "attitude", "joint_position", "joint_velocity")
 SAMPLING = ("normal", "latin_hypercube")
 MOST_CELLS = 10_000_000
+Value = float | list[float]
+"""Of a parameter: a number, or a vector as the scene file has it."""
+
 WAY_OPTIONS = ("form", "coordinate_map", "spin_free", "alpha", "beta", "softness", "node")
 
 
@@ -56,7 +61,7 @@ class Origin:
 
     name: str
     path: str
-    data: dict[str, Any] | None  # None: a scene that came without a file
+    data: Content | None  # None: a scene that came without a file
     scene: Scene
 
 
@@ -66,17 +71,17 @@ class Plan:
 
     origins: tuple[Origin, ...]
     ways: tuple[Way, ...]
-    parameters: tuple[tuple[str, tuple[Any, ...]], ...]
+    parameters: tuple[tuple[str, tuple[Value, ...]], ...]
     perturbation: Perturbation | None
     timing: bool
-    source: dict[str, Any]  # what was asked for, paths of files absolute
+    source: Content  # what was asked for, paths of files absolute
 
     @property
     def members(self) -> int:
-        """Per start."""
+        """Number of members of each start."""
         return self.perturbation.count if self.perturbation else 1
 
-    def grid(self) -> Iterator[dict[str, Any]]:
+    def grid(self) -> Iterator[dict[str, Value]]:
         """Every combination of the parameters, by path."""
         names = [name for name, _ in self.parameters]
         for values in itertools.product(*(values for _, values in self.parameters)):
@@ -121,7 +126,7 @@ def _checked(data: Mapping[str, Any], folder: Path) -> Plan:
         if key not in KEYS:
             raise ArgumentError(unknown("key of a sweep", key, KEYS))
     scenes = _several("scenes", data.get("scenes"), "names or paths")
-    changes: dict[str, Any] = {}
+    changes: dict[str, float] = {}
     if "samples" in data:
         changes["samples"] = _whole("samples", data["samples"], 2)
     if "duration" in data:
@@ -144,7 +149,7 @@ def _checked(data: Mapping[str, Any], folder: Path) -> Plan:
     return plan
 
 
-def _origin(scene: Any, folder: Path, changes: dict[str, Any]) -> Origin:
+def _origin(scene: Any, folder: Path, changes: dict[str, float]) -> Origin:
     """A scene by name, path or as such, at the sweep's duration and samples; paths count from the sweep's folder."""
     from crosscheck.scene.file import read_scene, scene_from
 
@@ -196,9 +201,7 @@ def _method(engine: str, adapter: Any, entry: Any) -> tuple[str, tuple[tuple[str
     return table["method"], tuple((key, value) for key, value in table.items() if key != "method")
 
 
-def _parameters(given: Any, origins: Sequence[Origin]) -> tuple[tuple[str, tuple[Any, ...]], ...]:
-    from crosscheck.sweeps import paths
-
+def _parameters(given: Any, origins: Sequence[Origin]) -> tuple[tuple[str, tuple[Value, ...]], ...]:
     if not isinstance(given, Mapping):
         raise ArgumentError('parameters: a table of paths is wanted, such as "bodies.upper.mass" = [0.9, 1.1]')
     found = []
@@ -216,8 +219,6 @@ def _parameters(given: Any, origins: Sequence[Origin]) -> tuple[tuple[str, tuple
 
 
 def _perturbation(given: Any, origins: Sequence[Origin], taken: Sequence[str]) -> Perturbation | None:
-    from crosscheck.sweeps import paths
-
     if given is None:
         return None
     if not isinstance(given, Mapping):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from crosscheck.document import Origin, Part
 from crosscheck.sweeps.cells import FIGURES
 
 if TYPE_CHECKING:
@@ -20,19 +20,116 @@ POINTS = 24
 WAY = ["engine", "method", "form", "step", "rtol"]
 
 
-def document(frame: pd.DataFrame, parameters: list[str], report: dict[str, Any], meta: Mapping[str, Any],
-             out: str) -> dict[str, Any]:
+class Report(Part, frozen=True, kw_only=True):
+    """What a sweep did."""
+
+    cells: int
+    workers: int
+    computed: int = 0
+    seconds: float = 0.0
+    truth_seconds: float = 0.0  # of all workers together
+    run_seconds: float = 0.0
+    disagreements: tuple[float, ...] = ()  # of the two formulations, for members that were checked
+    trouble: tuple[str, ...] = ()  # why some members have no truth
+    overhead: float = 0.0  # s per computed cell that were neither truth nor runs, on one worker
+
+
+class Running(Part, frozen=True):
+    """Median and mean of the position error (m) over the first so many members: whether the count is enough."""
+
+    count: list[int]
+    median: list[float]
+    mean: list[float]
+
+    @classmethod
+    def of(cls, values: np.ndarray) -> Running:
+        """Of the errors (cells,) in their order; of fewer than four there is none."""
+        if len(values) < 4:
+            return cls([], [], [])
+        counts = np.unique(np.geomspace(2, len(values), POINTS).astype(int))
+        means = np.cumsum(values) / np.arange(1, len(values) + 1)
+        return cls(counts.tolist(), [float(np.median(values[:count])) for count in counts], means[counts - 1].tolist())
+
+
+class Map(Part, frozen=True):
+    """Median position error (m) over the first parameter, or `z[y][x]` over the first two, that are numbers."""
+
+    x: list[float]
+    z: list[float] | list[list[float]]
+    y: list[float] | None = None
+
+
+class WayCells(Part, frozen=True, kw_only=True):
+    """The cells of one way on one scene."""
+
+    scene: str
+    label: str
+    engine: str
+    count: int
+    failed: int
+    boxes: dict[str, list[float] | None]  # of each figure the least, the quartiles and the largest finite value
+    running: Running
+    map: Map | None
+
+
+class Line(Part, frozen=True, kw_only=True):
+    """One cell in a table."""
+
+    scene: str
+    label: str
+    member: int
+    parameters: str
+    status: str
+    position_error: float  # m
+    attitude_error: float  # rad
+    energy_error: float
+    command: str  # runs it again
+
+
+class SweepDocument(Part, frozen=True, kw_only=True):
     """Everything the page draws, a few kilobytes a way whatever the number of cells."""
-    groups = list(frame.groupby(["scene", *WAY], dropna=False, sort=False))
-    ways = [_way(key, cells, parameters) for key, cells in groups]
+
+    study: str = "sweep"
+    meta: Origin
+    report: Report
+    parameters: list[str]
+    figures: tuple[str, ...] = FIGURES
+    ways: list[WayCells]
+    worst: list[Line]
+    failed: list[Line]
+    statuses: dict[str, int]
+    cells: int
+    scenes: list[str]
+
+
+def document(frame: pd.DataFrame, parameters: list[str], report: Report, meta: Origin, out: str) -> SweepDocument:
+    """What the page shows of the cells of a sweep into the folder `out`."""
+
+    def line(row: Any) -> Line:
+        return Line(
+            scene=row["scene"], label=label(*(row[name] for name in WAY)), member=int(row["member"]),
+            parameters=", ".join(f"{name} = {row[name]}" for name in parameters), status=row["status"],
+            position_error=float(row["position_error"]), attitude_error=float(row["attitude_error"]),
+            energy_error=float(row["energy_error"]),
+            command=shlex.join(["crosscheck", "sweep", f"{out}/request.json", "--cell", row["cell"]]))
+
+    ways = []
+    for (scene, *way), cells in frame.groupby(["scene", *WAY], dropna=False, sort=False):
+        good = cells[cells["status"] == "success"]
+        finite = {name: good[name].to_numpy()[np.isfinite(good[name].to_numpy())] for name in FIGURES}
+        boxes = {name: np.quantile(values, (0, 0.25, 0.5, 0.75, 1)).tolist() if len(values) else None
+                 for name, values in finite.items()}
+        ways.append(WayCells(scene=scene, label=label(*way), engine=way[0], count=len(cells),
+                             failed=len(cells) - len(good), boxes=boxes, running=Running.of(finite["position_error"]),
+                             map=_map(good, parameters)))
     ranked = frame[frame["status"] == "success"].sort_values("position_error", ascending=False)
     failed = frame[frame["status"] != "success"]
-    worst = [_line(row, parameters, out) for _, row in ranked.head(WORST).iterrows()]
-    return {"study": "sweep", "meta": meta, "report": report, "parameters": parameters, "figures": list(FIGURES),
-            "ways": ways, "worst": worst, "failed": [_line(row, parameters, out)
-                                                     for _, row in failed.head(WORST).iterrows()],
-            "statuses": {str(name): int(count) for name, count in frame["status"].value_counts().items()},
-            "cells": len(frame), "scenes": list(dict.fromkeys(frame["scene"]))}
+    return SweepDocument(
+        meta=meta, report=report, parameters=parameters, ways=ways,
+        worst=[line(row) for _, row in ranked.head(WORST).iterrows()],
+        failed=[line(row) for _, row in failed.head(WORST).iterrows()],
+        statuses={str(name): int(count) for name, count in frame["status"].value_counts().items()},
+        cells=len(frame), scenes=list(dict.fromkeys(frame["scene"])))
 
 
 def label(engine: str, method: str, form: str, step: float, rtol: float) -> str:
@@ -41,49 +138,13 @@ def label(engine: str, method: str, form: str, step: float, rtol: float) -> str:
     return f"{engine} {method}{f' ({form})' if form else ''}, {control}"
 
 
-def _way(key: tuple[Any, ...], cells: pd.DataFrame, parameters: list[str]) -> dict[str, Any]:
-    scene, *rest = key
-    good = cells[cells["status"] == "success"]
-    return {"scene": scene, "label": label(*rest), "engine": rest[0], "count": len(cells),
-            "failed": len(cells) - len(good),
-            "boxes": {name: _box(good[name].to_numpy()) for name in FIGURES},
-            "running": _running(good["position_error"].to_numpy()),
-            "map": _map(good, parameters)}
-
-
-def _box(values: np.ndarray) -> list[float] | None:
-    """Least, quartiles and largest of the finite values."""
-    finite = values[np.isfinite(values)]
-    return None if not len(finite) else [float(q) for q in np.quantile(finite, (0, 0.25, 0.5, 0.75, 1))]
-
-
-def _running(values: np.ndarray) -> dict[str, list[float]]:
-    """Median and mean of the position error over the first so many members: whether the count is enough."""
-    finite = values[np.isfinite(values)]
-    if len(finite) < 4:
-        return {"count": [], "median": [], "mean": []}
-    counts = np.unique(np.geomspace(2, len(finite), POINTS).astype(int))
-    means = np.cumsum(finite) / np.arange(1, len(finite) + 1)
-    return {"count": counts.tolist(), "median": [float(np.median(finite[:count])) for count in counts],
-            "mean": [float(means[count - 1]) for count in counts]}
-
-
-def _map(good: pd.DataFrame, parameters: list[str]) -> dict[str, Any] | None:
-    """Median position error over the first two parameters that are numbers."""
+def _map(good: pd.DataFrame, parameters: list[str]) -> Map | None:
     scalar = [name for name in parameters if np.ndim(good[name].iloc[0] if len(good) else 0) == 0][:2]
     if not scalar or not len(good):
         return None
     medians = good.groupby(scalar)["position_error"].median()
     if len(scalar) == 1:
-        return {"x": [float(x) for x in medians.index], "z": [float(z) for z in medians]}
+        return Map([float(x) for x in medians.index], [float(z) for z in medians])
     table = medians.unstack()
-    return {"x": [float(x) for x in table.columns], "y": [float(y) for y in table.index],
-            "z": [[float(z) for z in row] for row in table.to_numpy()]}
-
-
-def _line(row: Any, parameters: list[str], out: str) -> dict[str, Any]:
-    return {"scene": row["scene"], "label": label(*(row[name] for name in WAY)), "member": int(row["member"]),
-            "parameters": ", ".join(f"{name} = {row[name]}" for name in parameters), "status": row["status"],
-            "position_error": float(row["position_error"]), "attitude_error": float(row["attitude_error"]),
-            "energy_error": float(row["energy_error"]),
-            "command": shlex.join(["crosscheck", "sweep", f"{out}/request.json", "--cell", row["cell"]])}
+    return Map([float(x) for x in table.columns], table.to_numpy(dtype=float).tolist(),
+               [float(y) for y in table.index])

@@ -24,8 +24,7 @@ Entry = str | Sequence[Any]
 Run = Callable[..., Any]
 
 MOST_STEPS = 1e6
-"""Of a run whose step a test leaves open: seconds with any engine. More would be started by nobody who was asked."""
-
+"""Of a run whose step a test leaves open: seconds with any engine. No user would start more knowingly."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,12 +73,17 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
     from crosscheck.scene import file as scene_file
 
     loaded = scene_file.as_scene(scene)
-    entries = _entries(engines)
+    if not isinstance(engines, Iterable) or isinstance(engines, Mapping):
+        raise ArgumentError(f"engines: a name or a list of them is wanted, not {engines!r}")
+    entries: list[Entry] = [engines] if isinstance(engines, str) else list(engines)
+    if not entries:
+        raise ArgumentError("engines: at least one is needed")
     tol = _checked(tol)
     reference = (truth or references.truth)(loaded)
     contenders = [contender(entry, loaded, reference, step, rtol) for entry in entries]
     trajectories = [(run or run_scene)(loaded, each.engine, each.method, **dict(each.options)) for each in contenders]
-    bounds = [_bounds(loaded, reference, each, traj, tol) for each, traj in zip(contenders, trajectories, strict=True)]
+    bounds = [_documented_bounds(loaded, reference, each, traj) if tol is None else tol
+              for each, traj in zip(contenders, trajectories, strict=True)]
     keep = reference.t <= reference.horizon * (1 + 1e-12)
     for each, traj, allowed in zip(contenders, trajectories, bounds, strict=True):
         _compare(loaded, f"{each.label} and truth", traj, reference.states, allowed, keep)
@@ -89,17 +93,6 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
             larger = {name: max(bounds[i][name], bounds[j][name], key=lambda tol: tol.value) for name in bounds[i]}
             _compare(loaded, f"{contenders[j].label} and {contenders[i].label}", trajectories[j], trajectories[i],
                      larger, keep)
-
-
-def _entries(engines: Any) -> list[Entry]:
-    if isinstance(engines, str):
-        return [engines]
-    if not isinstance(engines, Iterable) or isinstance(engines, Mapping):
-        raise ArgumentError(f"engines: a name or a list of them is wanted, not {engines!r}")
-    entries = list(engines)
-    if not entries:
-        raise ArgumentError("engines: at least one is needed")
-    return entries
 
 
 def _checked(tol: Any) -> dict[str, Tol] | None:
@@ -133,6 +126,7 @@ def contender(entry: Entry, scene: Scene, truth: Reference, step: float | None =
     """
     from crosscheck import adapters
     from crosscheck.adapters.base import RunSpec
+    from crosscheck.judge.plan import plan_from_truth
 
     options: dict[str, Any] = {}
     if isinstance(entry, str):
@@ -157,38 +151,19 @@ def contender(entry: Entry, scene: Scene, truth: Reference, step: float | None =
         if order is None:
             options["rtol"] = 1e-9 if rtol is None else rtol
         else:
-            options["step"] = _judgeable_step(scene, truth, order) if step is None else step
+            options["step"] = step if step is not None else plan_from_truth(scene, truth).steps[
+                max(key for key in (1, 2, 4, 6, 8) if key <= order)]
             if step is None and scene.duration / options["step"] > MOST_STEPS:
-                if left_open and (adaptive := _adaptive_method(adapter, scene, options)) is not None:
+                adaptive = [name for name in getattr(adapter, "adaptive_methods", ()) if left_open and not
+                            adapter.unsupported(scene, RunSpec(name, rtol=1e-9, form=options.get("form")))]
+                if adaptive:
                     del options["step"]
-                    return Contender(engine, adaptive, tuple(sorted((options | {"rtol": 1e-9}).items())))
+                    return Contender(engine, adaptive[-1], tuple(sorted((options | {"rtol": 1e-9}).items())))
                 raise ArgumentError(
                     f"{engine} {method} on scene {scene.name!r}: at the step where its bounds judge, "
                     f"{options['step']:.2g} s, it would take {scene.duration / options['step']:.2g} steps, more than "
                     f"{MOST_STEPS:.0e}; name another method, a step, or a shorter duration")
     return Contender(engine, method, tuple(sorted(options.items())))
-
-
-def _adaptive_method(adapter: Any, scene: Scene, options: Mapping[str, Any]) -> str | None:
-    """The last method of an engine that follows a tolerance on this scene."""
-    from crosscheck.adapters.base import RunSpec
-
-    usable = [method for method in getattr(adapter, "adaptive_methods", ())
-              if adapter.unsupported(scene, RunSpec(method, rtol=1e-9, form=options.get("form"))) is None]
-    return usable[-1] if usable else None
-
-
-def _judgeable_step(scene: Scene, truth: Reference, order: int) -> float:
-    from crosscheck.judge.plan import plan_from_truth
-
-    return plan_from_truth(scene, truth).steps[max(key for key in (1, 2, 4, 6, 8) if key <= order)]
-
-
-def _bounds(scene: Scene, truth: Reference, each: Contender, traj: Any,
-            tol: dict[str, Tol] | None) -> dict[str, Tol]:
-    if tol is not None:
-        return tol
-    return _documented_bounds(scene, truth, each, traj)
 
 
 def _documented_bounds(scene: Scene, truth: Reference, each: Contender, traj: Any) -> dict[str, Tol]:

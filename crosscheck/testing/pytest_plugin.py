@@ -44,15 +44,13 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         return
     if not asked:
         metafunc.fixturenames.append("crosscheck_engine")
-    metafunc.parametrize("crosscheck_engine", _engines(metafunc.config, marker), indirect=True)
-
-
-def _engines(config: pytest.Config, marker: pytest.Mark | None) -> list[str]:
     if marker is not None and "engine" in marker.kwargs:
-        return [marker.kwargs["engine"]]
-    from crosscheck import adapters
+        engines = [marker.kwargs["engine"]]
+    else:
+        from crosscheck import adapters
 
-    return list(dict.fromkeys(config.getoption("--crosscheck-engine") or adapters.names()))
+        engines = list(dict.fromkeys(metafunc.config.getoption("--crosscheck-engine") or adapters.names()))
+    metafunc.parametrize("crosscheck_engine", engines, indirect=True)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from crosscheck.errors import ArgumentError
 from crosscheck.scene.model import Scene
+
+if TYPE_CHECKING:
+    from crosscheck.references.base import Reference
 
 
 class Session:
@@ -24,7 +27,7 @@ class Session:
 
         self._whole, self._given = profile_called(profile).whole, given
         self._runs: dict[tuple[Any, ...], Any] = {}
-        self._truths: dict[str, Any] = {}
+        self._truths: dict[str, Reference] = {}
         self._asked: dict[int, tuple[Any, dict[str, Any]]] = {}  # trajectory and options by its identity
 
     def run(self, scene: Any = None, engine: Any = None, method: Any = None, **options: Any) -> Any:
@@ -55,10 +58,11 @@ class Session:
 
         if hasattr(scene, "scene"):  # a trajectory stands for its scene
             scene = scene.scene
-        options: dict[str, Any] = {}
         if scene is None:
             scene, _, _, options = _merged(None, None, None, {}, self._given() or {})
-        loaded = _with(self._loaded(scene, options), options)
+            loaded = _with(self._loaded(scene, options), options)
+        else:
+            loaded = self._loaded(scene, {})
         if loaded.hash not in self._truths:
             reference = truth_of(loaded)
             _frozen(reference.states)

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from crosscheck import adapters
 from crosscheck.document import Advice
-from crosscheck.errors import ArgumentError, CrosscheckError
+from crosscheck.errors import ArgumentError, CrosscheckError, said
 from crosscheck.scene.model import Scene
 from crosscheck.verification.walks import USELESS, Step, Walk
 
@@ -49,7 +49,12 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) 
     from crosscheck.scene.file import as_scene
     from crosscheck.verification.walks import walk
 
-    wanted = _wanted(error)
+    try:
+        wanted = float(error)
+    except (TypeError, ValueError):
+        wanted = math.nan
+    if isinstance(error, bool) or not (math.isfinite(wanted) and wanted > 0):
+        raise ArgumentError(f"error: a positive number of metres is wanted, not {error!r}")
     loaded = as_scene(scene)
     name = scene.name if isinstance(scene, Scene) else os.fspath(scene)
     return choose(walk(loaded, engine), wanted, name)
@@ -86,7 +91,7 @@ def of_scenes(scenes: Sequence[str], engines: Sequence[str]) -> list[Advice]:
     from crosscheck.scene.file import load_scene
     from crosscheck.verification.walks import kept
 
-    # An engine of the user's own is loaded only where it may crash; nor is one in an environment of its own asked.
+    # Engines of the user's own may crash as they load, and those in environments of their own are slow to ask.
     tame = [engine for engine in engines if not (adapters.is_own(engine) or adapters.has_own_environment(engine))]
     walked = [(name, kept(load_scene(name), engine)) for name in scenes for engine in tame]
     return [choose(walk, level, name) for name, walk in walked if walk is not None for level in LEVELS]
@@ -101,15 +106,5 @@ def prepare(task: tuple[str, str]) -> str:
     try:
         walk(load_scene(scene), engine)
     except (CrosscheckError, ImportError) as error:
-        return " ".join(str(error).split())
+        return said(error)
     return ""
-
-
-def _wanted(error: float) -> float:
-    try:
-        wanted = float(error)
-    except (TypeError, ValueError):
-        wanted = math.nan
-    if isinstance(error, bool) or not (math.isfinite(wanted) and wanted > 0):
-        raise ArgumentError(f"error: a positive number of metres is wanted, not {error!r}")
-    return wanted

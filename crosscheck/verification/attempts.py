@@ -16,7 +16,7 @@ class NoRun:
 
     reason: str
     unsupported: bool = False  # the engine says that it cannot
-    unforeseen: bool = False  # no error that an engine is meant to raise
+    unforeseen: bool = False  # an error of a class that no engine is meant to raise
 
 
 def attempt(scene: Scene, engine: str, method: str, form: str | None, step: float | None, rtol: float | None,

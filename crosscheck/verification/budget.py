@@ -42,9 +42,10 @@ EXTENTS: dict[str, tuple[float, float | None]] = {
 
 
 def plan_within(scene: Scene, name: str, most_steps: int) -> Plan:
-    """The plan of a scene whose main runs take at most `most_steps` steps of one body, at any order; fewer of many.
+    """The plan of a scene whose main runs take at most `most_steps` steps for one body, at any order; fewer for many.
 
-    The number goes with the root of the bodies, between what engines take for a step and what surrounds it. Computes
+    The number falls with the root of the number of bodies: a compromise between engines, whose cost of a step grows
+    with the bodies, and the fixed cost around it. Computes
     the truth of the window it chooses, or finds it in the cache. A scene with a plan of its own keeps it.
     """
     from crosscheck.references import truth
@@ -53,8 +54,12 @@ def plan_within(scene: Scene, name: str, most_steps: int) -> Plan:
     if name in PLANS:
         return PLANS[name]
     first, duration = EXTENTS.get(name, (WINDOWS[0], None))
+    # The next larger step with one digit, or 1.5, times a power of ten.
     shortest = (duration or scene.duration) * math.sqrt(scene.n) / most_steps
-    longest = _longest_step(scene)
+    power = 10.0 ** math.floor(math.log10(shortest))
+    digit = min(digit for digit in (1, 1.5, 2, 3, 5, 7, 10) if digit * power >= shortest * (1 - 1e-12))
+    shortest = float(f"{digit * power:.2g}")
+    longest = longest_step(scene)
     samples = max(26, 251 // max(1, scene.n // 2))
     affordable = most_steps / math.sqrt(scene.n)
     # A stiff scene would be stepped through many times by every order study: its ladders end at an eighth of `longest`.
@@ -62,7 +67,7 @@ def plan_within(scene: Scene, name: str, most_steps: int) -> Plan:
     for window in lengths or WINDOWS[-1:]:
         short = windowed(scene, window)
         found = plan_from_truth(short, truth(short))
-        steps = {order: min(max(step, _readable_above(shortest)), longest) for order, step in found.steps.items()}
+        steps = {order: min(max(step, shortest), longest) for order, step in found.steps.items()}
         ladders = {order: _ladder(order, step, found.window / (STUDY_SAMPLES - 1), longest)
                    for order, step in steps.items()}
         plan = replace(found, steps=steps, ladders=ladders, samples=samples, duration=duration,
@@ -73,7 +78,7 @@ def plan_within(scene: Scene, name: str, most_steps: int) -> Plan:
     return plan
 
 
-def _longest_step(scene: Scene) -> float:
+def longest_step(scene: Scene) -> float:
     """One over the fastest decay or oscillation (1/s) of a scene with springs, at its start; s.
 
     Much longer steps are unstable with every explicit method, and show the order of no other.
@@ -99,10 +104,3 @@ def _ladder(order: int, step: float, interval: float, longest: float) -> tuple[f
     for factor in (4 / 3, 5 / 3, 2):
         counts.append(max(counts[-1] + 1, round(factor * count)))
     return parts(interval, *counts)
-
-
-def _readable_above(step: float) -> float:
-    """The next larger step with one digit, or 1.5, times a power of ten."""
-    power = 10.0 ** math.floor(math.log10(step))
-    digit = min(digit for digit in (1, 1.5, 2, 3, 5, 7, 10) if digit * power >= step * (1 - 1e-12))
-    return float(f"{digit * power:.2g}")

@@ -56,7 +56,7 @@ def check_engines(names: Sequence[str], within: Limits | None = None) -> None:
 
 
 def guarded_cell(cell: Cell) -> Judged:
-    """`run_cell`, and what its engine printed: nobody reads that, so that a warning in it would be lost."""
+    """`run_cell`; text that the engine printed fails the run, because its user would miss a warning in it."""
     judged = run_cell(cell)
     if adapters.has_own_environment(cell.engine):
         judged = replace(judged, own_environment=True, us_per_step=None, seconds_per_second=None,

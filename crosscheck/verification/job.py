@@ -8,8 +8,7 @@ import functools
 import json
 import shlex
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgspec
@@ -32,7 +31,7 @@ from crosscheck.document import (
     extended,
 )
 from crosscheck.errors import ArgumentError, unknown
-from crosscheck.files import finite, readable
+from crosscheck.files import plain, readable
 from crosscheck.jobs.grid import Crash, Limits
 from crosscheck.jobs.journal import Journal, Stages
 from crosscheck.judge import verdict
@@ -46,7 +45,7 @@ from crosscheck.verification.guarded import limits as default_limits
 from crosscheck.verification.listing import all_cells
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.speed import measure_speed
-from crosscheck.verification.task import Cell, with_scenes
+from crosscheck.verification.task import Cell, Contents, own_contents, with_scenes
 from crosscheck.verification.timing import timed
 
 Progress = Callable[[int, int, str], None]
@@ -112,10 +111,8 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     overrides : bounds set by the user, from `crosscheck.judge.overrides.read`
     methods : names; None: all
     asked : map, step and duration of main runs in place of the plan's
-    scheduler : tcp://host:port of a Dask scheduler, or module:factory of an executor, for truth and runs in place of
-        `jobs` processes here; what is timed runs here
-    walk : also run every method at many steps for the advice, half a minute a scene and engine; without it the document
-        has the advice of walks that were made before
+    scheduler : for truth and runs, as `crosscheck.running.cluster.connect` takes it; what is timed runs here
+    walk : also make the runs of new advice, half a minute a scene and engine
 
     Raises
     ------
@@ -125,8 +122,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     if jobs < 1:
         raise ArgumentError(f"jobs has to be at least 1, not {jobs}")
     settings = profile_called(profile)
-    if asked.duration is not None:
-        settings = dataclasses.replace(settings, whole=True)
+    settings = dataclasses.replace(settings, whole=settings.whole or asked.duration is not None)
     within = limits or default_limits()
     scene_names, engine_names = select_scenes(scenes, settings.every_scene), select_engines(engines, within)
     check_methods(methods, engine_names)
@@ -135,42 +131,34 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
              if not methods or cell.method in methods]
     stages = Stages(jobs, journal, _Counter(len(scene_names) * (1 + bool(settings.timing) + settings.speed)
                                              + len(cells) + walk * len(scene_names) * len(engine_names), progress))
-
-    with _executor(scheduler, engine_names) as executor:
-        far = dataclasses.replace(stages, executor=executor)
-        contents = _own_scenes(scene_names) if executor is not None else {}
-        truths = _truths(far, scene_names, settings, asked, contents)
-        plans = {scene.name: scene.plan for scene in truths if scene.plan is not None}
-        without = {scene.name: scene.no_truth for scene in truths if scene.no_truth}
-        cells = [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
-                                     overrides=overrides, most_seconds=settings.most_seconds,
-                                     coordinate_map=adapters.coordinate_map(cell.engine, asked.coordinate_map))
-                 for cell in cells
-                 if not (cell.practical and (cell.scene in without or asked.step is not None))]
-        records = _records(far, cells, truths, within, contents)
+    far = None if scheduler is None else cluster.connect(scheduler, tuple(engine_names))
+    with contextlib.nullcontext() if far is None else contextlib.closing(far):
+        elsewhere = dataclasses.replace(stages, executor=far.executor if far is not None else None)
+        contents = own_contents(scene_names) if far is not None else {}
+        truths = _truths(elsewhere, scene_names, settings, asked, contents)
+        cells = _planned(cells, truths, settings, overrides, asked)
+        records = _records(elsewhere, cells, truths, within, contents)
+    alone = dataclasses.replace(stages, jobs=1)
     if settings.timing:
         records = timed(cells, records, settings.timing, stages.count, within)
-    calibration = None
-    if settings.speed:
-        records, calibration = measure_speed(records, settings.speed, dataclasses.replace(stages, jobs=1), within)
+    records, calibration = measure_speed(records, settings.speed, alone, within) if settings.speed else (records, None)
     if walk:
         tasks = [(scene.name, engine) for scene in truths if scene.truth is not None for engine in engine_names]
         names = [f"{scene} {engine}" for scene, engine in tasks]
-        dataclasses.replace(stages, jobs=1).run("walk", advice.prepare, tasks, names,
-                                                [f"ladders of {name}" for name in names], within)
-    told = _command(profile, scenes, engines, jobs, overrides, methods, asked)
+        alone.run("walk", advice.prepare, tasks, names, [f"ladders of {name}" for name in names], within)
     meta = provenance.describe(engine_names) | {
-        "profile": profile, "jobs": jobs, "command": told, "calibration": calibration,
+        "profile": profile, "jobs": jobs, "calibration": calibration, "asked": asked,
+        "command": _command(profile, scenes, engines, jobs, overrides, methods, asked),
         "seconds": journal.seconds if journal is not None else time.perf_counter() - started}
     rows = [Support(scene=one.item, engine=one.engine, form=one.form, reason=one.reason, methods=list(one.methods))
             for one in support.of_scenes(scene_names, engine_names, within)]
-    made = document(replace(msgspec.convert(meta, Meta), asked=asked), truths, records, rows)
-    return replace(made, advice=advice.of_scenes(scene_names, engine_names) or None)
+    return replace(document(msgspec.convert(meta, Meta), truths, records, rows),
+                   advice=advice.of_scenes(scene_names, engine_names) or None)
 
 
 def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record],
              rows: list[Support] | None = None) -> Document:
-    """The document of these records, with what to trust by them; again where their times were measured anew."""
+    """The document of these records, with what to trust by them. Made again after times were measured anew."""
     records = [replace(record, word=verdict.word(record), partly=verdict.partly(record),
                        worst=verdict.worst(record.findings)) for record in records]
     scenes = []
@@ -179,59 +167,57 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
         told = {"recommended": trust.recommend(scene, own), "trust": trust.sentence(scene, own)}
         scenes.append(replace(scene, **told) if isinstance(scene, Scene) else extended(Scene, scene, **told))
     # JSON has no infinity, and no page shows one.
-    shown = msgspec.convert(finite(msgspec.to_builtins(records, str_keys=True)), list[Record], str_keys=True)
+    shown = msgspec.convert(plain(records), list[Record], str_keys=True)
     return Document(meta=meta, scenes=scenes, records=shown, exit_code=exit_code(scenes, records), support=rows)
 
 
-@contextlib.contextmanager
-def _executor(scheduler: str | None, engines: Sequence[str]) -> Iterator[Executor | None]:
-    """What runs tasks elsewhere; None: nothing does."""
-    if scheduler is None:
-        yield None
-        return
-    far = cluster.connect(scheduler, tuple(engines))
-    try:
-        yield far.executor
-    finally:
-        far.close()
-
-
-def _own_scenes(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """The contents of the scenes that do not come with the package, by name."""
-    from crosscheck.scene.file import read_scene, scene_names
-
-    return {name: read_scene(name)[1] for name in names if name not in scene_names()}
-
-
 def _truths(stages: Stages, names: list[str], settings: Profile, asked: Asked,
-            contents: dict[str, dict[str, Any]]) -> list[SceneTruth]:
+            contents: Contents) -> list[SceneTruth]:
     """What the report says about every scene; of those that could not be prepared, why."""
     found = stages.run("truth", functools.partial(with_scenes, contents, functools.partial(prepare_truth, asked=asked)),
                        [(name, settings.whole, settings.most_steps) for name in names], names,
                        [f"truth of {name}" for name in names], again=True)  # every run of the scene needs it
-    return [_failed_scene(name, each) if isinstance(each, Crash) else each
-            for name, each in zip(names, found, strict=True)]
+    return [SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
+                       truth=None, scales=None, failure=readable(each.message), details=readable(each.details) or "")
+            if isinstance(each, Crash) else each for name, each in zip(names, found, strict=True)]
+
+
+def _planned(cells: list[Cell], truths: list[SceneTruth], settings: Profile, overrides: Overrides, asked: Asked
+             ) -> list[Cell]:
+    """The cells with the plans of their scenes, without those at a coarse step that say nothing."""
+    plans = {scene.name: scene.plan for scene in truths if scene.plan is not None}
+    without = {scene.name: scene.no_truth for scene in truths if scene.no_truth}
+    return [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
+                                overrides=overrides, most_seconds=settings.most_seconds,
+                                coordinate_map=adapters.coordinate_map(cell.engine, asked.coordinate_map))
+            for cell in cells if not (cell.practical and (cell.scene in without or asked.step is not None))]
 
 
 def _records(stages: Stages, cells: list[Cell], truths: list[SceneTruth], within: Limits,
-             contents: dict[str, dict[str, Any]]) -> list[Record]:
-    """The records of all cells, in their order."""
+             contents: Contents) -> list[Record]:
+    """The records of all cells, in their order, also where a worker crashed or a scene could not be prepared."""
     scenes = {scene.name: scene for scene in truths}
     # The longest first, so that no worker is left alone with one at the end.
     ready = sorted((index for index, cell in enumerate(cells) if not scenes[cell.scene].failure),
                    key=lambda index: (-adapters.pace(cells[index].engine), -len(scenes[cells[index].scene].bodies)
                                       * cells[index].plan.most_steps))
     chosen = [cells[index] for index in ready]
-    found = stages.run("cell", functools.partial(with_scenes, contents, guarded_cell), chosen,
-                       [_key(cell) for cell in chosen], [f"{cell.scene}: {cell.label}" for cell in chosen], within)
+    found = stages.run("cell", functools.partial(with_scenes, contents, guarded_cell), chosen, [
+        json.dumps([cell.scene, cell.engine, cell.method, cell.form, cell.practical]) for cell in chosen],
+                       [f"{cell.scene}: {cell.label}" for cell in chosen], within)
     by_index = dict(zip(ready, found, strict=True))
-    judged = [_recorded(cell, by_index.get(index), scenes[cell.scene]) for index, cell in enumerate(cells)]
+    judged = []
+    for index, cell in enumerate(cells):
+        result = by_index.get(index)
+        if result is None or isinstance(result, Crash):
+            message = (f"not run, the scene has no truth to judge by: {scenes[cell.scene].failure}" if result is None
+                       else result.message)
+            result = Judged(scene=cell.scene, engine=cell.engine, version="", method=cell.method, form=cell.form,
+                            outcome="error", message=message,
+                            findings=[Finding("run", "fail", None, None, "", "a run has to reach its end", message)])
+        judged.append(result)
     return [extended(Timed, each, label=label, default_form=cell.default_form)
             for cell, each, label in zip(cells, judged, labels(judged), strict=True)]
-
-
-def _key(cell: Cell) -> str:
-    return json.dumps([cell.scene, cell.engine, cell.method, cell.form, cell.practical])
 
 
 class _Counter:
@@ -246,19 +232,6 @@ class _Counter:
             self.progress(self.done, self.total, label)
 
 
-def _blank(cell: Cell, message: str) -> Judged:
-    return Judged(scene=cell.scene, engine=cell.engine, version="", method=cell.method, form=cell.form,
-                  outcome="error", message=message,
-                  findings=[Finding("run", "fail", None, None, "", "a run has to reach its end", message)])
-
-
-def _recorded(cell: Cell, result: Judged | Crash | None, scene: SceneTruth) -> Judged:
-    """The verdict on a cell, also where its worker crashed or its scene could not be prepared."""
-    if isinstance(result, Crash):
-        return _blank(cell, result.message)
-    return result or _blank(cell, f"not run, the scene has no truth to judge by: {scene.failure}")
-
-
 def labels(runs: Sequence[Judged]) -> list[str]:
     """The name of every run; with the form only where the same method ran in more than one, on whatever scene."""
     forms: dict[tuple[str, str], set[str]] = {}
@@ -271,11 +244,6 @@ def labels(runs: Sequence[Judged]) -> list[str]:
         found.append(f"{run.engine} {run.method}" + (f" ({run.form})" if several else "")
                      + (f" with {run.coordinate_map}" if run.coordinate_map else "") + coarse)
     return found
-
-
-def _failed_scene(name: str, crash: Crash) -> SceneTruth:
-    return SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
-                      truth=None, scales=None, failure=readable(crash.message), details=readable(crash.details) or "")
 
 
 def _command(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, jobs: int,

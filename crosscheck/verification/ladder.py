@@ -80,8 +80,8 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
 def ladder(scene: Scene, way: Way) -> Iterator[tuple[int | None, float]]:
     """(steps, step in s) of a fixed-step way, coarse to fine without end, or (None, rtol) of an adaptive one.
 
-    The first step is about four natural times of the scene, for methods up to order 2 one; it then shrinks by 3/2 and
-    4/3 in turn, for these by 2: errors of low order differ less from step to step.
+    The first step is about four natural times of the scene and shrinks by 3/2 and 4/3 in turn. For methods up to order
+    2 it is about one natural time and shrinks by 2, because errors of low order differ less from step to step.
     """
     if way.adaptive:
         yield from ((None, rtol) for rtol in RTOLS)
@@ -112,6 +112,6 @@ def reference(scene: Scene) -> tuple[Scene, Reference]:
 
 
 def thinned(states: States, intervals: int) -> States:
-    """Every so many of the states, so that `intervals` remain."""
+    """Evenly spaced states out of these, at `intervals` + 1 times."""
     every = (len(states.t) - 1) // intervals
     return States(states.t[::every], states.x[::every], states.R[::every], states.v[::every], states.w[::every])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Sequence
 
 from crosscheck.jobs.grid import Crash, Limits, run_tasks
@@ -21,7 +23,8 @@ def all_cells(scene_names: Sequence[str], engine_names: Sequence[str], profile: 
 
     pairs = [(scene, engine) for scene in scene_names for engine in engine_names]
     risky = [pair for pair in pairs if adapters.is_own(pair[1])]
-    told = dict(zip(risky, run_tasks(_cells_of, [(*pair, profile) for pair in risky], 1, limits=within), strict=True))
+    told = dict(zip(risky, run_tasks(operator.call, [
+        functools.partial(cells_of, *pair, profile) for pair in risky], 1, limits=within), strict=True))
     cells: list[Cell] = []
     for scene, engine in pairs:
         found = told[scene, engine] if (scene, engine) in told else cells_of(scene, engine, profile)
@@ -32,10 +35,6 @@ def all_cells(scene_names: Sequence[str], engine_names: Sequence[str], profile: 
     return cells
 
 
-def _cells_of(task: tuple[str, str, Profile]) -> list[Cell]:
-    return cells_of(*task)
-
-
 def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
     """The cells of one scene and engine: every method in the form that fits best, then in the other forms."""
     from crosscheck import adapters
@@ -43,7 +42,11 @@ def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
     from crosscheck.scene.file import load_scene
 
     if provenance.engine_version(engine_name) == provenance.NOT_INSTALLED:
-        return [Cell(scene_name, engine_name, method, None, PENDING) for method in _methods_in_absence(engine_name)]
+        try:
+            methods = adapters.methods(engine_name)
+        except ImportError:  # its adapter cannot even name them
+            methods = ("any method",)
+        return [Cell(scene_name, engine_name, method, None, PENDING) for method in methods]
     engine, scene = adapters.get(engine_name), load_scene(scene_name)
     cells = []
     for method in engine.methods:
@@ -60,13 +63,3 @@ def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
                 scene, spec):
             cells.append(Cell(scene_name, engine_name, method, None, PENDING, study=False, practical=True))
     return cells
-
-
-def _methods_in_absence(engine_name: str) -> tuple[str, ...]:
-    """Methods of an engine that is not installed, where its adapter at least can be imported to name them."""
-    from crosscheck import adapters
-
-    try:
-        return adapters.methods(engine_name)
-    except ImportError:
-        return ("any method",)

@@ -20,7 +20,7 @@ from crosscheck.scene.model import Scene
 from crosscheck.verification.attempts import NoRun, attempt
 from crosscheck.verification.task import Cell
 
-clock = time.process_time  # s; what others do on the machine decides nothing
+clock = time.process_time  # s of this process, which the load of the machine does not change
 
 REFINEMENTS = 4
 """Steps that an order study adds where an order is low. The next term of the error moves the slope by one at most where
@@ -30,7 +30,7 @@ FEWEST = 3
 """Steps that it takes to speak of an order: two always lie on a line."""
 
 HOPELESS = 10.0
-"""Where every error of the main run exceeds its bound so many times, no order that finer steps may show saves it."""
+"""A main run whose errors all exceed their bounds by this factor fails whatever order finer steps show."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Study:
     ladder: list[Rung]
     cut: str = ""  # why it has fewer steps than planned, where the bound of its time cut it
     refused: str = ""  # why the engine does not support the scene at all
-    message: str = ""  # the last error that no engine is meant to raise
+    message: str = ""  # the last error of a class that no engine is meant to raise
 
 
 class _Ladder:
@@ -101,17 +101,13 @@ class _Ladder:
         return False
 
     def study(self, findings: Sequence[Finding] = (), orders: dict[str, Order] | None = None) -> Study:
-        """What was found."""
-        return Study(list(findings), orders or {}, self._with_guide(), self.cut, self.refused, self.message)
-
-    def _with_guide(self) -> list[Rung]:
-        """The rungs with the documented slope through the coarsest, for the eye."""
-        start = self.rungs[0].errors.get("position") if self.rungs and self.order is not None and not (
-            self.cut and len(self.rungs) < FEWEST) else None
-        if start is None or self.order is None:
-            return self.rungs
-        first = self.rungs[0].step or 1.0
-        return [replace(rung, guide=start * ((rung.step or 0.0) / first) ** self.order) for rung in self.rungs]
+        """What was found, with the documented slope through the coarsest rung as a guide in figures."""
+        rungs = self.rungs
+        if self.order is not None and len(rungs) >= (FEWEST if self.cut else 1):
+            start, first = rungs[0].errors.get("position"), rungs[0].step or 1.0
+            if start is not None:
+                rungs = [replace(rung, guide=start * ((rung.step or 0.0) / first) ** self.order) for rung in rungs]
+        return Study(list(findings), orders or {}, rungs, self.cut, self.refused, self.message)
 
 
 def order_study(cell: Cell, order: int | None, scene: Scene, reference: Reference, judged: Sequence[Finding],
@@ -133,11 +129,14 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
     if order is None:
         return ladder.study()
     if ladder.cut and len(ladder.rungs) < FEWEST:
-        return ladder.study(_not_measured(order, ladder.cut))
+        return ladder.study([Finding(f"order {quantity}", "unjudged", None, None, "1", f"documented order {order}",
+                                     f"order not measured: {ladder.cut}") for quantity in QUANTITIES])
     scale = tolerances.scales(scene, reference)
     plateaus = {quantity: tolerances.plateau(scene, reference, scale.of(quantity), order) for quantity in QUANTITIES}
     findings, orders = judge_orders(order, ladder.rungs, plateaus)
-    most = len(sizes) + (0 if _hopeless(judged) else REFINEMENTS)
+    hopeless = [finding.value is not None and not finding.value <= HOPELESS * finding.bound
+                for finding in judged if finding.kind in QUANTITIES and finding.bound]
+    most = len(sizes) + (0 if hopeless and all(hopeless) else REFINEMENTS)
     while undecided(findings, orders) and len(ladder.rungs) < most and ladder.add(ladder.finer()):
         findings, orders = judge_orders(order, ladder.rungs, plateaus, len(sizes))
     if len(ladder.rungs) > len(sizes):
@@ -148,19 +147,8 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
     return ladder.study([*findings, *limits], orders)
 
 
-def _not_measured(order: int, reason: str) -> list[Finding]:
-    return [Finding(f"order {quantity}", "unjudged", None, None, "1", f"documented order {order}",
-                    f"order not measured: {reason}") for quantity in QUANTITIES]
-
-
-def _hopeless(findings: Sequence[Finding]) -> bool:
-    judged = [finding for finding in findings if finding.kind in QUANTITIES and finding.bound]
-    return bool(judged) and all(finding.value is not None and not finding.value <= HOPELESS * finding.bound
-                                for finding in judged if finding.bound)
-
-
 def _tell_cut(cut: str, findings: list[Finding], orders: dict[str, Order]) -> list[Finding]:
-    """Where the bound of time cut the study, a low order that finer steps may lift is undecided."""
+    """Where the time limit cut the study, a low order that finer steps may lift is undecided."""
     if not cut:
         return findings
     told = []

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from msgspec.structs import replace
 
 from crosscheck.document import AS_PLANNED, Asked, Plan, SceneTruth, Truth
-from crosscheck.errors import Unsupported
+from crosscheck.errors import Unsupported, said
 from crosscheck.judge import tolerances
 from crosscheck.judge.plan import PLANS, plan_without_truth
 from crosscheck.scene.model import Scene
@@ -28,21 +26,26 @@ def prepare_truth(task: tuple[str, bool, int], asked: Asked = AS_PLANNED) -> Sce
 
     name, whole, most_steps = task
     given = load_scene(name)
+
+    def described(scene: Scene, plan: Plan) -> SceneTruth:
+        return SceneTruth(name=name, title=scene.name, description=scene.description, source=scene.source,
+                          hash=scene.hash, bodies=[body.name for body in scene.bodies], duration=scene.duration,
+                          plan=plan, truth=None, scales=None)
+
     try:
         plan = _as_asked(plan_within(given, name, most_steps), asked)
         scene = load(name, plan, whole)
         reference = truth(scene)
     except (Unsupported, TruthError) as error:
         plan = _as_asked(PLANS.get(name) or plan_without_truth(given), asked)
-        return SceneTruth(**_described(name, given), plan=plan, truth=None, scales=None,
-                          curves=scene_curves(load(name, plan, whole), None), no_truth=" ".join(str(error).split()),
-                          disputed=not isinstance(error, Unsupported))
+        return replace(described(given, plan), no_truth=said(error),
+                       curves=scene_curves(load(name, plan, whole), None), disputed=not isinstance(error, Unsupported))
     known = Truth(source=reference.source, second_source=reference.second_source,
                   disagreement=reference.disagreement, allowed=reference.allowed,
                   amplification=reference.amplification, error=reference.error,
                   horizon=reference.horizon, outvoted=reference.outvoted)
-    return SceneTruth(**_described(name, scene), plan=plan, truth=known, scales=tolerances.scales(scene, reference),
-                      rounding=tolerances.rounding_levels(scene, reference), curves=scene_curves(scene, reference))
+    return replace(described(scene, plan), truth=known, scales=tolerances.scales(scene, reference),
+                   rounding=tolerances.rounding_levels(scene, reference), curves=scene_curves(scene, reference))
 
 
 def _as_asked(plan: Plan, asked: Asked) -> Plan:
@@ -50,8 +53,3 @@ def _as_asked(plan: Plan, asked: Asked) -> Plan:
     if asked.step is not None:
         plan = replace(plan, steps={1: asked.step}, practical=None, budgeted=True)
     return plan if asked.duration is None else replace(plan, duration=asked.duration)
-
-
-def _described(name: str, scene: Scene) -> dict[str, Any]:
-    return {"name": name, "title": scene.name, "description": scene.description, "source": scene.source,
-            "hash": scene.hash, "bodies": [body.name for body in scene.bodies], "duration": scene.duration}

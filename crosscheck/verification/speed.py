@@ -21,9 +21,9 @@ from crosscheck.jobs.grid import Crash, Limits
 from crosscheck.jobs.journal import Stages
 
 CALIBRATION = "40 times the LU solutions of 20 dense systems of 6 equations (numpy.linalg.solve)"
-"""The calibration kernel: compiled loops over small matrices, as in a multibody step, and no engine's code. Few
-matrices again and again stay in the innermost cache, as a step's do: 800 at once felt what other processes do to the
-outer ones, and the ratio of one method strayed twice as far between processes on a loaded machine."""
+"""The calibration kernel: compiled loops over small matrices, as in a multibody step, and no engine's code. A few
+matrices, solved again and again, stay in the innermost cache, as the data of a step does. With 800 at once the ratio
+of one method strayed twice as far between processes on a loaded machine."""
 
 REPEATS = 3
 """Times that each run of a scene has its turn in one round."""
@@ -38,7 +38,8 @@ LONG = 0.01
 """Time (s), with the making of models, after which one undisturbed try is enough: it averages over what is short."""
 
 ONCE = 0.1
-"""Time (s), with the making of models, of a run that has one turn a round: what the first turn loads is little."""
+"""Runs that take longer (s, with the making of models) have one turn a round: beside it, what the first turn loads is
+little."""
 
 WAITED = 0.03
 """Share of a try that the process may have waited; beyond it the try was disturbed."""
@@ -55,6 +56,14 @@ class Burst:
     rtol: float | None
     duration: float | None = None  # s, of an adaptive run: as long as `STEPS` steps are, None: the whole scene
     coordinate_map: str | None = None
+
+    @classmethod
+    def of(cls, record: Record) -> Burst:
+        """What the main run of a record would do in a short time."""
+        share = None if record.rtol is None or not record.steps else STEPS / record.steps
+        return cls(record.engine, record.method, None if record.default_form else record.form, record.step, record.rtol,
+                   None if share is None or record.duration is None else share * record.duration,
+                   record.coordinate_map)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -181,7 +190,7 @@ def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within
     for index, record in enumerate(records):
         if record.us_per_step is not None:
             chosen.setdefault(record.scene, []).append(index)
-    tasks = [Round(scene, tuple(_burst(records[index]) for index in own)) for scene, own in chosen.items()]
+    tasks = [Round(scene, tuple(Burst.of(records[index]) for index in own)) for scene, own in chosen.items()]
     samples: list[list[tuple[float, float]]] = [[] for _ in records]
     for turn in range(1, rounds + 1):
         for own, found in zip(chosen.values(), _round(stages, tasks, f"{name} {turn}", within), strict=True):
@@ -191,14 +200,6 @@ def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within
     calibration = Calibration(what=CALIBRATION, us=1e6 * statistics.median(kernels) if kernels else None,
                               deviation=1e6 * spread(kernels) if kernels else None)
     return [_filled_in(record, summarise(pairs)) for record, pairs in zip(records, samples, strict=True)], calibration
-
-
-def _burst(record: Record) -> Burst:
-    form = None if record.default_form else record.form
-    share = None if record.rtol is None or not record.steps else STEPS / record.steps
-    return Burst(record.engine, record.method, form, record.step, record.rtol,
-                 None if share is None or record.duration is None else share * record.duration,
-                 record.coordinate_map)
 
 
 def _round(stages: Stages, tasks: list[Round], name: str, within: Limits | None) -> list[Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from crosscheck.document import Plan
@@ -66,7 +66,18 @@ def load(name: str, plan: Plan, whole: bool = True) -> Scene:
     return scene.replace(duration=duration, samples=plan.samples)
 
 
-def with_scenes(contents: Mapping[str, dict[str, Any]], function: Callable[[Any], Any], task: Any) -> Any:
+Contents = Mapping[str, dict[str, Any]]
+"""What is in scene files, by the names of the scenes."""
+
+
+def own_contents(names: Sequence[str]) -> Contents:
+    """The contents of the scenes that do not come with the package."""
+    from crosscheck.scene.file import read_scene, scene_names
+
+    return {name: read_scene(name)[1] for name in names if name not in scene_names()}
+
+
+def with_scenes(contents: Contents, function: Callable[[Any], Any], task: Any) -> Any:
     """`function(task)` where scenes by these names have these contents: no file of theirs need be on this machine."""
     from crosscheck.scene.file import carry
 

@@ -57,7 +57,7 @@ def _seconds(record: Record) -> float:
 def _slower(record: Record, best: Record) -> bool:
     """Whether its time exceeds the best one beyond noise, each deviation taken as a share of its own median.
 
-    In seconds, a fifth of the time of a run a hundred times slower would pass for the noise of both.
+    A deviation in seconds would hide any difference between a slow run and a fast one.
     """
     ratio = _seconds(record) / _seconds(best) if math.isfinite(_seconds(best)) else 1.0
     shares = ((each.seconds_deviation or 0.0) / _seconds(each) for each in (record, best))

@@ -16,13 +16,15 @@ import itertools
 import math
 import statistics
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 
-from crosscheck.errors import Unsupported
+from crosscheck.errors import Unsupported, said
+from crosscheck.files import cache_folder, replacing
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 from crosscheck.verification.ladder import Way, ways
@@ -64,7 +66,7 @@ LOST = 4.0
 """A way whose error another one of no lower order beats at this share of its cost walks on no further."""
 
 USELESS = 0.1
-"""A run with an error above this share of the scene's size says nothing any more."""
+"""A run whose error exceeds this share of the scene's size is useless."""
 
 
 @dataclasses.dataclass
@@ -84,7 +86,7 @@ class Step:
 
     @property
     def fineness(self) -> float:
-        """Grows from coarse to fine."""
+        """A number that grows from coarse runs to fine ones."""
         return 1.0 / (self.step or self.rtol or math.inf)
 
 
@@ -127,34 +129,23 @@ def walk(scene: Scene, engine: str, again: bool = False) -> Walk:
         if not chosen:
             raise Unsupported(f"{engine} on scene {scene.name!r}: {refused[0][1] if refused else 'it has no method'}")
         found = _Walker(scene, engine, truth(scene)).go(chosen)
-        _keep(scene, engine, found)
+        path = _path(scene, engine)
+        with contextlib.suppress(OSError):  # then it is walked again the next time
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with replacing(path) as aside:
+                aside.write_bytes(msgspec.json.encode(found))
     return found
 
 
 def kept(scene: Scene, engine: str) -> Walk | None:
     """The walk of an engine on the disk, made by this code and these versions; None where there is none."""
-    import msgspec
-
     try:
         return msgspec.json.decode(_path(scene, engine).read_bytes(), type=Walk)
     except (OSError, msgspec.DecodeError):
         return None
 
 
-def _keep(scene: Scene, engine: str, found: Walk) -> None:
-    import msgspec
-
-    from crosscheck.files import replacing
-
-    path = _path(scene, engine)
-    with contextlib.suppress(OSError):  # then it is walked again the next time
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as aside:
-            aside.write_bytes(msgspec.json.encode(found))
-
-
 def _path(scene: Scene, engine: str) -> Path:
-    from crosscheck.files import cache_folder
     from crosscheck.running import provenance
 
     digest = provenance.code_digest([engine], [engine, scene.hash, scene.duration, scene.samples, BUDGET])
@@ -177,30 +168,31 @@ class _Walker:
 
     def go(self, chosen: Sequence[Way]) -> Walk:
         """Walk, search, take times."""
-        self._load(chosen[0])
+        # Imports the engine and fills caches, which is no part of the budget.
+        self._run(chosen[0], 1e-1 if chosen[0].adaptive else self._interval)
         self._began = time.perf_counter()
         self._walk(chosen)
-        self._search(chosen)
+        for level in LEVELS:  # fewer steps than the walk's, in the brackets that may be the cheapest
+            if self._found.reaching(level):
+                for way in chosen:
+                    if not way.adaptive:
+                        self._bisect(way, level)
         self._turns()
         self._found.seconds = time.perf_counter() - self._began
         return self._found
-
-    def _load(self, way: Way) -> None:
-        """Import the engine and fill caches: no part of the budget."""
-        self._run(way, 1e-1 if way.adaptive else self._interval)
 
     def _left(self, share: float = 1.0) -> float:
         return share * BUDGET - (time.perf_counter() - self._began)
 
     def _run(self, way: Way, value: float) -> tuple[Step, float]:
-        """One run, and the seconds that it took in all. A failure is told in it."""
+        """One run, and the seconds that it took in all. A failure is in its `reason`."""
         fixed, varied = (None, value) if way.adaptive else (value, None)
         step = Step(way.method, way.form, way.order, fixed, varied, 0)
         start = time.perf_counter()
         try:
             traj, step.cost = self._timed(step)
         except Exception as error:  # whatever an engine raises is where its method breaks
-            step.reason = " ".join(str(error).split()) or type(error).__name__
+            step.reason = said(error)
             return step, time.perf_counter() - start
         wall = time.perf_counter() - start
         step.form, step.steps = traj.form, traj.steps
@@ -211,7 +203,7 @@ class _Walker:
         return step, wall
 
     def _timed(self, step: Step) -> tuple[Trajectory, float]:
-        """A run of this step or tolerance and its s of stepping: of a short one the shortest of a few."""
+        """A run at this step or tolerance and its stepping time (s), for a short run the least of a few."""
         from crosscheck.running.run import run
 
         began, costs = time.perf_counter(), []
@@ -224,7 +216,8 @@ class _Walker:
     def _walk(self, chosen: Sequence[Way]) -> None:
         """All ways by halves or tolerances, the cheapest next run first."""
         order = itertools.count()
-        heap = [(0.0, next(order), way, self._values(way), 0.0) for way in chosen]
+        heap = [(0.0, next(order), way, iter(
+            RTOLS if way.adaptive else [self._interval / 2**power for power in range(31)]), 0.0) for way in chosen]
         while heap:
             expected, _, way, values, last = heapq.heappop(heap)
             if expected >= self._left(WALK):
@@ -238,11 +231,6 @@ class _Walker:
                 grown = 1.5 if way.adaptive else 2.0
                 heapq.heappush(heap, (grown * max(wall, 0.5 * last), next(order), way, values, wall))
 
-    def _values(self, way: Way) -> Iterator[float]:
-        if way.adaptive:
-            return iter(RTOLS)
-        return (self._interval / 2**power for power in range(31))
-
     def _done(self, way: Way, step: Step) -> bool:
         """Whether finer runs of this way are of no use: rounding rules, or another way is far ahead."""
         own = [each.error for each in self._found.of(way.method) if each.error is not None]
@@ -255,15 +243,6 @@ class _Walker:
                    and (math.inf if other.rtol else other.order or 0) >= rank
                    and LOST * other.cost < step.cost and other.error < step.error / LOST
                    for other in self._found.steps)
-
-    def _search(self, chosen: Sequence[Way]) -> None:
-        """Fewer steps than the walk's for the errors of `LEVELS`, in the brackets that may be the cheapest."""
-        for level in LEVELS:
-            reaching = self._found.reaching(level)
-            if not reaching:
-                continue
-            for way in (way for way in chosen if not way.adaptive):
-                self._bisect(way, level)
 
     def _bisect(self, way: Way, level: float) -> None:
         while True:

@@ -2,11 +2,13 @@
 
 import itertools
 
+import msgspec
 import pytest
 
 from crosscheck.running import provenance
 from crosscheck.studies import results_folder
 from crosscheck.studies.bisection import Row
+from crosscheck.studies.results_folder import StudyMeta
 from crosscheck.studies.stability import Stability, StabilityAsk
 from tests.browser.conftest import Watched
 
@@ -30,11 +32,10 @@ def folder(tmp_path_factory):
                      "milliseconds": 1.5, "common_step": 0.01, "common_outcome": "usable", "common_error": 1e-5 * index,
                      "failures": "inaccurate 3, map_domain 2"}
         rows.append(Row(scene, engine, method, **found))
-    study = Stability()
-    more = study.document(StabilityAsk(), rows)
-    document = {"study": study.name} | more | {"meta": provenance.describe(["lieeuler"]) | more["meta"]}
+    meta = msgspec.convert(provenance.describe(["lieeuler"]) | {
+        "command": "crosscheck study stability", "seconds": 1.0, "time_limit": 1.0}, StudyMeta)
     out = tmp_path_factory.mktemp("stability")
-    results_folder.write(out, document, study.table(document))
+    results_folder.write(out, Stability().document(StabilityAsk(), meta, rows), rows)
     return out
 
 

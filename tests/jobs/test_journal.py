@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from crosscheck.document import Errors, Finding, Judged
+from crosscheck.document.curves import Packed, RunCurves
 from crosscheck.errors import ArgumentError
 from crosscheck.jobs.grid import Crash
 from crosscheck.jobs.journal import Journal
@@ -22,7 +23,7 @@ def awkward():
         scene="scene", engine="engine", version="1", method="method", form=None, step=0.1 + 0.2, documented_order=4,
         findings=[Finding("position", "fail", math.inf, 1e-300, "m", "why", "ü→")],
         errors={"position": Errors(unit="m", max=float("nan"), end=np.float64(1 / 3), time=np.int64(2), body="ü")},
-        curves={"t": [0.0, None, 1.0]})
+        curves=RunCurves(kinetic=Packed(0.0, 0.1 + 0.2, n=3), errors={"position": "truth", "attitude": None}))
 
 
 def test_a_record_comes_back_with_every_bit(tmp_path):

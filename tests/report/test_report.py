@@ -2,7 +2,6 @@
 
 import csv
 import json
-import math
 import re
 import shutil
 import xml.etree.ElementTree as ElementTree
@@ -15,69 +14,24 @@ from crosscheck import document as types
 from crosscheck import references, report
 from crosscheck.cli.app import app
 from crosscheck.document import (
-    Finding,
     Judged,
-    Machine,
-    Meta,
-    Recommended,
-    Scene,
-    SceneTruth,
     Support,
-    extended,
 )
 from crosscheck.errors import ArgumentError, Unsupported
-from crosscheck.history import summary
 from crosscheck.jobs.journal import Journal
 from crosscheck.judge.plan import Profile
-from crosscheck.report import exports, headline, names, overview, pdf, schema
+from crosscheck.report import exports, pdf, schema
 from crosscheck.report import folder as report_folder
-from crosscheck.verification import job, trust
+from crosscheck.verification import job
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.task import Cell
 from tests import ROOT
 from tests.fake_engine import FakeEngine, install
-from tests.report_making import CHANGES, document
+from tests.report_making import CHANGES, document, made
 
 SCENE = "single_pendulum"
 DOCS = ROOT / "docs"
-
-
-def failed_scene(name, failure):
-    """A scene that could not be prepared."""
-    return SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
-                      truth=None, scales=None, failure=failure)
-
-
-def made(scenes, records):
-    """A document of nothing but these."""
-    meta = Meta(time="2026-11-21 02:00 UTC", engines={}, packages={}, python="3.11", commit=None, profile="default",
-                machine=Machine(system="Linux", processor="some", cores=2), jobs=1, command="crosscheck verify",
-                seconds=1.0)
-    return job.document(meta, scenes, records)
-
-
-@pytest.fixture(scope="module")
-def results():
-    """One run of each outcome on one scene, and a scene without truth."""
-    with pytest.MonkeyPatch.context() as patch:
-        install(patch, FakeEngine())
-        scene = prepare_truth((SCENE, True, Profile.most_steps))
-        runs = [run_cell(Cell(SCENE, "fake", "Plain", None, scene.plan, True))]
-        install(patch, FakeEngine(breaks="it broke with <b>markup</b> & a \x07 bell"))
-        runs.append(run_cell(Cell(SCENE, "fake", "Broken", None, scene.plan, False)))
-        install(patch, FakeEngine(refuses="it cannot"))
-        runs.append(run_cell(Cell(SCENE, "fake", "Unable", None, scene.plan, False)))
-        runs.append(Judged(
-            scene=SCENE, engine="fake", version="1", method="Flawed", form=None, step=1e-3, documented_order=2,
-            command="crosscheck run", outcome="known",
-            findings=[Finding("energy", "known", math.inf, 1.0, "1", "bound", "its makers say so")]))
-        return document([scene, failed_scene("lost", "no closed form")], runs, ["fake"])
-
-
-@pytest.fixture(scope="module")
-def folder(results, tmp_path_factory):
-    return report_folder.write(results, tmp_path_factory.mktemp("reports") / "latest").parent
 
 
 def test_every_file_is_there(folder):
@@ -188,107 +142,6 @@ def test_a_half_written_report_does_not_replace_a_good_one(results, tmp_path, mo
     assert [path.name for path in tmp_path.iterdir()] == ["latest"]
 
 
-def test_recommendation_names_the_fastest_passing_run(results):
-    def run(name, seconds, deviation=1e-6):
-        return replace(results.records[0], label=name, seconds_per_second=seconds,
-                                   seconds_deviation=deviation)
-
-    fast, slow = run("fake Fast", 1e-3), run("fake Slow", 2e-3)
-    said = trust.sentence(results.scenes[0], [slow, fast, results.records[1]])
-    assert said.startswith("Trust fake Fast:")
-    assert "Not to be trusted here: fake Broken" in said
-    found = trust.recommend(results.scenes[0], [slow, fast])
-    # The figures are those of the judged run, not of some point of a study.
-    assert (found.step, found.error) == (fast.step, fast.errors["position"].judged)
-    # 5 % is within the ratio of noise, and 50 % within four deviations of a restless clock: no winner.
-    near, restless = run("fake Near", 1.05e-3), run("fake Restless", 1.5e-3, deviation=2e-4)
-    found = trust.recommend(results.scenes[0], [slow, restless, near, fast])
-    assert found.runs == ["fake Fast", "fake Near", "fake Restless"]
-    # Of a run a hundred times slower a third of its time is no noise of the fastest.
-    found = trust.recommend(results.scenes[0], [run("fake Crawling", 0.1, deviation=0.03), fast])
-    assert found.runs == ["fake Fast"]
-
-
-def test_the_headline_claims_no_more_than_was_found(results):
-    passing, known = results.records[0], results.records[3]
-    assert headline.headline(made(results.scenes[:1], [passing])) == "The only run passes"
-    assert headline.headline(made(results.scenes[:1], [passing, results.records[2]])) == (
-        "The only run that could be made passes")
-    assert headline.headline(made(results.scenes[:1], [passing] * 3)) == "All 3 runs pass"
-    said = headline.headline(made(results.scenes[:1], [passing, known]))
-    assert said == "1 run passes, 1 shows only known defects, none fails"
-    assert headline.headline(made(results.scenes[:1], [])) == "Nothing was run"
-    short = made(results.scenes[:1], [replace(passing, judged_until=1.0)]).records[0]
-    assert (short.word, passing.word) == ("pass to 1 s", "pass")
-    assert made(results.scenes[:1], [replace(passing, practical=True)]).records[0].word == "stable"
-
-
-def test_the_headline_tells_passes_what_is_worse_and_what_was_not_judged_and_why(results):
-    plain = results  # one run of each outcome, beside a scene without truth
-    said = headline.headline(replace(plain, changes=CHANGES))
-    assert said == ("1 run passes, 1 shows only known defects, 1 fails (fake Broken on single pendulum); worse than "
-                    "before: accuracy (mujoco RK4 on double pendulum); lost could not be judged: no closed form")
-    assert "nothing is worse than before" in headline.headline(replace(plain, changes=CHANGES[1:]))
-    many = [results.records[0]] * 3 + [results.records[1]] * 141
-    disputed = {"no_truth": "'single_pendulum': A and B disagree by 1e-9; the rest", "disputed": True}
-    said = headline.headline(made([replace(results.scenes[0], **disputed)], many))
-    assert said == "3 runs pass, 141 fail on 1 scene; single pendulum could not be judged: A and B disagree by 1e-9"
-    lost = [failed_scene(str(index), "it broke") for index in range(4)]
-    assert headline.headline(made(lost, many[:1])).endswith(
-        "4 scenes could not be judged: 0 (it broke), 1 (it broke) and 2 more")
-
-
-def test_the_same_words_open_the_page_the_markdown_and_the_message(results, folder, tmp_path):
-    plain = results
-    said = headline.headline(plain)
-    heading = re.search(r"<h1>(.*?)</h1>", (folder / "index.html").read_text(encoding="utf-8")).group(1)
-    assert re.sub(r"<[^>]*>", "", heading) == said
-    assert (folder / "summary.md").read_text(encoding="utf-8").startswith(f"# {said}\n")
-    message = summary.summary(plain, "2026-11-21", None, 2, tmp_path / "index.html")
-    assert said in message.splitlines()[0]
-    assert "- fake: fake Broken on single_pendulum, it broke" in message
-    assert len(message.splitlines()) < 20
-
-
-def test_many_findings_stand_in_few_groups_the_new_ones_first(results):
-    order = Finding("order position", "fail", 1.0, 3.85, "1", "documented order 4, least squares over 4 steps of 4")
-    drift = Finding("position", "fail", 1.0, 1e-6, "m", "bound", "body rod, t = 0.3 s, judged up to 1 s")
-    records = []
-    for engine, finding in (("fake", order), ("other", drift)):
-        records += [replace(results.records[0], scene=f"s{index}", engine=engine, label=f"{engine} Plain",
-                                        outcome="fail", findings=[replace(finding, value=1.0 + index,
-                                                                                      detail=f"at {index}")])
-                    for index in range(20)]
-    records = made([], records).records
-    groups = overview.worst_first(records)
-    assert [(group.engine, group.why, len(group.runs), group.scenes) for group in groups] == [
-        ("other", "error of the motion beyond its bound", 20, 20),
-        ("fake", "observed order below the documented one", 20, 20)]
-    assert groups[0].runs[0][0].scene == "s19"  # the largest excess
-    new = [replace(CHANGES[0], scene="s7", engine="fake", method="Plain")]
-    first, second = overview.worst_first(records, new)
-    assert (first.engine, first.new, second.engine, second.new) == ("fake", 1, "other", 0)
-
-
-def test_scenes_share_a_line_of_advice_where_the_same_run_is_recommended_for_the_same_reason():
-    def scene(name, run, why):
-        best = Recommended(runs=[run], step=None, rtol=None, error=1e-9, until=None, seconds=None, why=why)
-        return extended(Scene, failed_scene(name, ""), recommended=best if run else None,
-                        trust=f"No recommendation: {why}. Not to be trusted here: x.")
-
-    groups = overview.recommended([scene("a", None, "none passed"), scene("b", "m RK4", "fastest, 3 checks passed"),
-                                   scene("c", "l taylor", "fastest, 13 checks passed"),
-                                   scene("d", "l taylor", "fastest, 12 checks passed")])
-    assert [(group.run, group.why, [each.name for each in group.scenes]) for group in groups] == [
-        ("l taylor", "fastest", ["c", "d"]), ("m RK4", "fastest", ["b"]),
-        (None, "No recommendation: none passed.", ["a"])]
-
-
-def test_every_scene_has_a_page_of_its_own():
-    scenes = ["top", "Top", "a/top.toml", "b/top.toml", "a top", "a-top", "a/b.toml", "a-b-toml"]
-    assert len({names.scene_file(failed_scene(name, "")).lower() for name in scenes}) == len(scenes)
-
-
 @pytest.fixture(scope="module")
 def folder_without_truth(tmp_path_factory):
     """A report of a scene that has no truth: one run in order, one whose attitudes leave the group."""
@@ -384,7 +237,7 @@ def unlisted(value, described, whole, place="$"):
 
 def test_the_schema_file_is_the_one_of_the_code():
     text = (DOCS / "results-schema.json").read_text(encoding="utf-8")
-    assert json.loads(text) == schema.json_schema()
+    assert json.loads(text) == schema.json_schema(), "python tools/schema.py writes it anew"
     words_of_it = (DOCS / "results-schema.md").read_text(encoding="utf-8")
     assert f"version {types.SCHEMA}" in words_of_it
     for struct in (types.Document, types.Meta, types.Scene, types.Record, types.Finding):

@@ -10,9 +10,11 @@ from typer.testing import CliRunner
 from crosscheck import load_scene
 from crosscheck.cli.app import app
 from crosscheck.studies import chaos
-from crosscheck.studies.chaos import RUNS, Comparison, Law, judge
+from crosscheck.studies.chaos import RUNS, Comparison, Law, judged
 
 COUNT = 2000
+ROW = Comparison(scene="scene", engine="engine", method="method", form=None, label="label", step=0.1, duration=1.0,
+                 horizon=1.0, comparisons=10)
 
 
 def correlated(seed, runs=1, memory=0.9, count=COUNT):
@@ -61,18 +63,13 @@ def test_samples_that_follow_from_each_other_do_not_count_as_many(law):
 @pytest.mark.parametrize("change", [lambda series: series + 0.5, lambda series: 3.0 * series], ids=["shift", "spread"])
 def test_another_law_is_found(change):
     truth = {"height": Law.of(correlated(1, RUNS))}
-    found = Comparison("scene", "engine", "method", "label", 0.1, 1.0, 1.0)
-    judge(found, truth, {"height": change(correlated(2)[0])}, comparisons=10)
-    assert found.verdict == "differs"
-    judge(found, truth, {"height": correlated(2)[0]}, comparisons=10)
-    assert found.verdict == "agrees"
+    assert judged(ROW, truth, {"height": change(correlated(2)[0])}).verdict == "differs"
+    assert judged(ROW, truth, {"height": correlated(2)[0]}).verdict == "agrees"
 
 
 def test_a_series_too_short_to_tell_is_undecided():
-    found = Comparison("scene", "engine", "method", "label", 0.1, 1.0, 1.0)
-    judge(found, {"height": Law.of(correlated(1, RUNS, count=300))}, {"height": correlated(2, count=300)[0]},
-          comparisons=10)
-    assert found.verdict == "undecided"
+    truth = {"height": Law.of(correlated(1, RUNS, count=300))}
+    assert judged(ROW, truth, {"height": correlated(2, count=300)[0]}).verdict == "undecided"
 
 
 def test_what_never_moves_agrees_with_itself():
@@ -90,12 +87,12 @@ def test_the_study_tells_right_engines_from_wrong_models(tmp_path, monkeypatch):
     rows = list(csv.DictReader((tmp_path / "right" / "chaos.csv").open()))
     assert {row["verdict"] for row in rows} == {"agrees"}
     assert all(float(row["horizon"]) < 50 < float(row["duration"]) for row in rows)
-    real = chaos._run_into
+    real = chaos.compared
 
-    def heavier(found, way, long, *more):
-        real(found, way, dataclasses.replace(long, gravity=1.5 * long.gravity), *more)
+    def heavier(row, long, *more):
+        return real(row, dataclasses.replace(long, gravity=1.5 * long.gravity), *more)
 
-    monkeypatch.setattr(chaos, "_run_into", heavier)
+    monkeypatch.setattr(chaos, "compared", heavier)
     done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "wrong")])
     assert done.exit_code == 1, done.output
 

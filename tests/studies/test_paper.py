@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 import crosscheck
 from crosscheck.cli.app import app
 from crosscheck.document import EULER
+from crosscheck.studies import results_folder
 from crosscheck.studies.paper import bundle, runs
 
 FIGURES = ("path", "path-methods", "energy", "levels", "rotation-pendulum", "orthogonality")
@@ -125,5 +126,5 @@ def test_wrong_words_are_answered(tmp_path, words, said):
 def test_other_folders_are_left_alone(tmp_path):
     (tmp_path / "mine.txt").write_text("mine", "utf-8")
     with pytest.raises(crosscheck.ArgumentError, match="something else"):
-        bundle.check(tmp_path)
+        results_folder.check(tmp_path, "paper")
     assert (tmp_path / "mine.txt").read_text("utf-8") == "mine"

@@ -68,10 +68,9 @@ def test_the_summary_takes_the_largest_steps_and_the_map_shades_by_them():
             row("a", "pinocchio", "RKMK8", 0.8), row("b", "lieeuler", "one", None, "failed"),
             row("b", "mujoco", "RK4", 0.3)]
     first, second = stability.summary(rows)
-    assert (first["own"], first["ratio"], first["ratio_any"]) == ("lieeuler two", 4.0, 0.5)
-    assert (second["own"], second["stock"], second["ratio"]) == ("", "mujoco RK4", None)
-    shades = {(line["method"], cell["scene"]): cell["shade"] for line in stability.shaded(rows)
-              for cell in line["cells"]}
+    assert (first.own, first.ratio, first.ratio_any) == ("lieeuler two", 4.0, 0.5)
+    assert (second.own, second.stock, second.ratio) == ("", "mujoco RK4", None)
+    shades = {(line.method, cell.scene): cell.shade for line in stability.shaded(rows) for cell in line.cells}
     assert shades["RKMK8", "a"] == 0
     assert shades["two", "a"] == 1
     assert shades["one", "a"] == 2
@@ -122,8 +121,8 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path, monkeypatch):
     monkeypatch.setattr(stability, "run_tasks", watched)
     document = conduct(Stability(), request, tmp_path, lambda *_: None)
     assert [way.method for way in asked if isinstance(way, Task)] == ["rattle4"]
-    assert [row["method"] for row in document["rows"]] == ["rattle2", "rattle4"]
-    assert all(row["outcome"] == "usable" for row in document["rows"])
+    assert [row.method for row in document.rows] == ["rattle2", "rattle4"]
+    assert all(row.outcome == "usable" for row in document.rows)
 
 
 def test_folders_of_other_things_are_left_alone(tmp_path):

@@ -134,7 +134,7 @@ def test_a_scene_without_truth_is_told(tmp_path, monkeypatch):
 
     monkeypatch.setattr(work_precision, "reference", disagree)
     document = conduct(WorkPrecision(), WorkPrecisionAsk(("single_pendulum",), ("lieeuler",)), tmp_path, quietly)
-    assert document["scenes"][0]["failure"] == "two formulations disagree"
+    assert document.scenes[0].failure == "two formulations disagree"
     assert "two formulations disagree" in (tmp_path / "index.html").read_text()
 
 

@@ -86,7 +86,7 @@ def test_the_page(local):
 def test_a_cell_runs_again(local):
     folder, frame = local
     row = job.one(folder / "request.json", frame["cell"].iloc[4])
-    assert row["position_error"] == frame["position_error"].iloc[4]
+    assert row.position_error == frame["position_error"].iloc[4]
     with pytest.raises(ArgumentError, match="no such cell"):
         job.one(folder / "request.json", "0" * 32)
 

@@ -1,14 +1,13 @@
 """Curves for the report: packed and unpacked alike, geometry with the right mass and inertia."""
 
-import json
-
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from crosscheck.document import PACKED_STEPS
+from crosscheck.document.curves import PACKED_STEPS, Packed
 from crosscheck.references import truth
 from crosscheck.report.arrays import unpack
 from crosscheck.running.run import run
@@ -21,7 +20,7 @@ VALUES = arrays(float, st.integers(2, 40), elements=st.floats(-1e6, 1e6) | st.ju
 @given(VALUES)
 def test_a_linear_curve_keeps_its_values_to_the_spacing_of_its_codes(values):
     packed = curves.pack(values)
-    found = unpack(json.loads(json.dumps(packed, allow_nan=False)))
+    found = unpack(msgspec.json.decode(msgspec.json.encode(packed), type=Packed))
     assert np.array_equal(np.isnan(found), np.isnan(values))
     finite = values[np.isfinite(values)]
     # Half a spacing, and the nine digits of lo and hi: half a unit of the ninth is 5e-9 of a number that starts with 1.
@@ -44,8 +43,8 @@ def test_a_curve_is_the_true_one_only_within_two_spacings():
     exact = np.linspace(-1, 3, 50)
     spacing = 4 / PACKED_STEPS
     assert curves.pack(exact + 1.9 * spacing, truth=exact) == "truth"
-    assert isinstance(curves.pack(exact + 2.1 * spacing, truth=exact), dict)
-    assert isinstance(curves.pack(np.where(exact > 0, np.inf, exact), truth=exact), dict)
+    assert isinstance(curves.pack(exact + 2.1 * spacing, truth=exact), Packed)
+    assert isinstance(curves.pack(np.where(exact > 0, np.inf, exact), truth=exact), Packed)
 
 
 def test_long_logarithmic_curves_keep_their_peaks():
@@ -80,8 +79,8 @@ def test_curves_of_a_run_give_back_its_states(spinning):
         return unpack(read(exact) if curve == "truth" else curve)
 
     for k in range(3):
-        assert values(lambda c, k=k: c["x"][0][k]) == pytest.approx(traj.x[:, 0, k], abs=1e-4)
-    w, x, y, z = (values(lambda c, k=k: c["q"][0][k]) for k in range(4))
+        assert values(lambda c, k=k: c.x[0][k]) == pytest.approx(traj.x[:, 0, k], abs=1e-4)
+    w, x, y, z = (values(lambda c, k=k: c.q[0][k]) for k in range(4))
     assert 1 - 2 * (y * y + z * z) == pytest.approx(traj.R[:, 0, 0, 0], abs=3e-4)
     assert 2 * (x * y - w * z) == pytest.approx(traj.R[:, 0, 0, 1], abs=3e-4)
     assert 2 * (w * x + y * z) == pytest.approx(traj.R[:, 0, 2, 1], abs=3e-4)
@@ -90,14 +89,14 @@ def test_curves_of_a_run_give_back_its_states(spinning):
     force, _ = traj.reactions["tip"]
     size = np.abs(force).max()
     for k in range(3):
-        assert values(lambda c, k=k: c["reactions"]["tip"]["force"][k]) == pytest.approx(force[:, k], abs=1e-4 * size)
-    assert "torque" not in packed["reactions"]["tip"]  # a ball joint carries none
+        assert values(lambda c, k=k: c.reactions["tip"].force[k]) == pytest.approx(force[:, k], abs=1e-4 * size)
+    assert packed.reactions["tip"].torque is None  # a ball joint carries none
 
 
 def test_true_reactions_hold_the_weight_and_the_motion(spinning):
     scene, _, reference = spinning
     exact = curves.scene_curves(scene, reference)
-    force = np.stack([unpack(each) for each in exact["reactions"]["tip"]["force"]], axis=-1)
+    force = np.stack([unpack(each) for each in exact.reactions["tip"].force], axis=-1)
     # Newton: the only other force is the weight.
     expected = scene.masses[0] * (reference.states.a[:, 0] - scene.gravity)
     assert force == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())

@@ -96,13 +96,13 @@ def _sqlite(url: URL) -> Engine:
     engine = sqlalchemy.create_engine(url, connect_args={"timeout": PATIENCE})
 
     @sqlalchemy.event.listens_for(engine, "connect")
-    def _settings(connection: Any, _: Any) -> None:
+    def settings(connection: Any, _: Any) -> None:
         # The driver would begin transactions by itself, and too late to keep a second writer waiting from the start.
         connection.isolation_level = None
         connection.execute("PRAGMA foreign_keys = ON")
 
     @sqlalchemy.event.listens_for(engine, "begin")
-    def _begin(connection: Any) -> None:
+    def begin(connection: Any) -> None:
         writes = connection.get_execution_options().get("writes")
         connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 

@@ -23,14 +23,16 @@ class Figure(NamedTuple):
 
 
 def figures(record: Record, scene: Scene) -> list[Figure]:
-    """The finite figures of a record, as it stands in the document of its run, on its scene, as it stands there."""
+    """The finite figures of a record and its scene, both as the document of the run has them."""
     steps = record.steps or 1
     rounding = _rounding(scene, steps)
     found: list[Figure] = []
     for quantity, unit in QUANTITIES.items():
         error = record.errors.get(quantity)
         if error is not None:
-            level = None if _says_nothing(error.max, quantity, scene) else rounding.get(quantity)
+            # Of an error larger than the quantity itself the digits are those of another motion.
+            said = error.max is not None and scene.scales is not None and error.max <= scene.scales.of(quantity)
+            level = rounding.get(quantity) if said else None
             found += [Figure(f"{quantity} {name}", unit, value, rounding=level)
                       for value, name in ((error.max, "error"), (error.end, "end error"),
                                           (error.judged, "judged error"))
@@ -57,14 +59,9 @@ def _rounding(scene: Scene, steps: int) -> dict[str, float]:
     return {name: fixed + growing * steps**0.6 for name, (fixed, growing) in (scene.rounding or {}).items()}
 
 
-def _says_nothing(error: float | None, quantity: str, scene: Scene) -> bool:
-    """Whether the error is larger than the quantity itself: then its digits are those of another motion."""
-    return error is None or scene.scales is None or error > scene.scales.of(quantity)
-
-
 def _order_rounding(record: Record, quantity: str, scene: Scene) -> float | None:
     """How far rounding in the errors of the order study moves the slope through them."""
-    if record.ladder_cut:  # where it was cut is a matter of time
+    if record.ladder_cut:  # where it was cut depends on the load of the machine
         return None
     share = 0.0
     for rung in record.ladder:

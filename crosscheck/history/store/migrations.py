@@ -1,13 +1,13 @@
 """Numbered steps that make the schema and bring an old one up to date, in place and under a lock.
 
-A step is never edited once a release has it: it has to make from any store what the next one expects. So it holds
-its own statements and does not use `crosscheck.history.store.schema`, which changes.
+A released step is never edited, because the next one starts from what it made. So it holds its own statements
+and does not use `crosscheck.history.store.schema`, which changes.
 """
 
 from __future__ import annotations
 
 import datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from crosscheck.errors import ArgumentError
 
@@ -38,10 +38,20 @@ def migrate(engine: Engine) -> int:
             raise ArgumentError(f"--store: its schema has version {found}, this crosscheck knows {VERSION}; "
                                 "install the newer crosscheck that wrote it")
         for number in range(found + 1, VERSION + 1):
-            STEPS[number](connection)
+            step(connection, number)
             connection.execute(text("INSERT INTO schema_version (version, applied) VALUES (:version, :applied)"),
                                {"version": number, "applied": datetime.datetime.now(datetime.UTC).isoformat()})
     return VERSION
+
+
+def step(connection: Connection, number: int) -> None:
+    """Execute the statements of one step."""
+    from sqlalchemy import text
+
+    types = {"sqlite": {"serial": "INTEGER PRIMARY KEY", "float": "FLOAT"},
+             "postgresql": {"serial": "SERIAL PRIMARY KEY", "float": "DOUBLE PRECISION"}}[connection.dialect.name]
+    for statement in STEPS[number]:
+        connection.execute(text(statement.format(**types)))
 
 
 def _version(connection: Connection) -> int:
@@ -53,31 +63,7 @@ def _version(connection: Connection) -> int:
     return int(connection.execute(sqlalchemy.text("SELECT max(version) FROM schema_version")).scalar() or 0)
 
 
-def _first(connection: Connection) -> None:
-    """Runs, environments, results and bare figures."""
-    for statement in _FIRST:
-        _run(connection, statement)
-
-
-def _second(connection: Connection) -> None:
-    """Spread of repeats, rounding of figures, calibration, and which runs others are compared with."""
-    for statement in _SECOND:
-        _run(connection, statement)
-
-
-STEPS: dict[int, Any] = {1: _first, 2: _second}
-VERSION = max(STEPS)
-
-
-def _run(connection: Connection, statement: str) -> None:
-    from sqlalchemy import text
-
-    names = {"sqlite": {"serial": "INTEGER PRIMARY KEY", "float": "FLOAT"},
-             "postgresql": {"serial": "SERIAL PRIMARY KEY", "float": "DOUBLE PRECISION"}}[connection.dialect.name]
-    connection.execute(text(statement.format(**names)))
-
-
-_FIRST = (
+RUNS = (
     "CREATE TABLE schema_version (version INTEGER PRIMARY KEY, applied TEXT NOT NULL)",
     "CREATE TABLE runs (id {serial}, name TEXT NOT NULL UNIQUE, started TEXT NOT NULL, profile TEXT NOT NULL, "
     "selection TEXT NOT NULL, command TEXT NOT NULL, seconds {float}, exit_code INTEGER NOT NULL)",
@@ -94,7 +80,7 @@ _FIRST = (
     "unit TEXT NOT NULL, value {float} NOT NULL, PRIMARY KEY (result_id, name))",
 )
 
-_SECOND = (
+SPEEDS = (
     "ALTER TABLE metrics ADD COLUMN deviation {float}",
     "ALTER TABLE metrics ADD COLUMN repeats INTEGER",
     "ALTER TABLE metrics ADD COLUMN rounding {float}",
@@ -103,3 +89,9 @@ _SECOND = (
     # What passed then is what later runs are compared with.
     "UPDATE runs SET good = (exit_code = 0)",
 )
+
+STEPS = {1: RUNS, 2: SPEEDS}
+"""Statements of each step: runs, environments, results and bare figures; then spread of repeats, rounding of figures,
+calibration, and which runs others are compared with."""
+
+VERSION = max(STEPS)

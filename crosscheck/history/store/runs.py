@@ -11,12 +11,16 @@ from crosscheck.document import Document
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.history.store.figures import Figure, figures
 from crosscheck.history.store.schema import tables
+from crosscheck.verification.speed import spread
 
 if TYPE_CHECKING:
-    from sqlalchemy import Connection, Engine, Row
+    from sqlalchemy import ColumnElement, Connection, Engine, Row
 
 CellKey = tuple[str, str, str, str, bool]
-"""Scene, engine, method, form (empty: the engine's own choice), whether at the coarse step."""
+"""Scene, engine, method, form (empty: the engine's own choice), whether it ran at the coarse step."""
+
+KEY = ("scene", "engine", "method", "form", "practical")
+"""Columns of a `CellKey`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,6 +38,17 @@ class StoredResult:
 
 
 @dataclasses.dataclass(frozen=True)
+class Environment:
+    """Where a run was made; None where the store does not say."""
+
+    system: str | None = None
+    processor: str | None = None
+    cores: int | None = None
+    python: str | None = None
+    commit: str | None = None
+
+
+@dataclasses.dataclass(frozen=True)
 class StoredRun:
     """One run; `results` is empty where only its heading was asked for."""
 
@@ -46,7 +61,7 @@ class StoredRun:
     exit_code: int
     good: bool
     calibration: float | None  # us
-    environment: dict[str, Any]
+    environment: Environment
     versions: dict[str, dict[str, str]]  # "engine" and "package": version by name
     results: dict[CellKey, StoredResult] = dataclasses.field(default_factory=dict)
 
@@ -64,17 +79,13 @@ def run_from_document(name: str, document: Document, good: bool = False) -> Stor
         results[key] = StoredResult(key, scene.hash, record.label, record.step, record.rtol,
                                     record.outcome, record.message,
                                     {figure.name: figure for figure in figures(record, scene)})
-    environment = {"system": machine.system, "processor": machine.processor, "cores": machine.cores,
-                   "python": meta.python, "commit": meta.commit}
+    environment = Environment(machine.system, machine.processor, machine.cores, meta.python, meta.commit)
+    # meta.time, "2026-11-21 02:00 UTC", as ISO 8601
+    started = meta.started or meta.time.removesuffix(" UTC").replace(" ", "T") + ":00+00:00"
     selection = json.dumps([sorted(scenes), sorted(meta.engines), *meta.asked.words])
-    return StoredRun(name, meta.started or _iso(meta.time), meta.profile, selection, meta.command,
+    return StoredRun(name, started, meta.profile, selection, meta.command,
                      meta.seconds, document.exit_code, good, meta.calibration.us if meta.calibration else None,
                      environment, {"engine": dict(meta.engines), "package": dict(meta.packages)}, results)
-
-
-def _iso(time: str) -> str:
-    """"2026-11-21 02:00 UTC" as ISO 8601."""
-    return time.removesuffix(" UTC").replace(" ", "T") + ":00+00:00"
 
 
 def save(store: Engine, run: StoredRun) -> bool:
@@ -106,18 +117,15 @@ def _insert(connection: Connection, run: StoredRun) -> None:
     names = ("name", "started", "profile", "selection", "command", "seconds", "exit_code", "good", "calibration")
     done = connection.execute(t.runs.insert().values({name: getattr(run, name) for name in names}))
     (number,) = done.inserted_primary_key or (None,)
-    place = {key: run.environment[key] for key in ("system", "processor", "cores", "python")}
-    connection.execute(t.environments.insert(), {"run_id": number, "commit_name": run.environment["commit"], **place})
+    place = dataclasses.asdict(run.environment)
+    connection.execute(t.environments.insert(), {"run_id": number, "commit_name": place.pop("commit"), **place})
     versions = [{"run_id": number, "kind": kind, "name": name, "version": version}
                 for kind, each in run.versions.items() for name, version in each.items()]
     if versions:
         connection.execute(t.versions.insert(), versions)
-    rows = []
-    for result in run.results.values():
-        scene, engine, method, form, practical = result.key
-        rows.append({"run_id": number, "scene": scene, "engine": engine, "method": method, "form": form,
-                     "practical": practical, "scene_hash": result.scene_hash, "label": result.label,
-                     "step": result.step, "rtol": result.rtol, "outcome": result.outcome, "message": result.message})
+    rows = [{"run_id": number, **dict(zip(KEY, result.key, strict=True)), "scene_hash": result.scene_hash,
+             "label": result.label, "step": result.step, "rtol": result.rtol, "outcome": result.outcome,
+             "message": result.message} for result in run.results.values()]
     if not rows:
         return
     own = connection.execute(t.results.insert().returning(t.results.c.id, sort_by_parameter_order=True), rows)
@@ -187,8 +195,8 @@ def _heading(connection: Connection, row: Row[Any]) -> StoredRun:
 
     t = tables()
     place = connection.execute(sqlalchemy.select(t.environments).where(t.environments.c.run_id == row.id)).first()
-    environment = {} if place is None else {"system": place.system, "processor": place.processor, "cores": place.cores,
-                                            "python": place.python, "commit": place.commit_name}
+    environment = Environment() if place is None else Environment(place.system, place.processor, place.cores,
+                                                                  place.python, place.commit_name)
     versions: dict[str, dict[str, str]] = {"engine": {}, "package": {}}
     for each in connection.execute(sqlalchemy.select(t.versions).where(t.versions.c.run_id == row.id)):
         versions.setdefault(each.kind, {})[each.name] = each.version
@@ -220,17 +228,21 @@ def set_good(store: Engine, name: str, good: bool = True) -> None:
         connection.execute(runs.update().where(runs.c.name == name).values(good=good))
 
 
+def _is_cell(key: CellKey) -> list[ColumnElement[bool]]:
+    """What rows of results of this cell fulfil."""
+    columns = tables().results.c
+    return [columns[name] == value for name, value in zip(KEY, key, strict=True)]
+
+
 def series(store: Engine, metric: str, key: CellKey, limit: int = 200) -> list[tuple[StoredRun, Figure]]:
     """One figure of one cell through the last runs, the oldest first."""
     import sqlalchemy
 
     t = tables()
-    scene, engine, method, form, practical = key
     wanted = (sqlalchemy.select(t.runs, t.metrics.c.name.label("metric"), t.metrics.c.unit, t.metrics.c.value,
                                 t.metrics.c.deviation, t.metrics.c.repeats, t.metrics.c.rounding)
               .join(t.results, t.results.c.run_id == t.runs.c.id).join(t.metrics)
-              .where(t.results.c.scene == scene, t.results.c.engine == engine, t.results.c.method == method,
-                     t.results.c.form == form, t.results.c.practical == practical, t.metrics.c.name == metric)
+              .where(*_is_cell(key), t.metrics.c.name == metric)
               .order_by(t.runs.c.started.desc(), t.runs.c.id.desc()).limit(limit))
     with store.connect() as connection:
         rows = connection.execute(wanted).all()
@@ -275,13 +287,8 @@ def usual(store: Engine, run: StoredRun, metric: str, limit: int = 10, fewest: i
         now = run.results.get(key)
         if now is not None and (row.scene_hash, row.step, row.rtol) == (now.scene_hash, now.step, now.rtol):
             values.setdefault(key, []).append(row.value)
-    return {key: Usual(statistics.median(each[:LEVEL_RUNS]), _deviation(each))
+    return {key: Usual(statistics.median(each[:LEVEL_RUNS]), spread(each))
             for key, each in values.items() if len(each) >= fewest}
-
-
-def _deviation(values: list[float]) -> float:
-    middle = statistics.median(values)
-    return statistics.median(abs(value - middle) for value in values)
 
 
 def figure_names(store: Engine, key: CellKey) -> list[str]:
@@ -289,10 +296,8 @@ def figure_names(store: Engine, key: CellKey) -> list[str]:
     import sqlalchemy
 
     t = tables()
-    scene, engine, method, form, practical = key
     wanted = (sqlalchemy.select(t.metrics.c.name).distinct().join(t.results).order_by(t.metrics.c.name)
-              .where(t.results.c.scene == scene, t.results.c.engine == engine, t.results.c.method == method,
-                     t.results.c.form == form, t.results.c.practical == practical))
+              .where(*_is_cell(key)))
     with store.connect() as connection:
         return list(connection.execute(wanted).scalars())
 
@@ -302,10 +307,7 @@ def outcomes(store: Engine, key: CellKey, limit: int = 200) -> list[tuple[str, s
     import sqlalchemy
 
     t = tables()
-    scene, engine, method, form, practical = key
     wanted = (sqlalchemy.select(t.runs.c.name, t.results.c.outcome).join(t.results, t.results.c.run_id == t.runs.c.id)
-              .where(t.results.c.scene == scene, t.results.c.engine == engine, t.results.c.method == method,
-                     t.results.c.form == form, t.results.c.practical == practical)
-              .order_by(t.runs.c.started.desc(), t.runs.c.id.desc()).limit(limit))
+              .where(*_is_cell(key)).order_by(t.runs.c.started.desc(), t.runs.c.id.desc()).limit(limit))
     with store.connect() as connection:
         return [(name, outcome) for name, outcome in connection.execute(wanted)][::-1]

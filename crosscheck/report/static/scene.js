@@ -1,4 +1,4 @@
-// Figures of a scene page, from the packed curves beside it (crosscheck.studies.curves tells their form).
+// Figures of a scene page, from the packed curves beside it (crosscheck/document/curves.py tells their form).
 "use strict";
 (function () {
   const STEPS = 65533, MISSING = 65535;

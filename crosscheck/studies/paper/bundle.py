@@ -8,12 +8,15 @@ import io
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
-from crosscheck.errors import ArgumentError
-from crosscheck.files import finite, put
+import msgspec
+import numpy as np
+
+from crosscheck.document import Origin
+from crosscheck.files import plain, put
 from crosscheck.running import provenance
 from crosscheck.scene.model import Scene
+from crosscheck.studies import results_folder
 from crosscheck.studies.paper import figures
 from crosscheck.studies.paper.figures import tex
 from crosscheck.studies.paper.runs import Line, Request, Shown, measure
@@ -71,49 +74,31 @@ def write(scenes: Sequence[Scene], out: Path, request: Request, formats: Sequenc
     ArgumentError
         The folder holds something else or cannot be written.
     """
-    check(out)
+    results_folder.check(out, "paper")
+    put(out / MARK, "{}\n")
     (out / "figures").mkdir(parents=True, exist_ok=True)
     (out / "data").mkdir(exist_ok=True)
     parts, records = [], []
     for scene in scenes:
         shown = measure(scene, request, progress)
         drawn = figures.write(shown, request.shown, out / "figures", formats)
-        _write_tables(shown, out)
+        text = io.StringIO()
+        names = [field.name for field in dataclasses.fields(Line)]
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows([getattr(line, name) for name in names] for line in shown.lines)
+        put(out / "data" / f"{scene.name}-table.csv", text.getvalue())
+        put(out / f"{scene.name}-table.tex", _table(shown))
         _write_data(shown, out / "data")
         parts.append(_section(shown, drawn, request))
         records.append({"scene": scene.name, "hash": scene.hash, "step": shown.step, "duration": shown.scene.duration,
-                        "truth": shown.truth, "lines": [dataclasses.asdict(line) for line in shown.lines]})
-    origin = provenance.describe(["lieeuler"])
+                        "truth": shown.truth, "lines": shown.lines})
+    origin = msgspec.convert(provenance.describe(["lieeuler"]), Origin)
     put(out / "references.bib", BIBLIOGRAPHY)
-    put(out / MARK, json.dumps(finite({"provenance": origin, "request": dataclasses.asdict(request),
-                                       "scenes": records}), indent=1))
+    put(out / MARK, json.dumps(plain({"provenance": origin, "request": request, "scenes": records}), indent=1))
     document = out / "paper.tex"
     put(document, PREAMBLE + "\n".join(parts) + _origin(origin) + "\\end{document}\n")
     return document
-
-
-def check(out: Path) -> None:
-    """Raise `ArgumentError` for a folder that holds something else; asked before anything runs."""
-    if out.exists() and not out.is_dir():
-        raise ArgumentError(f"--out {out}: a file is there; choose a folder that does not exist yet")
-    if out.is_dir() and any(out.iterdir()) and not (out / MARK).is_file():
-        raise ArgumentError(f"--out {out}: this folder holds something else than figures of `crosscheck paper`; choose "
-                            "an empty folder or one that does not exist yet")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        put(out / MARK, "{}\n")
-    except OSError as error:
-        raise ArgumentError(f"--out {out}: {error.strerror or error}; choose another folder") from None
-
-
-def _write_tables(shown: Shown, out: Path) -> None:
-    text = io.StringIO()
-    names = [field.name for field in dataclasses.fields(Line)]
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows([getattr(line, name) for name in names] for line in shown.lines)
-    put(out / "data" / f"{shown.scene.name}-table.csv", text.getvalue())
-    put(out / f"{shown.scene.name}-table.tex", _table(shown))
 
 
 def _table(shown: Shown) -> str:
@@ -145,7 +130,7 @@ def _number(value: float | None, plain: bool) -> str:
 def _write_data(shown: Shown, folder: Path) -> None:
     """States, energies and levels at the output times, a file for each method; full precision."""
     for method, traj in shown.runs.items():
-        columns: dict[str, Any] = {"t [s]": traj.t}
+        columns: dict[str, np.ndarray] = {"t [s]": traj.t}
         for b, body in enumerate(shown.scene.bodies):
             columns |= {f"{body.name} x_{axis} [m]": traj.x[:, b, k] for k, axis in enumerate("xyz")}
             columns |= {f"{body.name} R_{i + 1}{j + 1}": traj.R[:, b, i, j] for i in range(3) for j in range(3)}
@@ -188,14 +173,13 @@ def _plain(text: str) -> str:
     return text
 
 
-def _origin(origin: provenance.Provenance) -> str:
-    versions = ", ".join(f"{name} {version}" for name, version in origin["packages"].items())
-    machine = origin["machine"]
+def _origin(origin: Origin) -> str:
+    versions = ", ".join(f"{name} {version}" for name, version in origin.packages.items())
     return "\n".join([
         r"\section*{Provenance}",
-        f"Computed {origin['time']} with {_plain(versions)}, Python {origin['python']}, on "
-        f"{_plain(machine['processor'])}, {_plain(machine['system'])}"
-        + (f", commit {_plain(origin['commit'])}" if origin["commit"] else "") + ".",
+        f"Computed {origin.time} with {_plain(versions)}, Python {origin.python}, on "
+        f"{_plain(origin.machine.processor)}, {_plain(origin.machine.system)}"
+        + (f", commit {_plain(origin.commit)}" if origin.commit else "") + ".",
         r"The methods are those of \cite{lie_stabilized_2019} and \cite{lie_euler_2018}, reconstructed from their "
         r"prose; the Hamiltonian ones have the form of \cite{bourabee_marsden_2009}. The scenes have parameters of "
         "this project, not of the papers.", r"\bibliographystyle{plain}", r"\bibliography{references}", ""])

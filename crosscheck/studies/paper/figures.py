@@ -135,7 +135,7 @@ def _paths(shown: Shown) -> Drawing:
     flat = max(y, z) < 0.7  # then one above the other
     height = 5.6 * (y + z) + 1.4 if flat else min(2.7 * max(y, z), 5.0) + 1.0
     figure, axes = _sheet(6.4, max(height, 2.4), *((2, 1) if flat else (1, 2)),
-                          **({"height_ratios": (z, y)} if flat else {}))
+                          height_ratios=(z, y) if flat else None)
     side, above = axes.flat
     for method, style in _many(shown):
         x = shown.runs[method].x[:, -1]

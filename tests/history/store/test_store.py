@@ -17,6 +17,7 @@ from crosscheck.history.store import (
     baseline,
     find,
     load,
+    migrations,
     open_store,
     recent,
     run_from_document,
@@ -25,7 +26,7 @@ from crosscheck.history.store import (
     set_good,
     usual,
 )
-from crosscheck.history.store.migrations import STEPS, VERSION
+from crosscheck.history.store.migrations import VERSION
 from crosscheck.history.store.schema import tables
 from tests.history.store.documents import document, many, record
 
@@ -111,7 +112,7 @@ def old_store(url):
     plain = url.replace("postgresql://", "postgresql+psycopg://")
     engine = sqlalchemy.create_engine(plain)
     with engine.begin() as connection:
-        STEPS[1](connection)
+        migrations.step(connection, 1)
         for statement in (
                 "INSERT INTO schema_version VALUES (1, '2026-01-01')",
                 "INSERT INTO runs VALUES (1, 'old', '2026-01-01T02:00:00+00:00', 'full', '[]', 'crosscheck', 5.0, 0)",
@@ -161,12 +162,12 @@ def test_the_migrated_tables_are_those_of_the_queries(url, start):
 def test_a_killed_migration_leaves_the_old_schema(url, monkeypatch):
     old_store(url)
 
-    def half(connection):
+    def half(connection, number):
         connection.execute(sqlalchemy.text("ALTER TABLE metrics ADD COLUMN deviation FLOAT"))
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setitem(STEPS, 2, half)
+        patch.setattr(migrations, "step", half)
         with pytest.raises(KeyboardInterrupt):
             open_store(url)
     assert load(open_store(url), "old").results[CELL].figures["position error"].value == 1.5e-7

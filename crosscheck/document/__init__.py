@@ -8,9 +8,17 @@ made from these types (`crosscheck.report.schema`). SI units, angles in rad; Non
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, TypeVar
+from typing import Literal
 
-import msgspec
+from crosscheck.document.curves import RunCurves, SceneCurves
+from crosscheck.document.origin import AS_PLANNED as AS_PLANNED
+from crosscheck.document.origin import Asked as Asked
+from crosscheck.document.origin import Calibration as Calibration
+from crosscheck.document.origin import Machine as Machine
+from crosscheck.document.origin import Meta as Meta
+from crosscheck.document.origin import Origin as Origin
+from crosscheck.document.part import Part as Part
+from crosscheck.document.part import extended as extended
 
 SCHEMA = 1
 """Version of results.json: raised where a key changes its meaning or goes; new keys alone do not raise it."""
@@ -29,79 +37,6 @@ Status = Literal["ok", "fail", "known", "unjudged"]
 
 PASSING = ("pass", "known", "unsupported", "unjudged")
 """Outcomes that leave the exit code at 0."""
-
-Curves = dict[str, Any]
-"""Packed curves by name, as `crosscheck.verification.curves` makes them. Only the scripts of the pages read them."""
-
-PACKED_STEPS, PACKED_MISSING = 65533, 65535
-"""Of a packed curve: number of equal spaces between its lowest and highest value; what stands for no finite value."""
-
-
-class Part(msgspec.Struct, frozen=True):
-    """A part of the document. It is never changed: `msgspec.structs.replace` makes another one."""
-
-
-P = TypeVar("P", bound=Part)
-
-
-def extended(kind: type[P], part: Part, **more: Any) -> P:
-    """What the next stage returns: the fields of `part`, and more."""
-    return kind(**{**msgspec.structs.asdict(part), **more})
-
-
-# --- where the results come from
-
-
-class Machine(Part, frozen=True, kw_only=True):
-    """The machine a run was made on."""
-
-    system: str
-    processor: str
-    cores: int | None
-
-
-class Calibration(Part, frozen=True, kw_only=True):
-    """The fixed work that speeds are compared with."""
-
-    what: str
-    us: float | None  # median
-    deviation: float | None = None  # us, median absolute deviation
-
-
-class Asked(Part, frozen=True, kw_only=True, omit_defaults=True):
-    """What main runs take in place of what the plan says; None: as planned."""
-
-    coordinate_map: str | None = None  # also of the order studies, with the engines that have this option
-    step: float | None = None  # s, of methods with a fixed step
-    duration: float | None = None  # s
-
-    @property
-    def words(self) -> list[str]:
-        """The options of a command that asks for it."""
-        given = (("--map", self.coordinate_map), ("--step", self.step), ("--duration", self.duration))
-        return [word for option, value in given if value is not None for word in (option, str(value))]
-
-
-AS_PLANNED = Asked()
-
-
-class Meta(Part, frozen=True, kw_only=True):
-    """Where the results come from."""
-
-    time: str  # UTC
-    engines: dict[str, str]  # name to version
-    packages: dict[str, str]
-    python: str
-    machine: Machine
-    commit: str | None
-    profile: str
-    jobs: int
-    command: str
-    seconds: float  # of the whole run
-    calibration: Calibration | None = None
-    started: str | None = None  # UTC, ISO 8601; of a nightly run
-    compared_with: str | None = None  # name of the run that `changes` are about
-    asked: Asked = AS_PLANNED
 
 
 # --- scenes
@@ -207,7 +142,7 @@ class SceneTruth(Part, frozen=True, kw_only=True, omit_defaults=True):
     disputed: bool = False  # two formulations of the truth disagreed
     failure: str = ""  # why the scene could not be prepared at all
     details: str = ""  # of the failure
-    curves: Curves = {}
+    curves: SceneCurves = SceneCurves()
 
 
 class Scene(SceneTruth, frozen=True, kw_only=True, omit_defaults=True):
@@ -317,7 +252,7 @@ class Speed(Part, frozen=True, kw_only=True):
 
 
 class Run(Part, frozen=True, kw_only=True):
-    """Which run it is."""
+    """Which run this is."""
 
     scene: str
     engine: str
@@ -350,7 +285,7 @@ class Measured(Run, frozen=True, kw_only=True):
     orders: dict[str, Order] = {}
     ladder: list[Rung] = []
     ladder_cut: str = ""  # why the order study has fewer steps than planned, where the bound of its time cut it
-    curves: Curves = {}
+    curves: RunCurves = RunCurves()
 
 
 class Judged(Measured, frozen=True, kw_only=True):

@@ -1,0 +1,97 @@
+"""Long runs, one after the other: what the studies of drift and of chaos share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import msgspec
+
+from crosscheck.document import Part
+from crosscheck.errors import ArgumentError, said
+from crosscheck.scene.model import Scene
+from crosscheck.studies.study import Ask, Work
+from crosscheck.verification.ladder import Way, ways
+
+METHODS = ("rattle2", "rattle4", "DAE1L_LSE", "DAE1H_LSE", "RK4", "RK44", "RKMK4")
+"""By default the symmetric methods, the two Euler methods that hold all levels, and explicit Runge-Kutta of order 4."""
+
+PROBE = 2000
+"""Steps of the short run that tells whether the long one fits into the limit."""
+
+
+class LongRun(Part, frozen=True, kw_only=True):
+    """One way over a long time."""
+
+    scene: str
+    engine: str
+    method: str
+    form: str | None
+    label: str
+    step: float  # s
+    duration: float  # s
+    status: str = "success"  # or "error", "skipped"
+    reason: str = ""
+    coordinate_map: str | None = None  # None: the method's own
+    wall_time: float | None = None  # s
+
+
+Row = TypeVar("Row", bound=LongRun)
+
+
+class TooLong(ArgumentError):
+    """A run would take longer than the limit."""
+
+
+def long_ways(scene: Scene, engines: Sequence[str], ask: Ask) -> list[Way]:
+    """The ways of long runs: each method with a fixed step in the first form that can model the scene."""
+    found: dict[tuple[str, str], Way] = {}
+    for way in ways(scene, engines, ask.methods or METHODS, asked_map=ask.coordinate_map)[0]:
+        if not way.adaptive:
+            found.setdefault((way.engine, way.method), way)
+    return list(found.values())
+
+
+def begun(kind: type[Row], scene: Scene, way: Way, step: float, **more: Any) -> Row:
+    """What is known of a run over the whole scene before it is made."""
+    return kind(scene=scene.name, engine=way.engine, method=way.method, form=way.form, label=way.label, step=step,
+                duration=scene.duration, coordinate_map=way.coordinate_map, **more)
+
+
+def run_all(work: Work[Any, Row], rows: Sequence[Row], before: Sequence[Row],
+            measured: Callable[[Row], Row]) -> list[Row]:
+    """The rows of a scene with their figures, kept as each ends.
+
+    Parameters
+    ----------
+    before : finished rows of the scenes before
+    measured : the row with its figures; where it raises, the row says why
+    """
+    done: list[Row] = []
+    for index, start in enumerate(rows):
+        work.progress(index, len(rows), f"{start.scene}: {start.label}")
+        try:
+            done.append(measured(start))
+        except TooLong as limit:
+            done.append(msgspec.structs.replace(start, status="skipped", reason=str(limit)))
+        except Exception as error:  # whatever an engine raises is a row of the study
+            reason = said(error)
+            done.append(msgspec.structs.replace(start, status="error", reason=reason))
+        work.keep([*before, *done], None)
+    return done
+
+
+def long_run(row: LongRun, scene: Scene, time_limit: float) -> Any:
+    """The trajectory of a row; `TooLong` where its first steps tell that it would step longer than `time_limit` (s)."""
+    from crosscheck.running.run import run
+
+    def over(scene: Scene) -> Any:
+        return run(scene, row.engine, row.method, step=row.step, form=row.form, coordinate_map=row.coordinate_map,
+                   monitor=False)
+
+    steps = round(row.duration / row.step)
+    if steps > 2 * PROBE:
+        expected = over(scene.replace(duration=PROBE * row.step, samples=2)).wall_time / PROBE * steps
+        if expected > time_limit:
+            raise TooLong(f"it would take about {expected:.0f} s, the limit is {time_limit:g} s")
+    return over(scene)

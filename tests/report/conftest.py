@@ -1,0 +1,39 @@
+"""A small report, made once for all tests of this folder."""
+
+import math
+
+import pytest
+
+from crosscheck.document import Finding, Judged
+from crosscheck.judge.plan import Profile
+from crosscheck.report import folder as report_folder
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.scene_truth import prepare_truth
+from crosscheck.verification.task import Cell
+from tests.fake_engine import FakeEngine, install
+from tests.report_making import document, failed_scene
+
+SCENE = "single_pendulum"
+
+
+@pytest.fixture(scope="session")
+def results():
+    """One run of each outcome on one scene, and a scene without truth."""
+    with pytest.MonkeyPatch.context() as patch:
+        install(patch, FakeEngine())
+        scene = prepare_truth((SCENE, True, Profile.most_steps))
+        runs = [run_cell(Cell(SCENE, "fake", "Plain", None, scene.plan, True))]
+        install(patch, FakeEngine(breaks="it broke with <b>markup</b> & a \x07 bell"))
+        runs.append(run_cell(Cell(SCENE, "fake", "Broken", None, scene.plan, False)))
+        install(patch, FakeEngine(refuses="it cannot"))
+        runs.append(run_cell(Cell(SCENE, "fake", "Unable", None, scene.plan, False)))
+        runs.append(Judged(
+            scene=SCENE, engine="fake", version="1", method="Flawed", form=None, step=1e-3, documented_order=2,
+            command="crosscheck run", outcome="known",
+            findings=[Finding("energy", "known", math.inf, 1.0, "1", "bound", "its makers say so")]))
+        return document([scene, failed_scene("lost", "no closed form")], runs, ["fake"])
+
+
+@pytest.fixture(scope="session")
+def folder(results, tmp_path_factory):
+    return report_folder.write(results, tmp_path_factory.mktemp("reports") / "latest").parent

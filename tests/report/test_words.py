@@ -1,0 +1,112 @@
+"""What the pages say: headline, recommendations, groups of findings."""
+
+import re
+
+from msgspec.structs import replace
+
+from crosscheck.document import Finding, Recommended, Scene, extended
+from crosscheck.history import summary
+from crosscheck.report import headline, names, overview
+from crosscheck.verification import trust
+from tests.report_making import CHANGES, failed_scene, made
+
+
+def test_recommendation_names_the_fastest_passing_run(results):
+    def run(name, seconds, deviation=1e-6):
+        return replace(results.records[0], label=name, seconds_per_second=seconds,
+                                   seconds_deviation=deviation)
+
+    fast, slow = run("fake Fast", 1e-3), run("fake Slow", 2e-3)
+    said = trust.sentence(results.scenes[0], [slow, fast, results.records[1]])
+    assert said.startswith("Trust fake Fast:")
+    assert "Not to be trusted here: fake Broken" in said
+    found = trust.recommend(results.scenes[0], [slow, fast])
+    # The figures are those of the judged run, not of some point of a study.
+    assert (found.step, found.error) == (fast.step, fast.errors["position"].judged)
+    # 5 % is within the ratio of noise, and 50 % within four deviations of a restless clock: no winner.
+    near, restless = run("fake Near", 1.05e-3), run("fake Restless", 1.5e-3, deviation=2e-4)
+    found = trust.recommend(results.scenes[0], [slow, restless, near, fast])
+    assert found.runs == ["fake Fast", "fake Near", "fake Restless"]
+    # Of a run a hundred times slower a third of its time is no noise of the fastest.
+    found = trust.recommend(results.scenes[0], [run("fake Crawling", 0.1, deviation=0.03), fast])
+    assert found.runs == ["fake Fast"]
+
+
+def test_the_headline_claims_no_more_than_was_found(results):
+    passing, known = results.records[0], results.records[3]
+    assert headline.headline(made(results.scenes[:1], [passing])) == "The only run passes"
+    assert headline.headline(made(results.scenes[:1], [passing, results.records[2]])) == (
+        "The only run that could be made passes")
+    assert headline.headline(made(results.scenes[:1], [passing] * 3)) == "All 3 runs pass"
+    said = headline.headline(made(results.scenes[:1], [passing, known]))
+    assert said == "1 run passes, 1 shows only known defects, none fails"
+    assert headline.headline(made(results.scenes[:1], [])) == "Nothing was run"
+    short = made(results.scenes[:1], [replace(passing, judged_until=1.0)]).records[0]
+    assert (short.word, passing.word) == ("pass to 1 s", "pass")
+    assert made(results.scenes[:1], [replace(passing, practical=True)]).records[0].word == "stable"
+
+
+def test_the_headline_tells_passes_what_is_worse_and_what_was_not_judged_and_why(results):
+    plain = results  # one run of each outcome, beside a scene without truth
+    said = headline.headline(replace(plain, changes=CHANGES))
+    assert said == ("1 run passes, 1 shows only known defects, 1 fails (fake Broken on single pendulum); worse than "
+                    "before: accuracy (mujoco RK4 on double pendulum); lost could not be judged: no closed form")
+    assert "nothing is worse than before" in headline.headline(replace(plain, changes=CHANGES[1:]))
+    many = [results.records[0]] * 3 + [results.records[1]] * 141
+    disputed = {"no_truth": "'single_pendulum': A and B disagree by 1e-9; the rest", "disputed": True}
+    said = headline.headline(made([replace(results.scenes[0], **disputed)], many))
+    assert said == "3 runs pass, 141 fail on 1 scene; single pendulum could not be judged: A and B disagree by 1e-9"
+    lost = [failed_scene(str(index), "it broke") for index in range(4)]
+    assert headline.headline(made(lost, many[:1])).endswith(
+        "4 scenes could not be judged: 0 (it broke), 1 (it broke) and 2 more")
+
+
+def test_the_same_words_open_the_page_the_markdown_and_the_message(results, folder, tmp_path):
+    plain = results
+    said = headline.headline(plain)
+    heading = re.search(r"<h1>(.*?)</h1>", (folder / "index.html").read_text(encoding="utf-8")).group(1)
+    assert re.sub(r"<[^>]*>", "", heading) == said
+    assert (folder / "summary.md").read_text(encoding="utf-8").startswith(f"# {said}\n")
+    message = summary.summary(plain, "2026-11-21", None, 2, tmp_path / "index.html")
+    assert said in message.splitlines()[0]
+    assert "- fake: fake Broken on single_pendulum, it broke" in message
+    assert len(message.splitlines()) < 20
+
+
+def test_many_findings_stand_in_few_groups_the_new_ones_first(results):
+    order = Finding("order position", "fail", 1.0, 3.85, "1", "documented order 4, least squares over 4 steps of 4")
+    drift = Finding("position", "fail", 1.0, 1e-6, "m", "bound", "body rod, t = 0.3 s, judged up to 1 s")
+    records = []
+    for engine, finding in (("fake", order), ("other", drift)):
+        records += [replace(results.records[0], scene=f"s{index}", engine=engine, label=f"{engine} Plain",
+                                        outcome="fail", findings=[replace(finding, value=1.0 + index,
+                                                                                      detail=f"at {index}")])
+                    for index in range(20)]
+    records = made([], records).records
+    groups = overview.worst_first(records)
+    assert [(group.engine, group.why, len(group.runs), group.scenes) for group in groups] == [
+        ("other", "error of the motion beyond its bound", 20, 20),
+        ("fake", "observed order below the documented one", 20, 20)]
+    assert groups[0].runs[0][0].scene == "s19"  # the largest excess
+    new = [replace(CHANGES[0], scene="s7", engine="fake", method="Plain")]
+    first, second = overview.worst_first(records, new)
+    assert (first.engine, first.new, second.engine, second.new) == ("fake", 1, "other", 0)
+
+
+def test_scenes_share_a_line_of_advice_where_the_same_run_is_recommended_for_the_same_reason():
+    def scene(name, run, why):
+        best = Recommended(runs=[run], step=None, rtol=None, error=1e-9, until=None, seconds=None, why=why)
+        return extended(Scene, failed_scene(name, ""), recommended=best if run else None,
+                        trust=f"No recommendation: {why}. Not to be trusted here: x.")
+
+    groups = overview.recommended([scene("a", None, "none passed"), scene("b", "m RK4", "fastest, 3 checks passed"),
+                                   scene("c", "l taylor", "fastest, 13 checks passed"),
+                                   scene("d", "l taylor", "fastest, 12 checks passed")])
+    assert [(group.run, group.why, [each.name for each in group.scenes]) for group in groups] == [
+        ("l taylor", "fastest", ["c", "d"]), ("m RK4", "fastest", ["b"]),
+        (None, "No recommendation: none passed.", ["a"])]
+
+
+def test_every_scene_has_a_page_of_its_own():
+    scenes = ["top", "Top", "a/top.toml", "b/top.toml", "a top", "a-top", "a/b.toml", "a-b-toml"]
+    assert len({names.scene_file(failed_scene(name, "")).lower() for name in scenes}) == len(scenes)

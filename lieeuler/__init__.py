@@ -7,6 +7,7 @@ from lieeuler.functions import TimeFunction
 from lieeuler.integrate import integrate
 from lieeuler.joints import (
     Dot,
+    Drive,
     Joint,
     cylindrical_joint,
     distance_joint,
@@ -31,6 +32,7 @@ __all__ = [
     "Body",
     "ConstantLoad",
     "Dot",
+    "Drive",
     "EnsembleSolution",
     "IntegrationError",
     "Interrupted",

@@ -122,7 +122,7 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
     last = [result[name][:, -1] for name in ("x", "R", "v", "w")]
     for k, member in enumerate(members):  # one of each, or one of all
         here = slice(k, k + 1) if len(members) > 1 else slice(None)
-        open_ = held.open_at(member, method, *(array[here] for array in last))
+        open_ = held.open_at(member, method, *(array[here] for array in last), t=float(plan.t[-1]))
         status[here][open_ & (status[here] == Status.SUCCESS)] = Status.CONSTRAINTS_OPEN
     solution = EnsembleSolution(
         t=plan.t, x=result["x"], R=result["R"], v=result["v"], w=result["w"], status=status,
@@ -235,7 +235,7 @@ def _check_states(problem: Problem, states: Mapping[str, np.ndarray]) -> None:
         raise ArgumentError(f"R of member {int(np.argmax(wrong))} must hold rotation matrices")
     if not problem.joints:
         return
-    levels = _kernel.constraint_levels(problem.kernel, states["x"], R, states["v"], states["w"])
+    levels = _kernel.constraint_levels(problem.kernel, states["x"], R, states["v"], states["w"], 0.0)
     open_ = ~(levels <= CLOSED)
     if open_.any():
         member, level = np.argwhere(open_)[0]

@@ -25,13 +25,14 @@ def open_levels(problem: Problem, solution: Solution) -> tuple[str, ...]:
                  if not maxima[f"constraint_{level}"] <= OPEN * sizes[level])
 
 
-def open_at(problem: Problem, method: str, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """(N,) whether the positions or velocities that the method holds are open in each of N states, by the measure that
-    a problem's own state must pass."""
+def open_at(problem: Problem, method: str, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
+            t: float = 0.0) -> np.ndarray:
+    """(N,) whether the positions or velocities that the method holds are open in each of N states at a time, by the
+    measure that a problem's own state must pass."""
     held = [level in METHODS[method].held for level in ("position", "velocity")]
     if not problem.joints or not any(held):
         return np.zeros(len(x), dtype=bool)
-    levels = _kernel.constraint_levels(problem.kernel, *(np.ascontiguousarray(array) for array in (x, R, v, w)))
+    levels = _kernel.constraint_levels(problem.kernel, *(np.ascontiguousarray(array) for array in (x, R, v, w)), t)
     return np.asarray(~(levels[:, held] <= OPEN).all(axis=1))
 
 
@@ -42,7 +43,7 @@ def judge(problem: Problem, solution: Solution) -> None:
         return
     last = (each[-1:] for each in (solution.x, solution.R, solution.v, solution.w))
     if open_levels(problem, solution) or (
-            not solution.stats.maxima and open_at(problem, solution.method, *last).any()):
+            not solution.stats.maxima and open_at(problem, solution.method, *last, t=float(solution.t[-1])).any()):
         solution.status = Status.CONSTRAINTS_OPEN
 
 

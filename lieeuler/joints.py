@@ -31,6 +31,7 @@ import numpy as np
 from lieeuler import _kernel
 from lieeuler.checks import Frozen, body_index, normals, number, positive, rotation, unit, vector
 from lieeuler.errors import ArgumentError
+from lieeuler.functions import TimeFunction
 from lieeuler.types import ArrayLike
 
 
@@ -60,6 +61,34 @@ class Dot(Frozen):
 
 
 @dataclasses.dataclass(frozen=True)
+class Drive(Frozen):
+    """The angle of a hinge, or the slide of a prismatic joint, as a function of time.
+
+    Parameters
+    ----------
+    function : TimeFunction
+        rad or m.
+    parent_axis, child_axis : (3,)
+        The joint's axes, each in its body's frame.
+    relative : (3, 3), optional
+        R_child^T R_parent where the angle is zero; None drives the slide, which is parent_axis . d.
+    """
+
+    function: TimeFunction
+    parent_axis: np.ndarray
+    child_axis: np.ndarray
+    relative: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.function, TimeFunction):
+            raise ArgumentError(f"function must be a lieeuler.TimeFunction, not {self.function!r}")
+        for name in ("parent_axis", "child_axis"):
+            object.__setattr__(self, name, unit(name, getattr(self, name)))
+        if self.relative is not None:
+            object.__setattr__(self, "relative", rotation("relative", self.relative))
+
+
+@dataclasses.dataclass(frozen=True)
 class Joint(Frozen):
     """Basic constraints between two bodies, or a body and the ground (index -1).
 
@@ -73,6 +102,8 @@ class Joint(Frozen):
         Whether the anchors coincide (three rows, first).
     dots : tuple of Dot
         Further rows.
+    drive : Drive, optional
+        The last row: a coordinate as a function of time.
     """
 
     parent: int
@@ -81,6 +112,7 @@ class Joint(Frozen):
     child_anchor: Any
     spherical: bool = True
     dots: tuple[Dot, ...] = ()
+    drive: Drive | None = None
 
     def __post_init__(self) -> None:
         for name in ("parent", "child"):
@@ -97,7 +129,7 @@ class Joint(Frozen):
     @property
     def rows(self) -> int:
         """Number of constraint rows."""
-        return 3 * self.spherical + len(self.dots)
+        return 3 * self.spherical + len(self.dots) + (self.drive is not None)
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this joint to the compiled system."""
@@ -105,6 +137,15 @@ class Joint(Frozen):
                          [_kernel.Carrier[carrier] for dot in self.dots for carrier in (dot.a, dot.b)],
                          [axis for dot in self.dots for axis in (dot.a_axis, dot.b_axis)],
                          [dot.constant for dot in self.dots], [dot.scale for dot in self.dots])
+        if self.drive is not None:
+            n1, n2 = normals(self.drive.parent_axis)
+            pointer = n1 if self.drive.relative is None else self.drive.relative @ n1
+            system.drive_joint(self.drive.relative is not None, self.drive.parent_axis, self.drive.child_axis, n1, n2,
+                               pointer, self.drive.function.kernel)
+
+    def driven(self, drive: Drive) -> Joint:
+        """The joint with its coordinate prescribed."""
+        return dataclasses.replace(self, drive=drive)
 
 
 def _across(*directions: np.ndarray) -> tuple[Dot, ...]:

@@ -60,7 +60,7 @@ class Problem(Frozen):
         m/s^2, world axes.
     x, R, v, w : (n, 3), (n, 3, 3), (n, 3), (n, 3)
         Initial state, conventions of `lieeuler.types`. It must satisfy the joints and their velocity constraints
-        to rounding level; the integrators take it as it is.
+        to rounding level, those of drives at time 0; the integrators take it as it is.
     forces : sequence of forces from `lieeuler.forces`, optional
 
     Raises
@@ -104,7 +104,7 @@ class Problem(Frozen):
                                         f"bodies 0 .. {n - 1}, the parent may be the ground ({GROUND})")
         if not self.joints:
             return
-        levels = _kernel.constraint_levels(self.kernel, self.x, self.R, self.v, self.w)[0]
+        levels = _kernel.constraint_levels(self.kernel, self.x, self.R, self.v, self.w, 0.0)[0]
         for name, size, gap in zip(("joints", "velocity constraints"), ("length", "speed"), levels, strict=True):
             if not gap <= CLOSED:
                 raise ArgumentError(f"the initial state violates the {name} by {gap:.3g} of the system's {size}; "

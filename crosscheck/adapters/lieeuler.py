@@ -10,6 +10,7 @@ import numpy as np
 import lieeuler
 from crosscheck.adapters.base import RawRun, RunSpec, Stats
 from crosscheck.errors import ArgumentError, CrosscheckError
+from crosscheck.scene.coordinates import zero_attitude
 from crosscheck.scene.functions import TimeFunction, Value
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
@@ -38,7 +39,10 @@ def _joint(scene: Scene, joint: Joint) -> lieeuler.Joint:
         parameters.append(scene.R0[joint.child].T @ parent_attitude)
     made: lieeuler.Joint = getattr(lieeuler, f"{joint.type}_joint")(
         joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, *parameters)
-    return made
+    if joint.drive is None:
+        return made
+    relative = zero_attitude(joint).T if joint.type == "revolute" else None
+    return made.driven(lieeuler.Drive(_value(joint.drive), joint.parent_axis, joint.child_axis, relative))
 
 
 def _force(scene: Scene, force: Force) -> lieeuler.forces.Force:
@@ -100,7 +104,7 @@ class LieEuler:
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """All joints and forces are modelled, redundant constraints included, but for armature and mimic."""
-        if reason := scene.beyond(("joint_torque", "function")):
+        if reason := scene.beyond(("drive", "joint_torque", "function")):
             return reason
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"

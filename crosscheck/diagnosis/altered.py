@@ -29,13 +29,14 @@ class Model:
         self.constraints = Constraints(scene)
         self.rank: int | None = None
 
-    def rates(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """Accelerations (n, 6), world and body axes, of states (n, ...)."""
+    def rates(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, t: float = 0.0) -> np.ndarray:
+        """Accelerations (n, 6), world and body axes, of states (n, ...) at a time."""
         found: dict[str, np.ndarray] = {}
         if any(force.type == "torsional_spring" for force in self.scene.forces):
             found = mechanics.torsion_angles(self.scene, R[None], previous=self.angles)
             self.angles = {joint: float(values[-1]) for joint, values in found.items()}
-        points = Points(x[None], R[None], v[None], w[None], np.zeros((1, self.scene.n, 6)), np.zeros(1, int), found)
+        points = Points(x[None], R[None], v[None], w[None], np.zeros((1, self.scene.n, 6)), np.zeros(1, int), found,
+                        np.array([t]))
         terms = Terms(self.scene, points, self.forces, self.constraints, self.rank)
         self.rank = terms.rank
         rates: np.ndarray = terms.rates(self.physics)[0]
@@ -54,9 +55,9 @@ def predict(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray) -> Sta
         parts = np.split(y, [3 * n, 12 * n, 15 * n])
         return [parts[0].reshape(n, 3), parts[1].reshape(n, 3, 3), parts[2].reshape(n, 3), parts[3].reshape(n, 3)]
 
-    def derivative(_t: float, y: np.ndarray) -> np.ndarray:
+    def derivative(t: float, y: np.ndarray) -> np.ndarray:
         x, R, v, w = unpack(y)
-        a = model.rates(x, R, v, w)
+        a = model.rates(x, R, v, w, t)
         return np.concatenate([v.ravel(), np.cross(R, w[:, None, :]).ravel(), a[:, :3].ravel(), a[:, 3:].ravel()])
 
     start = np.concatenate([x.ravel(), R.ravel(), v.ravel(), w.ravel()])

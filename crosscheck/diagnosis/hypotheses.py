@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -226,8 +227,11 @@ def _force(scene: Scene, k: int) -> Iterator[Cause]:
         yield Cause("moment of a force", lambda q, t: q.replace(lever=_with(_levers(q), k, t[0])), ((1.0,),),
                     lambda t: f"{where}: its moments about the centres of mass times {t[0]:.6g}",
                     "apply the force at its point: it has a moment about the centre of mass", None, _none, target=where)
-    if force.type not in SPRINGS:
+    if force.functions:
+        yield from _drive(scene, k, where, mend)
+    elif force.type not in SPRINGS:
         yield entry("load", "load", 1.0, "factor of the load")
+    if force.type not in SPRINGS:
         return
     rest, unit, value = (("free_length", "m", p["free_length"]) if force.type == "linear_spring" else
                          ("rest_angle", "rad", p["rest_angle"]))
@@ -235,13 +239,43 @@ def _force(scene: Scene, k: int) -> Iterator[Cause]:
     if stiffness:
         yield entry("spring stiffness", "stiffness", stiffness, "stiffness",
                     lambda t: "missing spring" if abs(t[0]) < GONE * stiffness else "spring stiffness")
-        yield entry("spring free length", "rest", value, f"{rest} ({unit})")
+        if not force.functions:
+            yield entry("spring free length", "rest", value, f"{rest} ({unit})")
         yield Cause("missing spring", lambda q, t: q.replace(stiffness=_with(q.stiffness, k, 0.0),
                                                              damping=_with(q.damping, k, 0.0)), ((),),
                     lambda t: f"{where} is not there", mend)
     yield entry("damping", "damping", damping, "damping",
                 lambda t: "extra damping" if not damping else "missing damper" if abs(t[0]) < GONE * damping
                 else "damping")
+
+
+UNITS = ((0.0, "missing drive"), (-1.0, "sign of a drive"), (math.degrees(1.0), "unit of a drive"),
+         (math.radians(1.0), "unit of a drive"))
+"""Factors of what depends on time that have a name: nothing, the wrong sign, degrees for radians and back."""
+
+
+def _drive(scene: Scene, k: int, where: str, mend: str) -> Iterator[Cause]:
+    """Hypotheses about what of a force depends on time: its size, and when it comes."""
+    none = np.zeros(len(scene.forces))
+
+    def named(t: np.ndarray) -> str:
+        return next((name for factor, name in UNITS if abs(t[0] - factor) <= GONE * max(1.0, abs(factor))),
+                    "amplitude of a drive")
+
+    yield Cause("drive", lambda q, t: q.replace(load=_with(q.load, k, t[0])), ((1.0,), (-1.0,)),
+                lambda t: f"{where}: its function of time times {t[0]:.6g}", mend, named,
+                lambda t: [(factor,) for factor, _ in UNITS], target=where)
+    terms = scene.forces[k].functions[0].terms
+    starts = ((1e-2,), (-1e-2,))
+    alike = f", which is a phase of {{:.6g}} rad at {terms[0][1]:g} rad/s" if len(terms) == 1 else ""
+    yield Cause("drive delay", lambda q, t: q.replace(delay=_with(none if q.delay is None else q.delay, k, t[0])),
+                starts, lambda t: f"{where}: its function of time comes {t[0]:.6g} s late"
+                + (alike.format(-terms[0][1] * t[0]) if alike else ""), mend,
+                lambda t: "phase or delay of a drive" if alike else "delay of a drive", target=where)
+    if len(terms) > 1:
+        yield Cause("drive phase", lambda q, t: q.replace(phase=_with(none if q.phase is None else q.phase, k, t[0])),
+                    ((0.1,), (-0.1,)), lambda t: f"{where}: {t[0]:.6g} rad added to the phases of its sines", mend,
+                    lambda t: "phase of a drive", target=where)
 
 
 def _with(values: np.ndarray, k: int, value: float) -> np.ndarray:

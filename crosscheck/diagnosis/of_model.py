@@ -408,11 +408,11 @@ def _data(shown: list[Shown], right: Physics, soft: bool, stride: int) -> fit.Da
 
 
 def _points(members: list[tuple[int, Shown]], stride: int) -> tuple[Points, np.ndarray]:
-    pieces: dict[str, list[np.ndarray]] = {name: [] for name in ("x", "R", "v", "w", "rates", "copy", "noise")}
+    pieces: dict[str, list[np.ndarray]] = {name: [] for name in ("t", "x", "R", "v", "w", "rates", "copy", "noise")}
     angles: dict[str, list[np.ndarray]] = {}
     for k, each in members:
         inner = slice(REACH, len(each.states.t) - REACH, stride)
-        for name in ("x", "R", "v", "w"):
+        for name in ("t", "x", "R", "v", "w"):
             pieces[name].append(getattr(each.states, name)[inner])
         pieces["rates"].append(each.accelerations[::stride])
         count = len(pieces["rates"][-1])

@@ -114,8 +114,8 @@ def _too_coarse(time: float, step: float, found: float) -> Late:
 
 
 def restarted(scene: Scene, states: States, k: int, duration: float, samples: int = 2) -> Scene:
-    """The scene from an engine's state at sample k."""
-    return scene.replace(duration=duration, samples=samples, bodies=tuple(
+    """The scene from an engine's state at sample k, time zero there."""
+    return scene.delayed(-float(states.t[k])).replace(duration=duration, samples=samples, bodies=tuple(
         dataclasses.replace(body, attitude=quaternion(states.R[k, index]), angular_velocity=states.w[k, index],
                             position=states.x[k, index], velocity=states.v[k, index])
         for index, body in enumerate(scene.bodies)))

@@ -14,6 +14,7 @@ import numpy as np
 
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints, cross
+from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.model import GROUND, Force, Scene
 
 SPRINGS = ("linear_spring", "torsional_spring")
@@ -29,7 +30,7 @@ class Physics:
     stiffness: np.ndarray  # per force of the scene; zero for loads
     rest: np.ndarray  # free length (m) or rest angle (rad)
     damping: np.ndarray
-    load: np.ndarray  # factor of constant loads
+    load: np.ndarray  # factor of loads, of torques and forces along joints, of rest angles that move
     joint_damping: float = 0.0  # N m s/rad, on the relative angular velocity across every joint
     drag: float = 0.0  # 1/s: force - drag m v on every body
     spin_drag: float = 0.0  # 1/s: torque - spin_drag J w on every body
@@ -39,6 +40,8 @@ class Physics:
     centripetal: float = 1.0  # factor of gamma in G du/dt + gamma = 0
     lever: np.ndarray | None = None  # per force, factor of its moments about the centres of mass; None: one
     absent: int | None = None  # a body that is not there
+    delay: np.ndarray | None = None  # s, per force, of what depends on time; None: none
+    phase: np.ndarray | None = None  # rad, per force, added to every sine; None: none
     gain: tuple[float, float] = (0.0, 0.0)  # alpha (1/s), beta^2 (1/s^2): G du/dt + gamma = -2 alpha G u - beta^2 Phi
 
     def replace(self, **changes: object) -> Physics:
@@ -49,9 +52,10 @@ class Physics:
 def of_scene(scene: Scene, copies: int = 1) -> Physics:
     """The parameters of a scene as they stand."""
     given = [force.parameters for force in scene.forces]
+    rest = [p.get("free_length", p.get("rest_angle", 0.0)) for p in given]
     return Physics(scene.gravity, scene.masses, np.broadcast_to(scene.inertias, (copies, scene.n, 3, 3)),
                    np.array([p.get("stiffness", 0.0) for p in given]),
-                   np.array([p.get("free_length", p.get("rest_angle", 0.0)) for p in given]),
+                   np.array([0.0 if isinstance(value, TimeFunction) else value for value in rest]),
                    np.array([p.get("damping", 0.0) for p in given]), np.ones(len(scene.forces)))
 
 
@@ -66,6 +70,7 @@ class Points:
     rates: np.ndarray  # (P, n, 6) observed accelerations: world, body axes
     copy: np.ndarray  # (P,) which copy of the scene
     angles: dict[str, np.ndarray]  # of torsional springs, by joint
+    t: np.ndarray | float = 0.0  # (P,) s
 
 
 class Terms:
@@ -78,7 +83,7 @@ class Terms:
         x, R, v, w = points.x, points.R, points.v, points.w
         self.constraints = constraints = constraints or Constraints(scene)
         self.G = constraints.jacobian(x, R).reshape(len(x), constraints.m, scene.n, 6)
-        self.gamma = constraints.gamma(x, R, v, w)
+        self.gamma = constraints.gamma(x, R, v, w, points.t)
         self.springs = [_spring(scene, force, points) for force in scene.forces]
         self.friction, self.rubbing = _joint_friction(scene, R, w), _joint_friction(scene, R, w, unit=True)
         self._spinning: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
@@ -92,14 +97,17 @@ class Terms:
         slowed = p.drag + p.quadratic * np.linalg.norm(v, axis=2, keepdims=True)
         f[:, :, :3] = p.masses[:, None] * (p.gravity - slowed * v)
         f[:, :, 3:] = -np.asarray(p.gyroscopic).reshape(-1, 1) * turning - p.spin_drag * spin
-        for here, (kind, unit, length, rate, ends) in zip(self.index, self.springs, strict=True):
+        for here, force, (kind, unit, length, rate, ends) in zip(self.index, self.scene.forces, self.springs,
+                                                                 strict=True):
             if p.absent is not None and p.absent in ends:
                 continue
+            varied = self._varied(p, here, force)
             if kind in SPRINGS:
-                size = p.stiffness[here] * (length - p.rest[here]) + p.damping[here] * rate
+                rest = p.load[here] * varied if force.functions else p.rest[here]
+                size = p.stiffness[here] * (length - rest) + p.damping[here] * rate
                 pull = size[:, None, None] * unit
             else:
-                pull = p.load[here] * unit
+                pull = np.reshape(p.load[here] * varied, (-1, 1, 1)) * unit
             f += pull
             if p.lever is not None and kind in ("linear_spring", "constant_force"):
                 f[:, :, 3:] += (p.lever[here] - 1.0) * pull[:, :, 3:]
@@ -119,11 +127,21 @@ class Terms:
             target = -(flat @ self.points.rates.reshape(len(f), -1, 1))[..., 0]
         if any(p.gain):
             x, R, v, w = (getattr(self.points, name) for name in "xRvw")
-            target = target + (2 * p.gain[0] * self.constraints.velocity(x, R, v, w)
-                               + p.gain[1] * self.constraints.position(x, R))[:, keep]
+            target = target + (2 * p.gain[0] * self.constraints.velocity(x, R, v, w, self.points.t)
+                               + p.gain[1] * self.constraints.position(x, R, self.points.t))[:, keep]
         lam = solve @ (flat @ free.reshape(len(f), -1, 1) + target[..., None])
         found: np.ndarray = free - (np.swapaxes(weighted, 1, 2) @ lam).reshape(free.shape)
         return found
+
+    def _varied(self, p: Physics, here: int, force: Force) -> Any:
+        """What depends on time of a force, or one."""
+        if not force.functions:
+            return 1.0
+        function = force.functions[0]
+        if p.phase is not None:
+            shifted = tuple((a, w, phase + p.phase[here]) for a, w, phase in function.terms)
+            function = dataclasses.replace(function, terms=shifted)
+        return function(self.points.t - (0.0 if p.delay is None else p.delay[here]))
 
     def _spins(self, p: Physics) -> tuple[np.ndarray, np.ndarray]:
         """J w and w x J w; kept as long as the inertias are the same array, as all that follows."""
@@ -190,6 +208,18 @@ def _spring(scene: Scene, force: Force,
             if body != GROUND:
                 unit[:, body, 3:] += np.einsum("pji,pj->pi", R[:, body], along)
         bodies = (joint.parent, joint.child)
+    elif force.joint is not None:
+        joint = next(joint for joint in scene.joints if joint.name == force.joint)
+        size = next((value for value in p.values() if not isinstance(value, TimeFunction)), 1.0)
+        axis = joint.parent_axis if joint.parent == GROUND else R[:, joint.parent] @ joint.parent_axis
+        for body, anchor, along in ((joint.parent, joint.parent_anchor, -size * axis),
+                                    (joint.child, joint.child_anchor, size * axis)):
+            along = np.broadcast_to(along, (len(x), 3))
+            if force.type == "joint_force":
+                _push(unit, R, body, anchor, along)
+            elif body != GROUND:
+                unit[:, body, 3:] += np.einsum("pji,pj->pi", R[:, body], along)
+        return force.type, unit, none, none, (joint.parent, joint.child)
     else:
         given = np.array(p["force"] if force.type == "constant_force" else p["torque"])
         load = R[:, force.child] @ given if p["frame"] == "body" else np.broadcast_to(given, (len(x), 3))

@@ -37,7 +37,7 @@ def truth(scene: Scene) -> Reference:
     """
     from crosscheck.references import cache
 
-    if reason := scene.beyond(("armature", "joint_torque", "function")):
+    if reason := scene.beyond(("armature", "drive", "joint_torque", "function")):
         raise Unsupported(f"truth of {scene.name!r}: {reason}")
     if any(any(joint.armature) for joint in scene.joints) and _has_loop(scene):
         raise Unsupported(f"truth of {scene.name!r}: armature is not built for scenes with loops")

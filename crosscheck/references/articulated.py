@@ -124,12 +124,26 @@ class Rod:
         return solve_factored(self.factors, force)
 
 
-def accelerations(tree: Tree, frames: dict[int, Frame], wrenches: ByBody,
-                  efforts: ByBody | None = None) -> tuple[ByBody, ByBody, ByBody]:
+@dataclasses.dataclass
+class Prescribed:
+    """A joint whose speed has a given derivative: it carries on what it is given, with that and its bias added."""
+
+    rate: Any
+    alpha: Vector
+    A: Vector
+
+    def forward(self, column: int, alpha: Vector, A: Vector) -> tuple[Vector, Vector, Vector]:
+        """du, and the accelerations that the joint makes of those carried along."""
+        return ([self.rate], add(alpha, self.alpha), add(A, self.A)) if column == 0 else ([0.0], alpha, A)
+
+
+def accelerations(tree: Tree, frames: dict[int, Frame], wrenches: ByBody, efforts: ByBody | None = None,
+                  driven: dict[int, Any] | None = None) -> tuple[ByBody, ByBody, ByBody]:
     """alpha, A and derivatives of speeds: by body, a list over columns each.
 
     `wrenches` maps bodies to columns of (force, torque about the centre of mass), own axes, the ground excepted;
-    `efforts`, where given, to columns of what acts along each angle and displacement of a joint.
+    `efforts`, where given, to columns of what acts along each angle and displacement of a joint; `driven` to the second
+    derivative of a joint's coordinate where that is given.
     """
     count = len(next(iter(wrenches.values())))
     gravity = _gravity(tree, frames)
@@ -140,7 +154,10 @@ def accelerations(tree: Tree, frames: dict[int, Frame], wrenches: ByBody,
         answer = _own(link, frame, gravity[body], wrenches[body])
         for part in hanging[body]:
             answer = _sum(answer, part)
-        joints[body], passed = _through_joint(link, frame, answer, None if efforts is None else efforts[body])
+        if driven and body in driven:
+            joints[body], passed = _prescribed(frame, answer, driven[body])
+        else:
+            joints[body], passed = _through_joint(link, frame, answer, None if efforts is None else efforts[body])
         if link.parent != GROUND:
             hanging[link.parent].append(_carried(passed, frame, frames[link.parent], link))
     alpha = {GROUND: [ZERO] * count}
@@ -202,6 +219,15 @@ def _through_joint(link: Link, frame: Frame, answer: Answer, efforts: Vector | N
         taken, answer = _eliminate(answer, frame.columns, (frame.spin_bias, frame.shift_bias), efforts, armature)
         stages.append(taken)
     return stages, answer
+
+
+def _prescribed(frame: Frame, answer: Answer, rate: Any) -> tuple[Vector, Answer]:
+    """What a body answers through a joint whose coordinate has a given second derivative."""
+    turn, shift = frame.columns[0]
+    taken = Prescribed(rate, add(frame.spin_bias, scale(rate, turn)), add(frame.shift_bias, scale(rate, shift)))
+    tau, f = answer.times(taken.alpha, taken.A)
+    first = (add(answer.columns[0][0], tau), add(answer.columns[0][1], f))
+    return [taken], Answer(answer.inertia, answer.coupling, answer.mass, [first, *answer.columns[1:]])
 
 
 def _free_turn(answer: Answer) -> tuple[tuple[Any, ...], Answer]:

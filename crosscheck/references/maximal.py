@@ -21,7 +21,7 @@ from crosscheck.references.base import TruthError
 from crosscheck.references.rotors import rotors
 from crosscheck.references.world import Motion, cross, rotation, turned
 from crosscheck.references.world_loads import ConstantLoad, JointLoad, LinearSpring, TorsionalSpring
-from crosscheck.references.world_rows import Relations, kinds
+from crosscheck.references.world_rows import Driven, Relations, kinds
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -238,7 +238,10 @@ class Maximal:
         for kind in self.constraints:
             gap, G, drift = kind.terms(motion)
             jacobians.append(G[:, :-1])
-            targets.append(drift + 2.0 * DAMPING * (G.reshape(len(G), -1) @ u) + DAMPING**2 * gap)
+            rate = G.reshape(len(G), -1) @ u
+            if isinstance(kind, Driven):
+                rate -= kind.speeds(motion.t)
+            targets.append(drift + 2.0 * DAMPING * rate + DAMPING**2 * gap)
         return np.concatenate(jacobians), np.concatenate(targets)
 
     def rates(self, t: float, y: np.ndarray) -> np.ndarray:

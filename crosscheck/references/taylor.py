@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.errors import Unsupported
 from crosscheck.references import loops
 from crosscheck.references.articulated import accelerations, centripetal
 from crosscheck.references.base import TruthError
@@ -52,7 +53,12 @@ class Taylor:
         self.initial = np.concatenate([self.tree.initial(), angles])
         if not len(self.initial):  # nothing moves, and an integrator wants a state
             self.initial = np.zeros(1)
-        self.functions = [function for force in scene.forces for function in force.functions]
+        self.driven = {link.body: link.joint.drive.derivative(2) for link in links
+                       if link.joint is not None and link.joint.drive is not None and link.joint.child == link.body}
+        if len(self.driven) < sum(joint.drive is not None for joint in scene.joints):
+            raise Unsupported(f"{SOURCE}: a driven joint closes a loop, or leads from its child to its parent")
+        self.functions = [*(function for force in scene.forces for function in force.functions),
+                          *self.driven.values()]
         self.rank, self.shift = 0, 0.0
         self.relations: np.ndarray | None = None
         self._analyse_loops()
@@ -73,7 +79,8 @@ class Taylor:
         """Relations that stand for the loops where they are linear; else how many of their rows are independent."""
         if not self.cuts:
             return
-        self.relations = loops.linear_relations(self.tree, self._gaps, self.initial)
+        if not self.driven:
+            self.relations = loops.linear_relations(self.tree, self._gaps, self.initial)
         if self.relations is not None:
             self.cuts, self.rank = [], len(self.relations)
             return
@@ -124,7 +131,8 @@ class Taylor:
                        for link in tree.links}
         wrenches = {link.body: [loads.wrenches[link.body], *(unit[link.body] for unit in units)]
                     for link in tree.links}
-        return loads, rows, *accelerations(tree, frames, wrenches, efforts)
+        driven = {body: value(function) for body, function in self.driven.items()}
+        return loads, rows, *accelerations(tree, frames, wrenches, efforts, driven)
 
     def _loop_terms(self, loads: Loads, rows: list[Any], alpha: ByBody, A: ByBody,
                     speeding: ByBody) -> tuple[Any, ...]:

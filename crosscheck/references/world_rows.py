@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.references.world import HAT, Motion, back, centripetal, cross, dots, turned
+from crosscheck.errors import Unsupported
+from crosscheck.references.world import HAT, Motion, back, centripetal, cross, dots, rotation, turned
 from crosscheck.scene.model import Joint, Scene
 
 
@@ -166,6 +167,54 @@ class Relations:
         return self.C @ self.angles(motion), np.tensordot(self.C, self.jacobian(motion), 1), self.C @ drift
 
 
+class Driven:
+    """coordinate = function of time, one row a driven joint: the angle of a hinge, or n . d of a slide."""
+
+    def __init__(self, joints: list[Joint], n: int) -> None:
+        self.turns = [joint for joint in joints if joint.type == "revolute"]
+        self.slides = [joint for joint in joints if joint.type == "prismatic"]
+        self.across = Across([Row(joint, joint.parent_axis) for joint in self.slides], n) if self.slides else None
+        self.shape = len(self.turns), n + 1, 6
+        self.zeros = [zero_turn(joint) for joint in self.turns]
+        self.normals = [np.linalg.svd(joint.parent_axis[None])[2][1] for joint in self.turns]
+        self.drives = [joint.drive for joint in (*self.turns, *self.slides) if joint.drive is not None]
+
+    def speeds(self, t: float) -> np.ndarray:
+        """Rates of the functions."""
+        return np.array([drive(t, 1) for drive in self.drives])
+
+    def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
+        values, drifts, G = [], [], np.zeros(self.shape)
+        for row, (joint, zero, normal) in enumerate(zip(self.turns, self.zeros, self.normals, strict=True)):
+            parent, child = motion.R[joint.parent], motion.R[joint.child]
+            axis, seen = parent @ joint.parent_axis, child @ zero.T @ normal
+            values.append(np.arctan2(axis @ np.cross(parent @ normal, seen), parent @ normal @ seen))
+            G[row, joint.child, 3:], G[row, joint.parent, 3:] = child.T @ axis, -joint.parent_axis
+            drifts.append(np.cross(motion.omega[joint.parent], axis) @ motion.omega[joint.child])
+        if self.across is not None:
+            value, jacobian, drift = self.across.terms(motion)
+            values, drifts, G = [*values, *value], [*drifts, *drift], np.concatenate([G, jacobian])
+        gaps = np.array(values) - [drive(motion.t) for drive in self.drives]
+        count = len(self.turns)
+        gaps[:count] -= 2 * np.pi * np.round(gaps[:count] / (2 * np.pi))
+        return gaps, G, np.array(drifts) - [drive(motion.t, 2) for drive in self.drives]
+
+
+def zero_turn(joint: Joint) -> np.ndarray:
+    """Attitude of the child in the parent where the angle is zero: given, or the shortest turn of one axis to the
+    other, two half turns: about the child's axis, then about the middle of both."""
+    if joint.reference is not None:
+        return rotation(joint.reference[None])[0]
+    a, c = joint.parent_axis, joint.child_axis
+    if np.linalg.norm(a + c) < 1e-6:
+        raise Unsupported("the axes of a driven hinge are opposite at angle zero")
+    middle = (a + c) / np.linalg.norm(a + c)
+    halves = [2 * np.outer(axis, axis) - np.eye(3) for axis in (middle, c)]
+    found: np.ndarray = halves[0] @ halves[1]
+    return found
+
+
 KINDS = (Coincidence, Perpendicular, Across, Rod)
 POINTED = ("spherical", "universal", "revolute", "fixed")  # joints whose anchors coincide
 
@@ -176,7 +225,8 @@ def kinds(scene: Scene) -> list[Any]:
     for joint in scene.joints:
         relative = np.eye(3) if joint.child < 0 else scene.R0[joint.child].T
         _add(joint, relative @ scene.R0[joint.parent] if joint.parent >= 0 else relative, uses)
-    return [kind(uses[kind], scene.n) for kind in KINDS if uses[kind]]
+    driven = [joint for joint in scene.joints if joint.drive is not None]
+    return [kind(uses[kind], scene.n) for kind in KINDS if uses[kind]] + ([Driven(driven, scene.n)] if driven else [])
 
 
 def _add(joint: Joint, relative: np.ndarray, uses: dict[type, list[Row]]) -> None:

@@ -9,7 +9,8 @@ child, points s and axes a in body axes, d = x_j + R_j s_j - x_i - R_i s_i:
   that no attitude is singular; offsets across an axis are the dot-2 rows of n1, then n2; a plane's is that of a;
 - prismatic adds the dot-1 row n1 . b, with b fixed in the child: n2 as it lies at the start, normal to child_axis;
 - fixed keeps the parent's coordinate triad e as it lies in the child at the start, as f: rows e1.f2, e2.f3, e3.f1;
-- distance is (d . d - c^2) / (2 c).
+- distance is (d . d - c^2) / (2 c);
+- a drive adds coordinate - function of time, last: the angle of a hinge, or axis . d of a slide.
 
 Rows: joints in file order, and within a joint positions before dot-1 for spherical, universal, revolute and fixed
 (3 + 0, 1, 2, 3 rows); dot-1 before dot-2 for cylindrical (2 + 2) and planar (2 + 1); prismatic is cylindrical + dot-1.
@@ -18,13 +19,13 @@ Rows: joints in file order, and within a joint positions before dot-1 for spheri
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from crosscheck.scene.joints import JOINT_TYPES, Row
-from crosscheck.scene.model import Joint, Scene
+from crosscheck.scene.model import Joint, Scene, rotation_from_quaternion
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -155,6 +156,45 @@ class Basic:
         yield from self.left.blocks(R, self.right.value(x, R)[..., None, :] / unit)
 
 
+@dataclasses.dataclass(frozen=True)
+class Angle:
+    """K angles of hinges, whose other rows keep the axes together; with the methods of `Basic`.
+
+    An angle is that of `torsion_angles`, counted from the joint's zero attitude, in (-pi, pi].
+    """
+
+    parent: Any  # (K,) indices
+    child: Any
+    axis: np.ndarray  # (K, 3) in the parent
+    own_axis: np.ndarray  # (K, 3) in the child
+    normal: np.ndarray  # (K, 3) in the parent, across the axis
+    pointer: np.ndarray  # (K, 3) in the child, along the normal at angle zero
+
+    left: ClassVar[None] = None
+    right: ClassVar[None] = None
+    rows: ClassVar[int] = 1
+    dimensionless: ClassVar[bool] = True
+
+    def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """The angles, (T, K, 1)."""
+        pointer = np.einsum("tkji,tkj->tki", R[:, self.parent], _turned(R[:, self.child], self.pointer))
+        found: np.ndarray = np.arctan2(_dot(cross(self.axis, self.normal), pointer), _dot(self.normal, pointer))
+        return found
+
+    def rate(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Their rates, (T, K, 1)."""
+        return _dot(self.own_axis, w[:, self.child]) - _dot(self.axis, w[:, self.parent])
+
+    def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Zero: the axes are at rest in both bodies."""
+        return np.zeros((len(x), np.shape(self.child)[0], 1))
+
+    def blocks(self, x: np.ndarray, R: np.ndarray) -> Iterator[Block]:
+        """The rows of the Jacobian."""
+        for body, axis in ((self.child, self.own_axis), (self.parent, -self.axis)):
+            yield body, None, np.broadcast_to(axis[:, None], (len(x), len(axis), 1, 3))
+
+
 Block = tuple[Any, "np.ndarray | None", np.ndarray]
 """Bodies (K,), the derivatives (T, K, r, 3) by their velocities in the world (None: zero) and by their angular ones."""
 
@@ -162,6 +202,8 @@ Block = tuple[Any, "np.ndarray | None", np.ndarray]
 def _stacked(items: Sequence[Any]) -> Any:
     """Vectors, separations or basic constraints of one kind as one of K."""
     first = items[0]
+    if isinstance(first, Angle):
+        return Angle(*(np.array([getattr(item, field.name) for item in items]) for field in dataclasses.fields(Angle)))
     if isinstance(first, BodyVector):
         return BodyVector(np.array([item.body for item in items]), np.array([item.s for item in items]))
     if isinstance(first, Separation):
@@ -200,7 +242,22 @@ def slide_direction(word: str, axis: np.ndarray) -> np.ndarray:
     return axis if word == "slide" else normal_references(axis)[word == "slide n2"]
 
 
-def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray) -> list[Basic]:
+def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) by the smallest angle that takes the unit vector `start` to `end`.
+
+    Opposite vectors leave its axis open; it is then n1 of `normal_references(end)`.
+    """
+    cosine = start @ end
+    if cosine < -1 + 1e-12:  # beyond it the formula below has lost every digit of the axis
+        n1, _ = normal_references(end)
+        return 2 * np.outer(n1, n1) - np.eye(3)
+    x, y, z = cross(start, end)
+    hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    found: np.ndarray = np.eye(3) + hat + hat @ hat / (1 + cosine)
+    return found
+
+
+def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray) -> list[Basic | Angle]:
     """The basic constraints of a joint, in row order, each for itself: `Constraints` stacks them.
 
     `parent_attitude` and `child_attitude` (3, 3), body to world, are the initial ones: prismatic and fixed joints
@@ -230,7 +287,16 @@ def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray
             case "dot2":
                 return Basic(BodyVector(joint.parent, inner[row.parent]), d)
 
-    return [basic(row) for row in JOINT_TYPES[joint.type].rows]
+    found: list[Basic | Angle] = [basic(row) for row in JOINT_TYPES[joint.type].rows]
+    if joint.drive is not None:
+        if joint.type == "prismatic":
+            found.append(Basic(BodyVector(joint.parent, joint.parent_axis), d))
+        else:
+            n1 = inner["n1"]
+            zero = (shortest_rotation(joint.child_axis, joint.parent_axis) if joint.reference is None
+                    else rotation_from_quaternion(joint.reference))
+            found.append(Angle(joint.parent, joint.child, joint.parent_axis, joint.child_axis, n1, zero.T @ n1))
+    return found
 
 
 class Constraints:
@@ -251,16 +317,18 @@ class Constraints:
         attitudes = np.concatenate([scene.R0, np.eye(3)[None]])  # the ground is index -1, the last
         self.rows: dict[str, slice] = {}
         self.m = 0
-        kinds: dict[Any, tuple[list[Basic], list[int]]] = {}
+        kinds: dict[Any, tuple[list[Basic | Angle], list[int]]] = {}
         for joint in scene.joints:
             first = self.m
             for basic in basics(joint, attitudes[joint.parent], attitudes[joint.child]):
-                alike, starts = kinds.setdefault((type(basic.left), type(basic.right)), ([], []))
+                alike, starts = kinds.setdefault((type(basic), type(basic.left), type(basic.right)), ([], []))
                 alike.append(basic)
                 starts.append(self.m)
                 self.m += basic.rows
             self.rows[joint.name] = slice(first, self.m)
-        self._basics: list[tuple[np.ndarray, Basic]] = [  # rows (K, rows of each)
+        self._drives = [(rows.stop - 1, joint.drive, joint.type == "revolute") for joint, rows in
+                        zip(scene.joints, self.rows.values(), strict=True) if joint.drive is not None]
+        self._basics: list[tuple[np.ndarray, Basic | Angle]] = [  # rows (K, rows of each)
             (np.array(starts)[:, None] + np.arange(alike[0].rows), _stacked(alike)) for alike, starts in kinds.values()]
         self.dimensionless = np.zeros(self.m, dtype=bool)
         for rows, basic in self._basics:
@@ -272,25 +340,37 @@ class Constraints:
                  if body not in (joint.parent, joint.child)]
         return np.concatenate([*there, np.empty(0, dtype=int)])
 
-    def position(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """Phi, (T, m)."""
-        return self._evaluated(Basic.value, x, R)
+    def position(self, x: np.ndarray, R: np.ndarray, t: np.ndarray | float = 0.0) -> np.ndarray:
+        """Phi at times t, (T, m)."""
+        values = self._driven(self._evaluated("value", x, R), 0, t)
+        for row, _, turns in self._drives:
+            if turns:
+                values[:, row] = np.remainder(values[:, row] + np.pi, 2 * np.pi) - np.pi
+        return values
 
-    def velocity(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """G u, (T, m)."""
-        return self._evaluated(Basic.rate, x, R, v, w)
+    def velocity(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
+                 t: np.ndarray | float = 0.0) -> np.ndarray:
+        """dPhi/dt at times t, (T, m): G u, less the rates of drives."""
+        return self._driven(self._evaluated("rate", x, R, v, w), 1, t)
 
-    def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """gamma = d2Phi/dt2 - G du/dt, (T, m)."""
-        return self._evaluated(Basic.gamma, x, R, v, w)
+    def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
+              t: np.ndarray | float = 0.0) -> np.ndarray:
+        """gamma = d2Phi/dt2 - G du/dt at times t, (T, m)."""
+        return self._driven(self._evaluated("gamma", x, R, v, w), 2, t)
 
-    def _evaluated(self, quantity: Callable[..., np.ndarray], *state: np.ndarray) -> np.ndarray:
+    def _driven(self, values: np.ndarray, derivative: int, t: np.ndarray | float) -> np.ndarray:
+        """Rows less the drives, or their derivatives."""
+        for row, drive, _ in self._drives:
+            values[:, row] -= drive(t, derivative)
+        return values
+
+    def _evaluated(self, quantity: str, *state: np.ndarray) -> np.ndarray:
         values = np.empty((len(state[0]), self.m))
         for part in self._parts(len(values)):
             x, R, *rates = (each[part] for each in state)
             full = _with_ground(x), _with_ground(R, np.eye(3)), *(_with_ground(rate) for rate in rates)
             for rows, basic in self._basics:
-                values[part, rows] = quantity(basic, *full)
+                values[part, rows] = getattr(basic, quantity)(*full)
         return values
 
     def _parts(self, times: int) -> list[slice]:
@@ -298,9 +378,9 @@ class Constraints:
         return [slice(first, first + length) for first in range(0, times, length)]
 
     def acceleration(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray,
-                     alpha: np.ndarray) -> np.ndarray:
-        """G du/dt + gamma, (T, m), with du/dt = (a world, alpha body axes)."""
-        found: np.ndarray = self.velocity(x, R, a, alpha) + self.gamma(x, R, v, w)
+                     alpha: np.ndarray, t: np.ndarray | float = 0.0) -> np.ndarray:
+        """G du/dt + gamma at times t, (T, m), with du/dt = (a world, alpha body axes)."""
+        found: np.ndarray = self._evaluated("rate", x, R, a, alpha) + self.gamma(x, R, v, w, t)
         return found
 
     def jacobian(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:

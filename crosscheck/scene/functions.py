@@ -48,6 +48,12 @@ class TimeFunction:
         return TimeFunction(tuple(t + by for t in self.breaks), self.pieces,
                             tuple((a, w, phase - w * by) for a, w, phase in self.terms))
 
+    def derivative(self, order: int) -> TimeFunction:
+        """A derivative as a function."""
+        pieces = (np.polynomial.polynomial.polyder(np.array(piece), order).tolist() for piece in self.pieces)
+        return TimeFunction(self.breaks, tuple(tuple(piece) for piece in pieces),
+                            tuple((a * w**order, w, phase + order * math.pi / 2) for a, w, phase in self.terms))
+
     @property
     def inner_breaks(self) -> tuple[float, ...]:
         """Times at which a derivative jumps."""

@@ -30,8 +30,11 @@ from crosscheck.scene.schema import (
 Values = float | list[float] | None
 
 
-def start(entry: str, joint: JointEntry) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
-    """The coordinates and their rates that the file gives, checked."""
+def start(entry: str, joint: JointEntry,
+          duration: float) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
+    """The coordinates and their rates that the file gives, or the joint's drive, checked."""
+    if (driven := drive(entry, joint, duration)) is not None:
+        return (float(driven(0.0)),), (float(driven(0.0, 1)),)
     found: list[tuple[float, ...] | None] = []
     for key, given in (("position", joint.position), ("velocity", joint.velocity)):
         if given is None:
@@ -84,6 +87,19 @@ def mimic(entry: str, joint: JointEntry, joints: Sequence[JointEntry]) -> Mimic 
         raise EntryError(f"{entry}: mimic", f'no other revolute or prismatic joint is named "{motor}"',
                          f"{nearest(motor, one)}write one of {listed(set(one) - {joint.name}) or '(there is none)'}")
     return Mimic(motor, joint.mimic.ratio, joint.mimic.offset)
+
+
+def drive(entry: str, joint: JointEntry, duration: float) -> functions.TimeFunction | None:
+    """The coordinate of a joint as a function of time."""
+    if joint.drive is None:
+        return None
+    if joint.type not in ("revolute", "prismatic"):
+        raise EntryError(f"{entry}: drive", f"a {joint.type} joint cannot have it", "use a revolute or prismatic joint")
+    for key in ("position", "velocity", "mimic", "armature"):
+        if getattr(joint, key) is not None:
+            raise EntryError(f"{entry}: {key}", "the drive of the joint says all of its motion", "remove it")
+    found: functions.TimeFunction = function(f"{entry}: drive", joint.drive, duration)
+    return found
 
 
 def function(entry: str, given: Any, duration: float) -> Any:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.scene.armature import rotors
-from crosscheck.scene.constraints import Constraints, cross, normal_references
+from crosscheck.scene.constraints import Constraints, cross, normal_references, shortest_rotation
 from crosscheck.scene.functions import at
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.spanning import spanning_tree
@@ -227,7 +227,7 @@ def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndar
     rates = (forces[:, None] @ inverse)[:, 0]
     lam = np.zeros((len(x), constraints.m))
     if constraints.m:
-        G, gamma = constraints.jacobian(x, R), constraints.gamma(x, R, v, w)
+        G, gamma = constraints.jacobian(x, R), constraints.gamma(x, R, v, w, t)
         _, closing = spanning_tree(scene)
         solve = _schur_solver(G, inverse, independent=not closing)  # in an open tree no row repeats another
         # Twice: where a light body carries a heavy one, G M^-1 G^T loses digits, which the rows' rest brings back.
@@ -319,19 +319,4 @@ def _torsion_rate(joint: Joint, R: np.ndarray, w: np.ndarray) -> np.ndarray:
     if joint.parent != GROUND:
         spin = spin - np.einsum("tij,tj->ti", R[:, joint.parent], w[:, joint.parent])
     found: np.ndarray = np.einsum("tk,tk->t", spin, _turn(R, joint.parent, joint.parent_axis))
-    return found
-
-
-def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The rotation (3, 3) by the smallest angle that takes the unit vector `start` to `end`.
-
-    Opposite vectors leave its axis open; it is then n1 of `normal_references(end)`.
-    """
-    cosine = start @ end
-    if cosine < -1 + 1e-12:  # beyond it the formula below has lost every digit of the axis
-        n1, _ = normal_references(end)
-        return 2 * np.outer(n1, n1) - np.eye(3)
-    x, y, z = cross(start, end)
-    hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    found: np.ndarray = np.eye(3) + hat + hat @ hat / (1 + cosine)
     return found

@@ -20,7 +20,7 @@ from crosscheck.scene.functions import TimeFunction
 GROUND = -1
 """Body index of the ground."""
 
-ELEMENTS = ("armature", "mimic", "joint_torque", "function")
+ELEMENTS = ("armature", "mimic", "drive", "joint_torque", "function")
 """What an engine has to know by name: keys of joints, torques and forces along them, functions of time."""
 
 
@@ -96,6 +96,7 @@ class Joint:
     stiffness: tuple[float, ...] = ()
     rest_position: tuple[float, ...] = ()
     mimic: Mimic | None = None
+    drive: TimeFunction | None = None  # the coordinate, rad or m, of a revolute or prismatic joint
 
     def __post_init__(self) -> None:
         for field in ("parent_anchor", "child_anchor", "parent_axis", "child_axis"):
@@ -192,7 +193,8 @@ class Scene:
     def beyond(self, known: Container[str] = ()) -> str | None:
         """Why an engine with only `known` of ELEMENTS cannot model the scene, or None where it can."""
         for joint in self.joints:
-            for element, there in (("armature", any(joint.armature)), ("mimic", joint.mimic is not None)):
+            for element, there in (("armature", any(joint.armature)), ("mimic", joint.mimic is not None),
+                                   ("drive", joint.drive is not None)):
                 if there and element not in known:
                     return f"joint {joint.name!r} has the key {element}, which is not built here"
         for index, force in enumerate(self.forces):
@@ -205,13 +207,30 @@ class Scene:
     @property
     def timed(self) -> bool:
         """Whether anything depends on time."""
-        return any(force.functions for force in self.forces)
+        return bool(self.functions)
+
+    @property
+    def functions(self) -> tuple[TimeFunction, ...]:
+        """All functions of time: of forces, then of drives."""
+        return (*(function for force in self.forces for function in force.functions),
+                *(joint.drive for joint in self.joints if joint.drive is not None))
+
+    def delayed(self, by: float) -> Scene:
+        """The scene with its functions of time so many seconds later."""
+        if not self.timed:
+            return self
+        forces = (dataclasses.replace(force, parameters={
+            key: value.delayed(by) if isinstance(value, TimeFunction) else value
+            for key, value in force.parameters.items()}) for force in self.forces)
+        joints = (joint if joint.drive is None else dataclasses.replace(joint, drive=joint.drive.delayed(by))
+                  for joint in self.joints)
+        return self.replace(forces=tuple(forces), joints=tuple(joints))
 
     @property
     def breaks(self) -> tuple[float, ...]:
         """Times inside the run at which a derivative of a function of time jumps, in order."""
-        return tuple(sorted({t for force in self.forces for function in force.functions
-                             for t in function.inner_breaks if 0 < t < self.duration}))
+        return tuple(sorted({t for function in self.functions for t in function.inner_breaks
+                             if 0 < t < self.duration}))
 
     def replace(self, **changes: Any) -> Scene:
         """A copy with some fields changed, say `duration` or `samples`."""
@@ -237,10 +256,10 @@ def _plain(record: Any) -> dict[str, object]:
     """A dataclass as JSON-ready values; floats keep every bit through repr."""
     fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)
               if field.name not in _NOT_HASHED}
-    for name in ("armature", "mimic"):  # scenes without them keep the hash they had before there were any
+    for name in ("armature", "mimic", "drive"):  # scenes without them keep the hash they had before there were any
         if not fields.get(name):
             fields.pop(name, None)
-        elif name == "mimic":
+        elif name != "armature":
             fields[name] = dataclasses.astuple(fields[name])
     if "parameters" in fields:
         fields["parameters"] = {key: dataclasses.astuple(value) if isinstance(value, TimeFunction) else value

@@ -69,14 +69,14 @@ class Levels(TypedDict):
 
 
 def level_norms(constraints: Constraints, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
-                a: np.ndarray | None, alpha: np.ndarray | None) -> Levels:
-    """Max-norms (T,) of the constraint levels by their names in `Trajectory`."""
+                a: np.ndarray | None, alpha: np.ndarray | None, t: np.ndarray | float = 0.0) -> Levels:
+    """Max-norms (T,) of the constraint levels at times t by their names in `Trajectory`."""
     def norm(rows: np.ndarray) -> np.ndarray:
         found: np.ndarray = np.abs(rows).max(axis=1, initial=0.0)
         return found
 
     acceleration = None
     if a is not None and alpha is not None:
-        acceleration = norm(constraints.acceleration(x, R, v, w, a, alpha))
-    return {"constraint_position": norm(constraints.position(x, R)),
-            "constraint_velocity": norm(constraints.velocity(x, R, v, w)), "constraint_acceleration": acceleration}
+        acceleration = norm(constraints.acceleration(x, R, v, w, a, alpha, t))
+    return {"constraint_position": norm(constraints.position(x, R, t)),
+            "constraint_velocity": norm(constraints.velocity(x, R, v, w, t)), "constraint_acceleration": acceleration}

@@ -16,7 +16,7 @@ VERSIONS = (1, 2)
 """The versions of the scene format this package reads."""
 
 SECOND = {"joints": ("reference_attitude", "position", "velocity", "armature", "damping", "stiffness", "rest_position",
-                     "mimic"), "": ("left_out",)}
+                     "mimic", "drive"), "": ("left_out",)}
 """Keys that a file may have from version 2 on, by their table."""
 
 VERSION_2_FORCES = ("joint_torque", "joint_force")
@@ -63,28 +63,6 @@ class MimicEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     offset: float = 0.0
 
 
-class JointEntry(msgspec.Struct, frozen=True):
-    """One of [[joints]]."""
-
-    name: str
-    type: str
-    parent: str
-    child: str
-    parent_anchor: Vector
-    child_anchor: Vector
-    parent_axis: Vector | None = None
-    child_axis: Vector | None = None
-    length: float | None = None
-    reference_attitude: Quaternion | None = None
-    position: float | list[float] | None = None
-    velocity: float | list[float] | None = None
-    armature: float | list[float] | None = None
-    damping: float | list[float] | None = None
-    stiffness: float | list[float] | None = None
-    rest_position: float | list[float] | None = None
-    mimic: MimicEntry | None = None
-
-
 class PolynomialEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="polynomial"):
     """A function of time: sum of coefficients[k] t^k."""
 
@@ -108,6 +86,29 @@ class SplineEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_f
 FunctionEntry = PolynomialEntry | SineEntry | SplineEntry
 Timed = float | PolynomialEntry | SineEntry | SplineEntry
 TimedVector = tuple[Timed, Timed, Timed]
+
+
+class JointEntry(msgspec.Struct, frozen=True):
+    """One of [[joints]]."""
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    parent_anchor: Vector
+    child_anchor: Vector
+    parent_axis: Vector | None = None
+    child_axis: Vector | None = None
+    length: float | None = None
+    reference_attitude: Quaternion | None = None
+    position: float | list[float] | None = None
+    velocity: float | list[float] | None = None
+    armature: float | list[float] | None = None
+    damping: float | list[float] | None = None
+    stiffness: float | list[float] | None = None
+    rest_position: float | list[float] | None = None
+    mimic: MimicEntry | None = None
+    drive: FunctionEntry | None = None
 
 
 class LinearSpringEntry(msgspec.Struct, frozen=True, tag_field="type", tag="linear_spring"):
@@ -207,6 +208,7 @@ _EXPECTED = {
     "frame": '"world" or "body"', "force": "three numbers or functions of time in N (one along a joint)",
     "torque": "three numbers or functions of time in N m (one about a joint)", "coefficients": "a list of numbers",
     "terms": "rows of amplitude, angular frequency, phase", "times": "a list of s", "values": "a list of numbers",
+    "drive": 'a function of time, { type = "sine", terms = [[0.5, 3.0, 0.0]] }',
 }
 
 

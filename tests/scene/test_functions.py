@@ -110,6 +110,31 @@ def test_a_wrong_joint_torque_is_named(tmp_path, old, new, words):
         assert all(word in str(caught.value) for word in words)
 
 
+@pytest.mark.parametrize(("lines", "words"), [
+    ('position = 0.1\ndrive = { type = "polynomial", coefficients = [0.1] }', ["position", "remove it"]),
+    ('drive = 0.3', ["drive"]),
+    ('drive = { type = "spline", times = [0.0, 0.2], values = [0.0, 1.0] }', ["drive: times", "cover the whole run"]),
+])
+def test_a_wrong_drive_is_named(tmp_path, lines, words):
+    path = tmp_path / "one.toml"
+    path.write_text(SCENE.replace("VALUE", "1.0").replace('type = "revolute"', f'type = "revolute"\n{lines}'))
+    with pytest.raises(crosscheck.SceneError) as caught:
+        crosscheck.load_scene(path)
+    assert all(word in str(caught.value) for word in ["joints[0]", *words])
+
+
+def test_a_drive_says_where_its_joint_starts(tmp_path):
+    path = tmp_path / "one.toml"
+    drive = 'type = "revolute"\ndrive = { type = "polynomial", coefficients = [0.4, 1.5, 2.0] }'
+    path.write_text(SCENE.replace("VALUE", "1.0").replace('type = "revolute"', drive))
+    traj = crosscheck.run(path, engine="lieeuler", method="taylor", rtol=1e-12)
+    np.testing.assert_allclose(traj.joints["pin"].position, 0.4 + 1.5 * traj.t + 2.0 * traj.t**2, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(traj.joints["pin"].velocity, 1.5 + 4.0 * traj.t, rtol=0, atol=1e-13)
+    # the drive does the work: the torque of its multiplier is inertia about the pin times 4, less the other torques
+    force, torque = traj.reactions["pin"]
+    assert force.shape == torque.shape == (3, 3)
+
+
 def test_functions_count_in_the_hash_and_numbers_are_as_before():
     scene = crosscheck.load_scene("driven_cart")
     force = scene.forces[0]

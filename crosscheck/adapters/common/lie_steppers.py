@@ -1,6 +1,6 @@
 """Integrators on a tree's joint coordinates, over any forward dynamics: Pinocchio has none of its own.
 
-One step maps (q, v) to (q, v); `integrate(q, tangent)` moves q along the group, `dynamics(q, v)` is the joint
+One step maps (t, q, v) to (q, v); `integrate(q, tangent)` moves q along the group, `dynamics(q, v, t)` is the joint
 acceleration. Written for clarity at Python speed; the order is what they are here to show.
 """
 
@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-Step = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+Step = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 Integrate = Callable[[np.ndarray, np.ndarray], np.ndarray]
-Dynamics = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Dynamics = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 
 SERIES = (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000)
 """|B_2k| / (2k)! for k = 1 ..: the coefficient of hat(theta)^2 in the inverse tangent, in powers of |theta|^2."""
@@ -59,8 +59,8 @@ def inverse_tangent(theta: Sequence[float], w: Sequence[float]) -> tuple[float, 
 
 def symplectic_euler(h: float, integrate: Integrate, dynamics: Dynamics) -> Step:
     """Velocity first, then the position with the new velocity; order 1."""
-    def step(q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        v = v + h * dynamics(q, v)
+    def step(t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        v = v + h * dynamics(q, v, t)
         return integrate(q, h * v), v
 
     return step
@@ -68,14 +68,14 @@ def symplectic_euler(h: float, integrate: Integrate, dynamics: Dynamics) -> Step
 
 def naive_rk4(h: float, integrate: Integrate, dynamics: Dynamics) -> Step:
     """Kutta's weights on the velocities, integrated once: order 2 on SO(3), where velocities of stages do not add."""
-    def step(q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        a1 = dynamics(q, v)
+    def step(t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        a1 = dynamics(q, v, t)
         v2 = v + 0.5 * h * a1
-        a2 = dynamics(integrate(q, 0.5 * h * v), v2)
+        a2 = dynamics(integrate(q, 0.5 * h * v), v2, t + 0.5 * h)
         v3 = v + 0.5 * h * a2
-        a3 = dynamics(integrate(q, 0.5 * h * v2), v3)
+        a3 = dynamics(integrate(q, 0.5 * h * v2), v3, t + 0.5 * h)
         v4 = v + h * a3
-        a4 = dynamics(integrate(q, h * v3), v4)
+        a4 = dynamics(integrate(q, h * v3), v4, t + h)
         return integrate(q, h / 6 * (v + 2 * v2 + 2 * v3 + v4)), v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
     return step
@@ -88,9 +88,9 @@ def munthe_kaas(h: float, integrate: Integrate, dynamics: Dynamics, balls: Seque
     `balls` are the slices of v that are body angular velocities of spherical joints; all other joints are flat.
     """
     rows, weights = [h * np.array(row) for row in tableau[0]], h * np.array(tableau[1])
-    stages = len(weights)
+    stages, nodes = len(weights), [float(row.sum()) for row in rows]
 
-    def step(q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def step(t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         size = len(v)
         slopes = np.empty((stages, 2 * size))  # of (theta, v)
         for stage in range(stages):
@@ -99,7 +99,7 @@ def munthe_kaas(h: float, integrate: Integrate, dynamics: Dynamics, balls: Seque
             slopes[stage, :size] = stage_v
             for ball in balls:
                 slopes[stage, ball] = inverse_tangent(theta[ball].tolist(), stage_v[ball].tolist())
-            slopes[stage, size:] = dynamics(integrate(q, theta), stage_v)
+            slopes[stage, size:] = dynamics(integrate(q, theta), stage_v, t + nodes[stage])
         change = weights @ slopes
         return integrate(q, change[:size]), v + change[size:]
 

@@ -62,6 +62,6 @@ def converter(scene: Scene, set_state: Callable[[np.ndarray, np.ndarray], None],
     return convert
 
 
-def rows(evaluate: Callable[[np.ndarray, np.ndarray], Any]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """A function of one row (q, v) as one of histories."""
-    return lambda q, v: np.array([evaluate(*row) for row in zip(q, v, strict=True)]).reshape(v.shape)
+def rows(evaluate: Callable[[np.ndarray, np.ndarray], Any]) -> Callable[..., np.ndarray]:
+    """A function of one row (q, v) as one of histories (t, q, v)."""
+    return lambda t, q, v: np.array([evaluate(*row) for row in zip(q, v, strict=True)]).reshape(v.shape)

@@ -37,10 +37,10 @@ def fixed_step(scene: Scene, spec: RunSpec) -> tuple[int, float]:
 
 
 def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], advance: Advance, convert: Convert,
-          accelerate: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> RawRun:
+          accelerate: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]) -> RawRun:
     """Run a fixed-step engine over the scene; `wall_time` covers the calls of `advance` only.
 
-    `accelerate` maps histories (q, v), one row per time, to joint accelerations; it is called for every step where
+    `accelerate` maps histories (t, q, v), one row per time, to joint accelerations; it is called for every step where
     `spec.monitor` is on, for the samples otherwise. Raises `EngineError` when the state stops being finite.
     """
     per, h = fixed_step(scene, spec)
@@ -50,7 +50,7 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
     monitor = Monitor(scene) if spec.monitor else None
     stride, chunk = (1, CHUNK) if spec.monitor else (per, total)
     q, v = (part[None] for part in initial)
-    kept, done, wall = [(q, v, accelerate(q, v))], 0, 0.0
+    kept, done, wall = [(q, v, accelerate(np.zeros(1), q, v))], 0, 0.0
     with np.errstate(over="ignore", invalid="ignore"):  # a diverging run is reported below, with its time
         while done < total:
             count = min(chunk, total - done)
@@ -59,7 +59,7 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
             wall += time.perf_counter() - start
             steps = np.arange(done + stride, done + count + 1, stride)
             check_finite(spec.method, steps * h, q, v)
-            a = accelerate(q, v)
+            a = accelerate(steps * h, q, v)
             if monitor is not None:
                 states = convert(steps * h, q, v, a)
                 monitor.update(states.x, states.R, states.v, states.w, states.a, states.alpha)

@@ -69,8 +69,10 @@ class Exudyn:
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Exudyn cannot run this, or None."""
-        if reason := scene.beyond():
+        if reason := scene.beyond(("joint_torque", "function")):
             return reason
+        if any(force.type == "torsional_spring" and force.functions for force in scene.forces):
+            return "a rest angle that moves: Exudyn's springs between markers have constant ones"
         form = self.form(scene, spec)
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"

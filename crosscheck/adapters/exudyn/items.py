@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.scene.constraints import normal_references
+from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import shortest_rotation, torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
@@ -91,6 +92,8 @@ def add_force(carrier: Carrier, force: Force) -> Any:
             markerNumbers=[carrier.mark(*end, frame)
                            for end, frame in zip(anchors, joint_frames(scene, joint), strict=True)],
             nodeNumber=memory, stiffness=p["stiffness"], damping=p["damping"], offset=p["rest_angle"]))
+    if force.joint is not None:
+        return _add_motor(carrier, force)
     if force.type == "linear_spring":
         ends = (force.parent, p["parent_point"]), (force.child, p["child_point"])
         return carrier.system.AddObject(ObjectConnectorSpringDamper(
@@ -100,4 +103,29 @@ def add_force(carrier: Carrier, force: Force) -> Any:
     marker = carrier.mark(force.child, point, np.eye(3))
     load, vector = ((LoadForceVector, p["force"]) if force.type == "constant_force" else
                     (LoadTorqueVector, p["torque"]))
-    return carrier.system.AddLoad(load(markerNumber=marker, loadVector=vector, bodyFixed=p["frame"] == "body"))
+    return carrier.system.AddLoad(load(markerNumber=marker, loadVector=vector, bodyFixed=p["frame"] == "body",
+                                       loadVectorUserFunction=_varied(p.get("factor", 0))))
+
+
+def _varied(value: Any) -> Any:
+    """Exudyn's user function of a load that is multiplied by a function of time; 0 stands for none."""
+    return (lambda system, t, load: (np.array(load) * value(t)).tolist()) if isinstance(value, TimeFunction) else 0
+
+
+def _add_motor(carrier: Carrier, force: Force) -> Any:
+    """A torque or force along a joint's axis, which is fixed in both bodies: one on the child, its opposite on the
+    parent; on the axis itself, so that a force has no torque about it."""
+    from exudyn.itemInterface import LoadForceVector, LoadTorqueVector
+
+    joint = next(joint for joint in carrier.scene.joints if joint.name == force.joint)
+    load, key = (LoadTorqueVector, "torque") if force.type == "joint_torque" else (LoadForceVector, "force")
+    size = force.parameters[key]
+    constant = 1.0 if isinstance(size, TimeFunction) else size
+    index = None
+    for body, anchor, axis in ((joint.child, joint.child_anchor, joint.child_axis),
+                               (joint.parent, joint.parent_anchor, -joint.parent_axis)):
+        if body != GROUND:
+            index = carrier.system.AddLoad(load(
+                markerNumber=carrier.mark(body, anchor, np.eye(3)), loadVector=(constant * axis).tolist(),
+                bodyFixed=True, loadVectorUserFunction=_varied(size)))
+    return index

@@ -7,9 +7,10 @@ that metric and the springs of constraints taken at the end of the step; without
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import importlib.metadata
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -94,8 +95,8 @@ class MuJoCo:
         data = mujoco.MjData(model)
         set_initial_state(scene, model, data)
         accelerate, convert = _evaluation(scene, model)
-        with listening() as warnings:
-            advance = _advance(model, data, warnings)
+        with listening() as warnings, _controlled(models.controls(scene)):
+            advance = _advance(model, data, warnings, scene.timed)
             raw = stepping.march(scene, spec, (data.qpos.copy(), data.qvel.copy()), advance, convert, accelerate)
         raw.form = form
         if model.neq:
@@ -103,8 +104,8 @@ class MuJoCo:
         return raw
 
 
-def _evaluation(scene: Scene, model: Any) -> tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], stepping.Convert]:
-    """(q, v) -> qacc and (t, q, v, qacc) -> states, row by row, by MuJoCo's own dynamics and kinematics.
+def _evaluation(scene: Scene, model: Any) -> tuple[Callable[..., np.ndarray], stepping.Convert]:
+    """(t, q, v) -> qacc and (t, q, v, qacc) -> states, row by row, by MuJoCo's own dynamics and kinematics.
 
     After a step qacc belongs to the start of that step, hence a fresh evaluation; it is done as for Euler, because for
     discrete qacc is the change of the velocity over a step and no derivative.
@@ -117,10 +118,10 @@ def _evaluation(scene: Scene, model: Any) -> tuple[Callable[[np.ndarray, np.ndar
     bodies = np.array([model.body(str(k)).id for k in range(scene.n)])
     roots = model.body_rootid[bodies]
 
-    def accelerate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def accelerate(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         a = np.empty_like(v)
         for row in range(len(v)):
-            bench.qpos[:], bench.qvel[:] = q[row], v[row]
+            bench.time, bench.qpos[:], bench.qvel[:] = t[row], q[row], v[row]
             mujoco.mj_forward(continuous, bench)
             a[row] = bench.qacc
         return a
@@ -159,7 +160,21 @@ def _states(scene: Scene, t: np.ndarray, x: np.ndarray, R: np.ndarray, arms: np.
     return states
 
 
-def _advance(model: Any, data: Any, warnings: list[str]) -> stepping.Advance:
+@contextlib.contextmanager
+def _controlled(control: Callable[[Any, Any], None] | None) -> Iterator[None]:
+    """While this lasts, MuJoCo asks `control` for controls at every stage; it knows one for all models."""
+    import mujoco
+
+    if control is not None:
+        mujoco.set_mjcb_control(control)
+    try:
+        yield
+    finally:
+        if control is not None:
+            mujoco.set_mjcb_control(None)
+
+
+def _advance(model: Any, data: Any, warnings: list[str], timed: bool) -> stepping.Advance:
     import mujoco
     import mujoco.rollout
 
@@ -167,7 +182,7 @@ def _advance(model: Any, data: Any, warnings: list[str]) -> stepping.Advance:
     size = mujoco.mj_stateSize(model, kind)
 
     def advance(steps: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
-        if stride == 1:
+        if stride == 1 and not timed:
             state = np.empty(size)
             mujoco.mj_getState(model, data, state, kind)
             history = mujoco.rollout.rollout(model, data, state[None], nstep=steps)[0][0]

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from crosscheck.adapters.common.poses import in_body, relative_pose
 from crosscheck.errors import Unsupported
 from crosscheck.scene.constraints import slide_direction
+from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
@@ -44,13 +46,16 @@ def closures(scene: Scene, form: str) -> tuple[list[Branch], list[Joint]]:
 
 def obstacle(scene: Scene, form: str) -> str | None:
     """Why MuJoCo cannot model `scene` in `form`, or None."""
-    if reason := scene.beyond(("armature",) if form == "tree" else ()):
+    if reason := scene.beyond(("armature", "joint_torque", "function") if form == "tree" else ("function",)):
         return reason
     branches, closing = closures(scene, form)
     sprung = _sprung(scene)
+    motors = {force.joint for force in scene.forces if force.type.startswith("joint_")}
     for joint in closing:
         if any(joint.armature):
             return f"the armature of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
+        if joint.name in motors:
+            return f"the motor of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
         if joint.name in sprung:
             return (f"the torsional spring of joint {joint.name!r} needs the coordinate of a hinge; equality "
                     "constraints have none")
@@ -99,8 +104,14 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     for joint in closing:
         builder.close(joint)
     for index, force in enumerate(scene.forces):
-        if force.type != "torsional_spring":  # which is part of its hinge
+        if force.joint is None:
             _add_force(spec, frames, index, force)
+        elif force.type != "torsional_spring" or force.functions:  # other springs are part of their hinges
+            branch = next(branch for branch in branches
+                          if branch.joint is not None and branch.joint.name == force.joint)
+            name, direction = _coordinate_of(scene, branch, force)
+            _add_actuator(spec, index, force, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name,
+                          gear=[direction, 0.0, 0.0, 0.0, 0.0, 0.0])
     return spec.compile()
 
 
@@ -125,7 +136,8 @@ def _add_body(scene: Scene, branch: Branch, frame: Any) -> Any:
             coordinate.armature = joint.armature[0 if kind == "mjJNT_HINGE" or len(joint.armature) == 1 else 1]
         if spring is not None and kind == "mjJNT_HINGE":
             coordinate.ref = torsion_angles(scene, scene.R0[None])[joint.name][0]
-            coordinate.springref = spring.parameters["rest_angle"]
+            rest = spring.parameters["rest_angle"]
+            coordinate.springref = 0.0 if isinstance(rest, TimeFunction) else rest  # an actuator moves it
             _make_elastic(coordinate, spring)
     return body
 
@@ -240,12 +252,44 @@ def _add_force(spec: Any, frames: dict[int, Any], index: int, force: Force) -> N
     load = [*p["force"], 0.0, 0.0, 0.0] if force.type == "constant_force" else [0.0, 0.0, 0.0, *p["torque"]]
     name = f"load {index}"
     frames[force.child].add_site(name=name, pos=p.get("child_point", (0.0, 0.0, 0.0)))
-    actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_SITE, target=name, gear=load,
-                                 biastype=mujoco.mjtBias.mjBIAS_AFFINE)
-    actuator.gainprm[0], actuator.biasprm[0] = 0.0, 1.0
+    actuator = _add_actuator(spec, index, force, trntype=mujoco.mjtTrn.mjTRN_SITE, target=name, gear=load)
     if p["frame"] == "world":
         spec.worldbody.add_site(name=f"{name}, axes")
         actuator.refsite = f"{name}, axes"
+
+
+def _add_actuator(spec: Any, index: int, force: Force, **options: Any) -> Any:
+    """An actuator of constant bias 1, or of a control that `controls` gives at every stage of a step."""
+    import mujoco
+
+    timed = bool(force.functions)
+    actuator = spec.add_actuator(name=f"load {index}", biastype=mujoco.mjtBias.mjBIAS_AFFINE, **options)
+    size = 1.0 if force.joint is None else force.parameters.get("torque", force.parameters.get("force", 0.0))
+    actuator.gainprm[0], actuator.biasprm[0] = float(timed), 0.0 if timed else size
+    return actuator
+
+
+def controls(scene: Scene) -> Callable[[Any, Any], None] | None:
+    """What sets the controls of actuators that depend on time, at the time of each stage; None where none do."""
+    timed = [(f"load {index}", force.functions[0].times(force.parameters.get("stiffness", 1.0)))
+             for index, force in enumerate(scene.forces) if force.functions]
+    if not timed:
+        return None
+
+    def control(model: Any, data: Any) -> None:
+        for name, function in timed:
+            data.ctrl[model.actuator(name).id] = function(data.time)
+
+    return control
+
+
+def _coordinate_of(scene: Scene, branch: Branch, force: Force) -> tuple[str, float]:
+    """The joint coordinate that a force along the joint of a branch acts on; 1 where both grow alike, else -1."""
+    joint, wanted = branch.joint, "mjJNT_SLIDE" if force.type == "joint_force" else "mjJNT_HINGE"
+    assert joint is not None
+    own = joint.child_axis if branch.body == joint.child else -joint.parent_axis
+    return next((f"{branch.body}.{number}", 1.0 if axis @ own > 0 else -1.0)
+                for number, (kind, _, axis) in enumerate(_coordinates(scene, branch)) if kind == wanted)
 
 
 def _quaternion(attitude: np.ndarray) -> np.ndarray:

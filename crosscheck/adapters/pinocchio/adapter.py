@@ -53,8 +53,13 @@ class Pinocchio:
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Pinocchio cannot run this, or None."""
         form = spec.form or "tree"
-        if reason := scene.beyond(("armature",) if form == "tree" else ()):
+        known = ("armature", "joint_torque", "function") if form == "tree" else ("function",)
+        if reason := scene.beyond(known):
             return reason
+        spanned = {link.joint for link in models.decompose(scene, form)[0]}
+        for force in scene.forces:
+            if force.type.startswith("joint_") and force.joint not in spanned:
+                return f"the {force.type} of joint {force.joint!r} needs a joint coordinate; a cut joint has none"
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"
         if (spec.alpha or spec.beta) and not any(models.decompose(scene, form)[1:]):
@@ -80,14 +85,17 @@ class Pinocchio:
         dynamics = Dynamics(model, spec.alpha or 0.0, spec.beta or 0.0)
         step = _stepper(spec.method, stepping.fixed_step(scene, spec)[1], model, dynamics)
         start = model.initial_state()
-        state = [*start]
+        state, h = [*start], stepping.fixed_step(scene, spec)[1]
+        done = 0
 
         def advance(steps: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
+            nonlocal done
             q, v = state
             positions, velocities = np.empty((steps // stride, len(q))), np.empty((steps // stride, len(v)))
             for sample in range(len(positions)):
                 for _ in range(stride):
-                    q, v = step(q, v)
+                    q, v = step(done * h, q, v)
+                    done += 1
                 positions[sample], velocities[sample] = q, v
             state[:] = q, v
             return positions, velocities
@@ -95,10 +103,10 @@ class Pinocchio:
         def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:
             return model.states(t, q, v, a)
 
-        def accelerate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        def accelerate(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
             a = np.empty_like(v)
             for row in range(len(v)):
-                a[row] = dynamics(q[row], v[row])
+                a[row] = dynamics(q[row], v[row], t[row])
             return a
 
         raw = stepping.march(scene, spec, start, advance, convert, accelerate)

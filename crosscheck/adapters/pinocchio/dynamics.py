@@ -13,6 +13,7 @@ import numpy as np
 
 from crosscheck.adapters.pinocchio import redundant
 from crosscheck.adapters.pinocchio.models import Model, closure, with_movable_joints
+from crosscheck.scene.functions import at as value_at
 from crosscheck.scene.model import GROUND, Force, Joint
 
 ABA_RESIDUAL = 1e-13
@@ -34,15 +35,15 @@ class Dynamics:
         self.model, self._model, self.data = model, model.model, model.model.createData()
         scene = model.scene
         joints = {joint.name: joint for joint in scene.joints}
-        self._forces = [force for force in scene.forces if force.type != "torsional_spring"]
-        springs = [(force, joints[force.joint]) for force in scene.forces if force.type == "torsional_spring"]
+        self._forces = [force for force in scene.forces if force.joint is None]
+        springs = [(force, joints[force.joint]) for force in scene.forces if force.joint is not None]
         self._turns = [(force, *self._turn(joint)) for force, joint in springs]
         self.closure = closure(model, self.data, alpha, beta) if (model.cut or model.parts) and closed else None
         self._reactions: _Reactions | None = None
         self.factorizes = False
         if self.closure is None and closed:  # does inverse dynamics confirm the accelerations that aba finds?
             q, v = model.initial_state()
-            torque, _ = self._applied(q, v)
+            torque, _ = self._applied(0.0, q, v)
             found = pinocchio.aba(self._model, self.data, q, v, torque).copy()
             terms = [pinocchio.rnea(self._model, self.data, q, v, a).copy() for a in (found, 0 * found)]
             size = max(np.abs(terms[1]).max(initial=0.0), np.abs(torque).max(initial=0.0))
@@ -64,10 +65,10 @@ class Dynamics:
                 return at_q.stop - 1, at_v.stop - 1, 1.0 if link.outward else -1.0
         raise KeyError(joint.name)
 
-    def __call__(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def __call__(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> np.ndarray:
         """Joint accelerations, a copy: Pinocchio overwrites its own at the next call."""
         pin = self._pin
-        torque, wrenches = self._applied(q, v)
+        torque, wrenches = self._applied(t, q, v)
         found: np.ndarray
         if self.closure is None:
             external = () if wrenches is None else (wrenches,)
@@ -93,26 +94,29 @@ class Dynamics:
 
     def applied(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Generalized force (nv,) of gravity, springs, loads and velocities: the mass matrix times the accelerations
-        if there were no constraints."""
-        torque, wrenches = self._applied(q, v)
+        if there were no constraints; at time 0."""
+        torque, wrenches = self._applied(0.0, q, v)
         still = np.zeros(self._model.nv)
         external = () if wrenches is None else (wrenches,)
         found: np.ndarray = torque - self._pin.rnea(self._model, self.data, q, v, still, *external)
         return found
 
-    def _applied(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, Any]:
+    def _applied(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, Any]:
         """(joint torques, external forces of all joints in their frames or None where there are none)."""
         torque = np.zeros(self._model.nv)
         for force, at_q, at_v, sign in self._turns:
             p = force.parameters
-            torque[at_v] -= sign * (p["stiffness"] * (sign * q[at_q] - p["rest_angle"])
-                                    + p["damping"] * sign * v[at_v])
+            if force.type == "torsional_spring":
+                torque[at_v] -= sign * (p["stiffness"] * (sign * q[at_q] - value_at(p["rest_angle"], t))
+                                        + p["damping"] * sign * v[at_v])
+            else:
+                torque[at_v] += sign * value_at(p["torque" if force.type == "joint_torque" else "force"], t)
         if not self._forces:
             return torque, None
         self._pin.forwardKinematics(self._model, self.data, q, v)
         wrenches = self._rest()
         for force in self._forces:
-            self._load(wrenches, force)
+            self._load(t, wrenches, force)
         return torque, wrenches
 
     def _rest(self) -> Any:
@@ -122,8 +126,9 @@ class Dynamics:
             wrenches.append(self._pin.Force.Zero())
         return wrenches
 
-    def _load(self, wrenches: Any, force: Force) -> None:
+    def _load(self, t: float, wrenches: Any, force: Force) -> None:
         p = force.parameters
+        factor = value_at(p.get("factor", 1.0), t)
         if force.type == "linear_spring":
             ends = [(force.parent, np.array(p["parent_point"])), (force.child, np.array(p["child_point"]))]
             (start, start_rate), (end, end_rate) = (self._point(*point) for point in ends)
@@ -135,10 +140,11 @@ class Dynamics:
             self._push(wrenches, *ends[0], pull)
             self._push(wrenches, *ends[1], -pull)
         elif force.type == "constant_force":
-            self._push(wrenches, force.child, np.array(p["child_point"]), self._in_world(force, p["force"]))
+            push = factor * self._in_world(force, p["force"])
+            self._push(wrenches, force.child, np.array(p["child_point"]), push)
         else:
             joint, _ = self.model.frames[force.child]
-            torque = self.data.oMi[joint].rotation.T @ self._in_world(force, p["torque"])
+            torque = self.data.oMi[joint].rotation.T @ (factor * self._in_world(force, p["torque"]))
             wrenches[joint] += self._pin.Force(np.zeros(3), torque)
 
     def _in_world(self, force: Force, load: tuple[float, ...]) -> np.ndarray:
@@ -193,7 +199,7 @@ class _Reactions:
                 own[its[0]], rates[its[1]], accelerations[its[1]] = q[mine[0]], v[mine[1]], a[mine[1]]
             else:  # a fixed joint: its twin rests at zero
                 own[its[0]] = 0.0
-        torque, wrenches = twin._applied(own, rates)
+        torque, wrenches = twin._applied(0.0, own, rates)
         wrenches = twin._rest() if wrenches is None else wrenches
         pin.forwardKinematics(twin.model.model, twin.data, own, rates)
         found = self._constrained(wrenches)

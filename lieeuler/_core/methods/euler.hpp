@@ -201,7 +201,8 @@ class EulerStepper {
   const JointState& here(int k) const { return joints_[nodes_.part(k).joint]; }
   const JointState& before(int k) const { return start_joints_[nodes_.part(k).joint]; }
   Vec3 velocity_rows(int k, const State& state, const JointState& joint) const {
-    return joint.velocity(part_of(k), state.u[body_of(k, kParent)], state.u[body_of(k, kChild)]);
+    const Vec3 rate = joint.velocity(part_of(k), state.u[body_of(k, kParent)], state.u[body_of(k, kChild)]);
+    return part_of(k).drive ? Vec3(rate + joint.drift(part_of(k))) : rate;
   }
   void subtract_reaction(int k, const JointState& joint, const Vec3& lam, std::vector<Twist>& impulse) const {
     joint.subtract_reaction(part_of(k), lam, impulse[body_of(k, kParent)], impulse[body_of(k, kChild)]);

@@ -31,6 +31,10 @@ class MotionSeries {
     for (SpringSeries& spring : springs_) spring.start();
     for (size_t k = 0; k < torsions_.size(); ++k) torsions_[k].start(state);
     for (DriveSeries& drive : drives_) drive.start(state.frames.time);
+    for (RowDrive& drive : row_drives_) {
+      drive.series.resize(kMostOrder + 3);
+      drive.function->expand(state.frames.time, kMostOrder + 3, drive.series.data());
+    }
   }
 
   // Order k: accelerations and multipliers k, velocities k + 1, configurations k + 2. False where a force has no
@@ -52,6 +56,8 @@ class MotionSeries {
     for (PartSeries& part : parts_) part.begin(carried_, k);
     for (const Arm& arm : arms_) add_arm(arm, k);
     for (PartSeries& part : parts_) subtract_gamma(part, k);
+    for (const RowDrive& drive : row_drives_)
+      rows_[parts_[drive.part].index][0] += (k + 1) * (k + 2) * drive.series[k + 2];
     saddle.solve(force_, rows_, k < kLowOrders);
     for (int b = 0; b < system_.n(); ++b) body_.extend(b, k, turned_[b], force_[b]);
     for (PartSeries& part : parts_) part.finish(carried_, k, rows_[part.index]);
@@ -93,6 +99,8 @@ class MotionSeries {
     const Part& part = joint.parts[nodes_.part(k).part];
     parts_.emplace_back(joint, part, k, points_);
     PartSeries& series = parts_.back();
+    if (part.drive) row_drives_.push_back({static_cast<int>(parts_.size()) - 1, &*part.drive, {}});
+    if (part.turn) return;  // its rows and its torques are constant in both bodies
     if (part.spherical) {
       add_arms(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, series.lam.data(), false, true);
       return;
@@ -246,6 +254,12 @@ class MotionSeries {
   std::vector<SpringSeries> springs_;
   std::vector<TorsionSeries> torsions_;
   std::vector<DriveSeries> drives_;
+  struct RowDrive {
+    int part;
+    const TimeFunction* function;
+    std::vector<double> series;
+  };
+  std::vector<RowDrive> row_drives_;
   std::vector<Arm> arms_;
   std::vector<Twist> force_;  // in: forces of this order; out: accelerations
   std::vector<Vec3> rows_;    // by part; in: -gamma; out: multipliers

@@ -5,6 +5,7 @@
 // derivatives follow from these two by the product rule. Rows come part by part, three at the most.
 #pragma once
 
+#include <numbers>
 #include <utility>
 
 #include "model/system.hpp"
@@ -29,6 +30,7 @@ class JointState {
   void update(const Joint& joint, const Configuration& frames) {
     frame_[kParent] = &frames[joint.parent], frame_[kChild] = &frames[joint.child];
     anchor_[kParent] = &joint.parent_anchor, anchor_[kChild] = &joint.child_anchor;
+    time_ = frames.time;
     for (Side side : kSides) arm_[side] = times(frame_[side]->R, *anchor_[side]);
     d_ = (frame_[kChild]->x - frame_[kParent]->x) + (arm_[kChild] - arm_[kParent]);
   }
@@ -38,11 +40,13 @@ class JointState {
 
   Vec3 position(const Part& part) const {
     if (part.spherical) return d_;
+    if (part.turn) return {angle_gap(part), 0, 0};
     Vec3 phi = Vec3::Zero();
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       phi[r] = dot.scale * a(dot).value.dot(b(dot).value) - dot.constant;
     }
+    if (part.drive) phi[0] -= (*part.drive)(time_);
     return phi;
   }
 
@@ -51,19 +55,27 @@ class JointState {
     double ends = 0;
     for (Side side : kSides) ends = std::max(ends, frame_[side]->x.norm() + arm_[side].norm());
     Vec3 sizes = Vec3::Constant(part.spherical ? ends : 0.0);
+    if (part.drive) sizes[0] += std::abs((*part.drive)(time_));
+    if (part.turn) return sizes + Vec3::Constant(std::numbers::pi);
     for (size_t r = 0; r < part.dots.size(); ++r) {
       const DotRow& dot = part.dots[r];
       const double first = dot.a == Carrier::difference ? ends : a(dot).value.norm();
       const double second = dot.b == Carrier::difference ? ends : b(dot).value.norm();
-      sizes[r] = std::abs(dot.scale) * first * second + std::abs(dot.constant);
+      sizes[r] += std::abs(dot.scale) * first * second + std::abs(dot.constant);
     }
     return sizes;
+  }
+
+  // dPhi/dt at rest: what the velocity rows are besides G u.
+  Vec3 drift(const Part& part) const {
+    return part.drive ? Vec3(-part.drive->derivative(time_, 1), 0, 0) : Vec3::Zero();
   }
 
   // G u
   Vec3 velocity(const Part& part, const Twist& parent, const Twist& child) const {
     const Twist* u[2] = {&parent, &child};
     if (part.spherical) return point_rate(kChild, child) - point_rate(kParent, parent);
+    if (part.turn) return {part.turn->child_axis.dot(child.w) - part.turn->parent_axis.dot(parent.w), 0, 0};
     Vec3 rate = Vec3::Zero();
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
@@ -113,6 +125,10 @@ class JointState {
       G.w = anchor_jacobian(side);
       return G;
     }
+    if (part.turn) {
+      G.w.row(0) = side == kChild ? part.turn->child_axis : -part.turn->parent_axis;
+      return G;
+    }
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const Carried A = a(dot), B = b(dot);
@@ -122,16 +138,18 @@ class JointState {
     return G;
   }
 
-  // gamma = (d/dt G) u
+  // gamma = (d/dt G) u, and of a driven row the second derivative by time alone
   Vec3 gamma(const Part& part, const Twist& parent, const Twist& child) const {
     const Twist* u[2] = {&parent, &child};
     if (part.spherical) return point_second(kChild, child.w) - point_second(kParent, parent.w);
     Vec3 out = Vec3::Zero();
+    if (part.drive) out[0] = -part.drive->derivative(time_, 2);
+    if (part.turn) return out;
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const Carried A = a(dot), B = b(dot);
-      out[r] = dot.scale * (second(dot.a, dot.a_local, u).dot(B.value) + 2 * rate(A, u).dot(rate(B, u)) +
-                            A.value.dot(second(dot.b, dot.b_local, u)));
+      out[r] += dot.scale * (second(dot.a, dot.a_local, u).dot(B.value) + 2 * rate(A, u).dot(rate(B, u)) +
+                             A.value.dot(second(dot.b, dot.b_local, u)));
     }
     return out;
   }
@@ -148,6 +166,7 @@ class JointState {
                         : anchor_rate_slope(side, w);
       return N;
     }
+    if (part.turn) return N;
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const Carried A = a(dot), B = b(dot);
@@ -196,6 +215,7 @@ class JointState {
       if (row == column) K.ww = anchor_stiffness(row, lam);
       return K;
     }
+    if (part.turn) return K;  // the torques are constant in both bodies
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const double l = dot.scale * lam[r];
@@ -266,7 +286,16 @@ class JointState {
     return slope;
   }
 
+  // Angle less the wanted one, the turn next to it.
+  double angle_gap(const Part& part) const {
+    const Turn& turn = *part.turn;
+    const Vec3 pointer = transposed_times(frame_[kParent]->R, frame_[kChild]->R * turn.pointer);
+    const double angle = std::atan2(turn.second_normal.dot(pointer), turn.normal.dot(pointer));
+    return std::remainder(angle - (part.drive ? (*part.drive)(time_) : 0), 2 * std::numbers::pi);
+  }
+
   const Frame* frame_[2];
+  double time_;
   const Vec3* anchor_[2];
   Vec3 arm_[2], d_;
 };

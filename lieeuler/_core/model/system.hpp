@@ -77,11 +77,20 @@ struct DotRow {
   double constant = 0, scale = 1;
 };
 
-// Up to three rows of a joint that are evaluated and solved for together: a spherical constraint, or dot rows.
+// The angle of a joint whose axis, given in both bodies, its other rows keep together: the child's rotation relative to
+// the parent, 0 where it sees the parent's normal as `pointer`.
+struct Turn {
+  Vec3 parent_axis, child_axis, normal, second_normal, pointer;
+};
+
+// Up to three rows of a joint that are evaluated and solved for together: a spherical constraint, or dot rows; or one
+// row alone, coordinate - drive(t) = 0, of an angle or of a slide, which is a dot row.
 struct Part {
   bool spherical;
-  std::vector<DotRow> dots;
-  int row;  // of the first, in lam
+  std::vector<DotRow> dots;  // in place of a turn one that is not looked at
+  int row;                   // of the first, in lam
+  std::optional<Turn> turn = {};
+  std::optional<TimeFunction> drive = {};
   int rows() const { return spherical ? 3 : static_cast<int>(dots.size()); }
   // Whether a row, or any, depends on the positions of the bodies, and not on their attitudes alone.
   bool translational(int row) const {
@@ -98,6 +107,7 @@ struct Joint {
   int parent, child;  // parent == number of bodies: the ground
   Vec3 parent_anchor, child_anchor;
   std::vector<Part> parts;
+  bool driven = false;  // its last part has a drive
 };
 
 // A spring-damper or a load. parent == number of bodies: the ground.
@@ -157,6 +167,8 @@ struct System {
   double next_break(double t, double end) const {
     for (const Force& force : forces)
       if (force.drive) end = force.drive->next_break(t, end);
+    for (const Joint& joint : joints)
+      if (joint.driven) end = joint.parts.back().drive->next_break(t, end);
     return end;
   }
   // Whether a light body may carry a heavy one, whose share in G M^-1 G^T then loses three digits or more.

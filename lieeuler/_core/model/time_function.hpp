@@ -23,6 +23,13 @@ struct TimeFunction {
     return value;
   }
 
+  // The k-th derivative.
+  double derivative(double t, int k) const {
+    std::vector<double> series(k + 1);
+    expand(t, k + 1, series.data());
+    return series[k] * std::tgamma(k + 1);
+  }
+
   // Taylor coefficients about t, orders below `count`.
   void expand(double t, int count, double* out) const {
     const size_t k = piece(t);

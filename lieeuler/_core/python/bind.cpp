@@ -51,6 +51,19 @@ void add_joint(System& system, int parent, int child, const Vec3& parent_anchor,
   measure(system, joint);
 }
 
+// A row of its own for the joint added last: its angle about the axis, or its slide along it, is a function of time.
+void drive_joint(System& system, bool turns, const Vec3& parent_axis, const Vec3& child_axis, const Vec3& normal,
+                 const Vec3& second_normal, const Vec3& pointer, const TimeFunction& drive) {
+  require(!system.joints.empty() && !system.joints.back().driven, "there is no joint to drive");
+  Joint& joint = system.joints.back();
+  const DotRow slide{Carrier::parent_axis, Carrier::difference, parent_axis};
+  const DotRow unused{Carrier::parent_axis, Carrier::child_axis, parent_axis, child_axis};
+  Part part{false, {turns ? unused : slide}, system.rows()};
+  if (turns) part.turn = Turn{parent_axis, child_axis, normal, second_normal, pointer};
+  part.drive = drive;
+  joint.parts.push_back(part), joint.driven = true;
+}
+
 void add_force(System& system, const Force& force) {
   system.forces.push_back(force);
   measure(system, force);
@@ -268,6 +281,7 @@ std::pair<double, double> constraint_levels(const System& system, const State& s
     here.update(joint, state.frames);
     for (const Part& part : joint.parts) {
       Vec3 gap = here.position(part), speed = here.velocity(part, state.u[joint.parent], state.u[joint.child]);
+      speed += here.drift(part);
       for (int r = 0; r < part.rows(); ++r)
         if (part.translational(r)) gap[r] /= system.length, speed[r] /= system.length;
       raise(position, gap), raise(velocity, speed);
@@ -276,12 +290,15 @@ std::pair<double, double> constraint_levels(const System& system, const State& s
   return {position, rate > 0 ? velocity / rate : velocity};  // without a rate nothing moves
 }
 
-// The two levels (N, 2) of N states.
-nb::object levels_of_states(const System& system, const Array& x, const Array& R, const Array& v, const Array& w) {
+// The two levels (N, 2) of N states at a time.
+nb::object levels_of_states(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
+                            double time) {
   const size_t n = system.n(), N = x.size() / (3 * n);
   std::vector<double> levels;
   for (size_t k = 0; k < N; ++k) {
-    const auto [position, velocity] = constraint_levels(system, make_state(system, x, R, v, w, k));
+    State state = make_state(system, x, R, v, w, k);
+    state.frames.time = time;
+    const auto [position, velocity] = constraint_levels(system, state);
     levels.insert(levels.end(), {position, velocity});
   }
   return make_array(std::move(levels), {N, 2});
@@ -353,6 +370,7 @@ NB_MODULE(_kernel, m) {
              system.bodies[body].spin = spin;
            })
       .def("add_joint", &add_joint)
+      .def("drive_joint", &drive_joint)
       .def("add_linear_spring", &add_linear_spring)
       .def("add_torsional_spring", &add_torsional_spring, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(),
            nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none())

@@ -47,7 +47,7 @@ class Monitor {
       const Twist &parent = state.u[joint.parent], &child = state.u[joint.child];
       for (const Part& part : joint.parts) {
         raise(maxima.position, here.position(part));
-        raise(maxima.velocity, here.velocity(part, parent, child));
+        raise(maxima.velocity, here.velocity(part, parent, child) + here.drift(part));
         raise(maxima.acceleration,
               here.velocity(part, state.a[joint.parent], state.a[joint.child]) + here.gamma(part, parent, child));
       }

@@ -103,7 +103,7 @@ class Projection {
   static constexpr double kNoisyTerms = 8;      // roundings in a row of Phi: of x, R s, their differences and products
   static constexpr int kMostIterations = 12;
 
-  void project_velocities(SchurComplement& solver, State& state) { solver.project(state.u); }
+  void project_velocities(SchurComplement& solver, State& state) { solver.project(joints_, state.u); }
   void project_velocities(SaddlePoint& solver, State& state) {
     for (int b = 0; b < system_.n(); ++b) momentum_[b] = canonical_momentum(system_.bodies[b], state.u[b]);
     solver.project(joints_, momentum_, state.u, mu_.data());

@@ -19,6 +19,8 @@ class SaddlePoint {
         rows_(3 * delassus_->parts(), 0.0),
         force_(system.n() + 1) {
     if (independent) independent_.emplace(system);
+    for (int k = 0; k < delassus_->parts(); ++k)
+      if (delassus_->part(k).drive) driven_.push_back(k);
   }
 
   Delassus& delassus() { return *delassus_; }
@@ -115,6 +117,7 @@ class SaddlePoint {
                std::vector<Twist>& change) {
     for (int b = 0; b < system_.n(); ++b) force_[b] = {p[b].v, p[b].w - system_.bodies[b].spin};
     std::fill(rows_.begin(), rows_.end(), 0.0);
+    for (int k : driven_) store(Vec3(-joints[delassus_->index(k).joint].drift(delassus_->part(k))), &rows_[3 * k]);
     solve(joints, u, mu);
     subtract_reactions(joints, rows_, change);
   }
@@ -274,6 +277,7 @@ class SaddlePoint {
   const bool graded_, thin_;
   std::optional<IndependentRows> independent_;
   std::vector<char> dropped_;
+  std::vector<int> driven_;     // parts with a drive
   std::vector<double> scales_;  // of rows_, where rows are chosen
   double inverse_at_choice_ = 0;
   int redundant_ = 0, choice_ = 0;

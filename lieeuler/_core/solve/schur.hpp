@@ -9,7 +9,8 @@ namespace lieeuler {
 
 class SchurComplement {
  public:
-  // Without loops no row can be redundant; a body with many parts would fill S; of graded masses or moments S alone loses digits.
+  // Without loops no row can be redundant; a body with many parts would fill S; of graded masses or moments S alone
+  // loses digits.
   static bool fits(const System& system) {
     if (system.graded() || system.thin()) return false;
     constexpr int kMostParts = 6;
@@ -25,6 +26,7 @@ class SchurComplement {
     for (int j = 0; j < static_cast<int>(system.joints.size()); ++j)
       for (int p = 0; p < static_cast<int>(system.joints[j].parts.size()); ++p) {
         parts_of[j].push_back(parts());
+        if (system.joints[j].parts[p].drive) driven_.push_back(parts());
         parts_.push_back({j, p});
       }
     for (int k = 0; k < parts(); ++k)
@@ -68,8 +70,9 @@ class SchurComplement {
     finish(d);
   }
   // u <- u - M^-1 G^T mu with G u = 0
-  void project(std::vector<Twist>& u) {
+  void project(const Constraints& joints, std::vector<Twist>& u) {
     std::fill(rows_.begin(), rows_.end(), 0.0);
+    for (int k : driven_) store(joint_of(k, joints).drift(part(k)), &rows_[3 * k]);
     finish(u);
   }
   // (a, lam) of the index-1 system.
@@ -247,6 +250,7 @@ class SchurComplement {
 
   const System& system_;
   std::vector<PartIndex> parts_;
+  std::vector<int> driven_;  // parts with a drive
   std::vector<End> ends_;
   std::vector<const Mat3*> axes_;  // attitude of each part's child, the axes of spherical rows
   std::vector<Mat3> turns_;        // attitude of its parent relative to its child

@@ -122,7 +122,8 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
     last = [result[name][:, -1] for name in ("x", "R", "v", "w")]
     for k, member in enumerate(members):  # one of each, or one of all
         here = slice(k, k + 1) if len(members) > 1 else slice(None)
-        open_ = held.open_at(member, method, *(array[here] for array in last), t=float(plan.t[-1]))
+        x_end, R_end, v_end, w_end = (array[here] for array in last)
+        open_ = held.open_at(member, method, x_end, R_end, v_end, w_end, float(plan.t[-1]))
         status[here][open_ & (status[here] == Status.SUCCESS)] = Status.CONSTRAINTS_OPEN
     solution = EnsembleSolution(
         t=plan.t, x=result["x"], R=result["R"], v=result["v"], w=result["w"], status=status,

@@ -32,7 +32,8 @@ def open_at(problem: Problem, method: str, x: np.ndarray, R: np.ndarray, v: np.n
     held = [level in METHODS[method].held for level in ("position", "velocity")]
     if not problem.joints or not any(held):
         return np.zeros(len(x), dtype=bool)
-    levels = _kernel.constraint_levels(problem.kernel, *(np.ascontiguousarray(array) for array in (x, R, v, w)), t)
+    x, R, v, w = (np.ascontiguousarray(array) for array in (x, R, v, w))
+    levels = _kernel.constraint_levels(problem.kernel, x, R, v, w, t)
     return np.asarray(~(levels[:, held] <= OPEN).all(axis=1))
 
 
@@ -41,9 +42,9 @@ def judge(problem: Problem, solution: Solution) -> None:
     the last state is looked at."""
     if solution.status is not Status.SUCCESS:
         return
-    last = (each[-1:] for each in (solution.x, solution.R, solution.v, solution.w))
     if open_levels(problem, solution) or (
-            not solution.stats.maxima and open_at(problem, solution.method, *last, t=float(solution.t[-1])).any()):
+            not solution.stats.maxima and open_at(problem, solution.method, solution.x[-1:], solution.R[-1:], solution.v[-1:],
+                                                  solution.w[-1:], float(solution.t[-1])).any()):
         solution.status = Status.CONSTRAINTS_OPEN
 
 

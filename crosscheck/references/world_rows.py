@@ -205,7 +205,8 @@ def zero_turn(joint: Joint) -> np.ndarray:
     """Attitude of the child in the parent where the angle is zero: given, or the shortest turn of one axis to the
     other, two half turns: about the child's axis, then about the middle of both."""
     if joint.reference is not None:
-        return rotation(joint.reference[None])[0]
+        given: np.ndarray = rotation(joint.reference[None])[0]
+        return given
     a, c = joint.parent_axis, joint.child_axis
     if np.linalg.norm(a + c) < 1e-6:
         raise Unsupported("the axes of a driven hinge are opposite at angle zero")

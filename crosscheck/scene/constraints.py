@@ -183,7 +183,8 @@ class Angle:
 
     def rate(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Their rates, (T, K, 1)."""
-        return _dot(self.own_axis, w[:, self.child]) - _dot(self.axis, w[:, self.parent])
+        found: np.ndarray = _dot(self.own_axis, w[:, self.child]) - _dot(self.axis, w[:, self.parent])
+        return found
 
     def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Zero: the axes are at rest in both bodies."""

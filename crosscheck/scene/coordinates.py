@@ -18,9 +18,9 @@ import dataclasses
 
 import numpy as np
 
-from crosscheck.scene.constraints import cross, normal_references, slide_direction
+from crosscheck.scene.constraints import cross, normal_references, shortest_rotation, slide_direction
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.mechanics import continuous, shortest_rotation
+from crosscheck.scene.mechanics import continuous
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.states import Motion, States
 

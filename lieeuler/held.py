@@ -42,9 +42,10 @@ def judge(problem: Problem, solution: Solution) -> None:
     the last state is looked at."""
     if solution.status is not Status.SUCCESS:
         return
-    if open_levels(problem, solution) or (
-            not solution.stats.maxima and open_at(problem, solution.method, solution.x[-1:], solution.R[-1:], solution.v[-1:],
-                                                  solution.w[-1:], float(solution.t[-1])).any()):
+    end = slice(len(solution.t) - 1, None)
+    if open_levels(problem, solution) or (not solution.stats.maxima and open_at(
+            problem, solution.method, solution.x[end], solution.R[end], solution.v[end], solution.w[end],
+            float(solution.t[-1])).any()):
         solution.status = Status.CONSTRAINTS_OPEN
 
 

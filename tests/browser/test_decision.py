@@ -1,9 +1,11 @@
 """The first page's decision and the looks of runs in a real browser: choices, address, isolation, keyboard, access."""
 
 import itertools
+import re
 
 import pytest
 
+from crosscheck.report import identity
 from tests.browser.conftest import Watched
 
 SCENE = "scene-double_pendulum.html"
@@ -84,3 +86,61 @@ def test_pages_are_accessible(watched, name):
     page.wait_for_timeout(300)
     found = axe.Axe().run(page, options={"preload": False})  # it would ask for the style sheet a second time
     assert found.violations_count == 0, found.generate_report()
+
+
+@pytest.mark.parametrize("watched", [(1280, "light")], indirect=True)
+def test_the_run_selector_drives_playback_and_the_address_keeps_the_view(watched):
+    page = watched.open(SCENE)
+    page.select_option("#run", label="mujoco RK4")
+    assert page.get_attribute("#stage", "data-shown") == "truth, mujoco RK4"
+    boxes = "all => all.filter(e => e.checked).map(e => e.value)"
+    assert page.eval_on_selector_all("#actors input", boxes) == ["truth", "mujoco RK4"]
+    page.select_option("#body", label="lower")
+    page.locator("#scrub").evaluate("e => { e.value = 250; e.dispatchEvent(new Event('input'));"
+                                    " e.dispatchEvent(new Event('change')); }")
+    address = page.url
+    assert "run=mujoco+RK4" in address
+    assert "t=0.2500" in address
+    page.goto("about:blank")
+    page.goto(address)
+    assert page.eval_on_selector("#run", "e => e.selectedOptions[0].text") == "mujoco RK4"
+    assert page.get_attribute("#stage", "data-shown") == "truth, mujoco RK4"
+    assert float(page.get_attribute("#stage", "data-time")) == pytest.approx(0.25)
+    assert page.locator("[data-body]").inner_text() == "lower"
+
+
+@pytest.mark.parametrize("watched", [(1280, "light")], indirect=True)
+def test_one_cursor_follows_playback_on_every_plot_over_time(watched):
+    page = watched.open(SCENE)
+    figure = page.locator("[data-figure='position']")
+    figure.scroll_into_view_if_needed()
+    figure.locator(":scope > .cursor").wait_for(state="attached")
+    where = lambda share: page.evaluate(  # noqa: E731
+        """share => { const e = document.getElementById("scrub"); e.value = 1000 * share;
+        e.dispatchEvent(new Event("input"));
+        const plot = document.querySelector("[data-figure='position']"), area = plot.querySelector(".nsewdrag");
+        const bar = plot.querySelector(":scope > .cursor").getBoundingClientRect(), box = area.getBoundingClientRect();
+        return (bar.left - box.left) / box.width; }""", share)
+    assert [where(share) for share in (0.25, 0.5, 0.9)] == pytest.approx([0.25, 0.5, 0.9], abs=0.01)
+    assert page.locator("[data-figure='speed'] > .cursor").count() == 0
+
+
+@pytest.mark.parametrize("watched", [(1280, "light")], indirect=True)
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_sixty_runs_are_rendered_in_sixty_ways(watched, theme):
+    counts = {"lieeuler": 24, "mujoco": 10, "pinocchio": 8, "exudyn": 15, "drake": 3}
+    sixty = [identity.look(engine, place) for engine, count in counts.items() for place in range(count)]
+    page = watched.open(SCENE)
+    page.wait_for_function("window.Plotly")
+    drawn = page.evaluate("""async (looks) => {
+        const box = document.body.appendChild(document.createElement("div"));
+        await Plotly.newPlot(box, looks.map(([color, dash], k) => ({x: [0, 1], y: [k, k], mode: "lines",
+          line: {color, dash, width: 1.6}})), {width: 600, height: 600});
+        return [...box.querySelectorAll(".scatterlayer .js-line")].map((line) => getComputedStyle(line))
+          .map((style) => [style.stroke, style.strokeDasharray]); }""",
+                          [[getattr(each, theme), each.dash] for each in sixty])
+    assert len(drawn) == 60
+    colours = [(*map(int, re.findall(r"\d+", stroke)), dash) for stroke, dash in drawn]
+    for one, other in itertools.combinations(colours, 2):
+        apart = max(abs(a - b) for a, b in zip(one[:3], other[:3], strict=True))
+        assert one[3] != other[3] or apart > 8, (one, other)

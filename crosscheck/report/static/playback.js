@@ -13,7 +13,8 @@ window.Playback = (function () {
     return [p[0] + w * u[0] + y * u[2] - z * u[1], p[1] + w * u[1] + z * u[0] - x * u[2], p[2] + w * u[2] + x * u[1] - y * u[0]];
   }
 
-  function start(drawing, t, actors, shown) {
+  // `moved` is told the time at every picture, and whether the time is to stay.
+  function start(drawing, t, actors, shown, moved) {
     const id = (name) => document.getElementById(name);
     const canvas = id("stage"), context = canvas.getContext("2d");
     const play = id("play"), scrub = id("scrub"), clock = id("clock"), rate = id("rate"), trails = id("trails");
@@ -258,6 +259,7 @@ window.Playback = (function () {
       clock.textContent = state.time.toPrecision(3) + " s";
       if (document.activeElement !== scrub || state.playing) scrub.value = 1000 * state.time / duration;
       canvas.dataset.time = state.time;
+      moved(state.time);
     }
 
     function tick(now) {
@@ -273,6 +275,7 @@ window.Playback = (function () {
       state.last = null;
       play.textContent = playing ? "❚❚" : "▶";
       play.setAttribute("aria-label", playing ? "pause" : "play");
+      if (!playing) moved(state.time, true);
       if (playing) {
         if (state.time >= duration) state.time = 0;
         requestAnimationFrame(tick);
@@ -303,10 +306,11 @@ window.Playback = (function () {
     function listen() {
       play.addEventListener("click", () => set(!state.playing));
       scrub.addEventListener("input", () => {
-        set(false);
+        if (state.playing) set(false);
         state.time = scrub.value / 1000 * duration;
         draw();
       });
+      scrub.addEventListener("change", () => moved(state.time, true));
       [trails, names].forEach((each) => each.addEventListener("change", draw));
       id("reset").addEventListener("click", () => { Object.assign(state, {turn: -0.9, tilt: 0.3, zoom: 1}); draw(); });
       canvas.addEventListener("keydown", (event) => {
@@ -350,6 +354,19 @@ window.Playback = (function () {
     chooser();
     listen();
     draw();
+    return {
+      show(labels) {
+        visible.clear();
+        labels.forEach((label) => visible.add(label));
+        chooser();
+        canvas.dataset.shown = labels.join(", ");
+        draw();
+      },
+      seek(time) {
+        state.time = Math.min(duration, Math.max(0, time));
+        draw();
+      },
+    };
   }
 
   return {start};

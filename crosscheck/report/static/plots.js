@@ -67,16 +67,38 @@ window.Figures = (function () {
   const makers = {};
   const drawn = new Set();
 
+  // One cursor on every plot over time, where playback is.
+  let present = null;
+  function cursor(time) {
+    present = time ?? present;
+    if (present === null) return;
+    document.querySelectorAll(".timed.js-plotly-plot, .timed .js-plotly-plot").forEach((plot) => {
+      const axis = plot._fullLayout?.xaxis, size = plot._fullLayout?._size;
+      if (!axis || !size) return;
+      let bar = plot.querySelector(":scope > .cursor");
+      if (!bar) {
+        bar = document.createElement("i");
+        bar.className = "cursor";
+        plot.append(bar);
+      }
+      const at = axis.c2p(present);
+      bar.hidden = at < 0 || at > axis._length;
+      Object.assign(bar.style, {left: axis._offset + at + "px", top: size.t + "px", height: size.h + "px"});
+    });
+  }
+
   function draw(element) {
     drawn.add(element);
     const figure = makers[element.dataset.figure](element);
     element.columns = figure.columns;
+    element.classList.toggle("timed", figure.columns[0] === "time (s)");
     element.querySelectorAll(":scope > .panel > .plot").forEach((plot) => Plotly.purge(plot));
     if (figure.panels) {
       element.series = figure.panels.flatMap((panel) => panel.traces.map((trace) => ({...trace, panel: panel.title})));
       element.replaceChildren();
       figure.panels.forEach((panel) => Plotly.newPlot(addPanel(element, panel.title), panel.traces, panel.layout,
         {...config(), displayModeBar: false}));
+      cursor();
       return;
     }
     element.series = figure.traces;
@@ -92,12 +114,12 @@ window.Figures = (function () {
     ticks(figure, "y");
     nameEnds(element, figure);
     const first = !element.classList.contains("js-plotly-plot");
-    Plotly.react(element, figure.traces, figure.layout, config());
+    Plotly.react(element, figure.traces, figure.layout, config()).then(() => cursor());
     if (first) {
       element.on("plotly_hover", (event) => point(event.points[0].data.meta));
       element.on("plotly_unhover", () => point(null));
       element.on("plotly_click", (event) => isolate(event.points[0].data.meta));
-      element.on("plotly_afterplot", emphasise);
+      element.on("plotly_afterplot", () => { emphasise(); cursor(); });
     }
   }
 
@@ -404,6 +426,6 @@ window.Figures = (function () {
     return kept;
   }
 
-  return {runsOf, style, narrow, printed, linear, log, layout, line, logLine, markers, makers, legend, groups, start, speed,
+  return {runsOf, style, narrow, printed, linear, log, layout, line, logLine, markers, makers, legend, groups, start, speed, cursor,
     convergence, positive, UNITS: {position: "m", attitude: "rad", velocity: "m/s", "angular velocity": "rad/s"}};
 })();

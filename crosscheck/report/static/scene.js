@@ -147,12 +147,41 @@
     const place = document.querySelector("[data-body]");
     if (place) place.textContent = scene.bodies[body()];
   });
-  [runSelect, groupSelect, bodySelect, jointSelect, quantitySelect].forEach((each) => each?.addEventListener("change", refresh));
-
   const motion = (read) => ({x: truth.drawing.bodies.map((_, index) => [0, 1, 2].map((k) => read((c) => c.x[index][k]))),
     q: truth.drawing.bodies.map((_, index) => [0, 1, 2, 3].map((k) => read((c) => c.q[index][k])))});
   const actors = drawable.map((run) => ({label: run.label, engine: run.engine, colour: run.colour,
     motion: () => motion((read) => own(run, read))}));
   if (hasTruth) actors.unshift({label: "truth", engine: "", colour: null, motion: () => motion(exact)});
-  window.Playback.start(truth.drawing, t, actors, ["truth", alone()?.label].filter(Boolean));
+  const wanted = () => ["truth", alone()?.label].filter(Boolean);
+  let now = 0;
+  const playback = window.Playback.start(truth.drawing, t, actors, wanted(), (time, settled) => {
+    now = time;
+    Figures.cursor(time);
+    if (settled) remember();
+  });
+
+  // The state of the page stands in its address; of a page from disk, only what follows "#" may change.
+  const choices = {run: runSelect, compared: groupSelect, body: bodySelect, joint: jointSelect, quantity: quantitySelect};
+  const given = Object.entries(choices).filter(([, each]) => each?.options.length);
+  const address = () => "#" + new URLSearchParams([["view", ""],
+    ...given.map(([key, each]) => [key, each.selectedOptions[0].text]), ["t", now.toPrecision(4)]]);
+  const remember = () => window.location.replace(address());
+  function recall() {
+    const view = new URLSearchParams(window.location.hash.slice(1));
+    if (!view.has("view")) return;
+    given.forEach(([key, each]) => {
+      const option = [...each.options].find((one) => one.text === view.get(key));
+      if (option) each.value = option.value;
+    });
+    refresh();
+    playback.show(wanted());
+    playback.seek(Number(view.get("t")) || 0);
+  }
+  given.forEach(([, each]) => each.addEventListener("change", () => {
+    refresh();
+    if (each === runSelect) playback.show(wanted());
+    remember();
+  }));
+  window.addEventListener("hashchange", () => { if (window.location.hash !== address()) recall(); });
+  recall();
 })();

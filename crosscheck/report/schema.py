@@ -18,10 +18,10 @@ from crosscheck.errors import ArgumentError
 
 def plain(document: Document) -> dict[str, Any]:
     """The content of results.json: values that JSON knows, without the curves, which only plots need."""
-    values: dict[str, Any] = files.plain(document)
+    values = files.plain(document)
     for each in (*values["scenes"], *values["records"]):
         each.pop("curves", None)
-    return values
+    return dict(values)
 
 
 def from_plain(values: Any) -> Document:

@@ -8,9 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from crosscheck.errors import ArgumentError
-
-Content = Mapping[str, object]
-"""The content of a scene file, as TOML or JSON has it."""
+from crosscheck.scene.schema import Content
 
 
 def read(data: Content, path: str, scene: str) -> Any:
@@ -23,15 +21,15 @@ def read(data: Content, path: str, scene: str) -> Any:
     """
     value = _walk(data, path, scene)
     if not _numeric(value):
-        bodies: Any = data.get("bodies") or [{}]
+        bodies = data.get("bodies") or [{}]
         raise ArgumentError(f"{path}: in scene {scene!r} this is no number but {value!r}; name a number, such as "
                             f"bodies.{bodies[0].get('name', '0')}.mass")
     return value
 
 
-def replaced(data: Content, changes: Content, scene: str) -> dict[str, Any]:
+def replaced(data: Content, changes: Mapping[str, object], scene: str) -> Content:
     """A copy of the content with other numbers at some paths."""
-    data = dict(copy.deepcopy(data))
+    data = copy.deepcopy(data)
     for path, value in changes.items():
         words = path.split(".")
         target = _walk(data, ".".join(words[:-1]), scene) if len(words) > 1 else data

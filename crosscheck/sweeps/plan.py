@@ -15,8 +15,8 @@ import numpy as np
 
 from crosscheck.errors import ArgumentError, install, unknown
 from crosscheck.scene.model import Scene
+from crosscheck.scene.schema import Content
 from crosscheck.sweeps import paths
-from crosscheck.sweeps.paths import Content
 
 KEYS = ("scenes", "engines", "steps", "rtols", "samples", "duration", "parameters", "perturb", "timing")
 PERTURBED = ("angular_velocity", "attitude", "joint_position", "joint_velocity")

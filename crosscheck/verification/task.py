@@ -10,6 +10,7 @@ from typing import Any
 from crosscheck.document import Plan
 from crosscheck.judge.plan import STUDY_SAMPLES
 from crosscheck.scene.model import Scene
+from crosscheck.scene.schema import Content
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,7 +67,7 @@ def load(name: str, plan: Plan, whole: bool = True) -> Scene:
     return scene.replace(duration=duration, samples=plan.samples)
 
 
-Contents = Mapping[str, dict[str, Any]]
+Contents = Mapping[str, Content]
 """What is in scene files, by the names of the scenes."""
 
 

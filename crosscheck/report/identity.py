@@ -67,6 +67,12 @@ def look(engine: str, place: int) -> Look:
                 DASHES[(place // SHADES + shade) % len(DASHES)], *marker)
 
 
+def palette(engine: str) -> list[tuple[str, str, str, str, str]]:
+    """Light and dark colour, dash, marker and sign of the first runs of an engine, for the script of a page."""
+    found = [look(engine, place) for place in range(SHADES * len(DASHES))]
+    return [(each.light, each.dark, each.dash, each.marker, each.sign) for each in found]
+
+
 def base(label: str) -> str:
     """The label whose look a run has: a run at the coarse step looks like its method."""
     return re.sub(r" at [^ ]+ ms$", "", label)

@@ -13,6 +13,7 @@ import msgspec
 from crosscheck.document import EULER, LEVELS, QUANTITIES, Document, Record, Scene, Support
 from crosscheck.report import overview
 from crosscheck.report.headline import OUTCOMES, headline, number, partly, plain_number, sentence, span, spoken, state
+from crosscheck.report.identity import palette
 from crosscheck.report.names import STUDIES, anchor, data_file, engine_file, scene_file, slug, study_file
 
 HERE = Path(__file__).resolve().parent
@@ -40,7 +41,7 @@ def environment() -> Any:
                      "state": state, "sortable": plain_number, "query": urllib.parse.quote, "slug": slug}
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": tuple(LEVELS), "QUANTITIES": tuple(QUANTITIES),
                      "UNITS": QUANTITIES, "scene_file": scene_file, "engine_file": engine_file,
-                     "study_file": study_file, "FORCE_UNITS": FORCE_UNITS, "LISTED": LISTED}
+                     "study_file": study_file, "FORCE_UNITS": FORCE_UNITS, "LISTED": LISTED, "palette": palette}
     return made
 
 

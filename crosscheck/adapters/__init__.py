@@ -112,3 +112,8 @@ def pace(name: str) -> int:
 def on_group(name: str) -> bool:
     """Whether an engine keeps attitudes on SO(3) by construction, see `Engine`."""
     return getattr(get(name), "on_group", False)
+
+
+def eps(name: str) -> float:
+    """Spacing at 1 of the numbers that an engine computes with, see `Engine`; that of doubles where it does not say."""
+    return float(getattr(get(name), "eps", 2.0**-52))

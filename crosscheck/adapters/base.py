@@ -103,6 +103,7 @@ class Engine(Protocol):
     - `pace`: 0, or more the slower its runs are, which a grid of runs then starts first;
     - `refused_map(spec)`: why a method does not work with `spec.coordinate_map`, None where it does;
     - `on_group`: True where attitudes stay on SO(3) by construction, so that no product of rotations leaves it;
+    - `eps`: spacing at 1 of the numbers it computes with, where these are no doubles (2**-23 of single precision);
     - `dash`, `marker`: how figures draw it, in Matplotlib's words;
     - `turning(scene, form)`: the bodies its model carries on coordinates of SO(3), a free body among them: where its
       methods have a known defect on such coordinates, these are the bodies it shows on.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -56,14 +57,14 @@ def run(
     if csv_file is not None:
         write_csv(found, traj, csv_file)
     if csv_file != "-":
-        judged = _judged(str(scene), traj, engine, step, rtol, form)
+        judged = _judged(str(scene), traj, engine, step, rtol, options)
         _print_run(traj.scene, traj, csv_file, step)
         _print_verdict(judged)
         raise typer.Exit(int(judged is not None and judged.outcome not in PASSING))
 
 
-def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: float | None, form: str | None
-            ) -> Judged | None:
+def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: float | None,
+            options: Mapping[str, Any]) -> Judged | None:
     """The verdict; None where neither a step nor a tolerance was given to judge by."""
     from crosscheck import adapters
     from crosscheck.adapters.base import RunSpec
@@ -71,13 +72,14 @@ def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: 
     from crosscheck.verification.cell import judge_run
 
     adapter, used = adapters.get(engine), step or traj.stats.get("step")
-    spec = RunSpec(traj.method, step=used if rtol is None else None, rtol=rtol, form=form)
+    spec = RunSpec(traj.method, step=used if rtol is None else None, rtol=rtol, form=options.get("form"))
     order = adapter.documented_order(traj.scene, spec)
     if rtol is None and (order is None or used is None):
         return None
     asked = Run(scene=name, engine=engine, version=engine_version(engine), method=traj.method, form=traj.form,
                 step=used if rtol is None else None, rtol=rtol, documented_order=order if rtol is None else None)
-    return judge_run(asked, traj.scene, traj, adapter.held_levels(traj.scene, spec))
+    more = {key: value for key, value in options.items() if key not in ("form", "samples", "duration")}
+    return judge_run(asked, traj.scene, traj, adapter.held_levels(traj.scene, spec), **more)
 
 
 def _print_verdict(judged: Judged | None) -> None:
@@ -94,7 +96,7 @@ def _print_verdict(judged: Judged | None) -> None:
     if judged.energy_error is not None:
         typer.echo(f"energy error {judged.energy_error:.1e} of the largest kinetic energy, every step")
     first = worst(judged.findings)
-    reason = judged.message or ("" if first is None or judged.outcome == "pass" else
+    reason = judged.message or ("" if first is None or judged.outcome in ("pass", "partly") else
                                 f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "
                                 f"({first.why})")
     typer.echo(f"verdict: {word(judged)}" + (f": {reason}" if reason else ""))

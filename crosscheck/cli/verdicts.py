@@ -24,7 +24,7 @@ def print_verdicts(document: Document, page: Path) -> None:
     terminal = console(160)
     passing: dict[tuple[str, str], list[Record]] = {}
     for record in document.records:
-        if record.outcome == "pass":
+        if record.outcome in ("pass", "partly"):
             passing.setdefault((record.scene, record.engine), []).append(record)
     for (name, engine), records in passing.items():
         _print_passes(name, engine, records)
@@ -43,6 +43,8 @@ def print_verdicts(document: Document, page: Path) -> None:
         typer.echo(f"{symbol} {message}: {labels}")
     for scene in document.scenes:
         typer.echo(f"{scene.name}: {scene.trust}")
+        for row in scene.engines if len(scene.engines) > 1 else ():
+            typer.echo(f"    {row.text}")
     typer.echo(f"{headline(document)} ({document.meta.seconds:.0f} s)")
     typer.echo(f"report: {page}")
 

@@ -117,7 +117,8 @@ CLAIMS = (
 
 def _causes(failing: dict[str, Finding]) -> list[NamedCause]:
     """The causes that failing findings are, where all of them are about claims and reports."""
-    if not failing.keys() <= {kind for _, kinds, _, _ in CLAIMS for kind in kinds}:
+    claimed = failing.keys() <= {kind for _, kinds, _, _ in CLAIMS for kind in kinds}
+    if not claimed or any(finding.why.startswith("not enforced") for finding in failing.values()):
         return []
     if failing.keys() & {"acceleration", "angular acceleration"}:  # wrong ones cannot satisfy the constraints
         failing = {kind: finding for kind, finding in failing.items() if kind != "level acceleration"}

@@ -32,10 +32,10 @@ QUANTITIES = {"position": "m", "attitude": "rad", "velocity": "m/s", "angular ve
 LEVELS = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2"}
 """Constraint levels and the units of their rows."""
 
-Outcome = Literal["pass", "known", "fail", "error", "unjudged", "unsupported"]
+Outcome = Literal["pass", "partly", "known", "fail", "error", "unjudged", "unsupported"]
 Status = Literal["ok", "fail", "known", "unjudged"]
 
-PASSING = ("pass", "known", "unsupported", "unjudged")
+PASSING = ("pass", "partly", "known", "unsupported", "unjudged")
 """Outcomes that leave the exit code at 0."""
 
 
@@ -122,6 +122,17 @@ class Recommended(Part, frozen=True, kw_only=True):
     until: float | None  # s, judged up to
     seconds: float | None  # of stepping per simulated second
     why: str
+    share: float = 1.0  # of its time, over which the motion of the first was judged
+
+
+class EngineTrust(Part, frozen=True, kw_only=True):
+    """What to trust of one engine on a scene, by the runs that were made."""
+
+    engine: str
+    runs: int
+    passing: int
+    recommended: Recommended | None
+    text: str
 
 
 class SceneTruth(Part, frozen=True, kw_only=True, omit_defaults=True):
@@ -150,6 +161,7 @@ class Scene(SceneTruth, frozen=True, kw_only=True, omit_defaults=True):
 
     trust: str
     recommended: Recommended | None
+    engines: list[EngineTrust] = []
 
 
 # --- runs

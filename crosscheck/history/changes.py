@@ -18,7 +18,7 @@ from crosscheck.verification.trust import NOISE_DEVIATIONS, NOISE_RATIO
 KINDS = ("run", "outcome", "accuracy", "speed", "missing", "version", "truth", "scene", "settings", "new", "machine")
 """Kinds of changes, in the order in which a page lists them."""
 
-RANKS = {"pass": 0, "known": 0, "unsupported": 1, "unjudged": 1, "fail": 2, "error": 3}
+RANKS = {"pass": 0, "partly": 0, "known": 0, "unsupported": 1, "unjudged": 1, "fail": 2, "error": 3}
 """How bad an outcome is: a change to a higher one is a finding."""
 
 

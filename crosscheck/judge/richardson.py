@@ -41,7 +41,7 @@ def _beside_rounding(tol: Tol, rounding: float) -> Tol:
 
 
 def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Reference, order: int,
-                orders: Mapping[str, Order], failing: frozenset[str]) -> list[Finding]:
+                orders: Mapping[str, Order], failing: frozenset[str], eps: float = tolerances.EPS) -> list[Finding]:
     """The limit of the two finest runs against truth, per quantity.
 
     Parameters
@@ -60,7 +60,7 @@ def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Referenc
         used = extrapolation_order(order, orders[name], name in failing)
         limit = extrapolated(coarse, fine, coarse_step / fine_step, used)
         error = errors(scene, limit, truth.states, truth.horizon)[name]
-        tol = _beside_rounding(tolerances.limit(scene, truth, used, coarse_step)[name], orders[name].rounding)
+        tol = _beside_rounding(tolerances.limit(scene, truth, used, coarse_step, eps)[name], orders[name].rounding)
         where = f"body {error.body}, t = {error.time:.4g} s, extrapolated with order {used}"
         if tol.value > scale.of(name) and np.isfinite(error.max):
             findings.append(Finding(f"limit {name}", "unjudged", error.max, None, unit, "at these steps the bound, "

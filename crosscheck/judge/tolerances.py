@@ -110,26 +110,26 @@ def grading(scene: Scene) -> float:
     return float(max(USUAL, scene.masses.sum() / scene.masses.min(), (principal[:, -1] / principal[:, 0]).max()))
 
 
-def rounding(scene: Scene, truth: Reference, size: float, steps: int) -> float:
+def rounding(scene: Scene, truth: Reference, size: float, steps: int, eps: float = EPS) -> float:
     """What rounding alone may do to a quantity of this size in that many steps, on top of the doubt of truth itself."""
     return float(truth.error * max(1.0, size)
-                 + grading(scene) * EPS * size * truth.amplification * max(1, steps) ** 0.6)
+                 + grading(scene) * eps * size * truth.amplification * max(1, steps) ** 0.6)
 
 
-def plateau(scene: Scene, truth: Reference, size: float, order: int) -> Plateau:
+def plateau(scene: Scene, truth: Reference, size: float, order: int, eps: float = EPS) -> Plateau:
     """What in errors of a quantity of this size may be rounding; a method of this order is being judged.
 
     Rounding is typically as large as the floor. A model that conditions it badly may lose up to half of the digits.
     """
-    floor = max(truth.disagreement, grading(scene) / USUAL * EPS * truth.amplification) * max(1.0, size)
-    return Plateau(floor, float(np.sqrt(EPS)) * size, order)
+    floor = max(truth.disagreement, grading(scene) / USUAL * eps * truth.amplification) * max(1.0, size)
+    return Plateau(floor, float(np.sqrt(eps)) * size, order)
 
 
 def fixed_step(scene: Scene, truth: Reference, order: int, step: float,
-               amplification: float | None = None) -> dict[str, Tol]:
+               amplification: float | None = None, eps: float = EPS) -> dict[str, Tol]:
     """Bounds of the errors per quantity for a method of documented order with a fixed step (s).
 
-    `amplification` replaces that of the truth.
+    `amplification` replaces that of the truth, `eps` is the spacing of the engine's numbers.
     """
     scale = scales(scene, truth)
     duration = float(truth.t[-1])
@@ -141,13 +141,13 @@ def fixed_step(scene: Scene, truth: Reference, order: int, step: float,
            f"h = {step:.3g} s, max|y^({order + 1})| = {largest:.3g} /s^{order + 1} from truth")
     bounds = {}
     for quantity, unit in scale.units.items():
-        floor = rounding(scene, truth, scale.of(quantity), steps)
+        floor = rounding(scene, truth, scale.of(quantity), steps, eps)
         bounds[quantity] = Tol(unit * bound + floor, f"{why}; times {unit:.3g} {QUANTITIES[quantity]}; "
                                                      f"rounding floor {floor:.1e}")
     return bounds
 
 
-def limit(scene: Scene, truth: Reference, order: int, step: float) -> dict[str, Tol]:
+def limit(scene: Scene, truth: Reference, order: int, step: float, eps: float = EPS) -> dict[str, Tol]:
     """Bounds of the errors of the limit extrapolated from two steps, the coarser `step` (s), of a method of this order.
 
     The leading term of the error is gone; the next one is bounded like that of a method one order higher.
@@ -157,7 +157,7 @@ def limit(scene: Scene, truth: Reference, order: int, step: float) -> dict[str, 
     upon = _upon_itself(truth, scale, order, step)
     return {name: Tol(bound.value + upon * scale.units[name], f"the leading term of the error extrapolated away: "
                                                               f"{bound.why}; that term upon itself {upon:.1e}")
-            for name, bound in fixed_step(scene, truth, min(order + 1, last), step).items()}
+            for name, bound in fixed_step(scene, truth, min(order + 1, last), step, eps=eps).items()}
 
 
 def _upon_itself(truth: Reference, scale: Scales, order: int, step: float) -> float:
@@ -174,7 +174,7 @@ def _upon_itself(truth: Reference, scale: Scales, order: int, step: float) -> fl
 
 
 def adaptive(scene: Scene, truth: Reference, rtol: float, steps: int,
-             amplification: float | None = None) -> dict[str, Tol]:
+             amplification: float | None = None, eps: float = EPS) -> dict[str, Tol]:
     """Bounds of the errors per quantity for a method that keeps the error of each step below rtol times the state y.
 
     W is the rate of the scene's fastest spring or damper where that is larger: an error e of a position that oscillates
@@ -187,7 +187,7 @@ def adaptive(scene: Scene, truth: Reference, rtol: float, steps: int,
     bounds = {}
     for quantity in QUANTITIES:
         size = max(scale.of(quantity), least[quantity])
-        value = growth * steps * rtol * size + rounding(scene, truth, size, steps)
+        value = growth * steps * rtol * size + rounding(scene, truth, size, steps, eps)
         bounds[quantity] = Tol(value, f"A n rtol times the size: A = {growth:.3g}, n = {steps} steps, "
                                       f"rtol = {rtol:.1e}, size {size:.3g} {QUANTITIES[quantity]}")
     return bounds
@@ -218,26 +218,27 @@ def momentum(scene: Scene, truth: Reference, bounds: dict[str, Tol]) -> Tol:
     return Tol(float(value), "what the bounds of the states allow: sum of m x dv, m v dx, J dw and J w dR")
 
 
-def held_level(scene: Scene, truth: Reference | None, level: str, newton: float = 0.0) -> Tol:
+def held_level(scene: Scene, truth: Reference | None, level: str, newton: float = 0.0, eps: float = EPS) -> Tol:
     """Rounding level of a constraint level that the method holds by construction; without truth, of a pendulum.
 
     `newton`: tolerance at which the engine's own iteration ends, absolute and relative.
     """
-    tol = _held_level(scene, truth, level)
+    tol = _held_level(scene, truth, level, eps)
     ended = 10 * newton
     return tol if ended <= tol.value else Tol(ended, f"held by construction: ten times {newton:g}, the tightest "
                                                      "tolerance at which the engine's Newton iteration converged")
 
 
-def _held_level(scene: Scene, truth: Reference | None, level: str) -> Tol:
+def _held_level(scene: Scene, truth: Reference | None, level: str, eps: float) -> Tol:
+    usual = HELD[level] * eps / EPS
     if truth is None:
-        return Tol(HELD[level], f"held by construction: rounding level, {HELD[level]:g}; no truth tells the speeds")
+        return Tol(usual, f"held by construction: rounding level, {usual:g}; no truth tells the speeds")
     scale = scales(scene, truth)
     size = {"position": scale.reach + scale.length, "velocity": scale.speed + scale.rate * scale.length,
             "acceleration": scale.speed**2 / scale.length + 2 * scale.rate**2 * scale.length}[level]
     roundings = USUAL if level == "position" else grading(scene)
-    value = max(HELD[level], roundings * EPS * size)
-    return Tol(value, f"held by construction: rounding level, the larger of {HELD[level]:g} and {roundings:.3g} eps x "
+    value = max(usual, roundings * eps * size)
+    return Tol(value, f"held by construction: rounding level, the larger of {usual:g} and {roundings:.3g} eps x "
                       f"{size:.3g}")
 
 
@@ -278,11 +279,11 @@ def vacuous(scene: Scene, truth: Reference, bounds: dict[str, Tol],
     return frozenset(found | {kind for kind, (bound, size) in sizes.items() if bound and bound.value > size})
 
 
-def orthogonality(on_group: bool, steps: int) -> Tol:
+def orthogonality(on_group: bool, steps: int, eps: float = EPS) -> Tol:
     """Bound of max |R^T R - I| over a run; `on_group` where the engine declares that it keeps to SO(3)."""
     if on_group:
-        return Tol(ORTHOGONALITY, "attitudes stay on the group by construction: rounding level")
-    growth = max(ORTHOGONALITY, 4 * EPS * steps)
+        return Tol(ORTHOGONALITY * eps / EPS, "attitudes stay on the group by construction: rounding level")
+    growth = max(ORTHOGONALITY * eps / EPS, 4 * eps * steps)
     return Tol(growth, f"rounding of one product a step, {steps} steps, never more than 4 eps each")
 
 

@@ -1,7 +1,8 @@
 """The verdict on one run: findings against bounds with reasons, and one outcome. Knows no engine's inside.
 
-Outcomes: "pass", "known" (only defects listed in `judge.known`; passes), "fail", "error" (it did not run to its
-end in an unforeseen way), "unsupported" (the engine cannot model the scene; passes, with the reason), "unjudged"
+Outcomes: "pass", "partly" (as "pass", but no bound of the motion against truth reaches over the whole run), "known"
+(only defects listed in `judge.known`; passes), "fail", "error" (it did not run to its end in an unforeseen way),
+"unsupported" (the engine cannot model the scene; passes, with the reason), "unjudged"
 (the scene has no truth, or the step is too coarse for bounds of the motion: only the rest was judged, and nothing of
 that failed).
 """
@@ -28,8 +29,9 @@ from crosscheck.document import (
     Rung,
     extended,
 )
-from crosscheck.errors import ArgumentError
 from crosscheck.judge import known, tolerances
+from crosscheck.judge.claim import Claim
+from crosscheck.judge.defects import Defects
 from crosscheck.judge.metrics import Error, Plateau, errors, observed_order
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
@@ -55,19 +57,17 @@ def _judged(kind: str, value: float, tol: Tol, unit: str, detail: str = "", empt
     return Finding(kind, "ok" if value <= tol.value else "fail", float(value), tol.value, unit, tol.why, detail)
 
 
-def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, order: int | None, step: float | None,
-                 rtol: float | None, budgeted: bool = False) -> tuple[list[Finding], dict[str, Error], Bounds]:
+def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, claim: Claim, budgeted: bool = False
+                 ) -> tuple[list[Finding], dict[str, Error], Bounds]:
     """Errors against truth over the longest time a bound can judge: the whole run, or else its first window.
 
     Where the step is too coarse even for that, the plan is to blame, or the run stays unjudged if it was `budgeted`.
     Returns the findings, the errors over the whole run, and the bounds that were used.
     """
     def bounds_for(reference: Reference, growth: float | None = None) -> dict[str, Tol]:
-        if order is not None and step is not None:
-            return tolerances.fixed_step(scene, reference, order, step, growth)
-        if rtol is None:
-            raise ArgumentError("a run is judged by its step and documented order, or by its rtol: give one of them")
-        return tolerances.adaptive(scene, reference, rtol, traj.steps, growth)
+        if claim.fixed is not None:
+            return tolerances.fixed_step(scene, reference, *claim.fixed, growth, claim.eps)
+        return tolerances.adaptive(scene, reference, claim.rtol or 0.0, traj.steps, growth, claim.eps)
 
     used, until = truth, min(float(truth.t[-1]), truth.horizon)
     growth = 1.0 if _conservative(scene, truth) else None
@@ -82,8 +82,8 @@ def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, o
                         f"body {error.body}, t = {error.time:.4g} s, judged up to {until:g} s", quantity in empty)
                 for quantity, error in judged.items()]
     if empty & {"position", "attitude"}:
-        findings.append(Finding("step", "unjudged" if budgeted else "fail", step, None, "s", "a bound of position or "
-                                "attitude exceeds the size of the scene, so that it would pass anything",
+        findings.append(Finding("step", "unjudged" if budgeted else "fail", claim.step, None, "s", "a bound of "
+                                "position or attitude exceeds the size of the scene, so that it would pass anything",
                                 "the plan has none smaller" if budgeted else "choose a smaller step"))
     return findings, errors(scene, traj, truth.states), bounds
 
@@ -147,8 +147,9 @@ def _kinetic_at_start(scene: Scene) -> float:
 
 
 def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bounds | None, held: frozenset[str],
-                 maxima: dict[str, float]) -> list[Finding]:
-    """Constraint levels: every step where the method holds them, samples against the states' bounds elsewhere."""
+                 maxima: dict[str, float], eps: float = tolerances.EPS, run: Defects | None = None) -> list[Finding]:
+    """Constraint levels: every step where the method holds them, elsewhere samples against the states' bounds, or
+    against what a method of its order may leave open by then where `run` was measured and that is less."""
     findings = []
     for level, unit in LEVELS.items():
         kind, series = f"level {level}", getattr(traj, f"constraint_{level}")
@@ -157,18 +158,32 @@ def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bound
             continue
         everywhere = max(maxima.get(f"constraint_{level}", 0.0), float(np.max(series)))
         if level in held:
-            tol = tolerances.held_level(scene, truth, level, traj.stats.get("newton_tolerance", 0.0))
+            tol = tolerances.held_level(scene, truth, level, traj.stats.get("newton_tolerance", 0.0), eps)
             findings.append(_judged(kind, everywhere, tol, unit, "every step"))
             continue
         free = None if bounds is None or truth is None else tolerances.free_level(scene, truth, level, bounds.states)
         if bounds is None or truth is None or free is None:
             findings.append(Finding(kind, "unjudged", everywhere, None, unit,
                                     "the method does not enforce this level, and no bound of a state implies one"))
-        else:
-            keep = truth.t <= bounds.until * (1 + 1e-12)
-            findings.append(_judged(kind, float(np.max(series[keep])), free, unit, f"up to {bounds.until:g} s",
-                                    kind in bounds.empty))
+            continue
+        keep = truth.t <= bounds.until * (1 + 1e-12)
+        judged = _judged(kind, float(np.max(series[keep])), free, unit, f"up to {bounds.until:g} s",
+                         kind in bounds.empty)
+        findings.append(judged if run is None or judged.status == "fail" else
+                        _drifted(run, level, series, judged, traj.t))
     return findings
+
+
+def _drifted(run: Defects, level: str, series: np.ndarray, judged: Finding, t: np.ndarray) -> Finding:
+    """What is left open against what the errors of all intervals before add up to, where that says something."""
+    allowed = run.allowed[0][level]
+    size = run.scale.length * (1.0 if level == "position" else run.scale.rate)
+    at = int(np.argmax(series / allowed))
+    if allowed[at] > size and series[at] <= allowed[at]:
+        return judged
+    return Finding(judged.kind, "ok" if series[at] <= allowed[at] else "fail", float(series[at]), float(allowed[at]),
+                   judged.unit, "not enforced: the errors of a method of this order add up to no more by then",
+                   f"t = {t[at]:.4g} s")
 
 
 def judge_orders(order: int, ladder: Sequence[Rung], plateaus: Mapping[str, Plateau], rungs: int | None = None,
@@ -234,6 +249,8 @@ def settle(run: Measured, findings: list[Finding], turning: known.Turning, messa
             findings.append(Finding("vanished", "fail", None, None, "", f"a known defect no longer shows: "
                                     f"{entry.reason}", "if the engine was mended, remove the entry"))
     outcome = outcome_of(findings)
+    if outcome == "pass" and (run.practical or _share(judged_until, run.duration) < 1):
+        outcome = "partly"
     if outcome == "unjudged":
         message = "the step is too coarse for bounds of the motion, and the plan has none smaller"
     return extended(Judged, run, findings=findings, outcome=outcome, message=message, judged_until=judged_until,
@@ -283,12 +300,19 @@ def worst(findings: Sequence[Finding]) -> Finding | None:
 
 def partly(run: Judged) -> bool:
     """Whether the bounds of the motion judge only its beginning, see `judge_states`."""
-    return bool(run.judged_until and run.duration and run.judged_until < run.duration * (1 - 1e-9))
+    return _share(run.judged_until, run.duration) < 1
+
+
+def _share(until: float | None, duration: float | None) -> float:
+    """Of its time, over which the motion of a run was judged; 1 where that is not known."""
+    return 1.0 if not until or not duration or until >= duration * (1 - 1e-9) else until / duration
 
 
 def word(run: Judged) -> str:
     """The outcome in words that claim no more than was judged."""
-    if run.outcome == "pass" and run.practical:
+    if run.outcome in ("pass", "partly") and run.practical:
         return "stable"
-    said = {"unsupported": "n/a"}.get(run.outcome, run.outcome)
-    return f"{said} to {run.judged_until:g} s" if run.outcome in ("pass", "known") and partly(run) else said
+    said = {"unsupported": "n/a", "partly": "pass"}.get(run.outcome, run.outcome)
+    share = _share(run.judged_until, run.duration)
+    return (f"{said} to {run.judged_until:g} s, {100 * share:.2g} % of the time" if share < 1 and
+            run.outcome in ("pass", "partly", "known") else said)

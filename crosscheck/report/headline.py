@@ -21,7 +21,7 @@ OUTCOMES = {"pass": ("✓", "pass", "every check within its bound, over the whol
 def state(record: Record) -> str:
     """The outcome of a run, refined by how much of it was judged. Runs are coloured and counted by it."""
     if record.outcome == "pass" and (record.partly or record.practical):
-        return "partly"
+        return "partly"  # as files of before have it
     if record.outcome == "unjudged" and any(found.kind == "step" for found in record.findings):
         return "budgeted"
     return record.outcome
@@ -53,19 +53,20 @@ def _passing(document: Document) -> str:
     """Passes, known defects and failures; scenes whose truth failed are told apart."""
     lost = {scene.name for scene in document.scenes if scene.failure}
     records = [record for record in document.records if record.scene not in lost]
-    count = {outcome: sum(record.outcome == outcome for record in records) for outcome in OUTCOMES}
+    count = {outcome: sum(state(record) == outcome for record in records) for outcome in OUTCOMES}
     failing = [record for record in records if record.outcome in ("fail", "error")]
     part = [record for record in records if state(record) == "partly"]
     if count["pass"] and count["pass"] + count["unsupported"] == len(records) and not part:
         made = "that could be made " if count["unsupported"] else ""
         return f"The only run {made}passes" if count["pass"] == 1 else f"All {count['pass']} runs {made}pass"
-    whole = count["pass"] - len(part)
+    whole = count["pass"]
     said = [f"{_counted(whole, 'run')} pass{'es' if whole == 1 else ''}"]
     if part:
         said.append(f"{len(part)} more over part of {'its' if len(part) == 1 else 'their'} time "
                     f"({100 * judged_share(part):.0f} %)")
-    if count["unjudged"] and count["pass"]:
-        said.append(f"{count['unjudged']} unjudged")
+    unjudged = sum(record.outcome == "unjudged" for record in records)
+    if unjudged and whole + len(part):
+        said.append(f"{unjudged} unjudged")
     if count["known"]:
         said.append(f"{count['known']} show{'s' if count['known'] == 1 else ''} only known defects")
     if 0 < len(failing) <= SPARED:
@@ -73,7 +74,7 @@ def _passing(document: Document) -> str:
         said.append(f"{len(failing)} fail{'s' if len(failing) == 1 else ''} ({named})")
     elif failing:
         said.append(f"{len(failing)} fail on {_counted(len({record.scene for record in failing}), 'scene')}")
-    elif count["pass"]:
+    elif whole + len(part):
         said.append("none fails")
     return ", ".join(said)
 
@@ -119,7 +120,7 @@ def _counted(number: int, word: str) -> str:
 def partly(document: Document) -> str:
     """How many runs were judged over less than their whole length, or not by their motion; empty where none."""
     records = document.records
-    short = sum(record.partly and record.outcome in ("pass", "known") for record in records)
+    short = sum(record.partly and record.outcome in ("pass", "partly", "known") for record in records)
     stable = sum(record.word == "stable" for record in records)
     said = [f"{short} of them judged only over the first seconds" if short else "",
             f"{stable} only by energy and held constraints" if stable else ""]

@@ -30,11 +30,12 @@ def by_scene_and_engine(document: Document) -> dict[str, dict[str, dict[str, int
 
 
 def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
-    """Of every scene and engine the run that passed with the smallest judged error of the position, if any did."""
+    """Of every scene and engine the run that passed, if only over part of its time, with the smallest judged error of
+    the position, if any did."""
     best: dict[str, dict[str, Record]] = {scene.name: {} for scene in document.scenes}
     for record in document.records:
         error = _judged_error(record)
-        if record.outcome != "pass" or record.practical or math.isinf(error):
+        if record.outcome not in ("pass", "partly") or record.practical or math.isinf(error):
             continue
         before = best[record.scene].get(record.engine)
         if before is None or error < _judged_error(before):
@@ -42,11 +43,13 @@ def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
     return best
 
 
-def leaders(accurate: dict[str, dict[str, Record]]) -> dict[str, int]:
-    """On how many scenes a run is the most accurate of all engines but lieeuler, from `most_accurate`; many first."""
-    best = [min(others, key=_judged_error).label for engines in accurate.values()
-            if (others := [record for engine, record in engines.items() if engine != "lieeuler"])]
-    return dict(collections.Counter(best).most_common())
+def leaders(scenes: Sequence[Scene]) -> dict[str, dict[str, int]]:
+    """Per engine the runs to trust of it, and on how many scenes; many first."""
+    found: dict[str, collections.Counter[str]] = {}
+    for row in (row for scene in scenes for row in scene.engines):
+        if row.recommended is not None:
+            found.setdefault(row.engine, collections.Counter()).update(row.recommended.runs[:1])
+    return {engine: dict(counts.most_common()) for engine, counts in found.items()}
 
 
 def _judged_error(record: Record) -> float:

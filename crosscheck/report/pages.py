@@ -83,7 +83,7 @@ def _overview(template: str, document: Document) -> str:
         template, document, "index", matrix=overview.by_method(document), cells=overview.by_scene_and_engine(document),
         practical=overview.at_coarse_steps(document), headline=headline(document), partly=partly(document),
         counts=overview.summary_counts(records), worst=overview.worst_first(records, document.changes),
-        advice=overview.recommended(document.scenes), accurate=accurate, others=overview.leaders(accurate),
+        advice=overview.recommended(document.scenes), accurate=accurate, leaders=overview.leaders(document.scenes),
         advised={each.scene for each in document.advice or []}, advice_rows=msgspec.to_builtins(document.advice))
 
 

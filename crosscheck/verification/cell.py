@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
@@ -13,8 +14,10 @@ from crosscheck.document import LEVELS, Finding, Judged, Level, Measured, Run, e
 from crosscheck.errors import Unsupported
 from crosscheck.judge import tolerances
 from crosscheck.judge.accelerations import judge_accelerations
+from crosscheck.judge.claim import Claim
 from crosscheck.judge.continuity import judge_continuity
-from crosscheck.judge.defects import MOST_BODIES, judge_defects
+from crosscheck.judge.defects import MOST_BODIES, Defects, measured
+from crosscheck.judge.intervals import judge_intervals, judge_noise, judge_windows, unjudged
 from crosscheck.judge.metrics import Error, errors
 from crosscheck.judge.overrides import override
 from crosscheck.judge.verdict import (
@@ -66,8 +69,11 @@ def run_cell(cell: Cell) -> Judged:
     if cell.no_truth:
         return _without_truth(run, cell, scene, traj, held)
     reference, window = truth(scene), truth(windowed(scene, cell.plan.window))
-    main = (_no_main_run(run, scene, traj) if isinstance(traj, NoRun) else
-            _main_run(run, scene, traj, reference, window, held, cell.plan.budgeted))
+    if isinstance(traj, NoRun):
+        main = _no_main_run(run, scene, traj)
+    else:
+        more = companions(run, scene, traj, {"coordinate_map": run.coordinate_map})
+        main = _main_run(run, scene, [traj, *more], reference, window, held, cell.plan.budgeted)
     if not cell.study:
         return settle(main.run, override(main.findings, cell.overrides), adapters.turning, main.message, main.until)
     brief = windowed(load_scene(cell.scene), cell.plan.window)  # whole, also where the main run is shorter
@@ -84,10 +90,12 @@ FIRST = 1.0
 """s at the beginning that a single run is judged by where no bound reaches over the whole of it."""
 
 
-def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST) -> Judged:
+def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST,
+              **options: Any) -> Judged:
     """The verdict on one run, without an order study; where its step is too coarse for bounds, also by its energy.
 
-    Where no bound reaches over the whole of it, the `first` seconds are judged.
+    Where no bound reaches over the whole of it, the `first` seconds are judged. `options` are those the engine was run
+    with: it runs at other steps, too.
     """
     from crosscheck.references import TruthError, truth
 
@@ -97,12 +105,14 @@ def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], fi
         reference, window = truth(scene), truth(windowed(scene, first))
     except (TruthError, Unsupported) as error:
         maxima = traj.maxima
-        findings = [judge_without_truth(scene, traj), *judge_levels(scene, traj, None, None, held, maxima),
+        findings = [judge_without_truth(scene, traj), *judge_levels(scene, traj, None, None, held, maxima,
+                                                                         adapters.eps(run.engine)),
                     _orthogonality(run.engine, traj, maxima)]
         judged = settle(_measured(run, scene, traj, None, {}, held, maxima), findings, adapters.turning)
         return judged if judged.outcome != "pass" else replace(
             judged, outcome="unjudged", message=f"no truth: {' '.join(str(error).split())}")
-    main = _main_run(run, scene, traj, reference, window, held, budgeted=True)
+    main = _main_run(run, scene, [traj, *companions(run, scene, traj, options)], reference, window, held,
+                     budgeted=True)
     coarse = any(finding.kind == "step" for finding in main.findings)
     findings = [*main.findings, *([judge_practical(scene, traj, reference)] if coarse else [])]
     return settle(main.run, findings, adapters.turning, main.message, main.until)
@@ -128,22 +138,48 @@ def _no_main_run(run: Run, scene: Scene, why: NoRun) -> _Main:
                  [Finding("run", "fail", None, None, "", ENDED, message)], message=message)
 
 
-def _main_run(run: Run, scene: Scene, traj: Trajectory, reference: Reference, window: Reference,
+def companions(run: Run, scene: Scene, traj: Trajectory, options: Mapping[str, Any]) -> list[Trajectory]:
+    """The same run at other steps, by which its error is extrapolated to vanishing ones: the coarser the cheaper.
+
+    First order takes two, for the states of such runs are so far apart that their defects differ by it.
+    """
+    step, order = traj.stats.get("step"), run.documented_order
+    if order is None or not step or run.practical or not np.isfinite(traj.x).all():
+        return []
+    count = round(float(traj.t[1] - traj.t[0]) / step)
+    counts = [count // 2, count // 4] if count >= 4 else [2 * count, 4 * count]
+    found = (attempt(scene, run.engine, run.method, run.form, float(traj.t[1] - traj.t[0]) / each, None, monitor=False,
+                     **options) for each in counts[:2 if order == 1 else 1])
+    return [each for each in found if not isinstance(each, NoRun) and np.isfinite(each.x).all()]
+
+
+def _main_run(run: Run, scene: Scene, trajectories: Sequence[Trajectory], reference: Reference, window: Reference,
               held: frozenset[str], budgeted: bool) -> _Main:
-    maxima = traj.maxima
+    """The judgement of the first of the trajectories; the others are at other steps."""
+    traj = trajectories[0]
+    maxima, runs = traj.maxima, list[Defects]()
     if run.practical:
         bounds, found = None, errors(scene, traj, reference.states)
         findings = [judge_practical(scene, traj, reference)]
         findings += [Finding(name, "unjudged", error.max, None, error.unit, "the step is too coarse for a bound",
                              f"body {error.body}, t = {error.time:.4g} s") for name, error in found.items()]
     else:
-        findings, found, bounds = judge_states(scene, traj, reference, window, run.documented_order,
-                                               traj.stats.get("step") or run.step, run.rtol, budgeted)
+        claim = Claim(run.documented_order, traj.stats.get("step") or run.step, run.rtol,
+                      eps=adapters.eps(run.engine), newton=traj.stats.get("newton_tolerance", 0.0))
+        findings, found, bounds = judge_states(scene, traj, reference, window, claim, budgeted)
         findings += judge_invariants(scene, traj, reference, bounds)
-        used = traj.stats.get("step") or run.step
-        findings += judge_defects(scene, traj, reference, run.documented_order, used, run.rtol)
-        findings += judge_accelerations(scene, traj, reference, run.documented_order, used, run.rtol)
-    levels = judge_levels(scene, traj, reference, bounds, held, maxima)
+        if not np.isfinite(traj.x).all():
+            findings += unjudged("the run is not finite")
+        else:
+            try:
+                runs = measured(scene, traj, trajectories[1:], reference, claim)
+                findings += [*judge_intervals(scene, traj, runs), *judge_noise(runs), *judge_windows(runs)]
+                findings += judge_accelerations(scene, trajectories, runs)
+            except np.linalg.LinAlgError:
+                findings.append(Finding("interval velocity", "fail", np.inf, None, "m/s", "the equations of motion "
+                                        "have no solution along the true motion from the run's own states"))
+    levels = judge_levels(scene, traj, reference, bounds, held, maxima, adapters.eps(run.engine),
+                          runs[0] if runs else None)
     return _Main(_measured(run, scene, traj, reference, found, held, maxima),
                  [Finding("run", "ok", None, None, "", ENDED), *findings, *levels,
                   *judge_continuity(scene, traj, reference), _orthogonality(run.engine, traj, maxima)],
@@ -158,7 +194,8 @@ def _without_truth(run: Run, cell: Cell, scene: Scene, traj: Trajectory | NoRun,
         maxima = traj.maxima
         main = _Main(_measured(run, scene, traj, None, {}, held, maxima),
                      [Finding("run", "ok", None, None, "", ENDED), judge_without_truth(scene, traj),
-                      *judge_levels(scene, traj, None, None, held, maxima), _orthogonality(run.engine, traj, maxima)])
+                      *judge_levels(scene, traj, None, None, held, maxima, adapters.eps(run.engine)),
+                      _orthogonality(run.engine, traj, maxima)])
     judged = settle(main.run, override(main.findings, cell.overrides), adapters.turning, main.message)
     if judged.outcome != "pass":
         return judged
@@ -166,7 +203,7 @@ def _without_truth(run: Run, cell: Cell, scene: Scene, traj: Trajectory | NoRun,
 
 
 def _orthogonality(engine: str, traj: Trajectory, maxima: Mapping[str, float]) -> Finding:
-    tol = tolerances.orthogonality(adapters.on_group(engine), traj.steps)
+    tol = tolerances.orthogonality(adapters.on_group(engine), traj.steps, adapters.eps(engine))
     drift = _most(traj.orthogonality, maxima.get("orthogonality"))
     return Finding("orthogonality", "ok" if drift <= tol.value else "fail", drift, tol.value, "1", tol.why,
                    "every step")

@@ -164,7 +164,8 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
     scenes = []
     for scene in truths:
         own = [record for record in records if record.scene == scene.name]
-        told = {"recommended": trust.recommend(scene, own), "trust": trust.sentence(scene, own)}
+        told = {"recommended": trust.recommend(scene, own), "trust": trust.sentence(scene, own),
+                "engines": trust.by_engine(scene, own)}
         scenes.append(replace(scene, **told) if isinstance(scene, Scene) else extended(Scene, scene, **told))
     # JSON has no infinity, and no page shows one.
     shown = msgspec.convert(plain(records), list[Record], str_keys=True)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
+from crosscheck import adapters
 from crosscheck.document import QUANTITIES, Finding, Order, Rung
 from crosscheck.judge import tolerances
 from crosscheck.judge.metrics import errors
@@ -132,7 +133,9 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
         return ladder.study([Finding(f"order {quantity}", "unjudged", None, None, "1", f"documented order {order}",
                                      f"order not measured: {ladder.cut}") for quantity in QUANTITIES])
     scale = tolerances.scales(scene, reference)
-    plateaus = {quantity: tolerances.plateau(scene, reference, scale.of(quantity), order) for quantity in QUANTITIES}
+    eps = adapters.eps(cell.engine)
+    plateaus = {quantity: tolerances.plateau(scene, reference, scale.of(quantity), order, eps)
+                for quantity in QUANTITIES}
     findings, orders = judge_orders(order, ladder.rungs, plateaus)
     hopeless = [finding.value is not None and not finding.value <= HOPELESS * finding.bound
                 for finding in judged if finding.kind in QUANTITIES and finding.bound]
@@ -143,7 +146,7 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
         findings, orders = judge_orders(order, ladder.rungs, plateaus, len(sizes), final=True)
     findings = _tell_cut(ladder.cut, findings, orders)
     low = frozenset(each.kind.removeprefix("order ") for each in findings if each.status == "fail")
-    limits = judge_limit(scene, ladder.runs, reference, order, orders, low)
+    limits = judge_limit(scene, ladder.runs, reference, order, orders, low, eps)
     return ladder.study([*findings, *limits], orders)
 
 

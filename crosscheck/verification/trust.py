@@ -1,6 +1,7 @@
 """Which engine and method to trust on a scene, and why; from the records and nothing else.
 
-Only runs that passed are recommended, with the step, the error and the time of the run that was judged.
+Only runs that passed are recommended, with the step, the error, the time and the judged share of the run that was
+judged. Every engine has a row of its own, in the same words.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from crosscheck.document import EULER, Recommended, Record, SceneTruth
+from crosscheck.document import EngineTrust, Recommended, Record, SceneTruth
 
 TARGETS = (1e-6, 1e-3)
 """Errors over the scene's length that the recommendation asks for: the first that any passing run reaches."""
@@ -22,7 +23,7 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
 
     None where nothing can be recommended.
     """
-    passing = [record for record in records if record.outcome == "pass" and not record.practical
+    passing = [record for record in records if record.outcome in ("pass", "partly") and not record.practical
                and math.isfinite(judged_error(record))]
     if scene.scales is None or not passing:
         return None
@@ -40,8 +41,13 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
         why = f"the smallest error of those that pass, {_checks(best)} checks passed"
     if tied:
         why += ", times equal within noise"
+    share = 1.0
+    if best.outcome == "partly" and best.judged_until and best.duration:
+        share = best.judged_until / best.duration
+        why += f"; its motion was judged over part of the time, {100 * share:.2g} %"
     return Recommended(runs=[record.label for record in (best, *tied)], step=best.step, rtol=best.rtol,
-                       error=judged_error(best), until=best.judged_until, seconds=best.seconds_per_second, why=why)
+                       error=judged_error(best), until=best.judged_until, share=share,
+                       seconds=best.seconds_per_second, why=why)
 
 
 def judged_error(record: Record) -> float:
@@ -73,29 +79,31 @@ def sentence(scene: SceneTruth, records: Sequence[Record]) -> str:
     found = recommend(scene, records)
     if found is None:
         return "No recommendation: no run of this scene passed every check." + _not_trusted(records)
+    return f"Trust {_said(found)}." + _not_trusted(records)
+
+
+def by_engine(scene: SceneTruth, records: Sequence[Record]) -> list[EngineTrust]:
+    """What to trust of each engine, from the runs that were made; in the order in which they were."""
+    rows = []
+    for engine in dict.fromkeys(record.engine for record in records):
+        own = [record for record in records if record.engine == engine]
+        found = None if scene.failure or scene.no_truth else recommend(scene, own)
+        passing = sum(record.outcome in ("pass", "partly") for record in own)
+        text = (f"{engine}: {f'trust {_said(found)}' if found else 'no run can be recommended'}; "
+                f"{passing} of {len(own)} runs pass." + _not_trusted(own))
+        rows.append(EngineTrust(engine=engine, runs=len(own), passing=passing, recommended=found, text=text))
+    return rows
+
+
+def _said(found: Recommended) -> str:
     size = f"step {found.step:.2g} s" if found.step else f"rtol {found.rtol:.0e}"
     time = "" if found.seconds is None else f", {1e3 * found.seconds:.2g} ms per simulated second"
     part = "" if found.until is None else f", judged up to {found.until:g} s"
-    text = (f"Trust {' or '.join(found.runs)}: {found.why} (position error {found.error:.1e} m at {size}"
-            f"{part}{time})")
-    return text + _among_euler(found.runs, records) + "." + _not_trusted(records)
+    return f"{' or '.join(found.runs)}: {found.why} (position error {found.error:.1e} m at {size}{part}{time})"
 
 
 def _checks(record: Record) -> int:
     return sum(finding.status == "ok" for finding in record.findings)
-
-
-def _among_euler(best: Sequence[str], records: Sequence[Record]) -> str:
-    """Which of the eight Euler methods to take, when the recommendation is not one of them."""
-    euler = [record for record in records if record.outcome == "pass" and not record.practical
-             and record.engine == "lieeuler" and record.method in EULER]
-    if not euler or any(record.label in best for record in euler):
-        return ""
-    def held(record: Record) -> int:
-        return sum(level.held for level in record.levels.values())
-    chosen = min(euler, key=lambda each: (-held(each), each.errors["position"].max or 0.0))
-    return (f"; among the eight Lie group Euler methods {chosen.method}, which holds {held(chosen)} of 3 constraint "
-            f"levels at rounding level with the smallest error of those that do")
 
 
 def _not_trusted(records: Sequence[Record]) -> str:

@@ -12,7 +12,7 @@ from crosscheck.judge import known
 from crosscheck.judge.known import Known
 from crosscheck.judge.metrics import Plateau
 from crosscheck.judge.plan import halved
-from crosscheck.judge.verdict import judge_orders, worst
+from crosscheck.judge.verdict import judge_orders, word, worst
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell, Timing
 from crosscheck.verification.timing import MAIN_STEPS, time_cells
@@ -48,7 +48,7 @@ def test_an_honest_engine_passes(verdict):
 
 def test_a_lower_order_than_documented_fails_and_a_higher_one_does_not(verdict):
     assert "order velocity" in kinds(verdict(claimed_order=2, real_order=1, size=1e-3), "fail")
-    assert verdict(claimed_order=1, real_order=2).outcome == "pass"
+    assert verdict(claimed_order=1, real_order=2).outcome == "partly"  # its bounds reach over the window only
 
 
 def test_a_low_order_is_looked_for_at_finer_steps(verdict):
@@ -189,7 +189,7 @@ def test_a_practical_step_is_judged_by_energy_and_held_levels(monkeypatch):
 
     # Errors of 0.02 m/s after 10 s hardly change the energy; 20 m/s are more than any fall from top to bottom gives.
     mild, wild = judge(0.1), judge(100.0)
-    assert mild.outcome == "pass"
+    assert (mild.outcome, word(mild)) == ("partly", "stable")
     assert "position" in kinds(mild, "unjudged")
     assert "energy" in kinds(wild, "fail")
     assert mild.step == 0.02
@@ -201,7 +201,7 @@ def entry(*found):
 
 def test_a_known_defect_passes_with_its_reason(verdict, monkeypatch):
     monkeypatch.setattr(known, "KNOWN", (entry("order position", "order attitude", "order velocity",
-                                               "order angular velocity"),))
+                                               "order angular velocity", "order intervals"),))
     record = verdict(claimed_order=2, real_order=1, size=1e-3)
     assert record.outcome == "known"
     assert worst(record.findings).detail == "its documentation says so"

@@ -317,7 +317,7 @@ window.Figures = (function () {
   function groups(runs) {
     const fine = (run) => !run.practical;
     const best = {};
-    runs.filter((run) => fine(run) && ["pass", "known", "unjudged"].includes(run.outcome)).forEach((run) => {
+    runs.filter((run) => fine(run) && ["pass", "partly", "known", "unjudged"].includes(run.outcome)).forEach((run) => {
       const error = run.errors.position?.max ?? Infinity;
       if (!best[run.engine] || error < (best[run.engine].errors.position?.max ?? Infinity)) best[run.engine] = run;
     });

@@ -1,0 +1,33 @@
+"""What a run claims about its own accuracy: all that bounds know of the engine that made it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from crosscheck.errors import ArgumentError
+
+
+@dataclasses.dataclass(frozen=True)
+class Claim:
+    """A documented order and the step used, or the tolerance of an adaptive method."""
+
+    order: int | None  # None for adaptive methods
+    step: float | None  # s
+    rtol: float | None
+    eps: float = 2.0**-52  # spacing of the engine's numbers
+    steps: float = 0.0  # in a sample interval
+    newton: float = 0.0  # tolerance at which the engine's own iteration ends, absolute and relative
+
+    def __post_init__(self) -> None:
+        if self.rtol is None and (self.order is None or self.step is None):
+            raise ArgumentError("a run is judged by its step and documented order, or by its rtol: give one of them")
+
+    @property
+    def fixed(self) -> tuple[int, float] | None:
+        """Order and step (s); None for an adaptive method."""
+        return None if self.order is None or self.step is None else (self.order, self.step)
+
+    @property
+    def said(self) -> str:
+        """In words."""
+        return f"order {self.order}, h = {self.step:.3g} s" if self.fixed else f"rtol = {self.rtol:.1e}"

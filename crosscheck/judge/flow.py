@@ -1,0 +1,144 @@
+"""The true motion over every sample interval of a run, each from the run's own state at its beginning.
+
+The index-1 equations are integrated over all intervals at once. Their solution also tells how large its derivatives are
+there, and with them what a method of an order may miss: far less in a calm part of the run than at its wildest.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from crosscheck.document import Scales
+from crosscheck.references.base import Reference
+from crosscheck.references.rates import fastest
+from crosscheck.scene import mechanics
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+
+TURN = 0.1
+"""rad that the fastest motion makes in one step of the integration, which is of order 8: an error below 1e-12."""
+
+UNKNOWN = 2.0
+"""Past the horizon another motion of the same energy is judged, whose rates may be so many times those of truth."""
+
+State = list[np.ndarray]
+"""x, R, v, w of all intervals."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Flow:
+    """The flow over each of I sample intervals."""
+
+    index: np.ndarray  # (I,) which intervals of the run
+    tau: np.ndarray  # (I,) s, their lengths
+    begin: States  # the run's own
+    end: States
+    rate: np.ndarray  # (I,) 1/s, at which errors may grow
+    sizes: np.ndarray  # (K, I) largest k-th derivative of y = (x / L, R) in the interval and around it, 1/s^k
+    jerks: np.ndarray  # (K, I) the same of the accelerations (a / L, alpha), 1/s^(k + 2)
+
+    @property
+    def growth(self) -> np.ndarray:
+        """(I,) of an error within the interval."""
+        return np.asarray(np.exp(np.minimum(self.rate * self.tau, 50.0)))
+
+
+def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, index: np.ndarray) -> Flow:
+    """The flow over the intervals `index` of a run, with derivatives up to `degree`.
+
+    Raises `numpy.linalg.LinAlgError` where the equations have no solution.
+    """
+    t = traj.t[index]
+    tau = traj.t[index + 1] - t
+    spring = fastest(scene)
+    count = max(math.ceil(min(3.0, max(scale.rate, spring) * float(tau.max())) / TURN), degree - 1, 2)
+    begin = States(t, *(np.array(part[index]) for part in (traj.x, traj.R, traj.v, traj.w)))
+    end, nodes, fast = _integrate(scene, begin, tau, count)
+    # Derivatives are taken in and around the interval, as far as the motion needs to turn by a radian.
+    around = 2 * math.ceil(1.0 / (scale.rate * float(tau.mean()))) + 1 if len(index) > 1 else 1
+    a, R, alpha = (np.array(part).reshape(count + 1, len(tau), scene.n, -1) for part in zip(*nodes, strict=True))
+    with np.errstate(invalid="ignore", over="ignore"):
+        found = [_around(_derivatives(parts, tau, degree - 1), around) for parts in (
+            (a / scale.length, R / math.sqrt(2.0)), (a / scale.length, alpha))]
+    sizes = np.concatenate([np.zeros((2, len(index))), found[0]])
+    later = np.where(t + tau > truth.horizon * (1 + 1e-12), UNKNOWN, 1.0)
+    for k in range(2, min(len(sizes), len(truth.position_derivatives))):
+        most = max(truth.position_derivatives[k] / scale.length, truth.attitude_derivatives[k] / math.sqrt(2.0))
+        sizes[k] = np.fmin(sizes[k], later**k * most)
+    fall = math.sqrt(float(np.linalg.norm(scene.gravity)) / scale.length)
+    rate = np.maximum(_around(fast, around), max(fall, spring))
+    return Flow(index, tau, begin, end, rate, sizes, found[1])
+
+
+def _around(values: np.ndarray, count: int) -> np.ndarray:
+    from scipy.ndimage import maximum_filter1d
+
+    return np.asarray(maximum_filter1d(values, min(count, 2 * values.shape[-1] - 1), axis=-1, mode="nearest"))
+
+
+def _integrate(scene: Scene, begin: States, tau: np.ndarray, count: int
+               ) -> tuple[States, list[tuple[np.ndarray, np.ndarray, np.ndarray]], np.ndarray]:
+    """The states at the ends; a, R'' and alpha at the ends of all steps; the largest angular speed, (I,).
+
+    Dormand and Prince's method of order 8 in `count` steps; attitudes as matrices, whose rows it leaves orthogonal as
+    far as it is exact. Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, II.5.
+    """
+    from scipy.integrate import DOP853
+
+    A, B, C, stages = DOP853.A, DOP853.B, DOP853.C, DOP853.n_stages
+    h = tau / count
+    state: State = [begin.x, begin.R, begin.v, begin.w]
+    nodes, fast = [], np.zeros(len(tau))
+
+    def shifted(weights: np.ndarray, rates: list[State]) -> State:
+        moved = []
+        for part, of_part in zip(state, zip(*rates, strict=True), strict=True):
+            total = np.tensordot(weights, np.array(of_part), 1)
+            moved.append(part + h.reshape((-1,) + (1,) * (part.ndim - 1)) * total)
+        return moved
+
+    def keep(rate: State) -> None:
+        spin = _hat(state[3])
+        nodes.append((rate[2], rate[1] @ spin + state[1] @ _hat(rate[3]), rate[3]))
+        np.maximum(fast, np.linalg.norm(state[3], axis=-1).max(axis=-1), out=fast)
+
+    for turn in range(count):
+        rates: list[State] = []
+        for stage in range(stages):
+            here = shifted(A[stage, :stage], rates) if stage else state
+            rates.append(_rates(scene, begin.t + (turn + C[stage]) * h, *here))
+        keep(rates[0])
+        state = shifted(B, rates)
+    keep(_rates(scene, begin.t + tau, *state))
+    return States(begin.t + tau, *state), nodes, fast
+
+
+def _hat(w: np.ndarray) -> np.ndarray:
+    found = np.zeros((*w.shape, 3))
+    found[..., 0, 1], found[..., 0, 2], found[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
+    return found - np.swapaxes(found, -1, -2)
+
+
+def _rates(scene: Scene, t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
+    a, alpha, _ = mechanics.index1(scene, x, R, v, w, mechanics.torsion_angles(scene, R, w, t), t)
+    return [v, R @ _hat(w), a, alpha]
+
+
+def _derivatives(parts: tuple[np.ndarray, ...], tau: np.ndarray, degrees: int) -> np.ndarray:
+    """(degrees, I) largest derivatives, from the values themselves on, of the polynomials through the nodes of `parts`,
+    (nodes, I, n, .)."""
+    count = len(parts[0])
+    s = np.linspace(-1.0, 1.0, count)
+    coefficients = np.linalg.inv(np.polynomial.legendre.legvander(s, count - 1))
+    found = np.zeros((degrees, len(tau)))
+    for k in range(degrees):
+        derived = np.polynomial.legendre.legder(np.eye(count), k)
+        matrix = np.polynomial.legendre.legvander(s, len(derived) - 1) @ derived @ coefficients
+        for part in parts:
+            size = np.linalg.norm(np.tensordot(matrix, part, 1), axis=-1).max(axis=(0, 2))
+            found[k] = np.maximum(found[k], size * (2.0 / tau) ** k)
+    return found

@@ -1,0 +1,140 @@
+"""Findings on a whole run: every sample interval, noise between them, and the start."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from crosscheck.document import QUANTITIES, Finding
+from crosscheck.judge.defects import DOUBT, Defects, turn
+from crosscheck.judge.metrics import PLATEAU
+from crosscheck.judge.tolerances import CONSTANTS
+from crosscheck.judge.vanishing import finest_first, limits, shares
+from crosscheck.scene.model import Scene
+
+STEEPEST = 3.0
+"""Largest exponent of the growth of an error within an interval for which its bound still says something."""
+
+DIFFERENCES = 8
+"""Of neighbouring intervals, by which noise stands out of a smooth error."""
+
+
+def judge_intervals(scene: Scene, traj: Any, runs: Sequence[Defects]) -> list[Finding]:
+    """One finding per quantity: the interval farthest beyond, or nearest to, its bound; at t = 0 against the start.
+
+    Bound of an interval tau: exp(W tau) tau h^p |y^(p+1)| there, and what leaving or closing constraints moves. Where
+    there are runs at other steps, their limit is judged as well, by the next term.
+    """
+    own = runs[0]
+    seen = own.flow.rate * own.flow.tau <= STEEPEST
+    if not seen.any():
+        return unjudged("the motion is too fast for the output times")
+    bounds = own.bounds
+    options = [("", {name: (np.linalg.norm(own.vectors[name], axis=-1).max(axis=1), bounds[name])
+                     for name in QUANTITIES})]
+    if len(runs) > 1:
+        options += [("extrapolated to vanishing steps, ", limits(runs[:count])) for count in range(2, len(runs) + 1)]
+    share = float(seen.sum() / (len(traj.t) - 1))
+    judged = "" if share == 1.0 else f"; {100 * share:.3g} % of the intervals"
+    start = _start(scene, traj, own)
+    findings = []
+    for name, unit in QUANTITIES.items():
+        candidates = [start[name]]
+        for word, found in options:
+            values, limit = (part[seen] for part in found[name])
+            values = np.where(np.isfinite(values), values, np.inf)
+            at = int(np.argmax(values / limit))
+            sample = own.flow.index[seen][at]
+            candidates.append((float(values[at]), float(limit[at]),
+                               f"{word}between t = {traj.t[sample]:.4g} and {traj.t[sample + 1]:.4g} s"))
+        value, bound, where = max(candidates, key=lambda found: found[0] / found[1])
+        findings.append(Finding(
+            f"interval {name}", "ok" if value <= bound else "fail", value, bound, unit,
+            f"the true motion from the run's own state over one sample interval of {own.flow.tau[0]:.3g} s: what "
+            f"{own.claim.said} may miss there, and what open constraints move{judged}", where))
+    return findings
+
+
+def unjudged(why: str) -> list[Finding]:
+    """Of every quantity, for one reason."""
+    return [Finding(f"interval {name}", "unjudged", None, None, unit, why) for name, unit in QUANTITIES.items()]
+
+
+def _start(scene: Scene, traj: Any, own: Defects) -> dict[str, tuple[float, float, str]]:
+    """How far the first output is from the scene's start, and what rounding and conversions leave of that."""
+    gaps = {"position": traj.x[0] - scene.x0, "attitude": turn(scene.R0, traj.R[0]),
+            "velocity": traj.v[0] - scene.v0, "angular velocity": traj.w[0] - scene.w0}
+    least, scale = 10 * DOUBT + 10 * own.claim.eps, own.scale
+    return {name: (float(np.linalg.norm(gap, axis=-1).max()), least * max(scale.of(name), scale.units[name]),
+                   "at t = 0, from the scene's start") for name, gap in gaps.items()}
+
+
+def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
+    """Whether the errors of neighbouring intervals belong together, as those of any method with a fixed step do.
+
+    The k-th difference of a smooth error is k derivatives of the motion, which fall with tau^k, and that of noise is
+    the root of (2k over k) times the noise. In half of the intervals it has to be no more; nothing is asked of codes
+    that choose their steps, whose errors are as rough as those.
+    """
+    own, count = runs[0], DIFFERENCES
+    if own.claim.fixed is None or len(own.flow.tau) < 3 * count or not np.isfinite(own.flow.sizes).all():
+        return []
+    sizes, top = own.flow.sizes, len(own.flow.sizes) - 1
+    # Derivatives grow by factors that stay, as those of waves, or rise with the degree, as those of a pole: between
+    # both, from the highest one that is known.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.nan_to_num(sizes[top] / sizes[top - 1])
+    smooth = math.sqrt(math.prod((top + 1 + k) / top for k in range(count))) * (ratio * own.flow.tau) ** count
+    root = math.sqrt(math.comb(2 * count, count))
+    bounds, found = own.bounds, []
+    for name, unit in QUANTITIES.items():
+        values = np.linalg.norm(np.diff(own.vectors[name], count, axis=0), axis=-1).max(axis=1) / root
+        whole = np.minimum(1.0, smooth) * (bounds[name] - own.floor[name]) / root + own.floor[name]
+        allowed = np.max(np.lib.stride_tricks.sliding_window_view(whole, count + 1), axis=1)
+        middle = int(np.argsort(values / allowed)[len(values) // 2])
+        found.append((float(values[middle]), float(allowed[middle]), name, unit))
+    value, bound, name, unit = max(found, key=lambda each: each[0] / each[1])
+    return [Finding("noise", "ok" if value <= bound else "fail", value, bound, unit,
+                    f"{count}-th differences of neighbouring intervals over {root:.3g}: those of a smooth error, and "
+                    "rounding", f"{name}, in half of the intervals")]
+
+
+WINDOWS = 3
+"""Equal parts of a run in which its order is looked at."""
+
+ALIKE = 0.1
+"""Runs whose states differ by a smaller share have the same leading term but for so much."""
+
+
+def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
+    """The order of what intervals miss in each third of the run, from the runs at its two finest steps.
+
+    The order study sees the first seconds. Here every interval restarts from the run's own state, so that a third is a
+    window of its own; it says something where the runs are close to each other and their defects above rounding.
+    """
+    if len(runs) < 2 or len(runs[0].flow.tau) < WINDOWS:
+        return []
+    fine, coarse = finest_first(runs)[:2]
+    order = fine.claim.order or 1
+    ratio = math.log((coarse.claim.step or 1.0) / (fine.claim.step or 1.0))
+    close = shares([fine, coarse], order)[1] < ALIKE
+    close[0] = False  # a start of its own follows no power of h
+    found = []
+    for part in np.array_split(np.arange(len(close)), WINDOWS):
+        part = part[close[part]]
+        for name in QUANTITIES if len(part) else ():
+            most = [float(np.linalg.norm(run.vectors[name][part], axis=-1).max()) for run in (coarse, fine)]
+            if most[1] > PLATEAU * float(max(run.floor[name][part].max() for run in (coarse, fine))):
+                begin, end = fine.flow.begin.t[part[0]], fine.flow.end.t[part[-1]]
+                found.append((math.log(most[0] / most[1]) / ratio,
+                              f"{name}, intervals from t = {begin:.4g} to {end:.4g} s"))
+    if not found:
+        return []
+    value, where = min(found)
+    bound = order - CONSTANTS["order_margin_coarse"]
+    why = (f"documented order {order}, of what intervals miss at two steps, in each third of the run, to the nearest "
+           "whole number")
+    return [Finding("order intervals", "ok" if value >= bound else "fail", value, bound, "1", why, where)]

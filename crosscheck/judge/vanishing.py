@@ -1,0 +1,95 @@
+"""Runs at a few steps, extrapolated to vanishing ones in every sample interval.
+
+The leading term of a method's error goes, and what another model does, or noise, stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from crosscheck.document import QUANTITIES
+from crosscheck.judge.defects import Defects, turn, with_slack
+from crosscheck.judge.flow import Flow
+
+Limit = dict[str, tuple[np.ndarray, np.ndarray]]
+"""By quantity the size (I,) of what is left and its bound."""
+
+
+def limits(runs: Sequence[Defects]) -> Limit:
+    """The defects of some runs extrapolated to vanishing steps.
+
+    Weights of sum one that cancel h^p, and with a third run h^(p+1), leave the next term. The runs are in states that
+    differ by a share of y, and p + 2 factors of the leading term by as much each; a third run cancels what is linear
+    in that as well.
+    """
+    runs = finest_first(runs)
+    fine, order, more = runs[0], runs[0].claim.order or 1, len(runs) - 1
+    weights, left = extrapolation(runs, order)
+    pose, rate = (left * part for part in fine.local(more))
+    gap = {level: left * fine.at_ends(values) for level, values in fine.allowed[more].items()}
+    for run, weight, share in zip(runs, weights, shares(runs, order), strict=True):
+        known = run.local()
+        pose, rate = pose + abs(weight) * share * known[0], rate + abs(weight) * share * known[1]
+        gap = {level: gap[level] + abs(weight) * np.maximum.accumulate(share) * run.at_ends(run.allowed[0][level])
+               for level in gap}
+    for level in gap:
+        rest = np.abs(sum(weight * run.opening[level] for weight, run in zip(weights, runs, strict=True)))
+        gap[level] = np.minimum(gap[level], fine.at_ends(rest))
+    bounds = with_slack(pose, rate, gap, fine.flow.tau, fine.scale)
+    usable = np.all([_within(run) for run in runs[1:]], axis=0)
+    usable &= fine.flow.index > 0  # what a start of its own does, as that of soft constraints, follows no power of h
+    found = {}
+    for name in QUANTITIES:
+        total = np.sum([weight * run.vectors[name] for weight, run in zip(weights, runs, strict=True)], axis=0)
+        floor = np.sum([abs(weight) * run.floor[name] for weight, run in zip(weights, runs, strict=True)], axis=0)
+        found[name] = np.linalg.norm(total, axis=-1).max(axis=1), np.where(usable, bounds[name] + floor, np.inf)
+    return found
+
+
+def _within(run: Defects) -> np.ndarray:
+    """(I,) where a run keeps its own bounds: beyond them a coarse step may be unstable, and has no terms to cancel."""
+    bounds = run.bounds
+    return np.asarray(np.all([np.linalg.norm(run.vectors[name], axis=-1).max(axis=1) <= bounds[name]
+                              for name in QUANTITIES], axis=0))
+
+
+def finest_first(runs: Sequence[Defects]) -> list[Defects]:
+    """By their steps."""
+    return sorted(runs, key=lambda run: run.claim.step or 0.0)
+
+
+def extrapolation(runs: Sequence[Defects], order: int) -> tuple[np.ndarray, float]:
+    """Weights of runs, the finest first, whose sum cancels the leading terms of their errors, and how many times that
+    of the finest run the term after them is left."""
+    h = np.array([run.claim.step or 1.0 for run in runs])
+    h /= h[0]
+    powers = np.array([0, *range(order, order + len(h) - 1)])
+    weights = np.linalg.solve(h[None] ** powers[:, None], np.eye(len(h))[0])
+    return weights, float(abs(weights @ h ** (order + len(h) - 1)))
+
+
+def shares(runs: Sequence[Defects], order: int) -> list[np.ndarray]:
+    """(I,) per run how much its leading term may differ, for its state, from what the weights cancel; at most 1."""
+    fine = runs[0].flow
+    apart = [_apart(fine, run.flow) for run in runs]
+    length, rate = runs[0].scale.length, fine.rate[:, None]
+
+    def size(parts: list[np.ndarray]) -> np.ndarray:
+        return np.asarray(np.max([np.linalg.norm(part, axis=-1) / unit for part, unit in
+                                  zip(parts, (length, 1.0, length * rate, rate), strict=True)], axis=(0, 2)))
+
+    first = [(order + 2) * size(parts) for parts in apart]
+    if len(runs) == 2:
+        return [np.minimum(1.0, share) for share in first]
+    h = [run.claim.step or 1.0 for run in runs]
+    ratio = (h[2] - h[0]) / (h[1] - h[0])
+    bent = (order + 2) * size([coarse - ratio * middle for middle, coarse in zip(*apart[1:], strict=True)])
+    return [np.minimum(1.0, share**2 + (bent if share.any() else 0.0)) for share in first]
+
+
+def _apart(one: Flow, other: Flow) -> list[np.ndarray]:
+    """x, attitude, v, w (I, n, 3) by which two runs differ where the intervals begin."""
+    return [other.begin.x - one.begin.x, turn(one.begin.R, other.begin.R), other.begin.v - one.begin.v,
+            other.begin.w - one.begin.w]

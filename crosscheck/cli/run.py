@@ -59,7 +59,7 @@ def run(
     if csv_file != "-":
         judged = _judged(str(scene), traj, engine, step, rtol, options)
         _print_run(traj.scene, traj, csv_file, step)
-        _print_verdict(judged)
+        _print_verdict(judged, traj)
         raise typer.Exit(int(judged is not None and judged.outcome not in PASSING))
 
 
@@ -82,7 +82,7 @@ def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: 
     return judge_run(asked, traj.scene, traj, adapter.held_levels(traj.scene, spec), **more)
 
 
-def _print_verdict(judged: Judged | None) -> None:
+def _print_verdict(judged: Judged | None, traj: Trajectory) -> None:
     from crosscheck.judge.verdict import word, worst
 
     if judged is None:
@@ -94,7 +94,8 @@ def _print_verdict(judged: Judged | None) -> None:
             f"; up to {judged.judged_until:g} s {error.judged:.1e} {error.unit}")
         typer.echo(f"{name} error against truth {error.max:.1e} {error.unit}{until}, {bound}")
     if judged.energy_error is not None:
-        typer.echo(f"energy error {judged.energy_error:.1e} of the largest kinetic energy, every step")
+        where = "less the work done, at the output times" if traj.scene.worked_on else "every step"
+        typer.echo(f"energy error {judged.energy_error:.1e} of the largest kinetic energy, {where}")
     first = worst(judged.findings)
     reason = judged.message or ("" if first is None or judged.outcome in ("pass", "partly") else
                                 f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "

@@ -287,7 +287,7 @@ class Measured(Run, frozen=True, kw_only=True):
     duration: float | None = None  # s, of the main run
     errors: dict[str, Errors] = {}  # by quantity
     levels: dict[str, Level] = {}
-    energy_error: float | None = None  # over the largest kinetic energy, every step
+    energy_error: float | None = None  # over the largest kinetic energy, every step; less work done, at the samples
     momentum_error: float | None = None  # kg m^2/s, samples
     orthogonality: float | None = None
     steps: int | None = None

@@ -311,6 +311,7 @@ class Constraints:
     m : number of rows.
     rows : the rows of each joint, by its name.
     dimensionless : (m,) true for the dot-1 rows.
+    drives : (row, function of time, whether it is an angle) of each prescribed coordinate.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -327,7 +328,7 @@ class Constraints:
                 starts.append(self.m)
                 self.m += basic.rows
             self.rows[joint.name] = slice(first, self.m)
-        self._drives = [(rows.stop - 1, joint.drive, joint.type == "revolute") for joint, rows in
+        self.drives = [(rows.stop - 1, joint.drive, joint.type == "revolute") for joint, rows in
                         zip(scene.joints, self.rows.values(), strict=True) if joint.drive is not None]
         self._basics: list[tuple[np.ndarray, Basic | Angle]] = [  # rows (K, rows of each)
             (np.array(starts)[:, None] + np.arange(alike[0].rows), _stacked(alike)) for alike, starts in kinds.values()]
@@ -344,7 +345,7 @@ class Constraints:
     def position(self, x: np.ndarray, R: np.ndarray, t: np.ndarray | float = 0.0) -> np.ndarray:
         """Phi at times t, (T, m)."""
         values = self._driven(self._evaluated("value", x, R), 0, t)
-        for row, _, turns in self._drives:
+        for row, _, turns in self.drives:
             if turns:
                 values[:, row] = np.remainder(values[:, row] + np.pi, 2 * np.pi) - np.pi
         return values
@@ -361,7 +362,7 @@ class Constraints:
 
     def _driven(self, values: np.ndarray, derivative: int, t: np.ndarray | float) -> np.ndarray:
         """Rows less the drives, or their derivatives."""
-        for row, drive, _ in self._drives:
+        for row, drive, _ in self.drives:
             values[:, row] -= drive(t, derivative)
         return values
 

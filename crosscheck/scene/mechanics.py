@@ -60,7 +60,7 @@ def energy(scene: Scene, states: Motion) -> np.ndarray:
 
 
 def power(scene: Scene, states: Motion) -> np.ndarray:
-    """dE/dt of `energy`, (T,) in W: of loads, of dampers, and of springs whose rest angle moves."""
+    """dE/dt of `energy`, (T,) in W: of loads, dampers, springs whose rest angle moves, and prescribed joints."""
     angles = torsion_angles(scene, states.R, states.w, states.t)
     total = np.zeros(len(states.t))
     u = np.concatenate([states.v, states.w], axis=-1)
@@ -81,15 +81,20 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
                     p["rest_angle"], states.t, 1)
         else:
             total += pushed(force)
+    rows = Constraints(scene)
+    if rows.drives:  # the reaction -G^T lam does the work -lam . G u
+        lam = index1(scene, states.x, states.R, states.v, states.w, angles, states.t)[2]
+        for row, drive, _ in rows.drives:
+            total -= lam[:, row] * drive(states.t, 1)
     return total
 
 
 def work(scene: Scene, states: Motion) -> np.ndarray:
-    """What loads, dampers and moving rest angles have done since the first time, (T,) in J: the integral of `power`.
+    """What loads, dampers and drives have done since the first time, (T,) in J: the integral of `power`.
 
     Exact to the order four of the spline through the power at the times given, and no better.
     """
-    if not scene.forces or len(states.t) < 2:
+    if not scene.worked_on or len(states.t) < 2:
         return np.zeros(len(states.t))
     from scipy.interpolate import CubicSpline
 

@@ -215,6 +215,12 @@ class Scene:
         return (*(function for force in self.forces for function in force.functions),
                 *(joint.drive for joint in self.joints if joint.drive is not None))
 
+    @property
+    def worked_on(self) -> bool:
+        """Whether loads, dampers or what depends on time may do work, so that the energy is not that of the start."""
+        return self.timed or any(not force.type.endswith("spring") or force.parameters["damping"] > 0
+                                 for force in self.forces)
+
     def delayed(self, by: float) -> Scene:
         """The scene with its functions of time so many seconds later."""
         if not self.timed:

@@ -213,6 +213,18 @@ def _most(series: np.ndarray, every_step: float | None) -> float:
     return max(float(series.max()), every_step or 0.0)
 
 
+def _energy_error(scene: Scene, traj: Trajectory, reference: Reference | None, size: float,
+                  maxima: Mapping[str, float]) -> float:
+    """The largest |E(t) - E(0) - work| over `size`: over every step where nothing does work, else at the samples, the
+    work that of the true motion where there is truth."""
+    from crosscheck.scene import mechanics
+
+    if not scene.worked_on:
+        return max(float(np.abs(traj.energy - traj.energy[0]).max() / size), maxima.get("energy_error", 0.0))
+    expected = traj.energy[0] + traj.work if reference is None else mechanics.energy(scene, reference.states)
+    return float(np.abs(traj.energy - expected).max() / size)
+
+
 def _measured(run: Run, scene: Scene, traj: Trajectory, reference: Reference | None, found: Mapping[str, Error],
               held: frozenset[str], maxima: Mapping[str, float]) -> Measured:
     """The figures of a run."""
@@ -230,7 +242,7 @@ def _measured(run: Run, scene: Scene, traj: Trajectory, reference: Reference | N
     return extended(
         Measured, replace(run, form=traj.form or run.form), status=traj.status, duration=scene.duration,
         errors={name: error.figures for name, error in found.items()}, levels=levels,
-        energy_error=max(float(np.abs(traj.energy - traj.energy[0]).max() / size), maxima.get("energy_error", 0.0)),
+        energy_error=_energy_error(scene, traj, reference, size, maxima),
         momentum_error=momentum, orthogonality=_most(traj.orthogonality, maxima.get("orthogonality")),
         steps=int(traj.steps), wall_time=float(traj.wall_time), us_per_step=1e6 * traj.wall_time / max(1, traj.steps),
         seconds_per_second=traj.wall_time / scene.duration, curves=run_curves(scene, traj, found, reference))

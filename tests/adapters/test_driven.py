@@ -1,11 +1,14 @@
 """Engines on scenes that depend on time: their documented orders, and reasons where they cannot."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import crosscheck
 from crosscheck import adapters, references
 from crosscheck.adapters.base import RunSpec
+from crosscheck.document import Run
 
 CASES = [("mujoco", "RK4", 1e-2), ("mujoco", "implicitfast", 2e-3), ("pinocchio", "RKMK4", 1e-2),
          ("pinocchio", "SymplecticEuler", 2e-3), ("exudyn", "GeneralizedAlpha", 1e-2), ("exudyn", "RK44", 1e-2)]
@@ -50,3 +53,32 @@ def test_prescribed_joints_are_refused_by_name(engine):
 def test_a_moving_rest_angle_is_refused_by_exudyn():
     with pytest.raises(crosscheck.Unsupported, match="rest angle that moves"):
         crosscheck.run("driven_cart", engine="exudyn", method="GeneralizedAlpha", step=1e-2)
+
+
+def judged(scene, traj, step):
+    """The verdict on a run of rattle4 that claims to be one of the scene."""
+    from crosscheck.verification.cell import judge_run
+
+    asked = Run(scene=scene.name, engine="lieeuler", version="", method="rattle4", form=None, step=step, rtol=None,
+                documented_order=4)
+    levels = frozenset({"position", "velocity", "acceleration"})
+    return judge_run(asked, scene, dataclasses.replace(traj, scene=scene), levels)
+
+
+def test_the_energy_error_of_a_driven_run_is_less_the_work_done():
+    """Of order h^4 for rattle4, where the energy itself changes by as much as the motors do: some joules."""
+    scene = crosscheck.load_scene("driven_double_pendulum")
+    found = [judged(scene, crosscheck.run(scene, engine="lieeuler", method="rattle4", step=h), h) for h in (1e-2, 5e-3)]
+    assert [each.outcome for each in found] == ["pass", "pass"]
+    assert np.log2(found[0].energy_error / found[1].energy_error) == pytest.approx(4.0, abs=0.3)
+
+
+@pytest.mark.parametrize("wrong", [lambda f: f.times(1.02), lambda f: f.times(-1.0), lambda f: f.delayed(2e-3)])
+def test_a_wrong_drive_does_not_pass(wrong):
+    """Two percent, the sign, two milliseconds: with bounds of order four at steps of 1 ms."""
+    scene = crosscheck.load_scene("driven_double_pendulum")
+    motor = scene.forces[0]
+    altered = dataclasses.replace(motor, parameters={"torque": wrong(motor.parameters["torque"])})
+    other = scene.replace(forces=(altered, *scene.forces[1:]))
+    traj = crosscheck.run(other, engine="lieeuler", method="rattle4", step=1e-3)
+    assert judged(scene, traj, 1e-3).outcome == "fail"

@@ -1,0 +1,93 @@
+"""`explain` on scenes that depend on time: a drive of wrong size, sign, unit, phase or delay, and one that is right."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import crosscheck
+from crosscheck import adapters
+from crosscheck.diagnosis import altered, fit, hypotheses, of_run, physics
+from crosscheck.references.maximal import Maximal
+from crosscheck.scene import mechanics
+from crosscheck.scene.file import load_scene
+
+MISTAKES = {
+    "amplitude of a drive": lambda f: f.times(1.1),
+    "sign of a drive": lambda f: f.times(-1.0),
+    "unit of a drive": lambda f: f.times(np.pi / 180),
+    "missing drive": lambda f: f.times(0.0),
+    "delay of a drive": lambda f: f.delayed(0.02),
+    "phase of a drive": lambda f: dataclasses.replace(f, terms=tuple((a, w, p + 0.2) for a, w, p in f.terms)),
+}
+
+
+def with_motor(scene, change):
+    """The scene with the function of its first force altered."""
+    motor = scene.forces[0]
+    parameters = {key: change(value) if value in motor.functions else value for key, value in motor.parameters.items()}
+    return scene.replace(forces=(dataclasses.replace(motor, parameters=parameters), *scene.forces[1:]))
+
+
+def at(scene, states):
+    """What `explain` sees of states."""
+    rates = np.concatenate([states.a, states.alpha], axis=2)
+    angles = mechanics.torsion_angles(scene, states.R, states.w, states.t)
+    return physics.Points(states.x, states.R, states.v, states.w, rates, np.zeros(len(states.t), dtype=int), angles,
+                          states.t)
+
+
+@pytest.mark.parametrize("name", ["driven_double_pendulum", "driven_cart", "driven_slider_crank"])
+def test_unaltered_accelerations_are_those_of_the_motion(name):
+    scene = load_scene(name).replace(duration=0.4, samples=5)
+    points = at(scene, Maximal(scene).run())
+    found = physics.Terms(scene, points, tuple(range(len(scene.forces)))).rates(physics.of_scene(scene))
+    assert np.abs(found - points.rates).max() < 1e-10 * np.abs(points.rates).max()
+
+
+def test_a_restart_goes_on_at_its_own_time():
+    scene = load_scene("driven_cart").replace(duration=0.8, samples=5)
+    states = Maximal(scene).run()
+    later = of_run.restarted(scene, states, 2, 0.4, 3)
+    np.testing.assert_allclose(Maximal(later).run().x, states.x[2:], rtol=0, atol=1e-11)
+    free = scene.replace(joints=scene.joints, forces=scene.forces, duration=0.4, samples=3)
+    predicted = altered.predict(free, physics.of_scene(free), free.R0, free.w0)
+    np.testing.assert_allclose(predicted.x, states.x[:3], rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_wrong_drive_is_told_by_its_accelerations(name):
+    scene = load_scene("driven_double_pendulum").replace(duration=0.8, samples=17)
+    wrong = with_motor(scene, MISTAKES[name])
+    points = at(wrong, Maximal(wrong).run())
+    points.rates += 1e-7 * np.random.default_rng(0).uniform(-1, 1, points.rates.shape)
+    terms = physics.Terms(scene, points, tuple(range(len(scene.forces))))
+    data = fit.Data([fit.Group(terms, np.full(len(points.x), 1e-7), np.ones(6))], physics.of_scene(scene))
+    context = hypotheses.Context(scene, (scene.R0[None],), physics.of_scene(scene))
+    families = ("drive", "drive delay", "drive phase", "load", "gravity")
+    found, _ = fit.search(data, data, [each for each in hypotheses.causes(context) if each.family in families])
+    assert [each.names for each in found] == [(name,)]
+
+
+class Wrong:
+    """lieeuler's methods on another scene than they are given."""
+
+    elements = ("joint_torque", "function")
+
+    def __init__(self, change):
+        self._change, self._engine = change, adapters.get("lieeuler")
+
+    def __getattr__(self, name):
+        return getattr(self._engine, name)
+
+    def run(self, scene, spec):
+        return self._engine.run(self._change(scene), spec)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [None, *MISTAKES])
+def test_explain_names_a_wrong_drive_and_nothing_where_there_is_none(name):
+    scene = load_scene("driven_double_pendulum")
+    engine = Wrong(lambda given: given if name is None else with_motor(given, MISTAKES[name]))
+    found = crosscheck.explain(scene, engine, method="rattle4")
+    assert [cause.name for cause in found.causes] == ([] if name is None else [name])

@@ -36,8 +36,11 @@ class TimeFunction(Frozen):
 
     def __post_init__(self) -> None:
         for name in ("pieces", "terms"):
-            rows = _rows(name, getattr(self, name))
-            object.__setattr__(self, name, rows)
+            rows = getattr(self, name)
+            try:
+                object.__setattr__(self, name, tuple(_numbers(name, row) for row in rows))
+            except TypeError:
+                raise ArgumentError(f"{name} must be a sequence of rows of numbers, not {rows!r}") from None
         object.__setattr__(self, "breaks", _numbers("breaks", self.breaks))
         if not self.breaks or len(self.breaks) != len(self.pieces) or not all(self.pieces):
             raise ArgumentError("every piece needs a break and at least one coefficient")
@@ -68,10 +71,3 @@ def _numbers(name: str, values: Any) -> tuple[float, ...]:
         return tuple(number(name, each) for each in values)
     except TypeError:
         raise ArgumentError(f"{name} must be a sequence of numbers, not {values!r}") from None
-
-
-def _rows(name: str, rows: Any) -> tuple[tuple[float, ...], ...]:
-    try:
-        return tuple(_numbers(name, row) for row in rows)
-    except TypeError:
-        raise ArgumentError(f"{name} must be a sequence of rows of numbers, not {rows!r}") from None

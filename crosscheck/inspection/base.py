@@ -29,7 +29,7 @@ ROUNDINGS = 10
 2e7 for joint angles of a chain of 64 bodies. Where that, times so many eps, is above TOLERANCE, it takes its place."""
 
 LOOSEST = 1e-8
-"""It never does beyond this: a wrong datum would hide."""
+"""The loosest such bound: beyond it a wrong datum could pass."""
 
 
 @dataclasses.dataclass

@@ -66,7 +66,7 @@ def _unique(constraints: Constraints, x: np.ndarray, R: np.ndarray) -> frozenset
     G = constraints.jacobian(x, R)[0]
     U, sigma, _ = np.linalg.svd(G)
     rank = int(np.count_nonzero(sigma > mechanics.RANK_TOLERANCE * sigma[0]))
-    free = U[:, rank:]  # multipliers that exert no force on any body all together
+    free = U[:, rank:]  # sets of multipliers that together exert no force on any body
     bent = {joint.name: G[constraints.rows[joint.name]][:, 6 * joint.child:6 * joint.child + 6].T
             @ free[constraints.rows[joint.name]] for joint in constraints.scene.joints}
     return frozenset(name for name, wrench in bent.items()

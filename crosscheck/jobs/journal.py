@@ -1,4 +1,4 @@
-"""The journal of a run under way: what ended is on the disk before anything else happens, and survives a kill.
+"""The journal of a run under way: each result is on the disk before the run goes on, and survives a kill.
 
 One JSON line a result, written and synced as the result comes in. A line that a kill cut short is the last one; it is
 dropped when the journal is opened again, and its task runs anew.

@@ -1,4 +1,4 @@
-"""A run beside its result: what a kill leaves of it is gone on with, by a run of the same identity only."""
+"""Resuming: a run of the same identity continues what a killed run has left beside its result."""
 
 from __future__ import annotations
 
@@ -76,6 +76,6 @@ def _opened(folder: Path, identity: str, types: Mapping[str, object]) -> Journal
 def _end(journal: Journal, folder: Path) -> None:
     journal.close()
     aside = folder.with_name(f"{folder.name}.{os.getpid()}")
-    with contextlib.suppress(OSError):  # the result is written; a folder that stays harms nobody
+    with contextlib.suppress(OSError):  # the result is written; a folder that stays does no harm
         folder.rename(aside)
         shutil.rmtree(aside)

@@ -64,7 +64,14 @@ def completed(draft: Draft) -> Scene:
         spin = max(1.0, float(np.linalg.norm(state.w, axis=1).max()))
         _check_level(constraints, rates, spin, "velocity", "angular_velocity")
     state = _close_velocities(constraints, state)
-    _check_axes(scene, state.R)
+    R = np.concatenate([state.R, np.eye(3)[None]])
+    for index, joint in enumerate(scene.joints):
+        # Opposite axes close the rows of a joint too, yet its angle then turns the other way for the child.
+        if JOINT_TYPES[joint.type].axes == "parallel" and (
+                (R[joint.parent] @ joint.parent_axis) @ (R[joint.child] @ joint.child_axis) < 0):
+            raise EntryError(f'joints[{index}] "{joint.name}": child_axis',
+                             "points opposite to parent_axis in the world", "reverse one of the two, or correct the "
+                             f'attitude of "{scene.bodies[joint.child].name}"')
     done = scene.replace(bodies=bodies_at(scene, state))
     if not draft.assemble:
         starts.check(draft, done)
@@ -172,19 +179,6 @@ def _check_level(constraints: Constraints, rows: np.ndarray, spin: float, linear
                      f"{unit}{per_second} (allowed {allowed:.3g})",
                      f"correct {linear} or {angular} of {' or '.join(names)}, or leave {linear} out and the joints "
                      f"determine it, or write assemble = true at the top and the state is corrected")
-
-
-def _check_axes(scene: Scene, attitudes: np.ndarray) -> None:
-    """Opposite axes close the rows of a joint too, yet its angle then turns the other way for the child."""
-    R = np.concatenate([attitudes, np.eye(3)[None]])
-    for index, joint in enumerate(scene.joints):
-        if JOINT_TYPES[joint.type].axes != "parallel":
-            continue
-        child = scene.bodies[joint.child].name
-        if (R[joint.parent] @ joint.parent_axis) @ (R[joint.child] @ joint.child_axis) < 0:
-            raise EntryError(f'joints[{index}] "{joint.name}": child_axis',
-                             "points opposite to parent_axis in the world",
-                             f'reverse one of the two, or correct the attitude of "{child}"')
 
 
 def _largest_gap(constraints: Constraints, rows: np.ndarray, L: float) -> tuple[int, float, str]:

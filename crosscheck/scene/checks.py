@@ -245,9 +245,8 @@ def _axial_joint(entry: str, types: Mapping[str, str], name: str, slides: bool) 
     if name not in types:
         raise EntryError(entry, f'no joint is named "{name}"',
                          f"{nearest(name, types)}write one of {listed(types) or '(the scene has no joints)'}")
-    fitting = [kind for kind, known in JOINT_TYPES.items() if known.has_angle]
-    if slides:
-        fitting = ["prismatic"]
+    fitting = [kind for kind, known in JOINT_TYPES.items()
+               if (known.coordinates == ("slide",) if slides else known.has_angle)]
     if types[name] not in fitting:
         raise EntryError(entry, f'"{name}" is a {types[name]} joint, it has no {"slide" if slides else "angle"}',
                          f"name a joint of type {listed(fitting)}")

@@ -1,8 +1,9 @@
 """What a joint may have besides its geometry: coordinates at the start, springs and dampers, armature, mimic.
 
-Springs and dampers of a joint become forces of the scene, so that whoever has these has the joint's too. About an axis
-it is a torsional spring. Along an axis it is a linear spring-damper whose far end lies on the axis, so far behind the
-parent's anchor that the child's anchor never passes it: its length is then that distance plus the slide, exactly.
+Springs and dampers of a joint become forces of the scene, so that an engine that models forces models them too. About
+an axis they are a torsional spring. Along an axis they are a linear spring-damper whose far end lies on the axis, so
+far behind the parent's anchor that the child's anchor never passes it: its length is then that distance plus the
+slide, exactly.
 """
 
 from __future__ import annotations

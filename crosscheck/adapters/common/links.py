@@ -20,7 +20,7 @@ from crosscheck.scene.spanning import spanning_tree
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 _ZERO = np.zeros(3)
 CUT_LAST = {"fixed": 1, "revolute": 2, "spherical": 3}
-"""Joints that engines close loops with most readily, the readiest last; the others stay in the tree if they can."""
+"""Joints that engines can close loops with, the most suitable last; the others stay in the tree if possible."""
 
 
 @dataclasses.dataclass(frozen=True)

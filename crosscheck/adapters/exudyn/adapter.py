@@ -190,7 +190,7 @@ def cardan_order(scene: Scene) -> str:
         return _ORDERS[scene.hash]
     order, build = PREFERRED_ORDER, functools.partial(models.maximal, scene)
     linear = Exudyn().linear_solver(scene, RunSpec("GeneralizedAlpha"), "maximal")
-    # A run too coarse for this scene teaches nothing; the run itself will show its clearance.
+    # Where this run is too coarse for the scene the preferred order stays; every run reports its clearance.
     with contextlib.suppress(EngineError):
         scout = solve(build, "GeneralizedAlpha", scene.duration, SCOUT_STEPS, 1, linear)
         states = scout.model.convert(scout.t, scout.data)

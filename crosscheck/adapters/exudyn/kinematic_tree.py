@@ -102,7 +102,17 @@ def kinematic_tree(scene: Scene, order: str) -> Model:
     chain = [expanded(link, order) for link in carried]
     container, system = new_system()
     joints, seats = _assembled(scene, chain)
-    q, v = _initial(scene, carried, order)
+    angles, rates = [np.zeros(0)], [np.zeros(0)]
+    for link in carried:
+        own, own_rates = tree.initial_coordinates(scene, link)
+        for part in link.parts:
+            angle, rate = own[:part.coordinates], own_rates[:part.dofs]
+            own, own_rates = own[part.coordinates:], own_rates[part.dofs:]
+            if part.kind == "ball":
+                angle, rate = cardan_coordinates(angle, rate, order)
+            angles.append(angle)
+            rates.append(rate)
+    q, v = np.concatenate(angles), np.concatenate(rates)
     node = system.AddNode(NodeGenericODE2(referenceCoordinates=[0.0] * len(q), initialCoordinates=q,
                                           initialCoordinates_t=v, numberOfODE2Coordinates=len(q)))
     vectors: Any = exudyn.Vector3DList  # Exudyn's stubs know these two only without arguments
@@ -151,21 +161,6 @@ def _assembled(scene: Scene, chain: list[Link]) -> tuple[_Tree, dict[int, _Seat]
         seats[link.body] = seat = _Seat(joint, at - turn @ link.child_anchor, turn)
         joints.load(joint, scene.masses[link.body], seat.at, turn @ scene.inertias[link.body] @ turn.T)
     return joints, seats
-
-
-def _initial(scene: Scene, carried: tuple[Link, ...], order: str) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and rates at t = 0, balls as Cardan angles."""
-    angles, rates = [np.zeros(0)], [np.zeros(0)]
-    for link in carried:
-        q, v = tree.initial_coordinates(scene, link)
-        for part in link.parts:
-            own, rate = q[:part.coordinates], v[:part.dofs]
-            q, v = q[part.coordinates:], v[part.dofs:]
-            if part.kind == "ball":
-                own, rate = cardan_coordinates(own, rate, order)
-            angles.append(own)
-            rates.append(rate)
-    return np.concatenate(angles), np.concatenate(rates)
 
 
 def cardan_coordinates(attitude: np.ndarray, w: np.ndarray, order: str) -> tuple[np.ndarray, np.ndarray]:

@@ -106,8 +106,7 @@ def load(name: str, known: Iterable[str]) -> Completed:
     """The engine that "module:Class" or "path/file.py:Class" names.
 
     Modules are also looked for in the current folder; `known` are the names of other engines, for the message. Raises
-    `ArgumentError` where there is no such engine, or it lacks
-    what an engine must have.
+    `ArgumentError` where there is no such engine, or where it lacks what an engine must have.
     """
     home, _, attribute = name.rpartition(":")
     if not home or not attribute:

@@ -97,7 +97,7 @@ class Versioned:
             self._worker = Worker(self._python)
         answer = self._worker.call(function, arguments)
         printed = self._worker.printed()
-        if printed and not isinstance(answer, Crash):  # heard as if it had been printed here
+        if printed and not isinstance(answer, Crash):  # shown as if it had been printed here
             sys.stderr.write(printed)
         if isinstance(answer, Crash):
             if isinstance(answer.error, ArgumentError | EngineError | SceneError | Unsupported | ImportError):
@@ -120,7 +120,7 @@ def split(name: str) -> tuple[str, str]:
 def folder(engine: str, version: str) -> Path:
     """Where the environment of this version is kept."""
     python = f"{platform.python_implementation().lower()}{sys.version_info[0]}.{sys.version_info[1]}"
-    needed = hashlib.sha256(" ".join(NEEDED).encode()).hexdigest()[:6]  # an environment made for less is not taken
+    needed = hashlib.sha256(" ".join(NEEDED).encode()).hexdigest()[:6]  # one made with other packages is not reused
     return cache_folder() / "engines" / f"{PACKAGES[engine]}-{version}-{python}-{needed}"
 
 
@@ -141,7 +141,7 @@ def environment(engine: str, version: str) -> str:
             try:
                 aside.rename(place)  # complete or not at all; an environment finds itself by where it is
             except OSError:
-                if not python.exists():  # nobody else was faster
+                if not python.exists():  # no other process has made it meanwhile
                     raise
     except OSError as error:
         raise EngineError(f"{engine}=={version}: its environment cannot be kept in {place.parent} "

@@ -114,7 +114,7 @@ def _evaluation(scene: Scene, model: Any) -> tuple[Callable[..., np.ndarray], st
 
     continuous = copy.copy(model)
     continuous.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    bench = mujoco.MjData(continuous)  # a second one, so that the run does not notice
+    bench = mujoco.MjData(continuous)  # a second one: the data of the run stay as they are
     bodies = np.array([model.body(str(k)).id for k in range(scene.n)])
     roots = model.body_rootid[bodies]
 
@@ -192,7 +192,7 @@ def _advance(model: Any, data: Any, warnings: list[str], timed: bool) -> steppin
             for sample in range(len(q)):
                 mujoco.mj_step(model, data, nstep=stride)
                 q[sample], v[sample] = data.qpos, data.qvel
-        if warnings:  # without autoreset the diverged state would come back as if nothing had happened
+        if warnings:  # autoreset is off: a diverged state would be returned like any other
             raise EngineError(f"MuJoCo warned: {warnings[0].strip()} Try a smaller step.")
         return q, v
 

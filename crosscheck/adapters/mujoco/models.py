@@ -29,7 +29,7 @@ INTEGRATORS = {
 }
 LAYOUT_INERTIA = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 PREFERENCE = {"fixed": 5, "revolute": 4, "universal": 3, "spherical": 2, "distance": -1}
-"""Joint types that equality constraints can hold as well (on points, frames and distances), the readiest last; all
+"""Joint types that equality constraints can hold as well (on points, frames and distances), the most suitable last; all
 others stay in the tree as long as that is possible. A distance has no joint coordinates."""
 
 SOLVER_TOLERANCE = 1e-12

@@ -170,7 +170,7 @@ class Closure:
 def closure(model: Model, data: Any, alpha: float, beta: float) -> Closure:
     """Constraints of what is cut with Baumgarte's G a + gamma + 2 alpha G u + beta^2 Phi = 0.
 
-    `data`, a workspace of the model, is written to: another one of a long chain would take gigabytes.
+    `data`, a workspace of the model, is overwritten: a second one takes gigabytes for a long chain.
     """
     import pinocchio
 

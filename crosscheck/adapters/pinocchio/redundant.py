@@ -1,7 +1,7 @@
 """Accelerations of a Pinocchio model with redundant constraints: constraint forces of least norm and of fixed rank.
 
 A mechanism with more constraints than it could bear moves because some of their rows depend on the others. As soon as
-positions have drifted they do not any more, and a solver that meets every row, as the proximal one of
+positions have drifted they no longer do, and a solver that satisfies every row, as the proximal one of
 `constraintDynamics` does with any mu, locks the mechanism: a parallelogram within half a second of 1 ms steps. Here as
 many directions of the constraints count as were independent at the start; the least of them are left out.
 """
@@ -30,7 +30,7 @@ def accelerations(model: Any, data: Any, closure: Closure, q: np.ndarray, v: np.
     from scipy.linalg import solve_triangular
 
     if not (np.isfinite(q).all() and np.isfinite(v).all()):
-        return np.full(len(v), np.nan)  # a diverged run is told with its time where steps are counted
+        return np.full(len(v), np.nan)  # the loop over steps reports the divergence with its time
     once = pin.ProximalSettings(0.0, DAMPING, 1)
     pin.constraintDynamics(model, data, q, v, torque, closure.models, closure.workspaces, once)
     sizes = [held.residualSize() for held in closure.models]

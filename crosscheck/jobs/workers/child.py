@@ -107,7 +107,7 @@ def main() -> None:
 
 
 def _end_with_parent(parent: int) -> None:
-    """Nobody reads an orphan's answer: a killed night leaves no run behind that takes the machine from the next."""
+    """End with the parent, for nobody reads an orphan's answer and it would slow down whatever runs next."""
     while os.getppid() == parent:
         time.sleep(GLANCE)
     _end_group()

@@ -91,7 +91,7 @@ def _label(m: Any, body: int) -> str:
 
 
 def _actuators(reading: Reading) -> None:
-    """Actuators that act at the control of the state; a motor without control does nothing and is left alone."""
+    """Actuators that act at the control of the state; a motor with zero control does nothing and is not counted."""
     import mujoco
 
     m, d = reading.model, reading.data

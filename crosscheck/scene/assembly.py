@@ -16,7 +16,7 @@ from crosscheck.scene.checks import Draft
 from crosscheck.scene.constraints import Constraints, cross
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import RANK_TOLERANCE
-from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.model import GROUND, Scene, quaternion_from_turn, quaternion_product
 from crosscheck.scene.schema import EntryError
 from crosscheck.scene.spanning import Branch, spanning_tree
 from crosscheck.scene.sparse import block_diagonal, least_norm
@@ -315,18 +315,9 @@ def _length_scale(scene: Scene, state: Configuration) -> float:
 
 def _moved(state: Configuration, steps: np.ndarray) -> Configuration:
     """The state after translations in the world and rotations in body axes, (..., n, 6)."""
-    angles = np.linalg.norm(steps[..., 3:], axis=-1, keepdims=True)
-    turns = np.concatenate([np.cos(angles / 2), 0.5 * np.sinc(angles / (2 * np.pi)) * steps[..., 3:]], axis=-1)
-    q = _product(state.q, turns)
+    q = quaternion_product(state.q, quaternion_from_turn(steps[..., 3:]))
     q /= np.linalg.norm(q, axis=-1, keepdims=True)
     return dataclasses.replace(state, x=state.x + steps[..., :3], q=q)
-
-
-def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Quaternion product, (..., 4)."""
-    scalar = p[..., :1] * q[..., :1] - np.sum(p[..., 1:] * q[..., 1:], axis=-1, keepdims=True)
-    vector = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + cross(p[..., 1:], q[..., 1:])
-    return np.concatenate([scalar, vector], axis=-1)
 
 
 def _right_tangents(theta: np.ndarray) -> np.ndarray:

@@ -49,6 +49,19 @@ def quaternion_from_rotation(R: np.ndarray) -> np.ndarray:
     return found
 
 
+def quaternion_from_turn(turn: np.ndarray) -> np.ndarray:
+    """Unit quaternions (..., 4) of rotation vectors (..., 3), rad."""
+    angles = np.linalg.norm(turn, axis=-1, keepdims=True)
+    return np.concatenate([np.cos(angles / 2), 0.5 * np.sinc(angles / (2 * np.pi)) * turn], axis=-1)
+
+
+def quaternion_product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Products of quaternions, (..., 4), w first: the rotation q, then p."""
+    scalar = p[..., :1] * q[..., :1] - np.sum(p[..., 1:] * q[..., 1:], axis=-1, keepdims=True)
+    vector = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + np.cross(p[..., 1:], q[..., 1:])
+    return np.concatenate([scalar, vector], axis=-1)
+
+
 @dataclasses.dataclass(frozen=True)
 class Mimic:
     """The coordinate of a joint follows that of another: ratio times it, plus offset (rad or m)."""

@@ -10,7 +10,14 @@ import numpy as np
 from crosscheck.errors import SceneError
 from crosscheck.scene.file import scene_from
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
+from crosscheck.scene.model import (
+    GROUND,
+    Joint,
+    Scene,
+    quaternion_from_turn,
+    quaternion_product,
+    rotation_from_quaternion,
+)
 from crosscheck.sweeps import paths
 from crosscheck.sweeps.plan import Origin, Perturbation, Plan, Value
 
@@ -113,15 +120,15 @@ def _moved(scene: Scene, drawn: dict[str, np.ndarray]) -> Scene | None:
             point = x[joint.child] + R[joint.child] @ joint.child_anchor
             for k in _beyond(scene, joint):
                 if shifts:
-                    x[k] = point + rotation_from_quaternion(_quaternion(turn)) @ (x[k] - point) + slide
-                    q[k] = _product(_quaternion(turn), q[k])
+                    x[k] = point + rotation_from_quaternion(quaternion_from_turn(turn)) @ (x[k] - point) + slide
+                    q[k] = quaternion_product(quaternion_from_turn(turn), q[k])
                     R[k] = rotation_from_quaternion(q[k])
                 else:
                     v[k] += np.cross(turn, x[k] - point) + slide
                     w[k] += R[k].T @ turn
     if "attitude" in drawn:
         for k, turn in enumerate(drawn["attitude"].reshape(-1, 3)):
-            q[k] = _product(q[k], _quaternion(turn))
+            q[k] = quaternion_product(q[k], quaternion_from_turn(turn))
     if "angular_velocity" in drawn:
         w = w + drawn["angular_velocity"].reshape(-1, 3)
     q /= np.linalg.norm(q, axis=1, keepdims=True)
@@ -161,13 +168,3 @@ def _beyond(scene: Scene, joint: Joint) -> list[int]:
                 found.add(end)
                 ready.append(end)
     return sorted(found)
-
-
-def _quaternion(turn: np.ndarray) -> np.ndarray:
-    """The unit quaternion of a rotation vector (rad)."""
-    angle = float(np.linalg.norm(turn))
-    return np.concatenate([[np.cos(angle / 2)], 0.5 * np.sinc(angle / (2 * np.pi)) * turn])
-
-
-def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    return np.concatenate([[p[0] * q[0] - p[1:] @ q[1:]], p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])])

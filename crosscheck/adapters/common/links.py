@@ -14,7 +14,7 @@ import numpy as np
 
 from crosscheck.scene.constraints import normal_references, slide_direction
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
+from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_product, rotation_from_quaternion
 from crosscheck.scene.spanning import spanning_tree
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
@@ -188,17 +188,12 @@ def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return found
 
 
-def multiply(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Quaternion product of p and q, (4,), w first."""
-    return np.concatenate([[p[0] * q[0] - p[1:] @ q[1:]], p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])])
-
-
 def relative_attitude(scene: Scene, parent: int, body: int) -> np.ndarray:
     """Initial attitude of `body` relative to `parent` as a quaternion w, x, y, z."""
     attitude = scene.bodies[body].attitude
     if parent == GROUND:
         return attitude
-    return multiply(scene.bodies[parent].attitude * CONJUGATE, attitude)
+    return quaternion_product(scene.bodies[parent].attitude * CONJUGATE, attitude)
 
 
 def relative_velocity(scene: Scene, parent: int, body: int) -> np.ndarray:

@@ -14,7 +14,6 @@ import numpy as np
 from crosscheck.adapters.common.links import (
     CONJUGATE,
     IDENTITY,
-    multiply,
     relative_attitude,
     relative_velocity,
     separation,
@@ -22,7 +21,7 @@ from crosscheck.adapters.common.links import (
 from crosscheck.adapters.common.links import Link as Link
 from crosscheck.adapters.common.links import links as links
 from crosscheck.adapters.common.links import obstacle as obstacle
-from crosscheck.scene.model import GROUND, Scene, rotation_from_quaternion
+from crosscheck.scene.model import GROUND, Scene, quaternion_from_turn, quaternion_product, rotation_from_quaternion
 from crosscheck.scene.states import States
 
 LEVELS = frozenset({"position", "velocity", "acceleration"})
@@ -59,7 +58,7 @@ def initial_coordinates(scene: Scene, link: Link) -> tuple[np.ndarray, np.ndarra
 
 def _coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarray:
     """Joint position from the relative attitude and the gap between the anchors, the parent's axes."""
-    turned = multiply(link.zero * CONJUGATE, attitude)
+    turned = quaternion_product(link.zero * CONJUGATE, attitude)
     kinds = [part.kind for part in link.parts]
     if kinds == ["turn", "turn"]:  # of a universal joint: exp(first) exp(second) = turned, the axes at right angles
         T, first, second = rotation_from_quaternion(turned), link.parts[0].axis, link.parts[1].axis
@@ -73,8 +72,8 @@ def _coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarra
                            np.arctan2(gap @ first, np.hypot(gap @ normal, gap @ along))])
         turned = IDENTITY
         for part, angle in zip(link.parts, angles, strict=False):
-            turned = multiply(turned, np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * part.axis]))
-        return np.concatenate([angles, multiply(turned * CONJUGATE, attitude)])
+            turned = quaternion_product(turned, quaternion_from_turn(angle * part.axis))
+        return np.concatenate([angles, quaternion_product(turned * CONJUGATE, attitude)])
     outer_slides = kinds[:1] == ["ball"]  # they lie in the axes the ball has turned to
     reach = rotation_from_quaternion(attitude if outer_slides else link.zero).T @ gap
     values: list[np.ndarray] = []

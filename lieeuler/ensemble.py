@@ -119,10 +119,9 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
         if each is not None:
             each.restore(plan.t, result["R"][k], result["w"][k])
     status = np.array([Status(name) for name in result["status"]], dtype=object)
-    last = [result[name][:, -1] for name in ("x", "R", "v", "w")]
     for k, member in enumerate(members):  # one of each, or one of all
         here = slice(k, k + 1) if len(members) > 1 else slice(None)
-        x_end, R_end, v_end, w_end = (array[here] for array in last)
+        x_end, R_end, v_end, w_end = (result[name][here, -1] for name in ("x", "R", "v", "w"))
         open_ = held.open_at(member, method, x_end, R_end, v_end, w_end, float(plan.t[-1]))
         status[here][open_ & (status[here] == Status.SUCCESS)] = Status.CONSTRAINTS_OPEN
     solution = EnsembleSolution(

@@ -7,13 +7,14 @@ DEPS   := $(VENV)/.dependencies
 JOBS   ?= auto
 KERNEL := $(wildcard lieeuler/_core/*/*)
 
-.PHONY: help setup verify smoke sample test sanitize coverage lint benchmark clean
+.PHONY: help setup verify smoke sample docs test sanitize coverage lint benchmark clean
 
 help:
 	@echo "make verify     run every method and engine over the scenes, write reports/latest/index.html"
 	@echo "make test       run the tests"
 	@echo "make smoke      the main job in half a minute"
 	@echo "make sample     a small report of three scenes in reports/sample"
+	@echo "make docs       the documents and the API as a site in build/docs"
 	@echo "make sanitize   run the kernel's tests under AddressSanitizer and UndefinedBehaviorSanitizer"
 	@echo "make coverage   run the tests and print the coverage of Python and C++"
 	@echo "make lint       ruff, mypy, codespell, clang-format, the rule of imports"
@@ -46,6 +47,9 @@ smoke: setup
 	@$(VENV)/bin/crosscheck verify --profile smoke
 
 # Exit code 1, a verdict that fails, is a report too.
+docs: setup
+	@$(PY) -m sphinx -q -W --keep-going docs build/docs && echo "documents: build/docs/index.html"
+
 sample: setup
 	@$(VENV)/bin/crosscheck verify --profile smoke --scene single_pendulum --scene double_pendulum --scene heavy_top --out reports/sample || test $$? -eq 1
 

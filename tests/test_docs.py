@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -98,3 +100,16 @@ def test_equations_are_numbered_once_and_cited_ones_exist():
     assert cited
     assert {number for pair in cited for number in pair if number} <= set(numbers)
     assert "METHODS section" not in sources()
+
+
+def test_the_site_is_built_without_warnings_and_asks_no_network(tmp_path):
+    pytest.importorskip("sphinx")
+    done = subprocess.run([sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", ROOT / "docs", tmp_path],
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    for page in tmp_path.glob("*.html"):
+        text = page.read_text("utf-8")
+        assert not re.findall(r"<(?:script|link)[^>]+(?:src|href)=\"(?:https?:)?//[^\"]+", text), page.name
+    theory = (tmp_path / "theory.html").read_text("utf-8")
+    assert theory.count("<math") > 300
+    assert "(4.1)" in theory

@@ -1,4 +1,4 @@
-"""Print the requirements of the build, of every extra in `all`, and of development, one argument each for pip."""
+"""Print the requirements of build, of every extra in `all`, of `docs` and of development, one argument each for pip."""
 
 import re
 import tomllib
@@ -9,5 +9,5 @@ project = file["project"]
 extras = project["optional-dependencies"]
 chosen = re.search(r"\[(.*)\]", extras["all"][0])[1].split(",")
 requirements = [*file["build-system"]["requires"], "cmake", "ninja", *project["dependencies"],
-                *(each for extra in chosen for each in extras[extra]), *extras["dev"]]
+                *(each for extra in chosen for each in extras[extra]), *extras["docs"], *extras["dev"]]
 print(" ".join(requirements))

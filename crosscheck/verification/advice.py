@@ -35,7 +35,7 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) 
     engine : str
         As `crosscheck.run` takes it.
     error : float
-        m; the largest |component of x - truth| over all bodies and output times that is allowed.
+        m; the largest `|component of x - truth|` over all bodies and output times that is allowed.
 
     Raises
     ------

@@ -1,0 +1,79 @@
+"""How Sphinx makes the site of these documents: `make docs` writes it into build/docs."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from docutils.nodes import math, math_block
+    from sphinx.application import Sphinx
+    from sphinx.writers.html5 import HTML5Translator
+
+project = "lieeuler + crosscheck"
+author = project_copyright = "The lieeuler-crosscheck authors"
+release = importlib.metadata.version("lieeuler-crosscheck")
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+source_suffix = {".md": "markdown"}
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 4
+myst_fence_as_directive = ["math"]
+napoleon_google_docstring = False
+napoleon_use_ivar = True
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # the docstrings say types, with shapes and units
+html_math_renderer = "mathml"
+html_theme = "alabaster"
+html_theme_options = {"page_width": "1060px", "sidebar_width": "13rem"}
+html_show_sourcelink = False
+html_static_path = ["static"]
+
+DOCS = Path(__file__).parent
+ELSEWHERE = {"readme": "README.md", "changes": "CHANGELOG.md", "contributing": "CONTRIBUTING.md",
+             "written": "reports/README.md"}
+"""Pages whose text stands elsewhere in the repository."""
+
+LINK = re.compile(r"\]\(([^)#:\s]+)(#[^)\s]*)?\)")
+
+
+def take(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Give pages their text from elsewhere, and let links lead to pages of the site."""
+    home = DOCS.parent / ELSEWHERE.get(docname, "docs/any.md")
+    if docname in ELSEWHERE:
+        source[0] = home.read_text(encoding="utf-8")
+
+    def led(link: re.Match[str]) -> str:
+        target = os.path.normpath(home.parent / link[1])
+        page = next((f"{name}.md" for name, path in ELSEWHERE.items() if target == str(DOCS.parent / path)), None)
+        return f"]({page or os.path.relpath(target, DOCS)}{link[2] or ''})"
+
+    source[0] = LINK.sub(led, source[0])
+
+
+TAG = re.compile(r"\\tag\{([^}]*)\}")
+
+
+def formula(writer: HTML5Translator, node: math | math_block) -> None:
+    """A formula as MathML, which browsers draw by themselves, with its number beside it: pages need no network."""
+    from docutils.nodes import SkipNode
+    from docutils.utils.math.latex2mathml import tex2mathml
+
+    text, block = node.astext(), node.tagname == "math_block"
+    number = TAG.search(text)
+    text = re.sub(r"\\dots\b", r"\\ldots", TAG.sub("", text)).strip()
+    text = re.sub(r"\\(d?dot|hat) ?(\w)(?=[_^])", r"\\\1 \2{}", text)  # else the index would stand below
+    drawn = tex2mathml(text, as_block=block)
+    writer.body.append(f'<div class="formula">{drawn}<span>{f"({number[1]})" if number else ""}</span></div>'
+                       if block else drawn)
+    raise SkipNode
+
+
+def setup(app: Sphinx) -> None:
+    """Sphinx calls this."""
+    app.connect("source-read", take)
+    app.add_html_math_renderer("mathml", (formula, None), (formula, None))
+    app.add_css_file("site.css")

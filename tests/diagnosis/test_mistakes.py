@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from crosscheck.diagnosis import explain
-from tests.diagnosis.mistakes import MISTAKES, scene_of
+from tests.diagnosis.mistakes import MISTAKES, method_of, scene_of
 from tests.diagnosis.stepper import Stepper
 
 SEED = 41
@@ -20,7 +20,8 @@ def answered(key, name):
     """(score, sentence) of a mistake on a scene: "named", "unknown", "acquitted" or "wrong"."""
     index, mistake = next((k, each) for k, each in enumerate(MISTAKES) if each.key == key)
     scene = scene_of(name)
-    answer = explain(scene, mistake.build(np.random.default_rng([SEED, index]), scene), "RK4")
+    engine = mistake.build(np.random.default_rng([SEED, index]), scene)
+    answer = explain(scene, engine, method_of(engine))
     if answer.outcome != "named":
         return {"agrees": "acquitted"}.get(answer.outcome, answer.outcome), answer.sentence
     found = {option for cause in answer.names for option in cause.split(" or ")}

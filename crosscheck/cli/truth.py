@@ -17,10 +17,16 @@ def truth(
     keyframe: Keyframe = None,
 ) -> None:
     """The independent truth of a scene: where it comes from, how far to trust it, the end state."""
+    from crosscheck.references import Chaotic
     from crosscheck.references import truth as truth_of
 
     found = loaded(scene, drop, keyframe)
-    reference = truth_of(found)
+    try:
+        reference = truth_of(found)
+    except Chaotic as error:
+        typer.echo(f"{error}. What follows is the truth up to there.", err=True)
+        found = found.replace(duration=float(f"{error.horizon:.2e}") * 0.99, samples=min(found.samples, 51))
+        reference = truth_of(found)
     if csv_file is not None:
         write_csv(found, reference.states, csv_file)
     if csv_file == "-":

@@ -82,11 +82,13 @@ def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str |
              options: dict[str, Any]) -> Subject:
     from crosscheck import adapters
     from crosscheck.adapters.base import ENGINE_OPTIONS
+    from crosscheck.adapters.foreign.own import completed
     from crosscheck.diagnosis.observe import Subject
     from crosscheck.errors import unknown
     from crosscheck.running.methods import best_method
 
-    adapter = adapters.get(engine) if isinstance(engine, str) else _completed(engine)
+    adapter = adapters.get(engine) if isinstance(engine, str) else completed(
+        engine, type(engine).__name__, "not stated")
     chosen = best_method(adapter, scene) if method is None else method
     if chosen not in adapter.methods:
         raise ArgumentError(unknown(f"method of {adapter.name}", chosen, adapter.methods))
@@ -97,13 +99,6 @@ def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str |
             raise ArgumentError(f"{name}: {adapter.name} does not have this option; it has "
                                 f"{', '.join(sorted(allowed)) or 'none'}")
     return Subject(adapter, chosen, form, given)
-
-
-def _completed(engine: Any) -> Engine:
-    """An engine given as an object, with defaults for what it leaves out."""
-    from crosscheck.adapters.foreign.own import completed
-
-    return completed(engine, type(engine).__name__, "not stated")
 
 
 def _looked_through(subject: Subject, first: Observation, scene: Scene, step: float | None,
@@ -132,7 +127,7 @@ def _looked_through(subject: Subject, first: Observation, scene: Scene, step: fl
 
 def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explanation:
     """Compare the limit with truth, look for causes of what differs, and check the altered model afresh."""
-    from crosscheck.diagnosis import altered, fit, misreadings, observe, of_model, of_output, of_stepping
+    from crosscheck.diagnosis import altered, fit, misreadings, observe, of_model, of_output, of_stepping, shown
     from crosscheck.diagnosis.physics import of_scene
 
     scene, scale = first.scene, first.scale
@@ -163,13 +158,13 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
     if differs and not found.causes and not unexplained:
         unexplained.append("the motion differs, but neither its start nor its accelerations do")
     if differs and found.causes and not unexplained and not found.soft:
-        shown = found.reported.undo(first.states) if found.reported else first.states
-        after = np.abs(scale.flat(shown) - scale.flat(altered.predict(scene, physics, *start)))
+        meant = found.reported.undo(first.states) if found.reported else first.states
+        after = np.abs(scale.flat(meant) - scale.flat(altered.predict(scene, physics, *start)))
         if physics.absent is not None:
             after = np.delete(after, physics.absent, axis=1)
         answer.explained = float(after.max())
         # Magnitudes are fitted to accelerations, as sure as those are; over 1 / W that is a velocity.
-        unsure = fit.EXPLAINED * of_model.accelerations(first)[1]
+        unsure = fit.EXPLAINED * shown.accelerations(first)[1]
         if answer.explained > max(AGREES, 10 * fit.EXPLAINED * first.noise, unsure):
             unexplained.append(f"the altered model still differs by {answer.explained:.1e}")
     known = of_stepping.Known(physics, start, found.soft, found.reported.undo if found.reported else None,

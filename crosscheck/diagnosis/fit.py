@@ -122,14 +122,10 @@ class Data:
                     try:
                         z = self.residual(self._altered(causes, values))
                     except np.linalg.LinAlgError:  # a magnitude without sense on the way
-                        return self._far()
+                        return np.full(sum(group.terms.points.rates.size for group in self.groups), FAR)
                 return np.clip(np.where(np.isfinite(z), z, FAR), -FAR, FAR)
             theta = gauss_newton(residual, theta) if self.quick else _precise(residual, theta)
         return self._judged(causes, theta)
-
-    def _far(self) -> np.ndarray:
-        size = sum(group.terms.points.rates.size for group in self.groups)
-        return np.full(size, FAR)
 
     def _altered(self, causes: tuple[Cause, ...], theta: np.ndarray) -> Physics:
         physics, at = self.right, 0

@@ -132,7 +132,10 @@ def _inertias(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator
         return _changed(p, bodies, lambda J, k: J + t[0] * shifts[k])
 
     def rotated(p: Physics, t: np.ndarray) -> Physics:
-        return _changed(p, bodies, lambda J, k: _rotated(t, J))
+        from scipy.spatial.transform import Rotation
+
+        Q = Rotation.from_rotvec(t).as_matrix()
+        return _changed(p, bodies, lambda J, k: Q @ J @ Q.T)
 
     def angle(t: np.ndarray) -> str:
         if len(bodies) == 1:
@@ -168,14 +171,6 @@ def least_turn(theta: np.ndarray, J: np.ndarray) -> np.ndarray:
     halves = [np.zeros(3), *(np.pi * axis for axis in np.linalg.eigh(J)[1].T)]
     turns = [(Rotation.from_rotvec(theta) * Rotation.from_rotvec(half)).as_rotvec() for half in halves]
     return min(turns, key=lambda turn: float(np.linalg.norm(turn)))
-
-
-def _rotated(theta: np.ndarray, J: np.ndarray) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
-    Q = Rotation.from_rotvec(theta).as_matrix()
-    found: np.ndarray = Q @ J @ Q.T
-    return found
 
 
 def _changed(p: Physics, bodies: tuple[int, ...], change: Callable[[np.ndarray, int], np.ndarray]) -> Physics:

@@ -7,44 +7,20 @@ import itertools
 
 import numpy as np
 
-from crosscheck.diagnosis import fit, misreadings, of_output, variants
+from crosscheck.diagnosis import fit, misreadings, of_output, softness, variants
 from crosscheck.diagnosis.hypotheses import Context, causes
 from crosscheck.diagnosis.observe import REACH, Observation, Scale, Silent, Subject, observe, rates, window
-from crosscheck.diagnosis.physics import Physics, Points, Terms, of_scene
+from crosscheck.diagnosis.physics import Physics, Terms, of_scene
 from crosscheck.diagnosis.result import Evidence, NamedCause
-from crosscheck.scene import mechanics
-from crosscheck.scene.constraints import Constraints
+from crosscheck.diagnosis.shown import AMPLIFIED, FAITHFUL, Shown, data, points_of, undone
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
-
-FAITHFUL = 1e-8
-"""Of y and its derivative: a start or a velocity that is off by less is as the scene says; scene files keep 1e-8."""
 
 COPIES = 2
 """Further starts that are observed, for each joint structure."""
 
-LAWFUL = 0.95
-"""Part of constraint forces or accelerations that a linear law of the joints' opening has to reproduce."""
-
 ALTERNATIVES = 4
 """More explanations than these, none with fewer mistakes than the others, name nothing."""
-
-AMPLIFIED = 2.2
-"""Sum of the sizes of the nine-point difference's coefficients: what it makes of independent errors at most."""
-
-LEAST_NOISE = 1e-9
-"""Of normalised accelerations: differences of states at rounding over 0.05 rad leave some 1e-11."""
-
-
-@dataclasses.dataclass
-class Shown:
-    """One observed copy: states as they are meant, once misreports are undone, and their accelerations."""
-
-    observation: Observation
-    states: States
-    accelerations: np.ndarray  # (T - 8, n, 6), world and body axes
-    noise: float  # of normalised accelerations
-    forces: tuple[int, ...]  # which of the scene's forces it has
 
 
 @dataclasses.dataclass
@@ -85,10 +61,10 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
     if _told([each for each, _ in observations], result):
         return result
     report = _reports([each for each, _ in observations], result)
-    shown = [_shown(each, forces, report) for each, forces in observations]
+    shown = [undone(each, forces, report) for each, forces in observations]
     _frozen(shown, result)
     _starts(shown, result)
-    _softness(shown[0], result)
+    result.soft = softness.gives_way(shown[0], result.absent)
     _accelerations(shown, whole, result)
     return result
 
@@ -166,32 +142,13 @@ def _reports(observations: list[Observation], result: ModelFinding) -> misreadin
     return None
 
 
-def _shown(observation: Observation, forces: tuple[int, ...], report: misreadings.Report | None) -> Shown:
-    scale = observation.scale
-    states = observation.states if report is None else report.undo(observation.states)
-    if report is not None:
-        observation = dataclasses.replace(observation, y=scale.flat(states))
-    found, noise = accelerations(observation)
-    found[:, :, :3] *= scale.length * scale.rate
-    found[:, :, 3:] *= scale.rate
-    return Shown(observation, states, found, noise, forces)
-
-
-def accelerations(observation: Observation) -> tuple[np.ndarray, float]:
-    """Time derivatives of the velocities in y (1/s), (T - 8, n, 6), and their noise in units of 1 / W."""
-    interval = observation.scene.duration / (observation.scene.samples - 1)
-    found, error = rates(observation.y[:, :, 12:], interval)
-    noise = (error + AMPLIFIED * observation.noise / interval) / observation.scale.rate
-    return found, max(noise, LEAST_NOISE)
-
-
 def _frozen(shown: list[Shown], result: ModelFinding) -> None:
     """A body that is reported at rest in the same place whatever the scene says is not in the engine's model."""
     moves = np.max([np.abs(each.observation.y - each.observation.y[0]).max(axis=(0, 2)) for each in shown], axis=0)
     still = [int(k) for k in np.flatnonzero(moves <= FAITHFUL)]
     scene = shown[0].observation.scene
     physics = of_scene(scene)
-    expected = Terms(scene, _points([(0, shown[0])], 1)[0], shown[0].forces).rates(physics)
+    expected = Terms(scene, points_of([(0, shown[0])], 1)[0], shown[0].forces).rates(physics)
     moving = [k for k in still if scene.v0[k].any() or scene.w0[k].any() or np.abs(expected[:, k]).max() > FAITHFUL]
     if len(moving) == 1 and scene.n > 1 and all(joint.parent != moving[0] for joint in scene.joints):
         result.absent = moving[0]
@@ -241,22 +198,6 @@ def _starts(shown: list[Shown], result: ModelFinding) -> None:
                       for each in chosen]
 
 
-# --- joints that give way ---------------------------------------------------------------------------------------------
-
-
-def _softness(shown: Shown, result: ModelFinding) -> None:
-    """Whether joints are closed at the start and open in the limit of small steps: held by forces, not constraints."""
-    scene, scale, states = shown.observation.scene, shown.observation.scale, shown.states
-    constraints = Constraints(scene)
-    rows = constraints.rows_without(result.absent)
-    if not rows.size:
-        return
-    gaps = np.abs(constraints.position(states.x, states.R)[:, rows]) / scale.length
-    limit = FAITHFUL + fit.EXPLAINED * shown.observation.noise
-    opening = float(gaps.max())
-    result.soft = bool(gaps[0].max() <= limit < opening)
-
-
 # --- how it moves -----------------------------------------------------------------------------------------------------
 
 
@@ -268,8 +209,8 @@ def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> No
     given = np.array([each.observation.scene.R0 for each in shown])
     if np.abs(attitudes[0] - given).max() > FAITHFUL:  # an inertia may be converted before attitudes are misread
         attitudes.append(given)
-    full, thin = (_data(shown, right, result.soft, stride) for stride in (1, fit.THIN))
-    hard = full if not result.soft else _data(shown, right, False, 1)
+    full, thin = (data(shown, right, result.soft, stride) for stride in (1, fit.THIN))
+    hard = full if not result.soft else data(shown, right, False, 1)
     wrong = float(np.abs(hard.residual(right)).max())
     remaining = float(np.abs(full.residual(right)).max())
     quantity = "accelerations, largest difference over its noise"
@@ -279,18 +220,18 @@ def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> No
         return
     candidates = causes(Context(scene, tuple(attitudes), right))
     if result.soft:
-        found, _ = fit.search(hard, _data(shown, right, False, fit.THIN), candidates, pairing=False)
+        found, _ = fit.search(hard, data(shown, right, False, fit.THIN), candidates, pairing=False)
         result.tried += len(candidates)
         if found:
             result.soft = False
             result.evidence += [_evidence(each, wrong, quantity) for each in found]
             _name(found, full, result)
             return
-        if not _force_law(shown, result.absent):
+        if not softness.lawful(shown, result.absent):
             result.soft = False
             result.unexplained.append("joints open, but not as forces of their opening and its rate would let them")
             return
-        opening = _opening(shown[0], result.absent)
+        opening = softness.opening(shown[0], result.absent)
         result.evidence.append(Evidence("soft constraint", "constraint", wrong, remaining, quantity, opening,
                                         remaining <= fit.EXPLAINED, "with constraint forces of any law"))
         result.causes.append(NamedCause("soft constraint", opening, "tighten the joints, or use coordinates or "
@@ -308,50 +249,6 @@ def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> No
     if len(found[0].causes) > 1:
         result.evidence += [_evidence(each, remaining, quantity) for each in found]
     _name(found, full, result)
-
-
-def _force_law(shown: list[Shown], absent: int | None) -> bool:
-    """Whether what opens the joints follows a law of their opening: forces, or accelerations, that are linear in Phi
-    and G u, with constants of their own for every row."""
-    columns: list[list[np.ndarray]] = [[], [], [], []]
-    for each in shown:
-        scene, scale = each.observation.scene, each.observation.scale
-        constraints = Constraints(scene)
-        if constraints.m != Constraints(shown[0].observation.scene).m:
-            continue
-        inner = slice(REACH, len(each.states.t) - REACH)
-        x, R, v, w = (getattr(each.states, name)[inner] for name in ("x", "R", "v", "w"))
-        a, alpha = each.accelerations[:, :, :3], each.accelerations[:, :, 3:]
-        points, _ = _points([(0, each)], 1)
-        physics = of_scene(scene)
-        effort = Terms(scene, points, each.forces).forces(physics).reshape(len(x), -1)
-        mass = np.linalg.inv(mechanics.inverse_mass(scene))
-        G = constraints.jacobian(x, R)
-        left = effort - np.concatenate([a, alpha], axis=2).reshape(len(x), -1) @ mass
-        lam = np.array([np.linalg.lstsq(one.T, row, rcond=1e-9)[0] for one, row in zip(G, left, strict=True)])
-        rows = constraints.rows_without(absent)
-        for column, values in zip(columns, (constraints.position(x, R) / scale.length, constraints.velocity(
-                x, R, v, w) / (scale.length * scale.rate), lam, constraints.acceleration(x, R, v, w, a, alpha)),
-                strict=True):
-            column.append(values[:, rows])
-    gaps, speeds, lam, accelerations = (np.concatenate(column) for column in columns)
-    return max(_linear(gaps, speeds, lam), _linear(gaps, speeds, accelerations)) >= LAWFUL
-
-
-def _linear(gaps: np.ndarray, speeds: np.ndarray, answers: np.ndarray) -> float:
-    """Part of the answers (P, m) that is linear in gaps and speeds, row by row."""
-    left = 0.0
-    for row in range(answers.shape[1]):
-        design = np.column_stack([gaps[:, row], speeds[:, row]])
-        factors = np.linalg.lstsq(design, answers[:, row], rcond=None)[0]
-        left += float(np.sum((answers[:, row] - design @ factors) ** 2))
-    return 1.0 - left / max(float(np.sum(answers**2)), 1e-300)
-
-
-def _opening(shown: Shown, absent: int | None) -> str:
-    scene, states, constraints = shown.observation.scene, shown.states, Constraints(shown.observation.scene)
-    gaps = np.abs(constraints.position(states.x, states.R)[:, constraints.rows_without(absent)])
-    return f"joints open to {gaps.max():.3g} m within {scene.duration:.3g} s at vanishing steps"
 
 
 def _evidence(found: fit.Fit, before: float, quantity: str) -> Evidence:
@@ -390,37 +287,3 @@ def _magnitudes(found: fit.Fit) -> int:
         count += (1 if special and cause.free > 1 and cause.name(theta) == "gravity size" else 0 if special
                   else cause.free)
     return count
-
-
-def _data(shown: list[Shown], right: Physics, soft: bool, stride: int) -> fit.Data:
-    """Residuals of all copies, grouped by joint structure."""
-    groups = []
-    def structure(each: Shown) -> tuple[object, ...]:
-        return tuple(joint.type for joint in each.observation.scene.joints), each.forces
-
-    for one in dict.fromkeys(structure(each) for each in shown):
-        members = [(k, each) for k, each in enumerate(shown) if structure(each) == one]
-        scene, scale = members[0][1].observation.scene, members[0][1].observation.scale
-        points, noise = _points(members, stride)
-        units = np.repeat([scale.length * scale.rate**2, scale.rate**2], 3)
-        groups.append(fit.Group(Terms(scene, points, members[0][1].forces), noise, units))
-    return fit.Data(groups, right, soft, quick=stride > 1)
-
-
-def _points(members: list[tuple[int, Shown]], stride: int) -> tuple[Points, np.ndarray]:
-    pieces: dict[str, list[np.ndarray]] = {name: [] for name in ("t", "x", "R", "v", "w", "rates", "copy", "noise")}
-    angles: dict[str, list[np.ndarray]] = {}
-    for k, each in members:
-        inner = slice(REACH, len(each.states.t) - REACH, stride)
-        for name in ("t", "x", "R", "v", "w"):
-            pieces[name].append(getattr(each.states, name)[inner])
-        pieces["rates"].append(each.accelerations[::stride])
-        count = len(pieces["rates"][-1])
-        pieces["copy"].append(np.full(count, k))
-        pieces["noise"].append(np.full(count, each.noise))
-        found = mechanics.torsion_angles(each.observation.scene, each.states.R, each.states.w, each.states.t)
-        for joint, values in found.items():
-            angles.setdefault(joint, []).append(values[inner])
-    joined = {name: np.concatenate(parts) for name, parts in pieces.items()}
-    noise = joined.pop("noise")
-    return Points(**joined, angles={joint: np.concatenate(parts) for joint, parts in angles.items()}), noise

@@ -9,18 +9,19 @@ extended precision, says which of them is wrong.
 from __future__ import annotations
 
 import dataclasses
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from crosscheck.errors import Unsupported
-from crosscheck.references.base import Reference, TruthError
+from crosscheck.references.base import Chaotic, Reference, TruthError
 from crosscheck.scene.model import Scene
 
 if TYPE_CHECKING:
     from crosscheck.references.agreement import Agreement, Solved
 
-__all__ = ["Reference", "TruthError", "truth"]
+__all__ = ["Chaotic", "Reference", "TruthError", "truth"]
 
 FLOOR = 1e-12  # relative; what two formulations reach on a well-conditioned scene
 ROUNDOFF = 1e-14  # perturbation that the rounding of a whole run amounts to, before the scene amplifies it
@@ -33,7 +34,8 @@ def truth(scene: Scene) -> Reference:
     ------
     TruthError
         The formulations differ so much that no usable digits are left, or one of them ends early, as it does at a
-        position where a loop that is no parallelogram loses rank.
+        position where a loop that is no parallelogram loses rank. `Chaotic`, with the `horizon` up to which there is
+        truth, where that lies before the first output time.
     """
     from crosscheck.references import cache
 
@@ -110,7 +112,11 @@ def _without_series(scene: Scene, found: Agreement, series: Solved, compared: in
 def _compared(scene: Scene, horizon: float) -> int:
     """Number of output times up to the horizon: past it no two integrations agree, so those are not compared."""
     count = int(np.count_nonzero(scene.t <= horizon * (1 + 1e-12)))  # the ends of both grids agree up to rounding
+    if count < 2 and horizon > 0.0:
+        raise Chaotic(f"{scene.name!r}: its truth ends at {horizon:.3g} s, where a perturbation of 1e-15 has grown to "
+                      f"1e-10, and the first output time is {scene.t[1]:.3g} s; ask for a shorter duration or more "
+                      f"samples: {ceil(scene.duration / horizon) + 1} over {scene.duration:g} s, or a duration of "
+                      f"{horizon:.2g} s", horizon)
     if count < 2:
-        raise TruthError(f"{scene.name!r}: a perturbation of 1e-15 grows to 1e-10 soon after {horizon:.3g} s, before "
-                         "the first output time; ask for a shorter duration or more samples")
+        raise TruthError(f"{scene.name!r}: perturbations of 1e-15 are 1e-10 at the start: it has no truth")
     return count

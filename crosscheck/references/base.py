@@ -45,3 +45,11 @@ class Reference:
 
 class TruthError(CrosscheckError):
     """A scene has no truth: its formulations disagree beyond use, or one of them does not reach the end."""
+
+
+class Chaotic(TruthError):
+    """Truth of a scene ends at its `horizon` (s), before the first output time after the start."""
+
+    def __init__(self, message: str, horizon: float) -> None:
+        super().__init__(message)
+        self.horizon = horizon

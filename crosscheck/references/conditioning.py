@@ -16,6 +16,7 @@ SMALL_PERTURBATION = 1e-11  # where PERTURBATION grows until the motion stops be
 NONLINEAR = 1e-2  # a central difference this large is still linear to its square
 HORIZON_GROWTH = 1e-10 / 1e-15
 INSTANTS = 401  # growth oscillates; a grid of its own keeps it independent of the scene's number of samples
+RESOLVED = 40  # a horizon within so many instants of the start is sought again, on a grid that ends there
 CLOSURE_STEP = 1e-5  # central differences of a loop's rows are off by its square, which PERTURBATION makes 1e-18
 MANY, SAMPLES = 36, 12  # beyond so many directions, random combinations of all of them; off by a fifth or so
 
@@ -42,9 +43,14 @@ def measure(integrator: Taylor) -> Conditioning:
     if np.max(growth) * PERTURBATION > NONLINEAR:
         small = _growth(integrator, t, SMALL_PERTURBATION)
         growth = np.where(growth * PERTURBATION > NONLINEAR, np.maximum(small, growth), growth)
+    amplification = float(np.max(growth))
     over = np.flatnonzero(growth >= HORIZON_GROWTH)
+    while len(over) and over[0] < RESOLVED and over[0] > 0:
+        t = np.linspace(0.0, t[over[0]], INSTANTS)
+        growth = _growth(integrator, t, PERTURBATION)
+        over = np.flatnonzero(growth >= HORIZON_GROWTH)
     last = max(over[0] - 1, 0) if len(over) else INSTANTS - 1
-    return Conditioning(float(np.max(growth)), float(np.max(growth[:last + 1])), float(t[last]))
+    return Conditioning(amplification, float(np.max(growth[:last + 1])), float(t[last]))
 
 
 def _growth(integrator: Taylor, t: np.ndarray, size: float) -> np.ndarray:

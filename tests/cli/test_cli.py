@@ -11,6 +11,10 @@ import time
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
+from crosscheck.cli.app import app
+from crosscheck.scene.file import load_scene
 
 QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "mujoco")
 
@@ -88,6 +92,24 @@ def test_truth_tells_its_source_and_doubt():
     assert done.returncode == 0, done.stderr
     assert "elliptic" in done.stdout
     assert "x(1 s) = (0.17334396409" in done.stdout  # ENGINES.md, scene C
+
+
+def test_truth_is_printed_up_to_a_horizon_before_the_first_output(monkeypatch):
+    from crosscheck import references
+
+    original, asked = references.truth, []
+
+    def chaotic(scene):
+        asked.append(scene)
+        if len(asked) == 1:
+            raise references.Chaotic("it ends at 1.5 s", 1.5)
+        return original(load_scene("heavy_top"))
+
+    monkeypatch.setattr(references, "truth", chaotic)
+    done = CliRunner().invoke(app, ["truth", "heavy_top"])
+    assert done.exit_code == 0
+    assert "it ends at 1.5 s. What follows" in done.output
+    assert 1.4 < asked[1].duration < 1.5
 
 
 @pytest.mark.parametrize(("words", "message"), [

@@ -5,6 +5,7 @@ import functools
 import numpy as np
 import pytest
 
+from crosscheck import adapters
 from crosscheck.diagnosis import explain
 from tests.diagnosis.mistakes import MISTAKES, method_of, scene_of
 from tests.diagnosis.stepper import Stepper
@@ -56,14 +57,14 @@ def test_a_right_engine_is_accused_of_nothing(name):
 def test_an_object_of_two_methods_is_explained():
     """The class of docs/adding-an-engine.md: no orders, no levels, states alone."""
     class Bare:
-        name, methods = "bare", ("RK4",)
+        name, methods = "bare", ("rkmk4",)
 
         def unsupported(self, scene, spec):
             return None
 
         def run(self, scene, spec):
             wrong = scene.replace(gravity=0.9 * scene.gravity)
-            return Stepper().run(wrong, spec).states
+            return adapters.get("lieeuler").run(wrong, spec).states
 
-    answer = explain(scene_of("single_pendulum"), Bare(), "RK4")
+    answer = explain(scene_of("single_pendulum"), Bare())
     assert "gravity size" in " ".join(answer.names), answer.sentence

@@ -5,7 +5,16 @@ import re
 import numpy as np
 import pytest
 
-from crosscheck.references import TruthError, agreement, articulated, compute, conditioning, maximal, world_rows
+from crosscheck.references import (
+    Chaotic,
+    TruthError,
+    agreement,
+    articulated,
+    compute,
+    conditioning,
+    maximal,
+    world_rows,
+)
 from crosscheck.references.series import safe_step
 from crosscheck.references.taylor import Taylor
 from crosscheck.scene.file import load_scene
@@ -178,5 +187,7 @@ def test_chaotic_scene_is_compared_up_to_its_horizon(build):
 
 
 def test_horizon_before_the_first_output_is_refused(build):
-    with pytest.raises(TruthError, match="ask for a shorter duration or more samples"):
-        compute(thrown(build, duration=10.0, samples=2))
+    scene = thrown(build, duration=10.0, samples=2)
+    with pytest.raises(Chaotic, match="ask for a shorter duration or more samples") as raised:
+        compute(scene)
+    assert 1.0 < raised.value.horizon < 10.0

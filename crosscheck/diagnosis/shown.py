@@ -1,0 +1,88 @@
+"""What the observed copies of a scene show: states as they are meant, their accelerations, and the data of a fit."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from crosscheck.diagnosis import fit, misreadings
+from crosscheck.diagnosis.observe import REACH, Observation, rates
+from crosscheck.diagnosis.physics import Physics, Points, Terms
+from crosscheck.scene import mechanics
+from crosscheck.scene.states import States
+
+FAITHFUL = 1e-8
+"""Of y and its derivative: a start or a velocity that is off by less is as the scene says; scene files keep 1e-8."""
+
+AMPLIFIED = 2.2
+"""Sum of the sizes of the nine-point difference's coefficients: what it makes of independent errors at most."""
+
+LEAST_NOISE = 1e-9
+"""Of normalised accelerations: differences of states at rounding over 0.05 rad leave some 1e-11."""
+
+
+@dataclasses.dataclass
+class Shown:
+    """One observed copy: states as they are meant, once misreports are undone, and their accelerations."""
+
+    observation: Observation
+    states: States
+    accelerations: np.ndarray  # (T - 8, n, 6), world and body axes
+    noise: float  # of normalised accelerations
+    forces: tuple[int, ...]  # which of the scene's forces it has
+
+
+def undone(observation: Observation, forces: tuple[int, ...], report: misreadings.Report | None) -> Shown:
+    """An observation of a copy with some of the scene's forces, a misreport undone."""
+    scale = observation.scale
+    states = observation.states if report is None else report.undo(observation.states)
+    if report is not None:
+        observation = dataclasses.replace(observation, y=scale.flat(states))
+    found, noise = accelerations(observation)
+    found[:, :, :3] *= scale.length * scale.rate
+    found[:, :, 3:] *= scale.rate
+    return Shown(observation, states, found, noise, forces)
+
+
+def accelerations(observation: Observation) -> tuple[np.ndarray, float]:
+    """Time derivatives of the velocities in y (1/s), (T - 8, n, 6), and their noise in units of 1 / W."""
+    interval = observation.scene.duration / (observation.scene.samples - 1)
+    found, error = rates(observation.y[:, :, 12:], interval)
+    noise = (error + AMPLIFIED * observation.noise / interval) / observation.scale.rate
+    return found, max(noise, LEAST_NOISE)
+
+
+def data(shown: list[Shown], right: Physics, soft: bool, stride: int) -> fit.Data:
+    """Residuals of all copies, grouped by joint structure."""
+    groups = []
+    def structure(each: Shown) -> tuple[object, ...]:
+        return tuple(joint.type for joint in each.observation.scene.joints), each.forces
+
+    for one in dict.fromkeys(structure(each) for each in shown):
+        members = [(k, each) for k, each in enumerate(shown) if structure(each) == one]
+        scene, scale = members[0][1].observation.scene, members[0][1].observation.scale
+        points, noise = points_of(members, stride)
+        units = np.repeat([scale.length * scale.rate**2, scale.rate**2], 3)
+        groups.append(fit.Group(Terms(scene, points, members[0][1].forces), noise, units))
+    return fit.Data(groups, right, soft, quick=stride > 1)
+
+
+def points_of(members: list[tuple[int, Shown]], stride: int) -> tuple[Points, np.ndarray]:
+    """Every `stride`-th instant of some copies, and the noise of its accelerations."""
+    pieces: dict[str, list[np.ndarray]] = {name: [] for name in ("t", "x", "R", "v", "w", "rates", "copy", "noise")}
+    angles: dict[str, list[np.ndarray]] = {}
+    for k, each in members:
+        inner = slice(REACH, len(each.states.t) - REACH, stride)
+        for name in ("t", "x", "R", "v", "w"):
+            pieces[name].append(getattr(each.states, name)[inner])
+        pieces["rates"].append(each.accelerations[::stride])
+        count = len(pieces["rates"][-1])
+        pieces["copy"].append(np.full(count, k))
+        pieces["noise"].append(np.full(count, each.noise))
+        found = mechanics.torsion_angles(each.observation.scene, each.states.R, each.states.w, each.states.t)
+        for joint, values in found.items():
+            angles.setdefault(joint, []).append(values[inner])
+    joined = {name: np.concatenate(parts) for name, parts in pieces.items()}
+    noise = joined.pop("noise")
+    return Points(**joined, angles={joint: np.concatenate(parts) for joint, parts in angles.items()}), noise

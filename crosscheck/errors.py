@@ -9,6 +9,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+FAILED = "✗ "
+"""The beginning of the label of a task that failed: the terminal shows it at once, and keeps it."""
+
 
 class CrosscheckError(Exception):
     """Base of all errors of crosscheck: the message is written for the user."""

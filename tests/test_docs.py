@@ -102,6 +102,7 @@ def test_equations_are_numbered_once_and_cited_ones_exist():
     assert "METHODS section" not in sources()
 
 
+@pytest.mark.slow  # .ci/run builds it by `make docs`
 def test_the_site_is_built_without_warnings_and_asks_no_network(tmp_path):
     pytest.importorskip("sphinx")
     done = subprocess.run([sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", ROOT / "docs", tmp_path],

@@ -9,6 +9,8 @@ import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
+from crosscheck.errors import FAILED
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -42,18 +44,26 @@ def progress_bar() -> Iterator[Progress]:
     columns = (BarColumn(bar_width=30), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=None)
-        yield lambda done, total, label: bar.update(task, completed=done, total=total, description=label)
+
+        def shown(done: int, total: int | None, label: str) -> None:
+            if label.startswith(FAILED):
+                bar.console.print(label, markup=False, highlight=False)
+            bar.update(task, completed=done, total=total, description=label)
+
+        yield shown
 
 
 class _Lines:
-    """Progress in plain lines, the first once `PAUSE` is over: a short job prints none."""
+    """Progress in plain lines, the first once `PAUSE` is over, so that a short job prints none; failures at once."""
 
     def __init__(self) -> None:
         self._began = self._printed = time.monotonic()
 
     def __call__(self, done: int, total: int | None, label: str) -> None:
         now = time.monotonic()
-        if now - self._printed >= PAUSE:
+        if label.startswith(FAILED):
+            print(label, file=sys.stderr, flush=True)
+        elif now - self._printed >= PAUSE:
             self._printed = now
             of = "" if total is None else f" of {total}"
             print(f"{now - self._began:.0f} s: {done}{of} done, {label}", file=sys.stderr, flush=True)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from crosscheck.cli.console import console
 from crosscheck.cli.options import SceneName
+from crosscheck.cli.tables import figures, key, print_table
 
 if TYPE_CHECKING:
     from crosscheck.inspection import Deviation, Inspection
@@ -50,7 +51,6 @@ def inspect(
 
 
 def _print(found: Inspection) -> None:
-
     terminal = console(200)
     truth, scene = found.truth, found.scene
     assert truth.masses is not None
@@ -61,7 +61,8 @@ def _print(found: Inspection) -> None:
     terminal.print(f"{scene.name}: {scene.n} bodies, {truth.masses.sum():.6g} kg, centre of mass at t = 0 "
                   f"({', '.join(f'{value:.6g}' for value in centre)}) m, kinetic energy {truth.kinetic[0]:.6g} J, "
                   f"potential {truth.potential[0]:.6g} J; the start and {len(found.states.t) - 1} random states")
-    terminal.print(_table(found))
+    print_table(terminal, [key("largest relative deviation"), *figures(*(probe.label for probe in found.probes))],
+                _rows(found))
     for probe in found.probes:
         for reason in dict.fromkeys(probe.notes.values()):
             missing = ", ".join(quantity for quantity, note in probe.notes.items() if note == reason)
@@ -76,23 +77,21 @@ def _print(found: Inspection) -> None:
         terminal.print(f"  then: {offender}", markup=False)
 
 
-def _table(found: Inspection) -> Any:
+def _rows(found: Inspection) -> list[list[str]]:
     """Largest deviation of every quantity and engine; what is beyond its bound is marked."""
-    from rich.table import Table
-
     from crosscheck.inspection.base import QUANTITIES
 
-    table = Table("largest relative deviation", *(probe.label for probe in found.probes), box=None)
     by_cell = {(d.engine, d.form, d.quantity): d for d in found.deviations}
+    rows = []
     for quantity in QUANTITIES:
         cells = [by_cell.get((probe.engine, probe.form, quantity)) for probe in found.probes]
         if any(cells):
-            table.add_row(quantity, *(_cell(cell) for cell in cells))
-    return table
+            rows.append([quantity, *(_cell(cell) for cell in cells)])
+    return rows
 
 
 def _cell(deviation: Deviation | None) -> str:
     if deviation is None:
         return "-"
     text = f"{deviation.relative:.1e}"
-    return text if deviation.relative <= deviation.bound else f"[bold red]{text} ![/]"
+    return text if deviation.relative <= deviation.bound else f"{text} !"

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from crosscheck.errors import ArgumentError
+from crosscheck.errors import FAILED, ArgumentError
 from crosscheck.files import scalar
 from crosscheck.jobs.grid import Crash, Limits, run_tasks
 
@@ -119,10 +119,12 @@ class Stages:
     executor: concurrent.futures.Executor | None = None  # in place of `jobs` processes here
 
     def run(self, stage: str, function: Callable[[Any], Any], tasks: Sequence[Any], keys: Sequence[str],
-            labels: Sequence[str], limits: Limits | None = None, again: bool = False) -> list[Any]:
+            labels: Sequence[str], limits: Limits | None = None, again: bool = False,
+            failure: Callable[[Any], str] | None = None) -> list[Any]:
         """Results of one stage, in order; `keys` name the tasks in the journal, `labels` in the progress bar.
 
-        With `again`, a task whose process was killed from outside runs once more.
+        With `again`, a task whose process was killed from outside runs once more. `failure` says what is wrong with a
+        result, or nothing; its label then begins with `FAILED` and ends with that.
         """
         results = [self.journal.get(stage, key) if self.journal is not None else None for key in keys]
         missing = [index for index, result in enumerate(results) if result is None]
@@ -132,7 +134,8 @@ class Stages:
         def ended(position: int, result: Any) -> None:
             index = missing[position]
             results[index] = self.journal.put(stage, keys[index], result) if self.journal is not None else result
-            self.count(labels[index])
+            wrong = failure(result) if failure is not None else ""
+            self.count(f"{FAILED}{labels[index]}: {wrong}" if wrong else labels[index])
 
         run_tasks(function, [tasks[index] for index in missing], self.jobs, ended, limits, self.executor,
                   again)

@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from crosscheck import adapters
 from crosscheck.document import (
     AS_PLANNED,
+    PASSING,
     Asked,
     Document,
     Finding,
@@ -194,6 +195,18 @@ def _planned(cells: list[Cell], truths: list[SceneTruth], settings: Profile, ove
             for cell in cells if not (cell.practical and (cell.scene in without or asked.step is not None))]
 
 
+def _failure(result: Judged | Crash) -> str:
+    """Why a run fails, in one line; nothing where it does not."""
+    if isinstance(result, Crash):
+        return result.message
+    if result.outcome in PASSING:
+        return ""
+    first = verdict.worst(result.findings)
+    if result.message or first is None or first.value is None or first.bound is None:
+        return result.message or result.outcome
+    return f"{first.kind} {first.value:.1e} {first.unit}, bound {first.bound:.1e}"
+
+
 def _records(stages: Stages, cells: list[Cell], truths: list[SceneTruth], within: Limits,
              contents: Contents) -> list[Record]:
     """The records of all cells, in their order, also where a worker crashed or a scene could not be prepared."""
@@ -205,7 +218,7 @@ def _records(stages: Stages, cells: list[Cell], truths: list[SceneTruth], within
     chosen = [cells[index] for index in ready]
     found = stages.run("cell", functools.partial(with_scenes, contents, guarded_cell), chosen, [
         json.dumps([cell.scene, cell.engine, cell.method, cell.form, cell.practical]) for cell in chosen],
-                       [f"{cell.scene}: {cell.label}" for cell in chosen], within)
+                       [f"{cell.scene}: {cell.label}" for cell in chosen], within, failure=_failure)
     by_index = dict(zip(ready, found, strict=True))
     judged = []
     for index, cell in enumerate(cells):

@@ -37,3 +37,14 @@ def test_a_wide_terminal_has_one_block_and_a_narrow_one_several(capsys):
 def test_brackets_are_text(capsys):
     print_table(Console(width=80), [key("item"), *figures("exudyn")], [("hinge", "2/5 [5]")])
     assert "2/5 [5]" in capsys.readouterr().out
+
+
+def test_failures_are_told_as_they_occur(capsys):
+    from crosscheck.cli.console import progress_bar
+    from crosscheck.jobs.journal import Stages
+
+    with progress_bar() as progress:
+        stages = Stages(1, None, lambda label: progress(1, 2, label))
+        stages.run("cell", abs, [-1, 2], ["a", "b"], ["first", "second"],
+                   failure=lambda result: "too large" if result > 1 else "")
+    assert capsys.readouterr().err.splitlines() == ["✗ second: too large"]

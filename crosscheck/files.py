@@ -56,8 +56,13 @@ def cell(value: Any) -> Any:
 def replacing(path: Path) -> Iterator[Path]:
     """Where to write what replaces a file once it is whole: a reader sees the old file or the new one, never a part."""
     aside = path.with_name(f".{path.name}.new")
-    yield aside
-    os.replace(aside, path)
+    try:
+        yield aside
+        os.replace(aside, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            aside.unlink()
+        raise
 
 
 def put(path: Path, text: str) -> None:

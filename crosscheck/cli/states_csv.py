@@ -5,9 +5,12 @@ from __future__ import annotations
 import contextlib
 import csv
 import sys
-from typing import Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any
 
 from crosscheck.errors import ArgumentError
+from crosscheck.files import replacing
 
 
 def write_csv(scene: Any, states: Any, target: str) -> None:
@@ -23,12 +26,7 @@ def write_csv(scene: Any, states: Any, target: str) -> None:
              "constraint_velocity": "constraint velocity", "constraint_acceleration": "constraint acceleration",
              "orthogonality": "orthogonality"}
     series = {title: getattr(states, name) for name, title in extra.items() if getattr(states, name, None) is not None}
-    with contextlib.ExitStack() as stack:
-        try:
-            stream = sys.stdout if target == "-" else stack.enter_context(open(target, "w", newline="",
-                                                                               encoding="utf-8"))
-        except OSError as error:
-            raise ArgumentError(f"--csv {target}: cannot be written ({error.strerror})") from None
+    with _stream(target) as stream:
         writer = csv.writer(stream)
         writer.writerow(header + list(series))
         for k, time in enumerate(states.t):
@@ -36,3 +34,18 @@ def write_csv(scene: Any, states: Any, target: str) -> None:
             for i in range(scene.n):
                 row += [*states.x[k, i], *states.R[k, i].ravel(), *states.v[k, i], *states.w[k, i]]
             writer.writerow([repr(float(value)) for value in [*row, *(values[k] for values in series.values())]])
+
+
+@contextlib.contextmanager
+def _stream(target: str) -> Iterator[IO[str]]:
+    """The terminal, or a file that is there once it is whole; a pipe or a device as it is."""
+    if target == "-":
+        yield sys.stdout
+        return
+    path = Path(target)
+    whole = contextlib.nullcontext(path) if path.exists() and not path.is_file() else replacing(path)
+    try:
+        with whole as aside, open(aside, "w", newline="", encoding="utf-8") as stream:
+            yield stream
+    except OSError as error:
+        raise ArgumentError(f"--csv {target}: cannot be written ({error.strerror})") from None

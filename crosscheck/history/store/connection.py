@@ -48,10 +48,21 @@ def open_store(where: str | Path | None = None) -> Engine:
         migrate(engine)
     except sqlalchemy.exc.SQLAlchemyError as error:
         engine.dispose()
-        reason = " ".join(str(getattr(error, "orig", None) or error).split())
-        raise ArgumentError(f"--store {shown}: cannot be used ({reason}); give the path of an SQLite file or the URL "
-                            "of a PostgreSQL database that answers") from None
+        raise ArgumentError(f"--store {shown}: cannot be used ({_reason(error)}); give the path of an SQLite file or "
+                            "the URL of a PostgreSQL database that answers") from None
+
+    @sqlalchemy.event.listens_for(engine, "handle_error")
+    def lost(context: Any) -> None:
+        error = context.sqlalchemy_exception
+        if isinstance(error, sqlalchemy.exc.OperationalError | sqlalchemy.exc.InterfaceError):
+            raise ArgumentError(f"--store {shown}: cannot be used any more ({_reason(error)}); mend this and give the "
+                                "same command again, a nightly run goes on where it was") from None
+
     return engine
+
+
+def _reason(error: Exception) -> str:
+    return " ".join(str(getattr(error, "orig", None) or error).split())
 
 
 def _url(where: str | Path | None) -> URL:

@@ -21,7 +21,9 @@ from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene, rotation_from_quaternion
 
 JOINTS = tuple(JOINT_TYPES)
-FORCES = ("linear_spring", "torsional_spring", "constant_force", "constant_torque")
+FORCES = ("linear_spring", "torsional_spring", "constant_force", "constant_torque", "joint_torque", "joint_force")
+NEEDS = {"torsional_spring": "revolute", "joint_torque": "revolute", "joint_force": "prismatic"}
+"""The joint that a force acts in."""
 DURATION = 1e-3  # s: long enough for a few steps, short enough that accelerations hardly change
 STEPS = 4
 
@@ -111,11 +113,10 @@ def minimal_scenes() -> tuple[Minimal, ...]:
     found += [Minimal("joint between bodies", kind, _closed([_joint("spherical", GROUND, 0, "base"),
                                                              _joint(kind, 0, 1, "joint")])) for kind in JOINTS]
     found += [Minimal("force", kind, _closed(
-        [_joint("revolute" if kind == "torsional_spring" else "spherical", GROUND, 0, "joint")], [_force(kind)]))
-        for kind in FORCES]
+        [_joint(NEEDS.get(kind, "spherical"), GROUND, 0, "joint")], [_force(kind)])) for kind in FORCES]
     found += [Minimal("force", f"{kind} between bodies", _closed(
-        [_joint("spherical", GROUND, 0, "base"), _joint("revolute", 0, 1, "joint")], [_force(kind, 0, 1)]))
-        for kind in FORCES[:2]]
+        [_joint("spherical", GROUND, 0, "base"), _joint(NEEDS.get(kind, "revolute"), 0, 1, "joint")],
+        [_force(kind, 0, 1)])) for kind in ("linear_spring", *NEEDS)]
     triangle = [_joint("spherical", GROUND, 0, "first"), _joint("spherical", 0, 1, "second"),
                 dataclasses.replace(_joint("spherical", GROUND, 1, "third"), parent_anchor=np.array([0.6, 0.1, 0.1]),
                                     child_anchor=np.array([-0.3, 0.2, 0.4]))]
@@ -150,10 +151,12 @@ def _force(kind: str, parent: int = GROUND, child: int = 0) -> Force:
         "torsional_spring": {"stiffness": 5.0, "rest_angle": 0.4, "damping": 0.3},
         "constant_force": {"child_point": (0.1, 0.2, -0.3), "frame": "body", "force": (1.0, -2.0, 3.0)},
         "constant_torque": {"frame": "world", "torque": (0.5, 1.0, -0.5)},
+        "joint_torque": {"torque": 0.7},
+        "joint_force": {"force": -1.5},
     }
     if kind == "linear_spring":
         return Force(kind, parent, child, None, content[kind])
-    if kind == "torsional_spring":
+    if kind in NEEDS:
         return Force(kind, None, None, "joint", content[kind])
     return Force(kind, None, child, None, content[kind])
 

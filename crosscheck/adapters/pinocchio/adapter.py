@@ -53,13 +53,8 @@ class Pinocchio:
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Pinocchio cannot run this, or None."""
         form = spec.form or "tree"
-        known = ("armature", "joint_torque", "function") if form == "tree" else ("function",)
-        if reason := scene.beyond(known):
+        if reason := scene.beyond(("joint_torque", "function", *(("armature",) if form == "tree" else ()))):
             return reason
-        spanned = {link.joint for link in models.decompose(scene, form)[0]}
-        for force in scene.forces:
-            if force.type.startswith("joint_") and force.joint not in spanned:
-                return f"the {force.type} of joint {force.joint!r} needs a joint coordinate; a cut joint has none"
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"
         if (spec.alpha or spec.beta) and not any(models.decompose(scene, form)[1:]):

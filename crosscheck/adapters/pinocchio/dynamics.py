@@ -35,8 +35,11 @@ class Dynamics:
         self.model, self._model, self.data = model, model.model, model.model.createData()
         scene = model.scene
         joints = {joint.name: joint for joint in scene.joints}
-        self._forces = [force for force in scene.forces if force.joint is None]
-        springs = [(force, joints[force.joint]) for force in scene.forces if force.joint is not None]
+        spanned = {link.joint for link in model.links}
+        turning = [force for force in scene.forces if force.type == "torsional_spring"
+                   or (force.joint is not None and force.joint in spanned)]
+        self._forces = [force for force in scene.forces if force not in turning]
+        springs = [(force, joints[force.joint]) for force in turning]
         self._turns = [(force, *self._turn(joint)) for force, joint in springs]
         self.closure = closure(model, self.data, alpha, beta) if (model.cut or model.parts) and closed else None
         self._reactions: _Reactions | None = None
@@ -139,6 +142,17 @@ class Dynamics:
             pull = (p["stiffness"] * (length - p["free_length"]) + p["damping"] * rate) * direction
             self._push(wrenches, *ends[0], pull)
             self._push(wrenches, *ends[1], -pull)
+        elif force.joint is not None:  # a cut one: a pair of wrenches on its axis
+            joint = next(joint for joint in self.model.scene.joints if joint.name == force.joint)
+            size = value_at(p["torque" if force.type == "joint_torque" else "force"], t)
+            along = size * (self._frame(joint.parent).rotation @ joint.parent_axis)
+            for body, anchor, sign in ((joint.child, joint.child_anchor, 1), (joint.parent, joint.parent_anchor, -1)):
+                if force.type == "joint_force":
+                    self._push(wrenches, body, anchor, sign * along)
+                else:
+                    carrier, _ = self.model.frames[body]
+                    torque = self.data.oMi[carrier].rotation.T @ (sign * along)
+                    wrenches[carrier] += self._pin.Force(np.zeros(3), torque)
         elif force.type == "constant_force":
             push = factor * self._in_world(force, p["force"])
             self._push(wrenches, force.child, np.array(p["child_point"]), push)

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from crosscheck.scene import mechanics
-from crosscheck.scene.constraints import Constraints, cross
+from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.model import GROUND, Force, Scene
+from crosscheck.scene.vectors import cross
 
 SPRINGS = ("linear_spring", "torsional_spring")
 

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from crosscheck.scene.constraints import cross
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Joint, Scene
+from crosscheck.scene.vectors import cross
 
 Rotor = tuple[float, np.ndarray, np.ndarray]
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from crosscheck.scene import joint_options, starts
 from crosscheck.scene.checks import Draft
-from crosscheck.scene.constraints import Constraints, cross
+from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import RANK_TOLERANCE
 from crosscheck.scene.model import GROUND, Scene, quaternion_from_turn, quaternion_product
@@ -21,6 +21,7 @@ from crosscheck.scene.schema import EntryError
 from crosscheck.scene.spanning import Branch, spanning_tree
 from crosscheck.scene.sparse import block_diagonal, least_norm
 from crosscheck.scene.starts import ALLOWED_VIOLATION, Configuration, anchor_length, bodies_at
+from crosscheck.scene.vectors import cross
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

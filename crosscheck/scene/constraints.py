@@ -26,12 +26,12 @@ import numpy as np
 
 from crosscheck.scene.joints import JOINT_TYPES, Row
 from crosscheck.scene.model import Joint, Scene, rotation_from_quaternion
+from crosscheck.scene.vectors import cross, dot, normal_references, shortest_rotation
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 _ZERO = np.zeros(3)
-
 _AT_ONCE = 200_000
 """Rows times states evaluated in one piece: beyond that the memory grows and the time does not fall."""
 
@@ -122,7 +122,7 @@ class Basic:
         q = self.right.value(x, R)
         if self.left is None:
             return q
-        rows: np.ndarray = (_dot(self.left.value(x, R), q) - self.offset) / self.unit
+        rows: np.ndarray = (dot(self.left.value(x, R), q) - self.offset) / self.unit
         return rows
 
     def rate(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -130,7 +130,7 @@ class Basic:
         dq = self.right.rate(R, v, w)
         if self.left is None:
             return dq
-        rows: np.ndarray = _dot(self.left.rate(R, v, w), self.right.value(x, R)) + _dot(self.left.value(x, R), dq)
+        rows: np.ndarray = dot(self.left.rate(R, v, w), self.right.value(x, R)) + dot(self.left.value(x, R), dq)
         rows /= self.unit
         return rows
 
@@ -139,9 +139,9 @@ class Basic:
         ddq = self.right.centripetal(R, w)
         if self.left is None:
             return ddq
-        rows: np.ndarray = (_dot(self.left.centripetal(R, w), self.right.value(x, R))
-                            + _dot(self.left.value(x, R), ddq)
-                            + 2 * _dot(self.left.rate(R, v, w), self.right.rate(R, v, w)))
+        rows: np.ndarray = (dot(self.left.centripetal(R, w), self.right.value(x, R))
+                            + dot(self.left.value(x, R), ddq)
+                            + 2 * dot(self.left.rate(R, v, w), self.right.rate(R, v, w)))
         rows /= self.unit
         return rows
 
@@ -178,12 +178,12 @@ class Angle:
     def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
         """The angles, (T, K, 1)."""
         pointer = np.einsum("tkji,tkj->tki", R[:, self.parent], _turned(R[:, self.child], self.pointer))
-        found: np.ndarray = np.arctan2(_dot(cross(self.axis, self.normal), pointer), _dot(self.normal, pointer))
+        found: np.ndarray = np.arctan2(dot(cross(self.axis, self.normal), pointer), dot(self.normal, pointer))
         return found
 
     def rate(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Their rates, (T, K, 1)."""
-        found: np.ndarray = _dot(self.own_axis, w[:, self.child]) - _dot(self.axis, w[:, self.parent])
+        found: np.ndarray = dot(self.own_axis, w[:, self.child]) - dot(self.axis, w[:, self.parent])
         return found
 
     def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -217,44 +217,6 @@ def _stacked(items: Sequence[Any]) -> Any:
 def _turned(R: np.ndarray, s: np.ndarray) -> np.ndarray:
     """R s over the last axes, broadcasting; the same sum for one state and for many."""
     found: np.ndarray = R[..., 0] * s[..., :1] + R[..., 1] * s[..., 1:2] + R[..., 2] * s[..., 2:]
-    return found
-
-
-def cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """p x q over the last axis, broadcasting; `numpy.cross` costs several times more on small batches."""
-    p, q = np.broadcast_arrays(p, q)
-    product = np.empty(p.shape)
-    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-        product[..., k] = p[..., i] * q[..., j] - p[..., j] * q[..., i]
-    return product
-
-
-def normal_references(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors n1, n2 with n1 x n2 = `axis` (3,), a unit vector; see the module for their choice."""
-    n1 = np.zeros(3)
-    n1[np.argmin(np.abs(axis))] = 1.0
-    n1 -= (n1 @ axis) * axis
-    n1 /= np.linalg.norm(n1)
-    return n1, cross(axis, n1)
-
-
-def slide_direction(word: str, axis: np.ndarray) -> np.ndarray:
-    """The unit vector of "slide", "slide n1" or "slide n2", words of `JointType.motion`, for a unit `axis`."""
-    return axis if word == "slide" else normal_references(axis)[word == "slide n2"]
-
-
-def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The rotation (3, 3) by the smallest angle that takes the unit vector `start` to `end`.
-
-    Opposite vectors leave its axis open; it is then n1 of `normal_references(end)`.
-    """
-    cosine = start @ end
-    if cosine < -1 + 1e-12:  # beyond it the formula below has lost every digit of the axis
-        n1, _ = normal_references(end)
-        return 2 * np.outer(n1, n1) - np.eye(3)
-    x, y, z = cross(start, end)
-    hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    found: np.ndarray = np.eye(3) + hat + hat @ hat / (1 + cosine)
     return found
 
 
@@ -436,9 +398,3 @@ class Constraints:
 def _with_ground(values: np.ndarray, ground: np.ndarray = _ZERO) -> np.ndarray:
     """The ground as one more body, the last: its index -1 finds it."""
     return np.concatenate([values, np.broadcast_to(ground, (len(values), 1, *ground.shape))], axis=1)
-
-
-def _dot(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """p . q over the last axis, which stays with length 1."""
-    found: np.ndarray = p[..., 0] * q[..., 0] + p[..., 1] * q[..., 1] + p[..., 2] * q[..., 2]
-    return found[..., None]

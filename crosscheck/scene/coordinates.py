@@ -18,11 +18,11 @@ import dataclasses
 
 import numpy as np
 
-from crosscheck.scene.constraints import cross, normal_references, shortest_rotation, slide_direction
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import continuous
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.states import Motion, States
+from crosscheck.scene.vectors import cross, normal_references, shortest_rotation, slide_direction
 
 
 @dataclasses.dataclass(frozen=True)

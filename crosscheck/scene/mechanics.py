@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from crosscheck.scene.armature import rotors
-from crosscheck.scene.constraints import Constraints, cross, normal_references, shortest_rotation
+from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.functions import at
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import Motion, States
+from crosscheck.scene.vectors import cross, normal_references, shortest_rotation
 
 RANK_TOLERANCE = 1e-9
 """Singular values of G M^-1/2 below this fraction of the largest count as redundant rows: rounding leaves them near

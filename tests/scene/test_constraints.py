@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from crosscheck.scene.constraints import Constraints, normal_references
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.vectors import normal_references
 from tests.scene_making import DIFFERENCE, JOINT_TYPES, ROWS, derivative, drawn, jointed_pair, moved
 
 seeds = st.integers(0, 2**32 - 1)

@@ -12,10 +12,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from crosscheck.scene.constraints import normal_references, slide_direction
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_product, rotation_from_quaternion
 from crosscheck.scene.spanning import spanning_tree
+from crosscheck.scene.vectors import normal_references, slide_direction
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 _ZERO = np.zeros(3)

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.scene.constraints import normal_references, shortest_rotation
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
+from crosscheck.scene.vectors import normal_references, shortest_rotation
 
 FREE_AXES = {"slide n1": (0,), "slide n2": (1,), "slide": (2,), "turn parent": (3,), "turn child": (4,), "turn": (5,),
              "ball": (3, 4, 5)}

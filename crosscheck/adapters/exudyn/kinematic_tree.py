@@ -17,9 +17,9 @@ from crosscheck.adapters.common.links import Link, Part
 from crosscheck.adapters.exudyn import items
 from crosscheck.adapters.exudyn.items import Carrier
 from crosscheck.adapters.exudyn.models import Model, mark_frame, new_system, pose, watch
-from crosscheck.scene.constraints import normal_references
 from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
+from crosscheck.scene.vectors import normal_references
 
 AXES = dict(zip("XYZ", np.eye(3), strict=True))
 

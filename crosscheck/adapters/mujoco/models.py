@@ -13,12 +13,12 @@ import numpy as np
 
 from crosscheck.adapters.common.poses import in_body, relative_pose
 from crosscheck.errors import Unsupported
-from crosscheck.scene.constraints import slide_direction
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.spanning import Branch, spanning_tree
+from crosscheck.scene.vectors import slide_direction
 
 INTEGRATORS = {
     "Euler": "mjINT_EULER",

@@ -6,12 +6,12 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from crosscheck.scene.constraints import slide_direction
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation
 from crosscheck.scene.models.trees import grown, numbers, refused
+from crosscheck.scene.vectors import slide_direction
 
 SECOND_NAMES = {"slide": " slide", "slide n1": " slide 1", "slide n2": " slide 2", "turn child": " second"}
 """What the names of MJCF's joints add to that of a joint with several coordinates, by words of `JointType.motion`."""

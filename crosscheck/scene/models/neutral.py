@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.scene.constraints import cross
 from crosscheck.scene.coordinates import turned
 from crosscheck.scene.model import quaternion_from_rotation
 from crosscheck.scene.schema import Content as Table
+from crosscheck.scene.vectors import cross
 
 ALIGNED = 1e-9
 """Sine of the angle, and relative distance, below which axes count as parallel and points as one."""

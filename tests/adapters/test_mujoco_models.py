@@ -93,12 +93,12 @@ def test_bodies_are_those_of_the_scene(name: str, form: str) -> None:
         assert _relative(inertia, scene.R0[index] @ scene.inertias[index] @ scene.R0[index].T) < ROUNDING
 
 
-@pytest.mark.parametrize("name", OPEN)
+@pytest.mark.parametrize("name", [name for name in OPEN if _reason(crosscheck.load_scene(name), "tree") is None])
 def test_tree_accelerations_are_those_of_the_scene(name: str) -> None:
     """At every sample the engine's own accelerations solve the equations of motion at the engine's own state."""
     scene = crosscheck.load_scene(name)
     states = _states(scene, "tree")
-    a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w)
+    a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w, t=states.t)
     assert _relative(states.v[0], scene.v0) < ROUNDING
     assert _relative(states.w[0], scene.w0) < ROUNDING
     bound = {"chain_64": LONG_CHAIN, "light_heavy": MASS_RATIO}.get(name, CONDITIONING)

@@ -150,16 +150,12 @@ class Dynamics:
                 if force.type == "joint_force":
                     self._push(wrenches, body, anchor, sign * along)
                 else:
-                    carrier, _ = self.model.frames[body]
-                    torque = self.data.oMi[carrier].rotation.T @ (sign * along)
-                    wrenches[carrier] += self._pin.Force(np.zeros(3), torque)
+                    self._wring(wrenches, body, sign * along)
         elif force.type == "constant_force":
             push = factor * self._in_world(force, p["force"])
             self._push(wrenches, force.child, np.array(p["child_point"]), push)
         else:
-            joint, _ = self.model.frames[force.child]
-            torque = self.data.oMi[joint].rotation.T @ (factor * self._in_world(force, p["torque"]))
-            wrenches[joint] += self._pin.Force(np.zeros(3), torque)
+            self._wring(wrenches, force.child, factor * self._in_world(force, p["torque"]))
 
     def _in_world(self, force: Force, load: tuple[float, ...]) -> np.ndarray:
         vector = np.array(load)
@@ -183,6 +179,11 @@ class Dynamics:
         joint, frame = self.model.frames[body]
         local = self.data.oMi[joint].rotation.T @ push
         wrenches[joint] += self._pin.Force(local, self._pin.skew(frame.act(point)) @ local)
+
+    def _wring(self, wrenches: Any, body: int, torque: np.ndarray) -> None:
+        """Add a torque, world axes, on a body."""
+        joint, _ = self.model.frames[body]
+        wrenches[joint] += self._pin.Force(np.zeros(3), self.data.oMi[joint].rotation.T @ torque)
 
     def reactions(self, q: np.ndarray, v: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Force and torque, world axes, of every joint on its child at the child's anchor.

@@ -139,7 +139,7 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
         answer.evidence.append(Evidence(noise.cause.name, "numerics", None, None, "states at a fine step",
                                         noise.cause.magnitude, True))
         answer.tried += 1
-        if deviation <= of_output.SPREAD * noise.size:
+        if deviation <= max(of_output.SPREAD * noise.size, fit.EXPLAINED * first.noise):
             answer.conclude([])
             return answer
     differs = deviation > max(AGREES, fit.EXPLAINED * first.noise)
@@ -169,7 +169,8 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
             unexplained.append(f"the altered model still differs by {answer.explained:.1e}")
     known = of_stepping.Known(physics, start, found.soft, found.reported.undo if found.reported else None,
                               bool(found.causes))
-    steps = of_stepping.diagnose(subject, first, known)
+    # Errors of the step cannot be told from noise.
+    steps = of_stepping.NumericsFinding() if noise else of_stepping.diagnose(subject, first, known)
     answer.observed_order = steps.order
     answer.causes += steps.causes
     answer.candidates = found.candidates

@@ -14,7 +14,7 @@ import numpy as np
 
 from crosscheck.document import Finding
 from crosscheck.judge import tolerances
-from crosscheck.judge.defects import NORMS, SHARE, Defects
+from crosscheck.judge.defects import RATES, SHARE, Defects
 from crosscheck.judge.vanishing import extrapolation, shares
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
@@ -106,7 +106,7 @@ def _bound(scene: Scene, run: Defects, power: int, more: int = 0, times: float =
         steps = WITHIN if not more else WITHIN**degree / math.factorial(degree)
         changed = times * steps * run.claim.step**degree * scale.length * found.jerks[degree]
     else:
-        share = NORMS * run.claim.steps * len(found.tau) * (run.claim.rtol or 0.0)
+        share = RATES * run.claim.steps * len(found.tau) * (run.claim.rtol or 0.0)
         changed = share * scale.length * (found.jerks[0] + scale.rate**2)
     size = scale.length * scale.rate**2 + scale.speed**2 / scale.length
     floor = 16 * tolerances.grading(scene) * run.claim.eps * size

@@ -6,12 +6,13 @@ import dataclasses
 import time
 from collections.abc import Sequence
 
+import numpy as np
 from msgspec.structs import replace
 
 from crosscheck import adapters
 from crosscheck.document import QUANTITIES, Finding, Order, Rung
 from crosscheck.judge import tolerances
-from crosscheck.judge.metrics import errors
+from crosscheck.judge.metrics import PLATEAU, errors
 from crosscheck.judge.plan import RTOLS
 from crosscheck.judge.richardson import judge_limit
 from crosscheck.judge.verdict import judge_orders, undecided
@@ -128,7 +129,9 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
         if not ladder.add(size) or (failed and not ladder.runs):
             break
     if order is None:
-        return ladder.study()
+        scale = tolerances.scales(scene, reference)
+        floor = tolerances.plateau(scene, reference, scale.of("position"), 1, adapters.eps(cell.engine)).floor
+        return ladder.study(judge_tolerances(ladder.rungs, floor))
     if ladder.cut and len(ladder.rungs) < FEWEST:
         return ladder.study([Finding(f"order {quantity}", "unjudged", None, None, "1", f"documented order {order}",
                                      f"order not measured: {ladder.cut}") for quantity in QUANTITIES])
@@ -148,6 +151,22 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
     low = frozenset(each.kind.removeprefix("order ") for each in findings if each.status == "fail")
     limits = judge_limit(scene, ladder.runs, reference, order, orders, low, eps)
     return ladder.study([*findings, *limits], orders)
+
+
+LEAST_SLOPE = 0.5
+"""Of errors over tolerances: codes come to 0.75 to 1.2, and one that does not follow its tolerance to 0."""
+
+
+def judge_tolerances(rungs: Sequence[Rung], floor: float) -> list[Finding]:
+    """Whether the position error falls with the tolerance, over those at which it is above rounding (m)."""
+    seen = [(rung.rtol, error) for rung in rungs
+            if rung.rtol and (error := rung.errors.get("position")) is not None and PLATEAU * floor < error]
+    why = "errors fall as the tolerance does: least squares in the logarithms over the ladder of tolerances"
+    if len(seen) < FEWEST or len({rung.steps for rung in rungs}) < FEWEST:
+        return [Finding("order rtol", "unjudged", None, LEAST_SLOPE, "1", why, "too few tolerances above rounding")]
+    slope = float(np.polyfit(*np.log(np.array(seen)).T, 1)[0])
+    return [Finding("order rtol", "ok" if slope >= LEAST_SLOPE else "fail", slope, LEAST_SLOPE, "1", why,
+                    f"{len(seen)} tolerances from {seen[0][0]:.0e} to {seen[-1][0]:.0e}")]
 
 
 def _tell_cut(cut: str, findings: list[Finding], orders: dict[str, Order]) -> list[Finding]:

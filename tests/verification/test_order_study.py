@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from crosscheck.document import Plan
+from crosscheck.document import Plan, Rung
 from crosscheck.errors import EngineError
 from crosscheck.judge.plan import halved
 from crosscheck.scene.file import load_scene
@@ -112,3 +112,15 @@ def test_a_scene_without_springs_takes_any_step():
     soft = load_scene("spring_pendulum")
     assert budget.longest_step(dataclasses.replace(soft, forces=())) == float("inf")
     assert 0.05 < budget.longest_step(soft) < 1.0
+
+
+def test_errors_of_an_adaptive_method_have_to_follow_its_tolerance():
+    def slope(errors, steps=(10, 20, 40, 80)):
+        rungs = [Rung(step=None, rtol=rtol, steps=count, errors={"position": error})
+                 for rtol, error, count in zip((1e-4, 1e-6, 1e-8, 1e-10), errors, steps, strict=True)]
+        return order_study.judge_tolerances(rungs, 1e-13)[0].status
+
+    assert slope((1e-4, 2e-6, 3e-8, 1e-10)) == "ok"
+    assert slope((1e-7, 1e-9, 1e-11, 1e-14)) == "ok"  # the last one is rounding
+    assert slope((1e-7, 1e-7, 9e-8, 1e-7), (30, 31, 32, 33)) == "fail"
+    assert slope((1e-9, 1e-12, 1e-14, 1e-14)) == "unjudged"

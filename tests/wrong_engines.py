@@ -196,18 +196,18 @@ def _shifted(states, share):
             for name, part in (("x", states.x), ("v", states.v), ("w", states.w))}
 
 
-HIGH = (4,)
+HIGH, ALL = (4,), (1, 4)
 BOTH = ("single_pendulum", "double_pendulum")
 MISTAKES = (
     *(Mistake(f"{name} x {factor} from a random time on", late(name, factor), orders)
-      for name, factors in (("gravity", ((1.3, (2, 4)), (0.9, (2, 4)), (1.05, HIGH), (1.01, HIGH),
+      for name, factors in (("gravity", ((1.3, (2, 4)), (0.9, (2, 4)), (1.05, HIGH), (1.01, ALL),
                                          (0.999, HIGH), (1.002, HIGH), (0.0, (2, 4)), (-1.0, (2, 4)))),
                             ("inertia", ((2.0, (2, 4)), (0.5, (2, 4)), (1.1, HIGH), (1.01, HIGH),
                                          (0.999, HIGH))))
       for factor, orders in factors),
     *(Mistake(f"{field} reported x {factor}", reporting(lambda s, r, f=field, k=factor: {f: k * getattr(s, f)}))
       for field in ("a", "alpha", "lam") for factor in (2.0, -1.0, 0.0, 0.7)),
-    Mistake("a without gravity", reporting(lambda s, r: {"a": s.a + np.array([0.0, 0.0, 9.81])})),
+    Mistake("a without gravity", reporting(lambda s, r: {"a": s.a + np.array([0.0, 0.0, 9.81])}), ALL),
     Mistake("a in another frame", reporting(lambda s, r: {"a": np.einsum("tnji,tnj->tni", s.R, s.a)})),
     Mistake("alpha in world axes", reporting(lambda s, r: {"alpha": np.einsum("tnij,tnj->tni", s.R, s.alpha)})),
     Mistake("lam reported without an offset", reporting(lambda s, r: {"lam": s.lam + 3.0})),
@@ -216,7 +216,9 @@ MISTAKES = (
     Mistake("R transposed", reporting(lambda s, r: {"R": np.swapaxes(s.R, -1, -2)})),
     Mistake("v reported x 1.05", reporting(lambda s, r: {"v": 1.05 * s.v})),
     Mistake("w reported x 1.05", reporting(lambda s, r: {"w": 1.05 * s.w})),
-    Mistake("x moved by 1 cm", reporting(lambda s, r: {"x": s.x + 0.01})),
+    Mistake("x moved by 1 cm", reporting(lambda s, r: {"x": s.x + 0.01}), ALL),
+    Mistake("noise of 1e-06 on x", reporting(lambda s, r: {"x": s.x + 1e-6 * r.standard_normal(s.x.shape)}), ALL,
+            BOTH[:1]),
     *(Mistake(f"output {share} of an interval late", reporting(lambda s, r, k=share: _shifted(s, k)))
       for share in (1.0, 0.5)),
     Mistake("output interpolated between every second", reporting(
@@ -237,7 +239,8 @@ MISTAKES = (
       for limit in (0.5, 0.8)),
     *(Mistake(f"damping {rate}/s from a random time on", stepping(
         lambda scene, t, s, at, k=rate: [*s[:2], s[2] * (1 - k * 1e-3 * _after(scene, t, at)),
-                                         s[3] * (1 - k * 1e-3 * _after(scene, t, at))])) for rate in (1.0, -1.0, 0.3)),
+                                         s[3] * (1 - k * 1e-3 * _after(scene, t, at))])), ALL if rate == 1.0 else HIGH)
+      for rate in (1.0, -1.0, 0.3)),
     Mistake("energy pumped in", stepping(lambda scene, t, s, at: [*s[:2], 1.0003 * s[2], 1.0003 * s[3]])),
     Mistake("reset to the start", stepping(lambda scene, t, s, at: [
         scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]] if _first(scene, t, at) else s)),

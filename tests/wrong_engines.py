@@ -239,7 +239,7 @@ MISTAKES = (
       for limit in (0.5, 0.8)),
     *(Mistake(f"damping {rate}/s from a random time on", stepping(
         lambda scene, t, s, at, k=rate: [*s[:2], s[2] * (1 - k * 1e-3 * _after(scene, t, at)),
-                                         s[3] * (1 - k * 1e-3 * _after(scene, t, at))])), ALL if rate == 1.0 else HIGH)
+                                         s[3] * (1 - k * 1e-3 * _after(scene, t, at))]), ALL if rate == 1.0 else HIGH)
       for rate in (1.0, -1.0, 0.3)),
     Mistake("energy pumped in", stepping(lambda scene, t, s, at: [*s[:2], 1.0003 * s[2], 1.0003 * s[3]])),
     Mistake("reset to the start", stepping(lambda scene, t, s, at: [

@@ -10,7 +10,8 @@ import pytest
 import crosscheck.references as references
 
 FOLDER = pathlib.Path(references.__file__).parent
-OWN = {"crosscheck.scene.model", "crosscheck.scene.states", "crosscheck.errors", "crosscheck.files"}  # no mechanics
+OWN = {"crosscheck.scene.model", "crosscheck.scene.states", "crosscheck.errors", "crosscheck.files",  # no mechanics
+       "crosscheck.scene.functions"}  # data of a scene; the two formulations in series evaluate it by formulas of theirs
 
 
 def imported(file):

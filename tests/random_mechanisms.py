@@ -121,7 +121,7 @@ def answer(random: Random) -> str:
     if solution.success and {"position", "velocity"} <= set(lieeuler.METHODS[options["method"]].held):
         problem = make()
         levels = lieeuler._kernel.constraint_levels(problem.kernel, *(
-            np.ascontiguousarray(getattr(solution, name)[-1:]) for name in ("x", "R", "v", "w")))
+            np.ascontiguousarray(getattr(solution, name)[-1:]) for name in ("x", "R", "v", "w")), 0.0)
         reach = max(1.0, np.abs(solution.v).max(initial=0.0) / max(np.abs(solution.v[-1]).max(initial=0.0), 1e-300))
         assert levels[0, 0] <= LOOSE, f"positions open by {levels[0, 0]:.3g}"
         assert levels[0, 1] <= LOOSE * reach, f"velocities open by {levels[0, 1]:.3g}"

@@ -11,7 +11,7 @@ import crosscheck.references as references
 
 FOLDER = pathlib.Path(references.__file__).parent
 OWN = {"crosscheck.scene.model", "crosscheck.scene.states", "crosscheck.errors", "crosscheck.files",  # no mechanics
-       "crosscheck.scene.functions"}  # data of a scene; the two formulations in series evaluate it by formulas of theirs
+       "crosscheck.scene.functions"}  # data of a scene, which series evaluate by formulas of their own
 
 
 def imported(file):

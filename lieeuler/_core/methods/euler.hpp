@@ -27,6 +27,8 @@ struct Layout {
 template <class Equations, class Map>
 class EulerStepper {
  public:
+  static constexpr bool kProjects = false;  // by Projection
+
   // Starts from frames and u of `state`; a and lam become the index-1 values there.
   Status start(const State& state, double h) {
     state_ = state;

@@ -241,6 +241,7 @@ class MuntheKaas {
 // Steps of one size, for `run`.
 class FixedMuntheKaas : public MuntheKaas {
  public:
+  static constexpr bool kProjects = true;
   using MuntheKaas::MuntheKaas;
 
   Status start(const State& state, double h) {

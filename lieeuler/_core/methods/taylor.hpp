@@ -14,8 +14,8 @@ class TaylorStepper {
   explicit TaylorStepper(const System& system)
       : system_(system),
         tree_(system),
-        small_(is_small(system, tree_)),
-        points_(system, tree_, small_),
+        small_(SmallSaddle::fits(system, ReferencePoints(system, tree_, is_forest(system)))),
+        points_(system, tree_, small_ && is_forest(system)),
         state_(system),
         projection_(system),
         saddle_(system, has_many_loops(system)),
@@ -32,7 +32,9 @@ class TaylorStepper {
     rank_confirmed_ = accelerated_ = false;
     update_angles(system_, state_.frames, state_.u, state_.angles);
     if (const Status status = projection_.start(state_); status != Status::success) return status;
-    if (!small_ && !saddle_.find_redundancy(projection_.joints())) return Status::singular_matrix;
+    const Constraints& joints = projection_.joints();
+    if (!(small_ ? small_saddle_.find_redundancy(joints) : saddle_.find_redundancy(joints)))
+      return Status::singular_matrix;
     return factor();
   }
 
@@ -93,11 +95,6 @@ class TaylorStepper {
     return std::clamp(static_cast<int>(std::lround(5 - 0.57 * std::log(rtol))), 4, kMostOrder);
   }
 
-  static bool is_small(const System& system, const HingeTree& tree) {
-    if (!is_forest(system)) return false;
-    return SmallSaddle(system, ReferencePoints(system, tree, true)).parts() <= SmallSaddle::kMostParts;
-  }
-
   // Taylor coefficients about the current state.
   Status expand() {
     series_.start(state_);
@@ -129,7 +126,7 @@ class TaylorStepper {
   Status factor() {
     if (tree_.complete) projection_.move_to(state_);
     const Constraints& joints = projection_.joints();
-    const bool regular = small_ ? small_saddle_.factor(joints, state_.frames) : saddle_.factor(joints);
+    const bool regular = small_ ? small_saddle_.factor(joints) : saddle_.factor(joints);
     return regular ? Status::success : Status::singular_matrix;
   }
 

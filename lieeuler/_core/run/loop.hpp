@@ -9,6 +9,7 @@
 #include "methods/euler_lagrange.hpp"
 #include "methods/rattle.hpp"
 #include "run/watch.hpp"
+#include "solve/projection.hpp"
 
 namespace lieeuler {
 
@@ -125,17 +126,26 @@ Outcome ended(Outcome outcome, Status status, double reached, const Monitor& mon
   return outcome;
 }
 
-// Samples with the least-norm multipliers of all rows, where methods solve for those of independent ones.
+// Samples with the least-norm multipliers of all rows, where methods solve for those of independent ones: all methods
+// where there are many loops, and where there are few those that project.
 class LeastNorm {
  public:
-  explicit LeastNorm(const System& system) : joints_(system), state_(system) {
-    if (has_many_loops(system)) rows_.emplace(system);
+  LeastNorm(const System& system, bool projects) : joints_(system), state_(system) {
+    if (has_many_loops(system))
+      rows_.emplace(system);
+    else if (projects && !is_forest(system))
+      projection_.emplace(system);
   }
   const State& of(const State& state) {
-    if (!rows_) return state;
+    if (!rows_ && !projection_) return state;
     state_ = state;
-    joints_.update(state_.frames);
-    if (rows_->choose(joints_, dropped_) > 0) rows_->make_least_norm(state_.lam);
+    if (rows_) {
+      joints_.update(state_.frames);
+      if (rows_->choose(joints_, dropped_) > 0) rows_->make_least_norm(state_.lam);
+    } else {
+      if (!std::exchange(started_, true)) regular_ = projection_->start(state_) == Status::success;
+      if (regular_) projection_->make_least_norm(state_);
+    }
     return state_;
   }
 
@@ -144,6 +154,8 @@ class LeastNorm {
   State state_;
   std::optional<IndependentRows> rows_;
   std::vector<char> dropped_;
+  std::optional<Projection> projection_;
+  bool started_ = false, regular_ = false;
 };
 
 // Where the samples go; each call appends one.
@@ -162,7 +174,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
   Monitor monitor(system, monitored);
   double t = 0, h = 0;
   Watch watch(interrupted, system);
-  LeastNorm least_norm(system);
+  LeastNorm least_norm(system, Stepper::kProjects);
   const auto end = [&](Status status) { return ended(outcome, status, t, monitor, stepper); };
   for (size_t k = 0; k < steps.size(); ++k) {
     if (steps[k] != h) {

@@ -11,6 +11,7 @@
 #include "model/scales.hpp"
 #include "solve/newton.hpp"
 #include "solve/schur.hpp"
+#include "solve/small_saddle.hpp"
 
 namespace lieeuler {
 
@@ -18,9 +19,11 @@ namespace lieeuler {
 inline constexpr double kNearlySingular = 1e-6;
 
 class Projection {
-  using Solver = std::variant<SaddlePoint, SchurComplement>;
-  static Solver make_solver(const System& system) {
+  using Solver = std::variant<SaddlePoint, SchurComplement, SmallSaddle>;
+  static Solver make_solver(const System& system, const ReferencePoints& points) {
     if (SchurComplement::fits(system)) return Solver(std::in_place_type<SchurComplement>, system);
+    if (!is_forest(system) && SmallSaddle::fits(system, points))
+      return Solver(std::in_place_type<SmallSaddle>, system, points);
     return Solver(std::in_place_type<SaddlePoint>, system, has_many_loops(system));
   }
   template <class Use>
@@ -32,10 +35,13 @@ class Projection {
   explicit Projection(const System& system)
       : system_(system),
         joints_(system),
-        solver_(make_solver(system)),
+        points_(system, HingeTree(system), false),
+        solver_(make_solver(system, points_)),
         change_(system.n() + 1),
         momentum_(system.n() + 1),
         mu_(system.rows(), 0.0) {}
+
+  Projection(const Projection&) = delete;  // the solver refers to the points
 
   // Counts the redundant rows where the run starts and factors the matrix there.
   Status start(const State& state) {
@@ -55,15 +61,19 @@ class Projection {
 
   // Evaluates the joints there; they refer to `state` until the next call.
   void move_to(const State& state) { joints_.update(state.frames); }
-  Status factor() {
-    return solve([&](auto& s) { return s.factor(joints_); }) ? Status::success : Status::singular_matrix;
+  Status factor(bool on_constraints = true) {
+    const bool regular = solve([&](auto& s) {
+      if constexpr (std::is_same_v<decltype(s), SmallSaddle&>) return s.factor(joints_, on_constraints);
+      return s.factor(joints_);
+    });
+    return regular ? Status::success : Status::singular_matrix;
   }
 
   // Projects from a matrix of its own.
   Status project(State& state, const Scales& scales, Counters& counters) {
     move_to(state);
     ++counters.factorizations;
-    if (const Status status = factor(); status != Status::success) return status;
+    if (const Status status = factor(false); status != Status::success) return status;
     return settle(state, scales, counters);
   }
 
@@ -79,12 +89,20 @@ class Projection {
     return Status::success;
   }
 
-  // (a, lam) of the index-1 system, and the matrix factored there.
+  // (a, lam) of the index-1 system, and the matrix factored there; near the constraints is enough.
   Status accelerate(State& state) {
     move_to(state);
-    if (const Status status = factor(); status != Status::success) return status;
+    if (const Status status = factor(false); status != Status::success) return status;
     solve([&](auto& s) { s.accelerate(joints_, state); });
     return Status::success;
+  }
+
+  // Samples with the least-norm multipliers of all rows, where those of some are left out.
+  void make_least_norm(State& state) {
+    if (auto* small = std::get_if<SmallSaddle>(&solver_); small && small->redundant() > 0) {
+      move_to(state);
+      if (small->factor(joints_)) small->make_least_norm(state.lam);
+    }
   }
 
   const Constraints& joints() const { return joints_; }
@@ -103,7 +121,10 @@ class Projection {
   static constexpr double kNoisyTerms = 8;      // roundings in a row of Phi: of x, R s, their differences and products
   static constexpr int kMostIterations = 12;
 
-  void project_velocities(SchurComplement& solver, State& state) { solver.project(joints_, state.u); }
+  template <class Complement>
+  void project_velocities(Complement& solver, State& state) {
+    solver.project(joints_, state.u);
+  }
   void project_velocities(SaddlePoint& solver, State& state) {
     for (int b = 0; b < system_.n(); ++b) momentum_[b] = canonical_momentum(system_.bodies[b], state.u[b]);
     solver.project(joints_, momentum_, state.u, mu_.data());
@@ -153,6 +174,7 @@ class Projection {
 
   const System& system_;
   Constraints joints_;
+  const ReferencePoints points_;
   Solver solver_;
   std::vector<Twist> change_, momentum_;
   std::vector<double> mu_;

@@ -3,10 +3,19 @@
 //   S = G M^-1 G^T,   lam = S^-1 (G M^-1 f + gamma),   udot = M^-1 (f - G^T lam)
 //
 // Where a light body carries a heavy one, S is the sum of a large and a small matrix and keeps few digits of the small
-// one: what is left of G udot + gamma is then solved for once more, which restores them.
+// one; near a singular position of a loop it loses as many as its pivots. What is left of G udot + gamma is then solved
+// for once more, which restores them.
+//
+// Of loops whose rows depend on each other S is singular: as many pivots as there are independent rows are taken, the
+// largest first, and the multipliers of the other rows are zero. The choice stays while the pivots are good. Off the
+// constraints, at the stages of a step, it decides what the accelerations are: there it stays in any case.
+// make_least_norm() is for multipliers to be shown.
 //
 // Bodies pinned to the ground have no translation: M is their inertia about the pin, and the pin has no multiplier.
 #pragma once
+
+#include <Eigen/Core>
+#include <numeric>
 
 #include "model/reference_points.hpp"
 
@@ -14,160 +23,318 @@ namespace lieeuler {
 
 class SmallSaddle {
  public:
-  SmallSaddle(const System& system, const ReferencePoints& points) : points_(points) {
+  SmallSaddle(const System& system, const ReferencePoints& points) : system_(system), points_(points) {
     for (int b = 0; b < system.n(); ++b) bodies_.push_back({1 / system.bodies[b].mass, points.inertia(b).inverse()});
     const Nodes nodes(system, false);
     for (int k = 0; k < nodes.parts(); ++k) {
       if (points.holds(nodes.part(k))) continue;
       const Joint& joint = system.joints[nodes.part(k).joint];
       const Part& part = joint.parts[nodes.part(k).part];
-      const int place = parts();
       for (Side side : kSides) {
         const int body = side == kChild ? joint.child : joint.parent;
-        if (body != system.n()) sides_.push_back({&part, nodes.part(k).joint, side, body, place, {}, {}});
+        if (body != system.n()) sides_.push_back({&part, nodes.part(k).joint, side, body, rows_, part.rows(), {}, {}});
       }
-      parts_.push_back({k, part.rows()});
+      parts_.push_back({k, nodes.part(k).joint, &part, rows_});
+      rows_ += part.rows();
     }
-    if (parts() > kMostParts) return;
-    inverse_.resize(parts() * parts());
-    factor_.resize(9 * inverse_.size());
+    rank_ = rows_;
+    if (rows_ > kMostRows) return;
+    S_.resize(rows_ * rows_), L_.resize(rows_ * rows_);
+    all_rows_.resize(nodes.parts()), twists_.resize(system.n() + 1);
   }
-  static constexpr int kMostParts = 4;
-  // Parts that are left for multipliers.
-  int parts() const { return static_cast<int>(parts_.size()); }
-
-  // False where the rows have become dependent.
-  bool factor(const Constraints& joints, const Configuration& frames) {
-    for (Mat3& block : inverse_) block.setZero();
-    for (int p = 0; p < parts(); ++p)
-      for (int r = parts_[p].rows; r < 3; ++r) block(p, p)(r, r) = 1;
-    for (Sided& side : sides_) {
-      side.G = points_.moved(joints[side.joint].jacobian(*side.part, side.side), side.body, frames[side.body].R);
-      side.H.w.noalias() = bodies_[side.body].inertia_inverse * side.G.w.transpose();
-      side.H.v = bodies_[side.body].mass_inverse * side.G.v.transpose();
-    }
-    for (const Sided& row : sides_)
-      for (const Sided& column : sides_) {
-        if (row.body != column.body) continue;
-        Mat3& S = block(row.place, column.place);
-        S.noalias() += row.G.w * column.H.w;
-        if (!points_.pinned(row.body)) S.noalias() += row.G.v * column.H.v;
-      }
-    smallest_pivot_ = 1;
-    return parts() == 1 ? invert_block() : invert();
+  // Systems it is for: few rows of trees, where most others are cheaper, and loops of up to a dozen or so joints.
+  static bool fits(const System& system, const ReferencePoints& points) {
+    const SmallSaddle solver(system, points);
+    return solver.rows_ <= kMostRows && (!is_forest(system) || solver.parts() <= kMostParts);
   }
 
-  // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places, to rounding
-  // always.
-  void solve(std::vector<Twist>& f, std::vector<Vec3>& rows, bool) {
+  // Finds how many rows depend on others, and expects as many from then on. False where the system is singular.
+  bool find_redundancy(const Constraints& joints) {
+    int redundant;
+    count_redundancy(joints, redundant);
+    rank_ = rows_ - redundant;
+    smallest_at_choice_ = std::numeric_limits<double>::infinity();
+    return factor(joints);
+  }
+  bool count_redundancy(const Constraints& joints, int& redundant) {
+    assemble(joints);
+    redundant = parts() < 2 ? 0 : rows_ - eliminate(rows_, kDependent, true);
+    return true;
+  }
+  int redundant() const { return rows_ - rank_; }
+  // Over its entry of S: near a singular position it goes to zero, as the square of the distance.
+  double smallest_pivot() const { return smallest_pivot_; }
+
+  // False where the rows have become dependent. on_constraints: other rows may be chosen.
+  bool factor(const Constraints& joints, bool on_constraints = true) {
+    factored_ = &joints;
+    assemble(joints);
+    if (parts() == 1) return invert_block();
+    if (eliminate(rank_, kSingular, false) == rank_ &&
+        !(on_constraints && smallest_pivot_ < kWorse * smallest_at_choice_))
+      return true;
+    if (eliminate(rank_, kSingular, true) < rank_) return false;
+    smallest_at_choice_ = smallest_pivot_;
+    return true;
+  }
+
+  // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places. to_rounding:
+  // what redundant rows cost in digits matters.
+  void solve(std::vector<Twist>& f, std::vector<Vec3>& rows, bool to_rounding) {
     for (size_t b = 0; b < bodies_.size(); ++b) {
       f[b].v *= bodies_[b].mass_inverse;
       f[b].w = Vec3(bodies_[b].inertia_inverse * f[b].w);
     }
     if (parts() == 0) return;
-    Vec3 r[kMostParts], lam[kMostParts];
-    for (int p = 0; p < parts(); ++p) r[p] = -rows[parts_[p].part];
-    add_rates(f, r);
+    if (parts() == 1) return solve_single(f, rows[parts_[0].index]);
+    double r[kMostRows], lam[kMostRows];
+    put_rates(rows, f, r);
     correct(r, lam, f);
-    if (smallest_pivot_ < kGraded) {
-      Vec3 more[kMostParts];
-      for (int p = 0; p < parts(); ++p) r[p] = -rows[parts_[p].part];
-      add_rates(f, r);
+    if (smallest_pivot_ < kGraded || (to_rounding && redundant() > 0)) {
+      double more[kMostRows];
+      put_rates(rows, f, r);
       correct(r, more, f);
-      for (int p = 0; p < parts(); ++p) lam[p] += more[p];
+      for (int i = 0; i < rows_; ++i) lam[i] += more[i];
     }
-    for (int p = 0; p < parts(); ++p) rows[parts_[p].part] = lam[p];
+    for (const PartRows& part : parts_) {
+      Vec3& out = rows[part.index];
+      out.setZero();
+      for (int i = 0; i < part.part->rows(); ++i) out[i] = lam[part.row + i];
+    }
+  }
+
+  // The least displacement that closes the joints to first order: M d + G^T mu = 0, G d = -Phi.
+  void displace(const Constraints& joints, std::vector<Twist>& d) {
+    std::fill(d.begin(), d.end(), Twist{});
+    for (const PartRows& part : parts_) all_rows_[part.index] = -joints[part.joint].position(*part.part);
+    solve(d, all_rows_, true);
+  }
+  // u <- u - M^-1 G^T mu with G u + dPhi/dt = 0
+  void project(const Constraints& joints, std::vector<Twist>& u) {
+    for (int b = 0; b < system_.n(); ++b) u[b] = momentum(system_.bodies[b], u[b]);
+    for (const PartRows& part : parts_) all_rows_[part.index] = -joints[part.joint].drift(*part.part);
+    solve(u, all_rows_, true);
+  }
+  // (a, lam) of the index-1 system.
+  void accelerate(const Constraints& joints, State& state) {
+    generalized_forces(system_, state.frames, state.u, state.angles, state.a);
+    for (const PartRows& part : parts_) {
+      const Joint& joint = system_.joints[part.joint];
+      all_rows_[part.index] = -joints[part.joint].gamma(*part.part, state.u[joint.parent], state.u[joint.child]);
+    }
+    solve(state.a, all_rows_, true);
+    state.a[system_.n()] = Twist{};
+    for (const PartRows& part : parts_)
+      std::copy_n(all_rows_[part.index].data(), part.part->rows(), state.lam.data() + part.part->row);
+  }
+
+  // The least-norm multipliers that act as these do, at the joints factored last.
+  void make_least_norm(std::vector<double>& lam) {
+    std::vector<std::vector<double>> null;
+    for (int k = rank_; k < rows_; ++k) {
+      std::vector<double> w = without_effect(k);
+      for (int pass = 0; pass < 2; ++pass)  // Gram and Schmidt, twice is enough
+        for (const std::vector<double>& other : null) subtract_component(other, w);
+      const double length = std::sqrt(std::inner_product(w.begin(), w.end(), w.begin(), 0.0));
+      for (double& value : w) value /= length;
+      subtract_component(w, lam);
+      null.push_back(std::move(w));
+    }
   }
 
  private:
-  static constexpr double kSingular = 1e-13;  // what rounding leaves of a pivot
-  static constexpr double kGraded = 1e-3;     // of its entry: a pivot below it has lost three digits
+  static constexpr int kMostRows = 64, kMostParts = 4;
+  static constexpr double kSingular = 1e-13;   // what rounding leaves of a pivot
+  static constexpr double kDependent = 1e-11;  // pivots go as squares of singular values of G
+  static constexpr double kWorse = 0.25;       // of the smallest pivot: other rows are chosen then
+  static constexpr double kGraded = 1e-3;      // of its entry: a pivot below it has lost three digits
   struct Inertia {
     double mass_inverse;
     Mat3 inertia_inverse;
   };
   struct PartRows {
-    int part, rows;
+    int index, joint;
+    const Part* part;
+    int row;  // the first
   };
   // One side of a part: its rows G and M^-1 G^T.
   struct Sided {
     const Part* part;
     int joint;
     Side side;
-    int body, place;
+    int body, row, rows;
     Rows G, H;
   };
 
-  Mat3& block(int row, int column) { return inverse_[row * parts() + column]; }
+  int parts() const { return static_cast<int>(parts_.size()); }
+  double& S(int i, int j) { return S_[j * rows_ + i]; }
+  double* L(int j) { return &L_[j * rows_]; }
 
-  // r += G y
-  void add_rates(const std::vector<Twist>& y, Vec3* r) const {
+  void assemble(const Constraints& joints) {
+    std::fill(S_.begin(), S_.end(), 0.0);
+    for (Sided& side : sides_) {
+      const JointState& joint = joints[side.joint];
+      side.G = points_.moved(joint.jacobian(*side.part, side.side), side.body, joint.attitude(side.side));
+      side.H.w.noalias() = bodies_[side.body].inertia_inverse * side.G.w.transpose();
+      side.H.v = bodies_[side.body].mass_inverse * side.G.v.transpose();
+    }
+    for (const Sided& row : sides_)
+      for (const Sided& column : sides_) {
+        if (row.body != column.body || row.row < column.row) continue;
+        Mat3 block = row.G.w * column.H.w;
+        if (!points_.pinned(row.body)) block.noalias() += row.G.v * column.H.v;
+        for (int j = 0; j < column.rows; ++j)
+          for (int i = 0; i < row.rows; ++i) S(row.row + i, column.row + j) += block(i, j);
+      }
+    for (int j = 0; j < rows_; ++j)
+      for (int i = j + 1; i < rows_; ++i) S(j, i) = S(i, j);
+  }
+
+  // S = L L^T with the rows in `order_`; where they are to be chosen, the one most of whose entry is left comes next.
+  // Stops after `most` pivots, or where the next is below `tolerance` of its entry. Returns the number of pivots; the
+  // other rows follow in L.
+  int eliminate(int most, double tolerance, bool choose) {
+    if (choose) std::iota(order_, order_ + rows_, 0);
+    for (int i = 0; i < rows_; ++i) left_[i] = 1, entry_inverse_[i] = 1 / S(i, i);
+    smallest_pivot_ = 1;
+    for (int j = 0; j < most; ++j) {
+      const int next = choose ? static_cast<int>(std::max_element(left_ + j, left_ + rows_) - left_) : j;
+      if (!(left_[next] > tolerance)) return j;
+      smallest_pivot_ = std::min(smallest_pivot_, left_[next]);
+      if (next != j) {
+        std::swap(order_[j], order_[next]), std::swap(left_[j], left_[next]);
+        for (int k = 0; k < j; ++k) std::swap(L(k)[j], L(k)[next]);
+      }
+      double* const column = L(j);
+      const double* const given = &S_[order_[j] * rows_];
+      for (int i = j; i < rows_; ++i) column[i] = given[order_[i]];
+      for (int k = 0; k < j; ++k) {
+        const double* const other = L(k);
+        const double factor = other[j];
+        for (int i = j; i < rows_; ++i) column[i] -= factor * other[i];
+      }
+      pivot_inverse_[j] = 1 / std::sqrt(column[j]);
+      for (int i = j + 1; i < rows_; ++i) {
+        column[i] *= pivot_inverse_[j];
+        left_[i] -= column[i] * column[i] * entry_inverse_[order_[i]];
+      }
+    }
+    return most;
+  }
+  // x <- L^-T x, of the rows with pivots
+  void substitute_back(double* x) const {
+    using Column = Eigen::Map<const Eigen::VectorXd>;
+    for (int j = rank_ - 1; j >= 0; --j) {
+      const int below = rank_ - j - 1;
+      const double sum = Column(&L_[j * rows_ + j + 1], below).dot(Column(x + j + 1, below));
+      x[j] = (x[j] - sum) * pivot_inverse_[j];
+    }
+  }
+
+  // r = G y - rows
+  void put_rates(const std::vector<Vec3>& rows, const std::vector<Twist>& y, double* r) const {
+    for (const PartRows& part : parts_)
+      for (int i = 0; i < part.part->rows(); ++i) r[part.row + i] = -rows[part.index][i];
     for (const Sided& side : sides_) {
-      r[side.place] += side.G.w * y[side.body].w;
-      if (!points_.pinned(side.body)) r[side.place] += side.G.v * y[side.body].v;
+      Vec3 rate = side.G.w * y[side.body].w;
+      if (!points_.pinned(side.body)) rate += side.G.v * y[side.body].v;
+      for (int i = 0; i < side.rows; ++i) r[side.row + i] += rate[i];
     }
   }
   // lam = S^-1 r,  y -= M^-1 G^T lam
-  void correct(const Vec3* r, Vec3* lam, std::vector<Twist>& y) {
-    for (int p = 0; p < parts(); ++p) {
-      lam[p] = block(p, 0) * r[0];
-      for (int q = 1; q < parts(); ++q) lam[p] += block(p, q) * r[q];
+  void correct(const double* r, double* lam, std::vector<Twist>& y) {
+    double x[kMostRows];
+    for (int i = 0; i < rank_; ++i) x[i] = r[order_[i]];
+    for (int j = 0; j < rank_; ++j) {
+      const double* const column = L(j);
+      x[j] *= pivot_inverse_[j];
+      for (int i = j + 1; i < rank_; ++i) x[i] -= x[j] * column[i];
     }
+    substitute_back(x);
+    for (int i = 0; i < rows_; ++i) lam[order_[i]] = i < rank_ ? x[i] : 0;
     for (const Sided& side : sides_) {
-      y[side.body].w -= side.H.w * lam[side.place];
-      if (!points_.pinned(side.body)) y[side.body].v -= side.H.v * lam[side.place];
+      Vec3 own = Vec3::Zero();
+      for (int i = 0; i < side.rows; ++i) own[i] = lam[side.row + i];
+      y[side.body].w -= side.H.w * own;
+      if (!points_.pinned(side.body)) y[side.body].v -= side.H.v * own;
     }
+  }
+
+  // The same of a single part, three rows whatever it has.
+  void solve_single(std::vector<Twist>& y, Vec3& rows) {
+    Vec3 lam = Vec3::Zero();
+    for (int pass = 0; pass < (smallest_pivot_ < kGraded ? 2 : 1); ++pass) {
+      Vec3 r = -rows;
+      for (const Sided& side : sides_) {
+        r += side.G.w * y[side.body].w;
+        if (!points_.pinned(side.body)) r += side.G.v * y[side.body].v;
+      }
+      const Vec3 more = inverse_ * r;
+      for (const Sided& side : sides_) {
+        y[side.body].w -= side.H.w * more;
+        if (!points_.pinned(side.body)) y[side.body].v -= side.H.v * more;
+      }
+      lam += more;
+    }
+    rows = lam;
+  }
+
+  // Multipliers of all rows, as in lam, that do nothing: one of the k-th row, and those of rows with pivots.
+  std::vector<double> without_effect(int k) {
+    double x[kMostRows];
+    for (int j = 0; j < rank_; ++j) x[j] = -L(j)[k];
+    substitute_back(x);
+    for (int j = rank_; j < rows_; ++j) x[j] = j == k ? 1 : 0;
+    std::vector<double> places(rows_), w(rows_);
+    for (int i = 0; i < rows_; ++i) places[order_[i]] = x[i];
+    for (const PartRows& part : parts_) std::copy_n(&places[part.row], part.part->rows(), &w[part.part->row]);
+    // What rounding leaves of G^T w, M y + G^T m = G^T w with G y = 0, belongs to m: w <- w - m.
+    std::fill(twists_.begin(), twists_.end(), Twist{});
+    for (const PartRows& part : parts_) {
+      const Joint& joint = system_.joints[part.joint];
+      Vec3 own = Vec3::Zero();
+      std::copy_n(&places[part.row], part.part->rows(), own.data());
+      (*factored_)[part.joint].subtract_reaction(*part.part, -own, twists_[joint.parent], twists_[joint.child]);
+    }
+    std::fill(all_rows_.begin(), all_rows_.end(), Vec3::Zero());
+    solve(twists_, all_rows_, true);
+    for (const PartRows& part : parts_)
+      for (int i = 0; i < part.part->rows(); ++i) w[part.part->row + i] -= all_rows_[part.index][i];
+    return w;
+  }
+  static void subtract_component(const std::vector<double>& w, std::vector<double>& values) {
+    const double product = std::inner_product(w.begin(), w.end(), values.begin(), 0.0);
+    for (size_t i = 0; i < w.size(); ++i) values[i] -= product * w[i];
   }
 
   bool invert_block() {
-    Mat3& S = inverse_[0];
-    const Vec3 a = S.col(1).cross(S.col(2));
-    const double volume = S.col(0).dot(a);
-    const double size = S(0, 0) * S(1, 1) * S(2, 2);
+    Mat3 S3 = Mat3::Identity();
+    for (int j = 0; j < rows_; ++j)
+      for (int i = 0; i < rows_; ++i) S3(i, j) = S(i, j);
+    const Vec3 a = S3.col(1).cross(S3.col(2));
+    const double volume = S3.col(0).dot(a);
+    const double size = S3(0, 0) * S3(1, 1) * S3(2, 2);
     if (!(volume > kSingular * size)) return false;
     smallest_pivot_ = volume / size;
-    Mat3 rows;
-    rows << a.transpose(), S.col(2).cross(S.col(0)).transpose(), S.col(0).cross(S.col(1)).transpose();
-    S = rows / volume;
-    return true;
-  }
-  // By Cholesky's factors, S = L L^T; the inverse of L takes its place, then S^-1 = L^-T L^-1 that of the blocks.
-  bool invert() {
-    const int n = 3 * parts();
-    auto L = [&](int i, int j) -> double& { return factor_[i * n + j]; };
-    for (int j = 0; j < n; ++j)
-      for (int i = j; i < n; ++i) {
-        const double entry = block(i / 3, j / 3)(i % 3, j % 3);
-        double sum = entry;
-        for (int k = 0; k < j; ++k) sum -= L(i, k) * L(j, k);
-        if (i == j && !(sum > kSingular * entry)) return false;
-        if (i == j) smallest_pivot_ = std::min(smallest_pivot_, sum / entry);
-        L(i, j) = i == j ? std::sqrt(sum) : sum / L(j, j);
-      }
-    for (int j = 0; j < n; ++j) {
-      L(j, j) = 1 / L(j, j);
-      for (int i = j + 1; i < n; ++i) {
-        double sum = 0;
-        for (int k = j; k < i; ++k) sum -= L(i, k) * L(k, j);
-        L(i, j) = sum / L(i, i);
-      }
-    }
-    for (int i = 0; i < n; ++i)
-      for (int j = 0; j <= i; ++j) {
-        double sum = 0;
-        for (int k = i; k < n; ++k) sum += L(k, i) * L(k, j);
-        block(i / 3, j / 3)(i % 3, j % 3) = block(j / 3, i / 3)(j % 3, i % 3) = sum;
-      }
+    inverse_ << a.transpose(), S3.col(2).cross(S3.col(0)).transpose(), S3.col(0).cross(S3.col(1)).transpose();
+    inverse_ /= volume;
     return true;
   }
 
+  const System& system_;
   const ReferencePoints& points_;
   std::vector<Inertia> bodies_;
   std::vector<PartRows> parts_;
   std::vector<Sided> sides_;
-  std::vector<Mat3> inverse_;  // S^-1 by blocks
-  std::vector<double> factor_;
-  double smallest_pivot_ = 1;  // of S, over its entry
+  int rows_ = 0, rank_ = 0;
+  std::vector<double> S_, L_;  // by columns
+  Mat3 inverse_;               // S^-1 of a single part
+  int order_[kMostRows];
+  double left_[kMostRows], entry_inverse_[kMostRows], pivot_inverse_[kMostRows];
+  double smallest_pivot_ = 1, smallest_at_choice_ = std::numeric_limits<double>::infinity();  // over the entry of S
+  const Constraints* factored_ = nullptr;
+  std::vector<Vec3> all_rows_;
+  std::vector<Twist> twists_;
 };
 
 }  // namespace lieeuler

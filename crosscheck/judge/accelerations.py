@@ -24,6 +24,9 @@ WITHIN = 16.0
 """Steps whose changes a reported acceleration may show: methods of index 3, and those that start an acceleration of
 their own (generalised alpha), miss it by up to nine."""
 
+SETTLED = 200
+"""Steps after which what an acceleration of its own brought from the start has gone: 0.9 a step is 1e-9 by then."""
+
 UNITS = {"acceleration": "m/s^2", "angular acceleration": "rad/s^2", "reaction": "m/s^2",
          "reaction torque": "rad/s^2"}
 """Reactions are compared by the accelerations that they give each body, M^-1 G^T lam: rows may be redundant."""
@@ -55,6 +58,7 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
         for run, weight, share in zip(ordered, weights, shares(ordered, power), strict=True):
             # Forces of soft constraints follow their opening over h^2, and no power of h.
             soft = np.minimum(run.opening["position"], run.allowed[0]["position"])[run.flow.index + 1]
+            bound[run.flow.end.t < SETTLED * (run.claim.step or 0.0)] = np.inf
             bound = bound + abs(weight) * (share * _bound(scene, run, power) + soft / (run.claim.step or 1.0) ** 2)
         options.append(("extrapolated to vanishing steps, ",
                         {name: np.linalg.norm(sum(weight * gaps[id(run)][name] for run, weight in
@@ -104,7 +108,8 @@ def _bound(scene: Scene, run: Defects, power: int, more: int = 0, times: float =
     if run.claim.step and run.claim.fixed:
         degree = power + more
         steps = WITHIN if not more else WITHIN**degree / math.factorial(degree)
-        changed = times * steps * run.claim.step**degree * scale.length * found.jerks[degree]
+        # The largest of the run: accelerations of their own remember where they came from.
+        changed = times * steps * run.claim.step**degree * scale.length * float(found.jerks[degree].max())
     else:
         share = RATES * run.claim.steps * len(found.tau) * (run.claim.rtol or 0.0)
         changed = share * scale.length * (found.jerks[0] + scale.rate**2)

@@ -171,7 +171,7 @@ KNOWN: tuple[Known, ...] = (
     Known("mujoco", ("Euler", "implicitfast", "discrete"), ("heavy_top",), None, EXPLODED, GYROSCOPIC, True,
           cap=BURST),
     Known("pinocchio", ("SymplecticEuler",), ("heavy_top",), None, EXPLODED, GYROSCOPIC, True, cap=BURST),
-    Known("mujoco", ("discrete",), None, ("maximal",), ("acceleration", "angular acceleration", "reaction",
+    Known("mujoco", ("discrete",), None, None, ("acceleration", "angular acceleration", "reaction",
           "reaction torque"), DISCRETE, always=False),
     Known("lieeuler", ("DAE2H_LE", "INDEX1_LE"), ("heavy_top",), None, ("energy",), UNSTABILIZED, True, cap=BURST),
 )

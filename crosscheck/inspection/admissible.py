@@ -109,5 +109,11 @@ def _velocity(scene: Scene, constraints: Constraints, rng: np.random.Generator, 
     size = max(np.abs(scene.w0).max(initial=0.0), np.abs(scene.v0).max(initial=0.0) / L, 1.0)
     turning, moving = np.abs(extra.reshape(-1, 6)[:, 3:]).max(), np.abs(extra.reshape(-1, 6)[:, :3]).max() / L
     extra *= rng.uniform(0.5, 1.0) * size / max(turning, moving, np.finfo(float).tiny)
-    M = np.linalg.inv(mechanics.inverse_mass(scene))
-    return N @ (N.T @ M @ (u + extra))  # the mass-orthogonal projection on the admissible velocities
+    B, M = inverse_root_mass(scene), np.linalg.inv(mechanics.inverse_mass(scene))
+    found: np.ndarray = N @ (N.T @ M @ (u + extra))  # the mass-orthogonal projection on what the joints leave free
+    if constraints.drives:  # and the velocity of least energy that the drives ask for
+        rest = np.zeros((1, scene.n, 3))
+        rate = -constraints.velocity(x[None], R[None], rest, rest)[0]
+        scaled = constraints.jacobian(x[None], R[None])[0] @ B
+        found += B @ np.linalg.lstsq(scaled, rate, rcond=mechanics.RANK_TOLERANCE)[0]
+    return found

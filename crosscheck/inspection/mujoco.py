@@ -11,6 +11,7 @@ from crosscheck.inspection.base import Probe, stacked
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
+MOVED = "a rest angle that moves is an actuator here: MuJoCo counts the energy of a spring about a fixed one"
 SOFT = "equality constraints are soft: MuJoCo solves a regularised problem, whose answer is not the rigid system's"
 
 
@@ -33,6 +34,8 @@ def _at(scene: Scene, form: str) -> Probe:
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     data = mujoco.MjData(model)
     models.set_initial_state(scene, model, data)
+    if control := models.controls(scene):
+        control(model, data)
     mujoco.mj_forward(model, data)
     mujoco.mj_rnePostConstraint(model, data)
     bodies = [model.body(str(k)).id for k in range(scene.n)]
@@ -54,6 +57,8 @@ def _at(scene: Scene, form: str) -> Probe:
     else:
         found.a, found.alpha = rates[None, :, 3:], np.einsum("nji,nj->ni", R, rates[:, :3])[None]
         found.reactions = _reactions(scene, model, data, bodies)
+    if any(force.type == "torsional_spring" and force.functions for force in scene.forces):
+        found.potential, found.notes["potential energy"] = None, MOVED
     if form == "maximal":
         found.applied_force = data.qfrc_smooth[None].copy()
     data.qvel[:] = 0.0
@@ -78,10 +83,16 @@ def _motion(model: Any, data: Any, bodies: list[int]) -> tuple[np.ndarray, np.nd
 
 
 def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Of the joints of an open tree: the wrench between a body and its inner neighbour, without the hinge's spring."""
+    """Of the joints of an open tree: the wrench between a body and its inner neighbour, without springs and motors."""
+    import mujoco
+
     found = {}
-    loads = []  # (body, point, force and torque in world axes) of every actuator: rnePostConstraint leaves them out
+    motors = np.zeros(model.njnt)
+    loads = []  # (body, point, force and torque in world axes) of every load: rnePostConstraint leaves them out
     for number in range(model.nu):
+        if model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_JOINT:
+            motors[model.actuator_trnid[number, 0]] += data.actuator_force[number] * model.actuator_gear[number, 0]
+            continue
         site, axes = model.actuator_trnid[number]
         turn = data.site_xmat[axes if axes >= 0 else site].reshape(3, 3)
         wrench = data.actuator_force[number] * model.actuator_gear[number].reshape(2, 3) @ turn.T
@@ -90,15 +101,18 @@ def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[s
         inner = bodies[joint.parent] if joint.parent >= 0 else 0
         body, sign = (bodies[joint.child], 1.0) if model.body_parentid[bodies[joint.child]] == inner else (inner, -1.0)
         torque, force = data.cfrc_int[body, :3].copy(), data.cfrc_int[body, 3:].copy()
-        first = model.body_jntadr[body]
-        for number in range(first, first + model.body_jntnum[body]):
-            if model.jnt_type[number] == 3:  # a hinge; its spring and damper act through the joint, but are no reaction
-                at_q, at_v = model.jnt_qposadr[number], model.jnt_dofadr[number]
-                own = -model.jnt_stiffness[number] * (data.qpos[at_q] - model.qpos_spring[at_q])
-                torque -= data.xaxis[number] * (own - model.dof_damping[at_v] * data.qvel[at_v])
         child = bodies[joint.child]
         point = data.xpos[child] + data.xmat[child].reshape(3, 3) @ joint.child_anchor
         torque += np.cross(data.subtree_com[model.body_rootid[body]] - point, force)
+        first = model.body_jntadr[body]
+        for number in range(first, first + model.body_jntnum[body]):
+            # springs, dampers and motors act through the joint, but are no reaction; a force's line meets the anchor
+            if model.jnt_type[number] == mujoco.mjtJoint.mjJNT_SLIDE:
+                force -= data.xaxis[number] * motors[number]
+            elif model.jnt_type[number] == mujoco.mjtJoint.mjJNT_HINGE:
+                at_q, at_v = model.jnt_qposadr[number], model.jnt_dofadr[number]
+                own = -model.jnt_stiffness[number] * (data.qpos[at_q] - model.qpos_spring[at_q])
+                torque -= data.xaxis[number] * (own - model.dof_damping[at_v] * data.qvel[at_v] + motors[number])
         for loaded, at, load in loads:
             while loaded not in (body, 0):  # until the load hangs on the body, or is found to hang elsewhere
                 loaded = model.body_parentid[loaded]

@@ -164,7 +164,8 @@ def judge_tolerances(rungs: Sequence[Rung], floor: float) -> list[Finding]:
     why = "errors fall as the tolerance does: least squares in the logarithms over the ladder of tolerances"
     if len(seen) < FEWEST or len({rung.steps for rung in rungs}) < FEWEST:
         return [Finding("order rtol", "unjudged", None, LEAST_SLOPE, "1", why, "too few tolerances above rounding")]
-    slope = float(np.polyfit(*np.log(np.array(seen)).T, 1)[0])
+    tolerances, errors = np.log(np.array(seen)).T
+    slope = float(np.polyfit(tolerances, errors, 1)[0])
     return [Finding("order rtol", "ok" if slope >= LEAST_SLOPE else "fail", slope, LEAST_SLOPE, "1", why,
                     f"{len(seen)} tolerances from {seen[0][0]:.0e} to {seen[-1][0]:.0e}")]
 

@@ -13,7 +13,7 @@ from crosscheck.adapters.exudyn import adapter as exudyn_adapter
 from crosscheck.adapters.exudyn import kinematic_tree, models, solving
 from crosscheck.errors import EngineError
 from crosscheck.scene import mechanics
-from crosscheck.scene.model import Scene
+from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
 from tests.adapters.pairs import loaded_pair
 from tests.adapters.test_lieeuler import exact
@@ -55,6 +55,13 @@ def _loads(system: Any) -> list[dict[str, Any]]:
     return [system.GetLoad(index) for index in range(system.systemData.NumberOfLoads())]
 
 
+def _load_count(scene: Scene) -> int:
+    """Loads of Exudyn: one each, but for a motor one on either body that its joint has."""
+    bodies = {joint.name: (joint.parent, joint.child) for joint in scene.joints}
+    return sum(1 if force.joint is None else sum(body != GROUND for body in bodies[force.joint])
+               for force in scene.forces if force.type not in NO_LOADS)
+
+
 def _check_springs(scene: Scene, objects: list[dict[str, Any]]) -> None:
     """Each spring has its own stiffness and damping, nothing else that Exudyn's springs could have."""
     for force, found in zip((f for f in scene.forces if f.type in NO_LOADS), objects, strict=True):
@@ -86,7 +93,7 @@ def test_maximal_model_is_the_scene_and_nothing_else(name: str, node: str) -> No
     _check_springs(scene, objects[1 + scene.n + len(joints):])
     loads = _loads(system)
     assert [load["loadVector"].tolist() for load in loads[:scene.n]] == [scene.gravity.tolist()] * scene.n
-    assert len(loads) == scene.n + len(scene.forces) - len(springs)
+    assert len(loads) == scene.n + _load_count(scene)
     kinds = [system.GetNode(index)["nodeType"] for index in range(system.systemData.NumberOfNodes())]
     body = {"lie": "RigidBodyRotVecLG", "euler_parameters": "RigidBodyEP"}[node]
     assert sorted(kinds) == sorted([body] * scene.n + ["GenericData"] * springs.count("torsional_spring"))
@@ -111,7 +118,7 @@ def test_tree_model_is_the_scene_and_nothing_else(name: str) -> None:
     kinds = [*(CONNECTORS.get(joint.type, "JointGeneric") for joint in closing),
              *[CONNECTORS["linear_spring"]] * len(springs)]
     assert [item["objectType"] for item in others if item["objectType"] != "Ground"] == kinds
-    assert len(_loads(system)) == sum(force.type not in NO_LOADS for force in scene.forces)
+    assert len(_loads(system)) == _load_count(scene)
 
 
 @pytest.mark.parametrize("kind", [kind for kind in JOINT_TYPES if kind != "distance"])

@@ -16,8 +16,10 @@ from crosscheck.inspection.base import LOOSEST, QUANTITIES
 from crosscheck.running.support import minimal_scenes
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.file import scene_names
-from crosscheck.scene.model import Scene
+from crosscheck.scene.functions import sine
+from crosscheck.scene.model import Force, Scene
 from crosscheck.scene.states import States
+from tests.adapters.pairs import loaded_pair
 
 ENGINES = ("lieeuler", "mujoco", "pinocchio", "exudyn")
 SMALL = ("branching_tree", "slider_crank", "loaded_pendulum", "prismatic_slider", "torsion_wheel", "bricard")
@@ -71,6 +73,28 @@ def test_every_joint_and_force(engine: str) -> None:
         assert found.probes
 
 
+@pytest.mark.parametrize(("kind", "motor"), [
+    ("prismatic", Force("joint_force", None, None, "joint", {"force": 1.7})),
+    ("revolute", Force("joint_torque", None, None, "joint", {"torque": sine([[2.0, 3.0, 0.7]])})),
+])
+@pytest.mark.parametrize("inward", [False, True])
+def test_a_motor_is_no_reaction_of_its_joint(kind: str, motor: Force, inward: bool) -> None:
+    pair = loaded_pair(kind, inward)
+    scene = pair.replace(forces=(*pair.forces, motor))
+    found = inspect(scene, ENGINES, count=1)
+    assert found.agree, "; ".join(map(str, found.offenders))
+    told = [one.label for one in found.probes if one.reactions is not None]
+    assert told == ["lieeuler maximal", "mujoco tree", "pinocchio tree", "pinocchio maximal"]
+
+
+@pytest.mark.parametrize("name", ["driven_cart", "driven_slider_crank"])
+def test_driven_scenes_agree_with_truth(name: str) -> None:
+    found = inspect(crosscheck.load_scene(name), ENGINES)
+    assert found.agree, "; ".join(map(str, found.offenders))
+    assert found.probes
+    assert not any("Error" in reason for reason in found.skipped.values()), found.skipped
+
+
 def test_a_probe_tells_what_it_can_and_why_not_the_rest() -> None:
     for name in ("prismatic_slider", "damped_pendulum"):
         found = inspect(crosscheck.load_scene(name), ENGINES, count=0)
@@ -102,7 +126,7 @@ def test_the_first_offender_is_the_cause(name: str, change: object, quantity: st
     assert str(found.offenders[0]).startswith(f"misbuilt tree: {quantity}")
 
 
-@pytest.mark.parametrize("name", [*SMALL, "parallelogram"])
+@pytest.mark.parametrize("name", [*SMALL, "parallelogram", "driven_slider_crank"])
 def test_random_states_are_admissible(name: str) -> None:
     scene = crosscheck.load_scene(name)
     at, again, other = (admissible.states(scene, 4, seed) for seed in (7, 7, 8))

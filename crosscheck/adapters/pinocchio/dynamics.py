@@ -189,7 +189,7 @@ class Dynamics:
         """Force and torque, world axes, of every joint on its child at the child's anchor.
 
         Constraint forces of cut joints as constraintDynamics finds them; of joints in the tree the forces that inverse
-        dynamics (rnea) propagates, without the springs that act in them.
+        dynamics (rnea) propagates, without the springs and motors that act in them.
         """
         if self._reactions is None:
             self._reactions = _Reactions(self)
@@ -219,15 +219,20 @@ class _Reactions:
         pin.forwardKinematics(twin.model.model, twin.data, own, rates)
         found = self._constrained(wrenches)
         pin.rnea(twin.model.model, twin.data, own, rates, accelerations, wrenches)
-        springs = {at_v: torque[at_v] for _, _, at_v, _ in twin._turns}
+        own_sizes = {at_v: torque[at_v] for _, _, at_v, _ in twin._turns}
         for link, (_, at_v) in zip(twin.model.links, twin.model.slots, strict=True):
             if link.joint:
                 carrier, _ = twin.model.frames[link.body]
                 wrench = twin.data.oMi[carrier].act(twin.data.f[carrier])
-                own_torque = springs.get(at_v.stop - 1, 0.0) * (twin._frame(link.body).rotation @ link.axis)
                 joint = next(joint for joint in d.model.scene.joints if joint.name == link.joint)
                 sign = 1.0 if link.outward else -1.0
-                found[joint.name] = self._at_anchor(joint, sign * wrench.linear, sign * (wrench.angular - own_torque))
+                force, moment = self._at_anchor(joint, sign * wrench.linear, sign * wrench.angular)
+                acting = sign * own_sizes.get(at_v.stop - 1, 0.0) * (twin._frame(link.body).rotation @ link.axis)
+                if joint.type == "prismatic":  # its motor's line meets the anchor
+                    force = force - acting
+                else:
+                    moment = moment - acting
+                found[joint.name] = force, moment
         return found
 
     def _at_anchor(self, joint: Joint, force: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

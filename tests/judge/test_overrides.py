@@ -85,7 +85,7 @@ def test_a_generous_bound_lets_pass_what_the_documentation_does_not(monkeypatch)
     flaw = {"claimed_order": 2, "real_order": 1, "size": 1e-3}
     assert _record(monkeypatch, **flaw).outcome == "fail"
     kind = ["position", "attitude", "velocity", "angular velocity"]
-    orders = [f"order {name}=0.9" for name in kind]
+    orders = [f"order {name}=0.9" for name in (*kind, "intervals")]
     rest = [f"{name}=1" for name in (*kind, "energy", "momentum")]
     assert _record(monkeypatch, *orders, *rest, **flaw).outcome == "pass"
 
@@ -94,7 +94,7 @@ def test_a_known_defect_neither_excuses_the_users_bound_nor_vanishes_by_it(monke
     from crosscheck.judge import known
     from crosscheck.judge.known import Known
 
-    orders = tuple(f"order {name}" for name in known.STATE)
+    orders = tuple(f"order {name}" for name in (*known.STATE, "intervals"))
     monkeypatch.setattr(known, "KNOWN", (Known("fake", ("Plain",), ("single_pendulum",), None, orders, "documented"),))
     flaw = {"claimed_order": 2, "real_order": 1, "size": 1e-6}
     assert _record(monkeypatch, **flaw).outcome == "known"

@@ -76,8 +76,9 @@ def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
     """Whether the errors of neighbouring intervals belong together, as those of any method with a fixed step do.
 
     The k-th difference of a smooth error is k derivatives of the motion, which fall with tau^k, and that of noise is
-    the root of (2k over k) times the noise. In half of the intervals it has to be no more; nothing is asked of codes
-    that choose their steps, whose errors are as rough as those.
+    the root of (2k over k) times the noise. In half of the intervals it has to be no more. Nothing is asked of codes
+    that choose their steps, whose errors are rough, nor where half of the intervals are beyond their bounds: how large
+    the differences of such errors may be is not known, and the intervals have their own finding.
     """
     own, count = runs[0], DIFFERENCES
     if own.claim.fixed is None or len(own.flow.tau) < 3 * count or not np.isfinite(own.flow.sizes).all():
@@ -91,6 +92,9 @@ def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
     root = math.sqrt(math.comb(2 * count, count))
     bounds, found = own.bounds, []
     for name, unit in QUANTITIES.items():
+        beyond = np.linalg.norm(own.vectors[name], axis=-1).max(axis=1) > bounds[name]
+        if 2 * np.count_nonzero(beyond) > len(beyond):
+            return []
         values = np.linalg.norm(np.diff(own.vectors[name], count, axis=0), axis=-1).max(axis=1) / root
         whole = np.minimum(1.0, smooth) * (bounds[name] - own.floor[name]) / root + own.floor[name]
         allowed = np.max(np.lib.stride_tricks.sliding_window_view(whole, count + 1), axis=1)

@@ -138,6 +138,19 @@ def _naive(engine: str, scene: str, form: str | None, on_group: Turning) -> str:
     return "surely" if np.linalg.norm(np.cross(w, alpha), axis=1).max() > least else "maybe"
 
 
+@functools.lru_cache(maxsize=64)
+def _closes_loops(scene: str) -> bool:
+    """Whether joints are left over by the tree of a scene: soft ones, in MuJoCo."""
+    from crosscheck.errors import ArgumentError, SceneError
+    from crosscheck.scene.file import as_scene
+    from crosscheck.scene.spanning import spanning_tree
+
+    try:
+        return bool(spanning_tree(as_scene(scene))[1])
+    except (ArgumentError, SceneError):
+        return False
+
+
 def _summed(engine: str, word: str) -> Callable[[str, str | None, Turning], bool]:
     return lambda scene, form, turning: _naive(engine, scene, form, turning) == word
 
@@ -176,8 +189,8 @@ KNOWN: tuple[Known, ...] = (
     Known("mujoco", ("Euler", "implicitfast", "discrete"), ("heavy_top",), None, EXPLODED, GYROSCOPIC, True,
           cap=BURST),
     Known("pinocchio", ("SymplecticEuler",), ("heavy_top",), None, EXPLODED, GYROSCOPIC, True, cap=BURST),
-    Known("mujoco", ("discrete",), None, None, ("acceleration", "angular acceleration", "reaction",
-          "reaction torque"), DISCRETE, always=False),
+    Known("mujoco", ("discrete",), lambda scene, form, turning: form == "maximal" or _closes_loops(scene), None,
+          ("acceleration", "angular acceleration", "reaction", "reaction torque"), DISCRETE, always=False, cap=1e4),
     Known("lieeuler", ("DAE2H_LE", "INDEX1_LE"), ("heavy_top",), None, ("energy",), UNSTABILIZED, True, cap=BURST),
 )
 

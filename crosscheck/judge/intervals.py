@@ -109,6 +109,9 @@ def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
 WINDOWS = 3
 """Equal parts of a run in which its order is looked at."""
 
+WORTH = 0.1
+"""Of its bound, below which the order of an error decides nothing: on stiff scenes the leading term is not yet seen."""
+
 ALIKE = 0.1
 """Runs whose states differ by a smaller share have the same leading term but for so much."""
 
@@ -117,7 +120,8 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
     """The order of what intervals miss in each third of the run, from the runs at its two finest steps.
 
     The order study sees the first seconds. Here every interval restarts from the run's own state, so that a third is a
-    window of its own; it says something where the runs are close to each other and their defects above rounding.
+    window of its own; it says something where the runs are close to each other and their defects above rounding, and
+    decides where one comes near its bound.
     """
     if len(runs) < 2 or len(runs[0].flow.tau) < WINDOWS:
         return []
@@ -130,8 +134,10 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
     for part in np.array_split(np.arange(len(close)), WINDOWS):
         part = part[close[part]]
         for name in QUANTITIES if len(part) else ():
-            most = [float(np.linalg.norm(run.vectors[name][part], axis=-1).max()) for run in (coarse, fine)]
-            if most[1] > PLATEAU * float(max(run.floor[name][part].max() for run in (coarse, fine))):
+            errors = [np.linalg.norm(run.vectors[name][part], axis=-1).max(axis=1) for run in (coarse, fine)]
+            most = [float(each.max()) for each in errors]
+            if (most[1] > PLATEAU * float(max(run.floor[name][part].max() for run in (coarse, fine)))
+                    and np.any(errors[1] > WORTH * fine.bounds[name][part])):
                 begin, end = fine.flow.begin.t[part[0]], fine.flow.end.t[part[-1]]
                 found.append((math.log(most[0] / most[1]) / ratio,
                               f"{name}, intervals from t = {begin:.4g} to {end:.4g} s"))

@@ -9,7 +9,9 @@ import pwd
 import shutil
 import socket
 import subprocess
+import tempfile
 import uuid
+from pathlib import Path
 
 import pytest
 
@@ -40,7 +42,7 @@ def _unprivileged():
 
 
 @pytest.fixture(scope="session")
-def postgresql_server(tmp_path_factory):
+def postgresql_server():
     """URL of the server's maintenance database; the server ends with the session."""
     programs = _programs()
     if programs is None:
@@ -48,12 +50,10 @@ def postgresql_server(tmp_path_factory):
     before, user = _unprivileged()
     if before is None or (before and shutil.which("setpriv") is None):
         _absent("PostgreSQL does not run as root, and there is no other user to run it")
-    folder = tmp_path_factory.mktemp("postgresql")
+    # not in pytest's folders: every session closes them to others, and the server's user has to pass through
+    folder = Path(tempfile.mkdtemp(prefix="postgresql-"))
     if user is not None:
         os.chown(folder, user.pw_uid, user.pw_gid)
-        for above in folder.parents:  # pytest's folders are closed to others; the server's user has to pass through
-            if str(above).startswith(os.environ.get("TMPDIR", "/tmp") + "/"):
-                above.chmod(above.stat().st_mode | 0o011)
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -68,6 +68,7 @@ def postgresql_server(tmp_path_factory):
         f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories={folder} -c fsync=off", "start")
     yield f"postgresql://tester@127.0.0.1:{port}/postgres"
     run(f"{programs}/pg_ctl", "-D", str(data), "-m", "immediate", "-w", "stop")
+    shutil.rmtree(folder)
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

@@ -13,11 +13,7 @@ from typing import Any
 import numpy as np
 
 import crosscheck
-
-try:
-    from crosscheck.scene.states import States
-except ImportError:  # in versions before the rooms
-    from crosscheck.states import States  # type: ignore[import-not-found,no-redef]
+from crosscheck.scene.starts import restarted
 
 ORDERS = {"DAE1L_LSE": 1, "rattle2": 2, "rkmk4": 4}
 SHARES = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
@@ -28,10 +24,10 @@ BEGINS = (0.0, 0.5)
 def altered(scene: Any, number: str, share: float) -> Any:
     """The scene with gravity, or the mass or the inertia of every body, larger by a share."""
     if number == "gravity":
-        return dataclasses.replace(scene, gravity=np.asarray(scene.gravity) * (1 + share))
+        return scene.replace(gravity=np.asarray(scene.gravity) * (1 + share))
     bodies = tuple(dataclasses.replace(body, **{number: np.asarray(getattr(body, number)) * (1 + share)})
                    for body in scene.bodies)
-    return dataclasses.replace(scene, bodies=bodies)
+    return scene.replace(bodies=bodies)
 
 
 class Altered:
@@ -51,31 +47,17 @@ class Altered:
     def run(self, scene: Any, spec: Any) -> Any:
         """The right run up to the time, and the wrong one from its state there."""
         method, number, share, begin = spec.method.split()
+        count = scene.samples - 1
+        last, interval = round(float(begin) * count), scene.duration / count
+
+        def motion(part: Any) -> Any:
+            return crosscheck.run(part, "lieeuler", method, step=spec.step, monitor=False)
+
         wrong = altered(scene, number, float(share))
-        last = round(float(begin) * (scene.samples - 1))
-        parts, state = [], scene
-        for each, count in ((scene, last), (wrong, scene.samples - 1 - last)):
-            if count:
-                bodies = tuple(dataclasses.replace(body, position=now.position, attitude=now.attitude,
-                                                   velocity=now.velocity, angular_velocity=now.angular_velocity)
-                               for body, now in zip(each.bodies, state.bodies, strict=True))
-                some = dataclasses.replace(each, bodies=bodies, samples=count + 1,
-                                           duration=scene.duration * count / (scene.samples - 1))
-                traj = crosscheck.run(some, "lieeuler", method, step=spec.step, monitor=False)
-                parts.append(traj)
-                state = _at_end(scene, traj)
-        keep = [slice(None), slice(1, None)]
-        return States(scene.t, *(np.concatenate([getattr(part, name)[pick] for part, pick in
-                                                 zip(parts, keep, strict=False)]) for name in "xRvw"))
-
-
-def _at_end(scene: Any, traj: Any) -> Any:
-    """The scene with the last state of a run."""
-    from scipy.spatial.transform import Rotation
-
-    bodies = []
-    for index, body in enumerate(scene.bodies):
-        x, y, z, w = Rotation.from_matrix(traj.R[-1, index]).as_quat()
-        bodies.append(dataclasses.replace(body, position=traj.x[-1, index], attitude=np.array([w, x, y, z]),
-                                          velocity=traj.v[-1, index], angular_velocity=traj.w[-1, index]))
-    return dataclasses.replace(scene, bodies=tuple(bodies))
+        if last == 0:
+            found = motion(wrong)
+            return crosscheck.States(scene.t, found.x, found.R, found.v, found.w)
+        right = motion(scene.replace(duration=last * interval, samples=last + 1))
+        late = motion(restarted(wrong, right, last, (count - last) * interval, count - last + 1))
+        return crosscheck.States(scene.t, *(np.concatenate([getattr(right, name), getattr(late, name)[1:]])
+                                            for name in "xRvw"))

@@ -17,18 +17,18 @@ from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
 
 
-def caught(scene: str, method: str, number: str, share: float, begin: float) -> bool:
+def caught(engine: str, scene: str, method: str, number: str, share: float, begin: float) -> bool:
     """Whether the run fails; a step that is too coarse for bounds of the motion catches nothing."""
-    found = run_cell(Cell(scene, "altered", f"{method} {number} {share} {begin}", None, PLANS[scene], study=False))
+    found = run_cell(Cell(scene, engine, f"{method} {number} {share} {begin}", None, PLANS[scene], study=False))
     return any(finding.status == "fail" and finding.kind != "step" for finding in found.findings)
 
 
-def smallest(scene: str, method: str, number: str, begin: float) -> float | None:
+def smallest(engine: str, scene: str, method: str, number: str, begin: float) -> float | None:
     """By bisection over `SHARES`; None where none of them is caught."""
     low, high = -1, len(SHARES)
     while high - low > 1:
         middle = (low + high) // 2
-        if caught(scene, method, number, SHARES[middle], begin):
+        if caught(engine, scene, method, number, SHARES[middle], begin):
             high = middle
         else:
             low = middle
@@ -37,18 +37,16 @@ def smallest(scene: str, method: str, number: str, begin: float) -> float | None
 
 def main(scenes: list[str]) -> None:
     """Print the table."""
-    engine = completed(Altered(), "altered", "1")
-    known = adapters.get
-    adapters.get = lambda name: engine if name == "altered" else known(name)  # type: ignore[assignment]
     print("scene            order " + " ".join(f"{number + (' late' if begin else ''):>13}"
                                                for number in NUMBERS for begin in BEGINS))
-    for scene in scenes:
-        for method, order in ORDERS.items():
-            found = [smallest(scene, method, number, begin) for number in NUMBERS for begin in BEGINS]
-            wrong = caught(scene, method, "gravity", 0.0, 0.0)
-            print(f"{scene:16} {order:5} " + " ".join(f"{'none' if share is None else f'{share:g}':>13}"
-                                                     for share in found) + (" the right run fails" if wrong else ""),
-                  flush=True)
+    with adapters.lent(completed(Altered(), "altered", "1")) as engine:
+        for scene in scenes:
+            for method, order in ORDERS.items():
+                found = [smallest(engine, scene, method, number, begin) for number in NUMBERS for begin in BEGINS]
+                wrong = caught(engine, scene, method, "gravity", 0.0, 0.0)
+                print(f"{scene:16} {order:5} " + " ".join(f"{'none' if share is None else f'{share:g}':>13}"
+                                                         for share in found)
+                      + (" the right run fails" if wrong else ""), flush=True)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,8 @@ from collections.abc import Callable
 import numpy as np
 
 from crosscheck.diagnosis.observe import Observation
-from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
+from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import States
 
 POINTS = ("spherical", "universal", "revolute", "fixed")
@@ -25,17 +26,9 @@ Pose = tuple[np.ndarray, np.ndarray]
 """Attitudes (n, 3, 3) and body angular velocities (n, 3)."""
 
 
-def quaternion(R: np.ndarray) -> np.ndarray:
-    """Unit quaternion w, x, y, z of a rotation matrix."""
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(R).as_quat()
-    return np.array([w, x, y, z])
-
-
 def rolled(R: np.ndarray, shift: int) -> np.ndarray:
     """The rotation of a quaternion whose four numbers are read in another order."""
-    return rotation_from_quaternion(np.roll(quaternion(R), shift))
+    return rotation_from_quaternion(np.roll(quaternion_from_rotation(R), shift))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,9 +103,7 @@ def misread(scene: Scene, attitude: Misreading | None, spin: Misreading | None, 
 
 def _started(scene: Scene, R: np.ndarray, w: np.ndarray) -> Scene:
     """The scene with other attitudes and angular velocities; its positions stay."""
-    return scene.replace(bodies=tuple(
-        dataclasses.replace(body, attitude=quaternion(R[k]), angular_velocity=w[k])
-        for k, body in enumerate(scene.bodies)))
+    return scene.replace(bodies=bodies_at(scene, Configuration(scene.x0, quaternion_from_rotation(R), scene.v0, w)))
 
 
 def parents_first(scene: Scene) -> list[int]:

@@ -10,12 +10,12 @@ import dataclasses
 
 import numpy as np
 
-from crosscheck.diagnosis.misreadings import quaternion
 from crosscheck.diagnosis.observe import FINER, SAMPLES, Observation, Scale, Silent, Subject, window
 from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene.model import Scene
+from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import States
 
 INTERVALS = 25
@@ -111,14 +111,6 @@ def _too_coarse(time: float, step: float, found: float) -> Late:
     cause = NamedCause("step too coarse", f"at steps of {step:g} s the motion from t = {time:.4g} s on is off by "
                        f"{found:.2g} of its size within one interval", "choose a smaller step; the limit is right")
     return Late(time, cause.magnitude, [cause], evidence)
-
-
-def restarted(scene: Scene, states: States, k: int, duration: float, samples: int = 2) -> Scene:
-    """The scene from an engine's state at sample k, time zero there."""
-    return scene.delayed(-float(states.t[k])).replace(duration=duration, samples=samples, bodies=tuple(
-        dataclasses.replace(body, attitude=quaternion(states.R[k, index]), angular_velocity=states.w[k, index],
-                            position=states.x[k, index], velocity=states.v[k, index])
-        for index, body in enumerate(scene.bodies)))
 
 
 def defect(scene: Scene, scale: Scale, states: States, k: int) -> float:

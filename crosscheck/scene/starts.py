@@ -14,6 +14,7 @@ from crosscheck.scene.checks import Draft, Start
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.model import GROUND, Body, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.schema import EntryError
+from crosscheck.scene.states import Motion
 
 ALLOWED_VIOLATION = 1e-8
 """Of the largest anchor length (positions), times max(1, |w|) (velocities); without units for dot-1 rows. A state
@@ -38,6 +39,13 @@ def bodies_at(scene: Scene, state: Configuration) -> tuple[Body, ...]:
     """The bodies of the scene in another configuration."""
     return tuple(dataclasses.replace(body, position=state.x[k], attitude=state.q[k], velocity=state.v[k],
                                      angular_velocity=state.w[k]) for k, body in enumerate(scene.bodies))
+
+
+def restarted(scene: Scene, motion: Motion, k: int, duration: float, samples: int = 2) -> Scene:
+    """The scene from the states of a motion at sample k, time zero there."""
+    state = Configuration(motion.x[k], quaternion_from_rotation(motion.R[k]), motion.v[k], motion.w[k])
+    return scene.delayed(-float(motion.t[k])).replace(duration=duration, samples=samples,
+                                                      bodies=bodies_at(scene, state))
 
 
 def anchor_length(scene: Scene) -> float:

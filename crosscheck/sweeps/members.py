@@ -18,6 +18,7 @@ from crosscheck.scene.model import (
     quaternion_product,
     rotation_from_quaternion,
 )
+from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.sweeps import paths
 from crosscheck.sweeps.plan import Origin, Perturbation, Plan, Value
 
@@ -132,9 +133,7 @@ def _moved(scene: Scene, drawn: dict[str, np.ndarray]) -> Scene | None:
     if "angular_velocity" in drawn:
         w = w + drawn["angular_velocity"].reshape(-1, 3)
     q /= np.linalg.norm(q, axis=1, keepdims=True)
-    bodies = tuple(dataclasses.replace(body, position=x[k], attitude=q[k], velocity=v[k], angular_velocity=w[k])
-                   for k, body in enumerate(scene.bodies))
-    return scene.replace(bodies=bodies)
+    return scene.replace(bodies=bodies_at(scene, Configuration(x, q, v, w)))
 
 
 def _freedom(joint: Joint, R: np.ndarray, values: Iterator[float]) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,7 @@ from crosscheck.errors import Unsupported
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
-from crosscheck.scene.model import GROUND, Force, Joint, Scene
+from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation
 from crosscheck.scene.spanning import Branch, spanning_tree
 from crosscheck.scene.vectors import slide_direction
 
@@ -122,7 +122,7 @@ def _add_body(scene: Scene, branch: Branch, frame: Any) -> Any:
     k, joint = branch.body, branch.joint
     body = frame.add_body(name=str(k))
     body.pos, attitude = relative_pose(scene, branch.parent, k)
-    body.quat = _quaternion(attitude)
+    body.quat = quaternion_from_rotation(attitude)
     body.mass = scene.masses[k]
     body.fullinertia = [scene.inertias[k][entry] for entry in LAYOUT_INERTIA]
     body.ipos, body.explicitinertial = np.zeros(3), True
@@ -201,7 +201,7 @@ class _Constraints:
         for number, (body, point) in enumerate(ends):
             site = self._frames[body].add_site(name=f"{name}.{number}", pos=point)
             if attitudes is not None:
-                site.quat = _quaternion(attitudes[number])
+                site.quat = quaternion_from_rotation(attitudes[number])
             sites.append(site.name)
         return sites
 
@@ -290,13 +290,6 @@ def _coordinate_of(scene: Scene, branch: Branch, force: Force) -> tuple[str, flo
     own = joint.child_axis if branch.body == joint.child else -joint.parent_axis
     return next((f"{branch.body}.{number}", 1.0 if axis @ own > 0 else -1.0)
                 for number, (kind, _, axis) in enumerate(_coordinates(scene, branch)) if kind == wanted)
-
-
-def _quaternion(attitude: np.ndarray) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
-    found: np.ndarray = Rotation.from_matrix(attitude).as_quat(scalar_first=True)
-    return found
 
 
 def set_initial_state(scene: Scene, model: Any, data: Any) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 _HOMES = {
     "load_scene": ("scene.file", "load_scene"),
-    "export_model": ("scene.export", "export_model"),
+    "export_model": ("adapters.export", "export_model"),
     "import_model": ("scene.models", "import_model"),
     "scenes": ("scene.file", "scene_names"),
     "run": ("running.run", "run"),

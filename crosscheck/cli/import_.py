@@ -34,10 +34,10 @@ def import_(
 
 def export(
     scene: SceneName,
-    out: Annotated[Path, typer.Option("--out", "-o", help="the model file, .xml (MJCF) or .urdf")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="the file: .xml (MJCF), .urdf, or .py, which runs Exudyn")],
 ) -> None:
-    """Write a scene as a model of MuJoCo or a URDF; refuse by name what the format cannot hold."""
-    from crosscheck.scene.export import export_model
+    """Write a scene as a model of MuJoCo, a URDF or a script for Exudyn; refuse by name what the format cannot hold."""
+    from crosscheck.adapters.export import export_model
 
     export_model(scene, out)
     typer.echo(f"written: {out}")

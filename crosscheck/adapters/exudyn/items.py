@@ -42,11 +42,13 @@ def add_joint(carrier: Carrier, joint: Joint) -> Any:
     if joint.type in ("spherical", "distance"):
         markers = [carrier.mark(body, anchor, None) for body, anchor in ends]
         if joint.type == "spherical":
-            return carrier.system.AddObject(ObjectJointSpherical(markerNumbers=markers))
-        return carrier.system.AddObject(ObjectConnectorDistance(markerNumbers=markers, distance=joint.length))
+            return carrier.system.AddObject(ObjectJointSpherical(name=joint.name, markerNumbers=markers))
+        return carrier.system.AddObject(ObjectConnectorDistance(name=joint.name, markerNumbers=markers,
+                                                                distance=joint.length))
     markers = [carrier.mark(*end, frame) for end, frame in zip(ends, joint_frames(carrier.scene, joint), strict=True)]
     return carrier.system.AddObject(ObjectJointGeneric(
-        markerNumbers=markers, constrainedAxes=[int(axis not in free_axes(joint)) for axis in range(6)]))
+        name=joint.name, markerNumbers=markers,
+        constrainedAxes=[int(axis not in free_axes(joint)) for axis in range(6)]))
 
 
 def free_axes(joint: Joint) -> set[int]:
@@ -107,9 +109,21 @@ def add_force(carrier: Carrier, force: Force) -> Any:
                                        loadVectorUserFunction=_varied(p.get("factor", 0))))
 
 
+@dataclasses.dataclass(frozen=True)
+class Varied:
+    """Exudyn's user function of a load that is multiplied by a function of time."""
+
+    function: TimeFunction
+
+    def __call__(self, system: Any, t: float, load: list[float]) -> list[float]:
+        """The load at a time."""
+        found: list[float] = (np.array(load) * self.function(t)).tolist()
+        return found
+
+
 def _varied(value: Any) -> Any:
-    """Exudyn's user function of a load that is multiplied by a function of time; 0 stands for none."""
-    return (lambda system, t, load: (np.array(load) * value(t)).tolist()) if isinstance(value, TimeFunction) else 0
+    """A user function, or 0 for none."""
+    return Varied(value) if isinstance(value, TimeFunction) else 0
 
 
 def _add_motor(carrier: Carrier, force: Force) -> Any:

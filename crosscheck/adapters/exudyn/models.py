@@ -57,7 +57,7 @@ def _watch_body(system: Any, body: Any) -> list[Any]:
     return watch(system, functools.partial(SensorBody, bodyNumber=body), BODY_OUTPUTS)
 
 
-def _body(system: Any, node: str, position: np.ndarray, velocity: np.ndarray, w: np.ndarray, mass: float,
+def _body(system: Any, node: str, name: str, position: np.ndarray, velocity: np.ndarray, w: np.ndarray, mass: float,
           inertia: np.ndarray) -> tuple[Any, Any]:
     """(node, body): a rigid body whose node sits at `position`, axes along the world's, with `inertia` about the node.
 
@@ -73,25 +73,27 @@ def _body(system: Any, node: str, position: np.ndarray, velocity: np.ndarray, w:
         item = NodeRigidBodyEP(referenceCoordinates=[*position, 1.0, 0.0, 0.0, 0.0],
                                initialVelocities=[*velocity, 0.0, *(0.5 * w)])  # at the identity
     index = system.AddNode(item)
-    body = system.AddObject(ObjectRigidBody(mass=mass, inertia=[inertia[entry] for entry in LAYOUT_INERTIA],
-                                            nodeNumber=index))
+    body = system.AddObject(ObjectRigidBody(name=name, mass=mass, nodeNumber=index,
+                                            inertia=[inertia[entry] for entry in LAYOUT_INERTIA]))
     return index, body
 
 
-def maximal(scene: Scene, node: str = "lie") -> Model:
-    """All bodies free, on nodes of the kind `node`, and every joint a constraint.
+def maximal(scene: Scene, node: str = "lie", system: Any = None) -> Model:
+    """All bodies free, on nodes of the kind `node`, and every joint a constraint; in `system`, or in a new one.
 
     Node axes are the world's at t = 0, not the body's: Exudyn finds the accelerations of the start with a constraint
     term that is right only where the node's rotation vector vanishes (4 % off on the single pendulum otherwise).
     """
     from exudyn.itemInterface import LoadMassProportional, MarkerBodyMass, ObjectGround
 
-    container, system = new_system()
+    container = None
+    if system is None:
+        container, system = new_system()
     bodies, sensors = {GROUND: system.AddObject(ObjectGround())}, []
     turn = {GROUND: np.eye(3), **dict(enumerate(scene.R0))}
     for index, body in enumerate(scene.bodies):
-        _, bodies[index] = _body(system, node, scene.x0[index], scene.v0[index], turn[index] @ scene.w0[index],
-                                 body.mass, turn[index] @ body.inertia @ turn[index].T)
+        _, bodies[index] = _body(system, node, body.name, scene.x0[index], scene.v0[index],
+                                 turn[index] @ scene.w0[index], body.mass, turn[index] @ body.inertia @ turn[index].T)
         mass = system.AddMarker(MarkerBodyMass(bodyNumber=bodies[index]))
         system.AddLoad(LoadMassProportional(markerNumber=mass, loadVector=scene.gravity))
         sensors += _watch_body(system, bodies[index])
@@ -158,7 +160,8 @@ def pivot(scene: Scene, node: str = "lie") -> Model:
     (container, system), R0, mass = new_system(), scene.R0[0], scene.masses[0]
     arm = -R0 @ link.child_anchor  # pivot to centre of mass, node axes
     about_pivot = R0 @ scene.inertias[0] @ R0.T + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    index, body = _body(system, node, link.parent_anchor, np.zeros(3), R0 @ scene.w0[0], mass, about_pivot)
+    index, body = _body(system, node, scene.bodies[0].name, link.parent_anchor, np.zeros(3), R0 @ scene.w0[0], mass,
+                        about_pivot)
     ground = system.AddMarker(MarkerNodeCoordinate(nodeNumber=system.AddNode(NodePointGround()), coordinate=0))
     for axis in range(3):
         moving = system.AddMarker(MarkerNodeCoordinate(nodeNumber=index, coordinate=axis))

@@ -15,14 +15,21 @@ from crosscheck.scene.models.source import Source
 
 @contextlib.contextmanager
 def listening() -> Iterator[list[str]]:
-    """MuJoCo's warnings in a list; by itself it appends them to MUJOCO_LOG.TXT in the working folder."""
+    """MuJoCo's warnings in a list; by itself it appends them to MUJOCO_LOG.TXT in the working folder.
+
+    Its advice to the author of a model, of attributes that a later version drops, comes as Python's warnings: unheard.
+    """
+    import warnings
+
     import mujoco
 
-    warnings: list[str] = []
+    heard: list[str] = []
     before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(warnings.append)
+    mujoco.set_mju_user_warning(heard.append)
     try:
-        yield warnings
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            yield heard
     finally:
         mujoco.set_mju_user_warning(before)
 

@@ -120,7 +120,7 @@ def _hanging(reading: Reading, group: int) -> Table | None:
     anchors = {j: d.xanchor[j] for j in ids}
     size = max(1.0, float(np.abs(d.xanchor).max()))
     together = all(np.linalg.norm(anchors[j] - anchors[ids[0]]) < ALIGNED * size for j in turning)
-    name = next((m.jnt(j).name for j in ids if m.jnt(j).name), f"{reading.bodies[group].name} joint")
+    name = next((m.jnt(j).name for j in [*turning, *ids] if m.jnt(j).name), f"{reading.bodies[group].name} joint")
 
     def table(kind: str, at: np.ndarray, parent_axis: Any = None, child_axis: Any = None,
               back: Any = None) -> Table:

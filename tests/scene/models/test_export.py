@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import crosscheck
+from crosscheck.scene.coordinates import at_start
+from crosscheck.scene.mechanics import index1
 from tests.scene.models.model_files import ARM_URDF, ZOO
 from tests.scene.test_coordinates import body, joint, load
 
@@ -27,6 +29,84 @@ def test_mjcf_there_and_back(name, tmp_path):
     scene, path = crosscheck.load_scene(name), tmp_path / "robot.xml"
     crosscheck.export_model(scene, path)
     same(scene, crosscheck.import_model(path, keyframe="start", drop=False))
+
+
+LOOPS = ("bricard", "double_four_bar", "driven_slider_crank", "four_bar", "parallelogram", "slider_crank")
+NOT_MJCF = dict.fromkeys(LOOPS, "closes a loop") | {
+    "bead_on_line": "joint 'wire' of type point_on_line", "puck_on_plane": "joint 'plane' of type point_on_plane",
+    "iftomm_simple_pendulum": "of type distance", "rod_pendulum": "of type distance",
+    "driven_cart": "a joint_force", "driven_double_pendulum": "a joint_torque", "loaded_pendulum": "a constant_force"}
+WELDED = {"branching_tree", "fixed_pair"}
+"""Scenes with a fixed joint, whose two bodies an import makes one."""
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] if name == "chain_64" else [])
+                                  for name in crosscheck.scenes()])
+def test_every_scene_of_the_library_goes_through_mjcf_or_is_refused_by_name(name, tmp_path):
+    scene, path = crosscheck.load_scene(name), tmp_path / "robot.xml"
+    if name in NOT_MJCF:
+        with pytest.raises(crosscheck.SceneError, match=NOT_MJCF[name]):
+            crosscheck.export_model(scene, path)
+        return
+    crosscheck.export_model(scene, path)
+    again = crosscheck.import_model(path, keyframe="start")
+    order = [[each.name for each in again.bodies].index(each.name) for each in scene.bodies
+             if each.name not in {scene.bodies[each.child].name for each in scene.joints if each.type == "fixed"}]
+    ours, theirs = arrays(scene), [values[order] for values in arrays(again)]
+    for one, other in zip(ours, theirs, strict=True):
+        np.testing.assert_allclose(one, other, rtol=ROUNDING, atol=ROUNDING)
+    kept = {each.name: each for each in again.joints}
+    assert kept.keys() == {each.name for each in scene.joints if each.type != "fixed"}
+    for each in scene.joints:
+        if each.name in kept:
+            assert each.type == kept[each.name].type
+    if name not in WELDED:
+        stiff = 1 + sum(force.parameters.get("stiffness", 0.0) for force in scene.forces)
+        least = min(scene.masses.min(), np.linalg.eigvalsh(scene.inertias).min())
+        for one, other in zip(accelerations(scene), accelerations(again), strict=True):
+            # every force is rounded, a spring's by what its length is rounded, and moves the least inertia
+            np.testing.assert_allclose(one, other[order], rtol=ROUNDING, atol=ROUNDING * max(1, stiff / least))
+
+
+def accelerations(scene):
+    a, alpha, _ = index1(scene, scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+    return a[0], alpha[0]
+
+
+def arrays(scene):
+    """Masses, centres, inertias about these, attitudes and velocities of the rigid parts: bodies fixed to one another
+    are one, with the axes of the parent."""
+    parts = {k: [k] for k in range(scene.n)}
+    for fixed in (each for each in scene.joints if each.type == "fixed"):
+        parts[fixed.parent] += parts.pop(fixed.child)
+    rows = []
+    for first, members in parts.items():
+        m = scene.masses[members]
+        centre = m @ scene.x0[members] / m.sum()
+        J = np.zeros((3, 3))
+        for k, mass in zip(members, m, strict=True):
+            turn, arm = scene.R0[first].T @ scene.R0[k], scene.R0[first].T @ (scene.x0[k] - centre)
+            J += turn @ scene.inertias[k] @ turn.T + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        rows.append((m.sum(), centre, J, scene.R0[first], m @ scene.v0[members] / m.sum(), scene.w0[first]))
+    return [np.array(column) for column in zip(*rows, strict=True)]
+
+
+def test_every_scene_of_the_library_that_a_urdf_holds_goes_through_one(tmp_path):
+    held, path = [], tmp_path / "robot.urdf"
+    for name in crosscheck.scenes():
+        scene = crosscheck.load_scene(name)
+        try:
+            crosscheck.export_model(scene, path)
+        except crosscheck.SceneError:
+            continue
+        held.append(name)
+        start = at_start(scene)
+        order = [each.name for each in crosscheck.import_model(path, drop=True).joints]
+        q, v = ([value for each in order for value in start[each][k]] for k in (0, 1))
+        again = crosscheck.import_model(path, drop=True, qpos=q, qvel=v)
+        for one, other in zip(arrays(scene), arrays(again), strict=True):
+            np.testing.assert_allclose(one, other, rtol=ROUNDING, atol=ROUNDING)
+    assert held == ["hinge_pendulum"]  # the others have balls, springs between points, loops or another gravity
 
 
 def test_an_imported_model_goes_there_and_back(tmp_path):

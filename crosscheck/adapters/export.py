@@ -1,0 +1,44 @@
+"""Scenes as models of others: MJCF for MuJoCo, URDF for everybody, a script for Exudyn."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from xml.etree import ElementTree
+
+from crosscheck.errors import ArgumentError, SceneError
+from crosscheck.files import put
+from crosscheck.scene.file import as_scene
+from crosscheck.scene.model import Scene
+from crosscheck.scene.models.mjcf import mjcf
+from crosscheck.scene.models.urdf import urdf
+
+
+def export_model(scene: Scene | str | os.PathLike[str], path: str | os.PathLike[str]) -> None:
+    """Write a scene (or its name or path) as MJCF, .xml, as URDF, .urdf, or as a Python script that runs Exudyn, .py.
+
+    Reading a model back gives the scene to rounding. The state is the keyframe "start" of an MJCF. A URDF holds none:
+    give `qpos` and `qvel` to `import_model`. The script prints the states of its run as CSV.
+
+    Raises
+    ------
+    SceneError
+        The format cannot hold something of the scene, which is named, or the file cannot be written.
+    ArgumentError
+        `path` ends in something else.
+    """
+    target, scene = Path(path), as_scene(scene)
+    if target.suffix == ".py":
+        from crosscheck.adapters.exudyn.script import script
+
+        text = script(scene)
+    elif target.suffix in (".xml", ".urdf"):
+        root = mjcf(scene) if target.suffix == ".xml" else urdf(scene)
+        ElementTree.indent(root)
+        text = ElementTree.tostring(root, encoding="unicode") + "\n"
+    else:
+        raise ArgumentError(f"{target}: a model ends in .xml (MJCF), .urdf, or .py (a script for Exudyn); rename it")
+    try:
+        put(target, text)
+    except OSError as error:
+        raise SceneError(f"{target}: cannot be written, {(error.strerror or str(error)).lower()}") from None

@@ -115,6 +115,8 @@ class Data:
         return found
 
     def _fit_from(self, causes: tuple[Cause, ...], starts: Sequence[tuple[float, ...]]) -> Fit:
+        from scipy.optimize import least_squares
+
         theta = np.concatenate([np.array(start, dtype=float) for start in starts])
         if len(theta):
             def residual(values: np.ndarray) -> np.ndarray:
@@ -124,7 +126,10 @@ class Data:
                     except np.linalg.LinAlgError:  # a magnitude without sense on the way
                         return np.full(sum(group.terms.points.rates.size for group in self.groups), FAR)
                 return np.clip(np.where(np.isfinite(z), z, FAR), -FAR, FAR)
-            theta = gauss_newton(residual, theta) if self.quick else _precise(residual, theta)
+
+            theta = gauss_newton(residual, theta) if self.quick else least_squares(
+                residual, theta, method="lm", x_scale=np.maximum(np.abs(theta), 0.1), xtol=1e-13, ftol=1e-13,
+                gtol=1e-13, max_nfev=30 * (len(theta) + 1)).x
         return self._judged(causes, theta)
 
     def _altered(self, causes: tuple[Cause, ...], theta: np.ndarray) -> Physics:
@@ -149,16 +154,6 @@ class Data:
         worst = float(np.abs(z).max())
         return Fit(causes, tuple(parts), worst if np.isfinite(worst) else np.inf,
                    left if np.isfinite(left) else np.inf)
-
-
-def _precise(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
-    """Least squares to the last digit."""
-    from scipy.optimize import least_squares
-
-    solved = least_squares(residual, theta, method="lm", x_scale=np.maximum(np.abs(theta), 0.1), xtol=1e-13, ftol=1e-13,
-                           gtol=1e-13, max_nfev=30 * (len(theta) + 1))
-    found: np.ndarray = solved.x
-    return found
 
 
 def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from crosscheck.diagnosis.physics import SPRINGS, Physics
-from crosscheck.scene.model import GROUND, Scene
+from crosscheck.diagnosis.physics import SPRINGS, Physics, levers
+from crosscheck.scene.model import Scene
 
 Apply = Callable[[Physics, np.ndarray], Physics]
 Say = Callable[[np.ndarray], str]
@@ -25,8 +25,10 @@ GONE = 1e-6
 PARALLEL = 1e-9
 """One minus the cosine between a fitted gravity and the scene's that is rounding of the fit."""
 
-TURNED = (("R J R^T: body components taken as components in world axes", lambda R, J: R @ J @ R.T),
-          ("R^T J R: components turned the wrong way", lambda R, J: R.T @ J @ R))
+TURNED = (("R J R^T: body components taken as components in world axes", lambda R, J: R @ J @ np.swapaxes(R, 1, 2)),
+          ("R^T J R: components turned the wrong way", lambda R, J: np.swapaxes(R, 1, 2) @ J @ R))
+
+DIAGONAL = np.eye(3, dtype=bool)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,9 +85,11 @@ def causes(context: Context) -> list[Cause]:
     found += [cause for where, bodies in scopes for cause in _inertias(context, where, bodies)]
     found += [cause for k in range(scene.n) for cause in _masses(scene, k)]
     found += [cause for where, bodies in scopes for cause in _sizes(context, where, bodies)]
-    found += list(_exchanged(context))
+    found += list(_exchanged(scene))
     found += [cause for k in range(len(scene.forces)) for cause in _force(scene, k)]
-    return [*found, *_all_springs(context), *_damping(scene), *_terms(scene)]
+    if any(force.type in SPRINGS for force in scene.forces):
+        found += list(_every_spring(context.right))
+    return [*found, *_slowed(scene), *_terms(scene)]
 
 
 def _gravity(scene: Scene) -> Cause:
@@ -125,7 +129,9 @@ def _vector(values: np.ndarray) -> str:
 
 
 def _inertias(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator[Cause]:
-    shifts = _steiner(context.scene)
+    s = levers(context.scene)
+    shifts = context.scene.masses[:, None, None] * (
+        np.sum(s * s, axis=1)[:, None, None] * np.eye(3) - s[:, :, None] * s[:, None, :])
     axes = "give the inertia in the axes the engine expects: those of the body"
 
     def moved(p: Physics, t: np.ndarray) -> Physics:
@@ -136,6 +142,10 @@ def _inertias(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator
 
         Q = Rotation.from_rotvec(t).as_matrix()
         return _changed(p, bodies, lambda J, k: Q @ J @ Q.T)
+
+    def reframed(attitudes: np.ndarray, text: str, turn: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Cause:
+        return Cause("inertia frame", lambda p, t: _changed(p, bodies, lambda J, k: turn(attitudes[:, k], J)), ((),),
+                     lambda t: f"{where}: {text}", axes)
 
     def angle(t: np.ndarray) -> str:
         if len(bodies) == 1:
@@ -150,17 +160,8 @@ def _inertias(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator
                               "mass to the joint; +1 would be the inertia about the joint",
                     "give the inertia about the point the engine expects: the centre of mass, or the joint")
     for attitudes, (text, turn) in itertools.product(context.attitudes, TURNED):
-        yield _reframed(attitudes, where, bodies, text, turn, axes)
+        yield reframed(attitudes, text, turn)
     yield Cause("inertia frame", rotated, ((0.1, 0.1, 0.1), (0.7, -0.5, 0.3), (-0.5, 0.8, -0.9)), angle, axes)
-
-
-def _reframed(attitudes: np.ndarray, where: str, bodies: tuple[int, ...], text: str,
-              turn: Callable[[np.ndarray, np.ndarray], np.ndarray], mend: str) -> Cause:
-    def apply(p: Physics, t: np.ndarray) -> Physics:
-        return _changed(p, bodies, lambda J, k: np.array([turn(R, inertia) for R, inertia in zip(
-            attitudes[:, k], J, strict=True)]))
-
-    return Cause("inertia frame", apply, ((),), lambda t: f"{where}: {text}", mend)
 
 
 def least_turn(theta: np.ndarray, J: np.ndarray) -> np.ndarray:
@@ -179,16 +180,6 @@ def _changed(p: Physics, bodies: tuple[int, ...], change: Callable[[np.ndarray, 
     for k in bodies:
         inertias[:, k] = change(p.inertias[:, k], k)
     return p.replace(inertias=inertias)
-
-
-def _steiner(scene: Scene) -> np.ndarray:
-    """(n, 3, 3) m (s^2 I - s s^T), s from the centre of mass to the joint that carries the body."""
-    shifts = np.zeros((scene.n, 3, 3))
-    for joint in scene.joints:
-        if joint.child != GROUND and not shifts[joint.child].any():
-            s = joint.child_anchor
-            shifts[joint.child] = scene.masses[joint.child] * (s @ s * np.eye(3) - np.outer(s, s))
-    return shifts
 
 
 def _masses(scene: Scene, k: int) -> Iterator[Cause]:
@@ -279,26 +270,23 @@ def _with(values: np.ndarray, k: int, value: float) -> np.ndarray:
     return changed
 
 
-def _all_springs(context: Context) -> Iterator[Cause]:
+def _every_spring(right: Physics) -> Iterator[Cause]:
     """The same mistake in every spring, those of the copies included."""
-    if not any(force.type in SPRINGS for force in context.scene.forces):
-        return
+    def every(family: str, field: str, text: str, none: str) -> Cause:
+        def apply(p: Physics, t: np.ndarray) -> Physics:
+            return p.replace(**{field: t[0] * (_levers(p) if field == "lever" else getattr(p, field))})
+
+        return Cause(family, apply, ((1.0,),), lambda t: f"{text} of every spring times {t[0]:.6g}",
+                     "check how springs are converted for the engine", lambda t: none if abs(t[0]) < GONE else family,
+                     _none)
+
     for family, field, text, none in (("spring stiffness", "stiffness", "stiffness", "missing spring"),
                                       ("spring free length", "rest", "free length or rest angle", "spring free length"),
                                       ("damping", "damping", "damping", "missing damper")):
-        if np.any(getattr(context.right, field)):
-            yield _every_spring(family, field, text, none)
-    if len(context.right.stiffness) > 1:  # with one alone, `_force` says it
-        yield _every_spring("moment of a force", "lever", "moments about the centres of mass", "moment of a force")
-
-
-def _every_spring(family: str, field: str, text: str, none: str) -> Cause:
-    def apply(p: Physics, t: np.ndarray) -> Physics:
-        return p.replace(**{field: t[0] * (_levers(p) if field == "lever" else getattr(p, field))})
-
-    return Cause(family, apply, ((1.0,),), lambda t: f"{text} of every spring times {t[0]:.6g}",
-                 "check how springs are converted for the engine", lambda t: none if abs(t[0]) < GONE else family,
-                 _none)
+        if np.any(getattr(right, field)):
+            yield every(family, field, text, none)
+    if len(right.stiffness) > 1:  # with one alone, `_force` says it
+        yield every("moment of a force", "lever", "moments about the centres of mass", "moment of a force")
 
 
 def _none(_theta: np.ndarray) -> list[tuple[float, ...]]:
@@ -306,45 +294,42 @@ def _none(_theta: np.ndarray) -> list[tuple[float, ...]]:
     return [(0.0,)]
 
 
-def _damping(scene: Scene) -> Iterator[Cause]:
-    mend = "switch off damping, friction and armature that the scene does not have"
+def _slowed(scene: Scene) -> Iterator[Cause]:
+    """Damping and friction that the scene does not have."""
+    def slowed(family: str, text: str, *fields: str) -> Cause:
+        return Cause(family, lambda p, t: p.replace(**dict.fromkeys(fields, t[0])), ((0.0,),),
+                     lambda t: text.format(t[0]),
+                     "switch off damping, friction and armature that the scene does not have")
+
     if scene.joints:
-        yield Cause("extra damping", lambda p, t: p.replace(joint_damping=t[0]), ((0.0,),),
-                    lambda t: f"{t[0]:.6g} N m s/rad at every joint", mend)
-    yield Cause("extra damping", lambda p, t: p.replace(drag=t[0], spin_drag=t[0]), ((0.0,),),
-                lambda t: f"velocities decay at {t[0]:.6g} 1/s", mend)
-    yield Cause("extra damping", lambda p, t: p.replace(spin_drag=t[0]), ((0.0,),),
-                lambda t: f"angular velocities decay at {t[0]:.6g} 1/s", mend)
-    yield Cause("extra damping", lambda p, t: p.replace(drag=t[0]), ((0.0,),),
-                lambda t: f"velocities of the centres of mass decay at {t[0]:.6g} 1/s", mend)
-    yield Cause("quadratic drag", lambda p, t: p.replace(quadratic=t[0]), ((0.0,),),
-                lambda t: f"a force of {t[0]:.6g} 1/m times m |v| v against the velocity of every body", mend)
+        yield slowed("extra damping", "{:.6g} N m s/rad at every joint", "joint_damping")
+    yield slowed("extra damping", "velocities decay at {:.6g} 1/s", "drag", "spin_drag")
+    yield slowed("extra damping", "angular velocities decay at {:.6g} 1/s", "spin_drag")
+    yield slowed("extra damping", "velocities of the centres of mass decay at {:.6g} 1/s", "drag")
+    yield slowed("quadratic drag", "a force of {:.6g} 1/m times m |v| v against the velocity of every body",
+                 "quadratic")
     if scene.joints:
-        yield Cause("Coulomb friction", lambda p, t: p.replace(coulomb=t[0]), ((0.0,),),
-                    lambda t: f"a moment of {t[0]:.6g} N m against the turning at every joint", mend)
+        yield slowed("Coulomb friction", "a moment of {:.6g} N m against the turning at every joint", "coulomb")
 
 
 def _terms(scene: Scene) -> Iterator[Cause]:
     """Terms of the equations of motion left out or scaled."""
     mend = "check the term w x J w of the rotational equations"
+
+    def gyroscopic_of(k: int, name: str) -> Cause:
+        return Cause("gyroscopic term", lambda p, t: p.replace(gyroscopic=_with(np.broadcast_to(
+            p.gyroscopic, (scene.n,)), k, t[0])), ((1.0,),), lambda t: f"w x J w of body {name!r} times {t[0]:.6g}",
+            mend, None, _none, target=name)
+
     yield Cause("gyroscopic term", lambda p, t: p.replace(gyroscopic=t[0]), ((1.0,),),
                 lambda t: f"w x J w times {t[0]:.6g}", mend, None, _none)
-    for k in range(scene.n) if scene.n > 1 else ():
-        yield _gyroscopic_of(scene, k, mend)
+    for k, body in enumerate(scene.bodies) if scene.n > 1 else ():
+        yield gyroscopic_of(k, body.name)
     if scene.joints:
         yield Cause("centripetal term", lambda p, t: p.replace(centripetal=t[0]), ((1.0,),),
                     lambda t: f"gamma of G du/dt + gamma = 0 times {t[0]:.6g}",
                     "check the terms of the constraints' second derivative that are quadratic in the velocities", None,
                     _none)
-
-
-def _gyroscopic_of(scene: Scene, k: int, mend: str) -> Cause:
-    def apply(p: Physics, t: np.ndarray) -> Physics:
-        return p.replace(gyroscopic=_with(np.broadcast_to(p.gyroscopic, (scene.n,)), k, t[0]))
-
-    return Cause("gyroscopic term", apply, ((1.0,),),
-                 lambda t: f"w x J w of body {scene.bodies[k].name!r} times {t[0]:.6g}", mend, None, _none,
-                 target=scene.bodies[k].name)
 
 
 def _levers(p: Physics) -> np.ndarray:
@@ -368,10 +353,11 @@ def _sizes(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator[Ca
                     "check the units of masses, inertias and forces", target=where)
     yield Cause("inertia size", lambda p, t: _changed(p, bodies, lambda J, _: np.exp(t[0]) * J), ((0.1,), (-1.0,)),
                 lambda t: f"{where}: inertia times {np.exp(t[0]):.6g}", mend, target=where)
-    for text, factor in (("products of inertia left out", 0.0), ("products of inertia with the other sign", -1.0)):
-        if any(np.abs(context.right.inertias[:, k] - _products(context.right.inertias[:, k], 0.0)).max() > 0.0
-               for k in bodies):
-            yield _with_products(where, bodies, text, factor, mend)
+    if np.any(context.right.inertias[:, bodies] * ~DIAGONAL):
+        yield Cause("products of inertia", lambda p, t: _changed(p, bodies, lambda J, _: J * DIAGONAL), ((),),
+                    lambda t: f"{where}: products of inertia left out", mend, target=where)
+        yield Cause("products of inertia", lambda p, t: _changed(p, bodies, lambda J, _: np.where(DIAGONAL, J, -J)),
+                    ((),), lambda t: f"{where}: products of inertia with the other sign", mend, target=where)
     if len(bodies) == 1:
         def entries(p: Physics, t: np.ndarray) -> Physics:
             added = np.array([[t[0], t[3], t[4]], [t[3], t[1], t[5]], [t[4], t[5], t[2]]])
@@ -380,42 +366,26 @@ def _sizes(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator[Ca
         def text_of(t: np.ndarray) -> str:
             return f"{where}: Jxx, Jyy, Jzz, Jxy, Jxz, Jyz off by {', '.join(f'{value:+.4g}' for value in t)}"
 
-        for index, entry in enumerate(("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz")):
-            yield _entry(where, entry, index, entries, mend)
+        def one(name: str, unit: np.ndarray) -> Cause:
+            return Cause("inertia entries", lambda p, t: entries(p, t[0] * unit), ((0.0,),),
+                         lambda t: f"{where}: {name} off by {t[0]:+.6g} kg m^2", mend, target=where, alone=True)
+
+        yield from map(one, ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz"), np.eye(6))
         yield Cause("inertia entries", entries, ((0.0,) * 6,), text_of, mend, target=where, alone=True, last=True)
 
 
-def _entry(where: str, entry: str, index: int, entries: Apply, mend: str) -> Cause:
-    return Cause("inertia entries", lambda p, t: entries(p, t[0] * np.eye(6)[index]), ((0.0,),),
-                 lambda t: f"{where}: {entry} off by {t[0]:+.6g} kg m^2", mend, target=where, alone=True)
-
-
-def _products(J: np.ndarray, factor: float) -> np.ndarray:
-    """Inertias (E, 3, 3) with their products times a factor."""
-    return J * np.where(np.eye(3, dtype=bool), 1.0, factor)
-
-
-def _with_products(where: str, bodies: tuple[int, ...], text: str, factor: float, mend: str) -> Cause:
-    return Cause("products of inertia", lambda p, t: _changed(p, bodies, lambda J, _: _products(J, factor)), ((),),
-                 lambda t: f"{where}: {text}", mend, target=where)
-
-
-def _exchanged(context: Context) -> Iterator[Cause]:
+def _exchanged(scene: Scene) -> Iterator[Cause]:
     """Two bodies whose masses, inertias or both were exchanged."""
-    scene = context.scene
-    for one, other in itertools.combinations(range(scene.n), 2):
+    def swapped(one: int, other: int, text: str, masses: bool, inertias: bool) -> Cause:
         order = list(range(scene.n))
         order[one], order[other] = other, one
         names = f"{scene.bodies[one].name!r} and {scene.bodies[other].name!r}"
-        for text, masses, inertias in (("masses swapped", True, False), ("inertias swapped", False, True),
-                                       ("masses and inertias swapped", True, True)):
-            yield _swap(order, names, text, masses, inertias)
+        return Cause(text, lambda p, t: p.replace(masses=p.masses[order] if masses else p.masses,
+                                                  inertias=p.inertias[:, order] if inertias else p.inertias),
+                     ((),), lambda t: f"of bodies {names}", "check the order in which bodies reach the engine",
+                     target=names, alone=True)
 
-
-def _swap(order: list[int], names: str, text: str, masses: bool, inertias: bool) -> Cause:
-    def apply(p: Physics, t: np.ndarray) -> Physics:
-        return p.replace(masses=p.masses[order] if masses else p.masses,
-                         inertias=p.inertias[:, order] if inertias else p.inertias)
-
-    return Cause(text, apply, ((),), lambda t: f"of bodies {names}", "check the order in which bodies reach the engine",
-                 target=names, alone=True)
+    for pair in itertools.combinations(range(scene.n), 2):
+        yield swapped(*pair, "masses swapped", True, False)
+        yield swapped(*pair, "inertias swapped", False, True)
+        yield swapped(*pair, "masses and inertias swapped", True, True)

@@ -137,6 +137,13 @@ def positions(scene: Scene, R: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, n
     return x, v
 
 
+def placed(scene: Scene) -> Scene | None:
+    """The scene with its bodies where its joints put them; None where `positions` does not know."""
+    found = positions(scene, scene.R0, scene.w0)
+    return None if found is None else scene.replace(bodies=tuple(
+        dataclasses.replace(body, position=x, velocity=v) for body, x, v in zip(scene.bodies, *found, strict=True)))
+
+
 def gap(observation: Observation, R: np.ndarray, w: np.ndarray, absent: int | None = None) -> float:
     """Largest normalised difference between the start an engine shows and one it should show then; without the body
     `absent`."""

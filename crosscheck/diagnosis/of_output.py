@@ -8,16 +8,17 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from crosscheck.diagnosis import fit, misreadings
 from crosscheck.diagnosis.observe import FASTEST, REACH, Observation, Scale, Silent, Subject, rates, true_motion
+from crosscheck.diagnosis.physics import levers
 from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
-from crosscheck.scene.model import GROUND, Joint, Scene
+from crosscheck.scene.model import Joint, Scene
 from crosscheck.scene.states import States
 
 AGREES = 1e-8
@@ -100,52 +101,34 @@ def _gap(told: Told, each: Observation) -> float:
 def hypotheses(observations: list[Observation]) -> Iterator[Told]:
     """All of them that make sense for a scene."""
     scene = observations[0].scene
-    yield from _orders(scene)
-    if any(joint.child != GROUND and np.any(joint.child_anchor) for joint in scene.joints):
-        for with_speed in (False, True):
-            yield _at_joint(with_speed)
+    if 1 < scene.n <= MOST_ORDERS:
+        yield from (_reordered(order, scene) for order in list(itertools.permutations(range(scene.n)))[1:])
+    if levers(scene).any():
+        yield Told("position of the joint", "positions are those of the joint that carries the body",
+                   "report the centre of mass", lambda given: _at_joint(given, with_speed=False))
+        yield Told("position of the joint", "positions and velocities are those of the joint that carries the body",
+                   "report the centre of mass", lambda given: _at_joint(given, with_speed=True))
     yield from _geometry(scene)
     yield from _times(observations)
 
 
-def _orders(scene: Scene) -> Iterator[Told]:
-    count = scene.n
-    if not 1 < count <= MOST_ORDERS:
-        return
-    for order in itertools.islice(itertools.permutations(range(count)), 1, None):
-        yield _reordered(list(order), scene)
-
-
-def _reordered(order: list[int], scene: Scene) -> Told:
-    back = list(np.argsort(order))
-    names = ", ".join(scene.bodies[k].name for k in order)
-    return Told("order of bodies", f"bodies are reported in the order {names}", "report bodies in the scene's order",
-                lambda given: _picked(true_motion(given), order), lambda states: _picked(states, back))
-
-
-def _picked(states: States, order: list[int]) -> States:
+def picked(states: States, order: Sequence[int]) -> States:
+    """States with the bodies in another order."""
     return States(states.t, *(getattr(states, name)[:, order] for name in ("x", "R", "v", "w")))
 
 
-def _levers(scene: Scene) -> np.ndarray:
-    """(n, 3) from the centre of mass to the joint that carries the body."""
-    levers = np.zeros((scene.n, 3))
-    for joint in scene.joints:
-        if joint.child != GROUND and not levers[joint.child].any():
-            levers[joint.child] = joint.child_anchor
-    return levers
+def _reordered(order: Sequence[int], scene: Scene) -> Told:
+    names = ", ".join(scene.bodies[k].name for k in order)
+    return Told("order of bodies", f"bodies are reported in the order {names}", "report bodies in the scene's order",
+                lambda given: picked(true_motion(given), order), lambda states: picked(states, list(np.argsort(order))))
 
 
-def _at_joint(with_speed: bool) -> Told:
-    def show(scene: Scene) -> States:
-        states, levers = true_motion(scene), _levers(scene)
-        x = states.x + np.einsum("tnij,nj->tni", states.R, levers)
-        v = states.v + np.einsum("tnij,tnj->tni", states.R, np.cross(states.w, levers)) if with_speed else states.v
-        return States(states.t, x, states.R, v, states.w)
-
-    what = "positions and velocities" if with_speed else "positions"
-    return Told("position of the joint", f"{what} are those of the joint that carries the body",
-                "report the centre of mass", show)
+def _at_joint(scene: Scene, with_speed: bool) -> States:
+    """The true motion with positions, and velocities, of the points at which joints carry the bodies."""
+    states, s = true_motion(scene), levers(scene)
+    x = states.x + np.einsum("tnij,nj->tni", states.R, s)
+    v = states.v + np.einsum("tnij,tnj->tni", states.R, np.cross(states.w, s)) if with_speed else states.v
+    return States(states.t, x, states.R, v, states.w)
 
 
 # --- geometry ---------------------------------------------------------------------------------------------------------
@@ -153,46 +136,36 @@ def _at_joint(with_speed: bool) -> Told:
 
 def _geometry(scene: Scene) -> Iterator[Told]:
     """Anchors exchanged, or with the other sign, of one joint or of all."""
+    def anchored(where: str, text: str, which: tuple[int, ...],
+                 change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Told:
+        def show(given: Scene) -> States | None:
+            joints = list(given.joints)
+            for k in which:
+                parent, child = change(joints[k].parent_anchor, joints[k].child_anchor)
+                joints[k] = dataclasses.replace(joints[k], parent_anchor=parent, child_anchor=child)
+            made = replaced(given, tuple(joints))
+            return None if made is None else true_motion(made)
+
+        return Told("anchors", f"{where}: {text}", "check the anchors that the engine is given, and the frame they are "
+                    "in", show)
+
+    joints = tuple(range(len(scene.joints)))
+    scopes = [(f"joint {scene.joints[k].name!r}", (k,)) for k in joints] + [("all joints", joints)] * (len(joints) > 1)
     for text, change in (("anchors of parent and child swapped", lambda p, c: (c, p)),
                          ("the child's anchor with the other sign", lambda p, c: (p, -c)),
                          ("the parent's anchor with the other sign", lambda p, c: (-p, c)),
                          ("the child's anchor left out", lambda p, c: (p, 0.0 * c)),
                          ("the parent's anchor left out", lambda p, c: (0.0 * p, c))):
-        scopes: list[tuple[str, tuple[int, ...]]] = []
-        scopes += [(f"joint {joint.name!r}", (k,)) for k, joint in enumerate(scene.joints)]
-        if len(scopes) > 1:
-            scopes.append(("all joints", tuple(range(len(scene.joints)))))
-        for where, which in scopes:
-            yield _anchored(where, text, which, change)
-
-
-def _anchored(where: str, text: str, which: tuple[int, ...],
-              change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Told:
-    def show(scene: Scene) -> States | None:
-        def changed(k: int, joint: Joint) -> Joint:
-            if k not in which:
-                return joint
-            parent, child = change(joint.parent_anchor, joint.child_anchor)
-            return dataclasses.replace(joint, parent_anchor=parent, child_anchor=child)
-
-        made = replaced(scene, tuple(changed(k, joint) for k, joint in enumerate(scene.joints)))
-        return None if made is None else true_motion(made)
-
-    return Told("anchors", f"{where}: {text}", "check the anchors that the engine is given, and the frame they are in",
-                show)
+        yield from (anchored(where, text, which, change) for where, which in scopes)
 
 
 def replaced(scene: Scene, joints: tuple[Joint, ...]) -> Scene | None:
     """The scene with other joints, its bodies where these put them; None where that does not follow or is the same."""
-    made = scene.replace(joints=joints)
-    placed = misreadings.positions(made, scene.R0, scene.w0)
-    if placed is None or all(np.array_equal(one.parent_anchor, other.parent_anchor)
-                             and np.array_equal(one.child_anchor, other.child_anchor)
-                             for one, other in zip(scene.joints, joints, strict=True)):
+    if all(np.array_equal(one.parent_anchor, other.parent_anchor)
+           and np.array_equal(one.child_anchor, other.child_anchor)
+           for one, other in zip(scene.joints, joints, strict=True)):
         return None
-    x, v = placed
-    return made.replace(bodies=tuple(dataclasses.replace(body, position=x[k], velocity=v[k])
-                                     for k, body in enumerate(made.bodies)))
+    return misreadings.placed(scene.replace(joints=joints))
 
 
 # --- times ------------------------------------------------------------------------------------------------------------
@@ -206,16 +179,10 @@ def _times(observations: list[Observation]) -> Iterator[Told]:
     if delays is None:
         return
     offset, pace = float(np.median(delays[1:])), float(np.median(delays[1:] / few.t[1:]))
-    for name, text, mend, times in (
-            ("time offset", f"the motion of {offset:+.6g} s later", "start at the scene's start, and report each state "
-             "at its time", lambda t: np.maximum(t + offset, 0.0)),
-            ("time scale", f"times are those of a clock {1 + pace:.6g} as fast", "check the unit of time and the step "
-             "that is really made", lambda t: (1.0 + pace) * t)):
-        yield Told(name, text, mend, _shown_at(times))
-
-
-def _shown_at(times: Callable[[np.ndarray], np.ndarray]) -> Callable[[Scene], States]:
-    return lambda scene: at_times(scene, times(scene.t))
+    yield Told("time offset", f"the motion of {offset:+.6g} s later", "start at the scene's start, and report each "
+               "state at its time", lambda given: at_times(given, np.maximum(given.t + offset, 0.0)))
+    yield Told("time scale", f"times are those of a clock {1 + pace:.6g} as fast", "check the unit of time and the "
+               "step that is really made", lambda given: at_times(given, (1.0 + pace) * given.t))
 
 
 def at_times(scene: Scene, times: np.ndarray) -> States:
@@ -232,19 +199,14 @@ def shifts(scene: Scene, scale: Scale, y: np.ndarray) -> np.ndarray | None:
     for _ in range(3):
         states = at_times(scene, np.maximum(scene.t + delays, 0.0))
         exact = scale.flat(states)
-        slope = _slopes(scene, scale, states)
+        turning = np.cross(states.R, states.w[:, :, None, :]).reshape(*states.x.shape[:2], 9)
+        slope = np.concatenate([states.v / scale.length, turning, 0.0 * exact[:, :, 12:]], axis=2)  # none of velocities
         square = np.einsum("tnk,tnk->t", slope, slope)
         if square.min() <= 1e-6 * scale.rate**2:
             return None
         delays = delays + np.einsum("tnk,tnk->t", y - exact, slope) / square
         delays = np.clip(delays, -scene.duration, scene.duration)
     return delays
-
-
-def _slopes(scene: Scene, scale: Scale, states: States) -> np.ndarray:
-    """dy/dt of positions and attitudes, zero for velocities, (T, n, 18)."""
-    turning = np.cross(states.R, states.w[:, :, None, :]).reshape(*states.x.shape[:2], 9)
-    return np.concatenate([states.v / scale.length, turning, np.zeros((*states.x.shape[:2], 6))], axis=2)
 
 
 def late(subject: Subject, first: Observation) -> NamedCause | None:

@@ -59,16 +59,14 @@ class Late:
     text: str
     causes: list[NamedCause]
     evidence: Evidence
-    observation: Observation | None = None  # of the motion from there on, for a look at the model
 
 
 def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -> tuple[float, Late | None]:
     """(until when the run was looked at, the first interval whose defect is no error of the step)."""
     order = subject.order(scene)
-    sampled = scene.replace(samples=max(INTERVALS + 1, 2))
-    interval = sampled.duration / INTERVALS
+    sampled = scene.replace(samples=INTERVALS + 1)
     h = step if step is not None else TURN / (scale.rate * scale.fast)
-    per = max(1, int(np.ceil(interval / h)))
+    per = max(1, int(np.ceil(sampled.duration / INTERVALS / h)))
     while per * INTERVALS > MOST_STEPS and sampled.duration > 1.0 / scale.rate:
         sampled = sampled.replace(duration=0.5 * sampled.duration)
         per = max(1, int(np.ceil(sampled.duration / INTERVALS / h)))
@@ -88,8 +86,13 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
     before = 0.0
     for k in range(INTERVALS):
         found = defect(sampled, scale, fine, k)
-        if step is not None and found > COARSE:
-            return sampled.duration, _too_coarse(float(fine.t[k]), step, found)
+        if step is not None and found > COARSE:  # whatever finer steps do
+            time, mend = float(fine.t[k]), "choose a smaller step; the limit is right"
+            cause = NamedCause("step too coarse", f"at steps of {step:g} s the motion from t = {time:.4g} s on is off "
+                               f"by {found:.2g} of its size within one interval", mend)
+            return sampled.duration, Late(time, cause.magnitude, [cause], Evidence(
+                cause.name, "numerics", found, None, "defect of one interval of the whole run",
+                f"from t = {time:.4g} s on, at steps of {step:g} s", True))
         if found > DEFECT:
             try:
                 coarse = run(1, sampled) if coarse is None else coarse
@@ -102,15 +105,6 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
                 return sampled.duration, _described(sampled, scale, fine, k, rough, found, run(FINER, closer))
         before = max(before, found)
     return sampled.duration, None
-
-
-def _too_coarse(time: float, step: float, found: float) -> Late:
-    """The step that was asked for, whatever finer ones do."""
-    evidence = Evidence("step too coarse", "numerics", found, None, "defect of one interval of the whole run",
-                        f"from t = {time:.4g} s on, at steps of {step:g} s", True)
-    cause = NamedCause("step too coarse", f"at steps of {step:g} s the motion from t = {time:.4g} s on is off by "
-                       f"{found:.2g} of its size within one interval", "choose a smaller step; the limit is right")
-    return Late(time, cause.magnitude, [cause], evidence)
 
 
 def defect(scene: Scene, scale: Scale, states: States, k: int) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.diagnosis import altered, fit, of_output
+from crosscheck.diagnosis import altered, fit, misreadings, of_output
 from crosscheck.diagnosis.observe import (
     REACH,
     ROUNDING,
@@ -186,11 +186,10 @@ def planar(scene: Scene, scale: Scale, gravity: np.ndarray) -> Scene | None:
         return None
     down, normal = _plane(scene.gravity, gravity)
     flat = np.eye(3) - np.outer(normal, normal)
-    bodies = []
-    for k, body in enumerate(scene.bodies):
-        bodies.append(dataclasses.replace(body, inertia=np.trace(body.inertia) / 3 * np.eye(3),
-                                          attitude=np.array([1.0, 0.0, 0.0, 0.0]),
-                                          angular_velocity=(0.5 + 0.3 * k) * scale.rate * normal))
+    bodies = [dataclasses.replace(body, inertia=np.trace(body.inertia) / 3 * np.eye(3),
+                                  attitude=np.array([1.0, 0.0, 0.0, 0.0]),
+                                  angular_velocity=(0.5 + 0.3 * k) * scale.rate * normal)
+              for k, body in enumerate(scene.bodies)]
     joints = []
     for joint in scene.joints:
         anchors: dict[str, Any] = {"parent_anchor": flat @ joint.parent_anchor,
@@ -199,16 +198,8 @@ def planar(scene: Scene, scale: Scale, gravity: np.ndarray) -> Scene | None:
             anchors["child_anchor"] = 0.5 * scale.length * np.cross(normal, down)
         axes: dict[str, Any] = {} if joint.type == "spherical" else {"parent_axis": normal, "child_axis": normal}
         joints.append(dataclasses.replace(joint, **anchors, **axes))
-    made = scene.replace(bodies=tuple(bodies), joints=tuple(joints), forces=())
-    from crosscheck.diagnosis.misreadings import positions
-
-    placed = positions(made, made.R0, made.w0)
-    if placed is None:
-        return None
-    x, v = placed
-    made = made.replace(bodies=tuple(dataclasses.replace(body, position=x[k], velocity=v[k])
-                                     for k, body in enumerate(made.bodies)))
-    return close(made)
+    made = misreadings.placed(scene.replace(bodies=tuple(bodies), joints=tuple(joints), forces=()))
+    return None if made is None else close(made)
 
 
 def _plane(gravity: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -60,6 +60,15 @@ def of_scene(scene: Scene, copies: int = 1) -> Physics:
                    np.array([p.get("damping", 0.0) for p in given]), np.ones(len(scene.forces)))
 
 
+def levers(scene: Scene) -> np.ndarray:
+    """(n, 3) from the centre of mass of each body to the joint that carries it, body axes; zero without one."""
+    found = np.zeros((scene.n, 3))
+    for joint in scene.joints:
+        if joint.child != GROUND and not found[joint.child].any():
+            found[joint.child] = joint.child_anchor
+    return found
+
+
 @dataclasses.dataclass
 class Points:
     """States at P instants of one joint structure, with what was observed there."""

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crosscheck import adapters
-from crosscheck.diagnosis import of_output
+from crosscheck.diagnosis import of_output, physics
 from crosscheck.references.maximal import Maximal
 from tests.diagnosis import misbuilt
 from tests.diagnosis.misbuilt import Misbuilt
@@ -136,7 +136,7 @@ def with_states(states, **changes):
 def at_joint(speed):
     """Positions, and velocities too, of the joints."""
     def change(rng, scene, states):
-        levers = of_output._levers(scene)
+        levers = physics.levers(scene)
         x = states.x + np.einsum("tnij,nj->tni", states.R, levers)
         v = states.v + np.einsum("tnij,tnj->tni", states.R, np.cross(states.w, levers)) if speed else states.v
         return with_states(states, x=x, v=v)
@@ -308,7 +308,7 @@ MISTAKES = [
     Mistake("R inverted", ("quaternion conjugated",), told(lambda r, s, t: with_states(t, R=np.swapaxes(t.R, -1, -2)))),
     Mistake("x at the joint", ("position of the joint",), told(at_joint(False))),
     Mistake("x and v at the joint", ("position of the joint",), told(at_joint(True))),
-    Mistake("other order", ("order of bodies",), told(lambda r, s, t: of_output._picked(t, list(range(s.n))[::-1])),
+    Mistake("other order", ("order of bodies",), told(lambda r, s, t: of_output.picked(t, list(range(s.n))[::-1])),
         (TWO, "uneven")),
     Mistake("start time", ("time offset",), retimed(lambda s: s.t + 0.013)),
     Mistake("fast clock", ("time scale",), retimed(lambda s: 1.004 * s.t)),

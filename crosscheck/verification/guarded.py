@@ -26,6 +26,9 @@ MEMORY_LIMIT = 4.0
 LOADING = 60.0
 """s that importing an engine of the user's own may take at least, however short a run has to be."""
 
+_LOADED: set[str] = set()
+"""Engines of the user's own that a worker process could load."""
+
 SHOWN = 200
 """Characters of printed text that a record quotes."""
 
@@ -41,9 +44,9 @@ def limits(time_limit: float | None = TIME_LIMIT, memory_limit: float | None = M
 def check_engines(names: Sequence[str], within: Limits | None = None) -> None:
     """Raise `ArgumentError` or `EngineError` for a name that stands for no engine that can be loaded.
 
-    A class of the user's own is loaded in a worker process first: its module may crash or hang.
+    A class of the user's own is loaded in a worker process first, once: its module may crash or hang.
     """
-    risky = [name for name in names if isinstance(name, str) and adapters.is_own(name)]
+    risky = [name for name in names if isinstance(name, str) and adapters.is_own(name) and name not in _LOADED]
     patient = within
     if within is not None and within.time is not None:
         patient = dataclasses.replace(within, time=max(LOADING, within.time))
@@ -51,6 +54,7 @@ def check_engines(names: Sequence[str], within: Limits | None = None) -> None:
         if isinstance(found, Crash):
             raise found.error if isinstance(found.error, ArgumentError) else EngineError(
                 f"engine {name} cannot be loaded: {found.message}")
+        _LOADED.add(name)
     for name in names:
         adapters.get(name)
 

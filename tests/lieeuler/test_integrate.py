@@ -1,20 +1,16 @@
-"""The public entry point: arguments, sampling, statuses, threads, interruption, and a step without allocation."""
+"""The public entry point: arguments, sampling, statuses, threads and interruption."""
 
 from __future__ import annotations
 
 import concurrent.futures
 import os
-import shutil
 import signal
-import subprocess
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import lieeuler
-from tests import ROOT
 from tests.lieeuler.systems import SYSTEMS
 
 T = np.linspace(0, 1, 11)
@@ -148,25 +144,3 @@ def test_interrupt_carries_the_trajectory_so_far():
 def test_monitor_can_be_switched_off():
     s = lieeuler.integrate(SYSTEMS["single_pendulum"](), "DAE1L_LSE", 1e-2, T, monitor=False)
     assert s.stats.maxima == {}
-
-
-@pytest.fixture(scope="session")
-def chain_driver(tmp_path_factory):
-    """The kernel's headers compiled into a program that counts allocations."""
-    import cmeel  # its prefix holds the Eigen headers the kernel is built with
-
-    compiler = os.environ.get("CXX") or shutil.which("c++")
-    eigen = Path(cmeel.__file__).parents[1] / "cmeel.prefix" / "include" / "eigen3"
-    program = tmp_path_factory.mktemp("core") / "chain_driver"
-    source = ROOT / "tests" / "core" / "chain_driver.cpp"
-    subprocess.run([compiler, "-std=c++20", "-O1", "-I", eigen, "-I", ROOT / "lieeuler" / "_core", source,
-                    "-o", program], check=True)
-    return program
-
-
-@pytest.mark.parametrize("method", lieeuler.EULER_METHODS)
-@pytest.mark.parametrize("bodies", [1, 2, 20])
-def test_no_allocation_inside_a_step(chain_driver, method, bodies):
-    run = subprocess.run([chain_driver, method, str(bodies), "200", "1e-3"], capture_output=True, text=True)
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.startswith("allocations 0 ")

@@ -11,11 +11,10 @@ import pytest
 
 from crosscheck.errors import ArgumentError
 from crosscheck.jobs.resume import resumable
-from tests import ROOT
 from tests.history.test_nightly import results, timeless
 
-FEW = f"{ROOT / 'tests' / 'seeds' / 'few.py'}:Few"
-QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", FEW, "--jobs", "1")
+QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "lieeuler", "--jobs", "1", *(
+    word for method in ("DAE3L_LE", "DAE2H_LE", "DAE1L_LSE", "rattle2", "rattle4") for word in ("--method", method)))
 
 
 def command(out, *words):

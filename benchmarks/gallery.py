@@ -1,15 +1,24 @@
-"""Models that others wrote: which become scenes, which do not and why, and whether they move as in MuJoCo itself.
+"""Models that others wrote: which become scenes, which do not and why, and whether they move as in engines themselves.
 
     python -m benchmarks.gallery FOLDER ... [--run]
 
-FOLDER: searched for .xml and .urdf, for example the site-packages of an environment with gymnasium, dm_control and
-example-robot-data. With --run, every scene that lieeuler has is run for a second under `taylor` beside a native rollout
-of MuJoCo by RK4 at two steps, extrapolated, contacts, limits, friction and controls off, from a seeded state.
+FOLDER: a file, or searched for .xml and .urdf, say the site-packages of an environment with gymnasium, dm_control and
+example-robot-data. With --run every scene is integrated for a second from a seeded state, under `taylor` (the truth
+takes its place where lieeuler lacks an element), beside what the engines make of the file that they load themselves:
+
+- MuJoCo: RK4 at two steps, extrapolated; contacts, limits, friction, controls and the medium off, and without what
+  `left_out` says that the scene has not.
+- Pinocchio, of a URDF: `aba` in joint coordinates under SciPy's DOP853, with the torque of the dampers, which `aba`
+  does not apply.
+
+Two motions agree where |dx| (m) and |dR| stay within max(1e-9, 1e-13 x growth) at every output time; growth: of a
+nudge of the start over the run.
 """
 
 from __future__ import annotations
 
 import argparse
+import collections
 import time
 from pathlib import Path
 from typing import Any
@@ -18,11 +27,17 @@ import numpy as np
 
 import crosscheck
 from crosscheck.errors import CrosscheckError
-from crosscheck.scene.models import compiling, source
+from crosscheck.scene.coordinates import at_start
+from crosscheck.scene.model import Scene
+from crosscheck.scene.models import compiling, neutral, second, source
 
-DURATION, SAMPLES, STEP = 1.0, 11, 2e-4
-ALIKE = ("limits of", "dry friction", "contacts of", "actuator")
-"""What is left out of a scene and switched off in the native rollout as well."""
+DURATION, SAMPLES, STEPS = 1.0, 11, (2e-4, 1e-4, 5e-5, 2.5e-5)
+NUDGE = 1e-8
+KEPT_BY_MUJOCO = ("tendon", "equality", "flexible", "plugins", "nonlinear", "stiffness of joint", "mimic")
+"""How what is left out of a scene begins where it stays in MuJoCo's model here."""
+
+Motion = tuple[np.ndarray, np.ndarray]
+"""x (T, n, 3), R (T, n, 3, 3) of the bodies of a scene."""
 
 
 def main() -> None:
@@ -30,9 +45,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="+", type=Path)
     parser.add_argument("--run", action="store_true")
+    parser.add_argument("--largest", type=int, default=24, help="bodies of a scene that truth is asked for")
     given = parser.parse_args()
-    counts = {"imported": 0, "refused": 0, "compared": 0, "agree": 0, "unresolved": 0}
-    for path in sorted(path for folder in given.folders for path in folder.rglob("*")
+    counts: collections.Counter[str] = collections.Counter()
+    for path in sorted(path for folder in given.folders for path in (folder.rglob("*") if folder.is_dir() else [folder])
                        if path.suffix in (".xml", ".urdf")):
         head = path.read_text(errors="replace")[:5000]
         if "<mujoco" not in head and "<robot" not in head:
@@ -42,69 +58,195 @@ def main() -> None:
             scene = crosscheck.import_model(path, drop=True, duration=DURATION, samples=SAMPLES)
         except CrosscheckError as error:
             counts["refused"] += 1
-            print(f"- {label}: {str(error).removeprefix(str(path) + ': ')[:220]}", flush=True)
+            print(f"- {label}: {str(error).removeprefix(str(path) + ': ')}", flush=True)
             continue
         counts["imported"] += 1
         line = f"+ {label}: {scene.n} bodies"
         if given.run:
-            line += ", " + _compared(path, list(scene.left_out), counts)
+            line += "; " + "; ".join(_compared(path, given.largest, counts))
         print(line + (f"; left out: {'; '.join(scene.left_out)}" if scene.left_out else ""), flush=True)
     print(", ".join(f"{value} {key}" for key, value in counts.items()))
 
 
-def _compared(path: Path, left_out: list[str], counts: dict[str, int]) -> str:
-    """The difference of the two motions in words; `counts` is added to."""
-    if not all(words.startswith(ALIKE) for words in left_out):
-        return "not compared: what is left out cannot be switched off in MuJoCo"
+def _compared(path: Path, largest: int, counts: collections.Counter[str]) -> list[str]:
+    """What the comparisons of one model found, in words; `counts` is added to."""
     import mujoco
 
+    began = time.perf_counter()
     model = compiling.compiled(source.read(path))
     rng = np.random.default_rng(0)
-    q = model.qpos0.copy()
+    q, v = model.qpos0.copy(), 0.3 * rng.normal(size=model.nv)
     mujoco.mj_integratePos(model, q, 0.2 * rng.normal(size=model.nv), 1.0)
-    v = 0.3 * rng.normal(size=model.nv)
-    began = time.perf_counter()
     try:
         scene = crosscheck.import_model(path, drop=True, qpos=q, qvel=v, duration=DURATION, samples=SAMPLES)
-        traj = crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-13)
     except (CrosscheckError, ValueError) as error:
-        return f"not compared: {str(error)[:120]}"
-    names = [body.name for body in scene.bodies]
-    coarse, fine = (_rollout(model, names, q, v, h) for h in (STEP, STEP / 2))
-    nudge = 1e-8
-    moved = _rollout(model, names, q, v + nudge * rng.choice([-1.0, 1.0], size=model.nv), STEP)
-    growth = float(np.abs(moved - coarse).max()) / nudge
-    native = fine + (fine - coarse) / 15  # RK4 is of order 4
-    gap, bound = float(np.abs(traj.R - native).max()), max(1e-9, 1e-13 * growth)
-    own = float(np.abs(fine - coarse).max()) / 15
-    if own > bound:  # the extrapolated rollout is no better than a part of that
-        counts["unresolved"] += 1
-        return f"not judged: MuJoCo's own step error is {own:.1e}, max |dR| {gap:.1e}"
-    counts["compared"] += 1
-    counts["agree"] += gap <= bound
-    return (f"max |dR| against native {gap:.1e}, allowed {bound:.1e} (growth {growth:.1e}; MuJoCo's own step error "
-            f"{own:.1e}){'' if gap <= bound else ' DIFFERS'}, "
-            f"{time.perf_counter() - began:.1f} s")
+        return [f"not compared: {error}"]
+    words, motion = _own(scene, largest, counts)
+    if motion is not None:
+        words.append("MuJoCo " + _beside_mujoco(path, scene, motion, q, v, counts))
+        if path.suffix == ".urdf":
+            words.append("Pinocchio " + _beside_pinocchio(path, scene, motion, counts))
+    return [*words, f"{time.perf_counter() - began:.1f} s"]
 
 
-def _rollout(model: Any, names: list[str], q: np.ndarray, v: np.ndarray, h: float) -> np.ndarray:
+def _own(scene: Scene, largest: int, counts: collections.Counter[str]) -> tuple[list[str], Motion | None]:
+    """The motion under `taylor`, or that of the truth, and what was said on the way."""
+    words: list[str] = []
+    found: Motion | None = None
+    try:
+        traj = crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-13)
+        found = traj.x, traj.R
+    except (CrosscheckError, ValueError) as error:
+        words.append("taylor: " + str(error).rpartition(": ")[2])
+    if scene.n > largest:
+        return [*words, f"truth not asked for, {scene.n} bodies"], found
+    try:
+        reference = crosscheck.truth(scene)
+    except (CrosscheckError, ValueError) as error:
+        return [*words, f"no truth: {str(error)[:160]}"], found
+    counts["truth"] += 1
+    there = reference.states.x, reference.states.R
+    if found is None:
+        return [*words, f"truth to {reference.error:.1e}"], there
+    gap = _gap(found, there)
+    counts["taylor is the truth"] += gap <= 10 * reference.error
+    return [*words, f"taylor against truth {gap:.1e} (truth to {reference.error:.1e})"], found
+
+
+def _gap(one: Motion, other: Motion) -> float:
+    return max(float(np.abs(a - b).max()) for a, b in zip(one, other, strict=True))
+
+
+def _judged(engine: str, gap: float, own: float, growth: float, counts: collections.Counter[str]) -> str:
+    """One comparison in words; `own` is what the engine's own integration is wrong by."""
+    bound = max(1e-9, 1e-13 * growth)
+    told = f"max |dx|, |dR| {gap:.1e}, allowed {bound:.1e} (growth {growth:.1e}, its own step error {own:.1e})"
+    if own > bound:
+        counts[f"{engine} unresolved"] += 1
+        return f"not judged: {told}"
+    counts[f"{engine} compared"] += 1
+    counts[f"{engine} agrees"] += gap <= bound
+    return told + ("" if gap <= bound else " DIFFERS")
+
+
+def _beside_mujoco(path: Path, scene: Scene, motion: Motion, q: np.ndarray, v: np.ndarray,
+                   counts: collections.Counter[str]) -> str:
+    import mujoco
+
+    unlike = [words for words in scene.left_out if words.startswith(KEPT_BY_MUJOCO)
+              and "which is part of" not in words]
+    if unlike or len(scene.joints) > scene.n:
+        return f"not compared: {'; '.join(unlike) or 'its loops are soft'}"
+    with compiling.listening():
+        try:
+            model = mujoco.MjModel.from_xml_path(str(path.resolve()))
+            how = ""
+        except Exception:  # a file that it cannot find, of a mesh or texture that no motion needs
+            model, how = compiling.compiled(source.read(path)), " (its meshes are missing)"
+        if model.nq != len(q):
+            return "not compared: its model has other coordinates"
+        _strip(model, scene)
+        coarse = _rollout(model, scene, q, v, STEPS[0])
+        side = NUDGE * np.random.default_rng(1).choice([-1.0, 1.0], size=model.nv)
+        growth = _gap(_rollout(model, scene, q, v + side, STEPS[0]), coarse) / NUDGE
+        for step in STEPS[1:]:
+            fine = _rollout(model, scene, q, v, step)
+            own = _gap(coarse, fine) / 15  # RK4 is of order 4
+            native = tuple(b + (b - a) / 15 for a, b in zip(coarse, fine, strict=True))
+            if own < 1e-10:
+                break
+            coarse = fine
+    return _judged("MuJoCo", _gap(motion, (native[0], native[1])), own, growth, counts) + how
+
+
+def _strip(model: Any, scene: Scene) -> None:
+    """Switch off what a scene has not: contacts, limits, friction, controls, medium, springs of composite joints."""
     import mujoco
 
     off = mujoco.mjtDisableBit
     model.opt.disableflags |= (off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
                                | off.mjDSBL_ACTUATION)
-    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, h
+    model.opt.density = model.opt.viscosity = 0.0
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    kept = {scene.bodies[joint.child].name for joint in scene.joints
+            if joint.type in ("revolute", "prismatic", "cylindrical")}
+    for dof in range(model.nv):
+        if (model.body(model.dof_bodyid[dof]).name or f"body {model.dof_bodyid[dof]}") not in kept:
+            model.dof_armature[dof] = model.dof_damping[dof] = 0.0
+            model.jnt_stiffness[model.dof_jntid[dof]] = 0.0
+
+
+def _rollout(model: Any, scene: Scene, q: np.ndarray, v: np.ndarray, h: float) -> Motion:
+    import mujoco
+
+    model.opt.timestep = h
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = q, v
-    bodies = [model.body(name).id if not name.startswith("body ") else int(name.split()[1])
-              for name in names]
-    found = np.empty((SAMPLES, len(names), 3, 3))
-    with compiling.listening():
-        for sample in range(SAMPLES):
-            mujoco.mj_kinematics(model, data)
-            found[sample] = data.xmat[bodies].reshape(-1, 3, 3)
-            mujoco.mj_step(model, data, nstep=round(DURATION / (SAMPLES - 1) / h))
-    return found
+    x, R = np.empty((SAMPLES, scene.n, 3)), np.empty((SAMPLES, scene.n, 3, 3))
+    for sample in range(SAMPLES):
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        found = {body.name: body for body in neutral.bodies(model, data).values()}
+        for k, body in enumerate(scene.bodies):
+            x[sample, k], R[sample, k] = found[body.name].centre, found[body.name].R
+        mujoco.mj_step(model, data, nstep=round(DURATION / (SAMPLES - 1) / h))
+    return x, R
+
+
+def _beside_pinocchio(path: Path, scene: Scene, motion: Motion, counts: collections.Counter[str]) -> str:
+    import pinocchio
+
+    try:
+        model = pinocchio.buildModelFromUrdf(str(path))
+    except Exception as error:  # several kinds, of its own and of urdfdom
+        return f"not compared: it refuses the file: {' '.join(str(error).split())[:120]}"
+    joints = {joint.name: joint for joint in scene.joints}
+    names = [model.names[joint] for joint in range(1, model.njoints)]
+    if any(model.nvs[joint] != 1 for joint in range(1, model.njoints)) or any(
+            joint.mimic is not None for joint in scene.joints):
+        return "not compared: mimic joints, or joints of several coordinates"
+    moving = second.links(model)
+    if len(scene.joints) != model.nv or not joints.keys() >= set(names) or not moving.keys() >= {
+            body.name for body in scene.bodies}:
+        return "not compared: its model has other joints or links"
+    damping = np.array([(joints[name].damping or (0.0,))[0] for name in names])
+    found = at_start(scene)
+    start, rates = (np.array([found[name][k][0] for name in names]) for k in (0, 1))
+    links = [moving[body.name] for body in scene.bodies]
+    fine = _integrated(model, links, damping, start, rates, 1e-13)
+    own = _gap(fine, _integrated(model, links, damping, start, rates, 1e-12))
+    nudged = _integrated(model, links, damping, start, rates + NUDGE, 1e-13)
+    return _judged("Pinocchio", _gap(motion, fine), own, _gap(nudged, fine) / NUDGE, counts)
+
+
+def _integrated(model: Any, links: list[int], damping: np.ndarray, angles: np.ndarray, rates: np.ndarray,
+                rtol: float) -> Motion:
+    """The motion of the bodies on the joints `links` under `aba`, joint coordinates integrated by DOP853."""
+    import pinocchio
+    from scipy.integrate import solve_ivp
+
+    data = model.createData()
+
+    def coordinates(angles: np.ndarray) -> np.ndarray:
+        q = np.empty(model.nq)
+        for joint in range(1, model.njoints):
+            at, angle = model.idx_qs[joint], angles[model.idx_vs[joint]]
+            q[at:at + model.nqs[joint]] = [np.cos(angle), np.sin(angle)] if model.nqs[joint] == 2 else angle
+        return q
+
+    def slope(_: float, y: np.ndarray) -> np.ndarray:
+        angles, rates = np.split(y, 2)
+        return np.concatenate([rates, pinocchio.aba(model, data, coordinates(angles), rates, -damping * rates)])
+
+    t = np.linspace(0.0, DURATION, SAMPLES)
+    solved = solve_ivp(slope, (0.0, DURATION), np.concatenate([angles, rates]), "DOP853", t, rtol=rtol, atol=rtol)
+    x, R = np.empty((SAMPLES, len(links), 3)), np.empty((SAMPLES, len(links), 3, 3))
+    for sample, y in enumerate(solved.y.T):
+        pinocchio.forwardKinematics(model, data, coordinates(y[:model.nv]))
+        for k, joint in enumerate(links):
+            at = data.oMi[joint]
+            x[sample, k], R[sample, k] = at.act(model.inertias[joint].lever), at.rotation
+    return x, R
 
 
 if __name__ == "__main__":

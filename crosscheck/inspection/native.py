@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
-from crosscheck.errors import CrosscheckError, Unsupported
+from crosscheck.errors import CrosscheckError, SceneError, Unsupported
 from crosscheck.scene.armature import rotors
 from crosscheck.scene.coordinates import zero_attitude
 from crosscheck.scene.joints import JOINT_TYPES
@@ -37,18 +38,22 @@ class Difference:
 
 @dataclasses.dataclass(frozen=True)
 class NativeInspection:
-    """A native check: data only. `scene` is the neutral one, with `left_out`; `refused` what an engine said instead."""
+    """A native check: data only. `scene` is the neutral one, with `left_out`; `refused` what an engine said instead.
+
+    A file that cannot be a scene has None, and says why in `no_scene`; engines are compared with the first then.
+    """
 
     path: Path
-    scene: Scene
+    scene: Scene | None
     native: tuple[Native, ...]
     differences: tuple[Difference, ...]
     refused: dict[str, str]
+    no_scene: str = ""
 
     @property
     def agree(self) -> bool:
         """Whether every engine that reads the file reads what the scene has."""
-        return not self.differences and not self.refused
+        return self.scene is not None and not self.differences and not self.refused
 
     def of(self, engine: str) -> tuple[Difference, ...]:
         """What one engine reads differently."""
@@ -57,7 +62,8 @@ class NativeInspection:
     @property
     def lines(self) -> tuple[str, ...]:
         """The whole in words."""
-        return (*(f"left out of the scene: {words}" for words in self.scene.left_out),
+        return (*([self.no_scene] if self.scene is None else
+                  [f"left out of the scene: {words}" for words in self.scene.left_out]),
                 *(f"{engine} refuses the file: {words}" for engine, words in self.refused.items()),
                 *(str(each) for each in self.differences))
 
@@ -66,7 +72,8 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
             against: str | os.PathLike[str] | None = None) -> NativeInspection:
     """Let every engine load the file itself and name what it reads otherwise than the scene of `against`, or of `path`.
 
-    Joints with one coordinate are compared at zero, at the reference and at `count` seeded random states.
+    Joints with one coordinate are compared at zero, at the reference and at `count` seeded random states. Raises
+    `SceneError` where the file cannot be read at all.
     """
     from crosscheck import adapters
     from crosscheck.adapters import built_in
@@ -74,8 +81,13 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     from crosscheck.scene.models.source import read as read_source
 
     source = Path(path)
-    scene = import_model(against or path, drop=True)
-    joints = [joint for joint in scene.joints if JOINT_TYPES[joint.type].positions == 1]
+    root = read_source(source).root
+    scene, no_scene = None, None
+    try:
+        scene = import_model(against or path, drop=True)
+    except SceneError as error:
+        no_scene = error
+    joints = [joint for joint in (scene.joints if scene else ()) if JOINT_TYPES[joint.type].positions == 1]
     rng = np.random.default_rng(seed)
     size = (1 + count, len(joints))
     states = JointStates(tuple(joint.name for joint in joints), rng.uniform(-0.6, 0.6, size),
@@ -93,20 +105,56 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
             refused[name] = f"it cannot be imported: {error}"
         except CrosscheckError as error:
             refused[name] = str(error)
-    neutral = _neutral(scene, states, against or path)
-    root = read_source(source).root
+    if no_scene is not None and not natives:
+        raise no_scene
+    neutral = _neutral(scene, states) if scene else natives[0]
     invented = frozenset(link.get("name", "") for link in root.findall("link")
                          if link.find("inertial") is None and link.find("collision") is not None)
-    found = [each for native in natives for each in _differences(neutral, native, invented)]
-    return NativeInspection(source, scene, tuple(natives), tuple(found), refused)
+    found = [each for native in natives if native is not neutral for each in _differences(neutral, native, invented)]
+    found += [Difference(native.engine, "root", "", f"the root is fused to the world: {still:g} kg do not move")
+              for native in natives if native.engine.partition("==")[0] == "mujoco" and (still := _rooted(root))]
+    if against is not None and scene is not None:
+        found += _otherwise_left_out(source, scene)
+    return NativeInspection(source, scene, tuple(natives), tuple(found), refused,
+                            str(no_scene or ""))
 
 
-def _neutral(scene: Scene, states: JointStates, path: str | os.PathLike[str]) -> Native:
+def _rooted(root: Element) -> float:
+    """kg of the links of a URDF that no moving joint carries."""
+    held = {each.get("link", ""): joint for joint in root.findall("joint") for each in joint.findall("child")}
+
+    def still(link: str) -> bool:
+        for _ in held:  # a circle of joints ends
+            if link not in held or held[link].get("type") != "fixed":
+                break
+            parent = held[link].find("parent")
+            link = "" if parent is None else parent.get("link", "")
+        return link not in held
+
+    return sum(float(mass.get("value", "0")) for link in root.findall("link") if still(link.get("name", ""))
+               for mass in link.findall("inertial/mass"))
+
+
+def _otherwise_left_out(path: Path, scene: Scene) -> Iterator[Difference]:
+    """What of this file no scene can hold, and `scene` has not left out, or the other way round."""
+    from crosscheck.scene.models import import_model
+
+    try:
+        here = import_model(path, drop=True).left_out
+    except CrosscheckError:  # the engines say more about such a file
+        return
+    for words in dict.fromkeys((*here, *scene.left_out)):
+        if (words in here) != (words in scene.left_out):
+            yield Difference("the file", "left out", "", f"{'has' if words in here else 'lacks'} {words}")
+
+
+def _neutral(scene: Scene, states: JointStates) -> Native:
     names = ["ground" if k < 0 else scene.bodies[k].name for k in range(-1, scene.n)]
     links = {body.name: Link(body.mass, body.inertia) for body in scene.bodies}
     joints = {joint.name: Hinge(names[joint.parent + 1], names[joint.child + 1], joint.parent_anchor,
-                                joint.child_anchor, joint.child_axis, zero_attitude(joint),
-                                *((values or (0.0,))[0] for values in (joint.damping, joint.armature)))
+                                joint.child_anchor, joint.child_axis, zero_attitude(joint), joint.type,
+                                *((values or (0.0,))[0] for values in (joint.damping, joint.armature, joint.stiffness,
+                                                                       joint.rest_position)))
               for joint in scene.joints if joint.name in states.names}
     found = Native("scene", links, joints, scene.gravity)
     if len(scene.joints) != scene.n or len(joints) != scene.n:  # coordinates are those of an open tree only
@@ -170,14 +218,15 @@ def _differences(neutral: Native, native: Native, invented: frozenset[str]) -> I
     for name in native.links.keys() - neutral.links.keys():
         origin = "from collision geometry" if invented else "otherwise"
         yield told("link", name, f"link {name} is a body of its own, {native.links[name].mass:g} kg, made {origin}")
+    off = _shifted_centres(neutral, native)
+    for name, gap in off.items():
+        yield told("centre of mass", name, f"centre of mass of link {name} is shifted by {_shown(gap)} m")
     for name, joint in neutral.joints.items():
         found = native.joints.get(name)
         if found is None:
             yield told("joint", name, f"joint {name} is not in its model")
         else:
-            yield from _joint(name, joint, found, told)
-    if native.root_mass > 0 and native.engine.partition("==")[0] == "mujoco":
-        yield told("root", "", f"the root is fused to the world: {native.root_mass:g} kg do not move")
+            yield from _joint(name, joint, found, off, told)
     yield from _dynamics(neutral, native, told)
 
 
@@ -198,7 +247,25 @@ def _link(name: str, ours: Link, theirs: Link, invented: frozenset[str], told: T
                        f"{_shown(moments[0])} kg m^2")
 
 
-def _joint(name: str, ours: Hinge, theirs: Hinge, told: Told) -> Iterator[Difference]:
+def _shifted_centres(neutral: Native, native: Native) -> dict[str, np.ndarray]:
+    """How far the centre of mass of a link is off: all joints of the link are shifted alike, and only at this link."""
+    gaps: dict[str, list[np.ndarray]] = {}
+    for name, ours in neutral.joints.items():
+        theirs = native.joints.get(name)
+        if theirs is None or (ours.parent, ours.child) != (theirs.parent, theirs.child):
+            return {}
+        ends = {ours.parent: theirs.parent_anchor - ours.parent_anchor,
+                ours.child: theirs.child_anchor - ours.child_anchor}
+        alone = sum(np.abs(gap).max() > TOLERANCE for gap in ends.values()) == 1
+        for link, gap in ends.items():
+            gaps.setdefault(link, []).append(gap if alone else np.full(3, np.nan))
+    return {link: -each[0] for link, each in gaps.items() if link in neutral.links
+            and np.abs(each[0]).max() > TOLERANCE and _close(np.array([each[0]] * len(each)), np.array(each), 1.0)}
+
+
+def _joint(name: str, ours: Hinge, theirs: Hinge, off: Mapping[str, np.ndarray], told: Told) -> Iterator[Difference]:
+    if ours.kind != theirs.kind:
+        yield told("type", name, f"joint {name} is {theirs.kind} in place of {ours.kind}")
     if ours.parent != theirs.parent or ours.child != theirs.child:
         yield told("tree", name, f"joint {name} joins {theirs.parent} and {theirs.child} in place of {ours.parent} and "
                    f"{ours.child}")
@@ -214,15 +281,16 @@ def _joint(name: str, ours: Hinge, theirs: Hinge, told: Told) -> Iterator[Differ
         yield told("frame", name, f"frame of joint {name} is turned by {np.degrees(angle):.4g} deg"
                    + _degrees(ours.attitude, theirs.attitude))
     for end in ("parent", "child"):
-        gap = getattr(theirs, f"{end}_anchor") - getattr(ours, f"{end}_anchor")
-        if np.abs(gap).max() > TOLERANCE * max(1.0, float(np.abs(ours.parent_anchor).max())):
-            yield told("frame", name, f"frame of joint {name} is shifted by {_shown(gap)} m against the centre of mass "
-                       f"of {getattr(ours, end)}")
-    for key in ("damping", "armature"):
+        gap, link = getattr(theirs, f"{end}_anchor") - getattr(ours, f"{end}_anchor"), getattr(ours, end)
+        if link not in off and np.abs(gap).max() > TOLERANCE * max(1.0, float(np.abs(ours.parent_anchor).max())):
+            yield told("frame", name, f"frame of joint {name} is shifted by {_shown(gap)} m against the "
+                       + ("ground" if link == "ground" else f"centre of mass of {link}"))
+    sprung = ("rest_position",) if ours.stiffness and theirs.stiffness else ()
+    for key in ("damping", "armature", "stiffness", *sprung):
         value, goal = getattr(theirs, key), getattr(ours, key)
-        if abs(value - goal) > TOLERANCE * max(goal, value):
+        if abs(value - goal) > TOLERANCE * max(abs(goal), abs(value)):
             wrong = "missing" if value == 0 else f"is {value:g}, not {goal:g}"
-            yield told(key, name, f"{key} of joint {name} {wrong}")
+            yield told(key, name, f"{key.replace('_', ' ')} of joint {name} {wrong}")
 
 
 def _degrees(ours: np.ndarray, theirs: np.ndarray) -> str:
@@ -278,13 +346,18 @@ def _close(one: np.ndarray, other: np.ndarray, scale: float) -> bool:
 
 
 def _shown(values: np.ndarray) -> str:
+    values = np.where(np.abs(values) > TOLERANCE * np.abs(values).max(), values, 0.0)
     return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
 
 
 def printed(found: NativeInspection, echo: Callable[[str], Any]) -> None:
     """The check as lines for a terminal."""
     read = ", ".join(native.engine for native in found.native) or "no engine"
-    echo(f"{found.path}: {found.scene.n} moving bodies, {len(found.scene.joints)} joints; loaded by {read}")
+    if found.scene is not None:
+        echo(f"{found.path}: {found.scene.n} moving bodies, {len(found.scene.joints)} joints; loaded by {read}")
+    for native in found.native if found.scene is None else ():
+        echo(f"{found.path}: {native.engine} reads {len(native.links)} moving bodies, {len(native.joints)} joints with "
+             f"one coordinate, {sum(link.mass for link in native.links.values()):g} kg")
     for words in found.lines:
         echo(words)
     if found.agree:

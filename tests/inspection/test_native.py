@@ -1,8 +1,12 @@
 """The native check: seeded mistakes in model files are named, and a file without one is not accused."""
 
+import subprocess
+import sys
+
 import pytest
 
 import crosscheck
+from crosscheck.inspection import native
 from tests.scene.models.model_files import ARM_MJCF, ARM_URDF
 
 PLAIN = ARM_URDF.replace('<dynamics damping="0.5"/>', "").replace('<dynamics damping="2"/>', "")
@@ -21,7 +25,21 @@ URDF_MISTAKES = [  # what is written in place of what, and what has to be said
     ('xyz="0 0 -0.6" rpy="0 0 0.4"', 'xyz="0 0 -0.6" rpy="0 0 22.918311805232928"', "degree for radian"),
     ('rpy="0.2 0.1 0"', 'rpy="0.2 0.1 0.05"', "frame of joint shoulder is turned by"),
     ('<origin xyz="0 0.1 -0.4"/>', '<origin xyz="0.1 0 -0.4"/>', "frame of joint"),
-    ('<origin xyz="0.1 0 -0.3"', '<origin xyz="0.1 0.01 -0.3"', "against the centre of mass of upper"),
+    ('<origin xyz="0.1 0 -0.3"', '<origin xyz="0.1 0.01 -0.3"', "of link upper is shifted by (0, 0.01, 0) m"),
+    ('<origin xyz="0.1 0 -0.3"', '<origin xyz="0.1 0 0.3"', "centre of mass of link upper is shifted by (0, 0, 0.6) m"),
+    ('ixy="0.01"', 'ixy="-0.01"', "inertial rotation of upper lost or turned"),
+    ('xyz="0 0 -0.6" rpy="0 0 0.4"', 'xyz="0 0 -600" rpy="0 0 0.4"', "joint elbow is shifted by (0, 0, -599.4)"),
+    ('<mass value="0.5"/>', '<mass value="500"/>', "mass of link lower times 833.5: 500.1 kg in place of 0.6 kg"),
+    ('iyy="0.025" izz="0.01"', 'iyy="0.045" izz="0.03"', "inertia of link lower: principal moments"),
+    ('ixx="0.002" iyy="0.0015" izz="0.001"', 'ixx="0.02" iyy="0.015" izz="0.01"', "inertia of link finger"),
+    ('name="elbow" type="continuous"', 'name="elbow" type="fixed"', "joint elbow is not in its model"),
+    ('name="reach" type="prismatic"', 'name="reach" type="revolute"', "joint reach is revolute in place of prismatic"),
+    ('rpy="0.2 0.1 0"', 'rpy="0 0.1 0.2"', "frame of joint shoulder is turned by 16.98 deg"),
+    ('<axis xyz="0 1 0"/>', "", "axis of joint shoulder is turned by 90 deg"),
+    ('<child link="tool"/><origin xyz="0 0.1 -0.4"/>', '<child link="tool"/>', "inertia of link lower"),
+    ('<mass value="0.1"/>', '<mass value="0"/>', "mass of link lower times 0.833333"),
+    ('xyz="0 0 1" rpy="0.2', 'xyz="0 0 1.2" rpy="0.2', "joint shoulder is shifted by (0, 0, 0.2) m against the ground"),
+    ('lower="-1" upper="1"', 'lower="-1e9" upper="1e9"', "the file: lacks limits of joint 'reach'"),
     ('<parent link="tool"/>', '<parent link="upper"/>', "joint reach joins upper and finger in place of lower and"),
 ]
 MJCF_MISTAKES = [
@@ -32,8 +50,45 @@ MJCF_MISTAKES = [
     ('axis="0.6 0.8 0"', 'axis="-0.6 -0.8 0"', "axis of joint elbow is flipped"),
     ('<compiler angle="radian"/>', '<compiler angle="radian"/><option gravity="0 0 9.81"/>', "gravity is"),
     ('pos="0 0.02 -0.2" mass="0.5"', 'pos="0 0.02 -0.2" mass="0.25"', "mass of link lower"),
+    ('damping="2"', 'damping="2" stiffness="5"', "stiffness of joint reach is 5, not 0"),
+    ('name="elbow"', 'name="elbow" pos="0 0 0.1"', "frame of joint elbow is shifted by (0, 0, 0.1) m"),
+    ('name="elbow"', 'name="elbow" ref="0.3"', "frame of joint elbow is turned by 17.19 deg"),
+    ('type="slide"', 'type="hinge"', "joint reach is revolute in place of prismatic"),
+    ('<body name="tool"', '<body name="tool" gravcomp="1"', "differs by an effort"),
+    ('name="elbow"', 'name="elbow" frictionloss="1"', "the file: has dry friction of joint 'elbow'"),
+    ('angle="radian"/>', 'angle="radian"/><option><flag gravity="disable"/></option>', "gravity is"),
     ('quat="0.8 0.6 0 0"', 'quat="0.6 0.8 0 0"', "frame of joint shoulder is turned by 32.52 deg"),
 ]
+
+
+URDF_SAME = [  # another file of the same arm
+    ('ixx="0.1" iyy="0.12"', 'iyy="0.12" ixx="0.1"'), ('<axis xyz="0 1 0"/>', '<axis xyz="0 2 0"/>'),
+    ('rpy="0 0 0.4"', 'rpy="0 0 6.683185307179586"'), ('<link name="base"/>', '<!-- base --><link name="base"></link>'),
+    ('lower="-1" upper="1"', 'lower="-2" upper="2"'),
+    ('name="elbow" type="continuous">', 'name="elbow" type="revolute"><limit lower="-1e9" upper="1e9" effort="1" '
+                                        'velocity="1"/>'),
+    ('<link name="tool"><inertial>', '<link name="tool"><inertial><origin xyz="0 0 0" rpy="0.4 1 2"/>'),
+    ('<link name="base"/>', '<link name="base"><visual><geometry><box size="1 1 1"/></geometry></visual></link>'),
+]
+MJCF_SAME = [
+    ('quat="0.8 0.6 0 0"', 'quat="-0.8 -0.6 0 0"'), ('quat="0.8 0.6 0 0"', 'quat="8 6 0 0"'),
+    ('<body name="tool" pos="0 0.1 -0.4">', '<body name="tool" pos="0 0.1 -0.4"><site name="s"/>'),
+    ('axis="0.6 0.8 0"', 'axis="3 4 0"'), ('<mujoco model="arm">', '<mujoco model="other">'),
+    ('<body name="tool" pos="0 0.1 -0.4">', '<body name="tool" pos="0 0.1 -0.4"><geom size="1" mass="0" contype="0" '
+                                            'conaffinity="0"/>'),
+]
+
+
+@pytest.mark.parametrize(("plain", "right", "other", "engine"), [
+    *((PLAIN, *pair, engine) for pair in URDF_SAME for engine in ("mujoco", "pinocchio")),
+    *((MJCF, *pair, "mujoco") for pair in MJCF_SAME)])
+def test_nothing_is_named_where_a_file_says_the_same_in_other_words(plain, right, other, engine, tmp_path):
+    assert plain.count(right) == 1
+    suffix = "xml" if "<mujoco" in plain else "urdf"
+    one, two = tmp_path / f"one.{suffix}", tmp_path / f"two.{suffix}"
+    one.write_text(plain)
+    two.write_text(plain.replace(right, other))
+    assert crosscheck.inspect(two, [engine], against=one).agree
 
 
 @pytest.mark.parametrize(("right", "wrong", "words"), URDF_MISTAKES)
@@ -77,7 +132,9 @@ def test_mass_from_collision_geometry_and_a_fused_root_are_named(tmp_path):
         "</robot>", f'<link name="gripper">{box}</link><joint name="held" type="fixed"><parent link="finger"/>'
                     '<child link="gripper"/></joint></robot>'))
     found = crosscheck.inspect(path)
-    assert "mass of link finger made from collision geometry: 1.2 kg in place of 0.2 kg" in " ".join(found.lines)
+    assert [each.words for each in found.of("mujoco") if each.quantity in ("mass", "root")] == [
+        "mass of link finger made from collision geometry: 1.2 kg in place of 0.2 kg",
+        "the root is fused to the world: 3 kg do not move"]
     assert found.of("pinocchio") == ()
 
 
@@ -87,8 +144,68 @@ def test_a_refusal_stands_beside_what_the_others_read(tmp_path):
     path.write_text(PLAIN.replace("</visual></link>", f"</visual>{shape}</link>"))
     found = crosscheck.inspect(path)
     assert "no.stl" in found.refused["mujoco"]
-    assert [native.engine for native in found.native] == ["pinocchio"]
+    assert [each.engine for each in found.native] == ["pinocchio"]
     assert not found.agree
+
+
+def test_a_body_that_one_engine_refuses_is_read_by_the_others(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(PLAIN.replace('ixx="0.001" iyy="0.001" izz="0.001"', 'ixx="0.001" iyy="0.001" izz="0.003"'))
+    found = crosscheck.inspect(path)  # the tool alone is no body, with the lower arm it is one
+    assert "A + B >= C" in found.refused["mujoco"]
+    assert [each.engine for each in found.native] == ["pinocchio"]
+    assert found.differences == ()
+    assert not found.agree
+
+
+def test_a_file_that_cannot_be_a_scene_is_still_shown_as_engines_read_it(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(PLAIN.replace('ixx="0.002" iyy="0.0015"', 'ixx="0.02" iyy="0.0015"'))
+    found = crosscheck.inspect(path)
+    assert found.scene is None
+    assert "A + B >= C" in found.no_scene
+    told: list[str] = []
+    native.printed(found, told.append)
+    assert "pinocchio reads 3 moving bodies, 3 joints with one coordinate, 1.8 kg" in told[0]
+    with pytest.raises(crosscheck.SceneError, match="A \\+ B >= C"):
+        crosscheck.inspect(path, ["mujoco"])
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pinocchio"])
+def test_armature_is_read_and_counted(engine, tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(MJCF.replace(' damping="0.5"', "").replace(' damping="2"', ""))
+    found = crosscheck.inspect(path, [engine])
+    assert found.scene.joints[0].armature == (0.3,)
+    assert found.agree, found.lines
+
+
+def test_pinocchio_lacks_the_springs_of_an_mjcf(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(MJCF.replace('name="elbow"', 'name="elbow" stiffness="3" springref="0.4"'))
+    words = [each.words for each in crosscheck.inspect(path, ["pinocchio"]).differences]
+    assert "stiffness of joint elbow missing" in words
+    assert not any("rest position" in each for each in words)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pinocchio"])
+def test_files_are_read_where_only_the_engine_is_installed(engine, tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM_URDF)
+    code = (f"import sys; sys.modules['msgspec'] = None; import numpy as np; from crosscheck.adapters.{engine} import "
+            "native; from crosscheck.adapters.common.native import JointStates; print(len(native.load("
+            f"{str(path)!r}, JointStates((), np.zeros((1, 0)), np.zeros((1, 0)))).links))")
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "3\n"
+
+
+@pytest.mark.slow
+def test_the_inertial_rotation_that_an_old_mujoco_loses_is_named(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(PLAIN)
+    old, new = "mujoco==3.3.7", "mujoco==4.0.0"
+    found = crosscheck.inspect(path, [old, new])
+    assert found.of(new) == ()
+    assert found.of(old)[0].words.startswith("inertial rotation of upper lost or turned")
 
 
 def test_the_command_prints_the_words(tmp_path, monkeypatch):

@@ -25,8 +25,11 @@ class Hinge:
     child_anchor: np.ndarray
     axis: np.ndarray  # (3,) in the child
     attitude: np.ndarray  # (3, 3) of the child in the parent
+    kind: str = "revolute"  # or "prismatic"
     damping: float = 0.0
     armature: float = 0.0
+    stiffness: float = 0.0
+    rest_position: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +45,6 @@ class Native:
     bias: np.ndarray | None = None  # (K, nv)
     acceleration: np.ndarray | None = None  # (K, nv)
     solver: str = ""  # the function that gave the accelerations
-    root_mass: float = 0.0  # kg of links that are fixed to the world
 
 
 @dataclasses.dataclass(frozen=True)

@@ -29,7 +29,6 @@ def load(path: str, states: JointStates) -> Native:
         reading = neutral.Reading(model, data, neutral.bodies(model, data), [], [])
         tables = neutral.joint_tables(reading)
         off = mujoco.mjtDisableBit
-        root = float(model.body_mass[model.body_weldid == 0].sum())
         gravity = np.zeros(3) if int(model.opt.disableflags) & off.mjDSBL_GRAVITY else model.opt.gravity.copy()
         model.opt.disableflags |= (off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
                                    | off.mjDSBL_ACTUATION)
@@ -37,8 +36,9 @@ def load(path: str, states: JointStates) -> Native:
         joints = {table["name"]: Hinge(
             table["parent"], table["child"], np.array(table["parent_anchor"]), np.array(table["child_anchor"]),
             np.array(table["child_axis"]), rotation_from_quaternion(np.array(table["reference_attitude"])),
-            table.get("damping", 0.0), table.get("armature", 0.0)) for table in tables if "position" in table}
-        found = Native("mujoco", links, joints, gravity, solver="mj_forward", root_mass=root)
+            table["type"], *(table.get(key, 0.0) for key in ("damping", "armature", "stiffness", "rest_position")))
+            for table in tables if "position" in table}
+        found = Native("mujoco", links, joints, gravity, solver="mj_forward")
         order = tuple(name for name in states.names if name in joints)
         if len(order) != model.nv:
             return found
@@ -56,4 +56,4 @@ def load(path: str, states: JointStates) -> Native:
                 mujoco.mj_fullM(model, M, data.qM)
             values.append((M[np.ix_(v, v)], data.qfrc_bias[v].copy(), data.qacc[v].copy()))
     mass, bias, acceleration = (np.array(each) for each in zip(*values, strict=True))
-    return Native("mujoco", links, joints, gravity, order, mass, bias, acceleration, "mj_forward", root)
+    return Native("mujoco", links, joints, gravity, order, mass, bias, acceleration, "mj_forward")

@@ -28,14 +28,14 @@ def load(path: str, states: JointStates) -> Native:
     for joint in (joint for joint in range(1, model.njoints) if model.nvs[joint] == 1):
         parent, at, v = int(model.parents[joint]), model.jointPlacements[joint], int(model.idx_vs[joint])
         subspace = np.array(data.joints[joint].S).ravel()
+        slides = np.abs(subspace[:3]).max() > 0.5
         inner = model.inertias[parent].lever if parent else np.zeros(3)
         joints[model.names[joint]] = Hinge(
             names.get(parent, "ground") if parent else "ground", names.get(joint, model.names[joint]),
             at.translation - inner, -np.array(model.inertias[joint].lever),
-            subspace[:3] if np.abs(subspace[:3]).max() > 0.5 else subspace[3:], np.array(at.rotation),
+            subspace[:3] if slides else subspace[3:], np.array(at.rotation), "prismatic" if slides else "revolute",
             float(model.damping[v]), float(model.armature[v]))
-    root = float(model.inertias[0].mass)
-    found = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba", root_mass=root)
+    found = Native("pinocchio", links, joints, model.gravity.linear.copy(), solver="aba")
     order = tuple(name for name in states.names if name in joints)
     if len(order) != model.nv:
         return found
@@ -44,6 +44,8 @@ def load(path: str, states: JointStates) -> Native:
     for position, velocity in zip(states.position, states.velocity, strict=True):
         q, rates = pinocchio.neutral(model), np.zeros(model.nv)
         for name, angle, rate in zip(states.names, position, velocity, strict=True):
+            if name not in joints:
+                continue
             joint = model.getJointId(name)
             at = model.idx_qs[joint]
             q[at:at + model.nqs[joint]] = [np.cos(angle), np.sin(angle)] if model.nqs[joint] == 2 else [angle]
@@ -54,5 +56,4 @@ def load(path: str, states: JointStates) -> Native:
         acceleration = pinocchio.aba(model, data, q, rates, np.zeros(model.nv)).copy()
         values.append((M[np.ix_(places, places)], bias[places], acceleration[places]))
     mass, biases, accelerations = (np.array(each) for each in zip(*values, strict=True))
-    return Native("pinocchio", links, joints, model.gravity.linear.copy(), order, mass, biases, accelerations, "aba",
-                  root)
+    return Native("pinocchio", links, joints, model.gravity.linear.copy(), order, mass, biases, accelerations, "aba")

@@ -9,11 +9,13 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from crosscheck.errors import ArgumentError, SceneError
 from crosscheck.scene.model import Scene
-from crosscheck.scene.schema import Content
+
+if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engine's version has not
+    from crosscheck.scene.schema import Content
 
 SUFFIXES = (".xml", ".urdf", ".mjcf", ".xacro")
 """Names of files that are models, not scenes; xacro is refused by its name."""

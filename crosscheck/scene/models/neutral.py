@@ -7,14 +7,16 @@ of all. The parent of every joint is the body the joint hangs on in the model.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from crosscheck.scene.coordinates import turned
 from crosscheck.scene.model import quaternion_from_rotation
-from crosscheck.scene.schema import Content as Table
 from crosscheck.scene.vectors import cross
+
+if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engine's version has not
+    from crosscheck.scene.schema import Content as Table
 
 ALIGNED = 1e-9
 """Sine of the angle, and relative distance, below which axes count as parallel and points as one."""

@@ -51,6 +51,8 @@ def inspect(
 
 
 def _print(found: Inspection) -> None:
+    from crosscheck.inspection.base import QUANTITIES
+
     terminal = console(200)
     truth, scene = found.truth, found.scene
     assert truth.masses is not None
@@ -61,8 +63,11 @@ def _print(found: Inspection) -> None:
     terminal.print(f"{scene.name}: {scene.n} bodies, {truth.masses.sum():.6g} kg, centre of mass at t = 0 "
                   f"({', '.join(f'{value:.6g}' for value in centre)}) m, kinetic energy {truth.kinetic[0]:.6g} J, "
                   f"potential {truth.potential[0]:.6g} J; the start and {len(found.states.t) - 1} random states")
+    by_cell = {(d.engine, d.form, d.quantity): d for d in found.deviations}
+    rows = {quantity: [by_cell.get((probe.engine, probe.form, quantity)) for probe in found.probes]
+            for quantity in QUANTITIES}
     print_table(terminal, [key("largest relative deviation"), *figures(*(probe.label for probe in found.probes))],
-                _rows(found))
+                [[quantity, *map(_cell, cells)] for quantity, cells in rows.items() if any(cells)])
     for probe in found.probes:
         for reason in dict.fromkeys(probe.notes.values()):
             missing = ", ".join(quantity for quantity, note in probe.notes.items() if note == reason)
@@ -77,20 +82,8 @@ def _print(found: Inspection) -> None:
         terminal.print(f"  then: {offender}", markup=False)
 
 
-def _rows(found: Inspection) -> list[list[str]]:
-    """Largest deviation of every quantity and engine; what is beyond its bound is marked."""
-    from crosscheck.inspection.base import QUANTITIES
-
-    by_cell = {(d.engine, d.form, d.quantity): d for d in found.deviations}
-    rows = []
-    for quantity in QUANTITIES:
-        cells = [by_cell.get((probe.engine, probe.form, quantity)) for probe in found.probes]
-        if any(cells):
-            rows.append([quantity, *(_cell(cell) for cell in cells)])
-    return rows
-
-
 def _cell(deviation: Deviation | None) -> str:
+    """A relative deviation; one beyond its bound is marked."""
     if deviation is None:
         return "-"
     text = f"{deviation.relative:.1e}"

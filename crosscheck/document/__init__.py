@@ -299,6 +299,12 @@ class Measured(Run, frozen=True, kw_only=True):
     ladder_cut: str = ""  # why the order study has fewer steps than planned, where the bound of its time cut it
     curves: RunCurves = RunCurves()
 
+    @property
+    def judged_error(self) -> float:
+        """The largest position error (m) over the judged time; infinite where it was not judged."""
+        error = self.errors.get("position")
+        return math.inf if error is None or error.judged is None else error.judged
+
 
 class Judged(Measured, frozen=True, kw_only=True):
     """A run and its verdict."""

@@ -34,11 +34,10 @@ def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
     the position, if any did."""
     best: dict[str, dict[str, Record]] = {scene.name: {} for scene in document.scenes}
     for record in document.records:
-        error = _judged_error(record)
-        if record.outcome not in ("pass", "partly") or record.practical or math.isinf(error):
+        if record.outcome not in ("pass", "partly") or record.practical or math.isinf(record.judged_error):
             continue
         before = best[record.scene].get(record.engine)
-        if before is None or error < _judged_error(before):
+        if before is None or record.judged_error < before.judged_error:
             best[record.scene][record.engine] = record
     return best
 
@@ -50,11 +49,6 @@ def leaders(scenes: Sequence[Scene]) -> dict[str, dict[str, int]]:
         if row.recommended is not None:
             found.setdefault(row.engine, collections.Counter()).update(row.recommended.runs[:1])
     return {engine: dict(counts.most_common()) for engine, counts in found.items()}
-
-
-def _judged_error(record: Record) -> float:
-    error = record.errors.get("position")
-    return math.inf if error is None or error.judged is None else error.judged
 
 
 @dataclasses.dataclass(frozen=True)

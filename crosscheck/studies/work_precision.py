@@ -10,7 +10,6 @@ import contextlib
 import dataclasses
 import math
 import statistics
-import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -27,7 +26,7 @@ from crosscheck.studies.results_folder import StudyDocument, StudyMeta
 from crosscheck.studies.rung import Rung, errors_into
 from crosscheck.studies.study import Ask, Progress, Work
 from crosscheck.verification.ladder import INTERVALS, Way, ladder, reference, ways
-from crosscheck.verification.speed import spread
+from crosscheck.verification.speed import spread, undisturbed
 
 FRONTIERS = {"end position": ("end_position", "m"), "end attitude": ("end_attitude", "rad"),
              "largest position": ("max_position", "m"), "largest attitude": ("max_attitude", "rad")}
@@ -36,12 +35,10 @@ FRONTIERS = {"end position": ("end_position", "m"), "end attitude": ("end_attitu
 GOOD, LEAST_GAIN = 1e-9, 1.3
 """Below the error `GOOD`, two finer rungs in a row that gain less than this factor end a ladder: round-off rules."""
 
-WAITED = 0.03
-"""A try that waited for the processor a larger share of its time was disturbed."""
+MOST_TRIES, PATIENCE = 6, 0.1
+"""A turn is the fastest of so many tries at most, in about so many seconds: the first finds the caches full of another
+engine's data, which for runs of 50 us doubles the time."""
 
-CLEAN, TRIES, PATIENCE = 3, 6, 0.1
-"""A turn is the fastest of so many undisturbed tries, out of so many at most, in about so many seconds: the first finds
-the caches full of another engine's data, which for runs of 50 us doubles the time."""
 
 def measure(scene: Scene, chosen: Sequence[Way], truth: Reference, repeats: int, time_limit: float,
             progress: Progress, keep: Callable[[list[Rung]], None], bound: bool = True) -> list[Rung]:
@@ -91,7 +88,7 @@ def _walk(scene: Scene, way: Way, truth: Reference, time_limit: float) -> list[R
         if last and pace * (count or 1) > time_limit:
             # one busy moment of the machine must not end a ladder; should it fail now, so will the timed rounds
             with contextlib.suppress(Exception):
-                pace = min(pace, _undisturbed(_timer(scene, last))[0] * _share(last))
+                pace = min(pace, undisturbed(_timer(scene, last), MOST_TRIES, PATIENCE)[0] * _share(last))
             if pace * (count or 1) > time_limit:
                 rung.status, rung.reason = "skipped", f"it would take longer than the limit of {time_limit:g} s"
                 break
@@ -154,26 +151,10 @@ def _timer(scene: Scene, rung: Rung) -> Callable[[], float]:
     return once
 
 
-def _undisturbed(once: Callable[[], float]) -> tuple[float, float]:
-    """Seconds of stepping and of set-up of one turn."""
-    clean: list[tuple[float, float]] = []
-    others: list[tuple[float, float]] = []
-    began = time.perf_counter()
-    while len(clean) < CLEAN and len(clean) + len(others) < TRIES:
-        start, worked = time.perf_counter(), time.process_time()
-        wall = once()
-        end = time.perf_counter()
-        waited = (end - start - (time.process_time() - worked)) / (end - start)
-        (clean if waited <= WAITED else others).append((wall, end - start - wall))
-        if clean and end - began > PATIENCE:
-            break
-    return min(clean or others)
-
-
 def _take(rung: Rung, once: Callable[[], float], times: list[tuple[float, float]]) -> None:
     """One turn of a rung, beside its seconds of stepping and of set-up in the turns before."""
     try:
-        times.append(_undisturbed(once))
+        times.append(undisturbed(once, MOST_TRIES, PATIENCE))
     except Exception as error:  # it ran in the first pass, and now does not: that is a finding, too
         rung.status, rung.reason = "error", f"when timed: {said(error)}"
         return

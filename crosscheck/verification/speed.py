@@ -119,23 +119,27 @@ def _seconds_per_step(scene: Any, burst: Burst, warming: bool) -> float | None:
         return traj.wall_time
 
     try:
-        return (once() if warming else _undisturbed(once)) / steps
+        return (once() if warming else undisturbed(once)[0]) / steps
     except Exception:  # whatever an engine raises: the main run of the same cell is where failures are recorded
         return None
 
 
-def _undisturbed(once: Callable[[], float]) -> float:
-    """The fastest of a few tries of `once`, which returns seconds, in which the process hardly had to wait."""
-    clean: list[float] = []
-    others: list[float] = []
+def undisturbed(once: Callable[[], float], most: int = PATIENCE, long: float = LONG) -> tuple[float, float]:
+    """The seconds that `once` returns, and those it took besides, in the fastest try with hardly any waiting.
+
+    Ends after TRIES such tries, after `most` of any kind, or with the first such one beyond `long` (s).
+    """
+    clean: list[tuple[float, float]] = []
+    others: list[tuple[float, float]] = []
     began = time.perf_counter()
-    while len(clean) < TRIES and len(clean) + len(others) < PATIENCE:
-        if clean and time.perf_counter() - began > LONG:
+    while len(clean) < TRIES and len(clean) + len(others) < most:
+        if clean and time.perf_counter() - began > long:
             break
-        wall, worked = time.perf_counter(), time.process_time()
+        start, worked = time.perf_counter(), time.process_time()
         seconds = once()
-        waited = time.perf_counter() - wall - (time.process_time() - worked)
-        (clean if waited <= WAITED * seconds + 1e-5 else others).append(seconds)
+        took = time.perf_counter() - start
+        waited = took - (time.process_time() - worked)
+        (clean if waited <= WAITED * seconds + 1e-5 else others).append((seconds, took - seconds))
     return min(clean or others)
 
 
@@ -154,7 +158,7 @@ def calibration_kernel() -> Callable[[], float]:
             np.linalg.solve(matrices, right)
         return time.perf_counter() - start
 
-    return lambda: _undisturbed(once)
+    return lambda: undisturbed(once)[0]
 
 
 def summarise(samples: list[tuple[float, float]]) -> Speed | None:

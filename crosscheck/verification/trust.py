@@ -24,12 +24,12 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
     None where nothing can be recommended.
     """
     passing = [record for record in records if record.outcome in ("pass", "partly") and not record.practical
-               and math.isfinite(judged_error(record))]
+               and math.isfinite(record.judged_error)]
     if scene.scales is None or not passing:
         return None
     length = scene.scales.length
     for target in TARGETS:
-        accurate = [record for record in passing if judged_error(record) <= target * length]
+        accurate = [record for record in passing if record.judged_error <= target * length]
         if accurate:
             best = min(accurate, key=_seconds)
             tied = sorted((record for record in accurate if record is not best and not _slower(record, best)),
@@ -37,7 +37,7 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
             why = f"the fastest with an error below {target:.0e} of the scene's length, {_checks(best)} checks passed"
             break
     else:
-        best, tied = min(passing, key=judged_error), []
+        best, tied = min(passing, key=lambda record: record.judged_error), []
         why = f"the smallest error of those that pass, {_checks(best)} checks passed"
     if tied:
         why += ", times equal within noise"
@@ -46,14 +46,8 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
         share = best.judged_until / best.duration
         why += f"; its motion was judged over part of the time, {100 * share:.2g} %"
     return Recommended(runs=[record.label for record in (best, *tied)], step=best.step, rtol=best.rtol,
-                       error=judged_error(best), until=best.judged_until, share=share,
+                       error=best.judged_error, until=best.judged_until, share=share,
                        seconds=best.seconds_per_second, why=why)
-
-
-def judged_error(record: Record) -> float:
-    """The largest position error (m) over the judged time; infinite where it was not judged."""
-    error = record.errors.get("position")
-    return math.inf if error is None or error.judged is None else error.judged
 
 
 def _seconds(record: Record) -> float:

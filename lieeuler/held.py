@@ -13,16 +13,19 @@ from lieeuler.types import GROUND
 OPEN = 1e-8
 """Of the lengths, speeds and accelerations of the system: what a problem may start with. Runs that hold a level stay
 below 1e-12 of them; what rounding, redundant rows or graded masses have opened lies far beyond."""
+CANCELLED = 1e-13
+"""Of the accelerations that multipliers give alone: what rounding leaves of them where they cancel. Between masses far
+apart they are so much larger than those of the motion that `OPEN` of them would allow anything."""
 
 
 def open_levels(problem: Problem, solution: Solution) -> tuple[str, ...]:
-    """Levels that should be held and opened beyond `OPEN`; none where nothing was monitored."""
+    """Levels that should be held and opened beyond their bounds; none where nothing was monitored."""
     maxima = solution.stats.maxima
     if not maxima or not problem.joints:
         return ()
-    sizes = _sizes(problem, solution)
+    bounds = _bounds(problem, solution)
     return tuple(level for level in METHODS[solution.method].held
-                 if not maxima[f"constraint_{level}"] <= OPEN * sizes[level])
+                 if not maxima[f"constraint_{level}"] <= bounds[level])
 
 
 def open_at(problem: Problem, method: str, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
@@ -49,18 +52,20 @@ def judge(problem: Problem, solution: Solution) -> None:
         solution.status = Status.CONSTRAINTS_OPEN
 
 
-def _sizes(problem: Problem, solution: Solution) -> dict[str, float]:
-    """The largest length (m), speed (m/s) and acceleration (m/s^2) of the run, from its samples and its maxima."""
+def _bounds(problem: Problem, solution: Solution) -> dict[str, float]:
+    """What each level may open by (m, m/s, m/s^2), from the samples of the run and its maxima."""
     anchors = [np.abs(anchor).max() for joint in problem.joints for body, anchor in (
         (joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)) if body != GROUND]
     length = max(float(np.abs(solution.x).max()), *anchors)
     length = length or 1.0
     masses = [body.mass for body in problem.bodies]
-    # Between two samples bodies may be faster than at them: the kinetic energy is of every step.
+    # Between two samples bodies may be faster than at them: the kinetic energy is of every step. What is at rest counts
+    # as its weight and loads would move it, as in the check of a problem's own state.
     speed = max(float(np.abs(solution.v).max() + length * np.abs(solution.w).max()),
                 float(np.sqrt(2 * solution.stats.maxima["kinetic"] / max(masses))))
-    # At rest the terms of the rows are accelerations that cancel: gravity, and what the multipliers carry.
     acceleration = float(np.abs(solution.a).max() + length * np.abs(solution.alpha).max() + speed**2 / length
-                         + np.abs(problem.gravity).max() + np.abs(solution.lam).max(initial=0.0) / min(masses))
-    return {"position": length, "velocity": max(speed, 1e-3 * float(np.sqrt(acceleration * length))),
-            "acceleration": acceleration}
+                         + np.abs(problem.gravity).max())
+    carried = float(np.abs(solution.lam).max(initial=0.0)) / min(masses)
+    natural = length * _kernel.natural_rate(problem.kernel, length)
+    return {"position": OPEN * length, "velocity": OPEN * max(speed, natural),
+            "acceleration": OPEN * acceleration + CANCELLED * carried}

@@ -5,7 +5,9 @@ the terms of a Taylor series by 2e-6 from the second one on, which left errors o
 """
 
 import dataclasses
+from random import Random
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ import crosscheck
 import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.references import truth
+from tests import random_mechanisms
 from tests.hard.methods import FIXED
 
 HOLDING = tuple(method for method in FIXED if len(lieeuler.METHODS[method].held) == 3)
@@ -53,3 +56,41 @@ def test_taylor_series_of_a_chain_agree_with_another_method():
     assert np.abs(series.x - stages.x).max() < 1e-11
     assert np.abs(series.w - stages.w).max() < 1e-10 * np.abs(stages.w).max()
     assert series.stats.maxima["constraint_acceleration"] < 1e-9
+
+
+def exact_accelerations(problem):
+    """(n, 2, 3) v' and w' at rest from the whole saddle point in fifty digits."""
+    n, at_rest = 6 * problem.n, (problem.x, problem.R, problem.v, problem.w)
+    parts = lieeuler._kernel.constraints(problem.kernel, *at_rest, np.zeros(problem.rows))
+    with mpmath.workdps(50):
+        whole = mpmath.zeros(n + problem.rows)
+        for k, body in enumerate(problem.bodies):
+            for i in range(3):
+                whole[6 * k + i, 6 * k + i] = body.mass
+                for j in range(3):
+                    whole[6 * k + 3 + i, 6 * k + 3 + j] = mpmath.mpf(body.inertia[i, j])
+        for (i, j), entry in np.ndenumerate(parts["G"]):
+            whole[n + i, j] = whole[j, n + i] = mpmath.mpf(entry)
+        forces = lieeuler._kernel.forces(problem.kernel, *at_rest)["f"]
+        found = mpmath.lu_solve(whole, mpmath.matrix([*forces, *-parts["gamma"]]))
+        return np.array([float(value) for value in found[:n]]).reshape(-1, 2, 3)
+
+
+@pytest.mark.parametrize("seed", [4001163, 4002856, 4003120])
+def test_between_masses_of_ten_decades_accelerations_are_exact(seed):
+    """Trees with needles: eliminating the bodies left errors as large as the accelerations, whatever was refined."""
+    make, options = random_mechanisms.case(Random(seed))
+    solution, exact = lieeuler.integrate(make(), **options), exact_accelerations(make())
+    found = np.stack([solution.a[0], solution.alpha[0]], axis=1)
+    assert np.abs(found - exact).max() <= 1e-8 * np.abs(exact).max()  # what the moments span, 1e-10, leaves of eps
+
+
+@pytest.mark.parametrize("seed", [4000823, 4001307, 4001600, 4000774])
+def test_loops_between_masses_of_ten_decades_are_held(seed):
+    """Which rows depend on others is a matter of the rows alone: with the masses in it, it was miscounted."""
+    make, options = random_mechanisms.case(Random(seed))
+    solution = lieeuler.integrate(make(), **options)
+    assert solution.success
+    length = max(np.abs(solution.x).max(), make().kernel.length)
+    size = np.abs(solution.a).max() + length * np.abs(solution.alpha).max() + 1.0  # m/s^2
+    assert solution.stats.maxima["constraint_acceleration"] <= 1e-12 * size

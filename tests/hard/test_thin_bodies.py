@@ -62,19 +62,19 @@ def acceleration(joint, inertia):
 @pytest.mark.parametrize("make", [needle, point])
 @pytest.mark.parametrize("joint", JOINTS)
 def test_accelerations_lose_no_more_digits_than_the_moments_span(joint, make):
-    for ratio in (1e-2, 1e-4, 1e-6):
+    for method, ratio in (*(("DAE1H_LSE", ratio) for ratio in (1e-2, 1e-4, 1e-6)), ("rkmk4", 1e-6), ("rkmk4", 1e-8)):
         inertia = make(ratio)
-        start = lieeuler.integrate(at_rest(joint, inertia), "DAE1H_LSE", step=1e-4, t_eval=[0.0, 1e-4])
+        start = lieeuler.integrate(at_rest(joint, inertia), method, step=1e-4, t_eval=[0.0, 1e-4])
         truth = acceleration(joint, inertia)
         error = np.abs(np.concatenate([start.a[0, 0], start.alpha[0, 0]]) - truth).max()
         assert error <= 10 * EPS / ratio * (np.abs(truth).max() + 10.0)  # of gravity and the load
 
 
-@pytest.mark.parametrize("method", ["DAE1L_LSE", "DAE1H_LSE", "rattle2", "rkmk4", "taylor"])
+@pytest.mark.parametrize(("method", "ratio"), [("DAE1L_LSE", 1e-6), ("DAE1H_LSE", 1e-6), ("rattle2", 1e-6),
+                                               ("rkmk4", 1e-8), ("taylor", 1e-8)])
 @pytest.mark.parametrize("make", [needle, point])
-@pytest.mark.parametrize(("joint", "ratio"), [("fixed", 1e-6), ("revolute", 1e-6), ("prismatic", 1e-5)])
-def test_held_rows_stay_at_rounding(joint, ratio, make, method):
-    """On a slide the two displacements of a needle of 1e-6 are lost in its turns' share, and the status says so."""
+@pytest.mark.parametrize("joint", ["fixed", "revolute", "prismatic"])
+def test_held_rows_stay_at_rounding(joint, make, method, ratio):
     control = {"rtol": 1e-8} if method == "taylor" else {"step": 1e-3}
     solution = lieeuler.integrate(at_rest(joint, make(ratio)), method, t_eval=np.linspace(0, 0.1, 3), **control)
     assert solution.success

@@ -6,7 +6,7 @@ import pytest
 import crosscheck
 import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
-from lieeuler import Status
+from lieeuler import Status, held
 from tests.lieeuler.systems import SYSTEMS, spring_chain
 
 T = np.linspace(0.0, 1.0, 3)
@@ -59,3 +59,16 @@ def test_of_what_is_not_monitored_the_last_state_is_judged():
         heavier = {"bodies.0.mass": np.array([1.0, 1.1])}
         apart = lieeuler.integrate_ensemble(problem, method, step=1e-2, t_eval=T, parameters=heavier)
         assert (apart.status == status).all()
+
+
+@pytest.mark.parametrize("level", ["velocity", "acceleration"])
+def test_multipliers_over_the_least_mass_excuse_no_open_level(level):
+    """Light links carry heavy ones: what a joint transmits would give the light one 1e7 times the acceleration."""
+    problem = build_problem(crosscheck.load_scene("heavy_light"))
+    solution = lieeuler.integrate(problem, "DAE1H_LSE", step=2e-3, t_eval=T / 10)
+    assert held.open_levels(problem, solution) == ()
+    speed, acceleration = np.abs(solution.v).max(), np.abs(solution.a).max()
+    size = {"velocity": speed, "acceleration": acceleration}[level]
+    for share, found in ((1e-9, ()), (1e-5, (level,))):
+        solution.stats.maxima[f"constraint_{level}"] = share * size
+        assert held.open_levels(problem, solution) == found

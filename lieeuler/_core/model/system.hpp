@@ -149,11 +149,10 @@ struct System {
     for (const Joint& joint : joints) total += static_cast<int>(joint.parts.size());
     return total;
   }
-  // Whether a body turns a thousand times more easily than it moves at a joint, or about one axis than about another:
-  // a needle, a wire, a point mass. G M^-1 G^T then loses twice as many digits.
-  bool thin() const {
-    constexpr double kThin = 1e3;
-    const auto stretched = [](const Body& body, double most) { return most > kThin * body.moments[0]; };
+  // Whether a body turns `ratio` times more easily than it moves at a joint, or about one axis than about another: a
+  // needle, a wire, a point mass. G M^-1 G^T then loses twice as many digits.
+  bool thin(double ratio = 1e3) const {
+    const auto stretched = [&](const Body& body, double most) { return most > ratio * body.moments[0]; };
     const auto turns_easily = [&](int b, const Vec3& arm) {
       return b != n() && stretched(bodies[b], bodies[b].mass * arm.squaredNorm());
     };
@@ -172,10 +171,10 @@ struct System {
     return end;
   }
   // Whether a light body may carry a heavy one, whose share in G M^-1 G^T then loses three digits or more.
-  bool graded() const {
+  bool graded(double ratio = 1e3) const {
     const auto [least, most] =
         std::minmax_element(bodies.begin(), bodies.end(), [](const Body& a, const Body& b) { return a.mass < b.mass; });
-    return least != bodies.end() && most->mass > 1e3 * least->mass;
+    return least != bodies.end() && most->mass > ratio * least->mass;
   }
 };
 

@@ -403,6 +403,7 @@ NB_MODULE(_kernel, m) {
   m.def("project", &project);
   m.def("constraints", &constraints);
   m.def("constraint_levels", &levels_of_states);
+  m.def("natural_rate", [](const System& system, double length) { return Scales{length}.natural(system); });
   m.def("forces", &forces);
   m.def("map_values", [](CoordinateMap map, const Vec3& xi, const Mat3& J, double h) {
     return map == CoordinateMap::exp      ? map_values<ExpMap>(xi, J, h)

@@ -3,7 +3,9 @@
 
 #include <optional>
 
+#include "model/scales.hpp"
 #include "solve/delassus.hpp"
+#include "solve/dense_saddle.hpp"
 #include "solve/independent_rows.hpp"
 
 namespace lieeuler {
@@ -15,10 +17,11 @@ class SaddlePoint {
       : system_(system),
         delassus_(std::in_place, system, independent),
         graded_(system.graded()),
-        thin_(system.thin()),
+        thin_(system.thin() || DenseSaddle::fits(system)),
         rows_(3 * delassus_->parts(), 0.0),
         force_(system.n() + 1) {
     if (independent) independent_.emplace(system);
+    if (DenseSaddle::fits(system)) dense_.emplace(system);
     for (int k = 0; k < delassus_->parts(); ++k)
       if (delassus_->part(k).drive) driven_.push_back(k);
   }
@@ -29,6 +32,11 @@ class SaddlePoint {
   bool count_redundancy(const Constraints& joints, int& redundant) {
     if (independent_) {
       redundant = independent_->choose(joints, dropped_);
+      return true;
+    }
+    if (dense_) {
+      redundant = dense_->redundancy(joints);
+      dense_->scale(joints);
       return true;
     }
     constexpr double kTolerance = 1e-11;  // of pivots of order one, which go as squares of singular values of G
@@ -86,8 +94,10 @@ class SaddlePoint {
       if (regular && delassus_->largest_inverse(scales_) < kWorse * inverse_at_choice_) return true;
       return independent_->choose(joints, dropped_) == redundant_ && take_choice(joints);
     }
-    if (regular) find_null_space(joints);
-    return regular;
+    solves_dense_ = dense_ && dense_->factor(joints, redundant_);
+    if (!regular && !solves_dense_) return false;
+    find_null_space(joints);
+    return true;
   }
   // Counts the choices of independent rows.
   int choice() const { return choice_; }
@@ -200,9 +210,17 @@ class SaddlePoint {
     }
   }
   void solve_once(std::vector<Twist>& y) {
-    delassus_->solve(flat(y), rows_.data(), [this](double* values) { remove_null_space(values); });
+    solve_all(y, [this](double* values) { remove_null_space(values); });
   }
-  // Adds the correction of the residual of the whole system to y and rows_; returns its size in w.
+  // As Delassus::solve().
+  template <class Adjust>
+  void solve_all(std::vector<Twist>& y, Adjust adjust) {
+    if (!solves_dense_) return delassus_->solve(flat(y), rows_.data(), adjust);
+    adjust(rows_.data());
+    dense_->solve(flat(y), rows_.data());
+    adjust(rows_.data());
+  }
+  // Adds the correction of the residual of the whole system to y and rows_; returns its largest rate.
   double refine(const Constraints& joints, std::vector<Twist>& y) {
     y[system_.n()] = Twist{};
     first_ = rows_, correction_.assign(system_.n() + 1, Twist{});
@@ -219,10 +237,11 @@ class SaddlePoint {
       store(Vec3(load3(&wanted_[3 * k]) - rate), &rows_[3 * k]);
     }
     solve_once(correction_);
+    const Scales scales{system_.length};
     double change = 0;
     for (int b = 0; b < system_.n(); ++b) {
       y[b].v += correction_[b].v, y[b].w += correction_[b].w;
-      change = std::max(change, correction_[b].w.cwiseAbs().maxCoeff());
+      change = std::max(change, scales.rate_of(correction_[b]));
     }
     for (size_t i = 0; i < rows_.size(); ++i) rows_[i] += first_[i];
     return change;
@@ -241,7 +260,10 @@ class SaddlePoint {
   void find_null_space(const Constraints& joints) {
     for (int k = 0; k < static_cast<int>(null_.size()); ++k) {
       std::vector<double>& w = null_[k];
-      delassus_->lu().null_vector(k, w.data());
+      if (solves_dense_)
+        dense_->null_vector(k, w.data());
+      else
+        delassus_->lu().null_vector(k, w.data());
       std::fill(w.begin() + static_cast<long>(rows_.size()), w.end(), 0.0);  // null vectors have no part in the bodies
       cleanse(joints, w);
       for (int pass = 0; pass < 2; ++pass)  // Gram and Schmidt, twice is enough
@@ -257,7 +279,7 @@ class SaddlePoint {
     subtract_reactions(joints, w, force_);
     for (Twist& force : force_) force.v = -force.v, force.w = -force.w;
     std::fill(rows_.begin(), rows_.end(), 0.0);
-    delassus_->solve(flat(force_), rows_.data());
+    solve_all(force_, [](double*) {});
     for (size_t i = 0; i < rows_.size(); ++i) w[i] -= rows_[i];
   }
   void subtract_component(const std::vector<double>& w, double* values) const {
@@ -276,6 +298,8 @@ class SaddlePoint {
   std::optional<Delassus> delassus_;
   const bool graded_, thin_;
   std::optional<IndependentRows> independent_;
+  std::optional<DenseSaddle> dense_;
+  bool solves_dense_ = false;  // at the joints factored last
   std::vector<char> dropped_;
   std::vector<int> driven_;     // parts with a drive
   std::vector<double> scales_;  // of rows_, where rows are chosen

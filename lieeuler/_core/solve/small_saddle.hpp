@@ -18,6 +18,7 @@
 #include <numeric>
 
 #include "model/reference_points.hpp"
+#include "solve/dense_saddle.hpp"
 
 namespace lieeuler {
 
@@ -42,10 +43,12 @@ class SmallSaddle {
     S_.resize(rows_ * rows_), L_.resize(rows_ * rows_);
     all_rows_.resize(nodes.parts()), twists_.resize(system.n() + 1);
   }
-  // Systems it is for: few rows of trees, where most others are cheaper, and loops of up to a dozen or so joints.
+  // Systems it is for: few rows of trees, where most others are cheaper, and loops of up to a dozen or so joints; of
+  // masses and moments whose Schur complement can be refined.
   static bool fits(const System& system, const ReferencePoints& points) {
     const SmallSaddle solver(system, points);
-    return solver.rows_ <= kMostRows && (!is_forest(system) || solver.parts() <= kMostParts);
+    return solver.rows_ <= kMostRows && (!is_forest(system) || solver.parts() <= kMostParts) &&
+           !DenseSaddle::fits(system);
   }
 
   // Finds how many rows depend on others, and expects as many from then on. False where the system is singular.

@@ -1,0 +1,130 @@
+// The saddle point [M G^T; G 0] of a few bodies with pivots chosen from the whole matrix.
+//
+// Eliminating the bodies first (delassus.hpp) divides by masses and moments that the joints may hold fast: where these
+// span more than some six decades refinement does not converge, however well the whole matrix is conditioned. This costs
+// the cube of its size, and is for what nothing else solves.
+#pragma once
+
+#include "linalg/full_pivot.hpp"
+#include "model/kinematics.hpp"
+#include "solve/independent_rows.hpp"
+
+namespace lieeuler {
+
+class DenseSaddle {
+ public:
+  static bool fits(const System& system) {
+    constexpr double kThin = 1e5, kGraded = 1e6;
+    constexpr int kMostUnknowns = 96;
+    return (system.thin(kThin) || system.graded(kGraded)) && 6 * system.n() + system.rows() <= kMostUnknowns &&
+           !has_many_loops(system);
+  }
+
+  explicit DenseSaddle(const System& system) : system_(system), scales_(6 * system.n() + system.rows()), x_(scales_) {
+    matrix_.resize(static_cast<int>(scales_.size()));
+  }
+
+  // Rows that depend on others, whatever the masses.
+  int redundancy(const Constraints& joints) {
+    constexpr double kDependent = 1e-11;  // pivots go as squares of singular values of G
+    const int n = 6 * system_.n(), rows = system_.rows();
+    std::fill(scales_.begin(), scales_.end(), 1.0);
+    for (int i = 0; i < n; ++i)
+      if (i % 6 > 2) scales_[i] = 1 / system_.length;
+    assemble(joints);
+    Eigen::MatrixXd G(rows, n);
+    for (int i = 0; i < rows; ++i)
+      for (int j = 0; j < n; ++j) G(i, j) = matrix_(n + i, j);
+    G.rowwise().normalize();
+    const Eigen::MatrixXd S = G * G.transpose();
+    FullPivotLU independent;
+    independent.resize(rows);
+    for (int i = 0; i < rows; ++i)
+      for (int j = 0; j < rows; ++j) independent(i, j) = S(i, j);
+    return rows - independent.rank(kDependent);
+  }
+
+  // Scales of rows and columns, those of this configuration.
+  void scale(const Constraints& joints) {
+    constexpr int kPasses = 6;  // each halves the decades that the largest entries of rows span
+    const int count = matrix_.size();
+    std::fill(scales_.begin(), scales_.end(), 1.0);
+    for (int pass = 0; pass < kPasses; ++pass) {
+      assemble(joints);
+      for (int i = 0; i < count; ++i) {
+        double largest = 0;
+        for (int j = 0; j < count; ++j) largest = std::max(largest, std::abs(matrix_(i, j)));
+        if (largest > 0) scales_[i] /= std::sqrt(largest);
+      }
+    }
+  }
+
+  // False where more than `redundant` rows depend on others, or what moves freely has no mass beside the rest.
+  bool factor(const Constraints& joints, int redundant) {
+    assemble(joints);
+    return matrix_.factor(matrix_.size() - redundant);
+  }
+
+  // M y + G^T lam = f, G y = rows: six values a body become y, three a part lam.
+  void solve(double* f, double* rows) {
+    const int n = 6 * system_.n();
+    std::copy_n(f, n, x_.begin());
+    for_rows([&](int row, int place) { x_[n + row] = rows[place]; });
+    for (size_t i = 0; i < x_.size(); ++i) x_[i] *= scales_[i];
+    matrix_.solve(x_.data());
+    for (size_t i = 0; i < x_.size(); ++i) x_[i] *= scales_[i];
+    std::copy_n(x_.begin(), n, f);
+    for_rows([&](int row, int place) { rows[place] = x_[n + row]; });
+  }
+
+  // Multipliers, three a part, that do nothing: the k-th vector, k < redundant.
+  void null_vector(int k, double* multipliers) {
+    matrix_.null_vector(k, x_.data());
+    const int n = 6 * system_.n();
+    for_rows([&](int row, int place) { multipliers[place] = scales_[n + row] * x_[n + row]; });
+  }
+
+ private:
+  void assemble(const Constraints& joints) {
+    const int n = system_.n();
+    matrix_.resize(matrix_.size());
+    for (int b = 0; b < n; ++b)
+      for (int i = 0; i < 3; ++i) {
+        put(6 * b + i, 6 * b + i, system_.bodies[b].mass);
+        for (int j = 0; j < 3; ++j) put(6 * b + 3 + i, 6 * b + 3 + j, system_.bodies[b].inertia(i, j));
+      }
+    for (size_t j = 0; j < system_.joints.size(); ++j) {
+      const Joint& joint = system_.joints[j];
+      for (const Part& part : joint.parts)
+        for (Side side : kSides) {
+          const int b = side == kChild ? joint.child : joint.parent;
+          if (b == n) continue;
+          const Rows G = joints[static_cast<int>(j)].jacobian(part, side);
+          for (int r = 0; r < part.rows(); ++r)
+            for (int i = 0; i < 3; ++i) {
+              const int row = 6 * n + part.row + r;
+              put(row, 6 * b + i, G.v(r, i)), put(6 * b + i, row, G.v(r, i));
+              put(row, 6 * b + 3 + i, G.w(r, i)), put(6 * b + 3 + i, row, G.w(r, i));
+            }
+        }
+    }
+  }
+  void put(int i, int j, double value) { matrix_(i, j) += scales_[i] * scales_[j] * value; }
+
+  // Calls visit(row in lam, place among three values a part) for every constraint row.
+  template <class Visit>
+  void for_rows(Visit visit) const {
+    int k = 0;
+    for (const Joint& joint : system_.joints)
+      for (const Part& part : joint.parts) {
+        for (int r = 0; r < part.rows(); ++r) visit(part.row + r, 3 * k + r);
+        ++k;
+      }
+  }
+
+  const System& system_;
+  FullPivotLU matrix_;
+  std::vector<double> scales_, x_;
+};
+
+}  // namespace lieeuler

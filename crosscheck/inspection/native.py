@@ -62,7 +62,8 @@ class NativeInspection:
     @property
     def lines(self) -> tuple[str, ...]:
         """The whole in words."""
-        return (*([self.no_scene] if self.scene is None else
+        same = any(words.removeprefix("Error: ") in self.no_scene for words in self.refused.values())
+        return (*(([] if same else [self.no_scene]) if self.scene is None else
                   [f"left out of the scene: {words}" for words in self.scene.left_out]),
                 *(f"{engine} refuses the file: {words}" for engine, words in self.refused.items()),
                 *(str(each) for each in self.differences))
@@ -78,10 +79,11 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     from crosscheck import adapters
     from crosscheck.adapters import built_in
     from crosscheck.scene.models import import_model
-    from crosscheck.scene.models.source import read as read_source
+    from crosscheck.scene.models import source as sources
 
     source = Path(path)
-    root = read_source(source).root
+    model = sources.read(source)
+    outside = [name for _, name, target in sources.files(model) if target is None]
     scene, no_scene = None, None
     try:
         scene = import_model(against or path, drop=True)
@@ -100,6 +102,8 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
             read: Callable[[str, JointStates], Native] | None = getattr(adapters.get(name), "native", None)
             if read is None:
                 raise Unsupported(f"{name} reads no model files here")
+            if outside and name.startswith("mujoco"):  # it would read them
+                raise sources.outside(source, outside[0])
             natives.append(dataclasses.replace(read(str(source), states), engine=name))
         except ImportError as error:
             refused[name] = f"it cannot be imported: {error}"
@@ -108,11 +112,11 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     if no_scene is not None and not natives:
         raise no_scene
     neutral = _neutral(scene, states) if scene else natives[0]
-    invented = frozenset(link.get("name", "") for link in root.findall("link")
+    invented = frozenset(link.get("name", "") for link in model.root.findall("link")
                          if link.find("inertial") is None and link.find("collision") is not None)
     found = [each for native in natives if native is not neutral for each in _differences(neutral, native, invented)]
     found += [Difference(native.engine, "root", "", f"the root is fused to the world: {still:g} kg do not move")
-              for native in natives if native.engine.partition("==")[0] == "mujoco" and (still := _rooted(root))]
+              for native in natives if native.engine.partition("==")[0] == "mujoco" and (still := _rooted(model.root))]
     if against is not None and scene is not None:
         found += _otherwise_left_out(source, scene)
     return NativeInspection(source, scene, tuple(natives), tuple(found), refused,

@@ -180,6 +180,26 @@ def test_armature_is_read_and_counted(engine, tmp_path):
     assert found.agree, found.lines
 
 
+@pytest.mark.parametrize("engine", ["mujoco", "pinocchio"])
+def test_joints_without_a_name_are_found_by_their_bodies(engine, tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(MJCF.replace(' damping="0.5"', "").replace(' damping="2"', "").replace('name="elbow" ', ""))
+    found = crosscheck.inspect(path, [engine])
+    assert found.agree, found.lines
+    assert "lower joint" in found.native[0].order
+
+
+def test_what_a_parser_prints_is_in_its_refusal_and_nowhere_else(tmp_path, capfd):
+    path = tmp_path / "arm.urdf"
+    path.write_text(PLAIN.replace('type="prismatic"', 'type="wobbly"'))
+    with pytest.raises(crosscheck.SceneError, match="invalid joint type"):
+        crosscheck.inspect(path)
+    (tmp_path / "good.urdf").write_text(PLAIN)
+    found = crosscheck.inspect(path, against=tmp_path / "good.urdf")
+    assert "Joint [reach] has no known type [wobbly]" in found.refused["pinocchio"]
+    assert capfd.readouterr() == ("", "")
+
+
 def test_pinocchio_lacks_the_springs_of_an_mjcf(tmp_path):
     path = tmp_path / "arm.xml"
     path.write_text(MJCF.replace('name="elbow"', 'name="elbow" stiffness="3" springref="0.4"'))

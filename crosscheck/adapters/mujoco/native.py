@@ -22,6 +22,8 @@ def load(path: str, states: JointStates) -> Native:
             model = mujoco.MjModel.from_xml_path(str(Path(path).resolve()))
         except Exception as error:  # ValueError, and MuJoCo's own FatalError
             raise EngineError(f"{' '.join(str(error).split())}") from None
+        if not all(np.isfinite(each).all() for each in (model.body_mass, model.body_inertia, model.body_ipos)):
+            raise EngineError("its model has masses or inertias that are not finite")
         data = mujoco.MjData(model)
         model.qpos0[:] = np.where(np.isfinite(model.qpos0), model.qpos0, 0.0)
         data.qpos[:] = model.qpos0
@@ -42,8 +44,9 @@ def load(path: str, states: JointStates) -> Native:
         order = tuple(name for name in states.names if name in joints)
         if len(order) != model.nv:
             return found
-        q, v = ([int(address[model.jnt(name).id]) for name in order] for address in (model.jnt_qposadr,
-                                                                                    model.jnt_dofadr))
+        only = {body.name: int(model.body_jntadr[index]) for index, body in reading.bodies.items()}
+        q, v = ([int(address[only[joints[name].child]]) for name in order]
+                for address in (model.jnt_qposadr, model.jnt_dofadr))
         columns = [states.names.index(name) for name in order]
         values = []
         for position, velocity in zip(states.position, states.velocity, strict=True):

@@ -6,6 +6,7 @@ import numpy as np
 
 from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
 from crosscheck.errors import EngineError
+from crosscheck.scene.models.second import explained
 from crosscheck.scene.models.second import links as first_links
 
 
@@ -15,22 +16,28 @@ def load(path: str, states: JointStates) -> Native:
 
     read = pinocchio.buildModelFromMJCF if path.endswith(".xml") else pinocchio.buildModelFromUrdf
     try:
-        model = read(path)
-    except Exception as error:  # several kinds, of its own and of urdfdom
-        raise EngineError(f"{' '.join(str(error).split())}") from None
+        model = explained(lambda: read(path))
+    except ValueError as error:
+        raise EngineError(str(error)) from None
     data = model.createData()
     pinocchio.forwardKinematics(model, data, pinocchio.neutral(model), np.zeros(model.nv))
     moving = first_links(model)
     names = {joint: name for name, joint in moving.items()}
+    if not all(np.isfinite(each.inertia).all() and np.isfinite(each.mass) for each in model.inertias):
+        raise EngineError("its model has masses or inertias that are not finite")
     links = {name: Link(float(model.inertias[joint].mass), np.array(model.inertias[joint].inertia))
              for name, joint in moving.items()}
-    joints = {}
+    joints, ids = {}, {}
     for joint in (joint for joint in range(1, model.njoints) if model.nvs[joint] == 1):
         parent, at, v = int(model.parents[joint]), model.jointPlacements[joint], int(model.idx_vs[joint])
         subspace = np.array(data.joints[joint].S).ravel()
         slides = np.abs(subspace[:3]).max() > 0.5
         inner = model.inertias[parent].lever if parent else np.zeros(3)
-        joints[model.names[joint]] = Hinge(
+        name = model.names[joint]
+        if name not in states.names and f"{names.get(joint)} joint" in states.names:  # it has no name in the file
+            name = f"{names[joint]} joint"
+        ids[name] = joint
+        joints[name] = Hinge(
             names.get(parent, "ground") if parent else "ground", names.get(joint, model.names[joint]),
             at.translation - inner, -np.array(model.inertias[joint].lever),
             subspace[:3] if slides else subspace[3:], np.array(at.rotation), "prismatic" if slides else "revolute",
@@ -39,14 +46,14 @@ def load(path: str, states: JointStates) -> Native:
     order = tuple(name for name in states.names if name in joints)
     if len(order) != model.nv:
         return found
-    places = [int(model.idx_vs[model.getJointId(name)]) for name in order]
+    places = [int(model.idx_vs[ids[name]]) for name in order]
     values = []
     for position, velocity in zip(states.position, states.velocity, strict=True):
         q, rates = pinocchio.neutral(model), np.zeros(model.nv)
         for name, angle, rate in zip(states.names, position, velocity, strict=True):
             if name not in joints:
                 continue
-            joint = model.getJointId(name)
+            joint = ids[name]
             at = model.idx_qs[joint]
             q[at:at + model.nqs[joint]] = [np.cos(angle), np.sin(angle)] if model.nqs[joint] == 2 else [angle]
             rates[model.idx_vs[joint]] = rate

@@ -77,34 +77,32 @@ def _prepare_urdf(model: Source, base: str, bare: bool) -> None:
 
 
 def _prepare_mjcf(model: Source) -> None:
-    """Without textures, materials and skins, whose files nobody needs, and without meshes that are missing."""
+    """Without textures, materials and skins, whose files nobody needs, and without meshes that cannot be read."""
     for parent in list(model.root.iter()):
         for child in list(parent):
             if child.tag in ("texture", "skin", "material") and parent.tag in ("asset", "default"):
                 parent.remove(child)
         parent.attrib.pop("material", None)
-    folder = model.path.parent.resolve()
-    compiler = model.root.find("compiler")
-    meshes = Path("" if compiler is None else compiler.get("meshdir") or compiler.get("assetdir") or "")
     missing = {}
+    for element, name, target in source.files(model):
+        if element.tag != "mesh" and target is None:
+            raise source.outside(model.path, name)
+        if element.tag == "mesh" and (target is None or not target.is_file()):
+            missing[element.get("name") or Path(name).stem] = (
+                f"{name}, which is {'missing' if target else 'outside its folder'}", element)
     for asset in model.root.findall("asset"):
-        for mesh in asset.findall("mesh"):
-            name = mesh.get("file")
-            if name is None:
-                continue
-            if not source.inside(model.path, folder, str(meshes / name)).is_file():
-                missing[mesh.get("name") or Path(name).stem] = name
-                asset.remove(mesh)
+        for _, element in missing.values():
+            if element in list(asset):
+                asset.remove(element)
     for body in model.root.iter("body"):
         for geom in body.findall("geom"):
             if geom.get("mesh") not in missing:
                 continue
             if body.find("inertial") is None:
                 raise SceneError(f"{model.path}: body {body.get('name')!r} has its mass from the mesh "
-                                 f"{missing[geom.get('mesh', '')]}, which is missing; put it there or give an inertial")
+                                 f"{missing[geom.get('mesh', '')][0]}; put it there or give an inertial")
             body.remove(geom)
     world = model.root.find("worldbody")
     for geom in [] if world is None else world.findall("geom"):
         if world is not None and geom.get("mesh") in missing:
             world.remove(geom)
-    model.ignored += missing.values()

@@ -6,6 +6,7 @@ A link alone may have an inertia that no body can have, or none, where the body 
 from __future__ import annotations
 
 import dataclasses
+import math
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
@@ -54,8 +55,15 @@ def _end(joint: Element, which: str) -> str:
 
 
 def _numbers(text: str | None, count: int) -> np.ndarray:
-    values = np.array([float(word) for word in (text or "").split()])
+    values = np.array([_finite(word) for word in (text or "").split()])
     return values if len(values) == count else np.zeros(count)
+
+
+def _finite(word: str) -> float:
+    value = float(word)
+    if not math.isfinite(value):
+        raise ValueError(f"{word!r} is not finite")
+    return value
 
 
 def _pose(origin: Element | None) -> tuple[np.ndarray, np.ndarray]:
@@ -72,8 +80,8 @@ def _read(link: Element) -> Inertial | None:
     values = None if inertial is None else inertial.find("inertia")
     if inertial is None or mass is None or values is None:
         return None
-    m, (com, R) = float(mass.get("value", "0")), _pose(inertial.find("origin"))
-    J = np.array([[float(values.get(f"i{min(a, b)}{max(a, b)}", "0")) for b in "xyz"] for a in "xyz"])
+    m, (com, R) = _finite(mass.get("value", "0")), _pose(inertial.find("origin"))
+    J = np.array([[_finite(values.get(f"i{min(a, b)}{max(a, b)}", "0")) for b in "xyz"] for a in "xyz"])
     return Inertial(m, m * com, R @ J @ R.T + m * (com @ com * np.eye(3) - np.outer(com, com)))
 
 

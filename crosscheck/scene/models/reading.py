@@ -81,6 +81,8 @@ def _state(model: Source, m: Any, keyframe: str | int | None, qpos: Sequence[flo
                                 f"keyframe: {model.path} has none; leave it out")
         k = names.index(chosen) if chosen in names else int(chosen)
         q, v, ctrl = m.key_qpos[k].copy(), m.key_qvel[k].copy(), m.key_ctrl[k].copy()
+        if not all(np.isfinite(each).all() for each in (q, v, ctrl)):
+            raise SceneError(f"{model.path}: keyframe {chosen!r} holds a number that is not finite; correct it there")
     for name, given, target in (("qpos", qpos, q), ("qvel", qvel, v)):
         if given is None:
             continue

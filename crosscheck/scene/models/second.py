@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import tempfile
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,15 +14,35 @@ from crosscheck.errors import SceneError
 from crosscheck.scene.models.source import Source
 
 
+def explained(build: Callable[[], Any]) -> Any:
+    """What `build` returns, in silence; raises `ValueError` with its words and the first of those on the error stream.
+
+    urdfdom says there what is wrong, and raises only that something is.
+    """
+    sys.stderr.flush()
+    before = os.dup(2)
+    with tempfile.TemporaryFile() as aside:
+        os.dup2(aside.fileno(), 2)
+        try:
+            return build()
+        except Exception as error:  # urdfdom and Pinocchio raise several kinds
+            aside.seek(0)
+            said = aside.read(1000).decode(errors="replace").strip().partition("\n")[0].removeprefix("Error:")
+            raise ValueError("; ".join(" ".join(each.split()) for each in (str(error), said) if each.strip())) from None
+        finally:
+            os.dup2(before, 2)
+            os.close(before)
+
+
 def parsed(model: Source, base: str = "fixed") -> Any:
     """The `pinocchio.Model` of a URDF; raises `SceneError` with what Pinocchio says."""
     import pinocchio
 
     root = (pinocchio.JointModelFreeFlyer(),) if base == "free" else ()
     try:
-        return pinocchio.buildModelFromXML(model.text, *root)
-    except Exception as error:  # urdfdom and Pinocchio raise several kinds
-        raise SceneError(f"{model.path}: Pinocchio cannot read it: {' '.join(str(error).split())}") from None
+        return explained(lambda: pinocchio.buildModelFromXML(model.text, *root))
+    except ValueError as error:
+        raise SceneError(f"{model.path}: Pinocchio cannot read it: {error}") from None
 
 
 def links(pin_model: Any) -> dict[str, int]:

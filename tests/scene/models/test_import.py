@@ -1,5 +1,7 @@
 """Models of others as scenes: their motion is MuJoCo's own, and what has no place is refused by name."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -140,10 +142,26 @@ BAD = {
     "outside.xml": '<mujoco><include file="../../etc/passwd"/></mujoco>', "empty.xml": "", "page.xml": "<html/>",
     "mesh.xml": '<mujoco><asset><mesh name="m" file="no.stl"/></asset><worldbody><body name="b"><joint/>'
                 '<geom type="mesh" mesh="m"/></body></worldbody></mujoco>',
+    "deep.xml": f"<mujoco><worldbody>{'<body>' * 1000}{'</body>' * 1000}</worldbody></mujoco>",
+    "many.xml": f"<mujoco><worldbody>{'<body/>' * 100001}</worldbody></mujoco>",
+    "copies.xml": '<mujoco><worldbody><replicate count="1000000000"><body><joint/><geom size="1"/></body></replicate>'
+                  '</worldbody></mujoco>',
+    "nothing.xml": "<mujoco><include/></mujoco>", "folder.xml": '<mujoco><include file="."/></mujoco>',
+    "height.xml": '<mujoco><asset><hfield name="h" file="/etc/passwd" size="1 1 1 1"/></asset></mujoco>',
+    "other.xml": '<mujoco><asset><model name="m" file="../other.xml"/></asset></mujoco>',
+    "flex.xml": '<mujoco><worldbody><flexcomp name="f" type="mesh" file="/etc/passwd"/></worldbody></mujoco>',
+    "far.xml": '<mujoco><compiler meshdir="/etc"/><asset><mesh name="m" file="passwd"/></asset><worldbody>'
+               '<body name="b"><joint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>',
+    "endless.urdf": ARM_URDF.replace('<mass value="1"/>', '<mass value="inf"/>'),
+    "heavy.urdf": ARM_URDF.replace('<mass value="1"/>', '<mass value="heavy"/>'),
     "still.xml": "<mujoco/>", "arm.xacro": ARM_URDF, "cut.urdf": ARM_URDF[:300],
 }
 WORDS = {"bomb.xml": "document type", "round.xml": "in a circle", "script.urdf": "xacro", "tag.xml": "nonsense",
          "outside.xml": "outside its folder", "empty.xml": "not XML", "page.xml": "<html>", "mesh.xml": "no.stl",
+         "deep.xml": "400 deep", "many.xml": "more than 100000 elements", "copies.xml": "more than 100000 elements",
+         "nothing.xml": "names no file", "folder.xml": "is no file", "height.xml": "outside its folder",
+         "other.xml": "outside its folder", "flex.xml": "outside its folder", "far.xml": "outside its folder",
+         "endless.urdf": "not finite", "heavy.urdf": "not written in numbers",
          "still.xml": "nothing in it moves", "arm.xacro": "xacro", "cut.urdf": "not XML"}
 
 
@@ -160,6 +178,62 @@ def test_a_bad_file_is_one_clear_line_and_leaves_nothing_behind(name, tmp_path, 
     assert "\n" not in str(caught.value)
     assert CliRunner().invoke(app, ["import", name, "-o", "scene.toml"]).exit_code != 0
     assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+ENTITIES = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 10}">' for k in range(1, 12))
+HOSTILE = {
+    "junk.xml": (np.random.default_rng(0).bytes(10 * 2**20), "not XML"), "zeros.urdf": (bytes(1000), "not XML"),
+    "letters.urdf": (b"a" * 10 * 2**20, "not XML"),
+    # in this spelling the declaration is not seen as text; the parser reads no other file and stops at the bomb
+    "bomb.xml": (f'<?xml version="1.0" encoding="utf-16"?><!DOCTYPE m [<!ENTITY e0 "aaaaaaaaaa">{ENTITIES}]>'
+                 "<mujoco>&e11;</mujoco>".encode("utf-16"), "not XML"),
+    "reader.urdf": ('<?xml version="1.0" encoding="utf-16"?><!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]>'
+                    "<robot>&x;</robot>".encode("utf-16"), "not XML"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize("use", [crosscheck.import_model, crosscheck.inspect])
+def test_hostile_bytes_are_one_clear_line(name, use, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_bytes(HOSTILE[name][0])
+    with pytest.raises(crosscheck.SceneError, match=HOSTILE[name][1]) as caught:
+        use(name)
+    assert "\n" not in str(caught.value)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_what_is_no_file_and_what_a_link_leads_out_to_are_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe.xml")
+    with pytest.raises(crosscheck.SceneError, match="is no file"):
+        crosscheck.import_model(tmp_path / "pipe.xml")
+    inner = tmp_path / "robot"
+    inner.mkdir()
+    (tmp_path / "secret.xml").write_text("<mujoco/>")
+    (inner / "part.xml").symlink_to(tmp_path / "secret.xml")
+    path = written(inner, '<mujoco><include file="part.xml"/></mujoco>')
+    with pytest.raises(crosscheck.SceneError, match="outside its folder"):
+        crosscheck.import_model(path)
+
+
+def test_a_mesh_outside_is_not_read_and_not_needed_beside_an_inertial(tmp_path):
+    inner = tmp_path / "robot"
+    inner.mkdir()
+    (tmp_path / "arm.stl").write_text("no mesh")
+    path = written(inner, '<mujoco><asset><mesh name="m" file="../arm.stl"/></asset><worldbody><body name="b"><joint/>'
+                          '<inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="m"/></body>'
+                          "</worldbody></mujoco>")
+    assert crosscheck.import_model(path).n == 1
+    found = crosscheck.inspect(path)
+    assert "outside its folder" in found.refused["mujoco"]
+    assert found.of("pinocchio") == ()
+
+
+def test_a_keyframe_of_numbers_that_are_none_is_refused(tmp_path):
+    path = written(tmp_path, '<mujoco><worldbody><body name="b"><joint/><geom size="1"/></body></worldbody><keyframe>'
+                             '<key name="k" qpos="nan"/></keyframe></mujoco>')
+    with pytest.raises(crosscheck.SceneError, match="keyframe 'k' holds a number that is not finite"):
+        crosscheck.import_model(path, keyframe="k")
 
 
 def test_the_command_writes_a_scene_that_is_the_model(tmp_path, monkeypatch):

@@ -97,8 +97,7 @@ class Data:
     def fit(self, causes: tuple[Cause, ...], starts: Sequence[tuple[float, ...]] | None = None) -> Fit:
         """The best magnitudes of a combination of causes, over all combinations of their starting points."""
         choices = [starts] if starts is not None else itertools.product(*(cause.starts for cause in causes))
-        fits = [self._fit_from(causes, start) for start in choices]
-        return min(fits, key=lambda fit: fit.left)
+        return min((self._fit_from(causes, start) for start in choices), key=lambda fit: fit.left)
 
     def simplest(self, found: Fit) -> Fit:
         """The fit with special magnitudes, none or the opposite say, wherever they explain too.

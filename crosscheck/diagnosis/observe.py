@@ -208,29 +208,24 @@ def observe(subject: Subject, scene: Scene, scale: Scale) -> Observation:
         return Observation(scene, scale, tight, float(np.abs(tight - loose).max()) + ROUNDING, None)
     best: Observation | None = None
     failure: Silent | None = None
+    counts = LADDERS[max(key for key in LADDERS if key <= order)]
     for finer in (1, FINER, FINER**2):  # a stiff model, a soft constraint say, may need them to run at all
+        interval = scene.duration / (scene.samples - 1) / finer
         try:
-            seen = _limit(subject, scene, scale, order, finer)
+            runs = [scale.flat(subject.run(scene, interval / count).states) for count in counts]
         except Silent as error:
             failure = error
             continue
+        found = convergence(runs)
+        first = order if found is None else int(np.clip(round(found), 1, order))
+        fine, rough = (extrapolated(runs[skip:], counts[skip:], first) for skip in (0, 1))
+        seen = Observation(scene, scale, fine, float(np.abs(fine - rough).max()) + ROUNDING, found)
         best = seen if best is None or seen.noise < best.noise else best
         if best.noise <= NOISY or finer > 1:
             return best
     if best is None:
         raise failure or Silent("no run")
     return best
-
-
-def _limit(subject: Subject, scene: Scene, scale: Scale, order: int, finer: int) -> Observation:
-    """The limit from steps that are `finer` times as fine as the ladder's."""
-    interval = scene.duration / (scene.samples - 1) / finer
-    counts = LADDERS[max(key for key in LADDERS if key <= order)]
-    runs = [scale.flat(subject.run(scene, interval / count).states) for count in counts]
-    found = convergence(runs)
-    first = order if found is None else int(np.clip(round(found), 1, order))
-    fine, rough = (extrapolated(runs[skip:], counts[skip:], first) for skip in (0, 1))
-    return Observation(scene, scale, fine, float(np.abs(fine - rough).max()) + ROUNDING, found)
 
 
 def convergence(runs: list[np.ndarray]) -> float | None:

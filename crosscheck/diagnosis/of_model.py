@@ -58,7 +58,13 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
     if more is not None:
         _add(subject, variants.moved(more, scale, COPIES), scale, observations, tuple(range(len(more.forces))))
     whole = more or scene
-    if _told([each for each, _ in observations], result):
+    told, evidence = of_output.diagnose([each for each, _ in observations])
+    result.evidence += evidence
+    result.tried += len(list(of_output.hypotheses(first)))
+    if told:  # equivalents together
+        result.causes.append(NamedCause(" or ".join(sorted({each.name for each in told})),
+                                        ", or equally ".join(each.detail for each in told), told[0].mend))
+        result.told = True
         return result
     report = _reports([each for each, _ in observations], result)
     shown = [undone(each, forces, report) for each, forces in observations]
@@ -67,20 +73,6 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
     result.soft = softness.gives_way(shown[0], result.absent)
     _accelerations(shown, whole, result)
     return result
-
-
-def _told(observations: list[Observation], result: ModelFinding) -> bool:
-    """Name what reproduces everything that is observed from the true motion, equivalents together."""
-    found, evidence = of_output.diagnose(observations)
-    result.evidence += evidence
-    result.tried += sum(1 for _ in of_output.hypotheses(observations))
-    if not found:
-        return False
-    names = sorted({each.name for each in found})
-    result.causes.append(NamedCause(" or ".join(names), ", or equally ".join(each.detail for each in found),
-                                    found[0].mend))
-    result.told = True
-    return True
 
 
 def _add(subject: Subject, scene: Scene | None, scale: Scale,

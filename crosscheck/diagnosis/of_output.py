@@ -65,7 +65,7 @@ def diagnose(observations: list[Observation]) -> tuple[list[Told], list[Evidence
     found, evidence = [], []
     exact = observations[0].scale.flat(true_motion(observations[0].scene))
     before = float(np.abs(observations[0].y - exact).max())
-    for told in hypotheses(observations):
+    for told in hypotheses(observations[0]):
         after = 0.0
         for each in observations:
             after = max(after, _gap(told, each))
@@ -98,9 +98,9 @@ def _gap(told: Told, each: Observation) -> float:
     return gap
 
 
-def hypotheses(observations: list[Observation]) -> Iterator[Told]:
+def hypotheses(first: Observation) -> Iterator[Told]:
     """All of them that make sense for a scene."""
-    scene = observations[0].scene
+    scene = first.scene
     if 1 < scene.n <= MOST_ORDERS:
         yield from (_reordered(order, scene) for order in list(itertools.permutations(range(scene.n)))[1:])
     if levers(scene).any():
@@ -109,7 +109,7 @@ def hypotheses(observations: list[Observation]) -> Iterator[Told]:
         yield Told("position of the joint", "positions and velocities are those of the joint that carries the body",
                    "report the centre of mass", lambda given: _at_joint(given, with_speed=True))
     yield from _geometry(scene)
-    yield from _times(observations)
+    yield from _times(first)
 
 
 def picked(states: States, order: Sequence[int]) -> States:
@@ -171,9 +171,8 @@ def replaced(scene: Scene, joints: tuple[Joint, ...]) -> Scene | None:
 # --- times ------------------------------------------------------------------------------------------------------------
 
 
-def _times(observations: list[Observation]) -> Iterator[Told]:
+def _times(first: Observation) -> Iterator[Told]:
     """An offset of all times, and another pace of the clock."""
-    first = observations[0]
     few = first.scene.replace(samples=len(first.y[::THIN]))
     delays = shifts(few, first.scale, first.y[::THIN])
     if delays is None:

@@ -184,7 +184,12 @@ def planar(scene: Scene, scale: Scale, gravity: np.ndarray) -> Scene | None:
     """
     if any(joint.type not in ("spherical", "revolute") for joint in scene.joints) or not scene.joints:
         return None
-    down, normal = _plane(scene.gravity, gravity)
+    given = [vector / np.linalg.norm(vector) for vector in (scene.gravity, gravity) if vector.any()]
+    down = given[0] if given else np.array([0.0, 0.0, -1.0])
+    normal = np.cross(down, given[-1]) if given else np.zeros(3)
+    if np.linalg.norm(normal) < FLAT:
+        normal = np.cross(down, [1.0, 0.0, 0.0] if abs(down[0]) < 0.9 else [0.0, 1.0, 0.0])
+    normal /= np.linalg.norm(normal)
     flat = np.eye(3) - np.outer(normal, normal)
     bodies = [dataclasses.replace(body, inertia=np.trace(body.inertia) / 3 * np.eye(3),
                                   attitude=np.array([1.0, 0.0, 0.0, 0.0]),
@@ -200,16 +205,6 @@ def planar(scene: Scene, scale: Scale, gravity: np.ndarray) -> Scene | None:
         joints.append(dataclasses.replace(joint, **anchors, **axes))
     made = misreadings.placed(scene.replace(bodies=tuple(bodies), joints=tuple(joints), forces=()))
     return None if made is None else close(made)
-
-
-def _plane(gravity: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors (down, normal) of a plane that holds two gravities, either of which may be none."""
-    given = [vector / np.linalg.norm(vector) for vector in (gravity, other) if vector.any()]
-    down = given[0] if given else np.array([0.0, 0.0, -1.0])
-    normal = np.cross(down, given[-1]) if given else np.zeros(3)
-    if np.linalg.norm(normal) < FLAT:
-        normal = np.cross(down, [1.0, 0.0, 0.0] if abs(down[0]) < 0.9 else [0.0, 1.0, 0.0])
-    return down, normal / np.linalg.norm(normal)
 
 
 def keeps_plane(subject: Subject, copy: Scene, scale: Scale) -> bool:

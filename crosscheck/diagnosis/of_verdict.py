@@ -10,7 +10,7 @@ from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.diagnosis.observe import Subject
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
-from crosscheck.document import Finding, Judged, Plan, Run, extended
+from crosscheck.document import Finding, Judged, Run, extended
 from crosscheck.errors import Unsupported
 from crosscheck.judge.plan import PLANS, PROFILES, plan_without_truth
 from crosscheck.judge.verdict import settle, word, worst
@@ -51,7 +51,11 @@ def judged(subject: Subject, scene: Scene, step: float | None) -> Judged:
 
 
 def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Judged:
-    plan, known = _plan(scene)
+    built_in = scene.name in scene_names() and load_scene(scene.name).hash == scene.hash
+    try:
+        plan, known = plan_within(scene, scene.name if built_in else "", PROFILES["default"].most_steps), True
+    except (TruthError, Unsupported):  # there is no truth to judge by
+        plan, known = PLANS.get(scene.name) or plan_without_truth(scene), False
     order = subject.order(scene)
     size = None if order is None else step or plan.step(order)
     rtol = plan.rtol if order is None else None
@@ -70,15 +74,6 @@ def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Ju
     study = order_study(cell, order, short, truth(short), main.findings, False)
     orders = settle(main, study.findings, adapters.turning)
     return orders if orders.outcome == "fail" else main
-
-
-def _plan(scene: Scene) -> tuple[Plan, bool]:
-    """The plan of `crosscheck verify`, and whether there is a truth to judge by."""
-    built_in = scene.name in scene_names() and load_scene(scene.name).hash == scene.hash
-    try:
-        return plan_within(scene, scene.name if built_in else "", PROFILES["default"].most_steps), True
-    except (TruthError, Unsupported):
-        return PLANS.get(scene.name) or plan_without_truth(scene), False
 
 
 def add(subject: Subject, scene: Scene, step: float | None, answer: Explanation) -> None:

@@ -77,8 +77,10 @@ class Journal:
         """Write a result and return it as `get` will: a resumed run sees the same values as one that was not killed."""
         import msgspec
 
-        plain = {CRASH: _told(result)} if isinstance(result, Crash) else msgspec.to_builtins(
-            result, str_keys=True, enc_hook=scalar)
+        if isinstance(result, Crash):  # its texts: the exception itself belongs to the process that met it
+            plain = {CRASH: {name: text for name, text in vars(result).items() if isinstance(text, str)}}
+        else:
+            plain = msgspec.to_builtins(result, str_keys=True, enc_hook=scalar)
         entry = {"stage": stage, "key": key, "session": self._session, "elapsed": time.perf_counter() - self._opened,
                  "result": plain}
         line = json.dumps(entry, separators=(",", ":")).encode() + b"\n"
@@ -101,12 +103,6 @@ class Journal:
         if isinstance(plain, dict) and plain.keys() == {CRASH}:
             return Crash(**plain[CRASH])
         return msgspec.convert(plain, self._types[stage], str_keys=True)
-
-
-def _told(crash: Crash) -> dict[str, str]:
-    """The texts of a crash: the exception itself belongs to the process that met it."""
-    texts = {field.name: getattr(crash, field.name) for field in dataclasses.fields(crash)}
-    return {name: text for name, text in texts.items() if isinstance(text, str)}
 
 
 @dataclasses.dataclass

@@ -82,27 +82,22 @@ def junit(document: Document) -> str:
         for record in records:
             case = ElementTree.SubElement(suite, "testcase", classname=f"crosscheck.{scene.name}",
                                           name=record.label, time=f"{record.wall_time or 0.0:.6f}")
-            _judge(case, record)
+            # Findings within their bounds stand in results.json; here they would bury the others.
+            lines = [f"{finding.status}: {finding.kind} {number(finding.value)} {finding.unit}, bound "
+                     f"{number(finding.bound)}; {finding.why}; {finding.detail}"
+                     for finding in record.findings if finding.status in ("fail", "known")]
+            if record.outcome == "fail":
+                failure = ElementTree.SubElement(case, "failure", message=sentence(record))
+                failure.text = "\n".join(line for line in lines if line.startswith("fail"))
+            elif record.outcome == "error":
+                ElementTree.SubElement(case, "error", message=record.message)
+            elif record.outcome in ("unsupported", "unjudged"):
+                ElementTree.SubElement(case, "skipped", message=record.message)
+            output = ElementTree.SubElement(case, "system-out")
+            output.text = "\n".join([*lines, f"repeat: {record.command}"])
         for attribute, outcomes in (("failures", ("fail",)), ("errors", ("error",)),
                                     ("skipped", ("unsupported", "unjudged"))):
             suite.set(attribute, str(sum(record.outcome in outcomes for record in records)))
         suite.set("tests", str(len(records)))
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + readable(ElementTree.tostring(root, encoding="unicode")) + "\n"
-
-
-def _judge(case: ElementTree.Element, record: Record) -> None:
-    # Findings within their bounds stand in results.json; here they would bury the others.
-    lines = [f"{finding.status}: {finding.kind} {number(finding.value)} {finding.unit}, bound "
-             f"{number(finding.bound)}; {finding.why}; {finding.detail}"
-             for finding in record.findings if finding.status in ("fail", "known")]
-    outcome = record.outcome
-    if outcome == "fail":
-        failure = ElementTree.SubElement(case, "failure", message=sentence(record))
-        failure.text = "\n".join(line for line in lines if line.startswith("fail"))
-    elif outcome == "error":
-        ElementTree.SubElement(case, "error", message=record.message)
-    elif outcome in ("unsupported", "unjudged"):
-        ElementTree.SubElement(case, "skipped", message=record.message)
-    output = ElementTree.SubElement(case, "system-out")
-    output.text = "\n".join([*lines, f"repeat: {record.command}"])

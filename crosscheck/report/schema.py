@@ -29,17 +29,13 @@ def from_plain(values: Any) -> Document:
     if not isinstance(values, dict) or values.get("schema") != SCHEMA:
         found = values.get("schema") if isinstance(values, dict) else None
         raise msgspec.ValidationError(f"schema {found!r} is not {SCHEMA}")
-    return msgspec.convert(_as_now(values), Document, str_keys=True)
-
-
-def _as_now(values: dict[str, Any]) -> dict[str, Any]:
-    """Bring an older document up to date: {} stood for unknown sizes and speeds, and failed scenes had fewer keys."""
+    # In older documents {} stood for unknown sizes and speeds, and failed scenes had fewer keys.
     failed = {"description": "", "source": "", "hash": "", "bodies": [], "duration": 0.0, "truth": None}
     scenes = [{"title": scene.get("name"), **failed, **scene, "scales": scene.get("scales") or None}
               if "failure" in scene else {**scene, "scales": scene.get("scales") or None}
               for scene in _listed(values, "scenes")]
     records = [{**record, "speed": record.get("speed") or None} for record in _listed(values, "records")]
-    return {**values, "scenes": scenes, "records": records}
+    return msgspec.convert({**values, "scenes": scenes, "records": records}, Document, str_keys=True)
 
 
 def _listed(values: dict[str, Any], key: str) -> list[dict[str, Any]]:

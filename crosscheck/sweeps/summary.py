@@ -58,6 +58,19 @@ class Map(Part, frozen=True):
     z: list[float] | list[list[float]]
     y: list[float] | None = None
 
+    @classmethod
+    def of(cls, good: pd.DataFrame, parameters: list[str]) -> Map | None:
+        """Of the cells that succeeded; None without any, or without a parameter that is a number."""
+        scalar = [name for name in parameters if len(good) and np.ndim(good[name].iloc[0]) == 0][:2]
+        if not scalar:
+            return None
+        medians = good.groupby(scalar)["position_error"].median()
+        if len(scalar) == 1:
+            return cls([float(x) for x in medians.index], [float(z) for z in medians])
+        table = medians.unstack()
+        return cls([float(x) for x in table.columns], table.to_numpy(dtype=float).tolist(),
+                   [float(y) for y in table.index])
+
 
 class WayCells(Part, frozen=True, kw_only=True):
     """The cells of one way on one scene."""
@@ -121,7 +134,7 @@ def document(frame: pd.DataFrame, parameters: list[str], report: Report, meta: O
                  for name, values in finite.items()}
         ways.append(WayCells(scene=scene, label=label(*way), engine=way[0], count=len(cells),
                              failed=len(cells) - len(good), boxes=boxes, running=Running.of(finite["position_error"]),
-                             map=_map(good, parameters)))
+                             map=Map.of(good, parameters)))
     ranked = frame[frame["status"] == "success"].sort_values("position_error", ascending=False)
     failed = frame[frame["status"] != "success"]
     return SweepDocument(
@@ -136,15 +149,3 @@ def label(engine: str, method: str, form: str, step: float, rtol: float) -> str:
     """A way in a few words."""
     control = f"h = {step:g} s" if np.isfinite(step) else f"rtol {rtol:g}"
     return f"{engine} {method}{f' ({form})' if form else ''}, {control}"
-
-
-def _map(good: pd.DataFrame, parameters: list[str]) -> Map | None:
-    scalar = [name for name in parameters if np.ndim(good[name].iloc[0] if len(good) else 0) == 0][:2]
-    if not scalar or not len(good):
-        return None
-    medians = good.groupby(scalar)["position_error"].median()
-    if len(scalar) == 1:
-        return Map([float(x) for x in medians.index], [float(z) for z in medians])
-    table = medians.unstack()
-    return Map([float(x) for x in table.columns], table.to_numpy(dtype=float).tolist(),
-               [float(y) for y in table.index])

@@ -113,15 +113,10 @@ def _attempt(model: Model, method: str, duration: float, steps: int, every: int,
         raise EngineError(f"Exudyn {method} stopped at t = {solver.it.currentTime:.6g} s: "
                           f"{solver.GetErrorString().strip() or 'no reason given'}; try a smaller step")
     t = np.linspace(0.0, duration, steps // every + 1)
-    return Solved(model, t, _recorded(model, method, t), wall, solver, tolerance)
-
-
-def _recorded(model: Model, method: str, t: np.ndarray) -> list[np.ndarray]:
-    """What the sensors stored, without the column of times, which has to be `t`."""
     recorded = [np.asarray(model.system.GetSensorStoredData(sensor)) for sensor in model.sensors]
     odd = [data for data in recorded if len(data) != len(t) or np.abs(data[:, 0] - t).max() > 1e-6 * t[1]]
     if odd:
         raise EngineError(f"Exudyn {method}: {len(odd[0])} records where {len(t)} evenly spaced ones were asked for")
-    data = [part[:, 1:] for part in recorded]
+    data = [part[:, 1:] for part in recorded]  # without the column of times
     stepping.check_finite(method, t, *data)
-    return data
+    return Solved(model, t, data, wall, solver, tolerance)

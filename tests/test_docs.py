@@ -29,7 +29,8 @@ NAME = re.compile(r"_?[A-Z]\w*[a-z]\w*[A-Z]\w*|[A-Z][a-z]\w*(?:::\w+)+|\w+(?:::\
 def spans(document: Path, pattern: re.Pattern[str]) -> set[str]:
     """Code spans of the prose, and the words of shell blocks, that match the pattern as a whole."""
     text = document.read_text("utf-8")
-    blocks = re.findall(r"^```(?:sh|console)?\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    fences = re.findall(r"^```(\S*)[^\n]*\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    blocks = [content for language, content in fences if language in ("", "sh", "bash")]
     prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
     words = {word for block in blocks for word in block.split()} if pattern is PATH else set()
     return {span for span in words | set(CODE.findall(prose)) if pattern.fullmatch(span)}

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.adapters.base import Engine, RunSpec
+from crosscheck.errors import missing
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
@@ -161,6 +162,8 @@ class Subject:
             reason = self.engine.unsupported(scene, spec)
             with np.errstate(all="ignore"):  # steps that are too coarse overflow before they are found not finite
                 raw = None if reason else self.engine.run(scene, spec)
+        except ImportError as error:
+            raise Silent(missing(error)) from error
         except Exception as error:  # a foreign engine may raise anything; the explanation then says what
             raise Silent(f"{type(error).__name__}: {' '.join(str(error).split())}") from error
         if raw is None:

@@ -10,7 +10,7 @@ import platform
 from collections.abc import Iterable
 from pathlib import Path
 
-from crosscheck.errors import CrosscheckError
+from crosscheck.errors import CrosscheckError, EngineError, install
 
 NOT_INSTALLED = "not installed"
 LIBRARIES = ("numpy", "scipy", "heyoka")
@@ -33,6 +33,13 @@ def engine_version(name: str) -> str:
         return adapters.get(name).version()
     except ImportError:  # PackageNotFoundError is one
         return NOT_INSTALLED
+
+
+def need(engines: Iterable[str]) -> None:
+    """Raise `EngineError` for the first engine whose package is missing, with what brings it."""
+    for name in engines:
+        if engine_version(name) == NOT_INSTALLED:
+            raise EngineError(f"engine {name} is not installed; {install(name)}")
 
 
 def of_package(name: str) -> str:

@@ -99,9 +99,10 @@ def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: P
     Raises `ArgumentError` for wrong names or a folder that must not be replaced.
     """
     from crosscheck import adapters
-    from crosscheck.running import provenance
+    from crosscheck.running import provenance, versions
     from crosscheck.scene.file import load_scene
 
+    versions.need(ask.engines or ())
     engines = ask.engines or adapters.names()
     check_names(engines, ask.methods)
     scenes = [load_scene(name) for name in ask.scenes or study.scenes()]

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from crosscheck import adapters
 from crosscheck.document import Advice
 from crosscheck.errors import ArgumentError, CrosscheckError, said
+from crosscheck.running import versions
 from crosscheck.scene.model import Scene
 from crosscheck.verification.walks import USELESS, Step, Walk
 
@@ -56,6 +57,7 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) 
     if isinstance(error, bool) or not (math.isfinite(wanted) and wanted > 0):
         raise ArgumentError(f"error: a positive number of metres is wanted, not {error!r}")
     loaded = as_scene(scene)
+    versions.need([engine])
     name = scene.name if isinstance(scene, Scene) else os.fspath(scene)
     return choose(walk(loaded, engine), wanted, name)
 

@@ -14,6 +14,7 @@ from crosscheck.jobs.grid import Crash, Limits, run_tasks
 from crosscheck.jobs.workers import output
 from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.judge.verdict import beyond
+from crosscheck.running import versions
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
 
@@ -42,7 +43,7 @@ def limits(time_limit: float | None = TIME_LIMIT, memory_limit: float | None = M
 
 
 def check_engines(names: Sequence[str], within: Limits | None = None) -> None:
-    """Raise `ArgumentError` or `EngineError` for a name that stands for no engine that can be loaded.
+    """Raise `ArgumentError` or `EngineError` for a name that stands for no engine that is installed and can be loaded.
 
     A class of the user's own is loaded in a worker process first, once: its module may crash or hang.
     """
@@ -55,8 +56,7 @@ def check_engines(names: Sequence[str], within: Limits | None = None) -> None:
             raise found.error if isinstance(found.error, ArgumentError) else EngineError(
                 f"engine {name} cannot be loaded: {found.message}")
         _LOADED.add(name)
-    for name in names:
-        adapters.get(name)
+    versions.need(names)
 
 
 def guarded_cell(cell: Cell) -> Judged:

@@ -175,7 +175,7 @@ def test_states_as_lists_become_arrays():
 def test_the_documented_adapter_works(tmp_path):
     text = (ROOT / "docs" / "adding-an-engine.md").read_text(encoding="utf-8")
     path = tmp_path / "scipy_engine.py"
-    path.write_text(text.partition("```python\n")[2].partition("```")[0], encoding="utf-8")
+    path.write_text(text.partition("scipy_engine.py -->\n```python\n")[2].partition("```")[0], encoding="utf-8")
     brief = crosscheck.load_scene("double_pendulum").replace(duration=1.0, samples=11)
     # Bounds from rtol and the scene's own growth of errors, see `crosscheck.judge.tolerances.adaptive`.
     crosscheck.assert_agree(brief, [(f"{path}:SciPy", "DOP853", {"rtol": 1e-8})])

@@ -130,6 +130,15 @@ def test_a_cache_that_cannot_be_written(monkeypatch):
         adapters.get("mujoco==9.9")
 
 
+def test_its_environment_gets_all_that_the_adapters_import():
+    code = ("import sys, crosscheck.adapters.foreign.remote\n"
+            "from crosscheck import adapters\n"
+            f"[adapters.get(name) for name in {sorted(versions.PACKAGES)} if name in adapters.names()]\n"
+            "print(*{name.partition('.')[0] for name in sys.modules})")
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert {"numpy", "scipy", "msgspec", "mpmath", "psutil", "typer", "rich"} & set(loaded) <= set(versions.NEEDED)
+
+
 @pytest.mark.slow
 def test_what_changed_in_mujoco_between_two_releases():
     """RK4 on a ball joint: 3.3.7 adds the velocities of the stages before it turns the body, 4.0.0 does not."""

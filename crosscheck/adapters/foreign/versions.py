@@ -32,7 +32,7 @@ _VERSION = re.compile(rf"({_NUMBER}!)?{_NUMBER}(\.{_NUMBER})*((a|b|rc){_NUMBER})
                       r"(\+[a-z0-9]+(\.[a-z0-9]+)*)?")
 """Versions in the one canonical spelling of PEP 440."""
 
-NEEDED = ("numpy", "scipy")
+NEEDED = ("numpy", "scipy", "msgspec")
 """What the adapters import besides their engine."""
 
 LONGEST = 900.0

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from crosscheck.errors import SceneError
+from crosscheck.errors import SceneError, missing
 from crosscheck.scene.models import merging, source
 from crosscheck.scene.models.source import Source
 
@@ -42,8 +42,7 @@ def compiled(model: Source, base: str = "fixed", bare: bool = True) -> Any:
     try:
         import mujoco
     except ImportError as error:
-        raise SceneError(f"{model.path}: models are read by MuJoCo, which is not installed ({error}); install mujoco"
-                         ) from None
+        raise SceneError(f"{model.path}: models are read by MuJoCo: {missing(error)}") from None
     if model.is_urdf:
         _prepare_urdf(model, base, bare)
     else:

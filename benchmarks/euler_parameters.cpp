@@ -1,7 +1,8 @@
-// The classical Runge-Kutta rule on the index-1 equations of one body on a ball joint, in two forms: on the Lie group, with
-// a constant mass matrix, and in Euler parameters, whose mass matrix changes with the attitude.
+// The classical Runge-Kutta rule on the index-1 equations of one body on a ball joint: on the Lie group, with a
+// constant mass matrix, and in Euler parameters, whose mass matrix changes with the attitude. That of one body has an
+// inverse in closed form.
 //
-//   euler_parameters FORM STEPS DURATION      FORM: lie or parameters; prints x at the end and |p| - 1
+//   euler_parameters FORM STEPS DURATION      FORM: lie, factored or inverse; prints x at the end and |p| - 1
 #include <Eigen/Dense>
 #include <cstdio>
 #include <cstdlib>
@@ -33,7 +34,9 @@ Vec3 gyroscopic(const Vec3& w) { return -w.cross(kInertia.cwiseProduct(w)); }
 struct Lie {
   Vec3 x, v, w;
   Mat3 R;
-  struct Rate { Vec3 x, theta, v, w; };
+  struct Rate {
+    Vec3 x, theta, v, w;
+  };
   static Mat3 exponential(const Vec3& theta) {
     const double t = theta.norm();
     const Mat3 X = hat(theta);
@@ -63,22 +66,36 @@ struct Lie {
   }
 };
 
+template <bool factor>
 struct Parameters {
   Vec3 x, v;
   Vec4 p, dp;
-  struct Rate { Vec3 x, v; Vec4 p, dp; };
+  struct Rate {
+    Vec3 x, v;
+    Vec4 p, dp;
+  };
   // 4 L^T J L is singular along p; p p^T added there changes nothing but the component that |p| = 1 prescribes.
   static Rate rate(const Vec4& p, const Vec3& v, const Vec4& dp) {
     const Mat34 l = L(p);
     const Vec3 w = 2 * l * dp;
     const Mat3 R = rotation(p);
     const Mat34 lever = 2 * R * hat(kAnchor) * l;
-    const Eigen::Matrix4d mass = 4 * l.transpose() * kInertia.asDiagonal() * l + p * p.transpose();
-    const Eigen::LLT<Eigen::Matrix4d> factored(mass);
     const Vec4 force = 2 * l.transpose() * gyroscopic(w) - p * dp.squaredNorm();
-    const Eigen::Matrix<double, 4, 3> columns = factored.solve(lever.transpose());
+    Eigen::Matrix<double, 4, 3> columns;
+    Vec4 free;
+    if constexpr (factor) {
+      const Eigen::Matrix4d mass = 4 * l.transpose() * kInertia.asDiagonal() * l + p * p.transpose();
+      const Eigen::LLT<Eigen::Matrix4d> factored(mass);
+      columns = factored.solve(lever.transpose());
+      free = factored.solve(force);
+    } else {  // as L L^T = |p|^2 and L p = 0
+      const double size = p.squaredNorm();
+      const Eigen::Matrix4d inverse =
+          (l.transpose() * (kInertia.cwiseInverse() / 4).asDiagonal() * l + p * p.transpose()) / (size * size);
+      columns = inverse * lever.transpose();
+      free = inverse * force;
+    }
     const Mat3 S = Mat3::Identity() / kMass + lever * columns;
-    const Vec4 free = factored.solve(force);
     const Vec3 lam = S.llt().solve(kGravity - lever * free + R * w.cross(w.cross(kAnchor)));
     return {v, kGravity - lam / kMass, dp, free + columns * lam};
   }
@@ -94,17 +111,28 @@ struct Parameters {
   }
 };
 
+template <class Form>
+Form after(Form form, long steps, double h) {
+  for (long k = 0; k < steps; ++k) form.step(h);
+  return form;
+}
+
 int main(int, char** argv) {
   const long steps = std::atol(argv[2]);
   const double h = std::atof(argv[3]) / steps;
   const Mat3 R = rotation(kAttitude);
   const Vec3 x = -R * kAnchor, v = -R * kRate.cross(kAnchor);
-  Lie lie{x, v, kRate, R};
-  Parameters parameters{x, v, kAttitude, 0.5 * L(kAttitude).transpose() * kRate};
-  const bool on_group = std::strcmp(argv[1], "lie") == 0;
-  for (long k = 0; k < steps; ++k) on_group ? lie.step(h) : parameters.step(h);
-  const Vec3 end = on_group ? lie.x : parameters.x;
-  const double drift = on_group ? (lie.R.transpose() * lie.R - Mat3::Identity()).cwiseAbs().maxCoeff()
-                                : std::abs(parameters.p.norm() - 1);
+  const Vec4 dp = 0.5 * L(kAttitude).transpose() * kRate;
+  Vec3 end;
+  double drift;
+  const auto read = [&](const auto& last) { end = last.x, drift = std::abs(last.p.norm() - 1); };
+  if (std::strcmp(argv[1], "lie") == 0) {
+    const Lie last = after(Lie{x, v, kRate, R}, steps, h);
+    end = last.x, drift = (last.R.transpose() * last.R - Mat3::Identity()).cwiseAbs().maxCoeff();
+  } else if (std::strcmp(argv[1], "factored") == 0) {
+    read(after(Parameters<true>{x, v, kAttitude, dp}, steps, h));
+  } else {
+    read(after(Parameters<false>{x, v, kAttitude, dp}, steps, h));
+  }
   std::printf("%.17g %.17g %.17g %.3g\n", end.x(), end.y(), end.z(), drift);
 }

@@ -2,7 +2,7 @@
 
     python -m benchmarks.euler_parameters [--steps 1000]
 
-Both forms are in `benchmarks/euler_parameters.cpp`, compiled alike. Prints instructions per step (callgrind, where
+The forms are in `benchmarks/euler_parameters.cpp`, compiled alike. Prints instructions per step (callgrind, where
 valgrind is installed), the error of the position after one second at equal steps, against the Taylor method at rounding
 level, and what is left of the group.
 """
@@ -23,7 +23,8 @@ import lieeuler
 from tests.lieeuler.systems import SYSTEMS
 
 SOURCE = Path(__file__).with_suffix(".cpp")
-FORMS = ("lie", "parameters")
+FORMS = ("lie", "factored", "inverse")
+"""The Lie group; Euler parameters, their mass matrix factored in every stage, or its inverse in closed form."""
 
 
 def build(folder):

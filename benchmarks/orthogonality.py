@@ -1,6 +1,6 @@
 """How far attitudes leave SO(3): the papers' methods with and without the polish, beside an additive Euler update.
 
-    python -m benchmarks.orthogonality [--steps 1000000] [--step 1e-3]
+    python -m benchmarks.orthogonality [--steps 1000000] [--step 1e-3] [--scene double_pendulum]
 
 Prints the largest entry of R^T R - I after powers of ten of steps, on the two pendulums of the tests.
 """
@@ -50,10 +50,10 @@ def of_additive(problem, step, marks):
     return defects + [np.inf] * (len(marks) - len(defects))
 
 
-def rows(steps, step):
+def rows(scenes, steps, step):
     """(scene, run, defects) of every run."""
     marks = [10**k for k in range(2, 12) if 10**k < steps] + [steps]
-    for scene in SCENES:
+    for scene in scenes:
         problem = SYSTEMS[scene]()
         for method in METHODS:
             for polish in (True, False):
@@ -66,8 +66,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--steps", type=int, default=1_000_000)
     parser.add_argument("--step", type=float, default=1e-3, help="s")
+    parser.add_argument("--scene", choices=SCENES, action="append", help="may be repeated; default: both")
     arguments = parser.parse_args()
-    for number, (scene, run, defects) in enumerate(rows(arguments.steps, arguments.step)):
+    for number, (scene, run, defects) in enumerate(rows(arguments.scene or SCENES, arguments.steps, arguments.step)):
         if number == 0:
             print(f"{'scene':16} {'run':22}", *(f"{f'{n:,} steps':>16}" for n in defects))
         print(f"{scene:16} {run:22}", *(f"{value:16.1e}" for value in defects.values()), flush=True)

@@ -95,7 +95,9 @@ def _print_verdict(judged: Judged | None, traj: Trajectory) -> None:
         typer.echo(f"{name} error against truth {error.max:.1e} {error.unit}{until}, {bound}")
     if judged.energy_error is not None:
         where = "less the work done, at the output times" if traj.scene.worked_on else "every step"
-        typer.echo(f"energy error {judged.energy_error:.1e} of the largest kinetic energy, {where}")
+        start = ("" if judged.energy_error_by_start is None else
+                 f" ({judged.energy_error_by_start:.1e} of |E(0)|)")
+        typer.echo(f"energy error {judged.energy_error:.1e} of the largest kinetic energy{start}, {where}")
     first = worst(judged.findings)
     reason = judged.message or ("" if first is None or judged.outcome in ("pass", "partly") else
                                 f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "

@@ -288,6 +288,7 @@ class Measured(Run, frozen=True, kw_only=True):
     errors: dict[str, Errors] = {}  # by quantity
     levels: dict[str, Level] = {}
     energy_error: float | None = None  # over the largest kinetic energy, every step; less work done, at the samples
+    energy_error_by_start: float | None = None  # the same over |E(0)|, the potential zero at the origin
     momentum_error: float | None = None  # kg m^2/s, samples
     orthogonality: float | None = None
     steps: int | None = None

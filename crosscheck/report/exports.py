@@ -31,6 +31,7 @@ def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
                                          ("bound", "bound"))]
         found.append((f"{name} order", _of("orders", name, "observed")))
     found += [("energy error over largest kinetic energy", lambda r: r.energy_error),
+                ("energy error over |E(0)|", lambda r: r.energy_error_by_start),
                 ("vertical momentum error [kg m^2/s]", lambda r: r.momentum_error)]
     for name in LEVELS:
         found.append((f"constraint {name}, max over steps",

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from crosscheck.document import EULER, Document, Record, Scene
 from crosscheck.document.curves import Curve, RunCurves
 from crosscheck.report import identity, names
@@ -27,12 +29,17 @@ SERIES: dict[str, tuple[str, Callable[[RunCurves], Curve]]] = {
     "constraint-acceleration": ("acceleration level (m/s$^2$)", lambda curves: curves.constraint_acceleration),
     "orthogonality": (r"max $|R^T R - I|$ (1)", lambda curves: curves.orthogonality)}
 """Figures over time, by the end of the file's name: axis, and reader of a run's packed curves."""
+SHOWN = "DAE1L_LSE"
+"""The method of figures that show one, as on the pages; where it has not run, the first."""
+MOST_BODIES = 4
+"""Bodies whose rotation matrices are drawn; of more, the last only."""
 
 
 def write_figures(document: Document, folder: Path) -> list[Path]:
     """Write the figures of every scene into `folder`; returns their paths.
 
-    Over time: the eight Euler methods and the most accurate run of each other engine. Speed and convergence: all runs.
+    Motion: the run that pages show alone. Over time: the eight Euler methods and the most accurate run of each other
+    engine. Speed and convergence: all runs.
     """
     import matplotlib
 
@@ -61,6 +68,9 @@ def figures(scene: Scene, runs: Sequence[Record]) -> Iterator[tuple[str, Any]]:
         looks[record.label] = identity.look(record.engine, places[record.engine])
         places[record.engine] += 1
     times = scene.curves.t
+    alone = [record for record in runs if record.curves.drawn]
+    if alone:
+        yield from _motion(scene, next((record for record in alone if record.method == SHOWN), alone[0]))
     for end, (axis, read) in SERIES.items():
         lines = [(record, *_history(times, read(record.curves))) for record in _compared(runs)
                  if read(record.curves)]
@@ -75,6 +85,51 @@ def figures(scene: Scene, runs: Sequence[Record]) -> Iterator[tuple[str, Any]]:
                for record in runs if record.documented_order and record.ladder]
     if ladders:
         yield "convergence", _drawn(ladders, looks, "step (s)", "largest position error (m)", log_x=True)
+
+
+def _motion(scene: Scene, record: Record) -> Iterator[tuple[str, Any]]:
+    """Paths of the mass centres and of the end, energies, and the nine elements of each rotation matrix, of one run."""
+    from matplotlib.figure import Figure
+    from scipy.spatial.transform import Rotation
+
+    def read(curves: Sequence[Curve], exact: Sequence[Curve]) -> np.ndarray:
+        return np.array([unpack(true if curve == "truth" else curve)
+                         for curve, true in zip(curves, exact, strict=True)]).T
+
+    own, exact = record.curves, scene.curves
+    x, q = ([read(*each) for each in zip(mine or (), true or mine or (), strict=True)]
+            for mine, true in ((own.x, exact.x), (own.q, exact.q)))
+    R = [Rotation.from_quat(each, scalar_first=True).as_matrix() for each in q]
+    energies = read((own.kinetic, own.potential, own.total), (exact.kinetic, exact.potential, exact.total))
+    joints = scene.curves.drawing.joints if scene.curves.drawing else []
+    joined = collections.Counter(body for joint in joints for body in (joint.parent, joint.child))
+    paths = [(f"mass centre of {name}", path) for name, path in zip(scene.bodies, x, strict=True)]
+    paths += [(f"end of {scene.bodies[j.child]}", x[j.child] - R[j.child] @ np.array(j.child_anchor)) for j in joints
+              if joined[j.child] == 1 and any(j.child_anchor or ())]
+    figure = Figure(figsize=(6.8, 3.8), layout="constrained")
+    figure.suptitle(record.label)
+    for axes, across, side in zip(figure.subplots(1, 2), (2, 1), ("the side", "above"), strict=True):
+        for label, path in paths:
+            line, = axes.plot(path[:, 0], path[:, across], label=label)
+            axes.plot(path[0, 0], path[0, across], marker="o", markersize=3, color=line.get_color())
+        axes.set(xlabel="x (m)", ylabel=f"{'xyz'[across]} (m)", title=f"from {side}")
+        axes.set_aspect("equal", adjustable="datalim")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
+    yield "path", figure
+    figure = Figure(figsize=(5.2, 3.6))
+    axes = figure.add_subplot(xlabel="time (s)", ylabel="energy (J)", title=record.label)
+    axes.plot(scene.curves.t, energies, label=("kinetic", "potential", "total"))
+    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
+    yield "energies", figure
+    for b in range(len(scene.bodies)) if len(scene.bodies) <= MOST_BODIES else (-1,):
+        figure = Figure(figsize=(5.2, 4.2), layout="constrained")
+        figure.suptitle(f"rotation matrix of {scene.bodies[b]}, {record.label}")
+        grid = figure.subplots(3, 3, sharex=True, sharey=True)
+        for place in np.ndindex(3, 3):
+            grid[place].plot(scene.curves.t, R[b][(slice(None), *place)])
+            grid[place].set(title=f"$R_{{{place[0] + 1}{place[1] + 1}}}$", ylim=(-1.1, 1.1))
+        figure.supxlabel("time (s)")
+        yield f"rotation-{names.slug(scene.bodies[b])}", figure
 
 
 def _history(times: list[float], curve: Curve) -> tuple[list[float], Any]:

@@ -17,8 +17,6 @@ from crosscheck.report.identity import palette
 from crosscheck.report.names import STUDIES, anchor, data_file, engine_file, scene_file, slug, study_file
 
 HERE = Path(__file__).resolve().parent
-PENDULUMS = {"single_pendulum": "Table 1", "double_pendulum": "Table 2"}
-"""The two scenes of [P1], and the table of the paper that each of ours stands for."""
 LISTED = 5
 """Runs of a group of findings that summary.md names."""
 FORCE_UNITS = {
@@ -94,8 +92,8 @@ def scene(document: Document, described: Scene) -> str:
     reasons = dict.fromkeys(finding.why for record in records for finding in record.findings if finding.why)
     return _render("scene.html.j2", document, described.name, scene=described, records=records,
                    reasons={why: count for count, why in enumerate(reasons, 1)},
-                   paper_table=PENDULUMS.get(described.name), data_file=data_file(described),
-                   compared=paper_rows(records), support=support_rows(document, described))
+                   data_file=data_file(described), compared=paper_rows(records),
+                   support=support_rows(document, described))
 
 
 def engine(document: Document, name: str) -> str:

@@ -239,10 +239,11 @@ def _measured(run: Run, scene: Scene, traj: Trajectory, reference: Reference | N
         levels[level] = Level(max=most, held=level in held, unit=unit)
     momentum = None if reference is None else float(np.abs(
         traj.momentum_vertical - mechanics.momentum_vertical(scene, reference.states)).max())
+    energy_error, start = _energy_error(scene, traj, reference, size, maxima), abs(float(traj.energy[0]))
     return extended(
         Measured, replace(run, form=traj.form or run.form), status=traj.status, duration=scene.duration,
         errors={name: error.figures for name, error in found.items()}, levels=levels,
-        energy_error=_energy_error(scene, traj, reference, size, maxima),
+        energy_error=energy_error, energy_error_by_start=energy_error * size / start if start else None,
         momentum_error=momentum, orthogonality=_most(traj.orthogonality, maxima.get("orthogonality")),
         steps=int(traj.steps), wall_time=float(traj.wall_time), us_per_step=1e6 * traj.wall_time / max(1, traj.steps),
         seconds_per_second=traj.wall_time / scene.duration, curves=run_curves(scene, traj, found, reference))

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from crosscheck.errors import ArgumentError
+from crosscheck.scene.file import load_scene
 
 SCENE = "scene-double_pendulum.html"
 
@@ -91,7 +92,7 @@ def test_the_table_of_a_study_shows_the_scene_of_its_figure_or_every_one(watched
 
 def test_figures_hold_the_curves_they_name(watched):
     page = watched.open(SCENE)
-    assert page.locator("[data-figure]").count() == 20
+    assert page.locator("[data-figure]").count() == 22
     page.locator("[data-figure='error'][data-quantity='position']").scroll_into_view_if_needed()
     page.wait_for_selector("[data-quantity='position'] .main-svg")
     read = "document.querySelector(\"[data-quantity='position']\").data.map(trace => trace.name)"
@@ -213,6 +214,21 @@ def test_links_and_menus_lead_through_the_site(watched):
     assert page.locator("h1").inner_text() == "Convergence"
     page.get_by_role("link", name="Overview").click()
     assert page.url.endswith("index.html")
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+def test_the_path_is_that_of_the_mass_centre_and_of_the_end(watched, axis):
+    """At the start of the last body, as the scene file has them."""
+    page = watched.open(SCENE)
+    figure = f"[data-figure='path'][data-axis='{axis}']"
+    page.locator(figure).scroll_into_view_if_needed()
+    page.wait_for_selector(f"{figure} .main-svg")
+    drawn = dict(page.evaluate(f"document.querySelector(\"{figure}\").data.map(t => [t.name, [t.x[0], t.y[0]]])"))
+    scene = load_scene("double_pendulum")
+    x, R, anchor = scene.x0[-1], scene.R0[-1], scene.joints[-1].child_anchor
+    # 16 bits over paths of a few metres and quaternions of one.
+    assert drawn["mass centre"] == pytest.approx(x[[0, axis]], abs=3e-4)
+    assert drawn["end"] == drawn["end, start"] == pytest.approx((x - R @ anchor)[[0, axis]], abs=3e-4)
 
 
 def test_a_plot_gives_its_data_as_csv_and_itself_as_svg(watched, document):

@@ -7,8 +7,10 @@ import itertools
 import numpy as np
 import pytest
 
+import crosscheck
 import lieeuler
-from tests import oracle
+from crosscheck.adapters.lieeuler import build_problem
+from tests import batch_oracle, oracle
 from tests.lieeuler.systems import SYSTEMS
 
 
@@ -66,17 +68,45 @@ def test_dae2h_le_opens_the_joint_until_it_ends(name):
 
 
 @pytest.mark.slow
-def test_the_oracle_of_dae2h_le_ends_there_too():
+@pytest.mark.parametrize("name", ["single_pendulum", "double_pendulum"])
+def test_the_oracle_of_dae2h_le_ends_there_too(name):
     """Dense, its Newton matrix by differences, with nothing of the kernel: the method itself fails."""
-    problem, h = SYSTEMS["double_pendulum"](), 1e-2
+    problem, h = SYSTEMS[name](), 1e-2
     with pytest.raises(lieeuler.IntegrationError) as failure:
-        lieeuler.integrate(problem, "DAE2H_LE", h, np.arange(0.0, 30.0))
+        lieeuler.integrate(problem, "DAE2H_LE", h, np.arange(0.0, 60.0))
     system, u = dense(problem)
     q, guess, steps, solved = (problem.x, problem.R), np.r_[u, system.index1((problem.x, problem.R), u)[1]], 0, True
     with np.errstate(all="ignore"):
-        while solved and steps * h < 30:
+        while solved and steps * h < 60:
             q, u, _, guess = oracle.hamilton_step(system, "velocity", q, u, h, oracle.MAPS["exp"], guess)
             steps += 1
             solved = np.isfinite(u).all() and np.abs(system.G(q) @ u).max() < 1e-8
     # Rounding grows on the way: the last steps, at 50 rad/s and more, are not the same bit for bit.
     assert steps * h == pytest.approx(failure.value.solution.t_end, abs=0.2)
+    print(f"{name}: the kernel ends after {failure.value.solution.t_end:.6g} s, the oracle after {steps * h:.6g} s")
+
+
+def test_the_batch_oracle_is_the_oracle():
+    problem, h = SYSTEMS["double_pendulum"](), 1e-2
+    system, u = dense(problem)
+    q = (problem.x, problem.R)
+    *_, z = oracle.hamilton_step(system, "velocity", q, u, h, oracle.MAPS["exp"], np.r_[u, np.zeros(system.m)])
+    assert np.abs(batch_oracle.residual(system, q, u, h)(z[None])).max() < 1e-13  # roundings of momenta of some kg m/s
+    assert batch_oracle.turning_point(system, q, u, h) == 1
+
+
+@pytest.mark.parametrize(("name", "h"), [("single_pendulum", 5e-3), ("double_pendulum", 5e-3), pytest.param(
+    "chain_64", 1e-3, marks=pytest.mark.slow)])
+def test_the_step_that_newton_fails_has_no_solution(name, h):
+    """The solutions that come from vanishing steps turn back before this one: no iteration could have found one."""
+    problem = SYSTEMS[name]() if name in SYSTEMS else build_problem(crosscheck.load_scene(name))
+    with pytest.raises(lieeuler.IntegrationError, match="newton_failed") as failure:
+        lieeuler.integrate(problem, "DAE2H_LE", h, np.arange(0.0, 200.0))
+    last = failure.value.solution.t_end
+    solved = lieeuler.integrate(problem, "DAE2H_LE", h, [0, last - h, last])
+    system, _ = dense(problem)
+    reached = [batch_oracle.turning_point(system, (solved.x[k], solved.R[k]),
+                                          np.hstack([solved.v[k], solved.w[k]]).ravel(), h) for k in (1, 2)]
+    assert reached[0] == 1  # that of the step before is found
+    assert reached[1] < 1
+    print(f"{name}: the solutions turn back at {reached[1]:.3f} of the step after {last:.6g} s")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import re
+import shutil
+import subprocess
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -68,6 +70,24 @@ def test_document_is_well_formed(folder):
     assert cited <= set(re.findall(r"@\w+\{(\w+),", (folder / "references.bib").read_text("utf-8")))
 
 
+@pytest.mark.skipif(shutil.which("pdflatex") is None or shutil.which("bibtex") is None,
+                    reason="pdflatex and bibtex are not installed: texlive-latex-recommended has them")
+def test_document_compiles(folder, tmp_path):
+    """A page for figures and tables, every citation found, nothing beyond the margins."""
+    from pypdf import PdfReader
+
+    out = shutil.copytree(folder, tmp_path / "out")
+    for words in (["pdflatex"], ["bibtex"], ["pdflatex"], ["pdflatex"]):
+        more = ["-interaction=nonstopmode", "-halt-on-error"] if words == ["pdflatex"] else []
+        done = subprocess.run([*words, *more, "paper"], cwd=out, capture_output=True, text=True, errors="replace")
+        assert done.returncode == 0, done.stdout[-2000:]
+    log = (out / "paper.log").read_text("utf-8", errors="replace")
+    assert not re.findall(r"Overfull .*|.*undefined.*|LaTeX Warning: .*", log)
+    text = " ".join(page.extract_text() for page in PdfReader(out / "paper.pdf").pages)
+    assert [word for word in (*(f"Figure {number}:" for number in range(1, 1 + len(FIGURES))), "Table 1:", "References")
+            if word not in text] == []
+
+
 def test_table_has_every_method_with_every_map(folder):
     table = lines(folder)
     assert set(table) == {(method, name) for method in EULER for name in ("exp", "ccsk")}
@@ -111,7 +131,10 @@ def test_data_are_those_of_the_runs(folder):
 
 
 def test_the_end_is_opposite_the_joint():
-    assert runs.ends(crosscheck.load_scene("double_pendulum"))[1] == pytest.approx([0, 0, -1])
+    ends = runs.ends(crosscheck.load_scene("double_pendulum"))
+    assert list(ends) == [1]
+    assert ends[1] == pytest.approx([0, 0, -1])
+    assert runs.ends(crosscheck.load_scene("four_bar")) == {}  # each rod is held at both ends
 
 
 @pytest.mark.parametrize(("words", "said"), [

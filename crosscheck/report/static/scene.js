@@ -107,6 +107,34 @@
     })};
   };
 
+  // The path of the body's centre of mass and, where it is held by one joint only, of the point opposite that joint.
+  makers.path = (element) => {
+    const run = alone(), across = Number(element.dataset.axis), columns = ["x (m)", "xyz"[across] + " (m)"];
+    const traces = [], empty = "no data for this choice";
+    if (!run) return {traces, columns, empty};
+    const joints = truth.drawing.joints.filter((joint) => [joint.parent, joint.child].includes(body()));
+    const anchor = joints.length === 1 && joints[0].child === body() ? joints[0].child_anchor : null;
+    const places = (read, whole) => {
+      const x = [0, 1, 2].map((k) => read((c) => c.x[body()][k]));
+      if (!whole || !anchor?.some(Boolean)) return whole ? null : x;
+      const R = elements([0, 1, 2, 3].map((k) => read((c) => c.q[body()][k])));
+      return x.map((part, row) => part.map((value, time) => (value === null || R[time][0] === null ? null
+        : value - anchor.reduce((sum, each, k) => sum + R[time][3 * row + k] * each, 0))));
+    };
+    [["mass centre", false, "--blue", "solid"], ["end", true, "--orange", "dash"]].forEach(([part, whole, hue, dash]) => {
+      const shown = places((read) => own(run, read), whole), dots = hasTruth ? places(exact, whole) : null;
+      if (!shown) return;
+      const over = (from, name, more) => traces.push(line(run, from[0], from[across], name,
+        {hovertemplate: "%{x:.3g}, %{y:.3g} m<extra>" + name + "</extra>", ...more}));
+      if (dots) over(dots, part + ", truth", {mode: "markers", marker: {size: 3, color: style("--dots")}, showlegend: false});
+      over(shown, part, {line: {color: style(hue), dash, width: 1.6}});
+      over(shown.map((values) => values.slice(0, 1)), part + ", start", {mode: "markers", showlegend: false,
+        marker: {size: 8, symbol: "circle-open", color: style(hue)}});
+    });
+    return {traces, columns, empty, layout: layout(linear(columns[0]),
+      {...linear(columns[1]), scaleanchor: "x", scaleratio: 1}, {showlegend: traces.length > 3})};
+  };
+
   // Every run starts at the true state: the first sample would stretch the axis to nothing.
   const late = (values) => values.slice(1);
   const timesOf = (values) => t.filter((_, index) => index % Math.round((t.length - 1) / (values.length - 1)) === 0);

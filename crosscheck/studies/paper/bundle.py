@@ -35,14 +35,16 @@ BIBLIOGRAPHY = """@article{lie_stabilized_2019,
              system dynamics},
   journal = {Advances in Mechanical Engineering},
   year    = {2019},
-  doi     = {10.1177/1687814019842406}
+  doi     = {10.1177/1687814019842406},
+  key     = {Lie group methods 1}
 }
 
 @article{lie_euler_2018,
   title   = {{Lie} group {Euler} methods for differential-algebraic equations of multibody system dynamics},
   journal = {Advances in Mechanical Engineering},
   year    = {2018},
-  doi     = {10.1177/1687814018764154}
+  doi     = {10.1177/1687814018764154},
+  key     = {Lie group methods 2}
 }
 
 @article{bourabee_marsden_2009,
@@ -155,7 +157,8 @@ def _section(shown: Shown, drawn: list[tuple[str, str]], request: Request) -> st
     parts += [r"\begin{table}[htbp]\centering\small",
               rf"\caption{{Largest errors over every step of {tex(shown.scene.name)}: total energy relative to its "
               r"value at the start and to the largest kinetic energy, the three constraint levels, orthogonality "
-              rf"with and without the polish after every step. Step {shown.step:g}\,s, {shown.scene.duration:g}\,s."
+              rf"with and without the polish after every step. Step {1e3 * shown.step:g}\,ms, "
+              rf"{shown.scene.duration:g}\,s."
               + (r" The error of the mass centres is that at the end, its order that of a brief run." if any(
                   line.error is not None for line in shown.lines) else "") + "}",
               r"\setlength{\tabcolsep}{3pt}",

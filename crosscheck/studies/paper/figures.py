@@ -27,6 +27,8 @@ WIDEST, THINNEST = 3.6, 0.7
 """Line widths, pt."""
 MARKS = 5
 """Markers on a curve."""
+MARGIN = 0.1
+"""Around a figure, inches."""
 PEAKS = 50
 """Parts of a run of which the largest value is drawn where values are noise: every one would hide the others."""
 SMALLEST = 1e-18
@@ -57,8 +59,11 @@ def write(shown: Shown, method: str, folder: Path, formats: Sequence[str]) -> li
     with matplotlib.rc_context(STYLE):
         for drawing in drawings(shown, method):
             stem = f"{shown.scene.name}-{drawing.name}"
+            drawing.figure.draw_without_rendering()
+            drawing.figure.set_layout_engine("none")  # laid out once for every format
+            box = drawing.figure.get_tightbbox().padded(MARGIN)
             for kind in formats:
-                drawing.figure.savefig(folder / f"{stem}.{kind}", format=kind, bbox_inches="tight",
+                drawing.figure.savefig(folder / f"{stem}.{kind}", format=kind, bbox_inches=box,
                                        metadata={"Date": None} if kind == "svg" else {"CreationDate": None})
             written.append((stem, drawing.caption))
     return written
@@ -178,7 +183,8 @@ def _levels(shown: Shown) -> Drawing:
     axes[2, 0].set(xlabel="t (s)")
     _legend(figure, axes[0, 0], 4)
     return Drawing("levels", figure, "Constraints at the levels of position, velocity and acceleration: largest entry "
-                   f"in each fiftieth of the run; exact zeros are drawn at {SMALLEST:g}. {_caption(shown)}")
+                   "at the output times in each fiftieth of the run; exact zeros are drawn at "
+                   f"{SMALLEST:g}. {_caption(shown)}")
 
 
 def _peaks(t: np.ndarray, values: np.ndarray) -> tuple[list[float], list[float]]:
@@ -213,12 +219,13 @@ def _orthogonality(shown: Shown) -> Drawing:
     axes[0, 1].set(xlabel="t (s)", title="group update alone")
     _legend(figure, axes[0, 0], 4)
     return Drawing("orthogonality", figure, "Orthogonality error of the rotation matrices, with the polish after every "
-                   "step and without it: largest entry over all bodies in each fiftieth of the run. "
-                   f"{_caption(shown)}")
+                   "step and without it: largest entry over all bodies at the output times in each fiftieth of the "
+                   f"run. {_caption(shown)}")
 
 
 def _caption(shown: Shown) -> str:
-    return f"Scene {tex(shown.scene.name)}, step {shown.step:g}\\,s, {shown.scene.duration:g}\\,s."
+    return (f"Scene {tex(shown.scene.name)}, step {1e3 * shown.step:g}\\,ms, {shown.scene.duration:g}\\,s, "
+            f"map {tex(shown.lines[0].coordinate_map)}.")
 
 
 def tex(name: str) -> str:

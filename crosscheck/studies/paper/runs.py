@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -43,8 +44,9 @@ class Request:
 class Line:
     """One run as a line of the tables: largest values over every step, SI units.
 
-    `energy_by_start` divides by |E(0)|, as the papers' tables do, `energy_by_kinetic` by the largest kinetic energy, as
-    the reports here do; the first depends on where the potential is called zero, the second does not.
+    `energy_by_start` divides by |E(0)|, as we read the "relative errors of the total energy" of [P1], whose formula is
+    lost, and `energy_by_kinetic` by the largest kinetic energy, as verdicts here do. The first depends on where the
+    potential is called zero, the second does not.
     """
 
     method: str
@@ -89,8 +91,8 @@ def measure(scene: Scene, request: Request, progress: Callable[[str], None]) -> 
     scene = scene.replace(duration=duration, samples=intervals + 1)
     exact, source = _truth(scene)
     lines, runs, unpolished = [], {}, {}
-    for coordinate_map in request.maps:
-        for method in request.methods:
+    for method in request.methods:
+        for coordinate_map in request.maps:
             progress(f"{scene.name}: {method} ({coordinate_map})")
             traj = _attempt(scene, method, coordinate_map, step)
             if isinstance(traj, str):
@@ -155,10 +157,11 @@ def _order(scene: Scene, method: str, coordinate_map: str) -> float | None:
 
 
 def ends(scene: Scene) -> dict[int, np.ndarray]:
-    """The end of each last body of a chain, in its axes: the point opposite its joint, seen from the mass centre."""
-    parents = {joint.parent for joint in scene.joints}
+    """The end of each body on one joint and with none below it, in its axes: the point opposite the joint, seen from
+    the mass centre."""
+    joined = Counter(body for joint in scene.joints for body in (joint.parent, joint.child))
     return {joint.child: -np.asarray(joint.child_anchor) for joint in scene.joints
-            if joint.child not in parents and np.any(joint.child_anchor)}
+            if joined[joint.child] == 1 and np.any(joint.child_anchor)}
 
 
 def chosen(names: Sequence[str] | None) -> tuple[str, ...]:

@@ -1,8 +1,8 @@
 // The saddle point [M G^T; G 0] of a few bodies with pivots chosen from the whole matrix.
 //
 // Eliminating the bodies first (delassus.hpp) divides by masses and moments that the joints may hold fast: where these
-// span more than some six decades refinement does not converge, however well the whole matrix is conditioned. This costs
-// the cube of its size, and is for what nothing else solves.
+// span more than some six decades refinement does not converge, however well the whole matrix is conditioned. This
+// costs the cube of its size, and is for what nothing else solves.
 #pragma once
 
 #include "linalg/full_pivot.hpp"

@@ -210,26 +210,22 @@ def _spring(scene: Scene, force: Force,
         for (body, s), along in zip(ends, (pull, -pull), strict=True):
             _push(unit, R, body, s, along)
         bodies: tuple[Any, ...] = (force.parent, force.child)
-    elif force.type == "torsional_spring":
-        joint = next(joint for joint in scene.joints if joint.name == force.joint)
-        axis = joint.parent_axis if joint.parent == GROUND else R[:, joint.parent] @ joint.parent_axis
-        axis, length = np.broadcast_to(axis, (len(x), 3)), points.angles[joint.name]
-        for body, along in ((joint.parent, axis), (joint.child, -axis)):
-            if body != GROUND:
-                unit[:, body, 3:] += np.einsum("pji,pj->pi", R[:, body], along)
-        bodies = (joint.parent, joint.child)
     elif force.joint is not None:
         joint = next(joint for joint in scene.joints if joint.name == force.joint)
-        size = next((value for value in p.values() if not isinstance(value, TimeFunction)), 1.0)
+        spring = force.type == "torsional_spring"
+        size = -1.0 if spring else next((value for value in p.values() if not isinstance(value, TimeFunction)), 1.0)
         axis = joint.parent_axis if joint.parent == GROUND else R[:, joint.parent] @ joint.parent_axis
-        for body, anchor, along in ((joint.parent, joint.parent_anchor, -size * axis),
-                                    (joint.child, joint.child_anchor, size * axis)):
-            along = np.broadcast_to(along, (len(x), 3))
+        axis = np.broadcast_to(size * axis, (len(x), 3))
+        for body, anchor, along in ((joint.parent, joint.parent_anchor, -axis),
+                                    (joint.child, joint.child_anchor, axis)):
             if force.type == "joint_force":
                 _push(unit, R, body, anchor, along)
             elif body != GROUND:
                 unit[:, body, 3:] += np.einsum("pji,pj->pi", R[:, body], along)
-        return force.type, unit, none, none, (joint.parent, joint.child)
+        bodies = (joint.parent, joint.child)
+        if not spring:
+            return force.type, unit, none, none, bodies
+        length = points.angles[joint.name]
     else:
         given = np.array(p["force"] if force.type == "constant_force" else p["torque"])
         load = R[:, force.child] @ given if p["frame"] == "body" else np.broadcast_to(given, (len(x), 3))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -39,8 +40,13 @@ def print_verdicts(document: Document, page: Path) -> None:
         typer.echo(f"{symbol} {loud}: {group.engine + ': ' if group.engine else ''}{group.why}")
         for record, _ in group.runs:
             typer.echo(f"    {record.scene}, {record.label}: {sentence(record)}")
-    for symbol, message, labels in _left_out(document.records):
-        typer.echo(f"{symbol} {message}: {labels}")
+    left_out: dict[str, list[str]] = {}
+    for record in document.records:
+        if record.outcome in ("unsupported", "unjudged"):
+            symbol, word, _ = OUTCOMES[record.outcome]
+            left_out.setdefault(f"{symbol} {word} {record.scene}, {record.message}", []).append(record.label)
+    for message, labels in left_out.items():
+        typer.echo(f"{message}: {', '.join(labels)}")
     for scene in document.scenes:
         typer.echo(f"{scene.name}: {scene.trust}")
         for row in scene.engines if len(scene.engines) > 1 else ():
@@ -52,14 +58,13 @@ def print_verdicts(document: Document, page: Path) -> None:
 def _print_passes(scene: str, engine: str, passing: Sequence[Record]) -> None:
     """One line for all runs of an engine on a scene that pass; the page has each of them."""
     part = [record for record in passing if state(record) == "partly"]
-    judged = [(error.judged, record) for record in passing
-              if (error := record.errors.get("position")) is not None and error.judged is not None]
+    best = min(passing, key=lambda record: record.judged_error)
     line = f"✓ {scene}, {engine}: {len(passing)} run{' passes' if len(passing) == 1 else 's pass'}"
     if part:
         line += f" ({len(part)} over {100 * judged_share(part):.0f} % of {'its' if len(part) == 1 else 'their'} time)"
-    if judged:
-        least, best = min(judged, key=lambda pair: pair[0])
-        line += f", least position error {least:.1e} m by {best.label.removeprefix(f'{engine} ')} at {_size(best)}"
+    if math.isfinite(best.judged_error):
+        line += (f", least position error {best.judged_error:.1e} m by {best.label.removeprefix(f'{engine} ')} at "
+                 f"{_size(best)}")
     typer.echo(line)
 
 
@@ -71,17 +76,6 @@ def _row(record: Record) -> tuple[str, ...]:
             _number(position.bound if position else None),
             "" if record.judged_until is None else f"{record.judged_until:g} s", _number(record.energy_error),
             "" if record.us_per_step is None else f"{record.us_per_step:.3g}")
-
-
-def _left_out(records: Sequence[Record]) -> list[tuple[str, str, str]]:
-    """Symbol, reason and names of the runs that an engine cannot make, or that there is no truth for."""
-    found: dict[tuple[str, str], list[str]] = {}
-    for record in records:
-        if record.outcome in ("unsupported", "unjudged"):
-            symbol, word, _ = OUTCOMES[record.outcome]
-            key = f"{symbol} {word}", f"{record.scene}, {record.message}"
-            found.setdefault(key, []).append(record.label)
-    return [(symbol, message, ", ".join(labels)) for (symbol, message), labels in found.items()]
 
 
 def _size(record: Record) -> str:

@@ -96,8 +96,26 @@ class Data:
 
     def fit(self, causes: tuple[Cause, ...], starts: Sequence[tuple[float, ...]] | None = None) -> Fit:
         """The best magnitudes of a combination of causes, over all combinations of their starting points."""
-        choices = [starts] if starts is not None else itertools.product(*(cause.starts for cause in causes))
-        return min((self._fit_from(causes, start) for start in choices), key=lambda fit: fit.left)
+        from scipy.optimize import least_squares
+
+        def residual(values: np.ndarray) -> np.ndarray:
+            with np.errstate(all="ignore"):
+                try:
+                    z = self.residual(self._altered(causes, values))
+                except np.linalg.LinAlgError:  # a magnitude without sense on the way
+                    return np.full(sum(group.terms.points.rates.size for group in self.groups), FAR)
+            return np.clip(np.where(np.isfinite(z), z, FAR), -FAR, FAR)
+
+        fits = []
+        for choice in [starts] if starts is not None else itertools.product(*(cause.starts for cause in causes)):
+            theta = np.concatenate([np.array(start, dtype=float) for start in choice])
+            if len(theta) and self.quick:
+                theta = gauss_newton(residual, theta)
+            elif len(theta):
+                theta = least_squares(residual, theta, method="lm", x_scale=np.maximum(np.abs(theta), 0.1), xtol=1e-13,
+                                      ftol=1e-13, gtol=1e-13, max_nfev=30 * (len(theta) + 1)).x
+            fits.append(self._judged(causes, theta))
+        return min(fits, key=lambda fit: fit.left)
 
     def simplest(self, found: Fit) -> Fit:
         """The fit with special magnitudes, none or the opposite say, wherever they explain too.
@@ -112,24 +130,6 @@ class Data:
                     found = trial
                     break
         return found
-
-    def _fit_from(self, causes: tuple[Cause, ...], starts: Sequence[tuple[float, ...]]) -> Fit:
-        from scipy.optimize import least_squares
-
-        theta = np.concatenate([np.array(start, dtype=float) for start in starts])
-        if len(theta):
-            def residual(values: np.ndarray) -> np.ndarray:
-                with np.errstate(all="ignore"):
-                    try:
-                        z = self.residual(self._altered(causes, values))
-                    except np.linalg.LinAlgError:  # a magnitude without sense on the way
-                        return np.full(sum(group.terms.points.rates.size for group in self.groups), FAR)
-                return np.clip(np.where(np.isfinite(z), z, FAR), -FAR, FAR)
-
-            theta = gauss_newton(residual, theta) if self.quick else least_squares(
-                residual, theta, method="lm", x_scale=np.maximum(np.abs(theta), 0.1), xtol=1e-13, ftol=1e-13,
-                gtol=1e-13, max_nfev=30 * (len(theta) + 1)).x
-        return self._judged(causes, theta)
 
     def _altered(self, causes: tuple[Cause, ...], theta: np.ndarray) -> Physics:
         physics, at = self.right, 0

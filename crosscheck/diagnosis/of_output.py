@@ -101,8 +101,14 @@ def _gap(told: Told, each: Observation) -> float:
 def hypotheses(first: Observation) -> Iterator[Told]:
     """All of them that make sense for a scene."""
     scene = first.scene
+
+    def reordered(order: Sequence[int]) -> Told:
+        return Told("order of bodies", "bodies are reported in the order " + ", ".join(
+            scene.bodies[k].name for k in order), "report bodies in the scene's order", lambda given: picked(
+                true_motion(given), order), lambda states: picked(states, list(np.argsort(order))))
+
     if 1 < scene.n <= MOST_ORDERS:
-        yield from (_reordered(order, scene) for order in list(itertools.permutations(range(scene.n)))[1:])
+        yield from map(reordered, list(itertools.permutations(range(scene.n)))[1:])
     if levers(scene).any():
         yield Told("position of the joint", "positions are those of the joint that carries the body",
                    "report the centre of mass", lambda given: _at_joint(given, with_speed=False))
@@ -115,12 +121,6 @@ def hypotheses(first: Observation) -> Iterator[Told]:
 def picked(states: States, order: Sequence[int]) -> States:
     """States with the bodies in another order."""
     return States(states.t, *(getattr(states, name)[:, order] for name in ("x", "R", "v", "w")))
-
-
-def _reordered(order: Sequence[int], scene: Scene) -> Told:
-    names = ", ".join(scene.bodies[k].name for k in order)
-    return Told("order of bodies", f"bodies are reported in the order {names}", "report bodies in the scene's order",
-                lambda given: picked(true_motion(given), order), lambda states: picked(states, list(np.argsort(order))))
 
 
 def _at_joint(scene: Scene, with_speed: bool) -> States:

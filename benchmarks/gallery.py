@@ -10,6 +10,7 @@ takes its place where lieeuler lacks an element), beside what the engines make o
   `left_out` says that the scene has not.
 - Pinocchio, of a URDF: `aba` in joint coordinates under SciPy's DOP853, with the torque of the dampers, which `aba`
   does not apply.
+- A URDF is also written as MJCF and read again.
 
 Two motions agree where |dx| (m) and |dR| stay within max(1e-9, 1e-13 x growth) at every output time; growth: of a
 nudge of the start over the run.
@@ -19,6 +20,7 @@ from __future__ import annotations
 
 import argparse
 import collections
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -86,6 +88,7 @@ def _compared(path: Path, largest: int, counts: collections.Counter[str]) -> lis
         words.append("MuJoCo " + _beside_mujoco(path, scene, motion, q, v, counts))
         if path.suffix == ".urdf":
             words.append("Pinocchio " + _beside_pinocchio(path, scene, motion, counts))
+            words.append(_through_mjcf(scene, motion, counts))
     return [*words, f"{time.perf_counter() - began:.1f} s"]
 
 
@@ -121,7 +124,7 @@ def _judged(engine: str, gap: float, own: float, growth: float, counts: collecti
     """One comparison in words; `own` is what the engine's own integration is wrong by."""
     bound = max(1e-9, 1e-13 * growth)
     told = f"max |dx|, |dR| {gap:.1e}, allowed {bound:.1e} (growth {growth:.1e}, its own step error {own:.1e})"
-    if own > bound:
+    if gap > bound and own > bound:  # the extrapolated rollout is better than that, but not known to be
         counts[f"{engine} unresolved"] += 1
         return f"not judged: {told}"
     counts[f"{engine} compared"] += 1
@@ -217,6 +220,22 @@ def _beside_pinocchio(path: Path, scene: Scene, motion: Motion, counts: collecti
     own = _gap(fine, _integrated(model, links, damping, start, rates, 1e-12))
     nudged = _integrated(model, links, damping, start, rates + NUDGE, 1e-13)
     return _judged("Pinocchio", _gap(motion, fine), own, _gap(nudged, fine) / NUDGE, counts)
+
+
+def _through_mjcf(scene: Scene, motion: Motion, counts: collections.Counter[str]) -> str:
+    """The motion of the URDF written as MJCF and read again, in words."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "robot.xml"
+        try:
+            crosscheck.export_model(scene, path)
+            again = crosscheck.import_model(path, keyframe="start", duration=DURATION, samples=SAMPLES)
+            traj = crosscheck.run(again, "lieeuler", "taylor", rtol=1e-13)
+        except (CrosscheckError, ValueError) as error:
+            return f"not through MJCF: {error}"
+    order = [[body.name for body in again.bodies].index(body.name) for body in scene.bodies]
+    gap = _gap(motion, (traj.x[:, order], traj.R[:, order]))
+    counts["MJCF and URDF are one motion"] += gap <= 1e-9
+    return f"as MJCF {gap:.1e}"
 
 
 def _integrated(model: Any, links: list[int], damping: np.ndarray, angles: np.ndarray, rates: np.ndarray,

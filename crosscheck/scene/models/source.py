@@ -43,12 +43,11 @@ def read(path: Path) -> Source:
                          f"{path.stem}.urdf) and give the URDF")
     root = _parsed(path)
     _check_size(path, root)
+    if root.tag == "robot" and re.search(rb"<xacro:", re.sub(rb"<!--.*?-->", b"", path.read_bytes(), flags=re.DOTALL)):
+        raise SceneError(f"{path}: holds xacro elements; run xacro first and give the URDF that it writes")
     if root.tag not in ("mujoco", "robot"):
         raise SceneError(f"{path}: the root element is <{root.tag}>; a model file begins with <mujoco> or <robot>")
-    if root.tag == "robot":
-        if b"xacro:" in path.read_bytes():
-            raise SceneError(f"{path}: holds xacro elements; run xacro first and give the URDF that it writes")
-    else:
+    if root.tag == "mujoco":
         _expand(path, root, path.parent.resolve(), (path.resolve(),))
         _check_size(path, root)
     return Source(path, root)

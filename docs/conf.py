@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import re
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,11 +18,14 @@ project = "lieeuler + crosscheck"
 author = project_copyright = "The lieeuler-crosscheck authors"
 release = importlib.metadata.version("lieeuler-crosscheck")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-source_suffix = {".md": "markdown"}
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+source_suffix = {".md": "myst-nb"}
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
 myst_fence_as_directive = ["math"]
+nb_execution_raise_on_error = True
+nb_execution_in_temp = True
+nb_execution_timeout = 300
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 autodoc_member_order = "bysource"
@@ -32,6 +36,7 @@ html_theme_options = {"page_width": "1060px", "sidebar_width": "13rem"}
 html_show_sourcelink = False
 html_static_path = ["static"]
 
+os.environ["PATH"] = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])  # notebooks call crosscheck
 DOCS = Path(__file__).parent
 ELSEWHERE = {"readme": "README.md", "changes": "CHANGELOG.md", "contributing": "CONTRIBUTING.md",
              "written": "reports/README.md"}
@@ -42,14 +47,14 @@ LINK = re.compile(r"\]\(([^)#:\s]+)(#[^)\s]*)?\)")
 
 def take(app: Sphinx, docname: str, source: list[str]) -> None:
     """Give pages their text from elsewhere, and let links lead to pages of the site."""
-    home = DOCS.parent / ELSEWHERE.get(docname, "docs/any.md")
+    home = DOCS.parent / ELSEWHERE.get(docname, f"docs/{docname}.md")
     if docname in ELSEWHERE:
         source[0] = home.read_text(encoding="utf-8")
 
     def led(link: re.Match[str]) -> str:
         target = os.path.normpath(home.parent / link[1])
         page = next((f"{name}.md" for name, path in ELSEWHERE.items() if target == str(DOCS.parent / path)), None)
-        return f"]({page or os.path.relpath(target, DOCS)}{link[2] or ''})"
+        return f"]({page or os.path.relpath(target, (DOCS / docname).parent)}{link[2] or ''})"
 
     source[0] = LINK.sub(led, source[0])
 

@@ -38,8 +38,8 @@ from tests.scene.models.model_files import ARM_URDF
 
 BLOCK = re.compile(r"(?:<!-- run: (?P<how>[^\n]+) -->\n)?^```(?P<language>[\w{}-]*)[^\n]*\n(?P<text>.*?)^```$",
                    re.DOTALL | re.MULTILINE)
-SHOWN = {"math", "{toctree}", "{eval-rst}", "text"}
-"""What a reader looks at: formulas, the parts of the site, output."""
+SHOWN = {"math", "{toctree}", "{eval-rst}", "{code-cell}", "text"}
+"""What a reader looks at: formulas, the parts of the site, cells that run when it is built, output."""
 QUICK = {"list", "import", "history"}
 SMOKE = "--profile smoke --jobs 1 --out out"
 SHORTER = {

@@ -12,7 +12,7 @@ import pytest
 
 from tests import ROOT
 
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 PACKAGES = ("lieeuler", "crosscheck")
 FOLDERS = (ROOT, ROOT / "docs", ROOT / "lieeuler" / "_core", ROOT / "crosscheck", ROOT / "lieeuler")
 """Where a path in a document may start."""
@@ -109,9 +109,13 @@ def test_the_site_is_built_without_warnings_and_asks_no_network(tmp_path):
     done = subprocess.run([sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", ROOT / "docs", tmp_path],
                           capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    for page in tmp_path.glob("*.html"):
+    for page in tmp_path.rglob("*.html"):
         text = page.read_text("utf-8")
         assert not re.findall(r"<(?:script|link)[^>]+(?:src|href)=\"(?:https?:)?//[^\"]+", text), page.name
+    for notebook in (ROOT / "docs" / "notebooks").glob("*.md"):
+        ran = (tmp_path / "notebooks" / f"{notebook.stem}.html").read_text("utf-8")
+        assert ran.count('class="cell docutils') == notebook.read_text("utf-8").count("```{code-cell}")
+        assert "Traceback" not in ran
     theory = (tmp_path / "theory.html").read_text("utf-8")
     assert theory.count("<math") > 300
     assert "(4.1)" in theory

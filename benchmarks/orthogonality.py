@@ -8,6 +8,7 @@ Prints the largest entry of R^T R - I after powers of ten of steps, on the two p
 from __future__ import annotations
 
 import argparse
+import contextlib
 
 import numpy as np
 
@@ -35,17 +36,13 @@ def of_additive(problem, step, marks):
     system = oracle.Chain([body.mass for body in problem.bodies], [body.inertia for body in problem.bodies],
                           [(j.parent, j.child, j.parent_anchor, j.child_anchor) for j in problem.joints],
                           problem.gravity)
-    q, u = (problem.x, problem.R), np.hstack([problem.v, problem.w]).ravel()
+    steps = oracle.additive_steps(system, (problem.x, problem.R), np.hstack([problem.v, problem.w]).ravel(), step)
     defects = []
-    with np.errstate(all="ignore"):
-        for n in range(1, marks[-1] + 1):
-            try:
-                q, u = oracle.additive_step(system, q, u, step)
-            except np.linalg.LinAlgError:  # what has overflowed has no inverse
-                break
+    with np.errstate(all="ignore"), contextlib.suppress(np.linalg.LinAlgError):  # what has overflowed has no inverse
+        for n, (q, u) in enumerate(steps, 1):
             if n in marks:
                 defects.append(defect(q[1]))
-            if not np.isfinite(u).all():
+            if n == marks[-1] or not np.isfinite(u).all():
                 break
     return defects + [np.inf] * (len(marks) - len(defects))
 

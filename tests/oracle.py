@@ -68,7 +68,7 @@ class Chain:
         f = self.applied()
         for b, J in enumerate(self.inertias):
             w = u[6 * b + 3:6 * b + 6]
-            f[6 * b + 3:6 * b + 6] -= np.cross(w, J @ w)
+            f[6 * b + 3:6 * b + 6] -= hat(w) @ J @ w
         return f
 
     def _ends(self, joint):
@@ -93,7 +93,7 @@ class Chain:
         for k, joint in enumerate(self.joints):
             for b, sign, s in self._ends(joint):
                 w = u[6 * b + 3:6 * b + 6]
-                gamma[3 * k:3 * k + 3] += sign * q[1][b] @ np.cross(w, np.cross(w, s))
+                gamma[3 * k:3 * k + 3] += sign * q[1][b] @ hat(w) @ hat(w) @ s
         return gamma
 
     def index1(self, q, u):
@@ -192,22 +192,27 @@ def integrate(system, method, q, u, h, steps, coordinate_map="exp", gains=(0.0, 
     return q, u, a, lam
 
 
-def additive_step(system, q, u, h):
+def additive_steps(system, q, u, h):
     """Comparator: the rotation matrix is added to, R + h R hat(w), as a vector would be; no group, no polish.
 
     Explicit in the accelerations of the index-1 system, so that a step is cheap. The centres of mass follow from the
     attitudes and the velocities are projected, so that both constraint levels hold and only the update differs. Joints
-    are listed from the ground outwards.
+    are listed from the ground outwards. Yields q and u after every step.
     """
-    a, _ = system.index1(q, u)
-    u = u + h * a
-    R = np.array([q[1][b] @ (np.eye(3) + h * hat(u[6 * b + 3:6 * b + 6])) for b in range(system.n)])
-    x = np.zeros((system.n, 3))
-    for parent, child, above, below in system.joints:
-        x[child] = (above if parent < 0 else x[parent] + R[parent] @ above) - R[child] @ below
-    G = system.G((x, R))
-    MG = np.linalg.solve(system.M, G.T)
-    return (x, R), u - MG @ np.linalg.solve(G @ MG, G @ u)
+    inverse, G = np.linalg.inv(system.M), system.G(q)
+    while True:
+        free = inverse @ system.force(u)
+        MG = inverse @ G.T
+        u = u + h * (free - MG @ np.linalg.solve(G @ MG, G @ free + system.gamma(q, u)))
+        R = np.array([q[1][b] @ (np.eye(3) + h * hat(u[6 * b + 3:6 * b + 6])) for b in range(system.n)])
+        x = np.zeros((system.n, 3))
+        for parent, child, above, below in system.joints:
+            x[child] = (above if parent < 0 else x[parent] + R[parent] @ above) - R[child] @ below
+        q = x, R
+        G = system.G(q)
+        MG = inverse @ G.T
+        u = u - MG @ np.linalg.solve(G @ MG, G @ u)
+        yield q, u
 
 
 def alpha_coefficients(radius):

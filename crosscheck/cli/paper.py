@@ -1,4 +1,4 @@
-"""`crosscheck paper`: the papers' figures and tables for any scene."""
+"""`crosscheck paper`: figures and tables of the papers' kinds for any scene."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def paper(
     formats: Annotated[list[str] | None, typer.Option("--format", help="pdf or svg; may be repeated; default: both")
                        ] = None,
 ) -> None:
-    """Write the papers' figures and tables for any scenes: vector graphics, LaTeX, BibTeX and the data."""
+    """Write figures and tables of the papers' kinds for any scenes: vector graphics, LaTeX, BibTeX and the data."""
     from crosscheck import adapters
     from crosscheck.scene.file import load_scene
     from crosscheck.studies.paper import bundle

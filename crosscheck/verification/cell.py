@@ -240,10 +240,13 @@ def _measured(run: Run, scene: Scene, traj: Trajectory, reference: Reference | N
     momentum = None if reference is None else float(np.abs(
         traj.momentum_vertical - mechanics.momentum_vertical(scene, reference.states)).max())
     energy_error, start = _energy_error(scene, traj, reference, size, maxima), abs(float(traj.energy[0]))
+    # The maximum over every step is relative to the run's own kinetic energy.
+    gap = energy_error * size if scene.worked_on else max(float(np.abs(traj.energy - traj.energy[0]).max()),
+                                                          maxima.get("energy_error", 0.0) * traj.kinetic_energy.max())
     return extended(
         Measured, replace(run, form=traj.form or run.form), status=traj.status, duration=scene.duration,
         errors={name: error.figures for name, error in found.items()}, levels=levels,
-        energy_error=energy_error, energy_error_by_start=energy_error * size / start if start else None,
+        energy_error=energy_error, energy_error_by_start=float(gap / start) if start else None,
         momentum_error=momentum, orthogonality=_most(traj.orthogonality, maxima.get("orthogonality")),
         steps=int(traj.steps), wall_time=float(traj.wall_time), us_per_step=1e6 * traj.wall_time / max(1, traj.steps),
         seconds_per_second=traj.wall_time / scene.duration, curves=run_curves(scene, traj, found, reference))

@@ -27,12 +27,13 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 _LARGE = 100  # bodies from which the algebra is sparse; dense, its time grows as their number cubed
-_ITERATIONS = 200
+_ITERATIONS = 400
 _DIFFERENCE = 1e-5  # in the weighted displacement: a Hessian to about 1e-10, it only has to guide Newton's method
 _STRAIGHT = 1e-4  # of the scene's length, and rad: for less displacement the curvature cannot be felt
 _LEAST_CURVATURE = 0.1  # of the distance itself, which has 1
 _SETTLED = 1e-12  # of the scene's length, and rad: far below the allowed violation, well above rounding
 _BEFORE_DAMPING = 25  # iterations: most guesses settle within a dozen
+_DAMPINGS = 4  # then full steps again: a search that has crept along a saddle until now settles with them
 _NEAR = 0.05  # of the scene's length, and rad: full steps of this size contract
 _LARGEST_TURN = 0.5  # rad in one correction: the chart of a rotation is far from flat beyond it
 
@@ -221,8 +222,10 @@ def _close_positions(constraints: Constraints, guess: Configuration) -> Configur
         if closed and largest < _SETTLED:
             return _moved(guess, (unweighted @ z).reshape(-1, 6))
         # From far away full steps may alternate between two places for ever.
-        damping = 0.5 ** (iteration // _BEFORE_DAMPING) if largest > _NEAR else 1.0
+        damping = 0.5 ** (iteration // _BEFORE_DAMPING % _DAMPINGS) if largest > _NEAR else 1.0
         z = z + step * (damping * _LARGEST_TURN / max(largest, _LARGEST_TURN))
+        if not large:
+            z = _shorter_way_round(unweighted, z)
     if closed:  # the joints close, though the search for the least change did not settle
         return _moved(guess, (unweighted @ z).reshape(-1, 6))
     index, gap, unit = _largest_gap(constraints, phi, anchor_length(scene))
@@ -230,6 +233,17 @@ def _close_positions(constraints: Constraints, guess: Configuration) -> Configur
     raise EntryError(f'joints[{index}] "{joint.name}"', f"the joints cannot be closed together, this one keeps the "
                      f"largest gap, {abs(gap):.3g}{unit}", "check its anchors, axes and length against those of the "
                      "other joints, or give attitudes and positions nearer to a closed state")
+
+
+def _shorter_way_round(unweighted: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """The same attitudes by rotations of half a turn at most: beyond it the nearest place is no longer one."""
+    turns = (unweighted @ z).reshape(-1, 6)
+    turns[:, :3] = 0.0
+    angles = np.linalg.norm(turns, axis=1, keepdims=True)
+    if angles.max() <= np.pi:
+        return z
+    back = np.where(angles > np.pi, -2 * np.pi / np.maximum(angles, np.pi), 0.0) * turns
+    return np.asarray(z + np.linalg.solve(unweighted, back.ravel()))
 
 
 def _linearised(constraints: Constraints, guess: Configuration, unweighted: np.ndarray,

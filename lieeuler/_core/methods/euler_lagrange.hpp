@@ -300,7 +300,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
   // The block of its own of a body's stiffness at dot rows, and the slope of their velocity for the split solve. What
   // they couple two bodies by is left to the iteration: it goes as h^2.
-  Mat3 dot_stiffness(int k, Side side, const Vec3& impulse) {
+  [[gnu::noinline]] Mat3 dot_stiffness(int k, Side side, const Vec3& impulse) {
     const Part& part = this->part_of(k);
     split_->slope(k, side) = rate_slope(k, side, this->here(k).jacobian(part, side), tangents_[this->body_of(k, side)]);
     return this->here(k).geometric_stiffness(part, side, side, impulse).ww;

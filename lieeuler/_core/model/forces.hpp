@@ -200,15 +200,21 @@ class ForceState {
   double inverse_ = 0;
 };
 
-// Force and torque on every body without -w x J w: what the Hamiltonian methods use.
-inline void applied_forces(const System& system, const Configuration& frames, const std::vector<Twist>& u,
-                           const std::vector<double>& last_angles, std::vector<Twist>& f) {
-  for (int b = 0; b < system.n(); ++b) f[b] = {system.bodies[b].mass * system.gravity, Vec3::Zero()};
+// Adds what springs, dampers and loads do; f of the ground, the last, begins at zero.
+inline void add_forces(const System& system, const Configuration& frames, const std::vector<Twist>& u,
+                       const std::vector<double>& last_angles, std::vector<Twist>& f) {
   f[system.n()] = Twist{};
   for (size_t k = 0; k < system.forces.size(); ++k) {
     const Force& force = system.forces[k];
     ForceState(force, frames, u, last_angles[k]).add_to(f[force.parent], f[force.child]);
   }
+}
+
+// Force and torque on every body without -w x J w: what the Hamiltonian methods use.
+inline void applied_forces(const System& system, const Configuration& frames, const std::vector<Twist>& u,
+                           const std::vector<double>& last_angles, std::vector<Twist>& f) {
+  for (int b = 0; b < system.n(); ++b) f[b] = {system.bodies[b].mass * system.gravity, Vec3::Zero()};
+  add_forces(system, frames, u, last_angles, f);
 }
 
 // rad a body may turn in a step: `elsewhere`, or half a turn between two bodies where angles are unwrapped step by
@@ -222,8 +228,11 @@ inline double most_turn(const System& system, double elsewhere) {
 // The right-hand side f(q, u) of the Lagrangian equations.
 inline void generalized_forces(const System& system, const Configuration& frames, const std::vector<Twist>& u,
                                const std::vector<double>& last_angles, std::vector<Twist>& f) {
-  applied_forces(system, frames, u, last_angles, f);
-  for (int b = 0; b < system.n(); ++b) f[b].w += gyroscopic_torque(system.bodies[b], u[b].w);
+  for (int b = 0; b < system.n(); ++b) {
+    const Body& body = system.bodies[b];
+    f[b] = {body.mass * system.gravity, gyroscopic_torque(body, u[b].w)};
+  }
+  add_forces(system, frames, u, last_angles, f);
 }
 
 // Angles of the torsional springs (zero for other forces), unwrapped against the last ones.

@@ -73,16 +73,8 @@ class JointState {
 
   // G u
   Vec3 velocity(const Part& part, const Twist& parent, const Twist& child) const {
-    const Twist* u[2] = {&parent, &child};
     if (part.spherical) return point_rate(kChild, child) - point_rate(kParent, parent);
-    if (part.turn) return {part.turn->child_axis.dot(child.w) - part.turn->parent_axis.dot(parent.w), 0, 0};
-    Vec3 rate = Vec3::Zero();
-    for (int r = 0; r < part.rows(); ++r) {
-      const DotRow& dot = part.dots[r];
-      const Carried A = a(dot), B = b(dot);
-      rate[r] = dot.scale * (this->rate(A, u).dot(B.value) + A.value.dot(this->rate(B, u)));
-    }
-    return rate;
+    return dot_velocity(part, parent, child);
   }
 
   // impulse -= G^T lam
@@ -184,8 +176,8 @@ class JointState {
   }
 
   // The only block of d(G^T lam)/dq a spherical part has on one side, rotations against rotations:
-  // +- hat(s) hat(R^T lam), written out.
-  Mat3 anchor_stiffness(Side side, const Vec3& lam) const {
+  // +- hat(s) hat(R^T lam), written out. Inlined: calls cost 1 % of a step of DAE3L_LE.
+  [[gnu::always_inline]] Mat3 anchor_stiffness(Side side, const Vec3& lam) const {
     const Vec3& s = *anchor_[side];
     const Vec3 l = transposed_times(frame_[side]->R, side == kChild ? lam : Vec3(-lam));
     Mat3 K = l * s.transpose();
@@ -235,6 +227,18 @@ class JointState {
   }
 
  private:
+  // Not inlined: velocity() of a spherical part would save and restore the registers that this needs.
+  [[gnu::noinline]] Vec3 dot_velocity(const Part& part, const Twist& parent, const Twist& child) const {
+    if (part.turn) return {part.turn->child_axis.dot(child.w) - part.turn->parent_axis.dot(parent.w), 0, 0};
+    const Twist* u[2] = {&parent, &child};
+    Vec3 rate = Vec3::Zero();
+    for (int r = 0; r < part.rows(); ++r) {
+      const DotRow& dot = part.dots[r];
+      const Carried A = a(dot), B = b(dot);
+      rate[r] = dot.scale * (this->rate(A, u).dot(B.value) + A.value.dot(this->rate(B, u)));
+    }
+    return rate;
+  }
   // R hat(s), by columns.
   Mat3 turned(Side side, const Vec3& s) const {
     const Mat3& R = frame_[side]->R;

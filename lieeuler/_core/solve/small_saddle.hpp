@@ -82,28 +82,14 @@ class SmallSaddle {
   }
 
   // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places. to_rounding:
-  // what redundant rows cost in digits matters.
-  void solve(std::vector<Twist>& f, std::vector<Vec3>& rows, bool to_rounding) {
+  // what redundant rows cost in digits matters. Inlined: series call it for every order.
+  [[gnu::always_inline]] void solve(std::vector<Twist>& f, std::vector<Vec3>& rows, bool to_rounding) {
     for (size_t b = 0; b < bodies_.size(); ++b) {
       f[b].v *= bodies_[b].mass_inverse;
-      f[b].w = Vec3(bodies_[b].inertia_inverse * f[b].w);
+      f[b].w = times(bodies_[b].inertia_inverse, f[b].w);
     }
-    if (parts() == 0) return;
-    if (parts() == 1) return solve_single(f, rows[parts_[0].index]);
-    double r[kMostRows], lam[kMostRows];
-    put_rates(rows, f, r);
-    correct(r, lam, f);
-    if (smallest_pivot_ < kGraded || (to_rounding && redundant() > 0)) {
-      double more[kMostRows];
-      put_rates(rows, f, r);
-      correct(r, more, f);
-      for (int i = 0; i < rows_; ++i) lam[i] += more[i];
-    }
-    for (const PartRows& part : parts_) {
-      Vec3& out = rows[part.index];
-      out.setZero();
-      for (int i = 0; i < part.part->rows(); ++i) out[i] = lam[part.row + i];
-    }
+    if (parts() == 1) solve_single(f, rows[parts_[0].index]);
+    if (parts() > 1) solve_rows(f, rows, to_rounding);
   }
 
   // The least displacement that closes the joints to first order: M d + G^T mu = 0, G d = -Phi.
@@ -263,8 +249,25 @@ class SmallSaddle {
     }
   }
 
+  // solve() from y without multipliers. Not inlined: series of pinned bodies would save the registers that this needs.
+  [[gnu::noinline]] void solve_rows(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
+    double r[kMostRows], lam[kMostRows];
+    put_rates(rows, y, r);
+    correct(r, lam, y);
+    if (smallest_pivot_ < kGraded || (to_rounding && redundant() > 0)) {
+      double more[kMostRows];
+      put_rates(rows, y, r);
+      correct(r, more, y);
+      for (int i = 0; i < rows_; ++i) lam[i] += more[i];
+    }
+    for (const PartRows& part : parts_) {
+      Vec3& out = rows[part.index];
+      out.setZero();
+      for (int i = 0; i < part.part->rows(); ++i) out[i] = lam[part.row + i];
+    }
+  }
   // The same of a single part, three rows whatever it has.
-  void solve_single(std::vector<Twist>& y, Vec3& rows) {
+  [[gnu::noinline]] void solve_single(std::vector<Twist>& y, Vec3& rows) {
     Vec3 lam = Vec3::Zero();
     for (int pass = 0; pass < (smallest_pivot_ < kGraded ? 2 : 1); ++pass) {
       Vec3 r = -rows;

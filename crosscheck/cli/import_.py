@@ -24,11 +24,12 @@ def import_(
     Exit code 0: written; 2: refused, and nothing is written.
     """
     from crosscheck.scene.models import import_file
+    from crosscheck.scene.models.words import quoted, together
 
     scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples)
     typer.echo(f"{scene.name}: {scene.n} bodies, {len(scene.joints)} joints, {len(scene.forces)} forces")
     typer.echo(f"written: {out}")
-    for words in scene.left_out:
+    for words in together(map(quoted, scene.left_out)):
         typer.echo(f"left out: {words}")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -41,7 +42,8 @@ def inspect(
         raise ArgumentError(unknown("--form", form, CHOICES["form"]))
     if is_model(scene):
         native = examine_natively(scene, engine or None, states, seed, against)
-        printed(native, typer.echo)
+        terminal = console(1000)
+        printed(native, functools.partial(terminal.print, markup=False))
         raise typer.Exit(0 if native.agree else 1)
     found = examine(load_scene(scene), engine or None, form, states, seed)
     _print(found)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -13,27 +13,13 @@ import numpy as np
 
 from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
 from crosscheck.errors import CrosscheckError, SceneError, Unsupported
+from crosscheck.inspection.native_differences import Difference, differences, named_alike
 from crosscheck.scene.armature import rotors
 from crosscheck.scene.coordinates import zero_attitude
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import index1
 from crosscheck.scene.model import Scene, quaternion_from_rotation
-
-TOLERANCE = 1e-7
-"""Relative: files are written with six digits and more, and both parsers read these exactly."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Difference:
-    """One engine reads one thing differently from the neutral scene."""
-
-    engine: str
-    quantity: str  # "mass", "inertia", "damping", ...
-    place: str  # of the link or joint; "" for the whole
-    words: str
-
-    def __str__(self) -> str:
-        return f"{self.engine}: {self.words}"
+from crosscheck.scene.models.words import quoted, together
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,9 +50,9 @@ class NativeInspection:
         """The whole in words."""
         same = any(words.removeprefix("Error: ") in self.no_scene for words in self.refused.values())
         return (*(([] if same else [self.no_scene]) if self.scene is None else
-                  [f"left out of the scene: {words}" for words in self.scene.left_out]),
+                  [f"left out of the scene: {words}" for words in together(map(quoted, self.scene.left_out))]),
                 *(f"{engine} refuses the file: {words}" for engine, words in self.refused.items()),
-                *(str(each) for each in self.differences))
+                *together((str(each), each.place) for each in self.differences))
 
 
 def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, count: int = 3, seed: int = 0,
@@ -104,7 +90,10 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
                 raise Unsupported(f"{name} reads no model files here")
             if outside and name.startswith("mujoco"):  # it would read them
                 raise sources.outside(source, outside[0])
-            natives.append(dataclasses.replace(read(str(source), states), engine=name))
+            found = read(str(source), states)
+            natives.append(dataclasses.replace(found, engine=f"{name} without meshes" if found.refusal else name))
+            if found.refusal:
+                refused[name] = found.refusal
         except ImportError as error:
             refused[name] = f"it cannot be imported: {error}"
         except CrosscheckError as error:
@@ -114,12 +103,13 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     neutral = _neutral(scene, states) if scene else natives[0]
     invented = frozenset(link.get("name", "") for link in model.root.findall("link")
                          if link.find("inertial") is None and link.find("collision") is not None)
-    found = [each for native in natives if native is not neutral for each in _differences(neutral, native, invented)]
-    found += [Difference(native.engine, "root", "", f"the root is fused to the world: {still:g} kg do not move")
-              for native in natives if native.engine.partition("==")[0] == "mujoco" and (still := _rooted(model.root))]
+    told = [each for native in natives if native is not neutral
+            for each in differences(neutral, named_alike(neutral, native), invented)]
+    told += [Difference(native.engine, "root", "", f"the root is fused to the world: {still:g} kg do not move")
+             for native in natives if native.engine.startswith("mujoco") and (still := _rooted(model.root))]
     if against is not None and scene is not None:
-        found += _otherwise_left_out(source, scene)
-    return NativeInspection(source, scene, tuple(natives), tuple(found), refused,
+        told += _otherwise_left_out(source, scene)
+    return NativeInspection(source, scene, tuple(natives), tuple(told), refused,
                             str(no_scene or ""))
 
 
@@ -155,11 +145,15 @@ def _otherwise_left_out(path: Path, scene: Scene) -> Iterator[Difference]:
 def _neutral(scene: Scene, states: JointStates) -> Native:
     names = ["ground" if k < 0 else scene.bodies[k].name for k in range(-1, scene.n)]
     links = {body.name: Link(body.mass, body.inertia) for body in scene.bodies}
-    joints = {joint.name: Hinge(names[joint.parent + 1], names[joint.child + 1], joint.parent_anchor,
-                                joint.child_anchor, joint.child_axis, zero_attitude(joint), joint.type,
-                                *((values or (0.0,))[0] for values in (joint.damping, joint.armature, joint.stiffness,
-                                                                       joint.rest_position)))
-              for joint in scene.joints if joint.name in states.names}
+    joints = {}
+    for joint in scene.joints:
+        if joint.name in states.names:
+            damping, armature, stiffness, rest = ((values or (0.0,))[0] for values in (
+                joint.damping, joint.armature, joint.stiffness, joint.rest_position))
+            joints[joint.name] = Hinge(
+                names[joint.parent + 1], names[joint.child + 1], joint.parent_anchor, joint.child_anchor,
+                joint.child_axis, zero_attitude(joint), joint.type, damping, armature, stiffness, rest,
+                joint.mimic.joint if joint.mimic else "")
     found = Native("scene", links, joints, scene.gravity)
     if len(scene.joints) != scene.n or len(joints) != scene.n:  # coordinates are those of an open tree only
         return found
@@ -206,156 +200,9 @@ def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return M, -M @ coordinates(scene.replace(forces=())), coordinates(scene)
 
 
-def _differences(neutral: Native, native: Native, invented: frozenset[str]) -> Iterator[Difference]:
-    """What differs; `invented` are links without an inertial whose mass an engine may make from collision shapes."""
-    def told(quantity: str, place: str, words: str) -> Difference:
-        return Difference(native.engine, quantity, place, words)
-
-    if not _close(neutral.gravity, native.gravity, 10.0):
-        yield told("gravity", "", f"gravity is {native.gravity.tolist()}, the scene has {neutral.gravity.tolist()}")
-    for name, link in neutral.links.items():
-        other = native.links.get(name)
-        if other is None:
-            yield told("link", name, f"link {name} is not in its model")
-            continue
-        yield from _link(name, link, other, invented, told)
-    for name in native.links.keys() - neutral.links.keys():
-        origin = "from collision geometry" if invented else "otherwise"
-        yield told("link", name, f"link {name} is a body of its own, {native.links[name].mass:g} kg, made {origin}")
-    off = _shifted_centres(neutral, native)
-    for name, gap in off.items():
-        yield told("centre of mass", name, f"centre of mass of link {name} is shifted by {_shown(gap)} m")
-    for name, joint in neutral.joints.items():
-        found = native.joints.get(name)
-        if found is None:
-            yield told("joint", name, f"joint {name} is not in its model")
-        else:
-            yield from _joint(name, joint, found, off, told)
-    yield from _dynamics(neutral, native, told)
-
-
-Told = Callable[[str, str, str], Difference]
-
-
-def _link(name: str, ours: Link, theirs: Link, invented: frozenset[str], told: Told) -> Iterator[Difference]:
-    if abs(theirs.mass - ours.mass) > TOLERANCE * ours.mass:
-        why = " made from collision geometry" if invented else f" times {theirs.mass / ours.mass:.6g}"
-        yield told("mass", name, f"mass of link {name}{why}: {theirs.mass:g} kg in place of {ours.mass:g} kg")
-    if not _close(ours.inertia, theirs.inertia, float(np.abs(ours.inertia).max())):
-        moments = np.linalg.eigvalsh(ours.inertia), np.linalg.eigvalsh(theirs.inertia)
-        if _close(*moments, float(moments[0].max())):
-            yield told("inertia", name, f"inertial rotation of {name} lost or turned: the principal moments are right, "
-                       "their axes are not")
-        else:
-            yield told("inertia", name, f"inertia of link {name}: principal moments {_shown(moments[1])} in place of "
-                       f"{_shown(moments[0])} kg m^2")
-
-
-def _shifted_centres(neutral: Native, native: Native) -> dict[str, np.ndarray]:
-    """How far the centre of mass of a link is off: all joints of the link are shifted alike, and only at this link."""
-    gaps: dict[str, list[np.ndarray]] = {}
-    for name, ours in neutral.joints.items():
-        theirs = native.joints.get(name)
-        if theirs is None or (ours.parent, ours.child) != (theirs.parent, theirs.child):
-            return {}
-        ends = {ours.parent: theirs.parent_anchor - ours.parent_anchor,
-                ours.child: theirs.child_anchor - ours.child_anchor}
-        alone = sum(np.abs(gap).max() > TOLERANCE for gap in ends.values()) == 1
-        for link, gap in ends.items():
-            gaps.setdefault(link, []).append(gap if alone else np.full(3, np.nan))
-    return {link: -each[0] for link, each in gaps.items() if link in neutral.links
-            and np.abs(each[0]).max() > TOLERANCE and _close(np.array([each[0]] * len(each)), np.array(each), 1.0)}
-
-
-def _joint(name: str, ours: Hinge, theirs: Hinge, off: Mapping[str, np.ndarray], told: Told) -> Iterator[Difference]:
-    if ours.kind != theirs.kind:
-        yield told("type", name, f"joint {name} is {theirs.kind} in place of {ours.kind}")
-    if ours.parent != theirs.parent or ours.child != theirs.child:
-        yield told("tree", name, f"joint {name} joins {theirs.parent} and {theirs.child} in place of {ours.parent} and "
-                   f"{ours.child}")
-        return
-    cosine = float(ours.axis @ theirs.axis)
-    if cosine < -1 + TOLERANCE:
-        yield told("axis", name, f"axis of joint {name} is flipped")
-    elif cosine < 1 - TOLERANCE:
-        yield told("axis", name, f"axis of joint {name} is turned by {np.degrees(np.arccos(cosine)):.4g} deg")
-    turn = theirs.attitude.T @ ours.attitude
-    angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
-    if np.abs(turn - np.eye(3)).max() > TOLERANCE:
-        yield told("frame", name, f"frame of joint {name} is turned by {np.degrees(angle):.4g} deg"
-                   + _degrees(ours.attitude, theirs.attitude))
-    for end in ("parent", "child"):
-        gap, link = getattr(theirs, f"{end}_anchor") - getattr(ours, f"{end}_anchor"), getattr(ours, end)
-        if link not in off and np.abs(gap).max() > TOLERANCE * max(1.0, float(np.abs(ours.parent_anchor).max())):
-            yield told("frame", name, f"frame of joint {name} is shifted by {_shown(gap)} m against the "
-                       + ("ground" if link == "ground" else f"centre of mass of {link}"))
-    sprung = ("rest_position",) if ours.stiffness and theirs.stiffness else ()
-    for key in ("damping", "armature", "stiffness", *sprung):
-        value, goal = getattr(theirs, key), getattr(ours, key)
-        if abs(value - goal) > TOLERANCE * max(abs(goal), abs(value)):
-            wrong = "missing" if value == 0 else f"is {value:g}, not {goal:g}"
-            yield told(key, name, f"{key.replace('_', ' ')} of joint {name} {wrong}")
-
-
-def _degrees(ours: np.ndarray, theirs: np.ndarray) -> str:
-    """A hint where the turn is that of degrees read as radians, or of radians read as degrees."""
-    from scipy.spatial.transform import Rotation
-
-    for factor, words in ((180 / np.pi, "radians written as degrees"), (np.pi / 180, "degrees read from radians")):
-        for axes in ("xyz", "XYZ"):
-            angles = Rotation.from_matrix(ours).as_euler(axes) * factor
-            if np.abs(Rotation.from_euler(axes, angles).as_matrix() - theirs).max() < 1e-6:
-                return f", as by {words}: degree for radian"
-    return ""
-
-
-def _dynamics(neutral: Native, native: Native, told: Told) -> Iterator[Difference]:
-    """Mass matrix, bias and accelerations; what the parts above explain already is one line here."""
-    if neutral.mass_matrix is None or native.mass_matrix is None or neutral.order != native.order:
-        return
-    assert neutral.bias is not None
-    assert native.bias is not None
-    assert neutral.acceleration is not None
-    assert native.acceleration is not None
-    gap = native.mass_matrix - neutral.mass_matrix
-    if not _close(native.mass_matrix, neutral.mass_matrix, float(np.abs(neutral.mass_matrix).max())):
-        armature = np.array([neutral.joints[name].armature for name in neutral.order])
-        if armature.any() and np.allclose(gap, -np.diag(armature), atol=1e-9 * float(armature.max())):
-            for name in np.array(neutral.order)[armature > 0]:
-                yield told("armature", str(name), f"armature of joint {name} missing in the mass matrix")
-        else:
-            name = neutral.order[int(np.unravel_index(int(np.abs(gap).argmax()), gap.shape)[1])]
-            yield told("mass matrix", name, f"mass matrix of joint {name} is off by {np.abs(gap).max():.3g}")
-    scale = max(1e-9, float(np.abs(neutral.bias).max()))
-    if not _close(native.bias, neutral.bias, scale):
-        worst = int(np.abs(native.bias - neutral.bias).max(axis=0).argmax())
-        yield told("bias", neutral.order[worst], f"bias force of joint {neutral.order[worst]} is off by "
-                   f"{np.abs(native.bias - neutral.bias).max():.3g}")
-    # what acts beside the bias: springs and dampers; errors of the mass matrix and the bias have been told
-    ours = np.einsum("kij,kj->ki", neutral.mass_matrix, neutral.acceleration) + neutral.bias
-    theirs = np.einsum("kij,kj->ki", native.mass_matrix, native.acceleration) + native.bias
-    scale = max(scale, float(np.abs(ours).max()))
-    for index in np.flatnonzero(np.abs(theirs - ours).max(axis=0) > 10 * TOLERANCE * scale):
-        name = neutral.order[int(index)]
-        gap = float(np.abs(theirs - ours)[:, index].max())
-        if native.joints[name].damping and np.abs(theirs[:, index]).max() <= 10 * TOLERANCE * scale:
-            yield told("damping", name, f"damping of joint {name} is stored but not applied by {native.solver}")
-        else:
-            yield told("acceleration", name, f"acceleration of joint {name} by {native.solver} differs by an effort of "
-                       f"{gap:.3g}")
-
-
-def _close(one: np.ndarray, other: np.ndarray, scale: float) -> bool:
-    return one.shape == other.shape and bool(np.abs(one - other).max(initial=0.0) <= TOLERANCE * max(scale, 1e-12))
-
-
-def _shown(values: np.ndarray) -> str:
-    values = np.where(np.abs(values) > TOLERANCE * np.abs(values).max(), values, 0.0)
-    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
-
-
 def printed(found: NativeInspection, echo: Callable[[str], Any]) -> None:
     """The check as lines for a terminal."""
+    silent = found.scene is not None and any(native.mass_matrix is None for native in found.native)
     read = ", ".join(native.engine for native in found.native) or "no engine"
     if found.scene is not None:
         echo(f"{found.path}: {found.scene.n} moving bodies, {len(found.scene.joints)} joints; loaded by {read}")
@@ -364,5 +211,8 @@ def printed(found: NativeInspection, echo: Callable[[str], Any]) -> None:
              f"one coordinate, {sum(link.mass for link in native.links.values()):g} kg")
     for words in found.lines:
         echo(words)
+    if silent:
+        echo("not compared: mass matrix, bias forces and accelerations, which need an open tree of joints with one "
+             "coordinate each")
     if found.agree:
         echo("no engine reads anything differently")

@@ -7,6 +7,7 @@ import pytest
 
 import crosscheck
 from crosscheck.inspection import native
+from crosscheck.scene.models.words import together
 from tests.scene.models.model_files import ARM_MJCF, ARM_URDF
 
 PLAIN = ARM_URDF.replace('<dynamics damping="0.5"/>', "").replace('<dynamics damping="2"/>', "")
@@ -144,7 +145,8 @@ def test_a_refusal_stands_beside_what_the_others_read(tmp_path):
     path.write_text(PLAIN.replace("</visual></link>", f"</visual>{shape}</link>"))
     found = crosscheck.inspect(path)
     assert "no.stl" in found.refused["mujoco"]
-    assert [each.engine for each in found.native] == ["pinocchio"]
+    assert [each.engine for each in found.native] == ["mujoco without meshes", "pinocchio"]
+    assert found.differences == ()
     assert not found.agree
 
 
@@ -187,6 +189,50 @@ def test_joints_without_a_name_are_found_by_their_bodies(engine, tmp_path):
     found = crosscheck.inspect(path, [engine])
     assert found.agree, found.lines
     assert "lower joint" in found.native[0].order
+
+
+def test_a_mimic_that_an_engine_ignores_is_named_and_its_force_is_no_mistake(tmp_path):
+    path = tmp_path / "arm.urdf"
+    follow = '<mimic joint="shoulder" multiplier="2"/><axis xyz="0.6 0.8 0"/>'
+    path.write_text(ARM_URDF.replace('<axis xyz="0.6 0.8 0"/>', follow))
+    found = crosscheck.inspect(path)
+    assert found.of("mujoco") == ()  # it holds the mimic by a force
+    assert [each.words for each in found.of("pinocchio")] == [
+        "joint elbow follows no other joint in place of shoulder",
+        "damping of joint shoulder is stored but not applied by aba",
+        "damping of joint reach is stored but not applied by aba"]
+
+
+def test_bodies_without_a_name_are_found_by_their_joints(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(MJCF.replace(' damping="0.5"', "").replace(' damping="2"', "").replace('name="lower"', ""))
+    found = crosscheck.inspect(path)
+    assert found.agree, found.lines
+    assert [each.engine for each in found.native] == ["mujoco", "pinocchio"]
+
+
+def test_one_factor_of_all_masses_is_one_line(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(MJCF.replace('<compiler angle="radian"/>', '<compiler angle="radian" settotalmass="3.6"/>'))
+    words = [each.words for each in crosscheck.inspect(path, ["pinocchio"]).differences]
+    assert words[0] == "masses of all links times 0.5"
+    assert not any("mass of link" in each or "inertia" in each for each in words)
+
+
+def test_many_differences_of_one_kind_are_one_line(tmp_path):
+    assert together([(f"damping of joint j{k} is lost", f"j{k}") for k in range(10)]) == [
+        "damping of joint j0 is lost; likewise j1, j2, j3, j4, j5, j6 and 3 more"]
+    few = [(f"damping of joint j{k} is {k}", f"j{k}") for k in range(10)]
+    assert together(few) == [sentence for sentence, _ in few]
+    assert together([("limits of joint 'a', 'b'", "")] * 2) == ["limits of joint 'a', 'b'"] * 2
+
+
+def test_what_is_not_compared_is_said(tmp_path):
+    path, told = tmp_path / "ball.xml", []
+    path.write_text('<mujoco><worldbody><body name="b"><joint name="j" type="ball"/><inertial pos="0 0 1" mass="1" '
+                    'diaginertia="1 1 1"/></body></worldbody></mujoco>')
+    native.printed(crosscheck.inspect(path, ["mujoco"]), told.append)
+    assert told[1].startswith("not compared: mass matrix, bias forces and accelerations")
 
 
 def test_what_a_parser_prints_is_in_its_refusal_and_nowhere_else(tmp_path, capfd):

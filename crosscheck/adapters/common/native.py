@@ -30,6 +30,7 @@ class Hinge:
     armature: float = 0.0
     stiffness: float = 0.0
     rest_position: float = 0.0
+    mimic: str = ""  # the joint that it follows
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +46,7 @@ class Native:
     bias: np.ndarray | None = None  # (K, nv)
     acceleration: np.ndarray | None = None  # (K, nv)
     solver: str = ""  # the function that gave the accelerations
+    refusal: str = ""  # what the engine said of the file as it is, where this is what it reads without the meshes
 
 
 @dataclasses.dataclass(frozen=True)

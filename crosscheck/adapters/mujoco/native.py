@@ -3,14 +3,37 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
 from crosscheck.errors import EngineError
 from crosscheck.scene.model import rotation_from_quaternion
-from crosscheck.scene.models import neutral
+from crosscheck.scene.models import neutral, source
 from crosscheck.scene.models.compiling import listening
+
+
+def _model(path: Path) -> tuple[Any, str]:
+    """(model, what MuJoCo says where a URDF is read without its meshes because these cannot be opened)."""
+    import mujoco
+
+    try:
+        return mujoco.MjModel.from_xml_path(str(path.resolve())), ""
+    except Exception as error:  # ValueError, and MuJoCo's own FatalError
+        words = " ".join(str(error).split()).removeprefix("Error: ")
+    model = source.read(path)
+    if "opening file" not in words or not model.is_urdf:
+        raise EngineError(words)
+    for link in model.root.findall("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            if shape.find("geometry/mesh") is not None:
+                link.remove(shape)
+    try:
+        return mujoco.MjModel.from_xml_string(model.text), words
+    except Exception as error:
+        raise EngineError(f"{words}; without its meshes: {' '.join(str(error).split()).removeprefix('Error: ')}"
+                          ) from None
 
 
 def load(path: str, states: JointStates) -> Native:
@@ -18,10 +41,7 @@ def load(path: str, states: JointStates) -> Native:
     import mujoco
 
     with listening():
-        try:
-            model = mujoco.MjModel.from_xml_path(str(Path(path).resolve()))
-        except Exception as error:  # ValueError, and MuJoCo's own FatalError
-            raise EngineError(f"{' '.join(str(error).split())}") from None
+        model, refusal = _model(Path(path))
         if not all(np.isfinite(each).all() for each in (model.body_mass, model.body_inertia, model.body_ipos)):
             raise EngineError("its model has masses or inertias that are not finite")
         data = mujoco.MjData(model)
@@ -30,6 +50,9 @@ def load(path: str, states: JointStates) -> Native:
         mujoco.mj_forward(model, data)
         reading = neutral.Reading(model, data, neutral.bodies(model, data), [], [])
         tables = neutral.joint_tables(reading)
+        follows = {model.jnt(int(model.eq_obj1id[e])).name: model.jnt(int(model.eq_obj2id[e])).name
+                   for e in range(model.neq) if model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT and data.eq_active[e]
+                   and model.eq_obj2id[e] >= 0}
         off = mujoco.mjtDisableBit
         gravity = np.zeros(3) if int(model.opt.disableflags) & off.mjDSBL_GRAVITY else model.opt.gravity.copy()
         model.opt.disableflags |= (off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
@@ -38,9 +61,10 @@ def load(path: str, states: JointStates) -> Native:
         joints = {table["name"]: Hinge(
             table["parent"], table["child"], np.array(table["parent_anchor"]), np.array(table["child_anchor"]),
             np.array(table["child_axis"]), rotation_from_quaternion(np.array(table["reference_attitude"])),
-            table["type"], *(table.get(key, 0.0) for key in ("damping", "armature", "stiffness", "rest_position")))
+            table["type"], table.get("damping", 0.0), table.get("armature", 0.0), table.get("stiffness", 0.0),
+            table.get("rest_position", 0.0), follows.get(table["name"], ""))
             for table in tables if "position" in table}
-        found = Native("mujoco", links, joints, gravity, solver="mj_forward")
+        found = Native("mujoco", links, joints, gravity, solver="mj_forward", refusal=refusal)
         order = tuple(name for name in states.names if name in joints)
         if len(order) != model.nv:
             return found
@@ -59,4 +83,4 @@ def load(path: str, states: JointStates) -> Native:
                 mujoco.mj_fullM(model, M, data.qM)
             values.append((M[np.ix_(v, v)], data.qfrc_bias[v].copy(), data.qacc[v].copy()))
     mass, bias, acceleration = (np.array(each) for each in zip(*values, strict=True))
-    return Native("mujoco", links, joints, gravity, order, mass, bias, acceleration, "mj_forward")
+    return Native("mujoco", links, joints, gravity, order, mass, bias, acceleration, "mj_forward", refusal)

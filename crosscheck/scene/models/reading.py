@@ -13,6 +13,7 @@ from crosscheck.errors import ArgumentError, SceneError, unknown
 from crosscheck.scene.models import compiling, features, neutral, source
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.models.source import Source
+from crosscheck.scene.models.words import quoted, together
 from crosscheck.scene.schema import Content as Table
 
 
@@ -37,8 +38,8 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     if reading.impossible:
         raise SceneError(f"{model.path}: cannot be a scene: {'; '.join(reading.impossible)}")
     if reading.lost and not drop:
-        raise SceneError(f"{model.path}: a scene cannot hold {'; '.join(reading.lost)}; give --drop (drop=True) to "
-                         "leave all this out")
+        raise SceneError(f"{model.path}: a scene cannot hold {'; '.join(together(map(quoted, reading.lost)))}; give "
+                         "--drop (drop=True) to leave all this out")
     weightless = int(m.opt.disableflags) & mujoco.mjtDisableBit.mjDSBL_GRAVITY
     gravity = np.zeros(3) if weightless else m.opt.gravity
     if model.is_urdf:

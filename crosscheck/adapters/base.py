@@ -61,6 +61,7 @@ class Stats(TypedDict, total=False):
     softness: str
     node: str
     newton_tolerance: float
+    newton_left: float
     cardan_order: str
     gimbal_clearance: float
     forward_dynamics: str  # Pinocchio's algorithm

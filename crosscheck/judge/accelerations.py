@@ -15,7 +15,7 @@ import numpy as np
 from crosscheck.document import Finding
 from crosscheck.judge import tolerances
 from crosscheck.judge.defects import RATES, SHARE, Defects
-from crosscheck.judge.vanishing import extrapolation, shares
+from crosscheck.judge.vanishing import APART, extrapolation, following, shares
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
@@ -49,37 +49,53 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
         return [Finding("acceleration", "fail", np.inf, None, "m/s^2",
                         "the equations of motion have no solution at the run's own states")]
     power = min(claim.order or 1, 2)  # of higher order, accelerations are either those of the state or of second order
-    ordered = [run for run, _ in pairs]
-    options = [("", {name: np.linalg.norm(gap, axis=-1) for name, gap in gaps[id(runs[0])].items()},
-                _bound(scene, runs[0], power))]
-    if len(ordered) > 1:
-        weights, left = extrapolation(ordered, power)
-        bound = _bound(scene, ordered[0], power, len(ordered) - 1, left)
-        for run, weight, share in zip(ordered, weights, shares(ordered, power), strict=True):
-            # Forces of soft constraints follow their opening over h^2, and no power of h.
-            soft = np.minimum(run.opening["position"], run.allowed[0]["position"])[run.flow.index + 1]
-            bound[run.flow.end.t < SETTLED * (run.claim.step or 0.0)] = np.inf
-            bound = bound + abs(weight) * (share * _bound(scene, run, power) + soft / (run.claim.step or 1.0) ** 2)
-        options.append(("extrapolated to vanishing steps, ",
-                        {name: np.linalg.norm(sum(weight * gaps[id(run)][name] for run, weight in
-                                                  zip(ordered, weights, strict=True)), axis=-1)
-                         for name in set.intersection(*map(set, gaps.values()))}, bound))
     findings = []
     for name, unit in UNITS.items():
+        given = [(run, gaps[id(run)][name]) for run, _ in pairs if name in gaps[id(run)]]
+        if not any(run is runs[0] for run, _ in given):
+            continue
+        length = 1.0 if unit == "m/s^2" else runs[0].scale.length
+        ordered, sizes = [run for run, _ in given], [_sizes(gap) * length for _, gap in given]
+        own = next(index for index, run in enumerate(ordered) if run is runs[0])
+        factor = following(sizes, ordered, power)
+        candidates = [("", sizes[own], factor * _bound(scene, runs[0], power))]
+        if len(ordered) > 1:
+            weights, bound = _limit(scene, ordered, sizes, power)
+            rest = np.sum([weight * gap for weight, (_, gap) in zip(weights, given, strict=True)], axis=0)
+            candidates.append(("extrapolated to vanishing steps, ", _sizes(rest) * length, bound))
         found = []
-        for word, values, bound in options:
-            if name in values:
-                allowed = bound if unit == "m/s^2" else bound / runs[0].scale.length
-                sizes = np.where(np.isfinite(values[name]), values[name], np.inf).max(axis=1)
-                at = int(np.argmax(sizes / allowed))
-                found.append((float(sizes[at]), float(allowed[at]),
-                              f"{word}t = {traj.t[runs[0].flow.index[at] + 1]:.4g} s"))
-        if found:
-            value, most, where = max(found, key=lambda each: each[0] / each[1])
-            findings.append(Finding(
-                name, "ok" if value <= most else "fail", value, most, unit, "reported, against the index-1 system at "
-                "the run's own state: what changes within one step, and what open constraints add", where))
+        for word, values, bound in candidates:
+            at = int(np.argmax(values / bound))
+            found.append((float(values[at]) / length, float(bound[at]) / length,
+                          f"{word}t = {traj.t[runs[0].flow.index[at] + 1]:.4g} s"))
+        value, most, where = max(found, key=lambda each: each[0] / each[1])
+        findings.append(Finding(
+            name, "ok" if value <= most else "fail", value, most, unit, "reported, against the index-1 system at "
+            "the run's own state: what changes within one step, and what open constraints add", where))
     return findings
+
+
+def _limit(scene: Scene, runs: Sequence[Defects], sizes: Sequence[np.ndarray], power: int
+           ) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of runs, the finest first, that extrapolate to vanishing steps, and the bound (I,) of what is left.
+
+    The runs are in states that differ by a share, by which the leading term, as large as bounds say or as it is, does.
+    """
+    weights, left = extrapolation(runs, power)
+    bound = _bound(scene, runs[0], power, len(runs) - 1, left)
+    for run, size, weight, share in zip(runs, sizes, weights, shares(runs, power), strict=True):
+        # Forces of soft constraints follow their opening over h^2, and no power of h.
+        soft = np.minimum(run.opening["position"], run.allowed[0]["position"])[run.flow.index + 1]
+        bound[(run.flow.end.t < SETTLED * (run.claim.step or 0.0)) | (share > APART)] = np.inf
+        leading = share * np.maximum(size, _bound(scene, run, power))
+        bound = bound + abs(weight) * (leading + soft / (run.claim.step or 1.0) ** 2)
+    return weights, bound
+
+
+def _sizes(vectors: np.ndarray) -> np.ndarray:
+    """(I,) the largest of any body; of what is not finite, infinite."""
+    values = np.linalg.norm(vectors, axis=-1)
+    return np.asarray(np.where(np.isfinite(values), values, np.inf).max(axis=1))
 
 
 def _gaps(scene: Scene, traj: Any, at: np.ndarray) -> dict[str, np.ndarray]:

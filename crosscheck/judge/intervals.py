@@ -12,7 +12,7 @@ from crosscheck.document import QUANTITIES, Finding
 from crosscheck.judge.defects import DOUBT, Defects, turn
 from crosscheck.judge.metrics import PLATEAU
 from crosscheck.judge.tolerances import CONSTANTS
-from crosscheck.judge.vanishing import finest_first, limits, shares
+from crosscheck.judge.vanishing import finest_first, following, limits, shares
 from crosscheck.scene.model import Scene
 
 STEEPEST = 3.0
@@ -32,9 +32,9 @@ def judge_intervals(scene: Scene, traj: Any, runs: Sequence[Defects]) -> list[Fi
     seen = own.flow.rate * own.flow.tau <= STEEPEST
     if not seen.any():
         return unjudged("the motion is too fast for the output times")
-    bounds = own.bounds
-    options = [("", {name: (np.linalg.norm(own.vectors[name], axis=-1).max(axis=1), bounds[name])
-                     for name in QUANTITIES})]
+    sizes = {name: [np.linalg.norm(run.vectors[name], axis=-1).max(axis=1) for run in runs] for name in QUANTITIES}
+    options = [("", {name: (sizes[name][0], bound * following(sizes[name], runs, own.claim.order or 1))
+                     for name, bound in own.bounds.items()})]
     if len(runs) > 1:
         options += [("extrapolated to vanishing steps, ", limits(runs[:count])) for count in range(2, len(runs) + 1)]
     share = float(seen.sum() / (len(traj.t) - 1))

@@ -140,6 +140,8 @@ def observed_order(steps: Sequence[float], values: Sequence[float], plateau: Pla
         last += 1
     stalled = _stalled(h, e, slopes, plateau)
     rounding = float(e[stalled:].max(initial=0.0))
+    while stalled and e[stalled - 1] <= rounding:  # a chance, whatever it is below what rounding was seen to do
+        stalled -= 1
     last = min(last, stalled)
     recent = slopes[first:last - 1][-3:]
     settled, exhausted = len(recent) == 3 and bool(np.ptp(recent) <= SETTLED), last < len(h)

@@ -221,12 +221,12 @@ def momentum(scene: Scene, truth: Reference, bounds: dict[str, Tol]) -> Tol:
 def held_level(scene: Scene, truth: Reference | None, level: str, newton: float = 0.0, eps: float = EPS) -> Tol:
     """Rounding level of a constraint level that the method holds by construction; without truth, of a pendulum.
 
-    `newton`: tolerance at which the engine's own iteration ends, absolute and relative.
+    `newton`: what the engine's own iteration leaves.
     """
     tol = _held_level(scene, truth, level, eps)
     ended = 10 * newton
-    return tol if ended <= tol.value else Tol(ended, f"held by construction: ten times {newton:g}, the tightest "
-                                                     "tolerance at which the engine's Newton iteration converged")
+    return tol if ended <= tol.value else Tol(ended, f"held by construction: ten times {newton:.2g}, the residual "
+                                                     "at which the engine's Newton iteration ends")
 
 
 def _held_level(scene: Scene, truth: Reference | None, level: str, eps: float) -> Tol:

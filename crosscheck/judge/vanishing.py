@@ -12,9 +12,32 @@ import numpy as np
 from crosscheck.document import QUANTITIES
 from crosscheck.judge.defects import Defects, turn, with_slack
 from crosscheck.judge.flow import Flow
+from crosscheck.judge.tolerances import CONSTANTS
 
 Limit = dict[str, tuple[np.ndarray, np.ndarray]]
 """By quantity the size (I,) of what is left and its bound."""
+
+FOLLOWING = 1000.0
+"""Methods of one order differ in the constants of their errors, most in accelerations of thin bodies: where errors
+follow the documented order from step to step they are a method's own, and may be so many times what the derivatives of
+the motion give. Those of another model do not fall, and are held against the limit of vanishing steps."""
+
+BEGUN = 50
+"""Steps after which the start is forgotten: soft constraints settle in two steps a factor of e."""
+
+APART = 0.5
+"""Runs in states that differ by this share of themselves have no terms in common."""
+
+
+def following(values: Sequence[np.ndarray], runs: Sequence[Defects], order: int) -> np.ndarray:
+    """(I,) factor of the bounds of errors (I,) of some runs: `FOLLOWING` where they fall with the step, else one."""
+    if len(runs) < 2:
+        return np.ones(len(values[0]))
+    pairs = sorted(zip(runs, values, strict=True), key=lambda pair: pair[0].claim.step or 0.0)
+    (fine, some), (coarse, more) = pairs[:2]
+    ratio = (coarse.claim.step or 1.0) / (fine.claim.step or 1.0)
+    close = shares([fine, coarse], order)[1] < APART
+    return np.where(close & (some * ratio ** (order - CONSTANTS["order_margin_coarse"]) <= more), FOLLOWING, 1.0)
 
 
 def limits(runs: Sequence[Defects]) -> Limit:
@@ -39,7 +62,8 @@ def limits(runs: Sequence[Defects]) -> Limit:
         gap[level] = np.minimum(gap[level], fine.at_ends(rest))
     bounds = with_slack(pose, rate, gap, fine.flow.tau, fine.scale)
     usable = np.all([_within(run) for run in runs[1:]], axis=0)
-    usable &= fine.flow.index > 0  # what a start of its own does, as that of soft constraints, follows no power of h
+    # What a start of its own does, as that of soft constraints, follows no power of h.
+    usable &= (fine.flow.index > 0) & (fine.flow.begin.t >= BEGUN * (runs[-1].claim.step or 0.0))
     found = {}
     for name in QUANTITIES:
         total = np.sum([weight * run.vectors[name] for weight, run in zip(weights, runs, strict=True)], axis=0)

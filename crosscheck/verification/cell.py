@@ -165,7 +165,7 @@ def _main_run(run: Run, scene: Scene, trajectories: Sequence[Trajectory], refere
                              f"body {error.body}, t = {error.time:.4g} s") for name, error in found.items()]
     else:
         claim = Claim(run.documented_order, traj.stats.get("step") or run.step, run.rtol,
-                      eps=adapters.eps(run.engine), newton=traj.stats.get("newton_tolerance", 0.0))
+                      eps=adapters.eps(run.engine), newton=traj.stats.get("newton_left", 0.0))
         findings, found, bounds = judge_states(scene, traj, reference, window, claim, budgeted)
         findings += judge_invariants(scene, traj, reference, bounds)
         if not np.isfinite(traj.x).all():

@@ -136,7 +136,12 @@ class Exudyn:
             stats["factorizations"] = int(found.solver.it.newtonJacobiCount)
         picked = slice(None, None, per // every)
         states = model.convert(scene.t, [part[picked] for part in data])
-        if spec.method not in IMPLICIT:
+        if spec.method in IMPLICIT:
+            # relative to the first residual of a step, a sum of forces (N) and torques (N m): in any units more than 1
+            forces = max(np.abs(scene.masses[:, None] * states.a).max(),
+                         np.abs(np.einsum("ikl,til->tik", scene.inertias, states.alpha)).max())
+            stats["newton_left"] = found.tolerance * (1.0 + float(forces))
+        else:
             _drop_unknown_accelerations(states, every)
         maxima = _maxima(scene, model, t, data) if spec.monitor else None
         return RawRun(states, found.wall_time, per * (scene.samples - 1), h, stats=stats, maxima=maxima, form=form)

@@ -57,7 +57,8 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
         length = 1.0 if unit == "m/s^2" else runs[0].scale.length
         ordered, sizes = [run for run, _ in given], [_sizes(gap) * length for _, gap in given]
         own = next(index for index, run in enumerate(ordered) if run is runs[0])
-        factor = following(sizes, ordered, power)
+        settling = runs[0].flow.end.t < SETTLED * (claim.step or 0.0)  # of first order, whatever the method's is
+        factor = np.where(settling, following(sizes, ordered, 1), following(sizes, ordered, power))
         candidates = [("", sizes[own], factor * _bound(scene, runs[0], power))]
         if len(ordered) > 1:
             weights, bound = _limit(scene, ordered, sizes, power)

@@ -138,8 +138,9 @@ class Exudyn:
         states = model.convert(scene.t, [part[picked] for part in data])
         if spec.method in IMPLICIT:
             # relative to the first residual of a step, a sum of forces (N) and torques (N m): in any units more than 1
-            forces = max(np.abs(scene.masses[:, None] * states.a).max(),
-                         np.abs(np.einsum("ikl,til->tik", scene.inertias, states.alpha)).max())
+            a, alpha = np.asarray(states.a), np.asarray(states.alpha)
+            forces = max(np.abs(scene.masses[:, None] * a).max(),
+                         np.abs(np.einsum("ikl,til->tik", scene.inertias, alpha)).max())
             stats["newton_left"] = found.tolerance * (1.0 + float(forces))
         else:
             _drop_unknown_accelerations(states, every)

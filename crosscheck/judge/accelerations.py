@@ -58,8 +58,8 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
         ordered, sizes = [run for run, _ in given], [_sizes(gap) * length for _, gap in given]
         own = next(index for index, run in enumerate(ordered) if run is runs[0])
         settling = runs[0].flow.end.t < SETTLED * (claim.step or 0.0)  # of first order, whatever the method's is
-        factor = np.where(settling, following(sizes, ordered, 1), following(sizes, ordered, power))
-        candidates = [("", sizes[own], factor * _bound(scene, runs[0], power))]
+        bound = np.where(settling, _bound(scene, runs[0], 1), _bound(scene, runs[0], power))
+        candidates = [("", sizes[own], following(sizes, ordered, power) * bound)]
         if len(ordered) > 1:
             weights, bound = _limit(scene, ordered, sizes, power)
             rest = np.sum([weight * gap for weight, (_, gap) in zip(weights, given, strict=True)], axis=0)
@@ -127,6 +127,7 @@ def _bound(scene: Scene, run: Defects, power: int, more: int = 0, times: float =
         steps = WITHIN if not more else WITHIN**degree / math.factorial(degree)
         # The largest of the run: accelerations of their own remember where they came from.
         changed = times * steps * run.claim.step**degree * scale.length * float(found.jerks[degree].max())
+        changed += 10 * run.claim.newton / run.claim.step**2  # positions open by e are accelerations of e / h^2
     else:
         share = RATES * run.claim.steps * len(found.tau) * (run.claim.rtol or 0.0)
         changed = share * scale.length * (found.jerks[0] + scale.rate**2)

@@ -213,6 +213,7 @@ MISTAKES = (
     Mistake("lam reported without an offset", reporting(lambda s, r: {"lam": s.lam + 3.0})),
     Mistake("a one output late", reporting(lambda s, r: {"a": np.concatenate([s.a[:1], s.a[:-1]])})),
     Mistake("w in world axes", reporting(lambda s, r: {"w": np.einsum("tnij,tnj->tni", s.R, s.w)})),
+    Mistake("R x 1.00001", reporting(lambda s, r: {"R": 1.00001 * s.R}), ALL),
     Mistake("R transposed", reporting(lambda s, r: {"R": np.swapaxes(s.R, -1, -2)})),
     Mistake("v reported x 1.05", reporting(lambda s, r: {"v": 1.05 * s.v})),
     Mistake("w reported x 1.05", reporting(lambda s, r: {"w": 1.05 * s.w})),

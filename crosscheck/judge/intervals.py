@@ -75,10 +75,11 @@ def _start(scene: Scene, traj: Any, own: Defects) -> dict[str, tuple[float, floa
 def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
     """Whether the errors of neighbouring intervals belong together, as those of any method with a fixed step do.
 
-    The k-th difference of a smooth error is k derivatives of the motion, which fall with tau^k, and that of noise is
-    the root of (2k over k) times the noise. In half of the intervals it has to be no more. Nothing is asked of codes
-    that choose their steps, whose errors are rough, nor where half of the intervals are beyond their bounds: how large
-    the differences of such errors may be is not known, and the intervals have their own finding.
+    The k-th difference of a smooth error is k derivatives of the motion, which fall with tau^k, that of any error at
+    most 2^k times the error, and that of noise the root of (2k over k) times the noise. In half of the intervals it has
+    to be no more. Nothing is asked of codes that choose their steps, whose errors are rough, nor where half of the
+    intervals are beyond their bounds: how large the differences of such errors may be is not known, and the intervals
+    have their own finding.
     """
     own, count = runs[0], DIFFERENCES
     if own.claim.fixed is None or len(own.flow.tau) < 3 * count or not np.isfinite(own.flow.sizes).all():
@@ -96,7 +97,7 @@ def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
         if 2 * np.count_nonzero(beyond) > len(beyond):
             return []
         values = np.linalg.norm(np.diff(own.vectors[name], count, axis=0), axis=-1).max(axis=1) / root
-        whole = np.minimum(1.0, smooth) * (bounds[name] - own.floor[name]) / root + own.floor[name]
+        whole = np.minimum(2.0**count, smooth) * (bounds[name] - own.floor[name]) / root + own.floor[name]
         allowed = np.max(np.lib.stride_tricks.sliding_window_view(whole, count + 1), axis=1)
         middle = int(np.argsort(values / allowed)[len(values) // 2])
         found.append((float(values[middle]), float(allowed[middle]), name, unit))

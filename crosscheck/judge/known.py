@@ -104,7 +104,8 @@ DISCRETE = ("accelerations are evaluated at the run's states, for those of discr
 ORDERS = tuple(f"order {quantity}" for quantity in STATE)
 INTERVALS = tuple(f"interval {quantity}" for quantity in STATE)
 SUMMED = (*ORDERS, *STATE, *INTERVALS, "energy", "momentum")
-LOST = ("run", *SUMMED, *(f"limit {quantity}" for quantity in STATE), "level position", "level velocity", "continuity")
+LOST = ("run", *SUMMED, "order intervals",
+        *(f"limit {quantity}" for quantity in STATE), "level position", "level velocity", "continuity")
 
 
 BURST = 1e15

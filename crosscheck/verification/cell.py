@@ -17,6 +17,7 @@ from crosscheck.judge.accelerations import judge_accelerations
 from crosscheck.judge.claim import Claim
 from crosscheck.judge.continuity import judge_continuity
 from crosscheck.judge.defects import MOST_BODIES, Defects, measured
+from crosscheck.judge.group import judge_orthogonality
 from crosscheck.judge.intervals import judge_intervals, judge_noise, judge_windows, unjudged
 from crosscheck.judge.metrics import Error, errors
 from crosscheck.judge.overrides import override
@@ -107,7 +108,7 @@ def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], fi
         maxima = traj.maxima
         findings = [judge_without_truth(scene, traj), *judge_levels(scene, traj, None, None, held, maxima,
                                                                          adapters.eps(run.engine)),
-                    _orthogonality(run.engine, traj, maxima)]
+                    _orthogonality(run, [traj])]
         judged = settle(_measured(run, scene, traj, None, {}, held, maxima), findings, adapters.turning)
         return judged if judged.outcome != "pass" else replace(
             judged, outcome="unjudged", message=f"no truth: {' '.join(str(error).split())}")
@@ -182,7 +183,7 @@ def _main_run(run: Run, scene: Scene, trajectories: Sequence[Trajectory], refere
                           runs[0] if runs else None)
     return _Main(_measured(run, scene, traj, reference, found, held, maxima),
                  [Finding("run", "ok", None, None, "", ENDED), *findings, *levels,
-                  *judge_continuity(scene, traj, reference), _orthogonality(run.engine, traj, maxima)],
+                  *judge_continuity(scene, traj, reference), _orthogonality(run, trajectories)],
                  None if bounds is None else bounds.until)
 
 
@@ -195,18 +196,16 @@ def _without_truth(run: Run, cell: Cell, scene: Scene, traj: Trajectory | NoRun,
         main = _Main(_measured(run, scene, traj, None, {}, held, maxima),
                      [Finding("run", "ok", None, None, "", ENDED), judge_without_truth(scene, traj),
                       *judge_levels(scene, traj, None, None, held, maxima, adapters.eps(run.engine)),
-                      _orthogonality(run.engine, traj, maxima)])
+                      _orthogonality(run, [traj])])
     judged = settle(main.run, override(main.findings, cell.overrides), adapters.turning, main.message)
     if judged.outcome != "pass":
         return judged
     return replace(judged, outcome="unjudged", message=f"unjudged: no truth ({cell.no_truth})")
 
 
-def _orthogonality(engine: str, traj: Trajectory, maxima: Mapping[str, float]) -> Finding:
-    tol = tolerances.orthogonality(adapters.on_group(engine), traj.steps, adapters.eps(engine))
-    drift = _most(traj.orthogonality, maxima.get("orthogonality"))
-    return Finding("orthogonality", "ok" if drift <= tol.value else "fail", drift, tol.value, "1", tol.why,
-                   "every step")
+def _orthogonality(run: Run, trajectories: Sequence[Trajectory]) -> Finding:
+    return judge_orthogonality(trajectories, adapters.on_group(run.engine), adapters.eps(run.engine),
+                               run.documented_order)
 
 
 def _most(series: np.ndarray, every_step: float | None) -> float:

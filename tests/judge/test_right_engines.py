@@ -1,0 +1,68 @@
+"""Right engines that were written after the bounds are accused of nothing, on twelve scenes."""
+
+import numpy as np
+import pytest
+
+from crosscheck import load_scene
+from crosscheck.document import Plan
+from crosscheck.judge.plan import plan_from_truth
+from crosscheck.references import truth
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell, windowed
+from tests.fake_engine import install
+from tests.right_engines import TABLEAUX, Adaptive, Floats, Matrices, Millimetres, Projected, Rotations
+
+SCENES = ("single_pendulum", "double_pendulum", "triple_pendulum", "heavy_top", "hinge_pendulum", "four_bar",
+          "cylindrical_pendulum", "universal_pendulum", "prismatic_slider", "spring_pendulum", "planar_slider",
+          "chain_8")
+ENGINES = [*((Rotations, f"RK{order}") for order in TABLEAUX), *((Matrices, f"RK{order}") for order in (1, 4)),
+           *((Projected, f"RK{order}") for order in (1, 2, 4)), *((Millimetres, f"RK{order}") for order in (2, 4)),
+           *((Floats, f"RK{order}") for order in (2, 4)), (Adaptive, "DP5")]
+MOST = 2000
+"""Steps of a main run: the equations are solved in Python here."""
+
+
+def plan(name):
+    """The scene's window, and steps of which a run takes no more than `MOST`."""
+    scene = load_scene(name)
+    window = 0.1 if name == "heavy_top" else 1.0
+    found = plan_from_truth(scene, truth(windowed(scene, window)))
+    steps = {order: max(step, window / MOST) for order, step in found.steps.items()}
+    return Plan(window, steps, {}, samples=51, budgeted=True, duration=window)
+
+
+def accusations(monkeypatch, name, engine, method):
+    install(monkeypatch, engine())
+    run = run_cell(Cell(name, "fake", method, None, plan(name), study=False, whole=False))
+    return [f"{finding.kind}: {finding.value} of {finding.bound}, {finding.detail}" for finding in run.findings
+            if finding.status == "fail"]
+
+
+FORCED = ("spring_pendulum", "cylindrical_pendulum", "prismatic_slider", "planar_slider")
+"""Scenes whose numbers the engine in millimetres does not convert."""
+CASES = [(name, engine, method) for name in SCENES for engine, method in ENGINES
+         if not (engine is Millimetres and name in FORCED)]
+
+
+@pytest.mark.parametrize(("name", "engine", "method"), CASES[::29])
+def test_a_right_engine_is_accused_of_nothing(monkeypatch, name, engine, method):
+    assert not accusations(monkeypatch, name, engine, method)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "engine", "method"), CASES)
+def test_no_right_engine_is_accused(monkeypatch, name, engine, method):
+    assert not accusations(monkeypatch, name, engine, method)
+
+
+def test_their_orders_are_those_they_claim():
+    """A tableau with a wrong number would excuse every accusation."""
+    scene = load_scene("double_pendulum").replace(duration=0.4, samples=2)
+    exact = truth(scene).states.x[-1]
+    for order in TABLEAUX:
+        step = 0.4 / (64 if order < 5 else 16)
+        errors = []
+        for factor in (1.0, 0.5):
+            spec = type("Spec", (), {"method": f"RK{order}", "step": factor * step})()
+            errors.append(np.abs(Rotations().run(scene, spec).states.x[-1] - exact).max())
+        assert np.log2(errors[0] / errors[1]) > order - 0.4

@@ -1,0 +1,202 @@
+"""Right engines of our own that share only equations with the judge: orders 1 to 8, adaptive, other units, projected,
+attitudes that nobody normalises, and numbers of 32 bits that are declared as such."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.integrate import DOP853, RK45
+from scipy.spatial.transform import Rotation
+
+from crosscheck.adapters.base import RawRun, steps_per_sample
+from crosscheck.scene import mechanics
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.states import States
+
+
+def rows(A):
+    """The rows of a strictly lower triangular array of stages, without their zeros at the end."""
+    return [list(A[stage, :stage]) for stage in range(len(A))]
+
+
+TABLEAUX = {
+    1: ([[]], [1.0]),
+    2: ([[], [1.0]], [0.5, 0.5]),
+    3: ([[], [0.5], [-1.0, 2.0]], [1 / 6, 2 / 3, 1 / 6]),
+    4: ([[], [1 / 3], [-1 / 3, 1.0], [1.0, -1.0, 1.0]], [1 / 8, 3 / 8, 3 / 8, 1 / 8]),
+    5: (rows(RK45.A), list(RK45.B)),
+    6: ([[], [1 / 3], [0.0, 2 / 3], [1 / 12, 1 / 3, -1 / 12], [-1 / 16, 9 / 8, -3 / 16, -3 / 8],
+         [0.0, 9 / 8, -3 / 8, -3 / 4, 1 / 2], [9 / 44, -9 / 11, 63 / 44, 18 / 11, 0.0, -16 / 11]],
+        [11 / 120, 0.0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120]),
+    8: (rows(DOP853.A[:DOP853.n_stages, :DOP853.n_stages]), list(DOP853.B)),
+}
+"""Stages and weights of Runge-Kutta methods by order. Sources: J. C. Butcher, Numerical Methods for Ordinary
+Differential Equations, sections 23 and 32 (3, 4, 6); Dormand and Prince as in SciPy (5, 8)."""
+
+
+class Matrices:
+    """Runge-Kutta on x, R, v, w as plain numbers: attitudes are matrices that nobody makes orthogonal."""
+
+    name = "right"
+    methods = tuple(f"RK{order}" for order in TABLEAUX)
+
+    def unsupported(self, scene, spec):
+        """Takes any scene that it is given."""
+        return None
+
+    def version(self):
+        """Of no package."""
+        return "1"
+
+    def documented_order(self, scene, spec):
+        """By the method's name."""
+        return int(spec.method[2:])
+
+    def held_levels(self, scene, spec):
+        """None is enforced."""
+        return frozenset()
+
+    def run(self, scene, spec):
+        """Steps of equal length."""
+        per, h = steps_per_sample(scene, spec.step)
+        stages, weights = TABLEAUX[int(spec.method[2:])]
+        state = [scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]]
+        kept, own = [state], self.taken(scene)
+        for k in range(per * (scene.samples - 1)):
+            state = self.after(scene, self.step(own, k * h, state, h, stages, weights))
+            if (k + 1) % per == 0:
+                kept.append(state)
+        return self.raw(scene, kept, per * (scene.samples - 1), h)
+
+    def raw(self, scene, kept, steps, h):
+        """The run as the adapter gives it, accelerations from the states."""
+        x, R, v, w = (np.concatenate(parts) for parts in zip(*kept, strict=True))
+        a, alpha, lam = mechanics.index1(scene, x, R, v, w, t=scene.t)
+        return RawRun(States(scene.t, x, R, v, w, a, alpha, lam), 1e-6 * steps, steps, h)
+
+    def taken(self, scene):
+        """The scene as the engine stores it."""
+        return scene
+
+    def rates(self, scene, t, x, R, v, w):
+        """Derivatives of a state."""
+        a, alpha, _ = mechanics.index1(scene, x, R, v, w, t=np.array([t]))
+        return v, R @ np.cross(np.eye(3), w[..., None, :]), a, alpha
+
+    def step(self, scene, t, state, h, stages, weights):
+        """One step."""
+        found: list[tuple[np.ndarray, ...]] = []
+        for row in stages:
+            here = [part + h * sum((c * rate[k] for c, rate in zip(row, found, strict=True)), np.zeros_like(part))
+                    for k, part in enumerate(state)]
+            found.append(self.rates(scene, t + h * sum(row), *here))
+        return [part + h * sum(c * rate[k] for c, rate in zip(weights, found, strict=True))
+                for k, part in enumerate(state)]
+
+    def after(self, scene, state):
+        """The state that is gone on with."""
+        return state
+
+
+class Rotations(Matrices):
+    """The same, and the nearest rotation after every step."""
+
+    def after(self, scene, state):
+        """R to the nearest rotation."""
+        U, _, V = np.linalg.svd(state[1])
+        return [state[0], U @ V, *state[2:]]
+
+
+class Projected(Rotations):
+    """The same, and states that satisfy positions and velocities of the joints after every step."""
+
+    def held_levels(self, scene, spec):
+        """Positions and velocities."""
+        return frozenset({"position", "velocity"})
+
+    def after(self, scene, state):
+        """Newton's iteration with the mass matrix as the metric."""
+        x, R, v, w = super().after(scene, state)
+        constraints, inverse = Constraints(scene), mechanics.inverse_mass(scene)
+        if not constraints.m:
+            return [x, R, v, w]
+
+        def closing(rest):
+            G = constraints.jacobian(x, R)[0]
+            return (-inverse @ G.T @ np.linalg.lstsq(G @ inverse @ G.T, rest, rcond=1e-12)[0]).reshape(-1, 6)
+        for _ in range(3):
+            move = closing(constraints.position(x, R)[0])
+            x, R = x + move[None, :, :3], R @ Rotation.from_rotvec(move[:, 3:]).as_matrix()[None]
+        push = closing(constraints.velocity(x, R, v, w)[0])
+        return [x, R, v + push[None, :, :3], w + push[None, :, 3:]]
+
+
+class Millimetres(Rotations):
+    """Lengths in mm, masses in g, times in ms."""
+
+    def run(self, scene, spec):
+        """In these units, and the results in SI."""
+        length, mass, time = 1e3, 1e3, 1e3
+        bodies = tuple(dataclasses.replace(
+            body, mass=body.mass * mass, inertia=np.asarray(body.inertia) * mass * length**2,
+            position=np.asarray(body.position) * length, velocity=np.asarray(body.velocity) * length / time,
+            angular_velocity=np.asarray(body.angular_velocity) / time) for body in scene.bodies)
+        joints = tuple(dataclasses.replace(joint, parent_anchor=np.asarray(joint.parent_anchor) * length,
+                                           child_anchor=np.asarray(joint.child_anchor) * length)
+                       for joint in scene.joints)
+        other = scene.replace(bodies=bodies, joints=joints, duration=scene.duration * time,
+                              gravity=np.asarray(scene.gravity) * length / time**2)
+        found = super().run(other, dataclasses.replace(spec, step=spec.step * time))
+        s = found.states
+        states = States(scene.t, s.x / length, s.R, s.v * time / length, s.w * time, s.a * time**2 / length,
+                        s.alpha * time**2)
+        return RawRun(states, found.wall_time, found.steps, found.step / time)
+
+
+class Floats(Rotations):
+    """States of 32 bits after every step, declared."""
+
+    eps = 2.0**-23
+
+    def after(self, scene, state):
+        """Rounded."""
+        return [part.astype(np.float32).astype(float) for part in super().after(scene, state)]
+
+
+class Adaptive(Rotations):
+    """Steps by the estimate of Dormand and Prince's pair of order 5, from output to output."""
+
+    methods = ("DP5",)
+
+    def documented_order(self, scene, spec):
+        """Adaptive."""
+        return None
+
+    def run(self, scene, spec):
+        """Steps by rtol, relative to the size of each part of the state."""
+        state = [scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]]
+        kept, steps, h = [state], 0, 1e-4 * scene.duration
+        sizes = [np.abs(part).max() for part in state]
+        for begin, end in zip(scene.t[:-1], scene.t[1:], strict=True):
+            t = begin
+            while t < end - 1e-12 * scene.duration:
+                length = min(h, end - t)
+                new, error = self.pair(scene, t, state, length)
+                sizes = [max(size, np.abs(part).max()) for size, part in zip(sizes, new, strict=True)]
+                share = max(np.abs(each).max() / (spec.rtol * max(size, 1e-3)) for each, size in
+                            zip(error, sizes, strict=True))
+                if share <= 1.0:
+                    state, t, steps = self.after(scene, new), t + length, steps + 1
+                h = length * min(4.0, max(0.2, 0.9 * max(share, 1e-10) ** -0.2)) if share > 1 or length == h else h
+            kept.append(state)
+        return self.raw(scene, kept, steps, None)
+
+    def pair(self, scene, t, state, h):
+        """The step of order 5 and its estimated error."""
+        found: list[tuple[np.ndarray, ...]] = []
+        for row in [*TABLEAUX[5][0], TABLEAUX[5][1]]:
+            here = [part + h * sum((c * rate[k] for c, rate in zip(row, found, strict=True)), np.zeros_like(part))
+                    for k, part in enumerate(state)]
+            found.append(self.rates(scene, t + h * sum(row), *here))
+        return here, [h * sum(c * rate[k] for c, rate in zip(RK45.E, found, strict=True)) for k in range(4)]

@@ -66,7 +66,7 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
             candidates.append(("extrapolated to vanishing steps, ", _sizes(rest) * length, bound))
         found = []
         for word, values, bound in candidates:
-            at = int(np.argmax(values / bound))
+            at = int(np.argmax(np.where(runs[0].flow.regular, values / bound, 0.0)))
             found.append((float(values[at]) / length, float(bound[at]) / length,
                           f"{word}t = {traj.t[runs[0].flow.index[at] + 1]:.4g} s"))
         value, most, where = max(found, key=lambda each: each[0] / each[1])

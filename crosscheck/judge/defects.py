@@ -99,12 +99,13 @@ def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Sca
     least = DOUBT + 4 * tolerances.grading(scene) * claim.eps
     steps = max(1.0, claim.steps) ** 0.6
     floor = {name: least * max(scale.of(name), scale.units[name]) * found.growth * steps for name in QUANTITIES}
-    if claim.newton and claim.step:  # what steps leave open adds up as roundings do; open by e is e / h of velocities
-        left = 10 * claim.newton * steps
+    if claim.newton and claim.step:
+        # What steps leave open adds up as roundings do, and shows at both ends; open by e is 2 e / h of velocities.
+        left = 20 * claim.newton * steps
         for name, size in (("position", scale.length), ("attitude", 1.0)):
             floor[name] = floor[name] + left * size
         for name, size in (("velocity", scale.length), ("angular velocity", 1.0)):
-            floor[name] = floor[name] + left * size / claim.step
+            floor[name] = floor[name] + 2 * left * size / claim.step
     opening = {level: getattr(traj, f"constraint_{level}") for level in ("position", "velocity")}
     run = Defects(found, claim, scale, vectors, floor, opening, ())
     orders = 3 if order == 1 else 2 if claim.fixed else 1

@@ -16,7 +16,9 @@ from crosscheck.document import Scales
 from crosscheck.references.base import Reference
 from crosscheck.references.rates import fastest
 from crosscheck.scene import mechanics
+from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
+from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import States
 
 TURN = 0.1
@@ -24,6 +26,9 @@ TURN = 0.1
 
 UNKNOWN = 2.0
 """Past the horizon another motion of the same energy is judged, whose rates may be so many times those of truth."""
+
+RANK = 1e-7
+"""Of the largest singular value of the joints, below which rows repeat others."""
 
 State = list[np.ndarray]
 """x, R, v, w of all intervals."""
@@ -40,6 +45,7 @@ class Flow:
     rate: np.ndarray  # (I,) 1/s, at which errors may grow
     sizes: np.ndarray  # (K, I) largest k-th derivative of y = (x / L, R) in the interval and around it, 1/s^k
     jerks: np.ndarray  # (K, I) the same of the accelerations (a / L, alpha), 1/s^(k + 2)
+    regular: np.ndarray  # (I,) where the joints of closed loops are as independent as elsewhere
 
     @property
     def growth(self) -> np.ndarray:
@@ -71,7 +77,26 @@ def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, 
         sizes[k] = np.fmin(sizes[k], later**k * most)
     fall = math.sqrt(float(np.linalg.norm(scene.gravity)) / scale.length)
     rate = np.maximum(_around(fast, around), max(fall, spring))
-    return Flow(index, tau, begin, end, rate, sizes, found[1])
+    return Flow(index, tau, begin, end, rate, sizes, found[1], _regular(scene, begin) & _regular(scene, end))
+
+
+SINGULAR = 0.1
+"""Of its median, below which the least singular value of the joints magnifies what is left open tenfold and, in
+velocities, by a hundred: close to where all bars of a linkage lie on one line."""
+
+
+def _regular(scene: Scene, states: States) -> np.ndarray:
+    """(I,) whether closed loops are away from positions in which their constraints lose a rank."""
+    if not spanning_tree(scene)[1]:
+        return np.ones(len(states.t), bool)
+    G = Constraints(scene).jacobian(states.x, states.R)
+    root = np.linalg.cholesky(mechanics.inverse_mass(scene))
+    with np.errstate(invalid="ignore", over="ignore"):
+        finite = np.isfinite(G).all(axis=(1, 2))
+        values = np.linalg.svd(np.where(finite[:, None, None], G, 0.0) @ root, compute_uv=False)
+    rank = int(np.median((values > RANK * values[:, :1]).sum(axis=1)))
+    least = values[:, rank - 1] / np.where(finite, values[:, 0], 1.0)
+    return np.asarray(finite & (least > SINGULAR * np.median(least[finite])) if finite.any() else finite)
 
 
 def _around(values: np.ndarray, count: int) -> np.ndarray:

@@ -29,9 +29,9 @@ def judge_intervals(scene: Scene, traj: Any, runs: Sequence[Defects]) -> list[Fi
     there are runs at other steps, their limit is judged as well, by the next term.
     """
     own = runs[0]
-    seen = own.flow.rate * own.flow.tau <= STEEPEST
+    seen = (own.flow.rate * own.flow.tau <= STEEPEST) & own.flow.regular
     if not seen.any():
-        return unjudged("the motion is too fast for the output times")
+        return unjudged("the motion is too fast for the output times, or its closed loops are next to singular")
     sizes = {name: [np.linalg.norm(run.vectors[name], axis=-1).max(axis=1) for run in runs] for name in QUANTITIES}
     options = [("", {name: (sizes[name][0], bound * following(sizes[name], runs, own.claim.order or 1))
                      for name, bound in own.bounds.items()})]
@@ -129,7 +129,7 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
     fine, coarse = finest_first(runs)[:2]
     order = fine.claim.order or 1
     ratio = math.log((coarse.claim.step or 1.0) / (fine.claim.step or 1.0))
-    close = shares([fine, coarse], order)[1] < ALIKE
+    close = (shares([fine, coarse], order)[1] < ALIKE) & fine.flow.regular & coarse.flow.regular
     close[0] = False  # a start of its own follows no power of h
     found = []
     for part in np.array_split(np.arange(len(close)), WINDOWS):

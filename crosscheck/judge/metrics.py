@@ -140,7 +140,7 @@ def observed_order(steps: Sequence[float], values: Sequence[float], plateau: Pla
         last += 1
     stalled = _stalled(h, e, slopes, plateau)
     rounding = float(e[stalled:].max(initial=0.0))
-    while stalled and e[stalled - 1] <= rounding:  # a chance, whatever it is below what rounding was seen to do
+    while stalled and e[stalled - 1] <= PLATEAU * rounding:
         stalled -= 1
     last = min(last, stalled)
     recent = slopes[first:last - 1][-3:]

@@ -61,7 +61,7 @@ def limits(runs: Sequence[Defects]) -> Limit:
         rest = np.abs(sum(weight * run.opening[level] for weight, run in zip(weights, runs, strict=True)))
         gap[level] = np.minimum(gap[level], fine.at_ends(rest))
     bounds = with_slack(pose, rate, gap, fine.flow.tau, fine.scale)
-    usable = np.all([_within(run) for run in runs[1:]], axis=0)
+    usable = np.all([_within(run) & run.flow.regular for run in runs[1:]], axis=0)
     # What a start of its own does, as that of soft constraints, follows no power of h.
     usable &= (fine.flow.index > 0) & (fine.flow.begin.t >= BEGUN * (runs[-1].claim.step or 0.0))
     found = {}

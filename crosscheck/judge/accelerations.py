@@ -44,7 +44,7 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
     pairs = sorted(zip(runs, trajectories, strict=True), key=lambda pair: pair[0].claim.step or 0.0)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            gaps = {id(run): _gaps(scene, each, run.flow.index + 1) for run, each in pairs}
+            gaps = {id(run): _gaps(scene, each, run.flow.index[run.flow.solvable] + 1) for run, each in pairs}
     except np.linalg.LinAlgError:
         return [Finding("acceleration", "fail", np.inf, None, "m/s^2",
                         "the equations of motion have no solution at the run's own states")]

@@ -96,6 +96,7 @@ def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Sca
     end, after = found.end, index + 1
     vectors = {"position": traj.x[after] - end.x, "velocity": traj.v[after] - end.v,
                "attitude": turn(end.R, traj.R[after]), "angular velocity": traj.w[after] - end.w}
+    vectors = {name: np.where(found.regular[:, None, None], vector, 0.0) for name, vector in vectors.items()}
     least = DOUBT + 4 * tolerances.grading(scene) * claim.eps
     steps = max(1.0, claim.steps) ** 0.6
     floor = {name: least * max(scale.of(name), scale.units[name]) * found.growth * steps for name in QUANTITIES}

@@ -48,6 +48,11 @@ class Flow:
     regular: np.ndarray  # (I,) where the joints of closed loops are as independent as elsewhere
 
     @property
+    def solvable(self) -> np.ndarray:
+        """(I,) by interval its own number, or that of a regular one before it, whose equations have a solution."""
+        return _last(self.regular)
+
+    @property
     def growth(self) -> np.ndarray:
         """(I,) of an error within the interval."""
         return np.asarray(np.exp(np.minimum(self.rate * self.tau, 50.0)))
@@ -63,12 +68,15 @@ def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, 
     spring = fastest(scene)
     count = max(math.ceil(min(3.0, max(scale.rate, spring) * float(tau.max())) / TURN), degree - 1, 2)
     begin = States(t, *(np.array(part[index]) for part in (traj.x, traj.R, traj.v, traj.w)))
-    end, nodes, fast = _integrate(scene, begin, tau, count)
+    regular = _regular(scene, begin)
+    own = [part[_last(regular)] for part in (begin.t, begin.x, begin.R, begin.v, begin.w)]
+    end, nodes, fast = _integrate(scene, States(*own), tau, count)
+    end = dataclasses.replace(end, t=t + tau)
     # Derivatives are taken in and around the interval, as far as the motion needs to turn by a radian.
-    around = 2 * math.ceil(1.0 / (scale.rate * float(tau.mean()))) + 1 if len(index) > 1 else 1
+    near = 2 * math.ceil(1.0 / (scale.rate * float(tau.mean()))) + 1 if len(index) > 1 else 1
     a, R, alpha = (np.array(part).reshape(count + 1, len(tau), scene.n, -1) for part in zip(*nodes, strict=True))
     with np.errstate(invalid="ignore", over="ignore"):
-        found = [_around(_derivatives(parts, tau, degree - 1), around) for parts in (
+        found = [around(_derivatives(parts, tau, degree - 1), near) for parts in (
             (a / scale.length, R / math.sqrt(2.0)), (a / scale.length, alpha))]
     sizes = np.concatenate([np.zeros((2, len(index))), found[0]])
     later = np.where(t + tau > truth.horizon * (1 + 1e-12), UNKNOWN, 1.0)
@@ -76,8 +84,8 @@ def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, 
         most = max(truth.position_derivatives[k] / scale.length, truth.attitude_derivatives[k] / math.sqrt(2.0))
         sizes[k] = np.fmin(sizes[k], later**k * most)
     fall = math.sqrt(float(np.linalg.norm(scene.gravity)) / scale.length)
-    rate = np.maximum(_around(fast, around), max(fall, spring))
-    return Flow(index, tau, begin, end, rate, sizes, found[1], _regular(scene, begin) & _regular(scene, end))
+    rate = np.maximum(around(fast, near), max(fall, spring))
+    return Flow(index, tau, begin, end, rate, sizes, found[1], regular & _regular(scene, end))
 
 
 SINGULAR = 0.1
@@ -99,7 +107,13 @@ def _regular(scene: Scene, states: States) -> np.ndarray:
     return np.asarray(finite & (least > SINGULAR * np.median(least[finite])) if finite.any() else finite)
 
 
-def _around(values: np.ndarray, count: int) -> np.ndarray:
+def _last(regular: np.ndarray) -> np.ndarray:
+    """(I,) for every interval itself, or the last one before it that is regular, whose equations have a solution."""
+    return np.asarray(np.maximum.accumulate(np.where(regular, np.arange(len(regular)), int(np.argmax(regular)))))
+
+
+def around(values: np.ndarray, count: int) -> np.ndarray:
+    """The largest of `count` neighbours, along the last axis."""
     from scipy.ndimage import maximum_filter1d
 
     return np.asarray(maximum_filter1d(values, min(count, 2 * values.shape[-1] - 1), axis=-1, mode="nearest"))

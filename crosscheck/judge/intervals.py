@@ -36,7 +36,7 @@ def judge_intervals(scene: Scene, traj: Any, runs: Sequence[Defects]) -> list[Fi
     options = [("", {name: (sizes[name][0], bound * following(sizes[name], runs, own.claim.order or 1))
                      for name, bound in own.bounds.items()})]
     if len(runs) > 1:
-        options += [("extrapolated to vanishing steps, ", limits(runs[:count])) for count in range(2, len(runs) + 1)]
+        options += [("extrapolated to vanishing steps, ", limits(runs))]
     share = float(seen.sum() / (len(traj.t) - 1))
     judged = "" if share == 1.0 else f"; {100 * share:.3g} % of the intervals"
     start = _start(scene, traj, own)
@@ -72,6 +72,10 @@ def _start(scene: Scene, traj: Any, own: Defects) -> dict[str, tuple[float, floa
                    "at t = 0, from the scene's start") for name, gap in gaps.items()}
 
 
+ROUNDINGS = 8.0
+"""Times the floor of an interval that rounding may scatter: methods of index 3 divide positions by the step."""
+
+
 def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
     """Whether the errors of neighbouring intervals belong together, as those of any method with a fixed step do.
 
@@ -97,7 +101,7 @@ def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
         if 2 * np.count_nonzero(beyond) > len(beyond):
             return []
         values = np.linalg.norm(np.diff(own.vectors[name], count, axis=0), axis=-1).max(axis=1) / root
-        whole = np.minimum(2.0**count, smooth) * (bounds[name] - own.floor[name]) / root + own.floor[name]
+        whole = np.minimum(2.0**count, smooth) * (bounds[name] - own.floor[name]) / root + ROUNDINGS * own.floor[name]
         allowed = np.max(np.lib.stride_tricks.sliding_window_view(whole, count + 1), axis=1)
         middle = int(np.argsort(values / allowed)[len(values) // 2])
         found.append((float(values[middle]), float(allowed[middle]), name, unit))

@@ -140,8 +140,6 @@ def observed_order(steps: Sequence[float], values: Sequence[float], plateau: Pla
         last += 1
     stalled = _stalled(h, e, slopes, plateau)
     rounding = float(e[stalled:].max(initial=0.0))
-    while stalled and e[stalled - 1] <= PLATEAU * rounding:
-        stalled -= 1
     last = min(last, stalled)
     recent = slopes[first:last - 1][-3:]
     settled, exhausted = len(recent) == 3 and bool(np.ptp(recent) <= SETTLED), last < len(h)
@@ -151,8 +149,12 @@ def observed_order(steps: Sequence[float], values: Sequence[float], plateau: Pla
         return Order(observed=None, documented=plateau.order, used=used, pairs=neighbours, settled=settled,
                      note=f"only {used} of {len(h)} steps lie above the rounding plateau", exhausted=exhausted,
                      rounding=rounding)
+    slope = _slope(h[first:last], e[first:last])
+    if (slope < plateau.order - SHORT / 2 and plateau.floor < rounding and 0 < stalled < len(h)
+            and slopes[stalled - 1] < plateau.order / 3):  # errors next to such rounding carry it, too
+        return observed_order(steps, values, dataclasses.replace(plateau, floor=rounding), finest)
     rising = len(recent) == 3 and bool((np.diff(recent) > 0).all())
-    return Order(observed=_slope(h[first:last], e[first:last]), documented=plateau.order, used=used, pairs=neighbours,
+    return Order(observed=slope, documented=plateau.order, used=used, pairs=neighbours,
                  settled=settled, exhausted=exhausted, finest=float(recent[-1]) if rising else None, rounding=rounding)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from crosscheck.document import QUANTITIES
 from crosscheck.judge.defects import Defects, turn, with_slack
-from crosscheck.judge.flow import Flow
+from crosscheck.judge.flow import Flow, around
 from crosscheck.judge.tolerances import CONSTANTS
 
 Limit = dict[str, tuple[np.ndarray, np.ndarray]]
@@ -21,6 +21,12 @@ FOLLOWING = 1000.0
 """Methods of one order differ in the constants of their errors, most in accelerations of thin bodies: where errors
 follow the documented order from step to step they are a method's own, and may be so many times what the derivatives of
 the motion give. Those of another model do not fall, and are held against the limit of vanishing steps."""
+
+FALLS = 4.0
+"""Times the factor between two terms of an error, by which the next one may be larger than that factor says."""
+
+NEAR = 9
+"""Intervals in which the largest value of a term is sought."""
 
 BEGUN = 50
 """Steps after which the start is forgotten: soft constraints settle in two steps a factor of e."""
@@ -35,9 +41,15 @@ def following(values: Sequence[np.ndarray], runs: Sequence[Defects], order: int)
         return np.ones(len(values[0]))
     pairs = sorted(zip(runs, values, strict=True), key=lambda pair: pair[0].claim.step or 0.0)
     (fine, some), (coarse, more) = pairs[:2]
+    return np.where(falls(some, more, [fine, coarse], order), FOLLOWING, 1.0)
+
+
+def falls(some: np.ndarray, more: np.ndarray, runs: Sequence[Defects], order: int) -> np.ndarray:
+    """(I,) whether errors (I,) of the first of two runs and `more` of the second, coarser one follow an order."""
+    fine, coarse = runs
     ratio = (coarse.claim.step or 1.0) / (fine.claim.step or 1.0)
-    close = shares([fine, coarse], order)[1] < APART
-    return np.where(close & (some * ratio ** (order - CONSTANTS["order_margin_coarse"]) <= more), FOLLOWING, 1.0)
+    close = shares(runs, fine.claim.order or 1)[1] < APART
+    return np.asarray(close & (some * ratio ** (order - CONSTANTS["order_margin_coarse"]) <= more))
 
 
 def limits(runs: Sequence[Defects]) -> Limit:
@@ -66,10 +78,30 @@ def limits(runs: Sequence[Defects]) -> Limit:
     usable &= (fine.flow.index > 0) & (fine.flow.begin.t >= BEGUN * (runs[-1].claim.step or 0.0))
     found = {}
     for name in QUANTITIES:
-        total = np.sum([weight * run.vectors[name] for weight, run in zip(weights, runs, strict=True)], axis=0)
         floor = np.sum([abs(weight) * run.floor[name] for weight, run in zip(weights, runs, strict=True)], axis=0)
-        found[name] = np.linalg.norm(total, axis=-1).max(axis=1), np.where(usable, bounds[name] + floor, np.inf)
+        bound = np.maximum(bounds[name], _next(runs, name, order)) + floor
+        found[name] = _left(runs, name, weights), np.where(usable, bound, np.inf)
     return found
+
+
+def _left(runs: Sequence[Defects], name: str, weights: np.ndarray) -> np.ndarray:
+    """(I,) size of the weighted sum of what runs miss."""
+    total = np.sum([weight * run.vectors[name] for weight, run in zip(weights, runs, strict=True)], axis=0)
+    return np.asarray(np.linalg.norm(total, axis=-1).max(axis=1))
+
+
+def _next(runs: Sequence[Defects], name: str, order: int) -> np.ndarray:
+    """(I,) of three runs the term that is left, by the two before it: terms that fall with the step as documented do so
+    by a factor, which on stiff scenes is more than derivatives tell. Of fewer runs nothing."""
+    if len(runs) < 3:
+        return np.zeros(len(runs[0].flow.tau))
+    # Terms pass through zero, each at times of its own.
+    leading, one, two = (around(values, NEAR) for values in (
+        np.linalg.norm(runs[0].vectors[name], axis=-1).max(axis=1),
+        *(_left(pair, name, extrapolation(pair, order)[0]) for pair in (runs[:2], runs[1:]))))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(falls(one, two, runs[:2], order + 1), np.minimum(1.0, one / leading), 0.0)
+    return np.asarray(FALLS * share * one)
 
 
 def _within(run: Defects) -> np.ndarray:

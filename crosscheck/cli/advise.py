@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from crosscheck.cli.console import say
 from crosscheck.cli.options import figure
 
 if TYPE_CHECKING:
@@ -32,8 +33,17 @@ def advise(
     if as_json:
         typer.echo(json.dumps(msgspec.to_builtins(found), indent=1))
     else:
-        typer.echo("\n".join(words(found)))
+        tell(found)
     raise typer.Exit(int(found.method is None))
+
+
+def tell(found: Advice) -> None:
+    """Print an advice; the command stays whole, to be copied."""
+    for line in words(found):
+        if line.startswith("command "):
+            print(line)
+        else:
+            say(line, hang=9)
 
 
 def words(found: Advice) -> list[str]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
@@ -16,6 +18,9 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int | None, str], None]
 """Called with the number of tasks done, that of all tasks or None, and what is at work."""
+
+UNIT = re.compile(r"(?<=[\d)]) (?=(?:m|rad|s|us|ms)\b)")
+"""The space between a figure and its unit, which stay on one line."""
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it: 128 and the number of the signal."""
@@ -30,6 +35,20 @@ def console(width: int) -> Console:
 
     piped = not sys.stdout.isatty() and not os.environ.get("COLUMNS")
     return Console(width=width if piped else None, highlight=False)
+
+
+def say(text: str, indent: int = 0, hang: int = 4) -> None:
+    """Print a sentence, in a terminal folded at spaces, so that no figure is cut at its edge.
+
+    Elsewhere it stays one line, which can be searched, unless COLUMNS says how wide that is. What is to be copied, a
+    path or a command, is no sentence.
+    """
+    line = " " * indent + text
+    if sys.stdout.isatty() or os.environ.get("COLUMNS"):
+        line = textwrap.fill(UNIT.sub("\N{NO-BREAK SPACE}", text), console(0).width, initial_indent=" " * indent,
+                             subsequent_indent=" " * (indent + hang), break_long_words=False, break_on_hyphens=False
+                             ).replace("\N{NO-BREAK SPACE}", " ")
+    print(line)
 
 
 @contextlib.contextmanager

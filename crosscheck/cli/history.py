@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crosscheck.cli.console import console
+from crosscheck.cli.console import console, say
 from crosscheck.cli.tables import figures, key, print_table, words
 from crosscheck.errors import ArgumentError
 
@@ -87,7 +87,7 @@ def compare(before: Run, after: Run = "latest", store: Store = None) -> None:
     for change in found:
         mark = "✗" if change.bad else "·"
         place = f"{change.scene}, " if change.scene else ""
-        typer.echo(f"{mark} {change.kind}: {place}{change.who or 'all engines'}: {change.text}")
+        say(f"{mark} {change.kind}: {place}{change.who or 'all engines'}: {change.text}")
     if not found:
         typer.echo("nothing beyond rounding and noise")
     raise typer.Exit(int(any(change.bad for change in found)))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from crosscheck.cli.console import say
 from crosscheck.cli.options import CoordinateMap, Drop, Duration, Keyframe, SceneName, loaded
 from crosscheck.cli.states_csv import write_csv
 from crosscheck.document import PASSING, Judged, Run
@@ -86,40 +87,40 @@ def _print_verdict(judged: Judged | None, traj: Trajectory) -> None:
     from crosscheck.judge.verdict import word, worst
 
     if judged is None:
-        typer.echo("verdict: none, for it is by the step or by --rtol that a run is judged")
+        say("verdict: none, for it is by the step or by --rtol that a run is judged")
         return
     for name, error in judged.errors.items():
         bound = "no bound at this step" if error.bound is None else f"bound {error.bound:.1e} {error.unit}"
         until = "" if error.judged is None or judged.judged_until is None else (
             f"; up to {judged.judged_until:g} s {error.judged:.1e} {error.unit}")
-        typer.echo(f"{name} error against truth {error.max:.1e} {error.unit}{until}, {bound}")
+        say(f"{name} error against truth {error.max:.1e} {error.unit}{until}, {bound}")
     if judged.energy_error is not None:
         where = "less the work done, at the output times" if traj.scene.worked_on else "every step"
         start = ("" if judged.energy_error_by_start is None else
                  f" ({judged.energy_error_by_start:.1e} of |E(0)|)")
-        typer.echo(f"energy error {judged.energy_error:.1e} of the largest kinetic energy{start}, {where}")
+        say(f"energy error {judged.energy_error:.1e} of the largest kinetic energy{start}, {where}")
     first = worst(judged.findings)
     reason = judged.message or ("" if first is None or judged.outcome in ("pass", "partly") else
                                 f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "
                                 f"({first.why})")
-    typer.echo(f"verdict: {word(judged)}" + (f": {reason}" if reason else ""))
+    say(f"verdict: {word(judged)}" + (f": {reason}" if reason else ""))
 
 
 def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: float | None) -> None:
     used = traj.stats.get("step")
-    typer.echo(f"{traj.engine} {traj.method}{f' ({traj.form})' if traj.form else ''}: {traj.steps} steps"
+    say(f"{traj.engine} {traj.method}{f' ({traj.form})' if traj.form else ''}: {traj.steps} steps"
                + (f" of {used:.6g} s" if used else "") + f", {1e3 * traj.wall_time:.3g} ms of stepping, "
                f"{1e6 * traj.wall_time / max(1, traj.steps):.3g} us per step")
     if asked and used and used < asked * (1 - 1e-9):
-        typer.echo(f"the step asked for, {asked:g} s, does not divide the {traj.t[1] - traj.t[0]:g} s between two "
+        say(f"the step asked for, {asked:g} s, does not divide the {traj.t[1] - traj.t[0]:g} s between two "
                    "output times: it was shortened to the next that does")
     for body, position in zip(scene.bodies, traj.x[-1], strict=True):
-        typer.echo(f"{body.name}: x({traj.t[-1]:g} s) = ({', '.join(f'{value:.12g}' for value in position)}) m")
+        say(f"{body.name}: x({traj.t[-1]:g} s) = ({', '.join(f'{value:.12g}' for value in position)}) m")
     levels = [(name, getattr(traj, f"constraint_{name}"), unit)
               for name, unit in (("position", "m"), ("velocity", "m/s"), ("acceleration", "m/s^2"))]
     shown = ", ".join(f"{name} {abs(series).max():.1e} {unit}" for name, series, unit in levels if series is not None)
-    typer.echo(f"constraints, at the samples: {shown}; orthogonality {traj.orthogonality.max():.1e}")
+    say(f"constraints, at the samples: {shown}; orthogonality {traj.orthogonality.max():.1e}")
     if redundant := traj.stats.get("redundant_rows"):
-        typer.echo(f"{redundant} constraint rows depend on the others; multipliers are those of least norm")
+        say(f"{redundant} constraint rows depend on the others; multipliers are those of least norm")
     if csv_file is not None:
         typer.echo(f"written: {csv_file}")

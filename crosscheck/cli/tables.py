@@ -81,7 +81,7 @@ def _least(column: Column, cells: Sequence[str], share: int = 0) -> int:
 
 
 def _widths(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int) -> list[int]:
-    """Widths of the columns of a block: what each needs at least, then of what is left as much as they can use."""
+    """Widths of the columns of a block: what each needs at least; what is left goes to words, then to titles."""
     keys = max(1, sum(column.key for column in columns))
     cells = [[row[k] for row in rows] for k in range(len(columns))]
     found = [_least(column, cells[k], width // (SHARE * keys) if column.key else 0)
@@ -89,10 +89,14 @@ def _widths(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int
     natural = [max(len(line) for cell in (column.title, *cells[k]) for line in (cell.splitlines() or [""]))
                for k, column in enumerate(columns)]
     left = width - sum(found) - GAP * (len(columns) - 1)
-    for k in sorted(range(len(columns)), key=lambda k: natural[k] - found[k]):
-        more = max(0, min(natural[k] - found[k], left))
-        found[k] += more
-        left -= more
+    for kind in (True, False):
+        wanting = sorted((k for k, column in enumerate(columns) if column.words is kind),
+                         key=lambda k: natural[k] - found[k])
+        for place, k in enumerate(wanting):
+            room = left // (len(wanting) - place) if kind else left
+            more = max(0, min(natural[k] - found[k], room))
+            found[k] += more
+            left -= more
     return found
 
 

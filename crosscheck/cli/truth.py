@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from crosscheck.cli.console import say
 from crosscheck.cli.options import Drop, Keyframe, SceneName, loaded
 from crosscheck.cli.states_csv import write_csv
 
@@ -31,13 +32,13 @@ def truth(
         write_csv(found, reference.states, csv_file)
     if csv_file == "-":
         return
-    typer.echo(f"{found.name}: {reference.source}")
-    typer.echo(f"checked against: {reference.second_source}")
-    typer.echo(f"truth to {reference.error:.1e}: they differ by {reference.disagreement:.1e}, the scene's conditioning "
+    say(f"{found.name}: {reference.source}")
+    say(f"checked against: {reference.second_source}")
+    say(f"truth to {reference.error:.1e}: they differ by {reference.disagreement:.1e}, the scene's conditioning "
                f"explains {reference.allowed:.1e}")
     if reference.outvoted:
-        typer.echo(f"outvoted: {reference.outvoted}")
-    typer.echo(f"a perturbation grows {reference.amplification:.3g}-fold over {found.duration:g} s; "
+        say(f"outvoted: {reference.outvoted}")
+    say(f"a perturbation grows {reference.amplification:.3g}-fold over {found.duration:g} s; "
                f"comparable up to {reference.horizon:g} s")
     for body, position in zip(found.bodies, reference.states.x[-1], strict=True):
-        typer.echo(f"{body.name}: x({found.duration:g} s) = ({', '.join(f'{value:.15g}' for value in position)}) m")
+        say(f"{body.name}: x({found.duration:g} s) = ({', '.join(f'{value:.15g}' for value in position)}) m")

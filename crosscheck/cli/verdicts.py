@@ -6,9 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-import typer
-
-from crosscheck.cli.console import console
+from crosscheck.cli.console import console, say
 from crosscheck.cli.tables import figures, key, print_table
 from crosscheck.document import Document, Record
 from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, state
@@ -21,7 +19,7 @@ STYLES = {"fail": "bold red", "error": "bold red", "known": "yellow", "unsupport
 
 def print_verdicts(document: Document, page: Path) -> None:
     """Passes by engine and scene, every other run, what is wrong and what to trust, the headline, the page."""
-    typer.echo("engines: " + ", ".join(f"{name} {version}" for name, version in document.meta.engines.items()))
+    say("engines: " + ", ".join(f"{name} {version}" for name, version in document.meta.engines.items()))
     terminal = console(160)
     passing: dict[tuple[str, str], list[Record]] = {}
     for record in document.records:
@@ -33,26 +31,26 @@ def print_verdicts(document: Document, page: Path) -> None:
     if told:
         print_table(terminal, COLUMNS, [_row(record) for record in told],
                     styles=[STYLES.get(record.outcome, "") for record in told])
-    # Not through Rich from here: what is folded cannot be searched, and a path cannot be clicked or copied.
     for group in worst_first(document.records):
         symbol, word, _ = OUTCOMES[group.outcome]
         loud = word.upper() if group.outcome in ("fail", "error") else word
-        typer.echo(f"{symbol} {loud}: {group.engine + ': ' if group.engine else ''}{group.why}")
+        say(f"{symbol} {loud}: {group.engine + ': ' if group.engine else ''}{group.why}")
         for record, _ in group.runs:
-            typer.echo(f"    {record.scene}, {record.label}: {sentence(record)}")
+            say(f"{record.scene}, {record.label}: {sentence(record)}", 4)
     left_out: dict[str, list[str]] = {}
     for record in document.records:
         if record.outcome in ("unsupported", "unjudged"):
             symbol, word, _ = OUTCOMES[record.outcome]
             left_out.setdefault(f"{symbol} {word} {record.scene}, {record.message}", []).append(record.label)
     for message, labels in left_out.items():
-        typer.echo(f"{message}: {', '.join(labels)}")
+        say(f"{message}: {', '.join(labels)}")
     for scene in document.scenes:
-        typer.echo(f"{scene.name}: {scene.trust}")
+        say(f"{scene.name}: {scene.trust}")
         for row in scene.engines if len(scene.engines) > 1 else ():
-            typer.echo(f"    {row.text}")
-    typer.echo(f"{headline(document)} ({document.meta.seconds:.0f} s)")
-    typer.echo(f"report: {page}")
+            known = row.recommended is not None and row.recommended == scene.recommended
+            say(f"{row.engine}: as said; {row.passing} of {row.runs} runs pass." if known else row.text, 4)
+    say(f"{headline(document)} ({document.meta.seconds:.0f} s)")
+    print(f"report: {page}")
 
 
 def _print_passes(scene: str, engine: str, passing: Sequence[Record]) -> None:
@@ -65,7 +63,7 @@ def _print_passes(scene: str, engine: str, passing: Sequence[Record]) -> None:
     if math.isfinite(best.judged_error):
         line += (f", least position error {best.judged_error:.1e} m by {best.label.removeprefix(f'{engine} ')} at "
                  f"{_size(best)}")
-    typer.echo(line)
+    say(line)
 
 
 def _row(record: Record) -> tuple[str, ...]:

@@ -34,11 +34,11 @@ def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | Non
             best = min(accurate, key=_seconds)
             tied = sorted((record for record in accurate if record is not best and not _slower(record, best)),
                           key=_seconds)
-            why = f"the fastest with an error below {target:.0e} of the scene's length, {_checks(best)} checks passed"
+            why = f"the fastest with an error below {target:.0e} of the scene's length, {_checks(best)} passed"
             break
     else:
         best, tied = min(passing, key=lambda record: record.judged_error), []
-        why = f"the smallest error of those that pass, {_checks(best)} checks passed"
+        why = f"the smallest error of those that pass, {_checks(best)} passed"
     if tied:
         why += ", times equal within noise"
     share = 1.0
@@ -96,8 +96,9 @@ def _said(found: Recommended) -> str:
     return f"{' or '.join(found.runs)}: {found.why} (position error {found.error:.1e} m at {size}{part}{time})"
 
 
-def _checks(record: Record) -> int:
-    return sum(finding.status == "ok" for finding in record.findings)
+def _checks(record: Record) -> str:
+    count = sum(finding.status == "ok" for finding in record.findings)
+    return f"{count} check{'' if count == 1 else 's'}"
 
 
 def _not_trusted(records: Sequence[Record]) -> str:

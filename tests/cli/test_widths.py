@@ -1,0 +1,105 @@
+"""What commands print at 80, 120 and 200 columns: nothing wider, every figure whole, and as it was read.
+
+`python -m tests.cli.test_widths` writes the snapshots anew; read them before they are committed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import itertools
+import os
+import re
+import tempfile
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+from typer.testing import CliRunner
+
+from crosscheck.cli import advise, app, verdicts
+from crosscheck.document import Advice, Finding
+from crosscheck.history.store import open_store, run_from_document, save
+from crosscheck.verification import trust
+from tests.history.store.documents import document, record
+
+SNAPSHOTS = Path(__file__).parent / "snapshots"
+WIDTHS = (80, 120, 200)
+FIGURE = re.compile(r"\d[\d.]*(?:e[-+]\d+)?")
+FINE = [Finding(f"level {name}", "ok", 1e-15, 1e-12, "m", "rounding") for name in ("position", "velocity")]
+LOW = Finding("order position", "fail", 2.0, 3.85, "", "the documented order is 4")
+
+
+def made_up():
+    """Passes, a known defect and a failure, of two engines on two scenes."""
+    known = Finding("order position", "known", 2.0, 3.85, "", "the documented order is 4",
+                    "a sum of rates is of second order where a joint turns on SO(3)")
+    made = document([
+        record(findings=FINE), record(method="Euler", error=3.2e-4),
+        record(engine="pinocchio", method="RKMK4", error=1.8e-12, findings=FINE[:1]),
+        record(engine="pinocchio", method="RK4naive", error=3.7e-7, outcome="known", worst=known,
+               word="known", message="observed order in position 2, below 3.85", findings=[known]),
+        record(scene="double_pendulum", engine="pinocchio", method="SymplecticEuler", error=2.5e-2, outcome="fail",
+               word="fail",
+               message="observed order in position 2, below 3.85", findings=[LOW], worst=LOW)])
+    return replace(made, scenes=[replace(
+        scene, trust=trust.sentence(scene, own), recommended=trust.recommend(scene, own),
+        engines=trust.by_engine(scene, own)) for scene in made.scenes
+        for own in [[each for each in made.records if each.scene == scene.name]]])
+
+
+def told(name, folder):
+    """What a command prints, with the width in COLUMNS."""
+    if name == "verify":
+        verdicts.print_verdicts(made_up(), Path("reports/latest/index.html"))
+    elif name == "advise":
+        advice = Advice(scene="heavy_top", engine="mujoco", wanted=1e-4, until=1.0, least=1e-12, method="RK4",
+                        form="tree", step=2.9412e-4, error=8.1e-5, cost=0.0297, breaks_at=1.25e-3,
+                        command="crosscheck run heavy_top --engine mujoco --method RK4 --step 0.00029412")
+        advise.tell(advice)
+    else:
+        words = {"history": ["history", "show", "--store", str(folder / "history.sqlite")]}.get(name, name.split())
+        print(CliRunner().invoke(app.app, words).stdout, end="")
+
+
+def keep(place):
+    """A history of one run."""
+    run = run_from_document("2026-11-20T02-00-00Z-00ff", made_up(), good=True)
+    save(open_store(str(place / "history.sqlite")), run)
+    return place
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return keep(tmp_path_factory.mktemp("history"))
+
+
+@pytest.mark.parametrize("name", ["verify", "advise", "history", "support", "list", "--help", "verify --help"])
+def test_nothing_is_wider_than_the_terminal_and_no_figure_is_cut(name, folder, monkeypatch, capsys):
+    shown = {}
+    for width in WIDTHS:
+        monkeypatch.setenv("COLUMNS", str(width))
+        told(name, folder)
+        shown[width] = capsys.readouterr().out
+        wide = [line for line in shown[width].splitlines() if len(line.rstrip()) > width]
+        assert all(line.startswith(("report: ", "command ")) for line in wide), wide  # whole, to be copied
+        if name in ("verify", "advise", "history"):
+            assert shown[width] == (SNAPSHOTS / f"{name}-{width}.txt").read_text("utf-8")
+    for width in WIDTHS[:2]:
+        assert set(FIGURE.findall(shown[200])) == set(FIGURE.findall(shown[width]))
+
+
+def test_a_sentence_is_one_line_where_no_terminal_says_how_wide_it_is(monkeypatch, capsys):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    verdicts.print_verdicts(made_up(), Path("index.html"))
+    assert any(len(line) > 200 for line in capsys.readouterr().out.splitlines())
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as place:
+        keep(Path(place))
+        for name, width in itertools.product(("verify", "advise", "history"), WIDTHS):
+            os.environ["COLUMNS"] = str(width)
+            with contextlib.redirect_stdout(io.StringIO()) as shown:
+                told(name, Path(place))
+            (SNAPSHOTS / f"{name}-{width}.txt").write_text(shown.getvalue(), "utf-8")

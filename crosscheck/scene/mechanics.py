@@ -181,7 +181,12 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
     factor = np.broadcast_to(at(p.get("factor", 1.0), t), len(x))[:, None]
     joint = next((joint for joint in scene.joints if joint.name == force.joint), None)
     if force.type == "linear_spring":
-        pull = _spring_pull(force, x, R, v, w)
+        d = _point(x, R, force.child, p["child_point"]) - _point(x, R, force.parent, p["parent_point"])
+        length = np.linalg.norm(d, axis=-1)
+        direction = d / np.where(length > 0, length, 1.0)[:, None]  # none at zero length
+        rate = np.einsum("tk,tk->t", direction, _point_velocity(R, v, w, force.child, p["child_point"])
+                         - _point_velocity(R, v, w, force.parent, p["parent_point"]))
+        pull = (p["stiffness"] * (length - p["free_length"]) + p["damping"] * rate)[:, None] * direction
         _add_force(f, R, force.child, p["child_point"], -pull)
         _add_force(f, R, force.parent, p["parent_point"], pull)
     elif joint is not None:
@@ -302,18 +307,6 @@ def _add_force(f: np.ndarray, R: np.ndarray, body: int, s: Any, force: np.ndarra
 def _add_torque(f: np.ndarray, R: np.ndarray, body: int, torque: np.ndarray) -> None:
     if body != GROUND:
         f[:, body, 3:] += np.einsum("tji,tj->ti", R[:, body], torque)
-
-
-def _spring_pull(force: Force, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Force on the parent's point, world, (T, 3): towards the child's where the spring is long; none at zero length."""
-    p = force.parameters
-    d = _point(x, R, force.child, p["child_point"]) - _point(x, R, force.parent, p["parent_point"])
-    length = np.linalg.norm(d, axis=-1)
-    direction = d / np.where(length > 0, length, 1.0)[:, None]
-    rate = np.einsum("tk,tk->t", direction, _point_velocity(R, v, w, force.child, p["child_point"])
-                     - _point_velocity(R, v, w, force.parent, p["parent_point"]))
-    found: np.ndarray = (p["stiffness"] * (length - p["free_length"]) + p["damping"] * rate)[:, None] * direction
-    return found
 
 
 def _turn(R: np.ndarray, body: int, vector: np.ndarray) -> np.ndarray:

@@ -17,6 +17,8 @@
 
 #include "methods/euler.hpp"
 #include "methods/generalized_alpha.hpp"
+#include "methods/increments.hpp"
+#include "methods/lagrange_blocks.hpp"
 #include "solve/stabilised.hpp"
 
 namespace lieeuler {
@@ -37,14 +39,9 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   LagrangeStepper(const System& system, const GeneralizedAlpha& alpha)
       : LagrangeStepper(system, Level::stabilised, true, {}, alpha) {}
 
-  // The motion since start(), x and R^T R' - I and u, summed up apart from the state: it rounds with its own size.
-  struct Increment {
-    Vec3 x = Vec3::Zero();
-    Mat3 turn = Mat3::Zero();
-    Twist u;
-  };
-  void keep_increments() { increments_.resize(system_.n()); }
-  const std::vector<Increment>& increments() const { return increments_; }
+  // Of the motion since start().
+  void keep_increments() { increments_.keep(); }
+  const std::vector<Increment>& increments() const { return increments_.sums(); }
 
   static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
   static constexpr bool projects(Level) { return false; }
@@ -64,7 +61,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   void take_whole_matrix() {
     split_.reset();
     this->plan_matrix(true);
-    find_blocks();
+    matrix_ = LagrangeBlocks(system_, columns_, lu_);
   }
 
   // What an implicit step, with the matrix factored last, leaves of a change of the velocities: forces that answer to
@@ -111,7 +108,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
                   std::optional<GeneralizedAlpha> alpha)
       : Base(system, level, index1_output, layout(system, level, alpha.has_value())),
         gains_(gains),
-        origin_(system),
+        increments_(system),
         alpha_(std::move(alpha)),
         force_share_(alpha_ ? alpha_->force_share() : 1),
         velocity_share_(alpha_ ? alpha_->velocity_share() : 1),
@@ -120,7 +117,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
         balance_(system.n() + 1),
         drift_(system.n() + 1) {
     if (!alpha_ && splits(system, level)) split_.emplace(system, this->saddle_.delassus());
-    if (!this->core_) find_blocks();
+    if (!this->core_) matrix_ = LagrangeBlocks(system, columns_, lu_);
   }
   static Layout layout(const System& system, Level level, bool alpha) {
     const bool stabilised = level == Level::stabilised;
@@ -134,9 +131,6 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
       Base::state_;
   using Base::system_, Base::xi_, Base::z_, Base::force_;
 
-  struct BodyBlocks {
-    double *v, *w, *xi_v = nullptr, *xi_w = nullptr, *xi_v_v = nullptr, *xi_w_w = nullptr;
-  };
   static bool splits(const System& system, Level level) {
     return level == Level::stabilised && StabilisedSolve::suits(system);
   }
@@ -144,8 +138,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   double force_time() const { return force_share_ * h_; }
   // u - u_n
   Twist gain_of(int b, const std::vector<double>& z) const {
-    const Twist u = increments_.empty() ? state_.u[b] : load(&z[3 * nodes_.v(b)]);
-    const Twist& from = !increments_.empty() ? increments_[b].u : alpha_ ? alpha_->from(b) : start_.u[b];
+    const Twist u = increments_.kept() ? load(&z[3 * nodes_.v(b)]) : state_.u[b];
+    const Twist& from = increments_.kept() ? increments_.u(b) : alpha_ ? alpha_->from(b) : start_.u[b];
     return {u.v - from.v, u.w - from.w};
   }
   // xi - u, but for the multipliers.
@@ -158,43 +152,9 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   bool stabilised() const { return level_ == Level::stabilised; }
   bool doubled() const { return columns_.doubled(); }
 
-  void find_blocks() {
-    bodies_.clear(), stiffness_.clear(), spring_blocks_.clear(), rate_blocks_.clear(), drift_blocks_.clear();
-    for (int b = 0; b < system_.n(); ++b) {
-      const int v = columns_.v(b), w = columns_.w(b), xi_v = columns_.xi_v(b), xi_w = columns_.xi_w(b);
-      bodies_.push_back({lu_.block(v, v), lu_.block(w, w)});
-      if (doubled())
-        bodies_.back() = {lu_.block(v, v),       lu_.block(w, w),    lu_.block(xi_v, xi_v),
-                          lu_.block(xi_w, xi_w), lu_.block(xi_v, v), lu_.block(xi_w, w)};
-    }
-    for (int k = 0; k < columns_.parts(); ++k) {
-      for (Side row : kSides)
-        for (Side column : kSides) stiffness_.push_back(against_xi(this->body_of(k, row), this->body_of(k, column)));
-      for (Side side : kSides) {
-        const int b = this->body_of(k, side);
-        const bool none = !doubled() || b == system_.n();
-        rate_blocks_.push_back(none ? SideBlocks{}
-                                    : SideBlocks::of(lu_, columns_.lam(k), columns_.xi_v(b), columns_.xi_w(b)));
-        drift_blocks_.push_back(none ? SideBlocks{}
-                                     : SideBlocks::of(lu_, columns_.mu(k), columns_.xi_v(b), columns_.xi_w(b)));
-      }
-    }
-    for (const Force& force : system_.forces)
-      for (int row : {force.parent, force.child})
-        for (int column : {force.parent, force.child}) spring_blocks_.push_back(against_xi(row, column));
-  }
-
-  PairBlocks against_xi(int row, int column) {
-    if (row == system_.n() || column == system_.n()) return {};
-    return PairBlocks::of(lu_, columns_.v(row), columns_.w(row), columns_.xi_v(column), columns_.xi_w(column));
-  }
-
   Status begin() {
     if (split_) split_->forget();
-    if (!increments_.empty()) {
-      std::fill(increments_.begin(), increments_.end(), Increment{});
-      origin_ = state_;
-    }
+    if (increments_.kept()) increments_.begin(state_);
     return alpha_ ? begin_alpha() : Status::success;
   }
   // The accelerations here, and those a little later or earlier.
@@ -223,7 +183,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
   void guess(std::vector<double>& z) const {
     for (int b = 0; b < system_.n(); ++b) {
-      const Twist& u = increments_.empty() ? state_.u[b] : increments_[b].u;
+      const Twist& u = increments_.kept() ? increments_.u(b) : state_.u[b];
       store(u, &z[3 * nodes_.v(b)]);
       store(u, &z[3 * nodes_.xi_v(b)]);
     }
@@ -234,24 +194,11 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     for (int b = 0; b < system_.n(); ++b) {
       state_.u[b] = load(&z[3 * nodes_.v(b)]);
       xi_[b] = load(&z[3 * nodes_.xi_v(b)]);
-      if (!increments_.empty())
-        for (Twist* u : {&state_.u[b], &xi_[b]}) u->v += origin_.u[b].v, u->w += origin_.u[b].w;
+      if (increments_.kept()) increments_.add_origin(b, state_.u[b]), increments_.add_origin(b, xi_[b]);
       if (!this->move(b)) return false;
     }
     return true;
   }
-  // After a step, whose state becomes that of the increments.
-  void add_increments() {
-    for (int b = 0; b < system_.n(); ++b) {
-      Increment& sum = increments_[b];
-      const Mat3 turn = maps_[b].turn();
-      sum.x += h_ * xi_[b].v;
-      sum.turn += turn + sum.turn * turn;
-      sum.u = load(&z_[3 * nodes_.v(b)]);
-      state_.frames[b] = {origin_.frames[b].x + sum.x, origin_.frames[b].R + origin_.frames[b].R * sum.turn};
-    }
-  }
-
   // The rows that belong to Lam; positions are divided by h.
   Vec3 constraint_residual(int k) const {
     const Part& part = this->part_of(k);
@@ -335,7 +282,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   // M - theta df/du, and M (xi - rho u) below it.
   void body_blocks(int b) {
     const Body& body = system_.bodies[b];
-    const BodyBlocks& blocks = bodies_[b];
+    const LagrangeBlocks::Body& blocks = matrix_.bodies[b];
     put_diagonal(blocks.v, body.mass);
     put(blocks.w, inertia_block(b));
     if (!doubled()) return;
@@ -345,7 +292,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   // h d(G^T Lam)/dq T, onto the columns of xi.
   void stiffness_blocks(int k, Side row, Side column) {
-    const PairBlocks& blocks = stiffness_[4 * k + 2 * row + column];
+    const PairBlocks& blocks = matrix_.stiffness[4 * k + 2 * row + column];
     const Part& part = this->part_of(k);
     if (!blocks.ww || (part.spherical && row != column)) return;
     const Vec3 impulse = h_ * load3(&z_[3 * nodes_.lam(k)]);
@@ -360,7 +307,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     const ForceState here(force, state_.frames, state_.u, start_.angles[k]);
     for (Side row : kSides)
       for (Side column : kSides) {
-        const PairBlocks& by_position = spring_blocks_[4 * k + 2 * row + column];
+        const PairBlocks& by_position = matrix_.springs[4 * k + 2 * row + column];
         if (!by_position.ww) continue;  // the ground
         const Mat3& T = tangents_[column == kChild ? force.child : force.parent];
         by_position.add(-force_time() * h_, here.by_position(row, column), T);
@@ -382,9 +329,9 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     const Rows slope = rate_slope(k, side, G, T);
     if (!stabilised()) return blocks.put_rows(G.v + slope.v, G.w + slope.w);
     blocks.put_rows(G.v, G.w);
-    rate_blocks_[2 * k + side].put_rows(slope.v, slope.w);
-    drift_blocks_[2 * k + side].put_rows(G.v, G.w * T);
-    drift_blocks_[2 * k + side].put_columns(this->before(k).jacobian(this->part_of(k), side));
+    matrix_.rates[2 * k + side].put_rows(slope.v, slope.w);
+    matrix_.drifts[2 * k + side].put_rows(G.v, G.w * T);
+    matrix_.drifts[2 * k + side].put_columns(this->before(k).jacobian(this->part_of(k), side));
   }
 
   // Derivative of the velocity or acceleration row with respect to xi beyond G itself. For the acceleration level the
@@ -406,7 +353,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   Status finish() {
     if (!configure(z_)) return Status::map_domain;
-    if (!increments_.empty()) add_increments();
+    for (int b = 0; increments_.kept() && b < system_.n(); ++b)
+      state_.frames[b] = increments_.add(b, h_ * xi_[b].v, maps_[b].turn(), load(&z_[3 * nodes_.v(b)]));
     this->settle();
     if (alpha_) {
       alpha_->advance(start_.u, state_.u, h_);
@@ -421,17 +369,14 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
 
   Gains gains_;
-  std::vector<Increment> increments_;  // where they are kept; z then holds u and xi less those of origin_
-  State origin_;
+  Increments increments_;  // where they are kept; z then holds u and xi less those of the start
   std::optional<GeneralizedAlpha> alpha_;
   const double force_share_, velocity_share_;  // theta / h and rho; 1 for implicit Euler
   std::optional<StabilisedSolve> split_;
   std::vector<Mat3> tangents_, stiffness_of_;
   std::vector<Twist> balance_, drift_;  // residuals of the dynamics and of M xi = M u - G_n^T mu
   std::vector<double> filtered_;
-  std::vector<BodyBlocks> bodies_;
-  std::vector<PairBlocks> stiffness_, spring_blocks_;   // against xi, per part or force, row side, column side
-  std::vector<SideBlocks> rate_blocks_, drift_blocks_;  // velocity rows against xi; position rows and mu against xi
+  LagrangeBlocks matrix_;
 };
 
 }  // namespace lieeuler

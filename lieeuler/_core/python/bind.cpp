@@ -13,6 +13,7 @@
 #include "methods/taylor.hpp"
 #include "model/sizes.hpp"
 #include "python/arrays.hpp"
+#include "python/levels.hpp"
 #include "python/probes.hpp"
 #include "run/adaptive.hpp"
 #include "run/ensemble.hpp"
@@ -269,39 +270,6 @@ Run adaptive(const std::vector<double>& t_eval, double rtol, bool monitored, con
 
 Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double>& t_eval, double rtol, bool monitored) {
   return adaptive<AdaptiveMuntheKaas>(t_eval, rtol, monitored, tableau);
-}
-
-// Largest entries of Phi and of G u as parts of the sizes of the system: lengths of its length, rates of its rate.
-std::pair<double, double> constraint_levels(const System& system, const State& state) {
-  const Scales scales = Scales::of_motion(system, state);
-  const double rate = std::max(scales.rate, scales.natural(system));
-  double position = 0, velocity = 0;
-  for (const Joint& joint : system.joints) {
-    JointState here;
-    here.update(joint, state.frames);
-    for (const Part& part : joint.parts) {
-      Vec3 gap = here.position(part), speed = here.velocity(part, state.u[joint.parent], state.u[joint.child]);
-      speed += here.drift(part);
-      for (int r = 0; r < part.rows(); ++r)
-        if (part.translational(r)) gap[r] /= system.length, speed[r] /= system.length;
-      raise(position, gap), raise(velocity, speed);
-    }
-  }
-  return {position, rate > 0 ? velocity / rate : velocity};  // without a rate nothing moves
-}
-
-// The two levels (N, 2) of N states at a time.
-nb::object levels_of_states(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
-                            double time) {
-  const size_t n = system.n(), N = x.size() / (3 * n);
-  std::vector<double> levels;
-  for (size_t k = 0; k < N; ++k) {
-    State state = make_state(system, x, R, v, w, k);
-    state.frames.time = time;
-    const auto [position, velocity] = constraint_levels(system, state);
-    levels.insert(levels.end(), {position, velocity});
-  }
-  return make_array(std::move(levels), {N, 2});
 }
 
 }  // namespace

@@ -23,6 +23,8 @@ def import_(
 
     Exit code 0: written; 2: refused, and nothing is written.
     """
+    from crosscheck import adapters
+    from crosscheck.adapters.base import RunSpec
     from crosscheck.scene.models import import_file
     from crosscheck.scene.models.words import quoted, together
 
@@ -31,6 +33,8 @@ def import_(
     typer.echo(f"written: {out}")
     for words in together(map(quoted, scene.left_out)):
         typer.echo(f"left out: {words}")
+    if (reason := adapters.get("lieeuler").unsupported(scene, RunSpec("taylor", rtol=1e-9))) is not None:
+        typer.echo(f"lieeuler cannot run it: {reason}")
 
 
 def export(

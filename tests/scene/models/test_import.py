@@ -252,6 +252,17 @@ def test_the_command_writes_a_scene_that_is_the_model(tmp_path, monkeypatch):
     assert CliRunner().invoke(app, ["run", "arm.urdf", "--drop", "--duration", "0.1"]).exit_code == 0
 
 
+def test_the_command_says_what_lieeuler_cannot_run(tmp_path):
+    from typer.testing import CliRunner
+
+    from crosscheck.cli.app import app
+
+    follows = ARM_URDF.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="elbow"/>')
+    path = written(tmp_path, follows, "arm.urdf")
+    told = CliRunner().invoke(app, ["import", str(path), "-o", str(tmp_path / "arm.toml"), "--drop"])
+    assert "lieeuler cannot run it: joint 'shoulder' has the key mimic" in told.output
+
+
 def test_links_that_no_body_could_be_are_merged_along_fixed_joints(tmp_path):
     # the tool alone breaks the triangle inequality; with the lower arm it is a body like any other
     thin = ARM_URDF.replace('iyy="0.001" izz="0.001"', 'iyy="0.001" izz="0.003"')

@@ -15,7 +15,9 @@ import numpy as np
 from crosscheck.document import Finding
 from crosscheck.judge import tolerances
 from crosscheck.judge.defects import RATES, SHARE, Defects
-from crosscheck.judge.vanishing import APART, extrapolation, following, shares
+from crosscheck.judge.flow import around
+from crosscheck.judge.intervals import ALIKE, WORTH
+from crosscheck.judge.vanishing import APART, NEAR, extrapolation, following, shares
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
@@ -26,6 +28,9 @@ their own (generalised alpha), miss it by up to nine."""
 
 SETTLED = 200
 """Steps after which what an acceleration of its own brought from the start has gone: 0.9 a step is 1e-9 by then."""
+
+SOFT = 1.5
+"""Least order by which openings of soft constraints fall with the step: 2, and that of drift at first order is 1."""
 
 UNITS = {"acceleration": "m/s^2", "angular acceleration": "rad/s^2", "reaction": "m/s^2",
          "reaction torque": "rad/s^2"}
@@ -60,6 +65,9 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
         settling = runs[0].flow.end.t < SETTLED * (claim.step or 0.0)  # of first order, whatever the method's is
         bound = np.where(settling, _bound(scene, runs[0], 1), _bound(scene, runs[0], power))
         candidates = [("", sizes[own], following(sizes, ordered, power) * bound)]
+        if len(ordered) > 2:
+            candidates.append(("alike at one, two and four times the step, ", sizes[own],
+                               _staying(ordered, sizes) * bound))
         if len(ordered) > 1:
             weights, bound = _limit(scene, ordered, sizes, power)
             rest = np.sum([weight * gap for weight, (_, gap) in zip(weights, given, strict=True)], axis=0)
@@ -76,20 +84,41 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
     return findings
 
 
+def _staying(runs: Sequence[Defects], sizes: Sequence[np.ndarray]) -> np.ndarray:
+    """(I,) factor of the bound of the finest of three runs: `WORTH` where errors are alike at all steps, else infinite.
+
+    Nothing is said of soft constraints, whose forces are, nor while accelerations settle.
+    """
+    near = [around(size, NEAR) for size in sizes]
+    alike = np.max(near, axis=0) < np.min(near, axis=0) * (1 + ALIKE)
+    settling = runs[0].flow.end.t < SETTLED * max(run.claim.step or 0.0 for run in runs)
+    close = np.max(shares(runs, 1), axis=0) < ALIKE
+    return np.where(alike & close & ~settling & (not _soft(runs)), WORTH, np.inf)
+
+
+def _soft(runs: Sequence[Defects]) -> bool:
+    """Whether openings fall faster than drift: forces of soft constraints follow their opening over h^2, which is about
+    the same at any step."""
+    opened = [float(run.opening["position"].max()) for run in runs[:2]]
+    return bool(opened[1] > opened[0] * ((runs[1].claim.step or 1.0) / (runs[0].claim.step or 1.0)) ** SOFT)
+
+
 def _limit(scene: Scene, runs: Sequence[Defects], sizes: Sequence[np.ndarray], power: int
            ) -> tuple[np.ndarray, np.ndarray]:
     """Weights of runs, the finest first, that extrapolate to vanishing steps, and the bound (I,) of what is left.
 
-    The runs are in states that differ by a share, by which the leading term, as large as bounds say or as it is, does.
+    The runs are in states that differ by a share, by which the leading term does; one that is beyond its own bound has
+    no terms to cancel.
     """
     weights, left = extrapolation(runs, power)
     bound = _bound(scene, runs[0], power, len(runs) - 1, left)
+    springs = _soft(runs)
     for run, size, weight, share in zip(runs, sizes, weights, shares(runs, power), strict=True):
-        # Forces of soft constraints follow their opening over h^2, and no power of h.
-        soft = np.minimum(run.opening["position"], run.allowed[0]["position"])[run.flow.index + 1]
-        bound[(run.flow.end.t < SETTLED * (run.claim.step or 0.0)) | (share > APART)] = np.inf
-        leading = share * np.maximum(size, _bound(scene, run, power))
-        bound = bound + abs(weight) * (leading + soft / (run.claim.step or 1.0) ** 2)
+        soft = springs * np.minimum(run.opening["position"], run.allowed[0]["position"])[run.flow.index + 1]
+        own, share = _bound(scene, run, power), np.where(share > APART, 1.0, share)
+        bound = bound + abs(weight) * (share * own + soft / (run.claim.step or 1.0) ** 2)
+        settling = run.flow.end.t < SETTLED * (run.claim.step or 0.0)
+        bound[settling | ((size > own) & (run is not runs[0]))] = np.inf
     return weights, bound
 
 

@@ -97,14 +97,16 @@ def _regular(scene: Scene, states: States) -> np.ndarray:
     """(I,) whether closed loops are away from positions in which their constraints lose a rank."""
     if not spanning_tree(scene)[1]:
         return np.ones(len(states.t), bool)
-    G = Constraints(scene).jacobian(states.x, states.R)
+    # The scene's own state comes first: off the positions of an overconstrained linkage rows seem to be independent.
+    x, R = np.concatenate([scene.x0[None], states.x]), np.concatenate([scene.R0[None], states.R])
+    G = Constraints(scene).jacobian(x, R)
     root = np.linalg.cholesky(mechanics.inverse_mass(scene))
     with np.errstate(invalid="ignore", over="ignore"):
         finite = np.isfinite(G).all(axis=(1, 2))
         values = np.linalg.svd(np.where(finite[:, None, None], G, 0.0) @ root, compute_uv=False)
-    rank = int(np.median((values > RANK * values[:, :1]).sum(axis=1)))
+    rank = int((values[0] > RANK * values[0, 0]).sum())
     least = values[:, rank - 1] / np.where(finite, values[:, 0], 1.0)
-    return np.asarray(finite & (least > SINGULAR * np.median(least[finite])) if finite.any() else finite)
+    return np.asarray(finite & (least > SINGULAR * np.median(least[finite])))[1:]
 
 
 def _last(regular: np.ndarray) -> np.ndarray:

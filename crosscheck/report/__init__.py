@@ -18,12 +18,13 @@ from crosscheck.document.curves import RunCurves, SceneCurves
 from crosscheck.errors import ArgumentError
 from crosscheck.files import put
 from crosscheck.report import data, exports, names, pages, schema
+from crosscheck.report.badge import badge
 
 STATIC = ("report.css", "theme.js", "tables.js", "decision.js", "plots.js", "study.js", "scene.js", "playback.js")
 
 
 def write_report(document: Document, folder: Path) -> None:
-    """Write the pages, their data, summary.md, results.csv, .parquet and .json and junit.xml into a new folder.
+    """Write the pages, their data, summary.md, results.csv, .parquet, .json, junit.xml and badge.svg into a new folder.
 
     Without the extra `report` only the files that need no template are written, without the extra `data` no Parquet.
     `render_again` writes the rest later.
@@ -127,11 +128,12 @@ def _tables(document: Document) -> Iterator[tuple[str, str]]:
             yield names.data_file(scene), data.curves_script(document, scene)
     yield "results.csv", exports.table(document)
     yield "junit.xml", exports.junit(document)
+    yield "badge.svg", badge(document)
     yield "results.json", json.dumps(schema.plain(document), separators=(",", ":"), allow_nan=False)
 
 
 FILES = frozenset({"index.html", "plotly.min.js", "runs.js", "summary.md", "results.csv", "results.parquet",
-                   "junit.xml", "results.json", "report.pdf", *STATIC})
+                   "junit.xml", "badge.svg", "results.json", "report.pdf", *STATIC})
 """What a report may hold, beside the pages and curves of its scenes, engines and studies, and the folder of figures."""
 
 FIGURES = "figures"

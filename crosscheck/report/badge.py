@@ -1,0 +1,26 @@
+"""A badge for a README: how many runs pass and how many fail, as a small SVG that needs no network."""
+
+from __future__ import annotations
+
+from crosscheck.document import Document
+
+LETTER = 7
+"""Pixels of a letter; `textLength` fits the words to it in whatever font there is."""
+
+COLOURS = {0: "#1a7f37", 1: "#b3261e"}
+"""By the exit code; both carry white letters at a contrast above 4.5."""
+
+
+def badge(document: Document) -> str:
+    """The SVG; its title says the same in words."""
+    failing = sum(record.outcome in ("fail", "error") for record in document.records)
+    passing = sum(record.outcome in ("pass", "partly", "known") for record in document.records)
+    told = f"{passing} pass" + (f", {failing} fail" if failing else "") if passing or failing else "nothing ran"
+    colour = COLOURS.get(document.exit_code, "#5f6368") if passing or failing else "#5f6368"
+    left, right = (LETTER * len(word) + 12 for word in ("crosscheck", told))
+    return (f'<svg xmlns="http://www.w3.org/2000/svg" width="{left + right}" height="20" role="img" '
+            f'aria-label="crosscheck: {told}"><title>crosscheck: {told}</title>'
+            f'<rect width="{left}" height="20" fill="#444"/><rect x="{left}" width="{right}" height="20" '
+            f'fill="{colour}"/><g fill="#fff" font-family="Verdana,sans-serif" font-size="11">'
+            f'<text x="6" y="14" textLength="{left - 12}">crosscheck</text>'
+            f'<text x="{left + 6}" y="14" textLength="{right - 12}">{told}</text></g></svg>\n')

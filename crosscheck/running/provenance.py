@@ -75,7 +75,9 @@ def _commit(folder: Path) -> str | None:
         return None
     def git(*words: str) -> str | None:
         try:
-            done = subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=10)
+            # `status` would refresh the index, and on a full disk leave its lock behind
+            done = subprocess.run(["git", "--no-optional-locks", "-C", str(folder), *words], capture_output=True,
+                                  text=True, timeout=10)
         except (OSError, subprocess.TimeoutExpired):
             return None
         return done.stdout.strip() if done.returncode == 0 else None

@@ -156,7 +156,8 @@ def _bound(scene: Scene, run: Defects, power: int, more: int = 0, times: float =
         steps = WITHIN if not more else WITHIN**degree / math.factorial(degree)
         # The largest of the run: accelerations of their own remember where they came from.
         changed = times * steps * run.claim.step**degree * scale.length * float(found.jerks[degree].max())
-        changed += 10 * run.claim.newton / run.claim.step**2  # positions open by e are accelerations of e / h^2
+        # Positions open by e, by rounding or Newton's iteration, are accelerations of e / h^2.
+        changed += (10 * run.claim.newton + 16 * run.claim.eps * scale.length) / run.claim.step**2
     else:
         share = RATES * run.claim.steps * len(found.tau) * (run.claim.rtol or 0.0)
         changed = share * scale.length * (found.jerks[0] + scale.rate**2)

@@ -47,6 +47,7 @@ class Defects:
     flow: Flow
     claim: Claim
     scale: Scales
+    grading: float  # ratio of masses, see `tolerances.grading`
     vectors: Parts  # (I, n, 3) by quantity; attitudes as rotation vectors
     floor: Parts  # (I,) by quantity, rounding
     opening: Parts  # (T,) by level: what is open
@@ -108,7 +109,7 @@ def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Sca
         for name, size in (("velocity", scale.length), ("angular velocity", 1.0)):
             floor[name] = floor[name] + 2 * left * size / claim.step
     opening = {level: getattr(traj, f"constraint_{level}") for level in ("position", "velocity")}
-    run = Defects(found, claim, scale, vectors, floor, opening, ())
+    run = Defects(found, claim, scale, tolerances.grading(scene), vectors, floor, opening, ())
     orders = 3 if order == 1 else 2 if claim.fixed else 1
     return dataclasses.replace(run, allowed=tuple(_drift(run, traj.t, more) for more in range(orders)))
 

@@ -45,6 +45,7 @@ class Flow:
     rate: np.ndarray  # (I,) 1/s, at which errors may grow
     sizes: np.ndarray  # (K, I) largest k-th derivative of y = (x / L, R) in the interval and around it, 1/s^k
     jerks: np.ndarray  # (K, I) the same of the accelerations (a / L, alpha), 1/s^(k + 2)
+    spring: float  # 1/s, rate of the fastest spring
     regular: np.ndarray  # (I,) where the joints of closed loops are as independent as elsewhere
 
     @property
@@ -85,7 +86,7 @@ def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, 
         sizes[k] = np.fmin(sizes[k], later**k * most)
     fall = math.sqrt(float(np.linalg.norm(scene.gravity)) / scale.length)
     rate = np.maximum(around(fast, near), max(fall, spring))
-    return Flow(index, tau, begin, end, rate, sizes, found[1], regular & _regular(scene, end))
+    return Flow(index, tau, begin, end, rate, sizes, found[1], spring, regular & _regular(scene, end))
 
 
 SINGULAR = 0.1

@@ -12,7 +12,7 @@ import numpy as np
 from crosscheck.document import QUANTITIES
 from crosscheck.judge.defects import Defects, turn, with_slack
 from crosscheck.judge.flow import Flow, around
-from crosscheck.judge.tolerances import CONSTANTS
+from crosscheck.judge.tolerances import CONSTANTS, USUAL
 
 Limit = dict[str, tuple[np.ndarray, np.ndarray]]
 """By quantity the size (I,) of what is left and its bound."""
@@ -20,7 +20,8 @@ Limit = dict[str, tuple[np.ndarray, np.ndarray]]
 FOLLOWING = 1000.0
 """Methods of one order differ in the constants of their errors, most in accelerations of thin bodies: where errors
 follow the documented order from step to step they are a method's own, and may be so many times what the derivatives of
-the motion give. Those of another model do not fall, and are held against the limit of vanishing steps."""
+the motion give, and more where light bodies carry heavy ones. Those of another model do not fall, and are held against
+the limit of vanishing steps."""
 
 FALLS = 4.0
 """Times the factor between two terms of an error, by which the next one may be larger than that factor says."""
@@ -41,7 +42,7 @@ def following(values: Sequence[np.ndarray], runs: Sequence[Defects], order: int)
         return np.ones(len(values[0]))
     pairs = sorted(zip(runs, values, strict=True), key=lambda pair: pair[0].claim.step or 0.0)
     (fine, some), (coarse, more) = pairs[:2]
-    return np.where(falls(some, more, [fine, coarse], order), FOLLOWING, 1.0)
+    return np.where(falls(some, more, [fine, coarse], order), FOLLOWING * fine.grading / USUAL, 1.0)
 
 
 def falls(some: np.ndarray, more: np.ndarray, runs: Sequence[Defects], order: int) -> np.ndarray:
@@ -136,12 +137,15 @@ def shares(runs: Sequence[Defects], order: int) -> list[np.ndarray]:
         return np.asarray(np.max([np.linalg.norm(part, axis=-1) / unit for part, unit in
                                   zip(parts, (length, 1.0, length * rate, rate), strict=True)], axis=(0, 2)))
 
-    first = [(order + 2) * size(parts) for parts in apart]
+    # A stiff spring that hardly swings has a small leading term, which changes by itself with what it swings.
+    with np.errstate(divide="ignore"):
+        stiff = np.maximum(1.0, fine.spring ** (order + 1) / fine.sizes[order + 1])
+    first = [(order + 2) * stiff * size(parts) for parts in apart]
     if len(runs) == 2:
         return [np.minimum(1.0, share) for share in first]
     h = [run.claim.step or 1.0 for run in runs]
     ratio = (h[2] - h[0]) / (h[1] - h[0])
-    bent = (order + 2) * size([coarse - ratio * middle for middle, coarse in zip(*apart[1:], strict=True)])
+    bent = (order + 2) * stiff * size([coarse - ratio * middle for middle, coarse in zip(*apart[1:], strict=True)])
     return [np.minimum(1.0, share**2 + (bent if share.any() else 0.0)) for share in first]
 
 

@@ -1,5 +1,6 @@
-// Symplectic Lie group Euler methods for the constrained Hamilton equations (doi:10.1177/1687814019842406) in
-// Hamilton-Pontryagin form (doi:10.1007/s10208-008-9030-4), with Lam = h lam and D*, Ad* acting on the rotational part:
+// Symplectic Lie group Euler methods for the constrained Hamilton equations, reconstructed from
+// doi:10.1177/1687814019842406, in Hamilton-Pontryagin form (doi:10.1007/s10208-008-9030-4), with Lam = h lam and
+// D*, Ad* acting on the rotational part:
 //
 //   D*(h xi) M xi = p_n + h f_app(q_n, xi) - G_n^T Lam,   q = q_n * (h xi),   p = Ad*(h xi) D*(h xi) M xi
 //

@@ -1,4 +1,5 @@
-// Implicit Lie group Euler methods for the Lagrangian equations (doi:10.1177/1687814019842406), all at n+1:
+// Implicit Lie group Euler methods for the Lagrangian equations, reconstructed from
+// doi:10.1177/1687814019842406, all at n+1:
 //
 //   M (u - u_n) = h f(q, u) - G^T Lam,   Lam = h lam,   q = q_n * (h xi)
 //

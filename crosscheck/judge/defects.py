@@ -27,6 +27,9 @@ FEW = 8
 DOUBT = 1e-12
 """Of the integration, and of conversions of an engine's coordinates, in units of the quantity."""
 
+CHAIN = 8
+"""Bodies of a chain whose roundings stay below those that a step is allowed."""
+
 NORMS, RATES = 8.0, 32.0
 """Codes measure the error that they keep below a tolerance in norms of their own, which differ by so much in positions
 and in velocities: of lieeuler's codes rkmk54 and rkmk853 come to 0.2 and 0.6, seulex to 2.6 and, with springs, 21."""
@@ -98,7 +101,8 @@ def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Sca
     vectors = {"position": traj.x[after] - end.x, "velocity": traj.v[after] - end.v,
                "attitude": turn(end.R, traj.R[after]), "angular velocity": traj.w[after] - end.w}
     vectors = {name: np.where(found.regular[:, None, None], vector, 0.0) for name, vector in vectors.items()}
-    least = DOUBT + 4 * tolerances.grading(scene) * claim.eps
+    # In joint coordinates roundings of all bodies up to the ground add up.
+    least = (DOUBT + 4 * tolerances.grading(scene) * claim.eps) * max(1.0, scene.n / CHAIN)
     steps = max(1.0, claim.steps) ** 0.6
     floor = {name: least * max(scale.of(name), scale.units[name]) * found.growth * steps for name in QUANTITIES}
     if claim.newton and claim.step:

@@ -126,7 +126,7 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
 
     The order study sees the first seconds. Here every interval restarts from the run's own state, so that a third is a
     window of its own; it says something where the runs are close to each other and their defects above rounding, and
-    decides where one comes near its bound.
+    decides where one comes near its bound, and what the method may miss is more than rounding.
     """
     if len(runs) < 2 or len(runs[0].flow.tau) < WINDOWS:
         return []
@@ -135,6 +135,8 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
     ratio = math.log((coarse.claim.step or 1.0) / (fine.claim.step or 1.0))
     close = (shares([fine, coarse], order)[1] < ALIKE) & fine.flow.regular & coarse.flow.regular
     close[0] = False  # a start of its own follows no power of h
+    pose, rate = fine.local()
+    own = dict(zip(QUANTITIES, (pose * fine.scale.length, pose, rate * fine.scale.length, rate), strict=True))
     found = []
     for part in np.array_split(np.arange(len(close)), WINDOWS):
         part = part[close[part]]
@@ -142,7 +144,7 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
             errors = [np.linalg.norm(run.vectors[name][part], axis=-1).max(axis=1) for run in (coarse, fine)]
             most = [float(each.max()) for each in errors]
             if (most[1] > PLATEAU * float(max(run.floor[name][part].max() for run in (coarse, fine)))
-                    and np.any(errors[1] > WORTH * fine.bounds[name][part])):
+                    and np.any((errors[1] > WORTH * fine.bounds[name][part]) & (own[name] > fine.floor[name])[part])):
                 begin, end = fine.flow.begin.t[part[0]], fine.flow.end.t[part[-1]]
                 found.append((math.log(most[0] / most[1]) / ratio,
                               f"{name}, intervals from t = {begin:.4g} to {end:.4g} s"))

@@ -153,6 +153,10 @@ def observed_order(steps: Sequence[float], values: Sequence[float], plateau: Pla
     if (slope < plateau.order - SHORT / 2 and plateau.floor < rounding and 0 < stalled < len(h)
             and slopes[stalled - 1] < plateau.order / 3):  # errors next to such rounding carry it, too
         return observed_order(steps, values, dataclasses.replace(plateau, floor=rounding), finest)
+    if (slope < plateau.order - SHORT / 2 and exhausted and used == 3
+            and recent[-1] - recent[-2] > SETTLED):
+        return Order(observed=None, documented=plateau.order, used=used, pairs=neighbours, settled=settled,
+                     note="the order still rises where rounding sets in", exhausted=exhausted, rounding=rounding)
     rising = len(recent) == 3 and bool((np.diff(recent) > 0).all())
     return Order(observed=slope, documented=plateau.order, used=used, pairs=neighbours,
                  settled=settled, exhausted=exhausted, finest=float(recent[-1]) if rising else None, rounding=rounding)

@@ -86,12 +86,19 @@ class Matrices:
 
     def step(self, scene, t, state, h, stages, weights):
         """One step."""
+        return self.moved(state, h, weights, self.stages(scene, t, state, h, stages))
+
+    def stages(self, scene, t, state, h, stages):
+        """The derivatives at the stages of a step."""
         found: list[tuple[np.ndarray, ...]] = []
         for row in stages:
-            here = [part + h * sum((c * rate[k] for c, rate in zip(row, found, strict=True)), np.zeros_like(part))
-                    for k, part in enumerate(state)]
-            found.append(self.rates(scene, t + h * sum(row), *here))
-        return [part + h * sum(c * rate[k] for c, rate in zip(weights, found, strict=True))
+            found.append(self.rates(scene, t + h * sum(row), *self.moved(state, h, row, found)))
+        return found
+
+    @staticmethod
+    def moved(state, h, weights, rates):
+        """The state moved along weighted derivatives."""
+        return [part + h * sum((c * rate[k] for c, rate in zip(weights, rates, strict=True)), np.zeros_like(part))
                 for k, part in enumerate(state)]
 
     def after(self, scene, state):
@@ -194,9 +201,7 @@ class Adaptive(Rotations):
 
     def pair(self, scene, t, state, h):
         """The step of order 5 and its estimated error."""
-        found: list[tuple[np.ndarray, ...]] = []
-        for row in [*TABLEAUX[5][0], TABLEAUX[5][1]]:
-            here = [part + h * sum((c * rate[k] for c, rate in zip(row, found, strict=True)), np.zeros_like(part))
-                    for k, part in enumerate(state)]
-            found.append(self.rates(scene, t + h * sum(row), *here))
-        return here, [h * sum(c * rate[k] for c, rate in zip(RK45.E, found, strict=True)) for k in range(4)]
+        stages, weights = TABLEAUX[5]
+        found = self.stages(scene, t, state, h, [*stages, weights])  # the last stage is the end of the step
+        error = self.moved([np.zeros_like(part) for part in state], h, RK45.E, found)
+        return self.moved(state, h, weights, found[:-1]), error

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.document import QUANTITIES, Finding
-from crosscheck.judge.defects import DOUBT, Defects, turn
+from crosscheck.judge.defects import DOUBT, Defects, turn, with_slack
 from crosscheck.judge.metrics import PLATEAU
 from crosscheck.judge.tolerances import CONSTANTS
 from crosscheck.judge.vanishing import finest_first, following, limits, shares
@@ -135,8 +135,8 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
     ratio = math.log((coarse.claim.step or 1.0) / (fine.claim.step or 1.0))
     close = (shares([fine, coarse], order)[1] < ALIKE) & fine.flow.regular & coarse.flow.regular
     close[0] = False  # a start of its own follows no power of h
-    pose, rate = fine.local()
-    own = dict(zip(QUANTITIES, (pose * fine.scale.length, pose, rate * fine.scale.length, rate), strict=True))
+    closed = {level: np.zeros(len(close)) for level in fine.opening}
+    own = with_slack(*fine.local(), closed, fine.flow.tau, fine.scale)
     found = []
     for part in np.array_split(np.arange(len(close)), WINDOWS):
         part = part[close[part]]

@@ -17,7 +17,7 @@ from crosscheck.errors import ArgumentError
 if TYPE_CHECKING:
     from sqlalchemy import Engine
 
-app = typer.Typer(name="history", no_args_is_help=True, help="The runs in the store, their changes and trends.")
+app = typer.Typer(name="history", help="The runs in the store, their changes and trends; alone: the last runs.")
 
 EMPTY = ("the store has no run yet: `crosscheck nightly` makes one, `crosscheck history add reports/latest` takes in "
          "one of `crosscheck verify`")
@@ -28,6 +28,15 @@ OUTCOME = "outcome"
 Store = Annotated[str | None, typer.Option("--store", help="an SQLite file or postgresql://...; default: "
                                            "CROSSCHECK_STORE, else reports/history.sqlite")]
 Run = Annotated[str, typer.Argument(help="name of a run, its beginning, or latest")]
+
+
+@app.callback(invoke_without_command=True)
+def alone(context: typer.Context, store: Store = None) -> None:
+    """The runs in the store, their changes and trends; alone: the last runs."""
+    if context.invoked_subcommand is None:
+        list_(store)
+    elif store is not None:
+        raise ArgumentError(f"--store stands after {context.invoked_subcommand}")
 
 
 @app.command("list")

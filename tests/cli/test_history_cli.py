@@ -3,7 +3,7 @@
 import pytest
 from typer.testing import CliRunner
 
-from crosscheck.cli.app import app
+from crosscheck.cli.app import app, main
 from crosscheck.errors import ArgumentError
 from crosscheck.history.store import load, open_store, run_from_document, save
 from tests.history.store.documents import document, record
@@ -33,6 +33,24 @@ def test_list_has_the_newest_first(store):
     lines = history("list", store=store).stdout.splitlines()
     assert [line.split()[0] for line in lines[1:]] == NAMES[::-1]
     assert "mujoco 4.0.0" in lines[1]
+
+
+def test_history_alone_lists_the_runs(store):
+    assert history(store=store).stdout == history("list", store=store).stdout
+
+
+@pytest.mark.parametrize("words", [(), ("list",), ("show",), ("compare", "latest"), ("accept",)])
+@pytest.mark.parametrize("port", ["99999", "port", "-1", "1"])
+def test_a_store_that_cannot_be_reached_is_one_line(words, port, monkeypatch, capfd):
+    """As a user sees it at 80 columns: no usage, no help, no box."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("sys.argv", ["crosscheck", "history", *words, "--store", f"postgresql://u@127.0.0.1:{port}/db"])
+    with pytest.raises(SystemExit, match="2"):
+        main()
+    said = capfd.readouterr()
+    assert said.out == ""
+    line, = said.err.splitlines()
+    assert line.startswith("crosscheck: --store")
 
 
 def test_show_has_the_figures_of_one_run(store):

@@ -39,7 +39,7 @@ def open_store(where: str | Path | None = None) -> Engine:
     import sqlalchemy
 
     url = _url(where)
-    shown = url.set(query={}).render_as_string(hide_password=True)
+    shown = url.set(drivername=url.get_backend_name(), query={}).render_as_string(hide_password=True)
     if url.get_backend_name() == "sqlite":
         engine = _sqlite(url)
     else:
@@ -62,7 +62,8 @@ def open_store(where: str | Path | None = None) -> Engine:
 
 
 def _reason(error: Exception) -> str:
-    return " ".join(str(getattr(error, "orig", None) or error).split())
+    first, *_ = str(getattr(error, "orig", None) or error).strip().splitlines() or [type(error).__name__]
+    return first.strip()  # what follows asks whether a server runs, or quotes the statement
 
 
 def _url(where: str | Path | None) -> URL:
@@ -89,6 +90,8 @@ def _url(where: str | Path | None) -> URL:
         raise ArgumentError(f"--store: ?{min(unknown)}= is not taken in the URL; "
                             + (f"allowed: {', '.join(sorted(POSTGRESQL_OPTIONS))}; a password stands before the host, "
                                "in PGPASSWORD or in ~/.pgpass" if backend == "postgresql" else "leave it out"))
+    if backend == "sqlite" and url.host:
+        raise ArgumentError(f"--store: {url.host} is read as a host; write sqlite:///path, with three strokes")
     if backend == "postgresql" and "@" in f"{url.host}{url.database}":
         raise ArgumentError("--store: more than one @ in the URL; write %40 for one in the user's name or password")
     if url.port is not None and not 0 < url.port < 65536:

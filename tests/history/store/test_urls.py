@@ -22,6 +22,7 @@ URLS = {
     "postgresql:u:{}@h/db": "URL without its beginning",
     "//u:{}@h/db": "URL without its beginning",
     "sqlite:///x?password={}": r"\?password= is not taken",
+    "sqlite://u:{}@h:5/x": "three strokes",
 }
 
 

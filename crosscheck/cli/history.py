@@ -150,6 +150,16 @@ def trend(
 
 
 @app.command()
+def page(out: Annotated[Path, typer.Option(help="folder of the page; beside reports it shares their menus")] = Path(
+             "reports/history"), store: Store = None) -> None:
+    """Write the page of the history: sparklines of every scene and engine, and of the figures of every run."""
+    from crosscheck.history.overview import write_history
+
+    with _opened(store) as opened:
+        typer.echo(f"page: {write_history(out, opened)}")
+
+
+@app.command()
 def add(folder: Annotated[Path, typer.Argument(help="a report, or its results.json")], store: Store = None) -> None:
     """Put a run of `crosscheck verify` into the store; good where all its verdicts pass."""
     from crosscheck.history.store import run_from_document, save

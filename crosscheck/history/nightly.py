@@ -29,6 +29,7 @@ from crosscheck.history.changes import compare
 from crosscheck.history.store.figures import SPEED
 from crosscheck.history.summary import summary
 from crosscheck.jobs.journal import Journal
+from crosscheck.report import sites
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
@@ -130,6 +131,7 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
     store.save(history_store, store.run_from_document(heading["name"], document, good=exit_code == 0))
     folder = _publish(out, heading["name"], document, text)
     _point_latest(out, folder.name)
+    sites.tell(out / LATEST)
     _discard(out / RUNNING)
     _prune(out, keep)
     return Night(folder, exit_code, text, changes, resumed)

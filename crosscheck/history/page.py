@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from crosscheck.errors import ArgumentError
-from crosscheck.files import put
 from crosscheck.history.changes import change_points
 from crosscheck.history.store import StoredRun
 from crosscheck.history.store.figures import SPEED, Figure
@@ -18,11 +17,11 @@ WIDTH, HEIGHT, LEFT, TOP, BOTTOM = 900, 360, 80, 30, 320
 
 def write_page(path: Path, series: Sequence[tuple[StoredRun, Figure]], scene: str, engine: str, label: str) -> None:
     """Write the page of a series that is not empty; `label` names engine and method. Replaces a file as a whole."""
-    from crosscheck.report.pages import environment
+    from crosscheck.report.standalone import one_file
 
     figures = [figure for _, figure in series]
     values = [figure.value for figure in figures]
-    logarithmic = min(values) > 0 and max(values) > 10 * min(values)
+    logarithmic = _spans_decades(values)
     scaled = [_scaled(value, logarithmic) for value in values]
     margin = 0.1 * (max(scaled) - min(scaled)) or 0.1 * abs(max(scaled)) or 1.0
     low, high = min(scaled) - margin, max(scaled) + margin
@@ -45,16 +44,26 @@ def write_page(path: Path, series: Sequence[tuple[StoredRun, Figure]], scene: st
     levels = [low + (high - low) * share / 4 for share in range(5)]
     ticks = [{"y": round(BOTTOM - (BOTTOM - TOP) * share / 4, 1),
               "text": f"{10**level if logarithmic else level:.3g}"} for share, level in enumerate(levels)]
-    text = environment().get_template("history.html.j2").render(
-        metric=figures[0].name, unit=figures[0].unit, scene=scene, engine=engine, label=label, points=points,
-        changes=[point for point in points if point["changed"]], ticks=ticks, width=WIDTH, height=HEIGHT, left=LEFT,
-        logarithmic=logarithmic, has_spread=any(figure.deviation is not None for figure in figures),
-        judged=figures[0].name == SPEED or any(figure.rounding is not None for figure in figures))
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        put(path, text)
+        one_file(
+            path, "trend.html.j2", metric=figures[0].name, unit=figures[0].unit, scene=scene, engine=engine,
+            label=label, points=points, changes=[point for point in points if point["changed"]], ticks=ticks,
+            width=WIDTH, height=HEIGHT, left=LEFT, logarithmic=logarithmic,
+            has_spread=any(figure.deviation is not None for figure in figures),
+            judged=figures[0].name == SPEED or any(figure.rounding is not None for figure in figures))
     except OSError as error:
         raise ArgumentError(f"--page {path}: {error.strerror or error}; choose another place") from None
+
+
+def heights(values: Sequence[float]) -> list[float]:
+    """Where values stand between the least, 0, and the largest, 1, of them; 0.5 where all are equal."""
+    scaled = [_scaled(value, _spans_decades(values)) for value in values]
+    low, high = min(scaled), max(scaled)
+    return [(value - low) / (high - low) if high > low else 0.5 for value in scaled]
+
+
+def _spans_decades(values: Sequence[float]) -> bool:
+    return min(values) > 0 and max(values) > 10 * min(values)
 
 
 def _scaled(value: float, logarithmic: bool) -> float:

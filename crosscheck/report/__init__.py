@@ -17,10 +17,11 @@ from crosscheck.document import Document, Scene
 from crosscheck.document.curves import RunCurves, SceneCurves
 from crosscheck.errors import ArgumentError
 from crosscheck.files import put
-from crosscheck.report import data, exports, names, pages, schema
+from crosscheck.report import data, exports, names, pages, schema, sites
 from crosscheck.report.badge import badge
 
-STATIC = ("report.css", "theme.js", "tables.js", "decision.js", "plots.js", "study.js", "scene.js", "playback.js")
+STATIC = ("report.css", "theme.js", "site.js", "tables.js", "decision.js", "plots.js", "study.js", "scene.js",
+          "playback.js")
 
 
 def write_report(document: Document, folder: Path) -> None:
@@ -68,6 +69,7 @@ def render_again(folder: Path) -> Path:
     for name in kept:
         if name.endswith((".html", ".js")) and is_file_of_report(folder / name):
             (folder / name).unlink()
+    sites.tell(folder)
     return folder / "index.html"
 
 
@@ -116,6 +118,7 @@ def _files(document: Document) -> Iterator[tuple[str, str]]:
     for name in STATIC:
         yield name, (pages.HERE / "static" / name).read_text(encoding="utf-8")
     yield "plotly.min.js", plotly.offline.get_plotlyjs()
+    yield sites.FILE, sites.ALONE
     yield "runs.js", data.runs_script(document)
     yield "summary.md", pages.summary(document)
     yield from _tables(document)
@@ -133,7 +136,7 @@ def _tables(document: Document) -> Iterator[tuple[str, str]]:
 
 
 FILES = frozenset({"index.html", "plotly.min.js", "runs.js", "summary.md", "results.csv", "results.parquet",
-                   "junit.xml", "badge.svg", "results.json", "report.pdf", *STATIC})
+                   "junit.xml", "badge.svg", "results.json", "report.pdf", sites.FILE, *STATIC})
 """What a report may hold, beside the pages and curves of its scenes, engines and studies, and the folder of figures."""
 
 FIGURES = "figures"

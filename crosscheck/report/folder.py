@@ -11,7 +11,7 @@ from pathlib import Path
 
 from crosscheck.document import Document
 from crosscheck.errors import ArgumentError
-from crosscheck.report import is_file_of_report, write_report
+from crosscheck.report import is_file_of_report, sites, write_report
 
 
 def check_out(out: Path) -> None:
@@ -78,4 +78,5 @@ def write(document: Document, out: Path) -> Path:
         for leftover in (aside, old):
             if leftover.exists():
                 shutil.rmtree(leftover)
+    sites.tell(out)
     return out / ("index.html" if (out / "index.html").exists() else "results.json")

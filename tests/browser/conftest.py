@@ -7,6 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from crosscheck.report import write_report
+from tests.browser.pages_making import write_all
 from tests.report_making import ADVICE, CHANGES, SUPPORT, small_results
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -40,6 +41,13 @@ def site(document, tmp_path_factory):
     folder = tmp_path_factory.mktemp("site") / "report"
     write_report(document, folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def home(site):
+    """The folder of the report, with a page of every other kind beside it."""
+    write_all(site.parent)
+    return site.parent
 
 
 class Watched:

@@ -24,19 +24,6 @@ window.Figures = (function () {
     return runs;
   }
 
-  // Most of what a page loads is this: it comes once the rest can be read.
-  let library = null;
-  function plotly() {
-    library ??= new Promise((done, failed) => {
-      const script = document.createElement("script");
-      script.src = "plotly.min.js";
-      script.onload = done;
-      script.onerror = failed;
-      document.head.append(script);
-    });
-    return library;
-  }
-
   const linear = (title) => ({title: {text: title, standoff: 6, font: {size: 12}}});
   const log = (title) => Object.assign(linear(title), {type: "log"});
   function layout(x, y, extra) {
@@ -242,7 +229,7 @@ window.Figures = (function () {
     return anchor;
   }
   async function ready(element) {
-    await plotly();
+    await library();
     if (!drawn.has(element)) draw(element);
   }
   function addLinks(element) {
@@ -258,7 +245,7 @@ window.Figures = (function () {
   }
   // In the light colours, whatever the page has: it is for paper.
   async function svg(element) {
-    await plotly();
+    await library();
     const root = document.documentElement;
     const theme = root.dataset.theme;
     root.dataset.theme = "light";
@@ -350,13 +337,13 @@ window.Figures = (function () {
     // A figure is drawn when it comes near the window, so that a page with many opens at once.
     const watcher = new IntersectionObserver((entries) => {
       const near = entries.filter((entry) => entry.isIntersecting && !drawn.has(entry.target));
-      if (near.length && !waiting.length) plotly().then(next);
+      if (near.length && !waiting.length) library().then(next);
       waiting.push(...near.map((entry) => entry.target));
     }, {rootMargin: "400px"});
     if (printed) all.forEach(ready);
     else window.addEventListener("load", () => {
       all.forEach((element) => watcher.observe(element));
-      setTimeout(plotly);
+      setTimeout(library);
     });
     const refresh = () => { refreshed?.(); drawn.forEach(draw); };
     document.addEventListener("themechange", refresh);

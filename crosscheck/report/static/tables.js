@@ -105,6 +105,9 @@
   document.querySelectorAll("table.sortable").forEach(sortable);
   document.querySelectorAll("table[data-filter]").forEach(filterable);
 
+  // What scrolls sideways and holds nothing to step to is itself a stop of the keyboard.
+  document.querySelectorAll(".scroll").forEach((box) => { if (!box.querySelector("a, button, input, summary")) box.tabIndex = 0; });
+
   // A link to a run opens its findings.
   function open() {
     const target = document.getElementById(window.location.hash.slice(1));

@@ -1,0 +1,105 @@
+"""Studies, sweep, history and trend in a real browser: the report's menus, theme and search, on every kind of page."""
+
+import json
+import re
+
+import pytest
+
+from crosscheck.report import sites
+from tests.browser.conftest import Watched
+from tests.browser.pages_making import PAGES
+
+WIDE, PHONE = (1280, "light"), (390, "dark")
+
+
+@pytest.fixture
+def watched(request, browser, home):
+    width, scheme = getattr(request, "param", WIDE)
+    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    made = Watched(context, home)
+    yield made
+    context.close()
+    assert made.complaints == []
+    assert made.foreign == []
+
+
+@pytest.mark.parametrize(("name", "watched"), [
+    pytest.param(name, view, id=f"{name}-{view[0]}", marks=[] if (index + shift) % 2 else pytest.mark.slow)
+    for index, name in enumerate(PAGES) for shift, view in enumerate((WIDE, PHONE))], indirect=["watched"])
+def test_every_page_has_the_menus_fits_and_is_accessible(watched, name):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    page = watched.open(name)
+    page.wait_for_load_state("load")
+    if page.locator(".plot").count():
+        page.wait_for_selector(".main-svg")
+    menus = page.locator("header nav > a, header summary").all_inner_texts()
+    assert [each.split()[0] for each in menus[:5]] == ["Overview", "Scenes", "Engines", "Studies", "More"]
+    assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"]
+    found = axe.Axe().run(page, options={"preload": False})
+    assert found.violations_count == 0, found.generate_report()
+
+
+def test_the_menus_lead_from_a_study_to_the_report_and_back(watched):
+    page = watched.open("drift/index.html")
+    page.locator("header summary", has_text="Scenes").click()
+    page.locator("header a", has_text="double pendulum").click()
+    assert page.url.endswith("report/scene-double_pendulum.html")
+    page.locator("header summary", has_text="More").click()
+    assert page.locator("#sites a").count() == 7
+    page.locator("#sites a", has_text="history").click()
+    assert page.locator("h1").inner_text() == "History"
+    assert page.locator("#sites a[aria-current]").count() == 1
+
+
+@pytest.mark.parametrize("watched", [WIDE, PHONE], indirect=True, ids=["wide-light", "phone-dark"])
+def test_search_finds_pages_of_every_folder_and_runs_of_this_one(watched):
+    page = watched.open("report/scene-double_pendulum.html")
+    page.keyboard.press("/")
+    box = page.get_by_role("searchbox", name="search pages")
+    box.fill("mujoco rk4")
+    assert page.locator("#find a").all_inner_texts() == ["mujoco RK4"]
+    box.fill("no such thing")
+    assert page.locator("#find [role=status]").inner_text() == "0 found"
+    box.fill("spring_pend")
+    assert page.locator("#find a").all_inner_texts() == ["spring pendulum"]
+    box.fill("usable steps")
+    page.keyboard.press("Enter")
+    page.wait_for_url(re.compile("stability/index.html"))
+
+
+def test_the_theme_is_one_for_all_pages(watched):
+    page = watched.open("history/index.html")
+    page.locator("#theme").click()
+    page.locator("#theme").click()
+    page.goto(watched.folder.as_uri() + "/sweep/index.html")
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+
+
+def test_the_history_draws_every_scene_and_run(watched):
+    page = watched.open("history/index.html")
+    nights = page.locator("table[data-filter='scenes'] tbody tr").first.locator("rect")
+    assert nights.count() == 8
+    assert nights.evaluate_all("all => all.map(e => e.className.baseVal)") == ["partly"] * 7 + ["fail"]
+    assert page.locator("table[data-filter='scenes'] td .quiet").first.inner_text() == "1 fail, 1 partly"
+    row = page.locator("table[data-filter='runs'] tbody tr", has_text="single pendulum").first
+    assert row.locator("polyline").count() == 3
+    assert row.locator("td").last.locator("circle").count() == 1  # the speed moved once
+    assert "0.01 to 0.013" in row.inner_text()
+
+
+def test_a_night_is_told_of_the_folders_beside_the_nights(tmp_path):
+    """Folders that are no pages of ours, and those that cannot be written, change nothing."""
+    for place in ("latest", "nightly/2026-11-01", "strange"):
+        folder = tmp_path / "reports" / place
+        folder.mkdir(parents=True)
+        (folder / "index.html").write_text("<title>crosscheck: a &amp; b</title>", encoding="utf-8")
+        for name in ("report.css", "theme.js") if place != "strange" else ():
+            (folder / name).touch()
+    (tmp_path / "reports/nightly/latest").symlink_to("2026-11-01", target_is_directory=True)
+    sites.tell(tmp_path / "reports/nightly/latest")
+    assert not (tmp_path / "reports/strange/sites.js").exists()
+    text = (tmp_path / "reports/nightly/2026-11-01/sites.js").read_text(encoding="utf-8")
+    told = json.loads(text.removeprefix("window.CROSSCHECK_SITES = ").rstrip(";\n"))
+    assert [(each["name"], each["here"], each["pages"]) for each in told] == [
+        ("latest", False, [["index", "a & b", "../../latest/index.html"]]),
+        ("nightly", True, [["index", "a & b", "index.html"]])]

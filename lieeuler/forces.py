@@ -101,17 +101,22 @@ class TorsionalSpring(Frozen):
         if isinstance(self.rest_angle, TimeFunction) and isinstance(self.torque, TimeFunction):
             raise ArgumentError("one of rest_angle and torque may depend on time; make two springs of it")
 
+    @property
+    def pointer(self) -> np.ndarray:
+        """(3,) the direction of the child that stands on the first normal of parent_axis where theta is 0."""
+        pointer: np.ndarray = _shortest_rotation(self.child_axis, self.parent_axis).T @ normals(self.parent_axis)[0]
+        return pointer
+
     def add_to(self, system: _kernel.System) -> None:
         """Add this force to the compiled system."""
         n1, n2 = normals(self.parent_axis)
-        pointer = _shortest_rotation(self.child_axis, self.parent_axis).T @ n1
         constant = 0.0 if isinstance(self.torque, TimeFunction) else self.torque
         drive = self.torque if isinstance(self.torque, TimeFunction) else TimeFunction([[constant]])
         rest = self.rest_angle
         if isinstance(rest, TimeFunction):  # which moves like a torque of stiffness times its value
             drive, rest = rest.scaled(self.stiffness, offset=constant), 0.0
-        system.add_torsional_spring(self.parent, self.child, self.parent_axis, n1, n2, pointer, self.stiffness, rest,
-                                    self.damping, None if drive == TimeFunction() else drive.kernel)
+        system.add_torsional_spring(self.parent, self.child, self.parent_axis, n1, n2, self.pointer, self.stiffness,
+                                    rest, self.damping, None if drive == TimeFunction() else drive.kernel)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,6 +12,7 @@ from lieeuler import _kernel, held
 from lieeuler.checks import LARGEST, SMALLEST, number, positive, real
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
 from lieeuler.methods import COORDINATE_MAPS, METHODS, Method
+from lieeuler.planar import plane_for
 from lieeuler.problem import Problem
 from lieeuler.solution import Solution, Status
 from lieeuler.spin_free import spin_free_frames
@@ -33,7 +34,7 @@ RTOL_RANGE = (1e-14, 0.1)
 def integrate(problem: Problem, method: str, step: float | None = None, t_eval: ArrayLike | None = None, *,
               rtol: float | None = None, coordinate_map: str = "exp", alpha: float | None = None,
               beta: float | None = None, spectral_radius: float | None = None, spin_free: bool | None = None,
-              polish: bool = True, monitor: bool = True) -> Solution:
+              reduce: str | None = None, polish: bool = True, monitor: bool = True) -> Solution:
     """Integrate a problem with a fixed step, or with steps that follow a tolerance.
 
     Every run writes one line to the logger "lieeuler", at level INFO.
@@ -57,6 +58,10 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
         Only for generalized_alpha: 0 removes motions much faster than the step, 1 keeps them. Default 0.8.
     spin_free : bool, optional
         Carry symmetric bodies in frames without their spin (`lieeuler.spin_free`). Default: not for the Euler methods.
+    reduce : "planar" | "axis" | "off", optional
+        Integrate a mechanism in its plane, or bodies about their fixed axes (`lieeuler.planar`); accelerations and
+        multipliers at the samples are then those of the index-1 system. Default: where it applies, and not for the
+        Euler methods; `solution.stats.reduce` says what was done.
     polish : bool
         Bring attitudes back to rotations after every step (docs/theory.md, section 3). False: the Euler methods only.
     monitor : bool
@@ -78,13 +83,18 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     """
     plan = plan_run(problem, method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, spin_free,
                     monitor, polish)
-    frames = spin_free_frames(problem) if plan.spin_free else None
-    kernel, w = (problem.kernel, problem.w) if frames is None else (frames.kernel, frames.w)
-    result = _kernel.integrate(kernel, plan.run, problem.x, problem.R, problem.v, w)
+    plane = plane_for(problem, METHODS[method], reduce)
+    within = problem if plane is None else plane.problem
+    frames = spin_free_frames(within) if plan.spin_free else None
+    kernel, w = (within.kernel, within.w) if frames is None else (frames.kernel, frames.w)
+    result = _kernel.integrate(kernel, plan.run, within.x, within.R, within.v, w)
     solution = Solution.from_kernel(result, plan.t, method, plan.step)
     if frames is not None:
         frames.restore(solution.t, solution.R, solution.w, solution.alpha)
         solution.stats.spin_free = frames.bodies
+    if plane is not None:
+        plane.restore(solution, result["angles"])
+        solution.stats.reduce = plane.word if reduce is None else reduce
     if not monitor:
         solution.stats.maxima = {}
     held.judge(problem, solution)

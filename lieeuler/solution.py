@@ -53,7 +53,8 @@ class Stats:
     constraint_position, constraint_velocity, constraint_acceleration (max norms, SI) and orthogonality
     (max norm of R^T R - I); it is empty where monitoring was switched off. Where `redundant_rows` of the constraint
     rows depend on the others, the multipliers are those of least norm, one set of many that move the system alike.
-    `spin_free` names the bodies carried in a frame that does not spin with them (`lieeuler.spin_free`).
+    `spin_free` names the bodies carried in a frame that does not spin with them (`lieeuler.spin_free`). `reduce` says
+    whether the mechanism was integrated in its plane (`lieeuler.planar`); the maxima are then those of the rows in it.
     """
 
     steps: int
@@ -67,6 +68,7 @@ class Stats:
     wall_time: float
     maxima: dict[str, float]
     spin_free: tuple[int, ...] = ()
+    reduce: str = "off"
 
 
 @dataclasses.dataclass

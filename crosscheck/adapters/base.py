@@ -23,6 +23,7 @@ class RunSpec:
     coordinate_map: str | None = None
     polish: bool | None = None  # False: attitudes keep what rounding does to products of rotations (lieeuler)
     spin_free: bool | None = None  # only ever given to an engine that lists it in `options`
+    reduce: str | None = None  # "planar" | "axis" | "off": mechanisms in their plane (lieeuler)
     alpha: float | None = None
     beta: float | None = None
     spectral_radius: float | None = None  # of generalized_alpha
@@ -35,7 +36,7 @@ ENGINE_OPTIONS = tuple(field.name for field in dataclasses.fields(RunSpec)
 """What an engine may list in its `options`."""
 
 CHOICES = {"form": ("tree", "maximal", "pivot"), "coordinate_map": ("exp", "cayley", "ccsk"),
-           "softness": ("tight", "default"), "node": ("lie", "euler_parameters")}
+           "reduce": ("planar", "axis", "off"), "softness": ("tight", "default"), "node": ("lie", "euler_parameters")}
 """The words that options take."""
 
 
@@ -58,6 +59,7 @@ class Stats(TypedDict, total=False):
     factorizations: int
     redundant_rows: int
     spin_free: tuple[str, ...]  # names of bodies
+    reduce: str
     softness: str
     node: str
     newton_tolerance: float

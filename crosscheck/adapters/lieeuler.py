@@ -84,7 +84,7 @@ class LieEuler:
     forms = ("maximal",)
     adaptive_methods = tuple(name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls)
     fixed_step_methods = tuple(name for name, method in lieeuler.METHODS.items() if "step" in method.controls)
-    options = frozenset({"form", "coordinate_map", "spin_free", "polish", "alpha", "beta", "spectral_radius"})
+    options = frozenset({"form", "coordinate_map", "spin_free", "reduce", "polish", "alpha", "beta", "spectral_radius"})
     dash, marker = "-", "o"
     on_group = True
 
@@ -133,8 +133,8 @@ class LieEuler:
             solution = lieeuler.integrate(
                 build_problem(scene), spec.method, spec.step, scene.t, rtol=spec.rtol,
                 coordinate_map=spec.coordinate_map or "exp", alpha=spec.alpha, beta=spec.beta,
-                spectral_radius=spec.spectral_radius, spin_free=spec.spin_free, polish=spec.polish is not False,
-                monitor=spec.monitor)
+                spectral_radius=spec.spectral_radius, spin_free=spec.spin_free, reduce=spec.reduce,
+                polish=spec.polish is not False, monitor=spec.monitor)
         except lieeuler.IntegrationError as ended:
             raise IntegrationError(ended.status, ended.advice, ended.solution) from ended
         except lieeuler.LieEulerError as error:
@@ -145,7 +145,7 @@ class LieEuler:
             rejected_steps=stats.rejected_steps, force_evaluations=stats.force_evaluations,
             newton_iterations=stats.newton_iterations, factorizations=stats.factorizations,
             most_iterations=stats.most_iterations, redundant_rows=stats.redundant_rows,
-            spin_free=tuple(scene.bodies[body].name for body in stats.spin_free))
+            reduce=stats.reduce, spin_free=tuple(scene.bodies[body].name for body in stats.spin_free))
         maxima = {key: value for key, value in stats.maxima.items() if key != "kinetic"}
         return RawRun(
             states=States(**{field: np.asarray(getattr(solution, field)) for field in fields}),

@@ -33,6 +33,7 @@ def run(
     alpha: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")] = None,
     beta: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of positions, not squared")] = None,
     spectral_radius: Annotated[float | None, typer.Option(help="0 to 1, of generalized_alpha; default 0.8")] = None,
+    reduce: Annotated[str | None, typer.Option(help="planar, axis or off: planar mechanisms (lieeuler)")] = None,
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
     duration: Duration = None,
     drop: Drop = False,
@@ -51,7 +52,8 @@ def run(
         method = "taylor"
         rtol = 1e-9 if step is None and rtol is None else rtol
     given = {"form": form, "coordinate_map": coordinate_map, "softness": softness, "node": node, "alpha": alpha,
-             "beta": beta, "spectral_radius": spectral_radius, "samples": samples, "duration": duration}
+             "beta": beta, "spectral_radius": spectral_radius, "reduce": reduce, "samples": samples,
+             "duration": duration}
     options = {key: value for key, value in given.items() if value is not None}
     found = loaded(scene, drop, keyframe)
     traj = run_scene(found, engine, method, step=step, rtol=rtol, **options)

@@ -39,9 +39,8 @@ def run(scene: Scene | str | os.PathLike[str], engine: str, method: str, step: f
         Relative tolerance of an adaptive method; not together with `step`.
     **options
         samples, duration (s) override the scene's; monitor (default True) evaluates the maxima over every step; form,
-        coordinate_map, spin_free, polish, alpha, beta, spectral_radius, softness, node go to the engines that know
-        them.
-        spin_free=False is what every engine does by itself.
+        coordinate_map, spin_free, reduce, polish, alpha, beta, spectral_radius, softness, node go to the engines
+        that know them. spin_free=False is what every engine does by itself.
 
     Raises
     ------

@@ -25,7 +25,7 @@ MOST_CELLS = 10_000_000
 Value = float | list[float]
 """Of a parameter: a number, or a vector as the scene file has it."""
 
-WAY_OPTIONS = ("form", "coordinate_map", "spin_free", "alpha", "beta", "softness", "node")
+WAY_OPTIONS = ("form", "coordinate_map", "spin_free", "reduce", "alpha", "beta", "softness", "node")
 
 
 @dataclasses.dataclass(frozen=True)

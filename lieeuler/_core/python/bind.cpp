@@ -14,6 +14,7 @@
 #include "model/sizes.hpp"
 #include "python/arrays.hpp"
 #include "python/levels.hpp"
+#include "python/multipliers.hpp"
 #include "python/probes.hpp"
 #include "run/adaptive.hpp"
 #include "run/ensemble.hpp"
@@ -105,10 +106,10 @@ void add_load(System& system, int child, const Vec3& point, const Vec3& value, c
 
 // Room for all samples is asked for, and taken sample by sample: a run that ends early fills and returns no more.
 struct Samples {
-  std::vector<double> x, R, v, w, a, alpha, lam;
+  std::vector<double> x, R, v, w, a, alpha, lam, angles;
   Samples(size_t most, const System& s) {
     for (auto* vectors : {&x, &v, &w, &a, &alpha}) vectors->reserve(3 * most * s.n());
-    R.reserve(9 * most * s.n()), lam.reserve(most * s.rows());
+    R.reserve(9 * most * s.n()), lam.reserve(most * s.rows()), angles.reserve(most * s.forces.size());
   }
   void append(const State& state) {
     auto add = [](std::vector<double>& out, const Vec3& vector) {
@@ -120,6 +121,7 @@ struct Samples {
       add(v, state.u[b].v), add(w, state.u[b].w), add(a, state.a[b].v), add(alpha, state.a[b].w);
     }
     lam.insert(lam.end(), state.lam.begin(), state.lam.end());
+    angles.insert(angles.end(), state.angles.begin(), state.angles.end());
   }
 };
 
@@ -159,6 +161,7 @@ nb::dict integrate(const System& system, const Run& method, const Array& x, cons
   result["a"] = make_array(std::move(samples.a), {T, n, 3});
   result["alpha"] = make_array(std::move(samples.alpha), {T, n, 3});
   result["lam"] = make_array(std::move(samples.lam), {T, m});
+  result["angles"] = make_array(std::move(samples.angles), {T, system.forces.size()});
   counters["steps"] = outcome.counters.steps;
   counters["rejected_steps"] = outcome.counters.rejected_steps;
   counters["force_evaluations"] = outcome.counters.force_evaluations;
@@ -371,6 +374,7 @@ NB_MODULE(_kernel, m) {
   m.def("project", &project);
   m.def("constraints", &constraints);
   m.def("constraint_levels", &levels_of_states);
+  m.def("multipliers", &multipliers);
   m.def("natural_rate", [](const System& system, double length) { return Scales{length}.natural(system); });
   m.def("forces", &forces);
   m.def("map_values", [](CoordinateMap map, const Vec3& xi, const Mat3& J, double h) {

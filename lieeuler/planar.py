@@ -1,0 +1,323 @@
+"""Mechanisms that stay in a plane: what holds them there is not integrated.
+
+Where every body hangs on the ground by joints that turn about one direction e, slide normal to it or keep everything,
+nothing leaves the planes normal to e. Of the rows of a joint those within the plane are left: two of a hinge, one and
+the relative angle of a slide, none of a hinge on the ground where the motion is written about it. What the other rows
+would carry is left out, and so are the heights along e:
+
+    m x'' = f - (f . e) e - ...,    (e . J e) theta'' = e . torque - ...
+
+World and bodies are turned until e is the third axis of all of them. Zeros then stay zeros in every method, and the
+motion is that of the whole system. Heights, attitudes and all multipliers return at the samples.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from lieeuler import _kernel
+from lieeuler.checks import normals
+from lieeuler.errors import ArgumentError
+from lieeuler.forces import ConstantLoad, Force, LinearSpring, SlideForce, TorsionalSpring
+from lieeuler.functions import TimeFunction
+from lieeuler.joints import Dot, Drive, Joint
+from lieeuler.methods import Method
+from lieeuler.problem import Body, Problem
+from lieeuler.solution import Solution
+from lieeuler.types import GROUND
+
+WORDS = ("planar", "axis", "off")
+
+ROUNDING = 1e-12
+"""Relative: an angle between directions, a height, a velocity out of the plane that is rounding."""
+DEPENDENT = 1e-6
+"""Sine of the angle below which two directions of one joint are one."""
+X, Y, Z = np.eye(3)
+
+
+class NotPlanar(ArgumentError):
+    """Why a problem cannot be integrated in a plane."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Plane:
+    """A problem in its plane, and the way back.
+
+    Attributes
+    ----------
+    full, problem : Problem
+        As given; and with z = 0, fewer rows, and every body standing as the axes do at the start.
+    normal : (3,)
+        e, world axes.
+    turn : (3, 3)
+        World axes to those of the plane.
+    frames : (n, 3, 3)
+        Body axes to those in `problem`.
+    word : "planar" | "axis"
+        "axis" where every body turns about an axis fixed in the ground.
+    """
+
+    full: Problem
+    problem: Problem
+    normal: np.ndarray
+    turn: np.ndarray
+    frames: np.ndarray
+    word: str
+
+    def restore(self, solution: Solution, angles: np.ndarray) -> None:
+        """Make the arrays of a solution of `problem` those of `full`.
+
+        `angles` (T, number of forces) are the unwrapped angles of torsional springs in `problem`, rad. The multipliers
+        become those of the index-1 system, NaN where the mechanism stands in a singular position.
+        """
+        solution.x[:, :, 2] += self.full.x @ self.normal
+        for name in ("x", "v", "a"):
+            setattr(solution, name, np.ascontiguousarray(getattr(solution, name) @ self.turn))
+        solution.R = np.ascontiguousarray(self.turn.T @ solution.R @ self.frames)
+        for name in ("w", "alpha"):
+            setattr(solution, name, np.einsum("bji,tbj->tbi", self.frames, getattr(solution, name)))
+        begun = [_start_angle(self.full, force) if isinstance(force, TorsionalSpring) else 0.0
+                 for force in self.full.forces]
+        solution.lam, solution.stats.redundant_rows = _kernel.multipliers(
+            self.full.kernel, solution.t, solution.x, solution.R, solution.v, solution.w, angles + np.array(begun))
+
+
+def plane_for(problem: Problem, method: Method, wanted: str | None) -> Plane | None:
+    """The plane in which a method integrates a problem, None where it does not; found once a problem.
+
+    Raises
+    ------
+    NotPlanar
+        What is wanted does not apply.
+    """
+    if not (wanted is None or wanted in WORDS):
+        raise ArgumentError(f"reduce must be one of {', '.join(WORDS)}, not {wanted!r}")
+    if wanted == "off" or (wanted is None and method.order == 1 and "rtol" not in method.controls):
+        return None
+    pins = method.name == "taylor"
+    known = vars(problem).setdefault("_planes", {})
+    if pins not in known:
+        try:
+            known[pins] = plane_of(problem, pins)
+        except NotPlanar as refusal:
+            known[pins] = str(refusal)
+    found: Plane | str = known[pins]
+    if isinstance(found, Plane) and wanted == "axis" != found.word:
+        found = "its bodies do not all turn about axes fixed in the ground"
+    if isinstance(found, Plane):
+        return found
+    if wanted is None:
+        return None
+    raise NotPlanar(f"reduce={wanted!r} does not apply: {found}")
+
+
+def plane_of(problem: Problem, pins: bool) -> Plane:
+    """The problem in its plane. pins: a hinge on the ground needs no row, for the method writes about its point.
+
+    Raises
+    ------
+    NotPlanar
+    """
+    view = _View(problem, _normal(problem))
+    _check_start(problem, view.e)
+    _check_hung(problem)
+    within = [_within(view, k) for k in range(len(problem.joints))]
+    groups = [{b} for b in range(problem.n)]  # of bodies whose heights depend on each other
+    pinned: set[int] = set()
+    joints = []
+    for joint, rows in zip(problem.joints, within, strict=True):
+        point = len(rows.across) == 2
+        if joint.parent == GROUND:
+            point = point and pins and joint.child not in pinned
+            pinned.add(joint.child)
+        elif point := point and groups[joint.parent] is not groups[joint.child]:
+            groups[joint.parent] |= groups[joint.child]
+            for body in groups[joint.child]:
+                groups[body] = groups[joint.parent]
+        if point or rows.angle or len(rows.across) or joint.drive:
+            joints.append(_joint(view, joint, rows, point))
+    bodies = tuple(Body(body.mass, float(P[2] @ body.inertia @ P[2]) * np.eye(3))
+                   for body, P in zip(problem.bodies, view.frames, strict=True))
+    flat = Problem(bodies, tuple(joints), view.within(GROUND, problem.gravity),
+                   np.array([view.within(GROUND, x) for x in problem.x]), np.array([np.eye(3)] * problem.n),
+                   np.array([view.within(GROUND, v) for v in problem.v]),
+                   np.array([view.along(b, w) * Z for b, w in enumerate(problem.w)]),
+                   tuple(_force(view, k) for k in range(len(problem.forces))))
+    turning = [joint.child for joint, rows in zip(problem.joints, within, strict=True)
+               if joint.parent == GROUND and len(rows.across) == 2 and not rows.angle]
+    word = "axis" if sorted(turning) == list(range(problem.n)) and len(problem.joints) == problem.n else "planar"
+    return Plane(problem, flat, view.e, view.turn, view.frames, word)
+
+
+class _View:
+    """Vectors of bodies, and of the world for the ground, as they stand to the plane at the start."""
+
+    def __init__(self, problem: Problem, e: np.ndarray) -> None:
+        self.problem, self.e = problem, e
+        self.turn = np.array([*normals(e), e])
+        self.frames = self.turn @ problem.R
+
+    def turned(self, body: int, vector: np.ndarray) -> np.ndarray:
+        result: np.ndarray = (self.turn if body == GROUND else self.frames[body]) @ vector
+        return result
+
+    def first_axis(self, body: int) -> np.ndarray:
+        """The first axis of the plane, as the body has it."""
+        axis: np.ndarray = (self.turn if body == GROUND else self.frames[body])[0]
+        return axis
+
+    def within(self, body: int, vector: np.ndarray) -> np.ndarray:
+        """(3,) without the part along e."""
+        return self.turned(body, vector) * (1.0, 1.0, 0.0)
+
+    def along(self, body: int, vector: np.ndarray) -> float:
+        """The part along e."""
+        return float(self.turned(body, vector)[2])
+
+    def height(self, body: int, point: np.ndarray) -> float:
+        """Of a point of a body, m."""
+        return self.along(body, point) + (0.0 if body == GROUND else float(self.problem.x[body] @ self.e))
+
+    def axis(self, what: str, body: int, axis: np.ndarray) -> np.ndarray:
+        """Plus or minus the third axis, for an axis along e."""
+        size = self.along(body, axis)
+        if abs(size) < 1 - ROUNDING:
+            raise NotPlanar(f"{what} turns about another direction than the joints")
+        return Z if size > 0 else -Z
+
+    def direction(self, what: str, body: int, axis: np.ndarray) -> np.ndarray:
+        """A direction normal to e."""
+        if abs(self.along(body, axis)) > ROUNDING:
+            raise NotPlanar(f"{what} acts out of the plane")
+        return self.within(body, axis)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Within:
+    """What is left of a joint in the plane: directions of its parent (k, 3) along which the anchors do not part, and
+    whether the angle between its bodies stays."""
+
+    across: np.ndarray
+    angle: bool
+
+
+def _normal(problem: Problem) -> np.ndarray:
+    """The direction about which the first joint with one turns; a coordinate direction exactly, where it is one."""
+    for joint in problem.joints:
+        turns = _refused(problem, joint)[1]
+        if _rank(turns) == 2:
+            free: np.ndarray = np.linalg.svd(turns)[2][2]
+            largest = np.argmax(np.abs(free))
+            free *= np.sign(free[largest])
+            nearest: np.ndarray = np.eye(3)[largest]
+            return nearest if np.abs(free - nearest).max() < ROUNDING else free
+    raise NotPlanar("no joint turns about one direction")
+
+
+def _refused(problem: Problem, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
+    """World directions (k, 3) along which a joint's anchors do not part, and about which its bodies do not turn against
+    each other, at the start; without its drive."""
+    R = {"child": problem.R[joint.child], "parent": np.eye(3) if joint.parent == GROUND else problem.R[joint.parent]}
+    across, turns = list(np.eye(3)) if joint.spherical else [], []
+    for dot in joint.dots:
+        if (dot.a, dot.b) == ("parent", "difference") and dot.constant == 0:
+            across.append(R["parent"] @ dot.a_axis)
+        elif (dot.a, dot.b) == ("parent", "child"):
+            turns.append(np.cross(R["child"] @ dot.b_axis, R["parent"] @ dot.a_axis))
+        else:
+            raise NotPlanar("a joint holds a distance")
+    return np.reshape(across, (-1, 3)), np.reshape(turns, (-1, 3))
+
+
+def _rank(rows: np.ndarray) -> int:
+    return int(np.linalg.matrix_rank(rows, tol=DEPENDENT)) if len(rows) else 0
+
+
+def _within(view: _View, index: int) -> _Within:
+    """What is left of a joint, which has to keep its bodies in their planes by itself."""
+    joint = view.problem.joints[index]
+    across, turns = _refused(view.problem, joint)
+    flat = np.vstack([across - np.outer(across @ view.e, view.e), np.zeros((3, 3))])
+    k, angle = _rank(flat), _rank(turns) == 3
+    about_e = _rank(turns) == 2 and np.abs(turns @ view.e).max() < ROUNDING
+    if _rank(across) != k + 1 or not (angle or about_e):
+        raise NotPlanar(f"joint {index} does not keep its bodies in planes normal to one direction")
+    kept = np.linalg.svd(flat)[2][:k] @ view.turn.T * (1.0, 1.0, 0.0)  # at the start every body stands as the world
+    return _Within(np.eye(3)[:2] if k == 2 else kept, angle)
+
+
+def _check_start(problem: Problem, e: np.ndarray) -> None:
+    length = problem.kernel.length
+    speed = max(np.abs(problem.v).max(), np.abs(problem.w).max() * length)
+    spins = np.cross(np.einsum("bij,bj->bi", problem.R, problem.w), e)
+    if max(np.abs(problem.v @ e).max(), np.abs(spins).max() * length) > ROUNDING * speed:
+        raise NotPlanar("the start moves out of the plane")
+    levels = _kernel.constraint_levels(problem.kernel, problem.x, problem.R, problem.v, problem.w, 0.0)
+    if not levels.max() <= ROUNDING:
+        raise NotPlanar(f"the start leaves joints open by {levels.max():.1g} of the system's size, more than rounding")
+
+
+def _check_hung(problem: Problem) -> None:
+    hung, size = {GROUND}, 0
+    while len(hung) > size:
+        size = len(hung)
+        hung |= {body for joint in problem.joints if {joint.parent, joint.child} & hung
+                 for body in (joint.parent, joint.child)}
+    if len(hung) <= problem.n:
+        raise NotPlanar("a body is not held in the plane by joints")
+
+
+def _joint(view: _View, joint: Joint, rows: _Within, point: bool) -> Joint:
+    """point: the anchors coincide in all three directions, by rows along the axes of the world."""
+    dots = () if point else tuple(Dot("parent", "difference", direction) for direction in rows.across)
+    if rows.angle:
+        dots += (Dot("parent", "child", X, Y),)
+    return Joint(joint.parent, joint.child, view.within(joint.parent, joint.parent_anchor),
+                 view.within(joint.child, joint.child_anchor), point, dots,
+                 None if joint.drive is None else _drive(view, joint, joint.drive))
+
+
+def _drive(view: _View, joint: Joint, drive: Drive) -> Drive:
+    turn = view.axis if drive.relative is not None else view.direction
+    parent_axis = turn("a drive", joint.parent, drive.parent_axis)
+    child_axis = turn("a drive", joint.child, drive.child_axis)
+    relative = None
+    if drive.relative is not None:
+        x, y, _ = view.turned(joint.child, drive.relative @ view.first_axis(joint.parent))
+        relative = np.array([[x, -y, 0.0], [y, x, 0.0], Z])
+        relative[:2] /= np.hypot(x, y)
+    return Drive(drive.function, parent_axis, child_axis, relative)
+
+
+def _force(view: _View, index: int) -> Force:
+    """A force in the plane. What it does out of the plane joints carry; springs must not feel heights."""
+    force, what = view.problem.forces[index], f"force {index}"
+    p, c = force.parent, force.child
+    if isinstance(force, ConstantLoad):
+        place = c if force.frame == "body" else GROUND
+        return dataclasses.replace(force, force=view.within(place, force.force), point=view.within(c, force.point),
+                                   torque=view.along(place, force.torque) * Z)
+    if isinstance(force, SlideForce):
+        return dataclasses.replace(force, parent_anchor=view.within(p, force.parent_anchor),
+                                   child_anchor=view.within(c, force.child_anchor),
+                                   parent_axis=view.direction(what, p, force.parent_axis))
+    if isinstance(force, LinearSpring):
+        rise = view.height(c, force.child_point) - view.height(p, force.parent_point)
+        if abs(rise) > ROUNDING * view.problem.kernel.length:
+            raise NotPlanar(f"{what} pulls out of the plane")
+        return dataclasses.replace(force, parent_point=view.within(p, force.parent_point),
+                                   child_point=view.within(c, force.child_point))
+    begun, rest = _start_angle(view.problem, force), force.rest_angle
+    return dataclasses.replace(
+        force, parent_axis=view.axis(what, p, force.parent_axis), child_axis=view.axis(what, c, force.child_axis),
+        rest_angle=rest.scaled(1.0, offset=-begun) if isinstance(rest, TimeFunction) else rest - begun)
+
+
+def _start_angle(problem: Problem, spring: TorsionalSpring) -> float:
+    """rad, in (-pi, pi]."""
+    n1, n2 = normals(spring.parent_axis)
+    parent = np.eye(3) if spring.parent == GROUND else problem.R[spring.parent]
+    pointer = parent.T @ problem.R[spring.child] @ spring.pointer
+    return float(np.arctan2(pointer @ n2, pointer @ n1))

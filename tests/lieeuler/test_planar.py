@@ -1,0 +1,154 @@
+"""Mechanisms in their plane move as whole systems do, to rounding, and come back whole."""
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import crosscheck
+import lieeuler
+from crosscheck.adapters.lieeuler import build_problem
+from lieeuler.planar import plane_of
+
+FIELDS = ("x", "R", "v", "w", "a", "alpha", "lam")
+PLANAR = ("four_bar", "parallelogram", "planar_slider", "driven_cart", "torsion_wheel", "hinge_pendulum")
+
+
+def turned(problem, Q):
+    """The problem in a world turned by Q (3, 3), its bodies' axes turned at random."""
+    P = Rotation.random(problem.n, random_state=3).as_matrix()
+
+    def item(thing):
+        ends = {"parent": Q if thing.parent == -1 else P[thing.parent], "child": P[thing.child]}
+        changed = {}
+        for field in dataclasses.fields(thing):
+            value = getattr(thing, field.name)
+            if isinstance(value, np.ndarray) and value.shape == (3,):
+                changed[field.name] = ends["parent" if field.name.startswith("parent") else "child"] @ value
+        if isinstance(thing, lieeuler.Joint):
+            changed["dots"] = tuple(dataclasses.replace(
+                dot, a_axis=ends.get(dot.a, np.eye(3)) @ dot.a_axis, b_axis=ends.get(dot.b, np.eye(3)) @ dot.b_axis)
+                for dot in thing.dots)
+        return dataclasses.replace(thing, **changed)
+
+    bodies = [lieeuler.Body(b.mass, (T @ b.inertia @ T.T + (T @ b.inertia @ T.T).T) / 2)
+              for b, T in zip(problem.bodies, P, strict=True)]
+    R = Q @ problem.R @ np.swapaxes(P, 1, 2)
+    return lieeuler.Problem(bodies, [item(j) for j in problem.joints], Q @ problem.gravity, problem.x @ Q.T, R,
+                            problem.v @ Q.T, np.einsum("bij,bj->bi", P, problem.w))
+
+
+def largest_difference(a, b):
+    return max(np.abs(getattr(a, name) - getattr(b, name)).max(initial=0.0)
+               / (1 + np.abs(getattr(a, name)).max(initial=0.0)) for name in FIELDS)
+
+
+@pytest.mark.parametrize("method", ["DAE1L_LSE", "DAE1H_LSE", "generalized_alpha", "rattle4", "rkmk4"])
+@pytest.mark.parametrize("name", PLANAR)
+def test_a_plane_changes_nothing_but_the_cost(name, method):
+    """Near singular positions the last digits of multipliers go as their pivots."""
+    problem = build_problem(crosscheck.load_scene(name))
+    off, on = (lieeuler.integrate(problem, method, 5e-3, np.linspace(0, 0.5, 6), reduce=word)
+               for word in ("off", "planar"))
+    assert (on.stats.reduce, off.stats.reduce) == ("planar", "off")
+    assert on.stats.redundant_rows == off.stats.redundant_rows
+    assert largest_difference(off, on) < (1e-8 if name == "parallelogram" else 2e-11)
+
+
+@pytest.mark.parametrize("method", ["taylor", "rkmk853", "seulex"])
+@pytest.mark.parametrize("name", ["four_bar", "planar_slider", "torsion_wheel"])
+def test_adaptive_methods_are_in_the_plane_unless_told(name, method):
+    problem = build_problem(crosscheck.load_scene(name))
+    off, on = (lieeuler.integrate(problem, method, t_eval=np.linspace(0, 0.5, 6), rtol=1e-11, reduce=word)
+               for word in ("off", None))
+    assert on.stats.reduce == ("axis" if name == "torsion_wheel" else "planar")
+    assert largest_difference(off, on) < 1e-7
+
+
+@pytest.mark.parametrize("name", ["four_bar", "hinge_pendulum"])
+def test_any_plane_will_do(name):
+    """An oblique plane, bodies' axes that know nothing of it, and a mechanism at another height for each body."""
+    problem = turned(build_problem(crosscheck.load_scene(name)), Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix())
+    for method in ("rattle2", "DAE1H_LSE"):
+        off, on = (lieeuler.integrate(problem, method, 5e-3, [0.0, 0.2, 0.4], reduce=word)
+                   for word in ("off", "planar"))
+        assert largest_difference(off, on) < 1e-11
+        assert max(on.stats.maxima[f"constraint_{level}"] for level in ("position", "velocity")) < 1e-12
+
+
+def test_springs_keep_their_turns():
+    """A wheel that has turned five times: rest angle, unwrapped angle and multipliers are those of the whole system."""
+    z = [0.0, 0.0, 1.0]
+    hinge = lieeuler.revolute_joint(-1, 0, [0, 0, 0], [0, 0, 0], z, z)
+    R = Rotation.from_rotvec([0, 0, 3.0]).as_matrix()
+    wheel = lieeuler.Problem([lieeuler.Body(1.0, np.diag([1.0, 1.0, 1.5]))], [hinge], [0.0, -3.0, -9.81], [[0, 0, 0]],
+                             [R], [[0, 0, 0]], [[0, 0, 20.0]], [lieeuler.TorsionalSpring(-1, 0, z, z, 2.0, 0.4, 0.1)])
+    off, on = (lieeuler.integrate(wheel, "taylor", t_eval=np.linspace(0, 2, 9), rtol=1e-13, reduce=word)
+               for word in ("off", "axis"))
+    assert largest_difference(off, on) < 1e-12
+    assert on.alpha[:, 0, 2].min() < -20  # a spring of 2 N m/rad on 1.5 kg m^2, wound up by five turns
+
+
+def test_multipliers_carry_what_the_plane_leaves_out():
+    """A load along the axis and the weight of a mechanism that lies flat."""
+    problem = build_problem(crosscheck.load_scene("four_bar"))
+    e = plane_of(problem, pins=False).normal
+    loaded = dataclasses.replace(problem, gravity=problem.gravity + 7.0 * e, forces=(
+        *problem.forces, lieeuler.ConstantLoad(1, force=30.0 * e, torque=[1.0, 2.0, 3.0], point=[0.1, 0.2, 0.3])))
+    off, on = (lieeuler.integrate(loaded, "rattle2", 1e-3, [0.0, 0.1], reduce=word) for word in ("off", "planar"))
+    assert largest_difference(off, on) < 1e-11
+    assert np.abs(on.lam).max() > 10
+
+
+@pytest.mark.parametrize(("name", "why"), [
+    ("double_pendulum", "no joint turns"), ("bricard", "does not keep its bodies"),
+    ("branching_tree", "the start moves out of the plane"), ("rod_pendulum", "holds a distance")])
+def test_what_leaves_the_plane_is_told(name, why):
+    problem = build_problem(crosscheck.load_scene(name))
+    with pytest.raises(lieeuler.ArgumentError, match=f"reduce='planar' does not apply: .*{why}"):
+        lieeuler.integrate(problem, "rattle2", 1e-3, [0.0, 0.01], reduce="planar")
+    assert lieeuler.integrate(problem, "rattle2", 1e-3, [0.0, 0.01]).stats.reduce == "off"
+
+
+def test_look_alikes_are_left_alone():
+    """A spring that pulls out of the plane, a start that leans by 1e-6, a joint open by 1e-10, a body that flies."""
+    problem = build_problem(crosscheck.load_scene("hinge_pendulum"))
+    e = plane_of(problem, pins=False).normal
+    spring = lieeuler.LinearSpring(-1, 0, problem.x[0] + e, [0, 0, 0], 10.0, 0.5)
+    open_ = dataclasses.replace(problem, x=problem.x + 1e-10)
+    free = lieeuler.Problem([problem.bodies[0]] * 2, problem.joints, problem.gravity, np.repeat(problem.x, 2, axis=0),
+                            np.repeat(problem.R, 2, axis=0), np.repeat(problem.v, 2, axis=0),
+                            np.repeat(problem.w, 2, axis=0))
+    for other in (dataclasses.replace(problem, forces=(spring,)), open_, free):
+        assert lieeuler.integrate(other, "rkmk4", 1e-3, [0.0, 0.01]).stats.reduce == "off"
+
+
+def test_words():
+    problem = build_problem(crosscheck.load_scene("four_bar"))
+    with pytest.raises(lieeuler.ArgumentError, match="reduce must be one of planar, axis, off, not 'plane'"):
+        lieeuler.integrate(problem, "rattle2", 1e-3, [0.0, 0.01], reduce="plane")
+    with pytest.raises(lieeuler.ArgumentError, match="reduce='axis' does not apply: its bodies do not all turn"):
+        lieeuler.integrate(problem, "rattle2", 1e-3, [0.0, 0.01], reduce="axis")
+    assert lieeuler.integrate(problem, "DAE1L_LSE", 1e-3, [0.0, 0.01]).stats.reduce == "off"
+    assert lieeuler.integrate(pickle.loads(pickle.dumps(problem)), "rkmk4", 1e-3, [0.0, 0.01]).stats.reduce == "planar"
+
+
+def test_a_run_that_ends_early_comes_back_whole():
+    problem = build_problem(crosscheck.load_scene("four_bar"))
+    with pytest.raises(lieeuler.IntegrationError) as ended:
+        lieeuler.integrate(problem, "rattle2", 0.5, np.linspace(0, 50, 101), reduce="planar")
+    solution = ended.value.solution
+    assert solution.stats.reduce == "planar"
+    assert solution.lam.shape == (len(solution.t), problem.rows)
+
+
+def test_crosscheck_passes_the_word_on():
+    traj = crosscheck.run("four_bar", "lieeuler", "rkmk4", step=1e-2, duration=0.1, reduce="off")
+    assert traj.stats["reduce"] == "off"
+    assert crosscheck.run("four_bar", "lieeuler", "rkmk4", step=1e-2, duration=0.1).stats["reduce"] == "planar"
+    with pytest.raises(crosscheck.ArgumentError, match="reduce: mujoco does not have this option"):
+        crosscheck.run("four_bar", "mujoco", "RK4", step=1e-2, reduce="planar")
+    with pytest.raises(crosscheck.ArgumentError, match="reduce"):
+        crosscheck.run("four_bar", "lieeuler", "rkmk4", step=1e-2, reduce="plane")

@@ -40,7 +40,7 @@ def print_verdicts(document: Document, page: Path) -> None:
     left_out: dict[str, list[str]] = {}
     for record in document.records:
         if record.outcome in ("unsupported", "unjudged"):
-            symbol, word, _ = OUTCOMES[record.outcome]
+            symbol, word, _ = OUTCOMES[state(record)]
             left_out.setdefault(f"{symbol} {word} {record.scene}, {record.message}", []).append(record.label)
     for message, labels in left_out.items():
         say(f"{message}: {', '.join(labels)}")

@@ -1,8 +1,9 @@
-"""A badge for a README: how many runs pass and how many fail, as a small SVG that needs no network."""
+"""A badge for a README: how many runs pass, wholly or partly judged, and fail, as a small SVG that needs no network."""
 
 from __future__ import annotations
 
 from crosscheck.document import Document
+from crosscheck.report.headline import state
 
 LETTER = 7
 """Pixels of a letter; `textLength` fits the words to it in whatever font there is."""
@@ -14,9 +15,11 @@ COLOURS = {0: "#1a7f37", 1: "#b3261e"}
 def badge(document: Document) -> str:
     """The SVG; its title says the same in words."""
     failing = sum(record.outcome in ("fail", "error") for record in document.records)
-    passing = sum(record.outcome in ("pass", "partly", "known") for record in document.records)
-    told = f"{passing} pass" + (f", {failing} fail" if failing else "") if passing or failing else "nothing ran"
-    colour = COLOURS.get(document.exit_code, "#5f6368") if passing or failing else "#5f6368"
+    passing = sum(state(record) in ("pass", "known") for record in document.records)
+    part = sum(state(record) == "partly" for record in document.records)
+    counts = {"pass": passing, "partly": part, "fail": failing}
+    told = ", ".join(f"{count} {word}" for word, count in counts.items() if count) or "nothing ran"
+    colour = COLOURS.get(document.exit_code, "#5f6368") if any(counts.values()) else "#5f6368"
     left, right = (LETTER * len(word) + 12 for word in ("crosscheck", told))
     return (f'<svg xmlns="http://www.w3.org/2000/svg" width="{left + right}" height="20" role="img" '
             f'aria-label="crosscheck: {told}"><title>crosscheck: {told}</title>'

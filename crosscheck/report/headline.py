@@ -64,9 +64,10 @@ def _passing(document: Document) -> str:
     if part:
         said.append(f"{len(part)} more over part of {'its' if len(part) == 1 else 'their'} time "
                     f"({100 * judged_share(part):.0f} %)")
-    unjudged = sum(record.outcome == "unjudged" for record in records)
-    if unjudged and whole + len(part):
-        said.append(f"{unjudged} unjudged")
+    if count["budgeted"]:
+        said.append(f"{count['budgeted']} at steps too coarse to judge")
+    if count["unjudged"] and whole + len(part):
+        said.append(f"{count['unjudged']} unjudged")
     if count["known"]:
         said.append(f"{count['known']} show{'s' if count['known'] == 1 else ''} only known defects")
     if 0 < len(failing) <= SPARED:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 
 from crosscheck.document import Change, Document, Finding, Record, Scene
-from crosscheck.report.headline import OUTCOMES, state
+from crosscheck.report.headline import OUTCOMES, judged_share, state
 
 SEVERITY = ("error", "fail", "known", "unjudged", "budgeted", "partly", "pass", "unsupported")
 """Outcomes, the one that needs attention most first; a group of runs shows its first."""
@@ -27,6 +27,15 @@ def by_scene_and_engine(document: Document) -> dict[str, dict[str, dict[str, int
         groups.setdefault(record.scene, {}).setdefault(record.engine, []).append(record)
     return {scene: {engine: counted(records) for engine, records in engines.items()}
             for scene, engines in groups.items()}
+
+
+def judged_shares(document: Document) -> dict[tuple[str, str], float]:
+    """Of every scene and engine with runs that were judged partly, the share of their time that was."""
+    groups: dict[tuple[str, str], list[Record]] = {}
+    for record in document.records:
+        if state(record) == "partly":
+            groups.setdefault((record.scene, record.engine), []).append(record)
+    return {pair: judged_share(records) for pair, records in groups.items()}
 
 
 def most_accurate(document: Document) -> dict[str, dict[str, Record]]:

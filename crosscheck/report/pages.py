@@ -12,7 +12,18 @@ import msgspec
 
 from crosscheck.document import EULER, LEVELS, QUANTITIES, Document, Record, Scene, Support
 from crosscheck.report import overview
-from crosscheck.report.headline import OUTCOMES, headline, number, partly, plain_number, sentence, span, spoken, state
+from crosscheck.report.headline import (
+    OUTCOMES,
+    headline,
+    judged_share,
+    number,
+    partly,
+    plain_number,
+    sentence,
+    span,
+    spoken,
+    state,
+)
 from crosscheck.report.identity import palette
 from crosscheck.report.names import STUDIES, anchor, data_file, engine_file, scene_file, slug, study_file
 
@@ -36,7 +47,9 @@ def environment() -> Any:
         lstrip_blocks=True, keep_trailing_newline=True,
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False))
     made.filters |= {"number": number, "sentence": sentence, "anchor": anchor, "span": span, "spoken": spoken,
-                     "state": state, "sortable": plain_number, "query": urllib.parse.quote, "slug": slug}
+                     "state": state, "judged_share": judged_share, "sortable": plain_number,
+                     "query": urllib.parse.quote, "slug": slug,
+                     "select_state": lambda records, wanted: [each for each in records if state(each) == wanted]}
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": tuple(LEVELS), "QUANTITIES": tuple(QUANTITIES),
                      "UNITS": QUANTITIES, "scene_file": scene_file, "engine_file": engine_file,
                      "study_file": study_file, "FORCE_UNITS": FORCE_UNITS, "LISTED": LISTED, "palette": palette}
@@ -79,6 +92,7 @@ def _overview(template: str, document: Document) -> str:
     records, accurate = document.records, overview.most_accurate(document)
     return _render(
         template, document, "index", matrix=overview.by_method(document), cells=overview.by_scene_and_engine(document),
+        shares=overview.judged_shares(document),
         practical=overview.at_coarse_steps(document), headline=headline(document), partly=partly(document),
         counts=overview.summary_counts(records), worst=overview.worst_first(records, document.changes),
         advice=overview.recommended(document.scenes), accurate=accurate, leaders=overview.leaders(document.scenes),

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from crosscheck.document import Finding, Recommended, Scene, extended
 from crosscheck.history import summary
-from crosscheck.report import headline, names, overview
+from crosscheck.report import headline, names, overview, pages
 from crosscheck.verification import trust
 from tests.report_making import CHANGES, failed_scene, made
 
@@ -110,3 +110,17 @@ def test_scenes_share_a_line_of_advice_where_the_same_run_is_recommended_for_the
 def test_every_scene_has_a_page_of_its_own():
     scenes = ["top", "Top", "a/top.toml", "b/top.toml", "a top", "a-top", "a/b.toml", "a-b-toml"]
     assert len({names.scene_file(failed_scene(name, "")).lower() for name in scenes}) == len(scenes)
+
+
+def test_runs_at_too_coarse_steps_and_shares_of_time_stand_in_the_headline(results):
+    whole = replace(results.records[0], practical=False, outcome="pass")
+    part = replace(whole, outcome="partly", judged_until=2.5, duration=10.0)
+    coarse = replace(whole, outcome="unjudged", findings=[Finding("step", "ok", 1.0, 0.5, "s", "none is fine enough")])
+    said = headline.headline(made(results.scenes[:1], [whole, part, part, coarse]))
+    assert said == ("1 run passes, 2 more over part of their time (25 %), 1 at steps too coarse to judge, none fails")
+    assert [headline.state(each) for each in (whole, part, coarse)] == ["pass", "partly", "budgeted"]
+    plain = made(results.scenes[:1], [whole, part, coarse])
+    text = pages.index(replace(plain, meta=replace(plain.meta, engines={"fake": "1"})))
+    assert 'class="tag partly" style="--share: 25%"' in text
+    assert "1 partly, 25 % of the time" in text
+    assert "1 budgeted" in text

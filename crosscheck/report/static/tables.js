@@ -3,7 +3,7 @@
 (function () {
   // Other spellings of a method in the papers behind lieeuler, doi:10.1177/1687814019842406.
   const SPELLINGS = {dae1_iels: "dae1l_lse", dae1l_les: "dae1l_lse"};
-  const OUTCOMES = ["error", "fail", "known", "unjudged", "partly", "pass", "unsupported"];
+  const OUTCOMES = ["error", "fail", "known", "unjudged", "budgeted", "partly", "pass", "unsupported"];
 
   const value = (row, column) => {
     const cell = row.cells[column];

@@ -37,7 +37,7 @@ EXTRAS = {
     "mujoco": "mujoco", "pinocchio": "pinocchio", "pin": "pinocchio", "exudyn": "exudyn", "pydrake": "drake",
     "dartpy": "dart", "heyoka": "truth", "pandas": "data", "pyarrow": "data", "xarray": "data", "jinja2": "report",
     "plotly": "report", "matplotlib": "report", "pypdf": "report", "sqlalchemy": "history", "psycopg": "history",
-    "distributed": "cluster", "dask": "cluster", "drake": "drake", "dart": "dart",
+    "distributed": "cluster", "dask": "cluster", "rerun": "rerun", "drake": "drake", "dart": "dart",
 }
 """The extra of pyproject.toml that brings a module or an engine."""
 

@@ -12,14 +12,16 @@ from __future__ import annotations
 
 import argparse
 import ast
-import copy
 import importlib.abc
 import importlib.util
+import itertools
+import pathlib
 import random
 import subprocess
 import sys
 from collections.abc import Iterator
 from types import ModuleType
+from typing import NamedTuple
 
 from tests import ROOT
 
@@ -32,45 +34,58 @@ OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast
              ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.And: ast.Or,
              ast.Or: ast.And}
 NAMES = {"max": "min", "min": "max", "any": "all", "all": "any", "argmax": "argmin"}
-CHOSEN = "CROSSCHECK_MUTANT"
 SECONDS = 300.0
 """After which a mutant counts as killed: its tests run for ever."""
 
 
-def mutations(tree: ast.Module) -> Iterator[tuple[int, str, ast.Module]]:
-    """Line, what was changed, and the changed tree."""
-    for index, node in enumerate(ast.walk(tree)):
-        for change in changes(node):
-            wrong = copy.deepcopy(tree)
-            twin = next(each for k, each in enumerate(ast.walk(wrong)) if k == index)
-            said = change(twin)
-            yield node.lineno, said, wrong
+class Mutant(NamedTuple):
+    """One wrong thing: in the node of this place in `ast.walk`, a field gets another content."""
+
+    module: str
+    place: int
+    line: int
+    field: str
+    before: object
+    after: object
+
+    @property
+    def tree(self) -> ast.Module:
+        """The module with it."""
+        tree = ast.parse(path_of(self.module).read_text(encoding="utf-8"))
+        setattr(next(itertools.islice(ast.walk(tree), self.place, None)), self.field, self.after)
+        return tree
+
+    def __str__(self) -> str:
+        before, after = (type(each).__name__ if isinstance(each, ast.AST) else each
+                         for each in (self.before, self.after))
+        return f"{self.module}.py:{self.line} {before} -> {after}"
 
 
-def changes(node: ast.AST) -> Iterator:
-    """What can be made wrong in a node: functions that change its twin and say how."""
-    def replaced(field, before, after):
-        def change(twin):
-            setattr(twin, field, after)
-            return f"{before} -> {after if isinstance(after, str | float | int) else type(after).__name__}"
-        return change
+def mutants() -> list[Mutant]:
+    """All of them."""
+    return [Mutant(module, place, node.lineno, *change) for module in MODULES
+            for place, node in enumerate(ast.walk(ast.parse(path_of(module).read_text(encoding="utf-8"))))
+            for change in changes(node)]
 
+
+def changes(node: ast.AST) -> Iterator[tuple[str, object, object]]:
+    """What can be made wrong in a node: field, content, and another content."""
     if isinstance(node, ast.BinOp | ast.BoolOp) and type(node.op) in OPERATORS and not joins_types(node):
-        yield replaced("op", type(node.op).__name__, OPERATORS[type(node.op)]())
+        yield "op", node.op, OPERATORS[type(node.op)]()
     elif isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in OPERATORS:
-        yield replaced("ops", type(node.ops[0]).__name__, [OPERATORS[type(node.ops[0])]()])
+        yield "ops", node.ops[0], [OPERATORS[type(node.ops[0])]()]
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
-        yield replaced("op", "not", ast.UAdd())
-    elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        yield replaced("value", node.value, node.value + 1)
-        if node.value:
-            yield replaced("value", node.value, node.value / 2 if isinstance(node.value, float) else 0)
+        yield "op", node.op, ast.UAdd()
     elif isinstance(node, ast.Constant) and type(node.value) is bool:
-        yield replaced("value", node.value, not node.value)
+        yield "value", node.value, not node.value
+    elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        yield "value", node.value, node.value + 1
+        if node.value:
+            yield "value", node.value, node.value / 2 if isinstance(node.value, float) else 0
     elif isinstance(node, ast.Name) and node.id in NAMES:
-        yield replaced("id", node.id, NAMES[node.id])
+        yield "id", node.id, NAMES[node.id]
     elif isinstance(node, ast.Attribute) and node.attr in NAMES:
-        yield replaced("attr", node.attr, NAMES[node.attr])
+        yield "attr", node.attr, NAMES[node.attr]
 
 
 def joins_types(node: ast.BinOp | ast.BoolOp) -> bool:
@@ -79,41 +94,33 @@ def joins_types(node: ast.BinOp | ast.BoolOp) -> bool:
                                                   for side in (node.left, node.right))
 
 
-def mutants() -> list[tuple[str, int, str, ast.Module]]:
-    """All of them: module, line, change, tree."""
-    found = []
-    for module in MODULES:
-        tree = ast.parse(path_of(f"crosscheck.judge.{module}").read_text(encoding="utf-8"))
-        found += [(module, *each) for each in mutations(tree)]
-    return found
+def path_of(module: str) -> pathlib.Path:
+    """The source of a module that judges."""
+    return ROOT / "crosscheck" / "judge" / f"{module}.py"
 
 
 class Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Imports one module from its mutated tree."""
+    """Imports the module of a mutant with it."""
 
-    def __init__(self, name: str, tree: ast.Module) -> None:
-        self.name, self.tree = name, tree
+    def __init__(self, mutant: Mutant) -> None:
+        self.name, self.tree = f"crosscheck.judge.{mutant.module}", mutant.tree
+        self.file = str(path_of(mutant.module))
 
     def find_spec(self, fullname, path=None, target=None):
-        if fullname == self.name:
-            return importlib.util.spec_from_loader(fullname, self, origin=str(path_of(fullname)))
-        return None
+        """Of that module only."""
+        return importlib.util.spec_from_loader(fullname, self, origin=self.file) if fullname == self.name else None
 
     def exec_module(self, module: ModuleType) -> None:
-        module.__file__ = str(path_of(self.name))
-        exec(compile(ast.fix_missing_locations(self.tree), module.__file__, "exec"), module.__dict__)
-
-
-def path_of(name: str):
-    return ROOT / (name.replace(".", "/") + ".py")
+        """From the tree."""
+        module.__file__ = self.file
+        exec(compile(ast.fix_missing_locations(self.tree), self.file, "exec"), module.__dict__)
 
 
 def run_tests(number: int) -> int:
     """In a process of its own: the quick tests of the judge, with this mutant in place."""
     import pytest
 
-    module, _, _, tree = mutants()[number]
-    sys.meta_path.insert(0, Mutated(f"crosscheck.judge.{module}", tree))
+    sys.meta_path.insert(0, Mutated(mutants()[number]))
     tests = [str(ROOT / "tests" / "judge" / name) for name in TESTS]
     return pytest.main(["-x", "-q", "-m", "not slow", "-k", "not one_percent", "-p", "no:cacheprovider", *tests])
 
@@ -131,14 +138,13 @@ def main() -> None:
     chosen = given.only or sorted(random.Random(given.seed).sample(range(len(every)), given.count))
     alive = 0
     for number in chosen:
-        module, line, change, _ = every[number]
         try:
             code = subprocess.run([sys.executable, "-m", "tests.judge_mutations", "--run", str(number)], cwd=ROOT,
                                   capture_output=True, timeout=SECONDS, check=False).returncode
         except subprocess.TimeoutExpired:
             code = 1
         alive += code == 0
-        print(f"{number} {'killed' if code else 'ALIVE'} {module}.py:{line} {change}", flush=True)
+        print(f"{number} {'killed' if code else 'ALIVE'} {every[number]}", flush=True)
     print(f"{alive} of {len(chosen)} live; {len(every)} mutants in all")
 
 

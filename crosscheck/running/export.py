@@ -1,8 +1,9 @@
-"""Trajectories in other people's tools: pandas, xarray, matplotlib, and a notebook's HTML."""
+"""Trajectories in other people's tools: pandas, xarray, matplotlib, the rerun viewer, and a notebook's HTML."""
 
 from __future__ import annotations
 
 import html
+import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -91,6 +92,38 @@ def figure(traj: Trajectory) -> Figure:
     levels.legend(frameon=False)
     made.suptitle(f"{traj.scene.name}: {traj.engine} {traj.method}")
     return made
+
+
+def record(traj: Trajectory, path: str | os.PathLike[str]) -> None:
+    """Write a recording (.rrd): moving bodies, paths of their centres of mass, energies and levels over the time `t`.
+
+    A body is drawn as the ellipsoid that has its principal moments of inertia.
+    """
+    try:
+        import rerun as rr
+    except ImportError as error:
+        raise ArgumentError(f"to_rerun: {missing(error)}") from None
+    recording = rr.RecordingStream(f"crosscheck {traj.scene.name}", send_properties=False)
+    try:
+        recording.save(os.fspath(path))
+    except (OSError, RuntimeError) as error:
+        raise ArgumentError(f"to_rerun {os.fspath(path)}: the file cannot be written ({error})") from None
+    recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    times = [rr.TimeColumn("t", duration=traj.t)]
+    for k, body in enumerate(traj.scene.bodies):
+        moments, axes = np.linalg.eigh(traj.scene.inertias[k])
+        # Of semi-axes a, b, c the moments are m (b^2 + c^2) / 5 and alike, so that a^2 = 5 (sum / 2 - moment) / m.
+        half = np.sqrt(np.maximum(2.5 * (moments.sum() - 2 * moments), 0.0) / body.mass)
+        axes[:, 0] *= np.linalg.det(axes)  # a rotation, no reflection
+        recording.send_columns(f"bodies/{body.name}", times, rr.Transform3D.columns(
+            translation=traj.x[:, k], mat3x3=traj.R[:, k]))
+        recording.log(f"bodies/{body.name}/shape", rr.Transform3D(mat3x3=axes), rr.Ellipsoids3D(
+            half_sizes=[half], labels=[body.name]), static=True)
+        recording.log(f"paths/{body.name}", rr.LineStrips3D([traj.x[:, k]]), static=True)
+    for name in SERIES:
+        if (values := getattr(traj, name)) is not None:
+            recording.send_columns(f"figures/{name}", times, rr.Scalars.columns(scalars=values))
+    recording.disconnect()
 
 
 def table(traj: Trajectory) -> str:

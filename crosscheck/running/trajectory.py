@@ -17,6 +17,8 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.monitor import MAXIMA, level_norms
 
 if TYPE_CHECKING:
+    import os
+
     import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
@@ -79,6 +81,10 @@ class Trajectory:
     def plot(self) -> Figure:
         """Heights, speeds, energy and constraint levels over time, as a matplotlib figure (extra `report`)."""
         return export.figure(self)
+
+    def to_rerun(self, path: str | os.PathLike[str]) -> None:
+        """Write a recording for the rerun viewer (.rrd), single precision: bodies, paths, energies (extra `rerun`)."""
+        export.record(self, path)
 
     @functools.cached_property
     def joints(self) -> dict[str, JointHistory]:

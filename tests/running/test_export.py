@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,39 @@ def test_a_dataset_has_names_and_units(traj):
     np.testing.assert_array_equal(data["R"], traj.R)
     assert data["w"].attrs["units"] == "rad/s"
     assert data.attrs["engine"] == "lieeuler"
+
+
+def test_a_recording_has_every_body_and_figure(traj, tmp_path):
+    pytest.importorskip("rerun")
+    from rerun.chunk import RrdReader
+
+    traj.to_rerun(tmp_path / "run.rrd")
+    chunks = {chunk.entity_path: chunk.to_record_batch().to_pydict()
+              for chunk in RrdReader(tmp_path / "run.rrd").stream().to_chunks()}
+    assert {"/bodies/upper", "/bodies/lower/shape", "/paths/lower", "/figures/energy"} <= set(chunks)
+    lower = chunks["/bodies/lower"]
+    # Single precision; matrices are stored column by column.
+    np.testing.assert_allclose(np.reshape(lower["Transform3D:translation"], (11, 3)), traj.x[:, 1], atol=1e-6)
+    columns = np.reshape(lower["Transform3D:mat3x3"], (11, 3, 3))
+    np.testing.assert_allclose(columns.swapaxes(1, 2), traj.R[:, 1], atol=1e-6)
+    np.testing.assert_array_equal(np.ravel(chunks["/figures/energy"]["Scalars:scalars"]), traj.energy)
+    np.testing.assert_allclose([each.total_seconds() for each in lower["t"]], traj.t, atol=1e-6)
+    # The ellipsoid has the body's moments of inertia.
+    shape = chunks["/bodies/lower/shape"]
+    squares = np.ravel(shape["Ellipsoids3D:half_sizes"]) ** 2
+    axes = np.reshape(shape["Transform3D:mat3x3"], (3, 3)).T
+    inertia = axes @ np.diag(traj.scene.masses[1] / 5 * (squares.sum() - squares)) @ axes.T
+    np.testing.assert_allclose(inertia, traj.scene.inertias[1], atol=1e-6)
+
+
+def test_recordings_that_cannot_be_written_are_one_line(traj, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(crosscheck.ArgumentError, match=r"to_rerun: .*lieeuler-crosscheck\[rerun\]"):
+        traj.to_rerun(tmp_path / "run.rrd")
+    monkeypatch.delitem(sys.modules, "rerun")
+    pytest.importorskip("rerun")
+    with pytest.raises(crosscheck.ArgumentError, match=r"to_rerun .*run\.rrd: the file cannot be written"):
+        traj.to_rerun(tmp_path / "no folder" / "run.rrd")
 
 
 def test_a_plot_shows_every_body(traj, tmp_path):

@@ -15,7 +15,8 @@ PACKED_STEPS, PACKED_MISSING = 65533, 65535
 class Packed(Part, frozen=True, omit_defaults=True):
     """One curve. `q` holds little-endian 16-bit integers in base64, of which 1 to `PACKED_STEPS` stand for equally
     spaced values from `lo` to `hi`, and `PACKED_MISSING` for a value that is not finite. With `log`, `lo` and `hi` are
-    decimal logarithms and 0 stands for zero. A curve of equal values has `n`, their number, in place of `q`.
+    decimal logarithms and 0 stands for zero. A curve of equal values has `n`, their number, in place of `q`. With
+    `over` the values are differences from the true curve, which then are as exact as errors need.
     """
 
     lo: float
@@ -23,6 +24,7 @@ class Packed(Part, frozen=True, omit_defaults=True):
     q: str | None = None
     n: int | None = None
     log: bool = False
+    over: bool = False
 
 
 Curve = Packed | Literal["truth"] | None

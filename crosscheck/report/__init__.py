@@ -21,7 +21,7 @@ from crosscheck.report import data, exports, names, pages, schema, sites
 from crosscheck.report.badge import badge
 
 STATIC = ("report.css", "theme.js", "site.js", "tables.js", "decision.js", "plots.js", "study.js", "scene.js",
-          "playback.js")
+          "pens.js", "playback.js")
 
 
 def write_report(document: Document, folder: Path) -> None:

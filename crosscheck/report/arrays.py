@@ -9,17 +9,21 @@ import numpy as np
 from crosscheck.document.curves import PACKED_MISSING, PACKED_STEPS, Curve, Packed
 
 
-def unpack(curve: Curve) -> np.ndarray:
+def unpack(curve: Curve, exact: Curve = None) -> np.ndarray:
     """The values (T,) of a curve that `crosscheck.verification.curves.pack` made; NaN where one is missing.
 
-    A caller replaces the word "truth" by the true curve first.
+    `exact`: the true curve, which the word "truth" stands for and differences are added to.
     """
+    if curve == "truth":
+        return unpack(exact)
     if not isinstance(curve, Packed):
         raise TypeError(f"a packed curve is wanted, not {curve!r}")
     if curve.n is not None:
-        return np.full(curve.n, curve.lo)
+        values = np.full(curve.n, curve.lo)
+        return values + unpack(exact) if curve.over else values
     codes = np.frombuffer(base64.b64decode(curve.q or ""), dtype="<u2").astype(float)
     values = curve.lo + (codes - 1) / (PACKED_STEPS - 1) * (curve.hi - curve.lo)
     if curve.log:
         values = np.where(codes == 0, 0.0, 10.0**values)
-    return np.where(codes == PACKED_MISSING, np.nan, values)
+    values = np.where(codes == PACKED_MISSING, np.nan, values)
+    return values + unpack(exact) if curve.over else values

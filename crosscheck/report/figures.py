@@ -93,8 +93,7 @@ def _motion(scene: Scene, record: Record) -> Iterator[tuple[str, Any]]:
     from scipy.spatial.transform import Rotation
 
     def read(curves: Sequence[Curve], exact: Sequence[Curve]) -> np.ndarray:
-        return np.array([unpack(true if curve == "truth" else curve)
-                         for curve, true in zip(curves, exact, strict=True)]).T
+        return np.array([unpack(curve, true) for curve, true in zip(curves, exact, strict=True)]).T
 
     own, exact = record.curves, scene.curves
     x, q = ([read(*each) for each in zip(mine or (), true or mine or (), strict=True)]

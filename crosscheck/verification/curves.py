@@ -35,13 +35,17 @@ before: they wander over decades within a dot's width, and what matters is how h
 DIGITS = 4
 """Significant digits of the geometry: a drawing shows no more."""
 DENSE_BODIES = 16
-"""Up to so many bodies the true reactions are drawn too: they come from dense algebra, cubic in the bodies."""
+"""Up to so many bodies the true reactions are drawn too: they come from dense algebra, cubic in the bodies. And poses
+of runs are packed as differences from truth, whose errors a picture can magnify: of more, pages would grow."""
 
 
-def pack(values: np.ndarray, log: bool = False, truth: np.ndarray | None = None) -> Curve:
-    """One curve (T,); the word "truth" where it cannot be told from `truth` (T,)."""
+def pack(values: np.ndarray, log: bool = False, truth: np.ndarray | None = None, over: bool = False) -> Curve:
+    """One curve (T,); the word "truth" where it cannot be told from `truth` (T,). `over`: what it differs by."""
     values = np.asarray(values, dtype=float)
-    if truth is not None and truth.shape == values.shape:
+    over = over and truth is not None and truth.shape == values.shape
+    if truth is not None and over:
+        values = values - truth
+    elif truth is not None and truth.shape == values.shape:
         span = float(np.ptp(truth))
         if np.isfinite(values).all() and np.abs(values - truth).max(initial=0.0) <= 2 * span / PACKED_STEPS:
             return "truth"
@@ -52,13 +56,13 @@ def pack(values: np.ndarray, log: bool = False, truth: np.ndarray | None = None)
     else:
         lo, hi = (float(f"{value:.9g}") for value in (scaled[good].min(), scaled[good].max()))
     if not log and good.all() and lo == hi:
-        return Packed(lo, hi, n=len(values))
+        return Packed(lo, hi, n=len(values), over=over)
     codes = np.full(len(values), PACKED_MISSING, dtype="<u2")
     # Logarithmic curves keep the integer 0 for zero itself.
     codes[good] = np.rint((scaled[good] - lo) / (hi - lo or 1.0) * (PACKED_STEPS - 1)).clip(0, PACKED_STEPS - 1) + 1
     if log:
         codes[values == 0] = 0
-    return Packed(lo, hi, base64.b64encode(codes.tobytes()).decode("ascii"), log=log)
+    return Packed(lo, hi, base64.b64encode(codes.tobytes()).decode("ascii"), log=log, over=over)
 
 
 def scene_curves(scene: Scene, reference: Reference | None) -> SceneCurves:
@@ -142,15 +146,16 @@ class _Motion:
         reactions = None if self.reactions is None else {
             joint: Reaction(**{name: _packed(values, (near.reactions or {}).get(joint, {}).get(name))
                                for name, values in own.items()}) for joint, own in self.reactions.items()}
-        return Motion(**{name: _packed(values, near.arrays.get(name)) for name, values in self.arrays.items()},
-                      reactions=reactions)
+        few = len(self.arrays["x"]) <= DENSE_BODIES
+        return Motion(**{name: _packed(values, near.arrays.get(name), few and name in ("x", "q"))
+                         for name, values in self.arrays.items()}, reactions=reactions)
 
 
-def _packed(values: np.ndarray, truth: np.ndarray | None = None) -> Any:
+def _packed(values: np.ndarray, truth: np.ndarray | None = None, over: bool = False) -> Any:
     """A curve, or nested lists of those of an array of more dimensions."""
     if values.ndim == 1:
-        return pack(values, truth=truth)
-    return [_packed(row, None if truth is None else truth[index]) for index, row in enumerate(values)]
+        return pack(values, truth=truth, over=over)
+    return [_packed(row, None if truth is None else truth[index], over) for index, row in enumerate(values)]
 
 
 def _true_motion(scene: Scene, reference: Reference) -> _Motion:

@@ -2,10 +2,14 @@
 
 import itertools
 import re
+import shutil
 
+import msgspec
 import pytest
+from msgspec.structs import replace
 
 from crosscheck.report import identity
+from crosscheck.report.data import read_curves
 from tests.browser.conftest import Watched
 
 SCENE = "scene-double_pendulum.html"
@@ -107,6 +111,60 @@ def test_the_run_selector_drives_playback_and_the_address_keeps_the_view(watched
     assert page.get_attribute("#stage", "data-shown") == "truth, mujoco RK4"
     assert float(page.get_attribute("#stage", "data-time")) == pytest.approx(0.25)
     assert page.locator("[data-body]").inner_text() == "lower"
+
+
+STAGE = "document.getElementById('stage').dataset"
+
+
+def test_views_stand_beside_each_other_and_the_address_keeps_them(watched):
+    page = watched.open(SCENE)
+    page.select_option("#views", "beside")
+    assert page.evaluate(STAGE + ".views") == "2"
+    page.locator(".chooser summary").click()
+    for name in ("lieeuler rattle4", "mujoco RK4"):
+        page.get_by_role("checkbox", name=name, exact=True).check()
+    assert page.evaluate(STAGE + ".views") == "4"
+    page.get_by_label("error vectors").uncheck()
+    page.locator("#stage").hover()
+    page.mouse.wheel(0, -300)
+    page.wait_for_function("location.hash.includes('camera')")
+    address = page.url
+    page.goto("about:blank")
+    page.goto(address)
+    assert page.evaluate(STAGE + ".views") == "4"
+    assert "mujoco RK4" in page.evaluate(STAGE + ".shown")
+    assert not page.get_by_label("error vectors").is_checked()
+    page.get_by_role("button", name="reset view").click()
+    page.wait_for_function("!location.hash.includes('camera')")
+
+
+RED = """() => { const e = document.getElementById("stage");
+  const p = e.getContext("2d").getImageData(0, 0, e.width, e.height).data;
+  let red = 0; for (let k = 0; k < p.length; k += 4) red += p[k] === 193 && p[k + 1] === 18 && p[k + 2] === 31;
+  return red; }"""
+
+
+@pytest.mark.parametrize("watched", [(1280, "light")], indirect=True)
+def test_a_joint_that_opens_reddens_and_errors_have_their_power_of_ten(watched, site, tmp_path):
+    """The lower body of one run is put a centimetre aside; another run is left alone."""
+    watched.folder = tmp_path / "report"
+    shutil.copytree(site, watched.folder)
+    script = watched.folder / "scene-double_pendulum.js"
+    text = script.read_text(encoding="utf-8")
+    packed = read_curves(text).runs["mujoco RK4"].x[1][2]
+    old, new = (msgspec.json.encode(replace(packed, lo=packed.lo + aside, hi=packed.hi + aside)).decode()
+                for aside in (0.0, 0.01))
+    assert text.count(old) == 1
+    script.write_text(text.replace(old, new), encoding="utf-8")
+    page = watched.open(SCENE)
+    assert page.evaluate(STAGE + ".open") == "0"
+    assert page.evaluate(RED) == 0
+    assert int(page.evaluate(STAGE + ".power")) > 1
+    page.select_option("#run", label="mujoco RK4")
+    assert float(page.evaluate(STAGE + ".open")) == pytest.approx(0.01, rel=1e-3)
+    assert page.evaluate(RED) > 20
+    assert page.evaluate(STAGE + ".power") == "1"  # a centimetre of a picture of two metres
+    assert page.locator("#power").inner_text() == "× 10¹"
 
 
 @pytest.mark.parametrize("watched", [(1280, "light")], indirect=True)

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from msgspec.structs import replace
 
 from crosscheck.document.curves import PACKED_STEPS, Packed
 from crosscheck.references import truth
@@ -76,10 +77,13 @@ def test_curves_of_a_run_give_back_its_states(spinning):
 
     def values(read):
         curve = read(packed)
-        return unpack(read(exact) if curve == "truth" else curve)
+        return unpack(curve, read(exact))
 
     for k in range(3):
         assert values(lambda c, k=k: c.x[0][k]) == pytest.approx(traj.x[:, 0, k], abs=1e-4)
+        error = unpack(replace(packed.x[0][k], over=False))  # what a picture magnifies
+        true = traj.x[:, 0, k] - reference.states.x[:, 0, k]
+        assert error == pytest.approx(true, abs=1e-4 * np.abs(true).max())
     w, x, y, z = (values(lambda c, k=k: c.q[0][k]) for k in range(4))
     assert 1 - 2 * (y * y + z * z) == pytest.approx(traj.R[:, 0, 0, 0], abs=3e-4)
     assert 2 * (x * y - w * z) == pytest.approx(traj.R[:, 0, 0, 1], abs=3e-4)

@@ -4,6 +4,14 @@ window.Playback = (function () {
   const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
   const MAX_TURN = Math.PI / 2;  // rad between output times; beyond it the way between them is a guess
   const TRAIL = 0.12;  // share of the duration that a short trail shows
+  const FRONT = {turn: -0.9, tilt: 0.3, zoom: 1};
+  const MOST_VIEWS = 4;
+  const NOISE = 8 / 65533;  // of the error of a run, in the poses that it is packed with
+  const LIGHT = [-0.4, -0.8, -0.45];  // towards the light: right, down and away
+  // Of joints that slide: the way that is free, along the axis or across it.
+  const SLIDING = {cylindrical: "along", prismatic: "along", point_on_line: "along", planar: "across", point_on_plane: "across"};
+  const dot3 = (p, q) => p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
+  const cross = (p, q) => [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
   const add = (p, q) => [p[0] + q[0], p[1] + q[1], p[2] + q[2]];
   const blend = (p, q, share) => p.map((value, k) => value + share * (q[k] - value));
 
@@ -18,9 +26,10 @@ window.Playback = (function () {
     const id = (name) => document.getElementById(name);
     const canvas = id("stage"), context = canvas.getContext("2d");
     const play = id("play"), scrub = id("scrub"), clock = id("clock"), rate = id("rate"), trails = id("trails");
-    const names = id("labels");
-    const state = {time: 0, playing: false, turn: -0.9, tilt: 0.3, zoom: 1, last: null, scale: 1, centre: [0, 0, 0], wide: 1, high: 1,
-      radius: 1};
+    const names = id("labels"), views = id("views"), vectorsShown = id("vectors"), magnified = id("power"), gap = id("gap");
+    const port = {width: 1, height: 1};  // of the view that is drawn
+    const state = {...FRONT, time: 0, playing: false, last: null, scale: 1, centre: [0, 0, 0], wide: 1, high: 1,
+      radius: 1, open: 0};
     const duration = t.at(-1);
     const visible = new Set(shown);
     const motions = new Map();
@@ -29,6 +38,8 @@ window.Playback = (function () {
       return motions.get(actor);
     };
     const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+    const {stroke, dot, word, ground, spiral, arrow} = window.pens(context, style);
+    const truth = actors.find((actor) => !actor.colour);
 
     // Where everything ever is, to choose the window once: every centre with the corners' reach, and the fixed points.
     function extent() {
@@ -54,7 +65,7 @@ window.Playback = (function () {
       const [x, y, z] = p.map((value, k) => value - state.centre[k]);
       const c = Math.cos(state.turn), s = Math.sin(state.turn), ct = Math.cos(state.tilt), st = Math.sin(state.tilt);
       const right = c * x + s * y, away = -s * x + c * y;
-      return [canvas.clientWidth / 2 + state.scale * right, canvas.clientHeight / 2 - state.scale * (ct * z + st * away),
+      return [port.width / 2 + state.scale * right, port.height / 2 - state.scale * (ct * z + st * away),
         ct * away - st * z];
     }
 
@@ -74,34 +85,6 @@ window.Playback = (function () {
     const place = (poses, body, point) => (body < 0 ? point : poses[body] && add(poses[body].x, turned(poses[body].q, point)));
     const direction = (poses, body, axis) => (body < 0 ? axis : turned(poses[body].q, axis));
 
-    function stroke(points, colour, width, dash) {
-      if (points.some((point) => !point)) return;
-      context.beginPath();
-      points.forEach((point, k) => context[k ? "lineTo" : "moveTo"](point[0], point[1]));
-      context.strokeStyle = colour;
-      context.lineWidth = width;
-      context.setLineDash(dash ?? []);
-      context.stroke();
-      context.setLineDash([]);
-    }
-    function dot(point, radius, fill, edge) {
-      context.beginPath();
-      context.arc(point[0], point[1], radius, 0, 2 * Math.PI);
-      context.fillStyle = fill;
-      context.fill();
-      context.strokeStyle = edge;
-      context.lineWidth = 1.5;
-      context.stroke();
-    }
-    function word(text, point, colour, shift) {
-      context.lineWidth = 3;
-      context.strokeStyle = style("--page");
-      context.font = "12px system-ui, 'DejaVu Sans', sans-serif";
-      context.strokeText(text, point[0] + (shift ?? 7), point[1] - 6);
-      context.fillStyle = colour;
-      context.fillText(text, point[0] + (shift ?? 7), point[1] - 6);
-    }
-
     function zigzag(from, to) {
       const [a, b] = [project(from), project(to)];
       const dx = b[0] - a[0], dy = b[1] - a[1], length = Math.hypot(dx, dy) || 1;
@@ -114,21 +97,30 @@ window.Playback = (function () {
       return [...points, b];
     }
 
+    // Boxes of equal inertia, lit from above the reader's left shoulder.
     function boxes(poses, colour, opacity) {
       const faces = [];
       drawing.bodies.forEach((body, index) => {
         if (!poses[index]) return;
-        const corners = body.corners.map((corner) => project(place(poses, index, corner)));
-        FACES.forEach((face) => faces.push(face.map((corner) => corners[corner])));
+        // Pixels along the line of sight too, as light needs them.
+        const seen = (point) => { const p = project(point); return [p[0], p[1], p[2] * state.scale]; };
+        const corners = body.corners.map((corner) => seen(place(poses, index, corner))), middle = seen(poses[index].x);
+        FACES.forEach((face) => faces.push({points: face.map((corner) => corners[corner]), middle}));
       });
-      const depth = (face) => face.reduce((sum, point) => sum + point[2], 0);
-      faces.sort((one, other) => depth(other) - depth(one)).forEach((face) => {
+      const depth = ({points}) => points.reduce((sum, point) => sum + point[2], 0);
+      faces.sort((one, other) => depth(other) - depth(one)).forEach(({points, middle}) => {
+        const apart = (k, from) => points[k].map((value, axis) => value - from[axis]);
+        const normal = cross(apart(1, points[0]), apart(3, points[0]));
+        const outwards = Math.sign(dot3(normal, apart(0, middle)));
+        const lit = outwards * dot3(LIGHT, normal) / (Math.hypot(...normal) || 1);
         context.beginPath();
-        face.forEach((point, k) => context[k ? "lineTo" : "moveTo"](point[0], point[1]));
+        points.forEach((point, k) => context[k ? "lineTo" : "moveTo"](point[0], point[1]));
         context.closePath();
-        context.globalAlpha = opacity;
-        context.fillStyle = colour;
-        context.fill();
+        [[opacity, colour], [0.6 * opacity * Math.abs(lit), lit > 0 ? "#ffffff" : "#000000"]].forEach(([alpha, fill]) => {
+          context.globalAlpha = alpha;
+          context.fillStyle = fill;
+          context.fill();
+        });
         context.globalAlpha = 1;
         context.strokeStyle = colour;
         context.lineWidth = 1;
@@ -136,7 +128,31 @@ window.Playback = (function () {
       });
     }
 
-    function jointsAndForces(poses, colour, edge) {
+    // How far (m) a joint is open where it may not be: by how much more than in truth, which cancels what packing rounds.
+    function opening(joint, poses, exact) {
+      const gapOf = (each) => {
+        const from = place(each, joint.parent, joint.parent_anchor), to = place(each, joint.child, joint.child_anchor);
+        return from && to ? from.map((value, k) => to[k] - value) : [NaN, NaN, NaN];
+      };
+      const own = gapOf(poses), close = exact ? gapOf(exact) : [0, 0, 0];
+      if (joint.type === "distance") return exact ? Math.abs(Math.hypot(...own) - Math.hypot(...close)) : 0;
+      const apart = own.map((value, k) => value - close[k]), free = SLIDING[joint.type];
+      if (!free || !joint.parent_axis) return Math.hypot(...apart);
+      const along = dot3(direction(exact ?? poses, joint.parent, joint.parent_axis), apart);
+      return free === "along" ? Math.sqrt(Math.max(0, dot3(apart, apart) - along * along)) : Math.abs(along);
+    }
+    // Red from 1e-9 of the picture on, 1e-3 where there is no truth to compare with; full at a hundredth. Gaps below
+    // `noise` are what packing makes of the error of the run.
+    function redden(joint, poses, exact, at, noise) {
+      const found = opening(joint, poses, exact), open = found > noise ? found : 0, least = exact ? -9 : -3;
+      const red = open > 0 ? Math.min(1, Math.max(0, (Math.log10(open / state.radius) - least) / (-2 - least))) : 0;
+      context.globalAlpha = red;
+      if (red) dot(at, 4.5 + 4 * red, style("--bound"), style("--bound"));
+      context.globalAlpha = 1;
+      return open;
+    }
+
+    function jointsAndForces(poses, colour, edge, exact, noise) {
       drawing.joints.forEach((joint) => {
         const from = place(poses, joint.parent, joint.parent_anchor), to = place(poses, joint.child, joint.child_anchor);
         if (!from || !to) return;
@@ -154,6 +170,7 @@ window.Playback = (function () {
         }
         if (joint.parent < 0) ground(a);
         dot(b, joint.type === "fixed" ? 3 : 4.5, style("--page"), edge);
+        if (colour === edge) state.open = Math.max(state.open, redden(joint, poses, exact, b, noise));
       });
       drawing.forces.forEach((force) => {
         if (force.type === "linear_spring") {
@@ -172,26 +189,6 @@ window.Playback = (function () {
         }
       });
     }
-    function ground(point) {
-      const [x, y] = point, colour = style("--quiet");
-      stroke([[x - 12, y - 9], [x + 12, y - 9]], colour, 2);
-      [-9, -3, 3, 9].forEach((shift) => stroke([[x + shift, y - 9], [x + shift + 4, y - 15]], colour, 1.2));
-      stroke([[x, y - 9], [x, y]], colour, 1.2);
-    }
-    function spiral(point) {
-      const points = [];
-      for (let k = 0; k <= 60; k += 1) {
-        points.push([point[0] + (5 + k / 8) * Math.cos(k / 4), point[1] + (5 + k / 8) * Math.sin(k / 4)]);
-      }
-      stroke(points, style("--green"), 1.4);
-    }
-    function arrow(from, to, colour) {
-      stroke([from, to], colour, 2);
-      const angle = Math.atan2(to[1] - from[1], to[0] - from[0]);
-      [2.6, -2.6].forEach((side) => stroke([to, [to[0] + 8 * Math.cos(angle + side), to[1] + 8 * Math.sin(angle + side)]],
-        colour, 2));
-    }
-
     function trail(moves, index, share, colour) {
       if (trails.value === "none") return;
       const from = trails.value === "all" ? 0 : Math.max(0, t.findIndex((each) => each >= state.time - TRAIL * duration));
@@ -231,6 +228,47 @@ window.Playback = (function () {
       word("g", [30, 36], colour, 8);
     }
 
+    // Error vectors are magnified by the power of ten that makes the largest of the whole run a quarter of the picture.
+    const largest = new Map();
+    function worst(actor) {
+      if (!largest.has(actor)) {
+        const {dx} = motion(actor);
+        const sizes = dx ? t.map((_, k) => Math.max(...dx.map((rows) => Math.hypot(...rows.map((row) => row[k] ?? 0))))) : [0];
+        largest.set(actor, Math.max(...sizes));
+      }
+      return largest.get(actor);
+    }
+    function vectors(moves, exact, [index, share], colour, power) {
+      moves.dx?.forEach((rows, body) => {
+        const apart = blend(rows.map((row) => row[index]), rows.map((row) => row[index + 1]), share).map((each) => 10 ** power * each);
+        if (!exact[body] || !apart.every(Number.isFinite)) return;
+        const [from, to] = [project(exact[body].x), project(add(exact[body].x, apart))];
+        if (Math.hypot(to[0] - from[0], to[1] - from[1]) < 3) return;
+        stroke([from, to], style("--page"), 6);
+        arrow(from, to, colour);
+      });
+    }
+
+    function view(shown, exact, when, power) {
+      const tall = state.high * Math.cos(state.tilt) + state.wide * Math.abs(Math.sin(state.tilt));
+      state.scale = 0.46 * Math.min(port.width / state.wide, port.height / tall) * state.zoom;
+      furniture();
+      shown.forEach((actor, row) => {
+        const moves = motion(actor), colour = actor.colour ?? style("--truth");
+        const poses = drawing.bodies.map((_, body) => pose(moves, body, ...when));
+        trail(moves, ...when, colour);
+        boxes(poses, colour, actor.colour ? 0.35 : 0.15);
+        if (poses.every(Boolean)) {
+          jointsAndForces(poses, colour, actor.colour ? colour : style("--text"), actor.colour && exact, NOISE * worst(actor));
+        }
+        if (power !== null && actor.colour) vectors(moves, exact, when, colour, power);
+        if (names.checked && row + 1 === shown.length) {
+          drawing.bodies.slice(0, 12).forEach((body, k) => poses[k] && word(body.name, project(poses[k].x), style("--text")));
+        }
+        word(actor.label, [port.width - 12, 22 + 16 * row], colour, -context.measureText(actor.label).width);
+      });
+    }
+
     function draw() {
       const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
       if (!width) return;
@@ -241,25 +279,38 @@ window.Playback = (function () {
       context.setTransform(ratio, 0, 0, ratio, 0, 0);
       context.clearRect(0, 0, width, height);
       context.lineJoin = "round";
-      const tall = state.high * Math.cos(state.tilt) + state.wide * Math.abs(Math.sin(state.tilt));
-      state.scale = 0.46 * Math.min(width / state.wide, height / tall) * state.zoom;
-      furniture();
-      const [index, share] = at(state.time);
-      actors.filter((actor) => visible.has(actor.label)).forEach((actor) => {
-        const moves = motion(actor);
-        const colour = actor.colour ?? style("--truth");
-        const poses = drawing.bodies.map((_, body) => pose(moves, body, index, share));
-        trail(moves, index, share, colour);
-        boxes(poses, colour, actor.colour ? 0.16 : 0.1);
-        if (poses.every(Boolean)) jointsAndForces(poses, colour, actor.colour ? colour : style("--text"));
-        if (names.checked && actor === actors.find((each) => visible.has(each.label))) {
-          drawing.bodies.slice(0, 12).forEach((body, k) => poses[k] && word(body.name, project(poses[k].x), style("--text")));
-        }
-      });
+      context.font = "12px system-ui, 'DejaVu Sans', sans-serif";
+      const when = at(state.time), shown = actors.filter((actor) => visible.has(actor.label));
+      if (drawing.turn > MAX_TURN) when[1] = Math.round(when[1]);
+      const exact = truth && drawing.bodies.map((_, body) => pose(motion(truth), body, ...when));
+      const far = truth && vectorsShown.checked ? Math.max(0, ...shown.map(worst)) : 0;
+      const power = far > 0 ? Math.max(0, Math.floor(Math.log10(0.25 * state.radius / far))) : null;
+      // One view of all, or two to four beside each other; runs beyond the fourth share its view.
+      const count = views.value === "beside" ? Math.min(MOST_VIEWS, Math.max(1, shown.length)) : 1;
+      const columns = count === 3 && width > 600 ? 3 : Math.min(2, count);
+      Object.assign(port, {width: width / columns, height: height / Math.ceil(count / columns)});
+      state.open = 0;
+      for (let k = 0; k < count; k += 1) {
+        context.save();
+        context.translate(k % columns * port.width, Math.floor(k / columns) * port.height);
+        context.beginPath();
+        context.rect(0, 0, port.width, port.height);
+        context.clip();
+        if (count > 1) stroke([[0, 0], [port.width, 0], [port.width, port.height], [0, port.height], [0, 0]], style("--line"), 1);
+        view(count === 1 ? shown : k + 1 < count ? [shown[k]] : shown.slice(k), exact, when, power);
+        context.restore();
+      }
       clock.textContent = state.time.toPrecision(3) + " s";
+      magnified.textContent = power === null ? "" : "× 10" + [...String(power)].map((digit) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[digit]).join("");
+      gap.textContent = state.open ? "The widest is open by " + state.open.toExponential(1) + " m." : "";
       if (document.activeElement !== scrub || state.playing) scrub.value = 1000 * state.time / duration;
-      canvas.dataset.time = state.time;
+      Object.assign(canvas.dataset, {time: state.time, views: count, open: state.open, power: power ?? ""});
       moved(state.time);
+    }
+    let settling = null;
+    function settle() {  // an address that changed with every turn of a wheel would be refused
+      clearTimeout(settling);
+      settling = setTimeout(() => moved(state.time, true), 200);
     }
 
     function tick(now) {
@@ -296,6 +347,7 @@ window.Playback = (function () {
         input.addEventListener("change", () => {
           visible[input.checked ? "add" : "delete"](actor.label);
           draw();
+          settle();
         });
         label.append(input, chip, actor.label);
         box.append(label);
@@ -311,8 +363,8 @@ window.Playback = (function () {
         draw();
       });
       scrub.addEventListener("change", () => moved(state.time, true));
-      [trails, names].forEach((each) => each.addEventListener("change", draw));
-      id("reset").addEventListener("click", () => { Object.assign(state, {turn: -0.9, tilt: 0.3, zoom: 1}); draw(); });
+      [trails, names, views, vectorsShown].forEach((each) => each.addEventListener("change", () => { draw(); settle(); }));
+      id("reset").addEventListener("click", () => { Object.assign(state, FRONT); draw(); settle(); });
       canvas.addEventListener("keydown", (event) => {
         if (event.key === " ") { event.preventDefault(); set(!state.playing); }
       });
@@ -334,11 +386,15 @@ window.Playback = (function () {
         }
         draw();
       });
-      ["pointerup", "pointercancel"].forEach((kind) => canvas.addEventListener(kind, (event) => fingers.delete(event.pointerId)));
+      ["pointerup", "pointercancel"].forEach((kind) => canvas.addEventListener(kind, (event) => {
+        fingers.delete(event.pointerId);
+        settle();
+      }));
       canvas.addEventListener("wheel", (event) => {
         event.preventDefault();
         state.zoom = Math.min(20, Math.max(0.2, state.zoom * Math.exp(-event.deltaY * 0.001)));
         draw();
+        settle();
       }, {passive: false});
       document.addEventListener("themechange", draw);
       new ResizeObserver(draw).observe(canvas);
@@ -361,6 +417,22 @@ window.Playback = (function () {
         chooser();
         canvas.dataset.shown = labels.join(", ");
         draw();
+      },
+      // What the address keeps of the picture, where it is not as the page opens.
+      kept() {
+        const camera = Object.keys(FRONT).map((key) => state[key]);
+        return [["show", [...visible].join("|")], ...(views.value === "overlay" ? [] : [["views", views.value]]),
+          ...(vectorsShown.checked ? [] : [["vectors", "none"]]), ...(trails.value === "short" ? [] : [["trails", trails.value]]),
+          ...(camera.every((each, k) => each === Object.values(FRONT)[k]) ? []
+            : [["camera", camera.map((each) => each.toPrecision(4)).join(",")]])];
+      },
+      recall(view) {
+        const camera = (view.get("camera") ?? "").split(",").map(Number);
+        if (camera.length === 3 && camera.every(Number.isFinite)) [state.turn, state.tilt, state.zoom] = camera;
+        views.value = view.get("views") === "beside" ? "beside" : "overlay";
+        vectorsShown.checked = view.get("vectors") !== "none";
+        if (view.has("trails")) trails.value = view.get("trails");
+        if (view.has("show")) this.show(view.get("show").split("|").filter((label) => actors.some((actor) => actor.label === label)));
       },
       seek(time) {
         state.time = Math.min(duration, Math.max(0, time));

@@ -9,10 +9,19 @@
   const select = (id) => document.getElementById(id);
   const hasTruth = Boolean(truth.x);
 
-  const unpacked = new Map();
+  const unpacked = new Map(), summed = new Map();
+  // A curve of differences is added to the true one.
   function unpack(curve, exact) {
     if (curve === null || curve === undefined) return null;
     if (curve === "truth") return unpack(exact);
+    if (!curve.over) return stored(curve);
+    if (!summed.has(curve)) {
+      const base = unpack(exact);
+      summed.set(curve, stored(curve).map((value, k) => (value === null ? null : value + base[k])));
+    }
+    return summed.get(curve);
+  }
+  function stored(curve) {
     if (unpacked.has(curve)) return unpacked.get(curve);
     let values;
     if ("n" in curve) {
@@ -177,8 +186,11 @@
   });
   const motion = (read) => ({x: truth.drawing.bodies.map((_, index) => [0, 1, 2].map((k) => read((c) => c.x[index][k]))),
     q: truth.drawing.bodies.map((_, index) => [0, 1, 2, 3].map((k) => read((c) => c.q[index][k])))});
+  // Where a run's positions are stored as differences from truth, they are its error vectors.
+  const apart = (run) => (curves[run.label].x.every((body) => body.every((curve) => curve?.over))
+    ? curves[run.label].x.map((body) => body.map(stored)) : null);
   const actors = drawable.map((run) => ({label: run.label, engine: run.engine, colour: run.colour,
-    motion: () => motion((read) => own(run, read))}));
+    motion: () => ({...motion((read) => own(run, read)), dx: apart(run)})}));
   if (hasTruth) actors.unshift({label: "truth", engine: "", colour: null, motion: () => motion(exact)});
   const wanted = () => ["truth", alone()?.label].filter(Boolean);
   let now = 0;
@@ -192,7 +204,7 @@
   const choices = {run: runSelect, compared: groupSelect, body: bodySelect, joint: jointSelect, quantity: quantitySelect};
   const given = Object.entries(choices).filter(([, each]) => each?.options.length);
   const address = () => "#" + new URLSearchParams([["view", ""],
-    ...given.map(([key, each]) => [key, each.selectedOptions[0].text]), ["t", now.toPrecision(4)]]);
+    ...given.map(([key, each]) => [key, each.selectedOptions[0].text]), ...playback.kept(), ["t", now.toPrecision(4)]]);
   const remember = () => window.location.replace(address());
   function recall() {
     const view = new URLSearchParams(window.location.hash.slice(1));
@@ -203,6 +215,7 @@
     });
     refresh();
     playback.show(wanted());
+    playback.recall(view);
     playback.seek(Number(view.get("t")) || 0);
   }
   given.forEach(([, each]) => each.addEventListener("change", () => {

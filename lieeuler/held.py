@@ -66,6 +66,6 @@ def _bounds(problem: Problem, solution: Solution) -> dict[str, float]:
     acceleration = float(np.abs(solution.a).max() + length * np.abs(solution.alpha).max() + speed**2 / length
                          + np.abs(problem.gravity).max())
     carried = float(np.abs(solution.lam).max(initial=0.0)) / min(masses)
-    natural = length * _kernel.natural_rate(problem.kernel, length)
+    natural = length * problem.kernel.natural_rate(length)
     return {"position": OPEN * length, "velocity": OPEN * max(speed, natural),
             "acceleration": OPEN * acceleration + CANCELLED * carried}

@@ -124,12 +124,12 @@ class Problem(Frozen):
         return sum(joint.rows for joint in self.joints)
 
     @functools.cached_property
-    def kernel(self) -> _kernel.System:
-        """The system as the compiled core holds it."""
-        return self.new_kernel()
+    def kernel(self) -> _kernel.Plan:
+        """The system as the compiled core holds it, with what is planned once for all its runs."""
+        return _kernel.Plan(self.new_system())
 
-    def new_kernel(self) -> _kernel.System:
-        """A compiled system of its own."""
+    def new_system(self) -> _kernel.System:
+        """A compiled system that may still change."""
         system = _kernel.System([body.mass for body in self.bodies], [body.inertia for body in self.bodies],
                                 self.gravity)
         for item in (*self.joints, *self.forces):

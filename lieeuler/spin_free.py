@@ -34,7 +34,7 @@ class SpinFreeFrames:
         Unit axes of symmetry, body frame.
     rates : (k,)
         Omega, rad/s.
-    kernel : System
+    kernel : Plan
         The problem with these bodies' spins.
     w : (n, 3)
         Initial angular velocities in the frames, rad/s.
@@ -43,7 +43,7 @@ class SpinFreeFrames:
     bodies: tuple[int, ...]
     axes: np.ndarray
     rates: np.ndarray
-    kernel: _kernel.System
+    kernel: _kernel.Plan
     w: np.ndarray
 
     def restore(self, t: np.ndarray, R: np.ndarray, w: np.ndarray, alpha: np.ndarray | None = None) -> None:
@@ -77,12 +77,12 @@ def spin_free_frames(problem: Problem) -> SpinFreeFrames | None:
     bodies = tuple(b for b in found if rates[b] != 0.0)
     frames = None
     if bodies:
-        system, w = problem.new_kernel(), problem.w.copy()
+        system, w = problem.new_system(), problem.w.copy()
         for b in bodies:
             w[b] -= rates[b] * found[b]
             system.set_spin(b, rates[b] * (problem.bodies[b].inertia @ found[b]))
         frames = SpinFreeFrames(bodies, np.array([found[b] for b in bodies]), np.array([rates[b] for b in bodies]),
-                                system, w)
+                                _kernel.Plan(system), w)
     known["_spin_free_frames"] = frames
     return frames
 

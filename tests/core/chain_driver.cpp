@@ -150,26 +150,26 @@ static Tableau read_tableau(std::istream& file) {
 int main(int argc, char** argv) {
   if (argc < 5) return 64;
   const std::string method = argv[1], bodies = argv[2];
-  const System system = bodies == "four_bar" ? four_bar() : chain(std::stoi(bodies));
+  const Plan plan(bodies == "four_bar" ? four_bar() : chain(std::stoi(bodies)));
   const int steps = std::atoi(argv[3]);
   const double h = std::atof(argv[4]);
   std::ifstream coefficients(argc > 5 ? argv[5] : "");
-  if (method == "rkmk4") return drive(FixedMuntheKaas(system, read_tableau(coefficients)), system, steps, h);
+  if (method == "rkmk4") return drive(FixedMuntheKaas(plan, read_tableau(coefficients)), plan.system, steps, h);
   if (method.starts_with("rkmk"))
-    return drive(AdaptiveMuntheKaas(system, read_tableau(coefficients)), system, steps, h);
-  if (method == "taylor") return drive(TaylorStepper(system), system, steps, h);
-  if (method == "seulex") return drive(AdaptiveExtrapolation(system), system, steps, h);
+    return drive(AdaptiveMuntheKaas(plan, read_tableau(coefficients)), plan.system, steps, h);
+  if (method == "taylor") return drive(TaylorStepper(plan), plan.system, steps, h);
+  if (method == "seulex") return drive(AdaptiveExtrapolation(plan), plan.system, steps, h);
   if (method.starts_with("rattle"))
-    return drive(CompositionStepper<ExpMap>(system, read_row(coefficients)), system, steps, h);
+    return drive(CompositionStepper<ExpMap>(plan, read_row(coefficients)), plan.system, steps, h);
   if (method == "generalized_alpha")
-    return drive(LagrangeStepper<ExpMap>(system, GeneralizedAlpha(0.8)), system, steps, h);
+    return drive(LagrangeStepper<ExpMap>(plan, GeneralizedAlpha(0.8)), plan.system, steps, h);
   if (method == "INDEX1_LE")
-    return drive(LagrangeStepper<ExpMap>(system, Level::acceleration, false, {}), system, steps, h);
+    return drive(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, {}), plan.system, steps, h);
   if (method == "BAUMGARTE_LE")
-    return drive(LagrangeStepper<ExpMap>(system, Level::acceleration, false, {5, 5}), system, steps, h);
+    return drive(LagrangeStepper<ExpMap>(plan, Level::acceleration, false, {5, 5}), plan.system, steps, h);
   const Level level =
       method[3] == '3' ? Level::position : (method.ends_with("LSE") ? Level::stabilised : Level::velocity);
   const bool index1 = method[3] == '1';
-  if (method[4] == 'H') return drive(HamiltonStepper<ExpMap>(system, level, index1), system, steps, h);
-  return drive(LagrangeStepper<ExpMap>(system, level, index1, {}), system, steps, h);
+  if (method[4] == 'H') return drive(HamiltonStepper<ExpMap>(plan, level, index1), plan.system, steps, h);
+  return drive(LagrangeStepper<ExpMap>(plan, level, index1, {}), plan.system, steps, h);
 }

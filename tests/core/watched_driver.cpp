@@ -92,32 +92,33 @@ Machine sprung() {
 
 // `step`: of the methods with a fixed one, s.
 Outcome drive(const Machine& m, const std::string& method, double step, const Record& record) {
-  const System& system = m.system;
+  const Plan plan(m.system);
+  const System& system = plan.system;
   const State start = m.start();
   const std::vector<double> steps{step, 2 * step}, t_eval{0, 0.007, 0.013, 0.05};
   const std::vector<std::int64_t> counts{10, 5};
   const Interrupted interrupted = [] { return false; };
   if (method == "seulex") {
-    AdaptiveExtrapolation stepper(system);
-    return run_adaptive(stepper, system, start, t_eval, 1e-6, true, record, interrupted);
+    AdaptiveExtrapolation stepper(plan);
+    return run_adaptive(stepper, plan, start, t_eval, 1e-6, true, record, interrupted);
   }
   if (method == "taylor") {
-    TaylorStepper stepper(system);
-    return run_adaptive(stepper, system, start, t_eval, 1e-6, true, record, interrupted);
+    TaylorStepper stepper(plan);
+    return run_adaptive(stepper, plan, start, t_eval, 1e-6, true, record, interrupted);
   }
   // Bogacki and Shampine, doi:10.1016/0893-9659(89)90079-7
   const Tableau rule{{{0.5}, {0, 0.75}}, {2. / 9, 1. / 3, 4. / 9}, 3, {{-5. / 72, 1. / 12, 1. / 9, -1. / 8}}, {}, {}};
   if (method == "rkmk_adaptive") {
-    AdaptiveMuntheKaas stepper(system, rule);
-    return run_adaptive(stepper, system, start, t_eval, 1e-6, true, record, interrupted);
+    AdaptiveMuntheKaas stepper(plan, rule);
+    return run_adaptive(stepper, plan, start, t_eval, 1e-6, true, record, interrupted);
   }
   if (method == "rkmk_fixed") {
-    FixedMuntheKaas stepper(system, rule);
-    return run(stepper, system, start, steps, counts, true, record, interrupted);
+    FixedMuntheKaas stepper(plan, rule);
+    return run(stepper, plan, start, steps, counts, true, record, interrupted);
   }
   if (method == "generalized_alpha") {
-    LagrangeStepper<ExpMap> stepper(system, GeneralizedAlpha(0.8));
-    return run(stepper, system, start, steps, counts, true, record, interrupted);
+    LagrangeStepper<ExpMap> stepper(plan, GeneralizedAlpha(0.8));
+    return run(stepper, plan, start, steps, counts, true, record, interrupted);
   }
   Method euler{method[4] == 'H' ? Formulation::hamilton : Formulation::lagrange, Level::velocity, method[3] == '1'};
   const double a = 1 / (4 - std::cbrt(4.0));
@@ -126,7 +127,7 @@ Outcome drive(const Machine& m, const std::string& method, double step, const Re
   if (method.ends_with("LSE")) euler.level = Level::stabilised;
   if (method == "INDEX1_LE" || method == "BAUMGARTE_LE") euler.level = Level::acceleration;
   if (method == "BAUMGARTE_LE") euler.gains = {5, 5};
-  return run_method<ExpMap>(system, euler, start, steps, counts, true, record, interrupted);
+  return run_method<ExpMap>(plan, euler, start, steps, counts, true, record, interrupted);
 }
 
 }  // namespace

@@ -17,7 +17,7 @@ STEP = 1e-5
 def kernel_system(joint):
     system = _kernel.System([1.0, 1.0], [np.eye(3), np.eye(3)], np.zeros(3))
     joint.add_to(system)
-    return system
+    return _kernel.Plan(system)
 
 
 def joint_of(kind, rng, parent):

@@ -81,22 +81,21 @@ bool invert_by_cofactors(const double* a, double* out) {
 // Rows or columns first, it is the same.
 inline bool invert(const Mat3& m, Mat3& out) { return invert_by_cofactors<3>(m.data(), out.data()); }
 
-class BlockLU {
+// Which blocks may be nonzero, and the operations of a factorization in a given order of nodes.
+class BlockPlan {
  public:
   using Entry = std::pair<int, int>;  // (row node, column node)
 
   // `order` lists all nodes, the last `tail` of them to be factored densely; `entries` the blocks that may be nonzero
   // off the diagonal.
-  void plan(const std::vector<int>& order, int tail, const std::set<Entry>& entries) {
+  BlockPlan(const std::vector<int>& order, int tail, const std::set<Entry>& entries)
+      : tail_(order.end() - tail, order.end()), unknowns_(3 * static_cast<int>(order.size())) {
     const std::vector<int> sparse(order.begin(), order.end() - tail);
-    tail_.assign(order.end() - tail, order.end());
     std::vector<std::set<int>> below(order.size()), right(order.size());  // nonzero rows of a column, columns of a row
     for (const auto& [row, column] : entries) below[column].insert(row), right[row].insert(column);
-    std::map<Entry, int> places;
     auto place = [&](int row, int column) {
-      return places.insert({{row, column}, kBlock * static_cast<int>(places.size())}).first->second;
+      return places_.insert({{row, column}, kBlock * static_cast<int>(places_.size())}).first->second;
     };
-    pivots_.clear(), lowers_.clear(), uppers_.clear(), updates_.clear(), tail_blocks_.clear();
     for (int node : sparse) {
       for (int row : below[node]) right[row].erase(node), lowers_.push_back({place(row, node), 3 * row});
       for (int column : right[node]) below[column].erase(node), uppers_.push_back({place(node, column), 3 * column});
@@ -110,67 +109,10 @@ class BlockLU {
     }
     for (int row : tail_)
       for (int column : tail_) tail_blocks_.push_back(place(row, column));
-    dense_.resize(3 * tail);
-    tail_vector_.assign(3 * tail, 0.0);
-    tail_scale_.assign(3 * tail, 1.0);
-    values_.assign(kBlock * places.size(), 0.0);
-    places_ = std::move(places);
-    unknowns_ = 3 * static_cast<int>(order.size());
-  }
-
-  int unknowns() const { return unknowns_; }
-  // The block (row, column), or nullptr where none was planned.
-  double* block(int row, int column) {
-    const auto found = places_.find({row, column});
-    return found == places_.end() ? nullptr : values_.data() + found->second;
-  }
-  void set_zero() { std::fill(values_.begin(), values_.end(), 0.0); }
-
-  // False when a diagonal block is singular to rounding.
-  bool factor() { return eliminate() && (tail_.empty() || dense_.factor(dense_.size() - deficiency_)); }
-
-  // Scales the tail's rows and columns, so that its pivots can be told from rounding; by node, three each.
-  void scale_tail(const std::vector<double>& scale) {
-    for (size_t k = 0; k < tail_.size(); ++k)
-      for (int r = 0; r < 3; ++r) tail_scale_[3 * k + r] = scale[3 * tail_[k] + r];
-  }
-
-  // How many dependent rows the tail holds: pivots below `tolerance`. False when the rest of the matrix is singular.
-  bool find_deficiency(double tolerance, int& deficiency) {
-    if (!eliminate()) return false;
-    deficiency = tail_.empty() ? 0 : dense_.size() - dense_.rank(tolerance);
-    return true;
-  }
-  void expect_deficiency(int deficiency) { deficiency_ = deficiency; }
-  double smallest_tail_pivot() { return dense_.smallest_pivot(); }
-
-  // The k-th vector of the null space, k < deficiency.
-  void null_vector(int k, double* x) {
-    std::fill(x, x + unknowns_, 0.0);
-    dense_.null_vector(k, tail_vector_.data());
-    scatter_tail(x);
-    substitute_back(x);
-  }
-
-  void solve(double* b) {
-    const double* const values = values_.data();
-    int lower = 0;
-    for (const Pivot& pivot : pivots_) {
-      double* const x = b + pivot.unknown;
-      const Product solved = product(values + pivot.block, x);
-      Eigen::Map<Eigen::Vector2d>{x} = solved.head;
-      x[2] = solved.last;
-      for (; lower < pivot.last_lower; ++lower) subtract(values + lowers_[lower].block, x, b + lowers_[lower].unknown);
-    }
-    if (!tail_.empty()) {
-      for (size_t i = 0; i < tail_vector_.size(); ++i) tail_vector_[i] = tail_scale_[i] * b[3 * tail_[i / 3] + i % 3];
-      dense_.solve(tail_vector_.data());
-      scatter_tail(b);
-    }
-    substitute_back(b);
   }
 
  private:
+  friend class BlockLU;
   struct Pivot {
     int block, unknown, last_lower, last_upper, last_update;
   };
@@ -180,36 +122,115 @@ class BlockLU {
   struct Update {
     int lower, upper, target;
   };
+  std::vector<int> tail_, tail_blocks_;
+  int unknowns_;
+  std::vector<Pivot> pivots_;
+  std::vector<OffDiagonal> lowers_, uppers_;
+  std::vector<Update> updates_;
+  std::map<Entry, int> places_;
+};
 
+class BlockLU {
+ public:
+  // The plan has to stay where it is while this is in use.
+  void follow(const BlockPlan& plan) {
+    plan_ = &plan;
+    const size_t tail = 3 * plan.tail_.size();
+    dense_.resize(static_cast<int>(tail));
+    tail_vector_.assign(tail, 0.0);
+    tail_scale_.assign(tail, 1.0);
+    values_.assign(kBlock * plan.places_.size(), 0.0);
+  }
+
+  int unknowns() const { return plan_->unknowns_; }
+  // The block (row, column), or nullptr where none was planned.
+  double* block(int row, int column) {
+    const auto found = plan_->places_.find({row, column});
+    return found == plan_->places_.end() ? nullptr : values_.data() + found->second;
+  }
+  void set_zero() { std::fill(values_.begin(), values_.end(), 0.0); }
+
+  // False when a diagonal block is singular to rounding.
+  bool factor() { return eliminate() && (plan_->tail_.empty() || dense_.factor(dense_.size() - deficiency_)); }
+
+  // Scales the tail's rows and columns, so that its pivots can be told from rounding; by node, three each.
+  void scale_tail(const std::vector<double>& scale) {
+    for (size_t k = 0; k < plan_->tail_.size(); ++k)
+      for (int r = 0; r < 3; ++r) tail_scale_[3 * k + r] = scale[3 * plan_->tail_[k] + r];
+  }
+
+  // How many dependent rows the tail holds: pivots below `tolerance`. False when the rest of the matrix is singular.
+  bool find_deficiency(double tolerance, int& deficiency) {
+    if (!eliminate()) return false;
+    deficiency = plan_->tail_.empty() ? 0 : dense_.size() - dense_.rank(tolerance);
+    return true;
+  }
+  void expect_deficiency(int deficiency) { deficiency_ = deficiency; }
+  double smallest_tail_pivot() { return dense_.smallest_pivot(); }
+
+  // The k-th vector of the null space, k < deficiency.
+  void null_vector(int k, double* x) {
+    std::fill(x, x + unknowns(), 0.0);
+    dense_.null_vector(k, tail_vector_.data());
+    scatter_tail(x);
+    substitute_back(x);
+  }
+
+  void solve(double* b) {
+    const double* const values = values_.data();
+    const BlockPlan::OffDiagonal* const lowers = plan_->lowers_.data();
+    int lower = 0;
+    for (const BlockPlan::Pivot& pivot : plan_->pivots_) {
+      double* const x = b + pivot.unknown;
+      const Product solved = product(values + pivot.block, x);
+      Eigen::Map<Eigen::Vector2d>{x} = solved.head;
+      x[2] = solved.last;
+      for (; lower < pivot.last_lower; ++lower) subtract(values + lowers[lower].block, x, b + lowers[lower].unknown);
+    }
+    if (const std::vector<int>& tail = plan_->tail_; !tail.empty()) {
+      for (size_t i = 0; i < tail_vector_.size(); ++i) tail_vector_[i] = tail_scale_[i] * b[3 * tail[i / 3] + i % 3];
+      dense_.solve(tail_vector_.data());
+      scatter_tail(b);
+    }
+    substitute_back(b);
+  }
+
+ private:
   bool eliminate() {
     double* const values = values_.data();
+    const BlockPlan::OffDiagonal* const uppers = plan_->uppers_.data();
+    const BlockPlan::Update* const updates = plan_->updates_.data();
     int upper = 0, update = 0;
-    for (const Pivot& pivot : pivots_) {
+    for (const BlockPlan::Pivot& pivot : plan_->pivots_) {
       double* const diagonal = values + pivot.block;
       if (!invert_by_cofactors<kColumn>(diagonal, diagonal)) return false;
-      for (; upper < pivot.last_upper; ++upper) multiply(diagonal, values + uppers_[upper].block);
+      for (; upper < pivot.last_upper; ++upper) multiply(diagonal, values + uppers[upper].block);
       for (; update < pivot.last_update; ++update)
-        subtract_product(values + updates_[update].lower, values + updates_[update].upper,
-                         values + updates_[update].target);
+        subtract_product(values + updates[update].lower, values + updates[update].upper,
+                         values + updates[update].target);
     }
-    const int tail = static_cast<int>(tail_.size());
+    const std::vector<int>& blocks = plan_->tail_blocks_;
+    const int tail = static_cast<int>(plan_->tail_.size());
     for (int i = 0; i < 3 * tail; ++i)
       for (int j = 0; j < 3 * tail; ++j)
         dense_(i, j) =
-            tail_scale_[i] * tail_scale_[j] * values[tail_blocks_[tail * (i / 3) + j / 3] + kColumn * (j % 3) + i % 3];
+            tail_scale_[i] * tail_scale_[j] * values[blocks[tail * (i / 3) + j / 3] + kColumn * (j % 3) + i % 3];
     return true;
   }
   void scatter_tail(double* b) const {
-    for (size_t i = 0; i < tail_vector_.size(); ++i) b[3 * tail_[i / 3] + i % 3] = tail_scale_[i] * tail_vector_[i];
+    const std::vector<int>& tail = plan_->tail_;
+    for (size_t i = 0; i < tail_vector_.size(); ++i) b[3 * tail[i / 3] + i % 3] = tail_scale_[i] * tail_vector_[i];
   }
   void substitute_back(double* b) const {
     const double* const values = values_.data();
-    int upper = static_cast<int>(uppers_.size());
-    for (size_t k = pivots_.size(); k-- > 0;) {
-      const int first = k == 0 ? 0 : pivots_[k - 1].last_upper;
+    const std::vector<BlockPlan::Pivot>& pivots = plan_->pivots_;
+    const BlockPlan::OffDiagonal* const uppers = plan_->uppers_.data();
+    int upper = static_cast<int>(plan_->uppers_.size());
+    for (size_t k = pivots.size(); k-- > 0;) {
+      const int first = k == 0 ? 0 : pivots[k - 1].last_upper;
       while (upper > first) {
         --upper;
-        subtract(values + uppers_[upper].block, b + uppers_[upper].unknown, b + pivots_[k].unknown);
+        subtract(values + uppers[upper].block, b + uppers[upper].unknown, b + pivots[k].unknown);
       }
     }
   }
@@ -222,15 +243,10 @@ class BlockLU {
     }
   }
 
-  std::vector<Pivot> pivots_;
-  std::vector<OffDiagonal> lowers_, uppers_;
-  std::vector<Update> updates_;
-  std::vector<double> values_;
-  std::map<Entry, int> places_;
-  std::vector<int> tail_, tail_blocks_;
-  std::vector<double> tail_vector_, tail_scale_;
+  const BlockPlan* plan_ = nullptr;
+  std::vector<double> values_, tail_vector_, tail_scale_;
   FullPivotLU dense_;
-  int unknowns_ = 0, deficiency_ = 0;
+  int deficiency_ = 0;
 };
 
 }  // namespace lieeuler

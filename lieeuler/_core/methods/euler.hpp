@@ -4,10 +4,9 @@
 #include <array>
 #include <optional>
 
-#include "model/scales.hpp"
 #include "model/sizes.hpp"
 #include "solve/newton.hpp"
-#include "solve/saddle_point.hpp"
+#include "solve/saddle_solver.hpp"
 
 namespace lieeuler {
 
@@ -37,11 +36,11 @@ class EulerStepper {
     joints_.update(state_.frames);
     if (rank_ == Rank::unknown) {
       if (!saddle_.find_redundancy(joints_)) return Status::singular_matrix;
-      scale_tail();
-      if (core_ && saddle_.dropped())
+      if (core_ && saddle_.sparse().dropped())
         follow_choice();
-      else if (core_ && has_many_loops(system_))
+      else if (core_ && plan_.many_loops)
         equations().take_whole_matrix();
+      if (!core_) scale_tail();
       rank_ = Rank::of_start;
     }
     lu_.expect_deficiency(saddle_.redundant() * (nodes_.doubled() ? 2 : 1));
@@ -88,7 +87,7 @@ class EulerStepper {
     if (status != Status::success) return status;
     predictor.push(z_);
     if (const Status end = equations().finish(); end != Status::success) return end;
-    if (core_ && saddle_.choice() != choice_) {
+    if (core_ && saddle_.sparse().choice() != choice_) {
       follow_choice();
       predictor.forget();  // multipliers of other rows
     }
@@ -132,33 +131,33 @@ class EulerStepper {
   const Constraints& joints() const { return joints_; }
 
  protected:
-  EulerStepper(const System& system, Level level, bool index1_output, const Layout& layout)
-      : system_(system),
+  EulerStepper(const Plan& plan, Level level, bool index1_output, const Layout& layout)
+      : plan_(plan),
+        system_(plan.system),
         level_(level),
         index1_output_(index1_output),
         second_order_(layout.second_order),
-        nodes_(system, layout.doubled_unknowns),
+        nodes_(plan, layout.doubled_unknowns),
         columns_(nodes_),
-        joints_(system),
-        start_joints_(system),
-        saddle_(system, layout.eliminates && has_many_loops(system)),
-        graded_(system.graded()),
-        start_(system),
-        state_(system),
-        maps_(system.n() + 1),
-        xi_(system.n() + 1),
-        force_(system.n() + 1),
+        joints_(system_),
+        start_joints_(system_),
+        saddle_(plan, layout.eliminates && plan.many_loops ? Elimination::independent : Elimination::complete),
+        start_(system_),
+        state_(system_),
+        maps_(system_.n() + 1),
+        xi_(system_.n() + 1),
+        force_(system_.n() + 1),
         z_(3 * nodes_.count(), 0.0) {
     if (layout.eliminates)
-      core_.emplace(system, has_many_loops(system));
+      core_.emplace(plan, plan.many_loops);
     else
       plan_matrix(layout.doubled_matrix);
-    for (const Joint& joint : system.joints)
+    for (const Joint& joint : system_.joints)
       for (Side side : kSides) {
         const int b = side == kChild ? joint.child : joint.parent;
-        if (b == system.n()) continue;
+        if (b == system_.n()) continue;
         const Vec3& arm = side == kChild ? joint.child_anchor : joint.parent_anchor;
-        enlarge(mobility_, arm.norm() * largest_mobility(system.bodies[b].inertia_inverse));
+        enlarge(mobility_, arm.norm() * largest_mobility(system_.bodies[b].inertia_inverse));
       }
   }
 
@@ -174,10 +173,8 @@ class EulerStepper {
   // Lays out Newton's matrix, of all unknowns or (not doubled) without the second set of velocities and multipliers.
   void plan_matrix(bool doubled) {
     core_.reset();
-    columns_ = Nodes(system_, doubled);
-    int tail;
-    const std::vector<int> order = columns_.order(system_, tail);
-    lu_.plan(order, tail, columns_.entries(system_, second_order_));
+    columns_ = Nodes(plan_, doubled);
+    lu_.follow(columns_.blocks(second_order_));
     padding_.clear(), blocks_.clear(), force_blocks_.clear();
     for (int k = 0; k < columns_.parts(); ++k) {
       padding_.push_back({lu_.block(columns_.lam(k), columns_.lam(k)), lu_.block(columns_.mu(k), columns_.mu(k))});
@@ -197,11 +194,10 @@ class EulerStepper {
                   : PairBlocks::of(lu_, columns_.v(row), columns_.w(row), columns_.v(column), columns_.w(column)));
   }
 
-  const Joint& joint_of(int k) const { return system_.joints[nodes_.part(k).joint]; }
-  const Part& part_of(int k) const { return joint_of(k).parts[nodes_.part(k).part]; }
-  int body_of(int k, Side side) const { return side == kChild ? joint_of(k).child : joint_of(k).parent; }
-  const JointState& here(int k) const { return joints_[nodes_.part(k).joint]; }
-  const JointState& before(int k) const { return start_joints_[nodes_.part(k).joint]; }
+  const Part& part_of(int k) const { return plan_.part(k); }
+  int body_of(int k, Side side) const { return plan_.body(k, side); }
+  const JointState& here(int k) const { return joints_[plan_.parts[k].joint]; }
+  const JointState& before(int k) const { return start_joints_[plan_.parts[k].joint]; }
   Vec3 velocity_rows(int k, const State& state, const JointState& joint) const {
     const Vec3 rate = joint.velocity(part_of(k), state.u[body_of(k, kParent)], state.u[body_of(k, kChild)]);
     return part_of(k).drive ? Vec3(rate + joint.drift(part_of(k))) : rate;
@@ -249,6 +245,7 @@ class EulerStepper {
       for (int r = 0; r < part_of(k).rows(); ++r) z[3 * nodes_.lam(k) + r] = duration * state_.lam[part_of(k).row + r];
   }
 
+  const Plan& plan_;
   const System& system_;
   const Level level_;
   bool index1_output_;
@@ -257,8 +254,7 @@ class EulerStepper {
   Nodes columns_;            // of Newton's matrix
   double h_ = 0;
   Constraints joints_, start_joints_;  // at q and q_n
-  SaddlePoint saddle_;
-  const bool graded_;
+  SaddleSolver saddle_;
   State start_, state_;
   std::vector<Map> maps_;
   std::vector<Twist> xi_, force_;
@@ -300,20 +296,20 @@ class EulerStepper {
       if (!saddle_.count_redundancy(joints_, redundant) || redundant < saddle_.redundant())
         return Status::singular_matrix;
       rank_ = Rank::confirmed;
-      if (saddle_.dropped()) return Status::success;
+      if (saddle_.sparse().dropped()) return Status::success;
       if (!saddle_.factor(joints_)) return Status::singular_matrix;
-    } else if (saddle_.dropped()) {
+    } else if (saddle_.sparse().dropped()) {
       return Status::success;                                      // no null space to follow
     } else if (!index1_output_ && !Equations::projects(level_)) {  // else finish() has factored it here
       if (!saddle_.factor(joints_)) return Status::singular_matrix;
     }
-    saddle_.make_least_norm(state_.lam);
+    saddle_.make_least_norm(joints_, state_.lam);
     return Status::success;
   }
 
   void follow_choice() {
-    core_->drop(*saddle_.dropped());
-    choice_ = saddle_.choice();
+    core_->drop(*saddle_.sparse().dropped());
+    choice_ = saddle_.sparse().choice();
   }
 
   // Scaled pivots below this, where Newton failed, say why: within 1e-3 of a singular position.
@@ -321,14 +317,14 @@ class EulerStepper {
 
   void remove_null_space(std::vector<double>& r) const {
     if (saddle_.redundant() == 0) return;
-    saddle_.remove_null_space(&r[3 * nodes_.lam(0)]);
-    if (nodes_.doubled()) saddle_.remove_null_space(&r[3 * nodes_.mu(0)]);
+    saddle_.sparse().remove_null_space(&r[3 * nodes_.lam(0)]);
+    if (nodes_.doubled()) saddle_.sparse().remove_null_space(&r[3 * nodes_.mu(0)]);
   }
 
   // Rows of lam and of mu alike.
   void scale_tail() {
     std::vector<double> scales(z_.size(), 1.0);
-    const std::vector<double> rows = saddle_.row_scales(joints_);
+    const std::vector<double> rows = saddle_.sparse().row_scales(joints_);
     std::copy(rows.begin(), rows.end(), scales.begin() + 3 * nodes_.lam(0));
     std::copy(rows.begin(), rows.end(), scales.begin() + 3 * nodes_.mu(0));
     lu_.scale_tail(scales);
@@ -339,7 +335,7 @@ class EulerStepper {
     length_ = scales.length, speed_ = std::max(scales.rate, scales.natural(system_));
     // Velocities are sums of the joints' impulses, which are large in a long chain, and round with them. Between graded
     // masses an impulse says nothing of the speeds.
-    if (graded_) return;
+    if (plan_.graded) return;
     double impulse = 0;
     for (size_t i = 3 * nodes_.lam(0); i < z_.size(); ++i) impulse = std::max(impulse, std::abs(z_[i]));
     speed_ = std::max(speed_, impulse * mobility_);

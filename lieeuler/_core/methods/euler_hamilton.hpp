@@ -27,18 +27,18 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
  public:
   enum class Kind { euler, rattle };
 
-  HamiltonStepper(const System& system, Level level, bool index1_output, Kind kind = Kind::euler)
-      : Base(system, level, index1_output,
-             {.second_order = level == Level::velocity, .eliminates = eliminates(system, level)}),
+  HamiltonStepper(const Plan& plan, Level level, bool index1_output, Kind kind = Kind::euler)
+      : Base(plan, level, index1_output,
+             {.second_order = level == Level::velocity, .eliminates = eliminates(plan, level)}),
         rattle_(kind == Kind::rattle),
-        rotations_(system.n() + 1),
-        slopes_(system.n()),
+        rotations_(system_.n() + 1),
+        slopes_(system_.n()),
         tangents_(slopes_),
-        velocity_slopes_(level == Level::velocity ? system.n() : 0),
-        momentum_(system.n() + 1),
-        impulse_(system.n() + 1),
-        change_(rattle_ ? system.n() + 1 : 0),
-        mu_(system.rows(), 0.0) {
+        velocity_slopes_(level == Level::velocity ? system_.n() : 0),
+        momentum_(system_.n() + 1),
+        impulse_(system_.n() + 1),
+        change_(rattle_ ? system_.n() + 1 : 0),
+        mu_(system_.rows(), 0.0) {
     if (!this->core_) find_blocks();
   }
 
@@ -131,9 +131,10 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   }
 
   // Where only the rows of joints couple bodies: no dampers, and no loops whose dependent rows have to stay.
-  static bool eliminates(const System& system, Level level) {
-    return (is_forest(system) || (level != Level::velocity && has_many_loops(system))) &&
-           std::all_of(system.forces.begin(), system.forces.end(), [](const Force& f) { return f.damping == 0; });
+  static bool eliminates(const Plan& plan, Level level) {
+    const std::vector<Force>& forces = plan.system.forces;
+    return (plan.forest || (level != Level::velocity && plan.many_loops)) &&
+           std::all_of(forces.begin(), forces.end(), [](const Force& f) { return f.damping == 0; });
   }
 
   bool fill_core() {
@@ -204,7 +205,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       if (rattle_)
         end_with_projection();
       else
-        this->saddle_.project(joints_, momentum_, state_.u, mu_.data());
+        this->saddle_.project(joints_, momentum_, state_.u, mu_.data(), momentum_);
       for (size_t r = 0; r < mu_.size(); ++r) state_.lam[r] += mu_[r] / h_;
     }
     if (this->index1_output_)

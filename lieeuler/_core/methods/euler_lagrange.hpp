@@ -34,11 +34,11 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   friend Base;
 
  public:
-  LagrangeStepper(const System& system, Level level, bool index1_output, Gains gains)
-      : LagrangeStepper(system, level, index1_output, gains, std::nullopt) {}
+  LagrangeStepper(const Plan& plan, Level level, bool index1_output, Gains gains)
+      : LagrangeStepper(plan, level, index1_output, gains, std::nullopt) {}
   // Generalized-alpha.
-  LagrangeStepper(const System& system, const GeneralizedAlpha& alpha)
-      : LagrangeStepper(system, Level::stabilised, true, {}, alpha) {}
+  LagrangeStepper(const Plan& plan, const GeneralizedAlpha& alpha)
+      : LagrangeStepper(plan, Level::stabilised, true, {}, alpha) {}
 
   // Of the motion since start().
   void keep_increments() { increments_.keep(); }
@@ -46,7 +46,9 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
   static constexpr bool projects(Level) { return false; }
-  bool exact_matrix() const { return level_ != Level::acceleration && !(this->core_ && this->saddle_.dropped()); }
+  bool exact_matrix() const {
+    return level_ != Level::acceleration && !(this->core_ && this->saddle_.sparse().dropped());
+  }
 
   bool solve_linear(std::vector<double>& r) {
     if (!split_) return Base::solve_linear(r);
@@ -62,7 +64,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   void take_whole_matrix() {
     split_.reset();
     this->plan_matrix(true);
-    matrix_ = LagrangeBlocks(system_, columns_, lu_);
+    matrix_ = LagrangeBlocks(this->plan_, columns_, lu_);
   }
 
   // What an implicit step, with the matrix factored last, leaves of a change of the velocities: forces that answer to
@@ -105,35 +107,34 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
 
  private:
-  LagrangeStepper(const System& system, Level level, bool index1_output, Gains gains,
-                  std::optional<GeneralizedAlpha> alpha)
-      : Base(system, level, index1_output, layout(system, level, alpha.has_value())),
+  LagrangeStepper(const Plan& plan, Level level, bool index1_output, Gains gains, std::optional<GeneralizedAlpha> alpha)
+      : Base(plan, level, index1_output, layout(plan, level, alpha.has_value())),
         gains_(gains),
-        increments_(system),
+        increments_(system_),
         alpha_(std::move(alpha)),
         force_share_(alpha_ ? alpha_->force_share() : 1),
         velocity_share_(alpha_ ? alpha_->velocity_share() : 1),
-        tangents_(system.n() + 1),
-        stiffness_of_(system.n() + 1),
-        balance_(system.n() + 1),
-        drift_(system.n() + 1) {
-    if (!alpha_ && splits(system, level)) split_.emplace(system, this->saddle_.delassus());
-    if (!this->core_) matrix_ = LagrangeBlocks(system, columns_, lu_);
+        tangents_(system_.n() + 1),
+        stiffness_of_(system_.n() + 1),
+        balance_(system_.n() + 1),
+        drift_(system_.n() + 1) {
+    if (!alpha_ && splits(plan, level)) split_.emplace(plan, this->saddle_.sparse().delassus());
+    if (!this->core_) matrix_ = LagrangeBlocks(plan, columns_, lu_);
   }
-  static Layout layout(const System& system, Level level, bool alpha) {
+  static Layout layout(const Plan& plan, Level level, bool alpha) {
     const bool stabilised = level == Level::stabilised;
     return {.doubled_unknowns = stabilised,
-            .doubled_matrix = stabilised && (alpha || !splits(system, level)),
+            .doubled_matrix = stabilised && (alpha || !splits(plan, level)),
             .second_order = true,
-            .eliminates = !alpha && eliminates(system, level)};
+            .eliminates = !alpha && eliminates(plan, level)};
   }
 
   using Base::columns_, Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_,
       Base::state_;
   using Base::system_, Base::xi_, Base::z_, Base::force_;
 
-  static bool splits(const System& system, Level level) {
-    return level == Level::stabilised && StabilisedSolve::suits(system);
+  static bool splits(const Plan& plan, Level level) {
+    return level == Level::stabilised && StabilisedSolve::suits(plan);
   }
   // theta: what a force acts for in a step.
   double force_time() const { return force_share_ * h_; }
@@ -214,9 +215,10 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   // Where a joint's second derivatives and the forces keep to one body each: spherical joints without forces, on trees.
   // The acceleration level has rows of its own.
-  static bool eliminates(const System& system, Level level) {
-    if (splits(system, level) && !is_forest(system)) return true;  // but for the coupling of a joint's two bodies
-    return level != Level::acceleration && system.forces.empty() && is_forest(system) &&
+  static bool eliminates(const Plan& plan, Level level) {
+    const System& system = plan.system;
+    if (splits(plan, level) && !plan.forest) return true;  // but for the coupling of a joint's two bodies
+    return level != Level::acceleration && system.forces.empty() && plan.forest &&
            std::all_of(system.joints.begin(), system.joints.end(), [](const Joint& joint) {
              return std::all_of(joint.parts.begin(), joint.parts.end(),
                                 [](const Part& part) { return part.spherical; });

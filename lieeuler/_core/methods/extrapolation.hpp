@@ -18,30 +18,31 @@ namespace lieeuler {
 
 class Extrapolation {
  public:
-  explicit Extrapolation(const System& system)
-      : system_(system),
-        euler_(system, Level::stabilised, false, {}),
-        whole_(system, Level::stabilised, false, {}),
-        projection_(system),
-        state_(system),
-        next_(system),
-        size_(12 * system.n()),
-        most_turn_(most_turn(system, 2.5)),
+  explicit Extrapolation(const Plan& plan)
+      : system_(plan.system),
+        euler_(plan, Level::stabilised, false, {}),
+        whole_(plan, Level::stabilised, false, {}),
+        projection_(plan),
+        state_(system_),
+        next_(system_),
+        size_(12 * system_.n()),
+        most_turn_(most_turn(system_, 2.5)),
         difference_(size_),
-        rates_(system.n() + 1) {
+        rates_(system_.n() + 1) {
     for (auto* euler : {&euler_, &whole_})
       euler->polish_velocities(), euler->keep_increments();  // errors are magnified
     for (std::vector<double>& entry : table_) entry.assign(size_, 0.0);
     for (Node& node : nodes_) node.y.assign(size_ / 2, 0.0);
   }
 
-  Status start(const State& initial, double rtol, Counters& counters) {
-    rtol_ = rtol;
+  Status start(const State& initial, double rtol, double slowest, Counters& counters) {
+    rtol_ = rtol, slowest_ = slowest;
     state_ = initial;
     update_angles(system_, state_.frames, state_.u, state_.angles);
     if (const Status status = projection_.start(state_); status != Status::success) return status;
-    scales_ = Scales::of(system_, state_);
-    if (const Status status = projection_.settle(state_, scales_, counters); status != Status::success) return status;
+    scales_ = Scales::of(system_, state_, slowest_);
+    if (const Status status = projection_.settle(state_, scales_.length, counters); status != Status::success)
+      return status;
     rank_confirmed_ = projection_.redundant_rows() == 0;
     for (most_rows_ = 4; most_rows_ < kMostRows && magnification(most_rows_ + 1) < kRounding * rtol; ++most_rows_) {
     }
@@ -57,7 +58,7 @@ class Extrapolation {
       return status;
     extrapolate(state_, next_);
     next_.frames.follow(state_.frames, h);
-    return projection_.project(next_, scales_, counters);
+    return projection_.project(next_, scales_.length, counters);
   }
 
   void refuse(double h, Status status) {
@@ -72,7 +73,7 @@ class Extrapolation {
     plan_next(h);
     h_ = h, refused_ = false;
     std::swap(state_, next_);
-    scales_ = Scales::of(system_, state_);
+    scales_ = Scales::of(system_, state_, slowest_);
     node_count_ = 0;
     if (rank_confirmed_) return Status::success;
     rank_confirmed_ = true;
@@ -311,7 +312,7 @@ class Extrapolation {
   std::array<double, kMostRows + 1> best_{};  // the step each row could take
   std::array<Node, 2 * (kMostInner + 2)> nodes_;
   int rows_ = 0, target_ = 0, node_count_ = 0, most_rows_ = kMostRows;
-  double rtol_ = 0, step_ = 0, h_ = 0;  // h_: of the step accepted last
+  double rtol_ = 0, slowest_ = 0, step_ = 0, h_ = 0;  // h_: of the step accepted last
   bool rank_confirmed_ = false, refused_ = false;
 };
 using AdaptiveExtrapolation = AdaptiveSteps<Extrapolation>;

@@ -14,7 +14,8 @@ struct LagrangeBlocks {
   std::vector<SideBlocks> rates, drifts;       // velocity rows against xi; position rows and mu against xi
 
   LagrangeBlocks() = default;
-  LagrangeBlocks(const System& system, const Nodes& columns, BlockLU& lu) {
+  LagrangeBlocks(const Plan& plan, const Nodes& columns, BlockLU& lu) {
+    const System& system = plan.system;
     const int n = system.n();
     for (int b = 0; b < n; ++b) {
       const int v = columns.v(b), w = columns.w(b), xi_v = columns.xi_v(b), xi_w = columns.xi_w(b);
@@ -28,7 +29,7 @@ struct LagrangeBlocks {
       return PairBlocks::of(lu, columns.v(row), columns.w(row), columns.xi_v(column), columns.xi_w(column));
     };
     for (int k = 0; k < columns.parts(); ++k) {
-      const Joint& joint = system.joints[columns.part(k).joint];
+      const Joint& joint = plan.joint(k);
       for (int row : {joint.parent, joint.child})
         for (int column : {joint.parent, joint.child}) stiffness.push_back(against_xi(row, column));
       for (int b : {joint.parent, joint.child}) {

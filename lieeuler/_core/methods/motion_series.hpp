@@ -7,21 +7,22 @@
 #pragma once
 
 #include "methods/term_series.hpp"
+#include "solve/saddle_solver.hpp"
 
 namespace lieeuler {
 
 class MotionSeries {
  public:
-  MotionSeries(const System& system, const ReferencePoints& points)
-      : system_(system), points_(points), nodes_(system, false), body_(system, points) {
-    force_.resize(system.n() + 1);
-    rows_.resize(nodes_.parts());
-    turned_.resize(system.n() + 1);
-    for (int b = 0; b < system.n(); ++b) lever_.push_back(system.bodies[b].mass * points.centre(b));
-    parts_.reserve(nodes_.parts());
-    for (int k = 0; k < nodes_.parts(); ++k)
-      if (!points.holds(nodes_.part(k))) plan_part(k);
-    for (const Force& force : system.forces) plan_force(force);
+  MotionSeries(const Plan& plan, const ReferencePoints& points)
+      : plan_(plan), system_(plan.system), points_(points), body_(system_, points) {
+    force_.resize(system_.n() + 1);
+    rows_.resize(plan.count());
+    turned_.resize(system_.n() + 1);
+    for (int b = 0; b < system_.n(); ++b) lever_.push_back(system_.bodies[b].mass * points.centre(b));
+    parts_.reserve(plan.count());
+    for (int k = 0; k < plan.count(); ++k)
+      if (!points.holds(plan.parts[k])) plan_part(k);
+    for (const Force& force : system_.forces) plan_force(force);
   }
 
   // Coefficients of order zero of the configuration and velocity, and those of order one that follow without forces.
@@ -39,8 +40,7 @@ class MotionSeries {
 
   // Order k: accelerations and multipliers k, velocities k + 1, configurations k + 2. False where a force has no
   // series.
-  template <class Saddle>
-  bool extend(int k, Saddle& saddle) {
+  bool extend(int k, SaddleSolver& saddle) {
     for (int b = 0; b < system_.n(); ++b) {
       const Columns* const R = body_.R[b].data();
       turned_[b] = turned(R, body_.w[b].data(), k);
@@ -95,8 +95,8 @@ class MotionSeries {
   };
 
   void plan_part(int k) {
-    const Joint& joint = system_.joints[nodes_.part(k).joint];
-    const Part& part = joint.parts[nodes_.part(k).part];
+    const Joint& joint = plan_.joint(k);
+    const Part& part = plan_.part(k);
     parts_.emplace_back(joint, part, k, points_);
     PartSeries& series = parts_.back();
     if (part.drive) row_drives_.push_back({static_cast<int>(parts_.size()) - 1, &*part.drive, {}});
@@ -243,9 +243,9 @@ class MotionSeries {
     return y;
   }
 
+  const Plan& plan_;
   const System& system_;
   const ReferencePoints& points_;
-  const Nodes nodes_;
   BodySeries body_;
   std::vector<Vec3> lever_;      // mass times centre of mass, for the torque of gravity about a pin
   std::vector<Columns> turned_;  // of this order, the ground's zero

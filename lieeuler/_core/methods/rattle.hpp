@@ -10,8 +10,8 @@ class CompositionStepper : public HamiltonStepper<Map> {
   using Rattle = HamiltonStepper<Map>;
 
  public:
-  CompositionStepper(const System& system, std::vector<double> weights)
-      : Rattle(system, Level::stabilised, true, Rattle::Kind::rattle),
+  CompositionStepper(const Plan& plan, std::vector<double> weights)
+      : Rattle(plan, Level::stabilised, true, Rattle::Kind::rattle),
         weights_(std::move(weights)),
         predictors_(weights_.size()) {}
 

@@ -24,19 +24,19 @@ struct Tableau {
 // One step at a time, tried and then accepted or not.
 class MuntheKaas {
  public:
-  MuntheKaas(const System& system, const Tableau& tableau)
-      : system_(system),
-        projection_(system),
-        state_(system),
-        next_(system),
-        trial_(system),
-        size_(kPerBody * system.n()),
+  MuntheKaas(const Plan& plan, const Tableau& tableau)
+      : system_(plan.system),
+        projection_(plan),
+        state_(system_),
+        next_(system_),
+        trial_(system_),
+        size_(kPerBody * system_.n()),
         stages_(sparse(tableau.stages)),
         weights_(sparse({tableau.weights})),
         errors_(sparse(tableau.errors)),
         extra_(sparse(tableau.extra)),
         dense_(sparse(tableau.dense)),
-        most_turn_(most_turn(system, 2 * std::numbers::pi)),
+        most_turn_(most_turn(system_, 2 * std::numbers::pi)),
         nodes_(sums(tableau.stages)),
         extra_nodes_(sums(tableau.extra)) {
     slopes_.assign((stages_.size() + 2 + extra_.size()) * size_, 0.0);
@@ -44,13 +44,13 @@ class MuntheKaas {
     dense_terms_.assign((3 + dense_.size()) * size_, 0.0);
   }
 
-  Status start(const State& state, Counters& counters) {
-    state_ = state;
+  Status start(const State& state, double slowest, Counters& counters) {
+    state_ = state, slowest_ = slowest;
     update_angles(system_, state_.frames, state_.u, state_.angles);
     if (const Status status = projection_.start(state_); status != Status::success) return status;
-    scales_ = Scales::of(system_, state_);
+    scales_ = Scales::of(system_, state_, slowest_);
     rank_confirmed_ = projection_.redundant_rows() == 0;
-    return projection_.settle(state_, scales_, counters);
+    return projection_.settle(state_, scales_.length, counters);
   }
 
   Status attempt(double h, Counters& counters) {
@@ -65,7 +65,8 @@ class MuntheKaas {
     next_.angles = state_.angles;
     next_.frames.follow(state_.frames, h);
     if (!configure(step_.data(), state_, next_, slope(end()))) return Status::map_domain;
-    if (const Status status = projection_.settle(next_, scales_, counters); status != Status::success) return status;
+    if (const Status status = projection_.settle(next_, scales_.length, counters); status != Status::success)
+      return status;
     put_accelerations(next_, slope(end()));
     return Status::success;
   }
@@ -82,7 +83,7 @@ class MuntheKaas {
 
   Status accept() {
     std::swap(state_, next_);
-    scales_ = Scales::of(system_, state_);
+    scales_ = Scales::of(system_, state_, slowest_);
     interpolates_ = false;
     if (rank_confirmed_) return Status::success;
     rank_confirmed_ = true;
@@ -234,7 +235,7 @@ class MuntheKaas {
   const std::vector<double> nodes_, extra_nodes_;
   std::vector<double> slopes_;  // of the stages, of the end of the step, of the extra stages
   std::vector<double> y_, step_, dense_terms_;
-  double h_ = 0;
+  double h_ = 0, slowest_ = 0;
   bool interpolates_ = false, rank_confirmed_ = false;
 };
 
@@ -247,7 +248,7 @@ class FixedMuntheKaas : public MuntheKaas {
   Status start(const State& state, double h) {
     h_ = h;
     Counters at_start;
-    return MuntheKaas::start(state, at_start);
+    return MuntheKaas::start(state, 0, at_start);
   }
   Status step(Counters& counters) {
     if (const Status status = attempt(h_, counters); status != Status::success) return status;
@@ -262,12 +263,11 @@ class FixedMuntheKaas : public MuntheKaas {
 // Steps chosen by the error estimate.
 class ControlledMuntheKaas : public MuntheKaas {
  public:
-  ControlledMuntheKaas(const System& system, const Tableau& tableau)
-      : MuntheKaas(system, tableau), order_(tableau.order) {}
+  ControlledMuntheKaas(const Plan& plan, const Tableau& tableau) : MuntheKaas(plan, tableau), order_(tableau.order) {}
 
-  Status start(const State& initial, double rtol, Counters& counters) {
+  Status start(const State& initial, double rtol, double slowest, Counters& counters) {
     rtol_ = rtol;
-    if (const Status status = MuntheKaas::start(initial, counters); status != Status::success) return status;
+    if (const Status status = MuntheKaas::start(initial, slowest, counters); status != Status::success) return status;
     control_ = StepControl(order_, first_step(order_, rtol, counters));
     return Status::success;
   }

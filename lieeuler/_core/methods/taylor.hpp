@@ -4,23 +4,20 @@
 #include "methods/motion_series.hpp"
 #include "run/watch.hpp"
 #include "solve/projection.hpp"
-#include "solve/small_saddle.hpp"
 #include "solve/step_control.hpp"
 
 namespace lieeuler {
 
 class TaylorStepper {
  public:
-  explicit TaylorStepper(const System& system)
-      : system_(system),
-        tree_(system),
-        small_(SmallSaddle::fits(system, ReferencePoints(system, tree_, is_forest(system)))),
-        points_(system, tree_, small_ && is_forest(system)),
-        state_(system),
-        projection_(system),
-        saddle_(system, has_many_loops(system)),
-        small_saddle_(system, points_),
-        series_(system, points_) {}
+  explicit TaylorStepper(const Plan& plan)
+      : system_(plan.system),
+        tree_(plan.hinges),
+        points_(plan, plan.expands_by == Elimination::small && plan.forest),
+        state_(system_),
+        projection_(plan),
+        saddle_(plan, plan.expands_by),
+        series_(plan, points_) {}
   TaylorStepper(const TaylorStepper&) = delete;  // parts refer to each other
 
   Status start(const State& initial, double t, double t_end, double rtol) {
@@ -32,9 +29,7 @@ class TaylorStepper {
     rank_confirmed_ = accelerated_ = false;
     update_angles(system_, state_.frames, state_.u, state_.angles);
     if (const Status status = projection_.start(state_); status != Status::success) return status;
-    const Constraints& joints = projection_.joints();
-    if (!(small_ ? small_saddle_.find_redundancy(joints) : saddle_.find_redundancy(joints)))
-      return Status::singular_matrix;
+    if (!saddle_.find_redundancy(projection_.joints())) return Status::singular_matrix;
     return factor();
   }
 
@@ -99,7 +94,7 @@ class TaylorStepper {
   Status expand() {
     series_.start(state_);
     for (int k = 0; k < order_; ++k)
-      if (!(small_ ? series_.extend(k, small_saddle_) : series_.extend(k, saddle_))) return Status::non_finite;
+      if (!series_.extend(k, saddle_)) return Status::non_finite;
     measure_scales();
     return Status::success;
   }
@@ -113,7 +108,7 @@ class TaylorStepper {
   Status settle(Counters& counters) {
     accelerated_ = !tree_.complete;
     if (!tree_.complete) {
-      const Status status = projection_.project(state_, Scales::of(system_, state_), counters);
+      const Status status = projection_.project(state_, Scales::of_motion(system_, state_).length, counters);
       if (status != Status::success) return status;
     } else {
       update_angles(system_, state_.frames, state_.u, state_.angles);
@@ -125,9 +120,7 @@ class TaylorStepper {
   }
   Status factor() {
     if (tree_.complete) projection_.move_to(state_);
-    const Constraints& joints = projection_.joints();
-    const bool regular = small_ ? small_saddle_.factor(joints) : saddle_.factor(joints);
-    return regular ? Status::success : Status::singular_matrix;
+    return saddle_.factor(projection_.joints()) ? Status::success : Status::singular_matrix;
   }
 
   // A system at rest has the rate at which it starts to move.
@@ -162,13 +155,11 @@ class TaylorStepper {
   }
 
   const System& system_;
-  const HingeTree tree_;
-  const bool small_;
+  const HingeTree& tree_;
   const ReferencePoints points_;
   State state_;
   Projection projection_;
-  SaddlePoint saddle_;
-  SmallSaddle small_saddle_;
+  SaddleSolver saddle_;
   MotionSeries series_;
   Scales scales_;
   double offset_ = 0;  // of the problem's time

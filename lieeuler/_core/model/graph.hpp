@@ -1,4 +1,4 @@
-// The elimination order of bodies and joints, found once per system.
+// The graph of bodies and joints: its elimination order and its loops.
 #pragma once
 
 #include <algorithm>
@@ -42,29 +42,20 @@ struct EliminationOrder {
   std::vector<int> loops;  // joints
 };
 
-// Whether joints close no loop.
-inline bool is_forest(const System& system) {
-  std::vector<int> base(system.n() + 1);  // of the bodies joined so far, one stands for all
-  for (size_t b = 0; b < base.size(); ++b) base[b] = static_cast<int>(b);
-  const auto root = [&](int body) {
-    while (base[body] != body) body = base[body] = base[base[body]];
-    return body;
-  };
-  for (const Joint& joint : system.joints) {
-    const int parent = root(joint.parent), child = root(joint.child);
-    if (parent == child) return false;
-    base[child] = parent;
-  }
-  return true;
+// The joints at each body, and last at the ground, in the order of their numbers.
+inline std::vector<std::vector<int>> joints_at_bodies(const System& system) {
+  std::vector<std::vector<int>> joints_at(system.n() + 1);
+  for (int j = 0; j < static_cast<int>(system.joints.size()); ++j)
+    joints_at[system.joints[j].parent].push_back(j), joints_at[system.joints[j].child].push_back(j);
+  return joints_at;
 }
+
+// The other body of a joint.
+inline int across(const Joint& joint, int body) { return joint.parent == body ? joint.child : joint.parent; }
 
 inline EliminationOrder elimination_order(const System& system) {
   const int n = system.n(), ground = n, none = -1;
-  std::vector<std::vector<int>> joints_at(n + 1);
-  for (size_t j = 0; j < system.joints.size(); ++j) {
-    joints_at[system.joints[j].parent].push_back(static_cast<int>(j));
-    joints_at[system.joints[j].child].push_back(static_cast<int>(j));
-  }
+  const std::vector<std::vector<int>> joints_at = joints_at_bodies(system);
 
   std::vector<int> tree_joint(n + 1, none), depth(n + 1, none), visited;
   auto span = [&](int root) {
@@ -73,8 +64,7 @@ inline EliminationOrder elimination_order(const System& system) {
     for (size_t k = visited.size() - 1; k < visited.size(); ++k) {
       const int body = visited[k];
       for (int j : joints_at[body]) {
-        const Joint& joint = system.joints[j];
-        const int other = joint.parent == body ? joint.child : joint.parent;
+        const int other = across(system.joints[j], body);
         if (depth[other] != none) continue;
         tree_joint[other] = j, depth[other] = depth[body] + 1;
         visited.push_back(other);
@@ -96,6 +86,42 @@ inline EliminationOrder elimination_order(const System& system) {
   for (size_t j = 0; j < system.joints.size(); ++j)
     if (!in_tree[j]) order.loops.push_back(n + static_cast<int>(j));
   return order;
+}
+
+// A joint that closes a loop, and the joints of a shortest way between its two bodies over the tree and the loops
+// closed before.
+struct Loop {
+  int joint;
+  std::vector<int> others;
+};
+
+inline std::vector<Loop> find_loops(const System& system, const EliminationOrder& order) {
+  std::vector<std::vector<int>> joints_at(system.n() + 1);
+  const auto accept = [&](int j) {
+    joints_at[system.joints[j].parent].push_back(j), joints_at[system.joints[j].child].push_back(j);
+  };
+  const auto shortest_way = [&](const Joint& joint) {
+    std::vector<int> by(joints_at.size(), -1), queue{joint.parent}, way;
+    for (size_t k = 0; by[joint.child] < 0; ++k)
+      for (int j : joints_at[queue[k]]) {
+        const int other = across(system.joints[j], queue[k]);
+        if (by[other] >= 0 || other == joint.parent) continue;
+        by[other] = j;
+        queue.push_back(other);
+      }
+    for (int body = joint.child; body != joint.parent; body = across(system.joints[way.back()], body))
+      way.push_back(by[body]);
+    return way;
+  };
+  for (int item : order.tree)
+    if (item >= system.n()) accept(item - system.n());
+  std::vector<Loop> loops;
+  for (int item : order.loops) {
+    const int j = item - system.n();
+    loops.push_back({j, shortest_way(system.joints[j])});
+    accept(j);
+  }
+  return loops;
 }
 
 }  // namespace lieeuler

@@ -2,6 +2,7 @@
 // tree of them positions follow from attitudes.
 #pragma once
 
+#include "model/graph.hpp"
 #include "model/kinematics.hpp"
 
 namespace lieeuler {
@@ -15,17 +16,17 @@ struct Hinge {
 class HingeTree {
  public:
   explicit HingeTree(const System& system) : hangs(system.n(), 0) {
+    const std::vector<std::vector<int>> joints_at = joints_at_bodies(system);
     std::vector<char> reached(system.n() + 1, 0);
     int rows = 0;
     auto hang_from = [&](int root) {
       reached[root] = 1;
       std::vector<int> queue{root};
       for (size_t i = 0; i < queue.size(); ++i)
-        for (int j = 0; j < static_cast<int>(system.joints.size()); ++j) {
+        for (int j : joints_at[queue[i]]) {
           const Joint& joint = system.joints[j];
-          const bool joins = joint.parts.front().spherical && (joint.parent == queue[i] || joint.child == queue[i]);
-          const int other = joint.parent == queue[i] ? joint.child : joint.parent;
-          if (!joins || reached[other]) continue;
+          const int other = across(joint, queue[i]);
+          if (!joint.parts.front().spherical || reached[other]) continue;
           const bool down = other == joint.child;
           hinges.push_back({other, queue[i], j, down ? joint.child_anchor : joint.parent_anchor,
                             down ? joint.parent_anchor : joint.child_anchor});

@@ -2,7 +2,6 @@
 #pragma once
 
 #include "model/forces.hpp"
-#include "model/nodes.hpp"
 
 namespace lieeuler {
 

@@ -1,45 +1,47 @@
 // The unknowns of a step as nodes of three, and the order in which they are eliminated.
 #pragma once
 
-#include "linalg/block_lu.hpp"
-#include "model/graph.hpp"
-#include "model/joints.hpp"
+#include "model/plan.hpp"
 
 namespace lieeuler {
-
-// A part of a joint, numbered through all joints.
-struct PartIndex {
-  int joint, part;
-};
 
 // Numbering of nodes. Bodies come first, each with v, w and, when doubled, xi_v, xi_w; then the multipliers of all
 // parts; then, when doubled, their second set.
 class Nodes {
  public:
-  Nodes(const System& system, bool doubled) : bodies_(system.n()), doubled_(doubled) {
-    for (int j = 0; j < static_cast<int>(system.joints.size()); ++j)
-      for (int p = 0; p < static_cast<int>(system.joints[j].parts.size()); ++p) parts_.push_back({j, p});
-  }
+  Nodes(const Plan& plan, bool doubled) : plan_(&plan), bodies_(plan.system.n()), doubled_(doubled) {}
   int v(int body) const { return stride() * body; }
   int w(int body) const { return v(body) + 1; }
   int xi_v(int body) const { return doubled_ ? v(body) + 2 : v(body); }
   int xi_w(int body) const { return doubled_ ? v(body) + 3 : w(body); }
   int lam(int part) const { return stride() * bodies_ + part; }
   int mu(int part) const { return doubled_ ? lam(part) + parts() : lam(part); }
-  int parts() const { return static_cast<int>(parts_.size()); }
-  const PartIndex& part(int k) const { return parts_[k]; }
+  int parts() const { return plan_->count(); }
   bool doubled() const { return doubled_; }
   int count() const { return lam(0) + parts() * (doubled_ ? 2 : 1); }
 
-  // Blocks that can be nonzero. second_order: with the second derivatives of the constraints.
-  std::set<BlockLU::Entry> entries(const System& system, bool second_order) const {
-    std::set<BlockLU::Entry> found;
+  // The symbolic factorization of a matrix of these nodes. second_order: with the second derivatives of the
+  // constraints.
+  const BlockPlan& blocks(bool second_order) const {
+    return plan_->blocks({Pattern::Matrix::step, doubled_, second_order}, [&] {
+      int tail;
+      const std::vector<int> nodes = order(tail);
+      return BlockPlan(nodes, tail, entries(second_order));
+    });
+  }
+
+ private:
+  int stride() const { return doubled_ ? 4 : 2; }
+
+  // Blocks that can be nonzero.
+  std::set<BlockPlan::Entry> entries(bool second_order) const {
+    std::set<BlockPlan::Entry> found;
     auto both = [&](int a, int b) { found.insert({a, b}), found.insert({b, a}); };
     if (doubled_)
       for (int b = 0; b < bodies_; ++b) found.insert({xi_v(b), v(b)}), found.insert({xi_w(b), w(b)});
     for (int k = 0; k < parts(); ++k) {
-      const Joint& joint = system.joints[parts_[k].joint];
-      const Part& part = joint.parts[parts_[k].part];
+      const Joint& joint = plan_->joint(k);
+      const Part& part = plan_->part(k);
       for (int body : {joint.parent, joint.child}) {
         if (body == bodies_) continue;
         both(lam(k), w(body));
@@ -51,15 +53,14 @@ class Nodes {
       }
       if (second_order) stiffness_entries(joint, part, found);
     }
-    for (const Force& force : system.forces) force_entries(force, found);
-    std::erase_if(found, [](const BlockLU::Entry& entry) { return entry.first == entry.second; });
+    for (const Force& force : plan_->system.forces) force_entries(force, found);
+    std::erase_if(found, [](const BlockPlan::Entry& entry) { return entry.first == entry.second; });
     return found;
   }
 
   // Nodes in elimination order; the multipliers of joints that close loops are its last `tail`.
-  std::vector<int> order(const System& system, int& tail) const {
-    std::vector<std::vector<int>> parts_of(system.joints.size());
-    for (int k = 0; k < parts(); ++k) parts_of[parts_[k].joint].push_back(k);
+  std::vector<int> order(int& tail) const {
+    const std::vector<std::vector<int>> parts_of = plan_->parts_of_joints();
     std::vector<int> nodes;
     auto append = [&](int item) {
       if (item < bodies_) {
@@ -70,18 +71,14 @@ class Nodes {
       if (doubled_)
         for (int k : parts_of[item - bodies_]) nodes.push_back(mu(k));
     };
-    const EliminationOrder items = elimination_order(system);
-    for (int item : items.tree) append(item);
+    for (int item : plan_->order.tree) append(item);
     tail = -static_cast<int>(nodes.size());
-    for (int item : items.loops) append(item);
+    for (int item : plan_->order.loops) append(item);
     tail += static_cast<int>(nodes.size());
     return nodes;
   }
 
- private:
-  int stride() const { return doubled_ ? 4 : 2; }
-
-  void stiffness_entries(const Joint& joint, const Part& part, std::set<BlockLU::Entry>& found) const {
+  void stiffness_entries(const Joint& joint, const Part& part, std::set<BlockPlan::Entry>& found) const {
     for (int row : {joint.parent, joint.child})
       for (int column : {joint.parent, joint.child}) {
         if (row == bodies_ || column == bodies_) continue;
@@ -94,7 +91,7 @@ class Nodes {
   }
 
   // Every node of one side against every node of the other: springs by q, dampers by u.
-  void force_entries(const Force& force, std::set<BlockLU::Entry>& found) const {
+  void force_entries(const Force& force, std::set<BlockPlan::Entry>& found) const {
     for (int row : {force.parent, force.child})
       for (int column : {force.parent, force.child}) {
         if (row == bodies_ || column == bodies_) continue;
@@ -103,9 +100,9 @@ class Nodes {
       }
   }
 
+  const Plan* plan_;
   int bodies_;
   bool doubled_;
-  std::vector<PartIndex> parts_;
 };
 
 // Blocks of the force on one body against the position or velocity of another.

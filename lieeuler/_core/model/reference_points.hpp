@@ -3,27 +3,29 @@
 // no torque: neither is an unknown.
 #pragma once
 
-#include "model/hinges.hpp"
+#include "model/plan.hpp"
 
 namespace lieeuler {
 
 class ReferencePoints {
  public:
-  ReferencePoints(const System& system, const HingeTree& tree, bool use_pins)
-      : system_(&system), centre_(system.n() + 1, Vec3::Zero()), place_(centre_), joint_(system.n() + 1, kNone) {
+  ReferencePoints(const Plan& plan, bool use_pins)
+      : system_(&plan.system),
+        centre_(system_->n() + 1, Vec3::Zero()),
+        place_(centre_),
+        joint_(system_->n() + 1, kNone) {
     if (!use_pins) return;
-    for (const Hinge& hinge : tree.hinges)
-      if (hinge.base == system.n())
+    for (const Hinge& hinge : plan.hinges.hinges)
+      if (hinge.base == system_->n())
         centre_[hinge.body] = -hinge.body_anchor, place_[hinge.body] = hinge.base_anchor,
         joint_[hinge.body] = hinge.joint;
   }
 
   bool pinned(int body) const { return joint_[body] != kNone; }
   // Whether a pin stands for this part.
-  bool holds(const PartIndex& index) const {
-    if (!system_->joints[index.joint].parts[index.part].spherical) return false;
-    const Joint& joint = system_->joints[index.joint];
-    return joint_[joint.parent] == index.joint || joint_[joint.child] == index.joint;
+  bool holds(const PlacedPart& placed) const {
+    if (!placed.part->spherical) return false;
+    return joint_[placed.bodies[kParent]] == placed.joint || joint_[placed.bodies[kChild]] == placed.joint;
   }
   // Centre of mass and any other point, from the reference point, body axes.
   const Vec3& centre(int body) const { return centre_[body]; }

@@ -10,11 +10,11 @@ namespace lieeuler {
 struct Scales {
   double length = 1, rate = 1;
 
-  // Rates below the one that weight and loads give, or below one over the duration of the run, count as these: what is
-  // at rest for a moment need not be followed to the last digit of its speed.
-  static Scales of(const System& system, const State& state) {
+  // Rates below the one that weight and loads give, or below `slowest`, count as these: what is at rest for a moment
+  // need not be followed to the last digit of its speed.
+  static Scales of(const System& system, const State& state, double slowest) {
     Scales scales = of_motion(system, state);
-    scales.rate = std::max({scales.rate, scales.falling(system), system.slowest});
+    scales.rate = std::max({scales.rate, scales.falling(system), slowest});
     return scales;
   }
   // As it moves now.

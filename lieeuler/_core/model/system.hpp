@@ -135,7 +135,6 @@ struct System {
   double length = 0;                                  // m
   double acceleration = 0, angular_acceleration = 0;  // by loads
   double frequency = 0;                               // of the fastest spring or damper, 1/s
-  double slowest = 0;  // 1/s: of a run with steps of its own choice, one over its duration
 
   int n() const { return static_cast<int>(bodies.size()); }
   int rows() const {

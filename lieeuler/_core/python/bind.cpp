@@ -134,8 +134,9 @@ bool ctrl_c() {
   return true;
 }
 
-nb::dict integrate(const System& system, const Run& method, const Array& x, const Array& R, const Array& v,
+nb::dict integrate(const Plan& plan, const Run& method, const Array& x, const Array& R, const Array& v,
                    const Array& w) {
+  const System& system = plan.system;
   State initial = make_state(system, x, R, v, w);
   initial.frames.time = method.begin;
   Samples samples(method.samples, system);
@@ -145,7 +146,7 @@ nb::dict integrate(const System& system, const Run& method, const Array& x, cons
   {
     nb::gil_scoped_release release;
     const auto start = std::chrono::steady_clock::now();
-    outcome = method.run(system, initial, record, ctrl_c);
+    outcome = method.run(plan, initial, record, ctrl_c);
     seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
   const size_t T = outcome.samples, n = system.n(), m = system.rows();
@@ -180,20 +181,20 @@ nb::dict integrate(const System& system, const Run& method, const Array& x, cons
   return result;
 }
 
-// The runs of many members: samples of states, and how each ended. `systems` holds one system for all, or one for each.
-nb::dict integrate_ensemble(const std::vector<const System*>& systems, const Run& method, const Array& x,
-                            const Array& R, const Array& v, const Array& w, int threads) {
-  require(!systems.empty() && threads > 0, "an ensemble needs a system and a thread");
-  const size_t T = method.samples, n = systems[0]->n(), N = x.size() / (3 * n);
-  require(systems.size() == 1 || systems.size() == N, "one system, or one for each member");
-  for (const System* system : systems) require(system->n() == static_cast<int>(n), "systems of equal size");
+// The runs of many members: samples of states, and how each ended. `plans` holds one for all, or one for each.
+nb::dict integrate_ensemble(const std::vector<const Plan*>& plans, const Run& method, const Array& x, const Array& R,
+                            const Array& v, const Array& w, int threads) {
+  require(!plans.empty() && threads > 0, "an ensemble needs a system and a thread");
+  const size_t T = method.samples, n = plans[0]->system.n(), N = x.size() / (3 * n);
+  require(plans.size() == 1 || plans.size() == N, "one system, or one for each member");
+  for (const Plan* plan : plans) require(plan->system.n() == static_cast<int>(n), "systems of equal size");
   const double nothing = std::numeric_limits<double>::quiet_NaN();
   std::vector<double> xs(N * T * n * 3, nothing), Rs(N * T * n * 9, nothing), vs(xs), ws(xs), times(N, 0.0);
   std::vector<Status> statuses(N, Status::interrupted);
   std::vector<std::int64_t> steps(N, 0), rejected(N, 0);
   auto member = [&](size_t k, const Interrupted& stopped) {
-    const System& system = *systems[systems.size() == 1 ? 0 : k];
-    State initial = make_state(system, x, R, v, w, k);
+    const Plan& plan = *plans[plans.size() == 1 ? 0 : k];
+    State initial = make_state(plan.system, x, R, v, w, k);
     initial.frames.time = method.begin;
     const Record record = [&](int sample, const State& state) {
       for (size_t b = 0; b < n; ++b) {
@@ -202,7 +203,7 @@ nb::dict integrate_ensemble(const std::vector<const System*>& systems, const Run
         put(vs, 3 * at, state.u[b].v), put(ws, 3 * at, state.u[b].w);
       }
     };
-    const Outcome outcome = method.run(system, initial, record, stopped);
+    const Outcome outcome = method.run(plan, initial, record, stopped);
     statuses[k] = outcome.status, times[k] = outcome.time_of_failure;
     steps[k] = outcome.counters.steps, rejected[k] = outcome.counters.rejected_steps;
   };
@@ -239,8 +240,8 @@ void require_steps(const std::vector<double>& steps, const std::vector<std::int6
 Run implicit(CoordinateMap map, const Method& method, const std::vector<double>& steps,
              const std::vector<std::int64_t>& counts, bool monitored) {
   require_steps(steps, counts);
-  return {[=](const System& system, const State& initial, const Record& record, const Interrupted& interrupted) {
-            return run_method(map, system, method, initial, steps, counts, monitored, record, interrupted);
+  return {[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
+            return run_method(map, plan, method, initial, steps, counts, monitored, record, interrupted);
           },
           steps.size() + 1};
 }
@@ -248,9 +249,9 @@ Run implicit(CoordinateMap map, const Method& method, const std::vector<double>&
 Run runge_kutta(const Tableau& tableau, const std::vector<double>& steps, const std::vector<std::int64_t>& counts,
                 bool monitored) {
   require_steps(steps, counts);
-  return {[=](const System& system, const State& initial, const Record& record, const Interrupted& interrupted) {
-            FixedMuntheKaas stepper(system, tableau);
-            return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+  return {[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
+            FixedMuntheKaas stepper(plan, tableau);
+            return run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
           },
           steps.size() + 1};
 }
@@ -262,11 +263,9 @@ Run adaptive(const std::vector<double>& t_eval, double rtol, bool monitored, con
               std::adjacent_find(
                   t_eval.begin(), t_eval.end(), [](double a, double b) { return !(a < b); }) == t_eval.end(),
           "output times must increase, and the tolerance lie between 0 and 1");
-  return {[=](const System& given, const State& initial, const Record& record, const Interrupted& interrupted) {
-            System system = given;  // other runs of the same system may have another duration
-            system.slowest = 1 / (t_eval.back() - t_eval.front());
-            Stepper stepper(system, arguments...);
-            return run_adaptive(stepper, system, initial, t_eval, rtol, monitored, record, interrupted);
+  return {[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
+            Stepper stepper(plan, arguments...);
+            return run_adaptive(stepper, plan, initial, t_eval, rtol, monitored, record, interrupted);
           },
           t_eval.size()};
 }
@@ -346,9 +345,11 @@ NB_MODULE(_kernel, m) {
       .def("add_torsional_spring", &add_torsional_spring, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(),
            nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none())
       .def("add_load", &add_load, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none())
-      .def("add_slide_force", &add_slide_force)
-      .def_prop_ro("rows", &System::rows)
-      .def_ro("length", &System::length);
+      .def("add_slide_force", &add_slide_force);
+  nb::class_<Plan>(m, "Plan")
+      .def(nb::init<System>())
+      .def_prop_ro("length", [](const Plan& plan) { return plan.system.length; })
+      .def("natural_rate", [](const Plan& plan, double length) { return Scales{length}.natural(plan.system); });
   using TableauRows = std::vector<std::vector<double>>;
   nb::class_<Tableau>(m, "Tableau")
       .def("__init__", [](Tableau* self, const TableauRows& stages, const std::vector<double>& weights, int order,
@@ -375,7 +376,6 @@ NB_MODULE(_kernel, m) {
   m.def("constraints", &constraints);
   m.def("constraint_levels", &levels_of_states);
   m.def("multipliers", &multipliers);
-  m.def("natural_rate", [](const System& system, double length) { return Scales{length}.natural(system); });
   m.def("forces", &forces);
   m.def("map_values", [](CoordinateMap map, const Vec3& xi, const Mat3& J, double h) {
     return map == CoordinateMap::exp      ? map_values<ExpMap>(xi, J, h)

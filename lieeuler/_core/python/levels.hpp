@@ -27,8 +27,9 @@ inline std::pair<double, double> constraint_levels(const System& system, const S
 }
 
 // The two levels (N, 2) of N states at a time.
-inline nb::object levels_of_states(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
+inline nb::object levels_of_states(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w,
                                    double time) {
+  const System& system = plan.system;
   const size_t n = system.n(), N = x.size() / (3 * n);
   std::vector<double> levels;
   for (size_t k = 0; k < N; ++k) {

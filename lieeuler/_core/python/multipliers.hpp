@@ -7,22 +7,22 @@ namespace lieeuler {
 
 // (N, m) of the index-1 system at N states, of least norm where rows are redundant; NaN at singular positions.
 // angles (N, forces): those of torsional springs, unwrapped. With it the number of redundant rows at the first state.
-inline nb::tuple multipliers(const System& system, const Array& times, const Array& x, const Array& R, const Array& v,
+inline nb::tuple multipliers(const Plan& plan, const Array& times, const Array& x, const Array& R, const Array& v,
                              const Array& w, const Array& angles) {
+  const System& system = plan.system;
   const size_t n = system.n(), N = x.size() / (3 * n), m = system.rows(), springs = system.forces.size();
   require(times.size() == N && angles.size() == N * springs, "every state needs a time and an angle a force");
   std::vector<double> lam;
   lam.reserve(N * m);
-  Projection projection(system);
-  LeastNorm least_norm(system, true);
+  Projection projection(plan);
   for (size_t k = 0; k < N; ++k) {
     State state = make_state(system, x, R, v, w, k);
     state.frames.time = times.data()[k];
     std::copy_n(angles.data() + k * springs, springs, state.angles.data());
     const Status status = k == 0 ? projection.start(state) : Status::success;
     if (status == Status::success && projection.accelerate(state) == Status::success) {
-      const std::vector<double>& values = least_norm.of(state).lam;
-      lam.insert(lam.end(), values.begin(), values.end());
+      projection.make_least_norm(state);
+      lam.insert(lam.end(), state.lam.begin(), state.lam.end());
     } else {
       lam.insert(lam.end(), m, std::numeric_limits<double>::quiet_NaN());
     }

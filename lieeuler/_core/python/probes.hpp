@@ -9,10 +9,11 @@
 namespace lieeuler {
 
 // Taylor coefficients of x, R and w about a state, order by order, from a stepper's expansion.
-inline nb::dict taylor_coefficients(const System& system, const Array& x, const Array& R, const Array& v,
-                                    const Array& w, int order) {
+inline nb::dict taylor_coefficients(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w,
+                                    int order) {
   require(order >= 0 && order <= kMostOrder, "no series has this order");
-  TaylorStepper stepper(system);
+  const System& system = plan.system;
+  TaylorStepper stepper(plan);
   const Status status = stepper.expand_at(make_state(system, x, R, v, w), order);
   const size_t n = system.n(), count = order + 1;
   std::vector<double> xs(3 * n * count), Rs(9 * n * count), ws(3 * n * count);
@@ -31,14 +32,15 @@ inline nb::dict taylor_coefficients(const System& system, const Array& x, const 
 }
 
 // A state projected onto Phi = 0 and G u = 0, from a matrix of its own, with as many redundant rows as at `home`.
-inline nb::dict project(const System& system, const Array& home_x, const Array& home_R, const Array& x, const Array& R,
+inline nb::dict project(const Plan& plan, const Array& home_x, const Array& home_R, const Array& x, const Array& R,
                         const Array& v, const Array& w) {
+  const System& system = plan.system;
   State state = make_state(system, x, R, v, w);
   const State home = make_state(system, home_x, home_R, v, w);
-  Projection projection(system);
+  Projection projection(plan);
   Counters counters;
   Status status = projection.start(home);
-  if (status == Status::success) status = projection.project(state, Scales::of(system, home), counters);
+  if (status == Status::success) status = projection.project(state, Scales::of_motion(system, home).length, counters);
   const size_t n = system.n();
   std::vector<double> xs(3 * n), Rs(9 * n), vs(3 * n), ws(3 * n);
   for (size_t b = 0; b < n; ++b) {
@@ -55,8 +57,9 @@ inline nb::dict project(const System& system, const Array& home_x, const Array& 
 }
 
 // Phi, G, gamma, d(G u)/dq and d(gamma)/du of a state, dense; and d(G^T lam)/dq.
-inline nb::dict constraints(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
+inline nb::dict constraints(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w,
                             const Array& lam) {
+  const System& system = plan.system;
   const State state = make_state(system, x, R, v, w);
   const size_t m = system.rows(), columns = 6 * system.n();
   require(lam.size() == m, "lam must be that of the system's rows");
@@ -110,7 +113,8 @@ inline nb::dict constraints(const System& system, const Array& x, const Array& R
 }
 
 // f without -w x J w, its derivatives with respect to q and u, and the energy of springs.
-inline nb::dict forces(const System& system, const Array& x, const Array& R, const Array& v, const Array& w) {
+inline nb::dict forces(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w) {
+  const System& system = plan.system;
   const State state = make_state(system, x, R, v, w);
   const size_t columns = 6 * system.n();
   std::vector<double> f(columns), by_q(columns * columns), by_u(columns * columns);

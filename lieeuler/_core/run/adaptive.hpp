@@ -12,8 +12,7 @@ namespace lieeuler {
 //
 //   Status start(const State& initial, double t, double t_end, double rtol)
 //   Status step(Counters&, Watch&)        one accepted step, never beyond t_end and at last onto it; ends at once where
-//   the
-//                                         watch says so
+//                                         the watch says so
 //   double time(), previous_time()        ends of that step
 //   const State& state()                  at time(), on the constraints, with (a, lam) of the index-1 system; asked for
 //                                         where it is needed only: a stepper may leave (a, lam) until then
@@ -22,21 +21,22 @@ namespace lieeuler {
 //   Status dense(double t, State& out, Counters&, Watch&)
 //                                         frames, u and the angles to unwrap against, t within the last step
 template <class Stepper>
-Outcome run_adaptive(Stepper& stepper, const System& system, const State& initial, const std::vector<double>& t_eval,
+Outcome run_adaptive(Stepper& stepper, const Plan& plan, const State& initial, const std::vector<double>& t_eval,
                      double rtol, bool monitored, const Record& record, const Interrupted& interrupted) {
   const FlushDenormals flush;
+  const System& system = plan.system;
   Outcome outcome;
   Monitor monitor(system, monitored);
   std::optional<Projection> projection;  // of samples between steps
   State sample(system);
-  LeastNorm least_norm(system, true);
+  LeastNorm least_norm(plan, true);
   double reached = t_eval.front();
   const auto end = [&](Status status) { return ended(outcome, status, reached, monitor, stepper); };
   if (const Status status = stepper.start(initial, t_eval.front(), t_eval.back(), rtol); status != Status::success)
     return end(status);
   if (!is_finite(stepper.state())) return end(Status::non_finite);
   monitor.start(stepper.state(), stepper.joints());
-  record(outcome.samples++, least_norm.of(stepper.state()));
+  record(outcome.samples++, least_norm.of(stepper.state(), stepper.redundant_rows()));
   Watch watch(interrupted, system);
   for (size_t next = 1; next < t_eval.size();) {
     if (watch.ends()) return end(Status::interrupted);
@@ -47,19 +47,20 @@ Outcome run_adaptive(Stepper& stepper, const System& system, const State& initia
       if (watch.ends()) return end(Status::interrupted);  // a step may hold any number of samples
       if (t_eval[next] == reached) {
         if (!is_finite(stepper.state())) return end(Status::non_finite);
-        record(outcome.samples++, least_norm.of(stepper.state()));
+        record(outcome.samples++, least_norm.of(stepper.state(), stepper.redundant_rows()));
         continue;
       }
       Status status = Status::success;
       if (!projection) {
-        projection.emplace(system);
+        projection.emplace(plan);
         status = projection->start(initial);
       }
       if (status == Status::success) status = stepper.dense(t_eval[next], sample, outcome.counters, watch);
-      if (status == Status::success) status = projection->project(sample, Scales::of(system, sample), outcome.counters);
+      if (status == Status::success)
+        status = projection->project(sample, Scales::of_motion(system, sample).length, outcome.counters);
       if (status == Status::success && !is_finite(sample)) status = Status::non_finite;
       if (status != Status::success) return end(status);
-      record(outcome.samples++, least_norm.of(sample));
+      record(outcome.samples++, least_norm.of(sample, stepper.redundant_rows()));
     }
   }
   return end(Status::success);

@@ -9,7 +9,9 @@ namespace lieeuler {
 
 // The stepper of `run_adaptive` for a Method that supplies, beside state(), joints(), redundant_rows():
 //
-//   Status start(const State& initial, double rtol, Counters&)    proposes the first step
+//   Status start(const State& initial, double rtol, double slowest, Counters&)
+//                                                                 proposes the first step; no rate below `slowest`,
+//                                                                 1/s, is followed to its last digits
 //   double proposed()                                             the next step, s
 //   Status attempt(double h, bool& stands, Counters&, Watch&)     a step from state(); whether its error is small
 //   enough void refuse(double h, Status)                                 proposes a shorter one Status accept(double h)
@@ -25,7 +27,7 @@ class AdaptiveSteps {
   Status start(const State& initial, double t, double t_end, double rtol) {
     time_ = previous_ = t, end_ = t_end, offset_ = initial.frames.time - t;
     smallest_ = smallest_step(t, t_end), taken_ = 0;
-    return method_.start(initial, rtol, at_start_);
+    return method_.start(initial, rtol, 1 / (t_end - t), at_start_);
   }
 
   Status step(Counters& counters, Watch& watch) {

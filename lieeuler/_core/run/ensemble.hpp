@@ -13,7 +13,7 @@ namespace lieeuler {
 
 // A method with its steps or its tolerance, ready to run a system from a state.
 struct Run {
-  std::function<Outcome(const System&, const State& initial, const Record&, const Interrupted&)> run;
+  std::function<Outcome(const Plan&, const State& initial, const Record&, const Interrupted&)> run;
   size_t samples;
   double begin = 0;  // s, the time of the initial state
 };

@@ -130,32 +130,24 @@ Outcome ended(Outcome outcome, Status status, double reached, const Monitor& mon
 // where there are many loops, and where there are few those that project.
 class LeastNorm {
  public:
-  LeastNorm(const System& system, bool projects) : joints_(system), state_(system) {
-    if (has_many_loops(system))
-      rows_.emplace(system);
-    else if (projects && !is_forest(system))
-      projection_.emplace(system);
-  }
-  const State& of(const State& state) {
-    if (!rows_ && !projection_) return state;
-    state_ = state;
-    if (rows_) {
-      joints_.update(state_.frames);
-      if (rows_->choose(joints_, dropped_) > 0) rows_->make_least_norm(state_.lam);
-    } else {
-      if (!std::exchange(started_, true)) regular_ = projection_->start(state_) == Status::success;
-      if (regular_) projection_->make_least_norm(state_);
+  LeastNorm(const Plan& plan, bool projects) : plan_(plan), wanted_(plan.many_loops || (projects && !plan.forest)) {}
+
+  const State& of(const State& state, int redundant_rows) {
+    if (!wanted_ || redundant_rows == 0) return state;
+    shown_ = state;
+    if (!projection_) {
+      projection_.emplace(plan_);
+      wanted_ = projection_->start(state) == Status::success;
     }
-    return state_;
+    if (wanted_) projection_->make_least_norm(*shown_);
+    return *shown_;
   }
 
  private:
-  Constraints joints_;
-  State state_;
-  std::optional<IndependentRows> rows_;
-  std::vector<char> dropped_;
+  const Plan& plan_;
+  bool wanted_;
+  std::optional<State> shown_;
   std::optional<Projection> projection_;
-  bool started_ = false, regular_ = false;
 };
 
 // Where the samples go; each call appends one.
@@ -166,15 +158,15 @@ inline constexpr std::int64_t kStepsBetweenLooks = 1024;
 
 // Integrates over intervals of counts[k] steps of size steps[k], one sample at the end of each.
 template <class Stepper>
-Outcome run(Stepper& stepper, const System& system, const State& initial, const std::vector<double>& steps,
+Outcome run(Stepper& stepper, const Plan& plan, const State& initial, const std::vector<double>& steps,
             const std::vector<std::int64_t>& counts, bool monitored, const Record& record,
             const Interrupted& interrupted) {
   const FlushDenormals flush;
   Outcome outcome;
-  Monitor monitor(system, monitored);
+  Monitor monitor(plan.system, monitored);
   double t = 0, h = 0;
-  Watch watch(interrupted, system);
-  LeastNorm least_norm(system, Stepper::kProjects);
+  Watch watch(interrupted, plan.system);
+  LeastNorm least_norm(plan, Stepper::kProjects);
   const auto end = [&](Status status) { return ended(outcome, status, t, monitor, stepper); };
   for (size_t k = 0; k < steps.size(); ++k) {
     if (steps[k] != h) {
@@ -184,7 +176,7 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
       if (k == 0) {
         if (!is_finite(stepper.state())) return end(Status::non_finite);
         monitor.start(stepper.state(), stepper.joints());
-        record(outcome.samples++, least_norm.of(stepper.state()));
+        record(outcome.samples++, least_norm.of(stepper.state(), stepper.redundant_rows()));
       }
     }
     const double begin = t;
@@ -197,40 +189,40 @@ Outcome run(Stepper& stepper, const System& system, const State& initial, const 
         return end(Status::non_finite);
     }
     if (!is_finite(stepper.state())) return end(Status::non_finite);
-    record(outcome.samples++, least_norm.of(stepper.state()));
+    record(outcome.samples++, least_norm.of(stepper.state(), stepper.redundant_rows()));
   }
   return end(Status::success);
 }
 
 template <class Map>
-Outcome run_method(const System& system, const Method& method, const State& initial, const std::vector<double>& steps,
+Outcome run_method(const Plan& plan, const Method& method, const State& initial, const std::vector<double>& steps,
                    const std::vector<std::int64_t>& counts, bool monitored, const Record& record,
                    const Interrupted& interrupted) {
   if (!method.composition.empty()) {
-    CompositionStepper<Map> stepper(system, method.composition);
-    return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+    CompositionStepper<Map> stepper(plan, method.composition);
+    return run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
   }
   if (method.formulation == Formulation::hamilton) {
-    HamiltonStepper<Map> stepper(system, method.level, method.index1_output);
+    HamiltonStepper<Map> stepper(plan, method.level, method.index1_output);
     if (!method.polish) stepper.keep_rounding();
-    return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+    return run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
   }
   if (method.spectral_radius) {
-    LagrangeStepper<Map> stepper(system, GeneralizedAlpha(*method.spectral_radius));
-    return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+    LagrangeStepper<Map> stepper(plan, GeneralizedAlpha(*method.spectral_radius));
+    return run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
   }
-  LagrangeStepper<Map> stepper(system, method.level, method.index1_output, method.gains);
+  LagrangeStepper<Map> stepper(plan, method.level, method.index1_output, method.gains);
   if (!method.polish) stepper.keep_rounding();
-  return run(stepper, system, initial, steps, counts, monitored, record, interrupted);
+  return run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
 }
 
-inline Outcome run_method(CoordinateMap map, const System& system, const Method& method, const State& initial,
+inline Outcome run_method(CoordinateMap map, const Plan& plan, const Method& method, const State& initial,
                           const std::vector<double>& steps, const std::vector<std::int64_t>& counts, bool monitored,
                           const Record& record, const Interrupted& interrupted) {
   const auto run = map == CoordinateMap::exp      ? run_method<ExpMap>
                    : map == CoordinateMap::cayley ? run_method<CayleyMap>
                                                   : run_method<CcskMap>;
-  return run(system, method, initial, steps, counts, monitored, record, interrupted);
+  return run(plan, method, initial, steps, counts, monitored, record, interrupted);
 }
 
 }  // namespace lieeuler

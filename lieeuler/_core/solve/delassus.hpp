@@ -10,6 +10,7 @@
 #pragma once
 
 #include "model/kinematics.hpp"
+#include "model/nodes.hpp"
 
 namespace lieeuler {
 
@@ -29,39 +30,32 @@ class Delassus {
   };
 
   // independent: for loops whose dependent rows are dropped before the first assembly.
-  explicit Delassus(const System& system, bool independent = false)
-      : system_(system), nodes_(system, false), bodies_(system.n()), hub_(system.n(), -1), independent_(independent) {
-    std::vector<std::vector<Place>> places_at(system.n() + 1);
-    for (int k = 0; k < nodes_.parts(); ++k)
-      for (Side side : kSides) {
-        const Joint& joint = system.joints[nodes_.part(k).joint];
-        const int body = side == kChild ? joint.child : joint.parent;
-        places_at[body].push_back({k, nodes_.part(k).joint, body, side, &part(k)});
-      }
+  explicit Delassus(const Plan& plan, bool independent = false)
+      : plan_(plan), system_(plan.system), bodies_(system_.n()), hub_(system_.n(), -1), independent_(independent) {
+    std::vector<std::vector<Place>> places_at(system_.n() + 1);
+    for (int k = 0; k < parts(); ++k)
+      for (Side side : kSides)
+        places_at[plan.body(k, side)].push_back({k, plan.parts[k].joint, plan.body(k, side), side, &plan.part(k)});
     places_at.pop_back();
-    const bool loops = !is_forest(system);
-    for (int b = 0; b < system.n(); ++b)
-      if (!independent && (loops || places_at[b].size() > kMostEnds)) {
-        hub_[b] = nodes_.parts() + 2 * static_cast<int>(hubs_.size());
+    for (int b = 0; b < system_.n(); ++b)
+      if (!independent && (!plan.forest || places_at[b].size() > kMostEnds)) {
+        hub_[b] = parts() + 2 * static_cast<int>(hubs_.size());
         hubs_.push_back({b});
       }
-    plan(places_at);
+    lu_.follow(plan.blocks({Pattern::Matrix::mobility, independent}, [&] { return eliminate_nodes(places_at); }));
     for (const std::vector<Place>& places : places_at) add_body(places);
-    for (int k = 0; k < nodes_.parts(); ++k) padding_.push_back(lu_.block(k, k));
+    for (int k = 0; k < parts(); ++k) padding_.push_back(lu_.block(k, k));
     for (Hub& hub : hubs_) {
       const int node = hub_[hub.body];
       hub.v = lu_.block(node, node), hub.w = lu_.block(node + 1, node + 1);
     }
     rhs_.assign(hubs_.empty() ? 0 : lu_.unknowns(), 0.0);
-    for (int b = 0; b < system.n(); ++b) {
-      bodies_[b] = {1 / system.bodies[b].mass, system.bodies[b].inertia_inverse};
-      if (hub_[b] >= 0) hub_of(b).inertia = system.bodies[b].inertia;
+    for (int b = 0; b < system_.n(); ++b) {
+      bodies_[b] = {1 / system_.bodies[b].mass, system_.bodies[b].inertia_inverse};
+      if (hub_[b] >= 0) hub_of(b).inertia = system_.bodies[b].inertia;
     }
   }
 
-  int parts() const { return nodes_.parts(); }
-  const Part& part(int k) const { return system_.joints[nodes_.part(k).joint].parts[nodes_.part(k).part]; }
-  const PartIndex& index(int k) const { return nodes_.part(k); }
   BlockLU& lu() { return lu_; }
   int unknowns() const { return lu_.unknowns(); }
 
@@ -69,9 +63,9 @@ class Delassus {
   void drop(const std::vector<char>& rows) {
     dropped_.clear(), cuts_.clear();
     std::vector<char> cut(parts(), 0);
-    for (int k = 0; k < parts(); ++k)
-      for (int r = 0; r < part(k).rows(); ++r)
-        if (rows[part(k).row + r]) dropped_.push_back(3 * k + r), cut[k] = 1;
+    plan_.for_rows([&](int row, int place) {
+      if (rows[row]) dropped_.push_back(place), cut[place / 3] = 1;
+    });
     std::set<double*> seen;
     for (const Pair& pair : pairs_) {
       const int row = ends_[pair.row].part, column = ends_[pair.column].part;
@@ -89,7 +83,7 @@ class Delassus {
     double largest = 0;
     for (int k = 0; k < parts(); ++k)
       for (int c = 0; c < 3; ++c)
-        for (int r = 0; r < part(k).rows(); ++r)
+        for (int r = 0; r < plan_.part(k).rows(); ++r)
           largest = std::max(largest, std::abs(padding_[k][kColumn * c + r]) / (scales[3 * k + r] * scales[3 * k + c]));
     return largest;
   }
@@ -176,6 +170,8 @@ class Delassus {
   }
 
  private:
+  int parts() const { return plan_.count(); }
+
   static constexpr size_t kMostEnds = 4;  // a body between two revolute joints; above, a hub is cheaper
 
   // What the rows of a part say of a body's translation: nothing, plus or minus the translation itself, or more.
@@ -267,10 +263,8 @@ class Delassus {
     }
   }
 
-  void plan(const std::vector<std::vector<Place>>& places_at) {
-    std::vector<std::vector<int>> parts_of(system_.joints.size());
-    for (int k = 0; k < parts(); ++k) parts_of[nodes_.part(k).joint].push_back(k);
-    std::set<BlockLU::Entry> entries;
+  BlockPlan eliminate_nodes(const std::vector<std::vector<Place>>& places_at) const {
+    std::set<BlockPlan::Entry> entries;
     for (int b = 0; b < system_.n(); ++b)
       for (const Place& row : places_at[b]) {
         if (hub_[b] >= 0)
@@ -278,8 +272,9 @@ class Delassus {
         else
           for (const Place& column : places_at[b]) entries.insert({row.part, column.part});
       }
-    std::erase_if(entries, [](const BlockLU::Entry& entry) { return entry.first == entry.second; });
-    if (independent_) return lu_.plan(minimum_degree_order(parts(), entries), 0, entries);
+    std::erase_if(entries, [](const BlockPlan::Entry& entry) { return entry.first == entry.second; });
+    if (independent_) return BlockPlan(minimum_degree_order(parts(), entries), 0, entries);
+    const std::vector<std::vector<int>> parts_of = plan_.parts_of_joints();
     std::vector<int> order;
     auto append = [&](int item) {
       if (item >= system_.n())
@@ -287,18 +282,17 @@ class Delassus {
       else if (hub_[item] >= 0)
         order.insert(order.end(), {hub_[item], hub_[item] + 1});
     };
-    const EliminationOrder items = elimination_order(system_);
-    for (int item : items.tree) append(item);
+    for (int item : plan_.order.tree) append(item);
     const size_t sparse = order.size();
-    for (int item : items.loops) append(item);
-    lu_.plan(order, static_cast<int>(order.size() - sparse), entries);
+    for (int item : plan_.order.loops) append(item);
+    return BlockPlan(order, static_cast<int>(order.size() - sparse), entries);
   }
 
   template <class RowsOf>
   void fill(const RowsOf& rows, const Jacobians& columns) {
     lu_.set_zero();
     for (int k = 0; k < parts(); ++k)
-      for (int r = part(k).rows(); r < 3; ++r) padding_[k][(kColumn + 1) * r] = 1;
+      for (int r = plan_.part(k).rows(); r < 3; ++r) padding_[k][(kColumn + 1) * r] = 1;
     for (End& end : ends_) {
       const Mobility& body = bodies_[end.body];
       if (end.part_data->spherical) {
@@ -335,8 +329,8 @@ class Delassus {
     }
   }
 
+  const Plan& plan_;
   const System& system_;
-  Nodes nodes_;
   BlockLU lu_;  // of -S: parts first, then v and w of every hub
   std::vector<Mobility> bodies_;
   std::vector<int> hub_;  // first node of a body that is a hub, else -1

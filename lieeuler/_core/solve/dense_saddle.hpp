@@ -7,20 +7,14 @@
 
 #include "linalg/full_pivot.hpp"
 #include "model/kinematics.hpp"
-#include "solve/independent_rows.hpp"
+#include "model/plan.hpp"
 
 namespace lieeuler {
 
 class DenseSaddle {
  public:
-  static bool fits(const System& system) {
-    constexpr double kThin = 1e5, kGraded = 1e6;
-    constexpr int kMostUnknowns = 96;
-    return (system.thin(kThin) || system.graded(kGraded)) && 6 * system.n() + system.rows() <= kMostUnknowns &&
-           !has_many_loops(system);
-  }
-
-  explicit DenseSaddle(const System& system) : system_(system), scales_(6 * system.n() + system.rows()), x_(scales_) {
+  explicit DenseSaddle(const Plan& plan)
+      : plan_(plan), system_(plan.system), scales_(6 * system_.n() + system_.rows()), x_(scales_) {
     matrix_.resize(static_cast<int>(scales_.size()));
   }
 
@@ -69,19 +63,19 @@ class DenseSaddle {
   void solve(double* f, double* rows) {
     const int n = 6 * system_.n();
     std::copy_n(f, n, x_.begin());
-    for_rows([&](int row, int place) { x_[n + row] = rows[place]; });
+    plan_.for_rows([&](int row, int place) { x_[n + row] = rows[place]; });
     for (size_t i = 0; i < x_.size(); ++i) x_[i] *= scales_[i];
     matrix_.solve(x_.data());
     for (size_t i = 0; i < x_.size(); ++i) x_[i] *= scales_[i];
     std::copy_n(x_.begin(), n, f);
-    for_rows([&](int row, int place) { rows[place] = x_[n + row]; });
+    plan_.for_rows([&](int row, int place) { rows[place] = x_[n + row]; });
   }
 
   // Multipliers, three a part, that do nothing: the k-th vector, k < redundant.
   void null_vector(int k, double* multipliers) {
     matrix_.null_vector(k, x_.data());
     const int n = 6 * system_.n();
-    for_rows([&](int row, int place) { multipliers[place] = scales_[n + row] * x_[n + row]; });
+    plan_.for_rows([&](int row, int place) { multipliers[place] = scales_[n + row] * x_[n + row]; });
   }
 
  private:
@@ -111,17 +105,7 @@ class DenseSaddle {
   }
   void put(int i, int j, double value) { matrix_(i, j) += scales_[i] * scales_[j] * value; }
 
-  // Calls visit(row in lam, place among three values a part) for every constraint row.
-  template <class Visit>
-  void for_rows(Visit visit) const {
-    int k = 0;
-    for (const Joint& joint : system_.joints)
-      for (const Part& part : joint.parts) {
-        for (int r = 0; r < part.rows(); ++r) visit(part.row + r, 3 * k + r);
-        ++k;
-      }
-  }
-
+  const Plan& plan_;
   const System& system_;
   FullPivotLU matrix_;
   std::vector<double> scales_, x_;

@@ -1,53 +1,26 @@
 // Independent constraint rows of joints that close loops, chosen loop by loop, and the least-norm multipliers of all
 // rows.
 //
-// A joint that closes a loop is seen together with the joints of a shortest way between its two bodies, over the tree
-// and the loops closed before. Its rows that depend on theirs are dropped: they hold by themselves, at every level.
-// Each dropped row gives a vector N of multipliers without effect, G^T N = 0, that is zero outside its loop; the
-// least-norm multipliers are lam - N (N^T N)^-1 N^T lam.
+// A joint that closes a loop is seen together with the joints of the shortest way round. Its rows that depend on theirs
+// are dropped: they hold by themselves, at every level. Each dropped row gives a vector N of multipliers without
+// effect, G^T N = 0, that is zero outside its loop; the least-norm multipliers are lam - N (N^T N)^-1 N^T lam.
 #pragma once
 
 #include <Eigen/Dense>
-#include <deque>
 
-#include "model/graph.hpp"
-#include "model/kinematics.hpp"
+#include "model/plan.hpp"
 
 namespace lieeuler {
 
-// Loops are solved for by independent rows where they have more rows than this. Fewer cost little in a dense
-// factorization with full pivoting, which also passes singular positions where the choice of rows would have to change.
-inline bool has_many_loops(const System& system) {
-  constexpr int kMostDenseRows = 12;
-  if (is_forest(system)) return false;
-  int rows = 0;
-  for (int item : elimination_order(system).loops)
-    for (const Part& part : system.joints[item - system.n()].parts) rows += part.rows();
-  return rows > kMostDenseRows;
-}
-
 class IndependentRows {
  public:
-  explicit IndependentRows(const System& system) : system_(system) {
-    std::vector<std::vector<int>> joints_at(system.n() + 1);
-    const auto accept = [&](int j) {
-      joints_at[system.joints[j].parent].push_back(j), joints_at[system.joints[j].child].push_back(j);
-    };
-    const EliminationOrder order = elimination_order(system);
-    for (int item : order.tree)
-      if (item >= system.n()) accept(item - system.n());
-    for (int item : order.loops) {
-      const int j = item - system.n();
-      loops_.push_back({j, shortest_way(joints_at, system.joints[j])});
-      accept(j);
-    }
-  }
+  explicit IndependentRows(const Plan& plan) : plan_(plan), system_(plan.system) {}
 
   // How many rows depend on others here; `dropped` names them, by their places in lam.
   int choose(const Constraints& joints, std::vector<char>& dropped) {
     dropped.assign(system_.rows(), 0);
     null_.clear();
-    for (const Loop& loop : loops_) choose_in(loop, joints, dropped);
+    for (const Loop& loop : plan_.loops) choose_in(loop, joints, dropped);
     return static_cast<int>(null_.size());
   }
 
@@ -77,10 +50,6 @@ class IndependentRows {
  private:
   static constexpr double kDependent =
       3e-6;  // of a row's length: what is left of it is rounding, or a singular position
-  struct Loop {
-    int joint;
-    std::vector<int> others;  // joints of the way round
-  };
   using Sparse = std::vector<std::pair<int, double>>;  // row in lam, value
 
   static double product(const Sparse& n, const std::vector<double>& values) {
@@ -90,28 +59,6 @@ class IndependentRows {
   }
   static void add(double factor, const Sparse& n, std::vector<double>& values) {
     for (const auto& [row, value] : n) values[row] += factor * value;
-  }
-
-  std::vector<int> shortest_way(const std::vector<std::vector<int>>& joints_at, const Joint& joint) const {
-    std::vector<int> by(joints_at.size(), -1);
-    std::deque<int> queue{joint.parent};
-    while (!queue.empty() && by[joint.child] < 0) {
-      const int body = queue.front();
-      queue.pop_front();
-      for (int j : joints_at[body]) {
-        const int other = across(j, body);
-        if (by[other] >= 0 || other == joint.parent) continue;
-        by[other] = j;
-        queue.push_back(other);
-      }
-    }
-    std::vector<int> way;
-    for (int body = joint.child; body != joint.parent; body = across(way.back(), body)) way.push_back(by[body]);
-    return way;
-  }
-  int across(int j, int body) const {
-    const Joint& joint = system_.joints[j];
-    return joint.parent == body ? joint.child : joint.parent;
   }
 
   void choose_in(const Loop& loop, const Constraints& joints, std::vector<char>& dropped) {
@@ -195,8 +142,8 @@ class IndependentRows {
     return true;
   }
 
+  const Plan& plan_;
   const System& system_;
-  std::vector<Loop> loops_;
   std::vector<Sparse> null_;
 };
 

@@ -6,12 +6,8 @@
 // then (a, lam) of the index-1 system there. Redundant rows are left to the null space of the saddle point.
 #pragma once
 
-#include <variant>
-
-#include "model/scales.hpp"
 #include "solve/newton.hpp"
-#include "solve/schur.hpp"
-#include "solve/small_saddle.hpp"
+#include "solve/saddle_solver.hpp"
 
 namespace lieeuler {
 
@@ -19,34 +15,15 @@ namespace lieeuler {
 inline constexpr double kNearlySingular = 1e-6;
 
 class Projection {
-  using Solver = std::variant<SaddlePoint, SchurComplement, SmallSaddle>;
-  static Solver make_solver(const System& system, const ReferencePoints& points) {
-    if (SchurComplement::fits(system)) return Solver(std::in_place_type<SchurComplement>, system);
-    if (!is_forest(system) && SmallSaddle::fits(system, points))
-      return Solver(std::in_place_type<SmallSaddle>, system, points);
-    return Solver(std::in_place_type<SaddlePoint>, system, has_many_loops(system));
-  }
-  template <class Use>
-  auto solve(const Use& use) {
-    return std::visit(use, solver_);
-  }
-
  public:
-  explicit Projection(const System& system)
-      : system_(system),
-        joints_(system),
-        points_(system, HingeTree(system), false),
-        solver_(make_solver(system, points_)),
-        change_(system.n() + 1),
-        momentum_(system.n() + 1),
-        mu_(system.rows(), 0.0) {}
-
-  Projection(const Projection&) = delete;  // the solver refers to the points
+  explicit Projection(const Plan& plan)
+      : system_(plan.system), joints_(system_), saddle_(plan, plan.projects_by), change_(system_.n() + 1) {}
+  Projection(const Projection&) = delete;
 
   // Counts the redundant rows where the run starts and factors the matrix there.
   Status start(const State& state) {
     joints_.update(state.frames);
-    if (!solve([&](auto& s) { return s.find_redundancy(joints_); })) return Status::singular_matrix;
+    if (!saddle_.find_redundancy(joints_)) return Status::singular_matrix;
     return factor();
   }
   // A rank that is higher elsewhere was that of a singular position. Leaves the matrix factored.
@@ -54,38 +31,33 @@ class Projection {
     const int expected = redundant_rows();
     int found;
     if (expected == 0) return Status::success;
-    if (!solve([&](auto& s) { return s.count_redundancy(joints_, found); }) || found < expected)
-      return Status::singular_matrix;
+    if (!saddle_.count_redundancy(joints_, found) || found < expected) return Status::singular_matrix;
     return factor();
   }
 
   // Evaluates the joints there; they refer to `state` until the next call.
   void move_to(const State& state) { joints_.update(state.frames); }
   Status factor(bool on_constraints = true) {
-    const bool regular = solve([&](auto& s) {
-      if constexpr (std::is_same_v<decltype(s), SmallSaddle&>) return s.factor(joints_, on_constraints);
-      return s.factor(joints_);
-    });
-    return regular ? Status::success : Status::singular_matrix;
+    return saddle_.factor(joints_, on_constraints) ? Status::success : Status::singular_matrix;
   }
 
-  // Projects from a matrix of its own.
-  Status project(State& state, const Scales& scales, Counters& counters) {
+  // Projects from a matrix of its own. length: the size of the system, m.
+  Status project(State& state, double length, Counters& counters) {
     move_to(state);
     ++counters.factorizations;
     if (const Status status = factor(false); status != Status::success) return status;
-    return settle(state, scales, counters);
+    return settle(state, length, counters);
   }
 
   // Projects with the matrix factored last, at a configuration close by, and factors it at the result.
-  Status settle(State& state, const Scales& scales, Counters& counters) {
-    if (const Status status = close(state, scales.length); status != Status::success) return status;
+  Status settle(State& state, double length, Counters& counters) {
+    if (const Status status = close(state, length); status != Status::success) return status;
     update_angles(system_, state.frames, state.u, state.angles);
     ++counters.factorizations;
     ++counters.force_evaluations;
     if (const Status status = factor(); status != Status::success) return status;
-    solve([&](auto& s) { project_velocities(s, state); });
-    solve([&](auto& s) { s.accelerate(joints_, state); });
+    saddle_.project(joints_, state.u);
+    saddle_.accelerate(joints_, state);
     return Status::success;
   }
 
@@ -93,26 +65,20 @@ class Projection {
   Status accelerate(State& state) {
     move_to(state);
     if (const Status status = factor(false); status != Status::success) return status;
-    solve([&](auto& s) { s.accelerate(joints_, state); });
+    saddle_.accelerate(joints_, state);
     return Status::success;
   }
 
   // Samples with the least-norm multipliers of all rows, where those of some are left out.
   void make_least_norm(State& state) {
-    if (auto* small = std::get_if<SmallSaddle>(&solver_); small && small->redundant() > 0) {
-      move_to(state);
-      if (small->factor(joints_)) small->make_least_norm(state.lam);
-    }
+    move_to(state);
+    saddle_.make_least_norm(joints_, state.lam);
   }
 
   const Constraints& joints() const { return joints_; }
-  int redundant_rows() const {
-    return std::visit([](const auto& s) { return s.redundant(); }, solver_);
-  }
+  int redundant_rows() const { return saddle_.redundant(); }
   // Of the joints that close loops: near a singular position it goes to zero.
-  double smallest_pivot() {
-    return solve([](auto& s) { return s.smallest_pivot(); });
-  }
+  double smallest_pivot() { return saddle_.smallest_pivot(); }
 
  private:
   static constexpr double kEps = std::numeric_limits<double>::epsilon();
@@ -121,21 +87,12 @@ class Projection {
   static constexpr double kNoisyTerms = 8;      // roundings in a row of Phi: of x, R s, their differences and products
   static constexpr int kMostIterations = 12;
 
-  template <class Complement>
-  void project_velocities(Complement& solver, State& state) {
-    solver.project(joints_, state.u);
-  }
-  void project_velocities(SaddlePoint& solver, State& state) {
-    for (int b = 0; b < system_.n(); ++b) momentum_[b] = canonical_momentum(system_.bodies[b], state.u[b]);
-    solver.project(joints_, momentum_, state.u, mu_.data());
-  }
-
   // Phi = 0, attitudes orthogonal, to rounding.
   Status close(State& state, double length) {
     double last = 1;  // the guess is within one length and one radian: a first correction of 1e-8 leaves 1e-16
     for (int k = 0; k < kMostIterations; ++k) {
       move_to(state);
-      solve([&](auto& s) { s.displace(joints_, change_); });
+      saddle_.displace(joints_, change_);
       double size = 0, sum = 0;
       for (int b = 0; b < system_.n(); ++b) {
         size = std::max({size, change_[b].v.cwiseAbs().maxCoeff() / length, change_[b].w.cwiseAbs().maxCoeff()});
@@ -174,10 +131,8 @@ class Projection {
 
   const System& system_;
   Constraints joints_;
-  const ReferencePoints points_;
-  Solver solver_;
-  std::vector<Twist> change_, momentum_;
-  std::vector<double> mu_;
+  SaddleSolver saddle_;
+  std::vector<Twist> change_;
 };
 
 }  // namespace lieeuler

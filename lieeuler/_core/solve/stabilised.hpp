@@ -20,34 +20,35 @@
 #pragma once
 
 #include "solve/delassus.hpp"
-#include "solve/independent_rows.hpp"
 
 namespace lieeuler {
 
 class StabilisedSolve {
  public:
   // `delassus` holds S of q_n, factored, when the iteration of a step begins.
-  StabilisedSolve(const System& system, Delassus& delassus)
-      : system_(system),
+  StabilisedSolve(const Plan& plan, Delassus& delassus)
+      : plan_(plan),
+        system_(plan.system),
         delassus_(delassus),
-        slopes_(2 * delassus_.parts()),
-        rows_(3 * delassus_.parts(), 0.0),
+        slopes_(2 * plan.count()),
+        rows_(3 * plan.count(), 0.0),
         target_(rows_),
         correction_(rows_),
         mu_(rows_),
-        core_rhs_(6 * system.n() + rows_.size(), 0.0),
+        core_rhs_(6 * system_.n() + rows_.size(), 0.0),
         total_(core_rhs_),
-        velocity_(system.n() + 1),
+        velocity_(system_.n() + 1),
         response_(velocity_),
         balance_(velocity_),
         shift_(velocity_),
-        guessed_(delassus_.parts()),
-        excess_(delassus_.parts(), Vec3::Zero()) {}
+        guessed_(plan.count()),
+        excess_(plan.count(), Vec3::Zero()) {}
 
   // Where the sweeps converge by construction: no damping, and no loops unless their dependent rows are dropped.
-  static bool suits(const System& system) {
-    return (is_forest(system) || (has_many_loops(system) && system.forces.empty())) &&
-           std::all_of(system.forces.begin(), system.forces.end(), [](const Force& f) { return f.damping == 0; });
+  static bool suits(const Plan& plan) {
+    const std::vector<Force>& forces = plan.system.forces;
+    return (plan.forest || (plan.many_loops && forces.empty())) &&
+           std::all_of(forces.begin(), forces.end(), [](const Force& f) { return f.damping == 0; });
   }
 
   // Rows at the guess, columns of the multipliers at q_n; u and T there.
@@ -111,7 +112,7 @@ class StabilisedSolve {
       shift_[b] = velocity(system_.bodies[b], drift);
       store(Twist{own.v + drift.v, own.w + drift.w + gyroscopic(b, drift.w, shift_[b].w)}, &core_rhs_[6 * b]);
     }
-    for (int k = 0; k < delassus_.parts(); ++k) {
+    for (int k = 0; k < plan_.count(); ++k) {
       const Vec3 position = load3(&r[3 * nodes.mu(k)]), rate = load3(&r[3 * nodes.lam(k)]);
       store(position, &core_rhs_[6 * system_.n() + 3 * k]);
       guessed_[k] = position + excess_[k];
@@ -131,7 +132,7 @@ class StabilisedSolve {
   bool follow(double wanted) {
     for (int b = 0; b < system_.n(); ++b) velocity_[b] = load(&core_rhs_[6 * b]);
     velocity_[system_.n()] = Twist{};
-    for (int k = 0; k < delassus_.parts(); ++k) {
+    for (int k = 0; k < plan_.count(); ++k) {
       const Vec3 rate = row_rate(k, velocity_) + slope_rate(k);
       store(Vec3(load3(&rows_[3 * k]) + rate - guessed_[k]), &rows_[3 * k]);
       excess_[k] += rate;
@@ -154,12 +155,11 @@ class StabilisedSolve {
   }
   // h N T dxi of one part, dxi in velocity_.
   Vec3 slope_rate(int k) const {
-    const Joint& joint = joint_of(k);
     Vec3 rate = Vec3::Zero();
     for (Side side : kSides) {
-      const int b = side == kChild ? joint.child : joint.parent;
+      const int b = plan_.body(k, side);
       if (b == system_.n()) continue;
-      if (delassus_.part(k).spherical)
+      if (plan_.part(k).spherical)
         rate += h_ * state_of(k).anchor_rate_change(side, (*u_)[b].w, times((*tangents_)[b], velocity_[b].w));
       else
         rate += slopes_[2 * k + side].v * velocity_[b].v + slopes_[2 * k + side].w * velocity_[b].w;
@@ -173,8 +173,7 @@ class StabilisedSolve {
     delassus_.solve_rows(rows_.data(), flat(response_));
     for (size_t i = 0; i < rows_.size(); ++i) correction_[i] += rows_[i];
     for (int b = 0; b < system_.n(); ++b) velocity_[b].v += response_[b].v, velocity_[b].w += response_[b].w;
-    for (int k = 0; k < delassus_.parts(); ++k)
-      store(Vec3(load3(&target_[3 * k]) - row_rate(k, response_)), &rows_[3 * k]);
+    for (int k = 0; k < plan_.count(); ++k) store(Vec3(load3(&target_[3 * k]) - row_rate(k, response_)), &rows_[3 * k]);
     delassus_.zero_dropped(rows_.data());
   }
   bool renew() {
@@ -194,10 +193,10 @@ class StabilisedSolve {
   // Adds - E times the latest change of dmu to the right-hand side; its size as a velocity.
   double couple(double length) {
     std::fill(balance_.begin(), balance_.end(), Twist{});
-    for (int k = 0; k < delassus_.parts(); ++k) {
-      const Joint& joint = joint_of(k);
-      state_of(k).subtract_reaction_change(delassus_.part(k), (*before_)[delassus_.index(k).joint],
-                                           load3(&correction_[3 * k]), balance_[joint.parent], balance_[joint.child]);
+    for (int k = 0; k < plan_.count(); ++k) {
+      const Joint& joint = plan_.joint(k);
+      state_of(k).subtract_reaction_change(plan_.part(k), (*before_)[plan_.parts[k].joint], load3(&correction_[3 * k]),
+                                           balance_[joint.parent], balance_[joint.child]);
     }
     double size = 0;
     for (int b = 0; b < system_.n(); ++b) {
@@ -212,7 +211,7 @@ class StabilisedSolve {
   }
   // du = dxi - shift, dLam = c - dmu.
   bool finish(std::vector<double>& r, const Nodes& nodes) {
-    for (int k = 0; k < delassus_.parts(); ++k) {
+    for (int k = 0; k < plan_.count(); ++k) {
       const Vec3 mu = load3(&mu_[3 * k]);
       store(mu, &r[3 * nodes.mu(k)]);
       store(Vec3(load3(&total_[6 * system_.n() + 3 * k]) - mu), &r[3 * nodes.lam(k)]);
@@ -225,13 +224,13 @@ class StabilisedSolve {
     return true;
   }
 
-  const Joint& joint_of(int k) const { return system_.joints[delassus_.index(k).joint]; }
-  const JointState& state_of(int k) const { return (*joints_)[delassus_.index(k).joint]; }
+  const JointState& state_of(int k) const { return (*joints_)[plan_.parts[k].joint]; }
   // The rows of one part applied to velocities.
   Vec3 row_rate(int k, const std::vector<Twist>& u) const {
-    return state_of(k).velocity(delassus_.part(k), u[joint_of(k).parent], u[joint_of(k).child]);
+    return state_of(k).velocity(plan_.part(k), u[plan_.body(k, kParent)], u[plan_.body(k, kChild)]);
   }
 
+  const Plan& plan_;
   const System& system_;
   Delassus& delassus_;
   const Constraints *joints_ = nullptr, *before_ = nullptr;

@@ -9,8 +9,6 @@
 // Of loops whose rows depend on each other S is singular: as many pivots as there are independent rows are taken, the
 // largest first, and the multipliers of the other rows are zero. The choice stays while the pivots are good. Off the
 // constraints, at the stages of a step, it decides what the accelerations are: there it stays in any case.
-// make_least_norm() is for multipliers to be shown.
-//
 // Bodies pinned to the ground have no translation: M is their inertia about the pin, and the pin has no multiplier.
 #pragma once
 
@@ -18,37 +16,28 @@
 #include <numeric>
 
 #include "model/reference_points.hpp"
-#include "solve/dense_saddle.hpp"
+#include "solve/world_rows.hpp"
 
 namespace lieeuler {
 
-class SmallSaddle {
+class SmallSchur : public WorldRows {
  public:
-  SmallSaddle(const System& system, const ReferencePoints& points) : system_(system), points_(points) {
-    for (int b = 0; b < system.n(); ++b) bodies_.push_back({1 / system.bodies[b].mass, points.inertia(b).inverse()});
-    const Nodes nodes(system, false);
-    for (int k = 0; k < nodes.parts(); ++k) {
-      if (points.holds(nodes.part(k))) continue;
-      const Joint& joint = system.joints[nodes.part(k).joint];
-      const Part& part = joint.parts[nodes.part(k).part];
-      for (Side side : kSides) {
-        const int body = side == kChild ? joint.child : joint.parent;
-        if (body != system.n()) sides_.push_back({&part, nodes.part(k).joint, side, body, rows_, part.rows(), {}, {}});
-      }
-      parts_.push_back({k, nodes.part(k).joint, &part, rows_});
+  // Of trees, bodies move about the points that hang on the ground (model/reference_points.hpp).
+  explicit SmallSchur(const Plan& plan) : WorldRows(plan), system_(plan.system), points_(plan, plan.forest) {
+    for (int b = 0; b < system_.n(); ++b) bodies_.push_back({1 / system_.bodies[b].mass, points_.inertia(b).inverse()});
+    for (int k = 0; k < plan.count(); ++k) {
+      if (points_.holds(plan.parts[k])) continue;
+      const Part& part = plan.part(k);
+      const int joint = plan.parts[k].joint;
+      for (Side side : kSides)
+        if (const int body = plan.body(k, side); body != system_.n())
+          sides_.push_back({&part, joint, side, body, rows_, part.rows(), {}, {}});
+      parts_.push_back({k, joint, &part, rows_});
       rows_ += part.rows();
     }
     rank_ = rows_;
-    if (rows_ > kMostRows) return;
     S_.resize(rows_ * rows_), L_.resize(rows_ * rows_);
-    all_rows_.resize(nodes.parts()), twists_.resize(system.n() + 1);
-  }
-  // Systems it is for: few rows of trees, where most others are cheaper, and loops of up to a dozen or so joints; of
-  // masses and moments whose Schur complement can be refined.
-  static bool fits(const System& system, const ReferencePoints& points) {
-    const SmallSaddle solver(system, points);
-    return solver.rows_ <= kMostRows && (!is_forest(system) || solver.parts() <= kMostParts) &&
-           !DenseSaddle::fits(system);
+    all_rows_.resize(plan.count()), twists_.resize(system_.n() + 1);
   }
 
   // Finds how many rows depend on others, and expects as many from then on. False where the system is singular.
@@ -57,7 +46,7 @@ class SmallSaddle {
     count_redundancy(joints, redundant);
     rank_ = rows_ - redundant;
     smallest_at_choice_ = std::numeric_limits<double>::infinity();
-    return factor(joints);
+    return factor(joints, true);
   }
   bool count_redundancy(const Constraints& joints, int& redundant) {
     assemble(joints);
@@ -69,7 +58,7 @@ class SmallSaddle {
   double smallest_pivot() const { return smallest_pivot_; }
 
   // False where the rows have become dependent. on_constraints: other rows may be chosen.
-  bool factor(const Constraints& joints, bool on_constraints = true) {
+  bool factor(const Constraints& joints, bool on_constraints) {
     factored_ = &joints;
     assemble(joints);
     if (parts() == 1) return invert_block();
@@ -88,37 +77,17 @@ class SmallSaddle {
       f[b].v *= bodies_[b].mass_inverse;
       f[b].w = times(bodies_[b].inertia_inverse, f[b].w);
     }
-    if (parts() == 1) solve_single(f, rows[parts_[0].index]);
-    if (parts() > 1) solve_rows(f, rows, to_rounding);
+    correct(f, rows, to_rounding);
+  }
+  // The same from velocities without multipliers, y = M^-1 f.
+  [[gnu::always_inline]] void correct(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
+    if (parts() == 1) solve_single(y, rows[parts_[0].index]);
+    if (parts() > 1) solve_rows(y, rows, to_rounding);
   }
 
-  // The least displacement that closes the joints to first order: M d + G^T mu = 0, G d = -Phi.
-  void displace(const Constraints& joints, std::vector<Twist>& d) {
-    std::fill(d.begin(), d.end(), Twist{});
-    for (const PartRows& part : parts_) all_rows_[part.index] = -joints[part.joint].position(*part.part);
-    solve(d, all_rows_, true);
-  }
-  // u <- u - M^-1 G^T mu with G u + dPhi/dt = 0
-  void project(const Constraints& joints, std::vector<Twist>& u) {
-    for (int b = 0; b < system_.n(); ++b) u[b] = momentum(system_.bodies[b], u[b]);
-    for (const PartRows& part : parts_) all_rows_[part.index] = -joints[part.joint].drift(*part.part);
-    solve(u, all_rows_, true);
-  }
-  // (a, lam) of the index-1 system.
-  void accelerate(const Constraints& joints, State& state) {
-    generalized_forces(system_, state.frames, state.u, state.angles, state.a);
-    for (const PartRows& part : parts_) {
-      const Joint& joint = system_.joints[part.joint];
-      all_rows_[part.index] = -joints[part.joint].gamma(*part.part, state.u[joint.parent], state.u[joint.child]);
-    }
-    solve(state.a, all_rows_, true);
-    state.a[system_.n()] = Twist{};
-    for (const PartRows& part : parts_)
-      std::copy_n(all_rows_[part.index].data(), part.part->rows(), state.lam.data() + part.part->row);
-  }
-
-  // The least-norm multipliers that act as these do, at the joints factored last.
-  void make_least_norm(std::vector<double>& lam) {
+  // The least-norm multipliers that act as these do.
+  void make_least_norm(const Constraints& joints, std::vector<double>& lam) {
+    if (redundant() == 0 || !factor(joints, true)) return;
     std::vector<std::vector<double>> null;
     for (int k = rank_; k < rows_; ++k) {
       std::vector<double> w = without_effect(k);
@@ -132,7 +101,7 @@ class SmallSaddle {
   }
 
  private:
-  static constexpr int kMostRows = 64, kMostParts = 4;
+  static constexpr int kMostRows = Plan::kMostSmallRows;
   static constexpr double kSingular = 1e-13;   // what rounding leaves of a pivot
   static constexpr double kDependent = 1e-11;  // pivots go as squares of singular values of G
   static constexpr double kWorse = 0.25;       // of the smallest pivot: other rows are chosen then
@@ -231,7 +200,7 @@ class SmallSaddle {
     }
   }
   // lam = S^-1 r,  y -= M^-1 G^T lam
-  void correct(const double* r, double* lam, std::vector<Twist>& y) {
+  void subtract_response(const double* r, double* lam, std::vector<Twist>& y) {
     double x[kMostRows];
     for (int i = 0; i < rank_; ++i) x[i] = r[order_[i]];
     for (int j = 0; j < rank_; ++j) {
@@ -253,11 +222,11 @@ class SmallSaddle {
   [[gnu::noinline]] void solve_rows(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
     double r[kMostRows], lam[kMostRows];
     put_rates(rows, y, r);
-    correct(r, lam, y);
+    subtract_response(r, lam, y);
     if (smallest_pivot_ < kGraded || (to_rounding && redundant() > 0)) {
       double more[kMostRows];
       put_rates(rows, y, r);
-      correct(r, more, y);
+      subtract_response(r, more, y);
       for (int i = 0; i < rows_; ++i) lam[i] += more[i];
     }
     for (const PartRows& part : parts_) {
@@ -328,7 +297,7 @@ class SmallSaddle {
   }
 
   const System& system_;
-  const ReferencePoints& points_;
+  const ReferencePoints points_;
   std::vector<Inertia> bodies_;
   std::vector<PartRows> parts_;
   std::vector<Sided> sides_;

@@ -1,0 +1,142 @@
+// What the structure of a system decides, found once for all its runs: the order of elimination, the loops, which
+// elimination suits the system, and the symbolic factorizations that its methods have asked for.
+#pragma once
+
+#include <memory>
+#include <mutex>
+
+#include "linalg/block_lu.hpp"
+#include "model/hinges.hpp"
+
+namespace lieeuler {
+
+// A part of a joint; they are numbered through all joints.
+struct PlacedPart {
+  int joint, bodies[2];  // parent and child
+  const Part* part;
+};
+
+// How the saddle point [M G^T; G 0] is eliminated (solve/saddle_solver.hpp).
+enum class Elimination {
+  tree,         // bodies first, spherical rows in the axes of their child; no loops
+  small,        // bodies first, then a dense Cholesky factorization with chosen rows; few rows
+  independent,  // bodies first, then the rows that do not depend on others; loops
+  complete,     // all rows, dependent ones left to the null space
+};
+
+// A matrix of 3 x 3 blocks: G M^-1 G^T of a tree or in general, or the matrix of a step.
+struct Pattern {
+  enum class Matrix { tree, mobility, step } matrix;
+  bool first = false, second = false;  // independent rows; doubled unknowns, second derivatives
+  auto operator<=>(const Pattern&) const = default;
+};
+
+class Plan {
+ public:
+  static constexpr int kMostSmallRows = 64;
+
+  explicit Plan(System given)
+      : system(std::move(given)),
+        parts(number_parts(system)),
+        order(elimination_order(system)),
+        loops(find_loops(system, order)),
+        hinges(system),
+        forest(loops.empty()),
+        many_loops(rows_of_loops() > kMostDenseRows),
+        graded(system.graded()),
+        thin(system.thin()),
+        whole(fits_whole()),
+        projects_by(fits_tree()               ? Elimination::tree
+                    : !forest && fits_small() ? Elimination::small
+                                              : for_any_rows()),
+        expands_by(fits_small() ? Elimination::small : for_any_rows()) {}
+  Plan(const Plan&) = delete;  // what is planned refers to it
+
+  const System system;
+  const std::vector<PlacedPart> parts;
+  const EliminationOrder order;
+  const std::vector<Loop> loops;
+  const HingeTree hinges;
+  const bool forest;      // joints close no loop
+  const bool many_loops;  // solved for by independent rows
+  const bool graded, thin;
+  const bool whole;  // masses or moments span so much that nothing but the whole matrix is solved with
+  const Elimination projects_by, expands_by;  // of projections, of series
+
+  const Joint& joint(int k) const { return system.joints[parts[k].joint]; }
+  const Part& part(int k) const { return *parts[k].part; }
+  int count() const { return static_cast<int>(parts.size()); }
+  int body(int k, Side side) const { return parts[k].bodies[side]; }
+  // The parts of every joint.
+  std::vector<std::vector<int>> parts_of_joints() const {
+    std::vector<std::vector<int>> found(system.joints.size());
+    for (int k = 0; k < count(); ++k) found[parts[k].joint].push_back(k);
+    return found;
+  }
+  // Calls visit(row in lam, place among three values a part) for every constraint row.
+  template <class Visit>
+  void for_rows(const Visit& visit) const {
+    for (int k = 0; k < count(); ++k)
+      for (int r = 0; r < part(k).rows(); ++r) visit(part(k).row + r, 3 * k + r);
+  }
+
+  // The symbolic factorization of a matrix, made where it is asked for first; runs on other threads may ask too.
+  template <class Make>
+  const BlockPlan& blocks(const Pattern& pattern, const Make& make) const {
+    const std::lock_guard lock(guard_);
+    std::unique_ptr<const BlockPlan>& found = blocks_[pattern];
+    if (!found) found = std::make_unique<const BlockPlan>(make());
+    return *found;
+  }
+
+ private:
+  // Of loops that are solved for by all their rows. Few rows cost little in a dense factorization with full pivoting,
+  // which also passes singular positions where the choice of rows would have to change.
+  static constexpr int kMostDenseRows = 12;
+
+  static std::vector<PlacedPart> number_parts(const System& system) {
+    std::vector<PlacedPart> all;
+    for (int j = 0; j < static_cast<int>(system.joints.size()); ++j)
+      for (const Part& part : system.joints[j].parts)
+        all.push_back({j, {system.joints[j].parent, system.joints[j].child}, &part});
+    return all;
+  }
+  int rows_of_loops() const {
+    int rows = 0;
+    for (const Loop& loop : loops)
+      for (const Part& part : system.joints[loop.joint].parts) rows += part.rows();
+    return rows;
+  }
+  Elimination for_any_rows() const { return many_loops ? Elimination::independent : Elimination::complete; }
+  bool fits_whole() const {
+    constexpr double kThin = 1e5, kGraded = 1e6;
+    constexpr int kMostUnknowns = 96;
+    return (system.thin(kThin) || system.graded(kGraded)) && 6 * system.n() + system.rows() <= kMostUnknowns &&
+           !many_loops;
+  }
+  // Without loops no row can be redundant; a body with many parts would fill S; of graded masses or moments S alone
+  // loses digits.
+  bool fits_tree() const {
+    constexpr int kMostParts = 6;
+    std::vector<int> on(system.n() + 1, 0);
+    for (const Joint& joint : system.joints)
+      for (int body : {joint.parent, joint.child}) on[body] += static_cast<int>(joint.parts.size());
+    on[system.n()] = 0;
+    return forest && !graded && !thin && *std::max_element(on.begin(), on.end()) <= kMostParts;
+  }
+  // Few rows of trees, but for those of pins on the ground, where most others are cheaper; loops of up to a dozen or so
+  // joints; masses and moments whose Schur complement can be refined.
+  bool fits_small() const {
+    constexpr int kMostParts = 4;
+    if (whole) return false;
+    if (!forest) return system.rows() <= kMostSmallRows;
+    const auto pins = std::count_if(hinges.hinges.begin(), hinges.hinges.end(),
+                                    [this](const Hinge& hinge) { return hinge.base == system.n(); });
+    return count() - pins <= kMostParts && system.rows() - 3 * pins <= kMostSmallRows;
+  }
+
+  mutable std::mutex guard_;
+  mutable std::map<Pattern, std::unique_ptr<const BlockPlan>> blocks_;
+};
+
+}  // namespace lieeuler

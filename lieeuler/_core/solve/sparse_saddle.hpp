@@ -1,0 +1,261 @@
+// The saddle point of any system by block elimination (solve/delassus.hpp): of all rows, with the null space of those
+// that depend on others taken out, or of independent rows. Masses and moments that span too much for it are solved for
+// by the whole matrix.
+#pragma once
+
+#include <optional>
+
+#include "model/scales.hpp"
+#include "solve/delassus.hpp"
+#include "solve/dense_saddle.hpp"
+#include "solve/independent_rows.hpp"
+#include "solve/world_rows.hpp"
+
+namespace lieeuler {
+
+class SparseSaddle : public WorldRows {
+ public:
+  // independent: without the rows of loops that depend on others.
+  SparseSaddle(const Plan& plan, bool independent)
+      : WorldRows(plan),
+        system_(plan.system),
+        delassus_(std::in_place, plan, independent),
+        thin_(plan.thin || plan.whole),
+        rows_(plan.count()) {
+    if (independent) independent_.emplace(plan);
+    if (plan.whole) dense_.emplace(plan);
+  }
+
+  Delassus& delassus() { return *delassus_; }
+
+  // Counts the redundant rows at this configuration. False where the rest is singular.
+  bool count_redundancy(const Constraints& joints, int& redundant) {
+    if (independent_) {
+      redundant = independent_->choose(joints, dropped_);
+      return true;
+    }
+    if (dense_) {
+      redundant = dense_->redundancy(joints);
+      dense_->scale(joints);
+      return true;
+    }
+    constexpr double kTolerance = 1e-11;  // of pivots of order one, which go as squares of singular values of G
+    delassus_->assemble(joints);
+    return delassus_->lu().find_deficiency(kTolerance, redundant);
+  }
+  // 1 / sqrt of the diagonal of G M^-1 G^T, three values a part: with it constraint rows are of order one in any units.
+  std::vector<double> row_scales(const Constraints& joints) const {
+    std::vector<double> scales(3 * plan_.count(), 1.0);
+    for (int k = 0; k < plan_.count(); ++k) {
+      Vec3 mobility = Vec3::Zero();
+      for (Side side : kSides) {
+        const int b = plan_.body(k, side);
+        if (b == system_.n()) continue;
+        const Body& body = system_.bodies[b];
+        const Rows G = joints[plan_.parts[k].joint].jacobian(plan_.part(k), side);
+        mobility += (G.v * G.v.transpose() / body.mass + G.w * body.inertia_inverse * G.w.transpose()).diagonal();
+      }
+      for (int r = 0; r < plan_.part(k).rows(); ++r) scales[3 * k + r] = 1 / std::sqrt(mobility[r]);
+    }
+    return scales;
+  }
+
+  // Counts the redundant rows, and expects as many from then on.
+  bool find_redundancy(const Constraints& joints) {
+    int redundant;
+    if (independent_) {
+      scales_ = row_scales(joints);
+      redundant_ = independent_->choose(joints, dropped_);
+      if (take_choice(joints) && regular()) return true;
+      independent_.reset();  // rows depend on more than one loop at once
+      delassus_.emplace(plan_);
+    }
+    std::vector<double> scales = row_scales(joints);
+    scales.resize(delassus_->unknowns(), 1.0);
+    delassus_->lu().scale_tail(scales);
+    if (!count_redundancy(joints, redundant)) return false;
+    delassus_->lu().expect_deficiency(redundant);
+    redundant_ = redundant;
+    null_.assign(redundant, std::vector<double>(delassus_->unknowns(), 0.0));
+    return true;
+  }
+  int redundant() const { return redundant_; }
+  // Places in lam of the rows left out, where there are any.
+  const std::vector<char>* dropped() const { return independent_ ? &dropped_ : nullptr; }
+  // Near a singular position of a loop it goes to zero, as the square of the distance.
+  double smallest_pivot() { return delassus_->lu().smallest_tail_pivot(); }
+
+  bool factor(const Constraints& joints, bool) {
+    factored_ = &joints;
+    delassus_->assemble(joints);
+    const bool regular = delassus_->lu().factor();
+    if (independent_) {
+      if (regular && delassus_->largest_inverse(scales_) < kWorse * inverse_at_choice_) return true;
+      return independent_->choose(joints, dropped_) == redundant_ && take_choice(joints);
+    }
+    solves_dense_ = dense_ && dense_->factor(joints, redundant_);
+    if (!regular && !solves_dense_) return false;
+    find_null_space(joints);
+    return true;
+  }
+  // Counts the choices of independent rows.
+  int choice() const { return choice_; }
+
+  // Takes the multiplier directions without effect, G^T w = 0, out of three values a part: of residuals, where they are
+  // the rows' own contradiction, and of multipliers, which become those of least norm.
+  void remove_null_space(double* values) const {
+    for (const std::vector<double>& w : null_) subtract_component(w, values);
+  }
+
+  // The least-norm multipliers that act as these do; of all rows, at the joints factored last.
+  void make_least_norm(const Constraints& joints, std::vector<double>& lam) {
+    if (independent_) {
+      if (independent_->choose(joints, shown_) > 0) independent_->make_least_norm(lam);
+      return;
+    }
+    for (const std::vector<double>& w : null_) {
+      double product = 0;
+      plan_.for_rows([&](int row, int place) { product += w[place] * lam[row]; });
+      plan_.for_rows([&](int row, int place) { lam[row] -= product * w[place]; });
+    }
+  }
+
+  // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places. to_rounding:
+  // what redundant rows cost in digits matters; near-dependent rows and graded masses lose digits of the rows in the
+  // first pass, thin bodies of the balance of forces too. What that leaves is then solved for once more.
+  void solve(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
+    const bool again = plan_.graded || thin_ || (to_rounding && redundant_ > 0);
+    if (again) wanted_ = rows;
+    if (thin_) forces_ = y;
+    solve_once(y, rows);
+    double last = std::numeric_limits<double>::infinity();
+    for (int pass = 0; again && pass < (thin_ ? kMostPasses : 1); ++pass) {
+      const double change = refine(y, rows);
+      if (!(change < kSlow * last)) break;
+      last = change;
+    }
+  }
+  // The same from velocities without multipliers, M^-1 f.
+  void correct(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
+    for (int b = 0; b < system_.n(); ++b) y[b] = momentum(system_.bodies[b], y[b]);
+    solve(y, rows, to_rounding);
+  }
+
+ private:
+  static constexpr double kWorse = 4;         // of the inverted pivots: other rows are chosen then
+  static constexpr double kDependent = 1e10;  // inverse of an eigenvalue that is rounding
+  static constexpr int kMostPasses = 8;       // of refinement: each gains a digit or more where moments span eight
+  static constexpr double kSlow = 0.3;        // a correction not smaller than this much of the last is rounding
+
+  bool take_choice(const Constraints& joints) {
+    ++choice_;
+    delassus_->drop(dropped_);
+    delassus_->assemble(joints);
+    if (!delassus_->lu().factor()) return false;
+    inverse_at_choice_ = delassus_->largest_inverse(scales_);
+    return true;
+  }
+  // Whether the rows chosen loop by loop are independent all together: a few steps of inverse iteration.
+  bool regular() {
+    std::vector<double> x(scales_.size());
+    std::vector<Twist> response(system_.n());
+    for (size_t i = 0; i < x.size(); ++i) x[i] = std::sin(1.0 + static_cast<double>(i));
+    for (int pass = 0; pass < 4; ++pass) {
+      double square = 0;
+      for (double value : x) square += value * value;
+      for (size_t i = 0; i < x.size(); ++i) x[i] /= std::sqrt(square) * scales_[i];
+      delassus_->solve_rows(x.data(), flat(response));
+      square = 0;
+      for (size_t i = 0; i < x.size(); ++i) x[i] /= scales_[i], square += x[i] * x[i];
+      if (!(square < kDependent * kDependent)) return false;
+    }
+    return true;
+  }
+  void solve_once(std::vector<Twist>& y, std::vector<Vec3>& rows) {
+    solve_all(y, rows, [this](double* values) { remove_null_space(values); });
+  }
+  // As Delassus::solve().
+  template <class Adjust>
+  void solve_all(std::vector<Twist>& y, std::vector<Vec3>& rows, Adjust adjust) {
+    double* const values = rows.data()->data();
+    if (!solves_dense_) return delassus_->solve(flat(y), values, adjust);
+    adjust(values);
+    dense_->solve(flat(y), values);
+    adjust(values);
+  }
+  // Adds the correction of the residual of the whole system to y and rows; returns its largest rate.
+  double refine(std::vector<Twist>& y, std::vector<Vec3>& rows) {
+    const Constraints& joints = *factored_;
+    y[system_.n()] = Twist{};
+    correction_.assign(system_.n() + 1, Twist{});
+    if (thin_) {
+      for (int b = 0; b < system_.n(); ++b) {
+        const Twist inertial = momentum(system_.bodies[b], y[b]);
+        correction_[b] = {forces_[b].v - inertial.v, forces_[b].w - inertial.w};
+      }
+      subtract_reactions(joints, rows, correction_);
+    }
+    for (int k = 0; k < plan_.count(); ++k)
+      rows_[k] = wanted_[k] - joints[plan_.parts[k].joint].velocity(plan_.part(k), y[plan_.body(k, kParent)],
+                                                                    y[plan_.body(k, kChild)]);
+    solve_once(correction_, rows_);
+    const Scales scales{system_.length};
+    double change = 0;
+    for (int b = 0; b < system_.n(); ++b) {
+      y[b].v += correction_[b].v, y[b].w += correction_[b].w;
+      change = std::max(change, scales.rate_of(correction_[b]));
+    }
+    for (int k = 0; k < plan_.count(); ++k) rows[k] += rows_[k];
+    return change;
+  }
+
+  // Orthonormal vectors of multipliers w with G^T w = 0.
+  void find_null_space(const Constraints& joints) {
+    for (int k = 0; k < static_cast<int>(null_.size()); ++k) {
+      std::vector<double>& w = null_[k];
+      if (solves_dense_)
+        dense_->null_vector(k, w.data());
+      else
+        delassus_->lu().null_vector(k, w.data());
+      std::fill(w.begin() + 3 * plan_.count(), w.end(), 0.0);  // null vectors have no part in the bodies
+      cleanse(joints, w);
+      for (int pass = 0; pass < 2; ++pass)  // Gram and Schmidt, twice is enough
+        for (int i = 0; i < k; ++i) subtract_component(null_[i], w.data());
+      double square = 0;
+      for (double value : w) square += value * value;
+      for (double& value : w) value /= std::sqrt(square);
+    }
+  }
+  // What G^T w is not zero by, M y + G^T m = G^T w with G y = 0, belongs to m: w <- w - m.
+  void cleanse(const Constraints& joints, std::vector<double>& w) {
+    correction_.assign(system_.n() + 1, Twist{});
+    for (int k = 0; k < plan_.count(); ++k) rows_[k] = -load3(&w[3 * k]);
+    subtract_reactions(joints, rows_, correction_);
+    std::fill(rows_.begin(), rows_.end(), Vec3::Zero());
+    solve_all(correction_, rows_, [](double*) {});
+    for (int k = 0; k < plan_.count(); ++k) store(Vec3(load3(&w[3 * k]) - rows_[k]), &w[3 * k]);
+  }
+  void subtract_component(const std::vector<double>& w, double* values) const {
+    const size_t count = 3 * rows_.size();
+    double product = 0;
+    for (size_t i = 0; i < count; ++i) product += w[i] * values[i];
+    for (size_t i = 0; i < count; ++i) values[i] -= product * w[i];
+  }
+
+  const System& system_;
+  std::optional<Delassus> delassus_;
+  const bool thin_;
+  std::optional<IndependentRows> independent_;
+  std::optional<DenseSaddle> dense_;
+  bool solves_dense_ = false;  // at the joints factored last
+  std::vector<char> dropped_, shown_;
+  std::vector<double> scales_;  // of rows, where they are chosen
+  double inverse_at_choice_ = 0;
+  int redundant_ = 0, choice_ = 0;
+  const Constraints* factored_ = nullptr;
+  std::vector<Vec3> rows_, wanted_;  // of a second pass
+  std::vector<Twist> forces_, correction_;
+  std::vector<std::vector<double>> null_;  // orthonormal vectors w with G^T w = 0, three values a part
+};
+
+}  // namespace lieeuler

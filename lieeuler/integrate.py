@@ -216,8 +216,8 @@ def _output_times(t_eval: ArrayLike | None) -> np.ndarray:
     if t_eval is None:
         raise ArgumentError("t_eval is missing: at least two increasing output times, s")
     t = real(t_eval)
-    shortest = np.diff(t).min() if t is not None and t.ndim == 1 and len(t) > 1 else 0.0
-    if t is None or not (shortest > 0 and np.isfinite(t[-1] - t[0])):  # increasing: the ends speak for all
+    if (t is None or t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all()
+            or not (shortest := np.diff(t).min()) > 0):
         raise ArgumentError("t_eval must hold at least two finite, increasing times")
     if max(-t[0], t[-1]) > LARGEST or shortest < SMALLEST:
         raise ArgumentError(f"t_eval must lie below {LARGEST:g} s, with intervals above {SMALLEST:g} s")

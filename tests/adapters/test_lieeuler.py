@@ -41,7 +41,7 @@ def test_rows_of_every_joint_are_the_common_ones(kind, ground, seed):
     for joint in build_joints(scene):
         joint.add_to(system)
     state = batch(scene)
-    kernel = _kernel.constraints(system, scene.x0, scene.R0, scene.v0, scene.w0, np.zeros(common.m))
+    kernel = _kernel.constraints(_kernel.Plan(system), scene.x0, scene.R0, scene.v0, scene.w0, np.zeros(common.m))
     size = 1 + np.abs(kernel["gamma"]).max() + np.abs(kernel["phi"]).max()
     assert np.abs(kernel["phi"] - common.position(*state[:2])[0]).max() < 50 * EPS * size
     assert np.abs(kernel["G"] - common.jacobian(*state[:2])[0]).max() < 50 * EPS * size
@@ -68,10 +68,10 @@ def test_forces_are_the_common_ones_and_their_derivatives_hold(parent, seed):
     system = _kernel.System(list(scene.masses), list(scene.inertias), scene.gravity)
     for force in scene.forces:
         _force(scene, force).add_to(system)
-    x, R, u = scene.x0, scene.R0, np.hstack([scene.v0, scene.w0])
+    kernel, x, R, u = _kernel.Plan(system), scene.x0, scene.R0, np.hstack([scene.v0, scene.w0])
 
     def values(x, R, u):
-        return _kernel.forces(system, x, R, np.ascontiguousarray(u[:, :3]), np.ascontiguousarray(u[:, 3:]))
+        return _kernel.forces(kernel, x, R, np.ascontiguousarray(u[:, :3]), np.ascontiguousarray(u[:, 3:]))
 
     here = values(x, R, u)
     common = mechanics.applied_forces(scene, *batch(scene))[0].reshape(-1, 6)

@@ -226,6 +226,7 @@ class BlockLU {
     const std::vector<BlockPlan::Pivot>& pivots = plan_->pivots_;
     const BlockPlan::OffDiagonal* const uppers = plan_->uppers_.data();
     int upper = static_cast<int>(plan_->uppers_.size());
+    if (upper == 0) return;
     for (size_t k = pivots.size(); k-- > 0;) {
       const int first = k == 0 ? 0 : pivots[k - 1].last_upper;
       while (upper > first) {

@@ -22,12 +22,11 @@ struct Layout {
 };
 
 // Equations supplies begin(), guess(z), residual(z, r), factor(), exact_matrix(), has_velocity_rows(level), finish(),
+// fall_back(), take_whole_matrix(), couples_by_springs(),
 // and projects(level): whether finish() factors the saddle point at the new state.
 template <class Equations, class Map>
 class EulerStepper {
  public:
-  static constexpr bool kProjects = false;  // by Projection
-
   // Starts from frames and u of `state`; a and lam become the index-1 values there.
   Status start(const State& state, double h) {
     state_ = state;
@@ -36,12 +35,14 @@ class EulerStepper {
     joints_.update(state_.frames);
     if (rank_ == Rank::unknown) {
       if (!saddle_.find_redundancy(joints_)) return Status::singular_matrix;
-      if (core_ && saddle_.sparse().dropped())
-        follow_choice();
-      else if (core_ && plan_.many_loops)
-        equations().take_whole_matrix();
+      if (core_ && saddle_.sparse().dropped()) follow_choice();
       if (!core_) scale_tail();
       rank_ = Rank::of_start;
+    }
+    // Rows that depend on several loops at once, or too much that the matrix with the bodies eliminated leaves out.
+    if (core_ && plan_.independent && (!saddle_.sparse().dropped() || equations().couples_by_springs())) {
+      equations().take_whole_matrix();
+      scale_tail();
     }
     lu_.expect_deficiency(saddle_.redundant() * (nodes_.doubled() ? 2 : 1));
     if (const Status status = solve_index1(); status != Status::success) return status;
@@ -141,7 +142,7 @@ class EulerStepper {
         columns_(nodes_),
         joints_(system_),
         start_joints_(system_),
-        saddle_(plan, layout.eliminates && plan.many_loops ? Elimination::independent : Elimination::complete),
+        saddle_(plan, layout.eliminates && plan.independent ? Elimination::independent : Elimination::complete),
         start_(system_),
         state_(system_),
         maps_(system_.n() + 1),
@@ -149,7 +150,7 @@ class EulerStepper {
         force_(system_.n() + 1),
         z_(3 * nodes_.count(), 0.0) {
     if (layout.eliminates)
-      core_.emplace(plan, plan.many_loops);
+      core_.emplace(plan, plan.independent);
     else
       plan_matrix(layout.doubled_matrix);
     for (const Joint& joint : system_.joints)

@@ -46,6 +46,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   static constexpr bool projects(Level level) { return level == Level::stabilised; }
   static constexpr bool exact_matrix() { return true; }
   static constexpr bool fall_back() { return false; }
+  static constexpr bool couples_by_springs() { return false; }
 
   Status residual(const std::vector<double>& z, std::vector<double>& r) {
     if (!configure(z)) return Status::map_domain;
@@ -133,7 +134,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   // Where only the rows of joints couple bodies: no dampers, and no loops whose dependent rows have to stay.
   static bool eliminates(const Plan& plan, Level level) {
     const std::vector<Force>& forces = plan.system.forces;
-    return (plan.forest || (level != Level::velocity && plan.many_loops)) &&
+    return (plan.forest || (level != Level::velocity && plan.independent)) &&
            std::all_of(forces.begin(), forces.end(), [](const Force& f) { return f.damping == 0; });
   }
 

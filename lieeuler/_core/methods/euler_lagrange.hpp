@@ -50,6 +50,12 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     return level_ != Level::acceleration && !(this->core_ && this->saddle_.sparse().dropped());
   }
 
+  // More than an iteration makes up for in a step or two.
+  bool couples_by_springs() const {
+    constexpr double kStiff = 0.2;  // of a step over the time of a spring: squared, what an iteration leaves
+    return std::abs(h_) * system_.frequency > kStiff;
+  }
+
   bool solve_linear(std::vector<double>& r) {
     if (!split_) return Base::solve_linear(r);
     const auto core = [this](double* x) { this->solve_matrix(x); };
@@ -217,7 +223,9 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   // The acceleration level has rows of its own.
   static bool eliminates(const Plan& plan, Level level) {
     const System& system = plan.system;
-    if (splits(plan, level) && !plan.forest) return true;  // but for the coupling of a joint's two bodies
+    // But for what joints and springs couple two bodies by: Newton's iteration makes up for it.
+    if (plan.independent && level == Level::position) return StabilisedSolve::suits(plan);
+    if (plan.independent) return splits(plan, level);
     return level != Level::acceleration && system.forces.empty() && plan.forest &&
            std::all_of(system.joints.begin(), system.joints.end(), [](const Joint& joint) {
              return std::all_of(joint.parts.begin(), joint.parts.end(),
@@ -252,7 +260,9 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   // they couple two bodies by is left to the iteration: it goes as h^2.
   [[gnu::noinline]] Mat3 dot_stiffness(int k, Side side, const Vec3& impulse) {
     const Part& part = this->part_of(k);
-    split_->slope(k, side) = rate_slope(k, side, this->here(k).jacobian(part, side), tangents_[this->body_of(k, side)]);
+    if (split_)
+      split_->slope(k, side) =
+          rate_slope(k, side, this->here(k).jacobian(part, side), tangents_[this->body_of(k, side)]);
     return this->here(k).geometric_stiffness(part, side, side, impulse).ww;
   }
   // Slope of a spherical part's rows by xi, against rotations: of position, or of velocity where that is all there is.

@@ -242,7 +242,6 @@ class MuntheKaas {
 // Steps of one size, for `run`.
 class FixedMuntheKaas : public MuntheKaas {
  public:
-  static constexpr bool kProjects = true;
   using MuntheKaas::MuntheKaas;
 
   Status start(const State& state, double h) {

@@ -42,10 +42,10 @@ class Plan {
         loops(find_loops(system, order)),
         hinges(system),
         forest(loops.empty()),
-        many_loops(rows_of_loops() > kMostDenseRows),
         graded(system.graded()),
         thin(system.thin()),
         whole(fits_whole()),
+        independent(!forest && !whole),
         projects_by(fits_tree()               ? Elimination::tree
                     : !forest && fits_small() ? Elimination::small
                                               : for_any_rows()),
@@ -57,10 +57,10 @@ class Plan {
   const EliminationOrder order;
   const std::vector<Loop> loops;
   const HingeTree hinges;
-  const bool forest;      // joints close no loop
-  const bool many_loops;  // solved for by independent rows
+  const bool forest;  // joints close no loop
   const bool graded, thin;
-  const bool whole;  // masses or moments span so much that nothing but the whole matrix is solved with
+  const bool whole;        // masses or moments span so much that nothing but the whole matrix is solved with
+  const bool independent;  // loops are solved for by independent rows
   const Elimination projects_by, expands_by;  // of projections, of series
 
   const Joint& joint(int k) const { return system.joints[parts[k].joint]; }
@@ -90,10 +90,6 @@ class Plan {
   }
 
  private:
-  // Of loops that are solved for by all their rows. Few rows cost little in a dense factorization with full pivoting,
-  // which also passes singular positions where the choice of rows would have to change.
-  static constexpr int kMostDenseRows = 12;
-
   static std::vector<PlacedPart> number_parts(const System& system) {
     std::vector<PlacedPart> all;
     for (int j = 0; j < static_cast<int>(system.joints.size()); ++j)
@@ -101,18 +97,11 @@ class Plan {
         all.push_back({j, {system.joints[j].parent, system.joints[j].child}, &part});
     return all;
   }
-  int rows_of_loops() const {
-    int rows = 0;
-    for (const Loop& loop : loops)
-      for (const Part& part : system.joints[loop.joint].parts) rows += part.rows();
-    return rows;
-  }
-  Elimination for_any_rows() const { return many_loops ? Elimination::independent : Elimination::complete; }
+  Elimination for_any_rows() const { return independent ? Elimination::independent : Elimination::complete; }
   bool fits_whole() const {
     constexpr double kThin = 1e5, kGraded = 1e6;
     constexpr int kMostUnknowns = 96;
-    return (system.thin(kThin) || system.graded(kGraded)) && 6 * system.n() + system.rows() <= kMostUnknowns &&
-           !many_loops;
+    return (system.thin(kThin) || system.graded(kGraded)) && 6 * system.n() + system.rows() <= kMostUnknowns;
   }
   // Without loops no row can be redundant; a body with many parts would fill S; of graded masses or moments S alone
   // loses digits.

@@ -29,7 +29,7 @@ Outcome run_adaptive(Stepper& stepper, const Plan& plan, const State& initial, c
   Monitor monitor(system, monitored);
   std::optional<Projection> projection;  // of samples between steps
   State sample(system);
-  LeastNorm least_norm(plan, true);
+  LeastNorm least_norm(plan);
   double reached = t_eval.front();
   const auto end = [&](Status status) { return ended(outcome, status, reached, monitor, stepper); };
   if (const Status status = stepper.start(initial, t_eval.front(), t_eval.back(), rtol); status != Status::success)

@@ -126,11 +126,10 @@ Outcome ended(Outcome outcome, Status status, double reached, const Monitor& mon
   return outcome;
 }
 
-// Samples with the least-norm multipliers of all rows, where methods solve for those of independent ones: all methods
-// where there are many loops, and where there are few those that project.
+// Samples with the least-norm multipliers of all rows, where methods solve for those of independent ones.
 class LeastNorm {
  public:
-  LeastNorm(const Plan& plan, bool projects) : plan_(plan), wanted_(plan.many_loops || (projects && !plan.forest)) {}
+  explicit LeastNorm(const Plan& plan) : plan_(plan), wanted_(plan.independent) {}
 
   const State& of(const State& state, int redundant_rows) {
     if (!wanted_ || redundant_rows == 0) return state;
@@ -166,7 +165,7 @@ Outcome run(Stepper& stepper, const Plan& plan, const State& initial, const std:
   Monitor monitor(plan.system, monitored);
   double t = 0, h = 0;
   Watch watch(interrupted, plan.system);
-  LeastNorm least_norm(plan, Stepper::kProjects);
+  LeastNorm least_norm(plan);
   const auto end = [&](Status status) { return ended(outcome, status, t, monitor, stepper); };
   for (size_t k = 0; k < steps.size(); ++k) {
     if (steps[k] != h) {

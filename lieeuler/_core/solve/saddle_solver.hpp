@@ -80,9 +80,11 @@ class SaddleSolver {
                std::vector<Twist>& change) {
     for (int b = 0; b < system_.n(); ++b) force_[b] = {p[b].v, p[b].w - system_.bodies[b].spin};
     put_drift(joints);
-    each([&](auto& by) { by.solve(force_, rows_, true); });
+    each([&](auto& by) {
+      by.solve(force_, rows_, true);
+      put_multipliers(by, mu);
+    });
     std::copy_n(force_.begin(), system_.n(), u.begin());
-    put_multipliers(mu);
     for (int k = 0; k < plan_.count(); ++k)
       at(joints, k).subtract_reaction(plan_.part(k), rows_[k], change[plan_.body(k, kParent)],
                                       change[plan_.body(k, kChild)]);
@@ -93,9 +95,9 @@ class SaddleSolver {
     each([&](auto& by) {
       for (int k = 0; k < plan_.count(); ++k) rows_[k] = -by.gamma(k, joints, state.u);
       by.solve(state.a, rows_, true);
+      put_multipliers(by, state.lam.data());
     });
     state.a[system_.n()] = Twist{};
-    put_multipliers(state.lam.data());
   }
 
   // The least-norm multipliers that act as these do.
@@ -123,14 +125,13 @@ class SaddleSolver {
     for (int k : driven_) rows_[k] = -at(joints, k).drift(plan_.part(k));
   }
   // Out of rows_, in the order of lam.
-  void put_multipliers(double* lam) {
-    each([&](auto& by) {
-      for (int k = 0; k < plan_.count(); ++k) {
-        const Vec3 lam_k = by.in_world(k, rows_[k]);
-        const Part& part = plan_.part(k);
-        for (int r = 0; r < part.rows(); ++r) lam[part.row + r] = lam_k[r];
-      }
-    });
+  template <class By>
+  void put_multipliers(const By& by, double* lam) const {
+    for (int k = 0; k < plan_.count(); ++k) {
+      const Vec3 own = by.in_world(k, rows_[k]);
+      const Part& part = plan_.part(k);
+      for (int r = 0; r < part.rows(); ++r) lam[part.row + r] = own[r];
+    }
   }
 
   const Plan& plan_;

@@ -31,7 +31,7 @@ class SparseSaddle : public WorldRows {
   // Counts the redundant rows at this configuration. False where the rest is singular.
   bool count_redundancy(const Constraints& joints, int& redundant) {
     if (independent_) {
-      redundant = independent_->choose(joints, dropped_);
+      redundant = independent_->choose(joints, shown_);
       return true;
     }
     if (dense_) {
@@ -85,12 +85,13 @@ class SparseSaddle : public WorldRows {
   // Near a singular position of a loop it goes to zero, as the square of the distance.
   double smallest_pivot() { return delassus_->lu().smallest_tail_pivot(); }
 
-  bool factor(const Constraints& joints, bool) {
+  bool factor(const Constraints& joints, bool on_constraints) {
     factored_ = &joints;
     delassus_->assemble(joints);
     const bool regular = delassus_->lu().factor();
     if (independent_) {
-      if (regular && delassus_->largest_inverse(scales_) < kWorse * inverse_at_choice_) return true;
+      if (regular && (!on_constraints || delassus_->largest_inverse(scales_) < kWorse * inverse_at_choice_))
+        return true;
       return independent_->choose(joints, dropped_) == redundant_ && take_choice(joints);
     }
     solves_dense_ = dense_ && dense_->factor(joints, redundant_);

@@ -53,19 +53,18 @@ class TreeSchur {
     correct(f, rows);
   }
   void correct(std::vector<Twist>& y, std::vector<Vec3>& rows, bool = false) {
-    for (Vec3& row : rows) row = -row;
     for (const End& end : ends_) {
       const Twist& t = y[end.body];
       Vec3& sum = rows[end.part];
       switch (end.kind) {
         case Kind::child_point:
-          sum += transposed_times(*axes_[end.part], t.v) - end.s.cross(t.w);
+          sum -= transposed_times(*axes_[end.part], t.v) - end.s.cross(t.w);
           break;
         case Kind::parent_point:
-          sum += times(turns_[end.part], end.s.cross(t.w)) - transposed_times(*axes_[end.part], t.v);
+          sum -= times(turns_[end.part], end.s.cross(t.w)) - transposed_times(*axes_[end.part], t.v);
           break;
         case Kind::dots:
-          sum += times(end.V, t.v) + times(end.W, t.w);
+          sum -= times(end.V, t.v) + times(end.W, t.w);
           break;
       }
     }
@@ -150,7 +149,7 @@ class TreeSchur {
     if (kind != Kind::dots) {
       end.W = -hat(end.s);
       end.N = end.W * system_.bodies[b].inertia_inverse;
-      end.own = end.inverse_mass * Mat3::Identity() + end.N * end.W.transpose();
+      end.own = -end.inverse_mass * Mat3::Identity() - end.N * end.W.transpose();
     }
     ends_on[b].push_back(static_cast<int>(ends_.size()));
     ends_.push_back(end);
@@ -161,7 +160,7 @@ class TreeSchur {
     Pair pair{a, b, lu_.block(first.part, second.part), lu_.block(second.part, first.part), false, Mat3::Zero()};
     if (first.kind == Kind::child_point && second.kind == Kind::parent_point) {
       pair.chain = true;
-      pair.share = -first.inverse_mass * Mat3::Identity() - first.N * hat(second.s);
+      pair.share = first.inverse_mass * Mat3::Identity() + first.N * hat(second.s);
     } else {
       first.whole = second.whole = true;
     }
@@ -181,8 +180,8 @@ class TreeSchur {
       if (pair.chain) {
         block.noalias() = pair.share * turns_[b.part].transpose();
       } else {
-        block.noalias() = a.inverse_mass * a.V * b.V.transpose();
-        block.noalias() += a.N * b.W.transpose();
+        block.noalias() = -a.inverse_mass * a.V * b.V.transpose();
+        block.noalias() -= a.N * b.W.transpose();
       }
       add(pair.ab, block), add(pair.ba, block.transpose());
     }
@@ -209,7 +208,8 @@ class TreeSchur {
       end.V = G.v, end.W = G.w;
     }
     end.N.noalias() = end.W * system_.bodies[end.body].inertia_inverse;
-    if (end.kind == Kind::dots) add(diagonal, end.inverse_mass * end.V * end.V.transpose() + end.N * end.W.transpose());
+    if (end.kind == Kind::dots)
+      add(diagonal, -end.inverse_mass * end.V * end.V.transpose() - end.N * end.W.transpose());
   }
 
   const Plan& plan_;
@@ -219,7 +219,7 @@ class TreeSchur {
   std::vector<Mat3> turns_;        // attitude of its parent relative to its child
   std::vector<double*> diagonal_;
   std::vector<Pair> pairs_;
-  BlockLU lu_;
+  BlockLU lu_;  // of -S
 };
 
 }  // namespace lieeuler

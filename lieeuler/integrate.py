@@ -216,10 +216,9 @@ def _output_times(t_eval: ArrayLike | None) -> np.ndarray:
     if t_eval is None:
         raise ArgumentError("t_eval is missing: at least two increasing output times, s")
     t = real(t_eval)
-    if (t is None or t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all()
-            or not (shortest := np.diff(t).min()) > 0):
+    if t is None or t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all() or not (t[1:] > t[:-1]).all():
         raise ArgumentError("t_eval must hold at least two finite, increasing times")
-    if max(-t[0], t[-1]) > LARGEST or shortest < SMALLEST:
+    if max(-t[0], t[-1]) > LARGEST or np.diff(t).min() < SMALLEST:
         raise ArgumentError(f"t_eval must lie below {LARGEST:g} s, with intervals above {SMALLEST:g} s")
     return t
 

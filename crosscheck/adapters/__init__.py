@@ -114,6 +114,10 @@ def on_group(name: str) -> bool:
     return getattr(get(name), "on_group", False)
 
 
+COARSEST = 2.0**-23
+"""Spacing at 1 of numbers of 32 bits: no coarser ones are believed of an engine."""
+
+
 def eps(name: str) -> float:
     """Spacing at 1 of the numbers that an engine computes with, see `Engine`; that of doubles where it does not say."""
-    return float(getattr(get(name), "eps", 2.0**-52))
+    return min(float(getattr(get(name), "eps", 2.0**-52)), COARSEST)

@@ -152,10 +152,10 @@ def _integrate(scene: Scene, begin: States, tau: np.ndarray, count: int
         rates: list[State] = []
         for stage in range(stages):
             here = shifted(A[stage, :stage], rates) if stage else state
-            rates.append(_rates(scene, begin.t + (turn + C[stage]) * h, *here))
+            rates.append(index1_rates(scene, begin.t + (turn + C[stage]) * h, *here))
         keep(rates[0])
         state = shifted(B, rates)
-    keep(_rates(scene, begin.t + tau, *state))
+    keep(index1_rates(scene, begin.t + tau, *state))
     return States(begin.t + tau, *state), nodes, fast
 
 
@@ -165,7 +165,7 @@ def _hat(w: np.ndarray) -> np.ndarray:
     return found - np.swapaxes(found, -1, -2)
 
 
-def _rates(scene: Scene, t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
+def index1_rates(scene: Scene, t: np.ndarray, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> State:
     a, alpha, _ = mechanics.index1(scene, x, R, v, w, mechanics.torsion_angles(scene, R, w, t), t)
     return [v, R @ _hat(w), a, alpha]
 

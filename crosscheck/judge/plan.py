@@ -89,8 +89,8 @@ def _readable(step: float) -> float:
 PENDING = Plan(0.0, {}, {})
 """Stands in a cell until the truth of its scene has chosen the plan."""
 
-RTOLS = (1e-4, 1e-6, 1e-8, 1e-10)
-"""Relative tolerances of the accuracy study of adaptive methods."""
+RTOLS = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
+"""Relative tolerances of the accuracy study of adaptive methods; brief profiles take every second one."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -218,6 +218,23 @@ def momentum(scene: Scene, truth: Reference, bounds: dict[str, Tol]) -> Tol:
     return Tol(float(value), "what the bounds of the states allow: sum of m x dv, m v dx, J dw and J w dR")
 
 
+LEFT = 1e-9
+"""Residual of Newton's iteration, relative to the forces of the motion, beyond which it has not ended: 64 bodies leave
+as much. What an engine says that it leaves is believed up to here."""
+
+
+def newton_left(scene: Scene, truth: Reference | None, said: float) -> float:
+    """The residual that an engine says its Newton iteration leaves, as far as it is believed.
+
+    Forces are those of the true motion; where there is no truth, all weights with ten times gravity.
+    """
+    weights = 10.0 * float(scene.masses.sum() * np.linalg.norm(scene.gravity))
+    forces = weights if truth is None else max(
+        weights, float(scene.masses.max() * truth.position_derivatives[2]),
+        float(np.linalg.norm(scene.inertias, ord=2, axis=(1, 2)).max() * truth.attitude_derivatives[2]))
+    return min(max(said, 0.0), LEFT * (1.0 + forces))
+
+
 def held_level(scene: Scene, truth: Reference | None, level: str, newton: float = 0.0, eps: float = EPS) -> Tol:
     """Rounding level of a constraint level that the method holds by construction; without truth, of a pendulum.
 

@@ -158,7 +158,8 @@ def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bound
             continue
         everywhere = max(maxima.get(f"constraint_{level}", 0.0), float(np.max(series)))
         if level in held:
-            tol = tolerances.held_level(scene, truth, level, traj.stats.get("newton_left", 0.0), eps)
+            left = tolerances.newton_left(scene, truth, traj.stats.get("newton_left", 0.0))
+            tol = tolerances.held_level(scene, truth, level, left, eps)
             findings.append(_judged(kind, everywhere, tol, unit, "every step"))
             continue
         free = None if bounds is None or truth is None else tolerances.free_level(scene, truth, level, bounds.states)

@@ -165,8 +165,9 @@ def _main_run(run: Run, scene: Scene, trajectories: Sequence[Trajectory], refere
         findings += [Finding(name, "unjudged", error.max, None, error.unit, "the step is too coarse for a bound",
                              f"body {error.body}, t = {error.time:.4g} s") for name, error in found.items()]
     else:
-        claim = Claim(run.documented_order, traj.stats.get("step") or run.step, run.rtol,
-                      eps=adapters.eps(run.engine), newton=traj.stats.get("newton_left", 0.0))
+        left = tolerances.newton_left(scene, reference, traj.stats.get("newton_left", 0.0))
+        claim = Claim(run.documented_order, traj.stats.get("step") or run.step, run.rtol, adapters.eps(run.engine),
+                      newton=left)
         findings, found, bounds = judge_states(scene, traj, reference, window, claim, budgeted)
         findings += judge_invariants(scene, traj, reference, bounds)
         if not np.isfinite(traj.x).all():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Sequence
 
@@ -10,15 +11,20 @@ import numpy as np
 from msgspec.structs import replace
 
 from crosscheck import adapters
+from crosscheck.adapters.base import steps_per_sample
 from crosscheck.document import QUANTITIES, Finding, Order, Rung
 from crosscheck.judge import tolerances
+from crosscheck.judge.defects import NORMS
 from crosscheck.judge.metrics import PLATEAU, errors
 from crosscheck.judge.plan import RTOLS
 from crosscheck.judge.richardson import judge_limit
+from crosscheck.judge.substeps import judge_substeps
 from crosscheck.judge.verdict import judge_orders, undecided
 from crosscheck.references.base import Reference
+from crosscheck.references.rates import fastest
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
+from crosscheck.scene.spanning import spanning_tree
 from crosscheck.verification.attempts import NoRun, attempt
 from crosscheck.verification.task import Cell
 
@@ -122,7 +128,8 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
     judged : findings of the main run
     failed : the main run did not reach its end
     """
-    sizes = cell.plan.ladder(order, cell.rungs) if order is not None else RTOLS[:cell.rungs]
+    rtols = RTOLS if cell.rungs is None else RTOLS[::2][:cell.rungs]
+    sizes = rtols if order is None else cell.plan.ladder(order, cell.rungs)
     ladder = _Ladder(cell, order, scene, reference)
     for size in sizes:
         # Where neither the main run nor the coarsest reach their end, finer ones tell no more.
@@ -131,7 +138,8 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
     if order is None:
         scale = tolerances.scales(scene, reference)
         floor = tolerances.plateau(scene, reference, scale.of("position"), 1, adapters.eps(cell.engine)).floor
-        return ladder.study(judge_tolerances(ladder.rungs, floor))
+        return ladder.study([*judge_tolerances(ladder.rungs, floor),
+                             *judge_promise(scene, reference, ladder.rungs, adapters.eps(cell.engine))])
     if ladder.cut and len(ladder.rungs) < FEWEST:
         return ladder.study([Finding(f"order {quantity}", "unjudged", None, None, "1", f"documented order {order}",
                                      f"order not measured: {ladder.cut}") for quantity in QUANTITIES])
@@ -150,8 +158,20 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
     findings = _tell_cut(ladder.cut, findings, orders)
     low = frozenset(each.kind.removeprefix("order ") for each in findings if each.status == "fail")
     limits = judge_limit(scene, ladder.runs, reference, order, orders, low, eps)
-    return ladder.study([*findings, *limits], orders)
+    return ladder.study([*findings, *limits, *_substeps(ladder, sizes, order)], orders)
 
+
+def _substeps(ladder: _Ladder, sizes: Sequence[float], order: int) -> list[Finding]:
+    """Of the coarsest run that reached its end."""
+    scene, runs = ladder.scene, [(size, run) for size, (_, run) in zip(sizes, ladder.runs, strict=False)]
+    if not runs or len(ladder.runs) < len(ladder.rungs):
+        return []
+    size, traj = runs[0]
+    return judge_substeps(scene, traj, ladder.reference, order, steps_per_sample(scene, size)[0] * (scene.samples - 1))
+
+
+SMALL = 1e-6
+"""Growth beyond one below which it is none."""
 
 LEAST_SLOPE = 0.5
 """Of errors over tolerances: codes come to 0.75 to 1.2, and one that does not follow its tolerance to 0."""
@@ -168,6 +188,38 @@ def judge_tolerances(rungs: Sequence[Rung], floor: float) -> list[Finding]:
     slope = float(np.polyfit(tolerances, errors, 1)[0])
     return [Finding("order rtol", "ok" if slope >= LEAST_SLOPE else "fail", slope, LEAST_SLOPE, "1", why,
                     f"{len(seen)} tolerances from {seen[0][0]:.0e} to {seen[-1][0]:.0e}")]
+
+
+FEWEST_COUNTED = 10
+"""Steps of a run whose engine tells of fewer: some do not count theirs, and outputs are interpolated in long ones."""
+
+
+def judge_promise(scene: Scene, reference: Reference, rungs: Sequence[Rung], eps: float) -> list[Finding]:
+    """Whether errors are as small as every tolerance of the ladder says: each step below it, and what they grow to.
+
+    A perturbation of the start grows by A over the window; those of steps on the way, where it does so at an even pace,
+    by (A - 1) / ln A on average. Over a brief window this is far closer than A at every step, so that an engine whose
+    tolerance is a hundred times that asked for does not hide in the growth; one whose steps are so much better than
+    their estimates may. With stiff springs and closed loops codes differ by their norms, see `NORMS`.
+    """
+    most = reference.amplification
+    growth = (most - 1.0) / math.log(most) if most > 1.0 + SMALL else 1.0
+    hard = bool(spanning_tree(scene)[1]) or fastest(scene) > tolerances.scales(scene, reference).rate
+    norm, found = NORMS if hard else 1.0, []
+    for rung in rungs:
+        if rung.rtol is None or not rung.errors:
+            continue
+        bounds = tolerances.adaptive(scene, reference, norm * rung.rtol, max(rung.steps or 0, FEWEST_COUNTED), growth,
+                                     eps)
+        found += [(error / bounds[quantity].value, f"{quantity} at rtol {rung.rtol:.0e}")
+                  for quantity, error in rung.errors.items() if error is not None]
+    if not found:
+        return []
+    value, where = max(found)
+    reach = f"; steps {1.0 / value:.2g} times less exact would keep it" if 0.0 < value <= 1.0 else ""
+    return [Finding("rtol", "ok" if value <= 1.0 else "fail", value, 1.0, "1", "errors over what the tolerance allows, "
+                    f"the largest of the ladder: {norm:g} n rtol times the size, n steps, grown by {growth:.3g} on "
+                    "average", where + reach)]
 
 
 def _tell_cut(cut: str, findings: list[Finding], orders: dict[str, Order]) -> list[Finding]:

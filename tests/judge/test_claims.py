@@ -1,0 +1,143 @@
+"""What an engine says of itself: its tolerance, its steps, what its Newton iteration leaves, its numbers."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from crosscheck import load_scene
+from crosscheck.adapters.base import RawRun, RunSpec, steps_per_sample
+from crosscheck.document import Plan
+from crosscheck.judge.plan import PLANS, STUDY_SAMPLES, halved, parts
+from crosscheck.judge.substeps import judge_substeps
+from crosscheck.references import truth
+from crosscheck.running.trajectory import derive
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell
+from tests.fake_engine import install
+from tests.right_engines import Adaptive, Rotations
+from tests.wrong_engines import MISTAKES, STEP, Right
+
+SCENES = ("single_pendulum", "double_pendulum", "triple_pendulum", "heavy_top", "hinge_pendulum", "universal_pendulum")
+LADDERS = {1: halved(4e-3), 4: parts(0.1, 10, 14, 20, 28)}
+
+
+def judged(monkeypatch, engine, scene, method, study=True, rungs=None):
+    window = PLANS[scene].window if scene in PLANS else 1.0
+    if method.startswith("RK"):
+        window = 0.5
+    install(monkeypatch, engine)
+    plan = Plan(window, {1: STEP}, LADDERS, samples=26, duration=window)
+    return run_cell(Cell(scene, "fake", method, None, plan, study, rungs))
+
+
+def finding(run, kind):
+    return next(each for each in run.findings if each.kind == kind)
+
+
+class Loose(Adaptive):
+    """Takes a tolerance for another one."""
+
+    def __init__(self, times):
+        self.times = times
+
+    def run(self, scene, spec):
+        """As the base."""
+        return super().run(scene, dataclasses.replace(spec, rtol=min(0.5, self.times * spec.rtol)))
+
+
+@pytest.mark.parametrize(("times", "status"), [(1, "ok"), (100, "fail")])
+def test_a_tolerance_that_is_taken_for_another_fails(monkeypatch, times, status):
+    run = judged(monkeypatch, Loose(times), "single_pendulum", "DP5", rungs=3)
+    assert finding(run, "rtol").status == status, finding(run, "rtol")
+    assert run.outcome == {"ok": "pass"}.get(status, status), run.findings
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize(("times", "outcome"), [(1, "pass"), (100, "fail"), (1000, "fail")])
+def test_every_tolerance_that_is_taken_for_another_fails(monkeypatch, times, outcome, scene):
+    run = judged(monkeypatch, Loose(times), scene, "DP5")
+    assert run.outcome == outcome or (outcome, run.outcome) == ("pass", "partly"), run.findings
+
+
+def hidden(base, count, counted=False):
+    """An engine that takes `count` steps for each that it is asked for."""
+    class Hidden(base):
+        """See `hidden`."""
+
+        def run(self, scene, spec):
+            """As the base, with shorter steps."""
+            h = steps_per_sample(scene, spec.step)[1]
+            raw = super().run(scene, dataclasses.replace(spec, step=h / count))
+            return raw if counted else RawRun(raw.states, raw.wall_time, raw.steps // count, h, maxima=raw.maxima)
+    return Hidden()
+
+
+class Blend(Rotations):
+    """Of first order, with the leading error of ten of Euler's steps for each."""
+
+    methods = ("RK1",)
+
+    def step(self, scene, t, state, h, stages, weights):
+        """Near the trapezoidal rule."""
+        return super().step(scene, t, state, h, [[], [1.0]], [0.55, 0.45])
+
+
+def substeps(engine, name, method, order, brief=1.0):
+    """The finding on a run over the beginning of the order study's window."""
+    plan = PLANS[name]
+    scene = load_scene(name).replace(duration=brief * plan.window, samples=STUDY_SAMPLES)
+    step = plan.ladder(order)[0]
+    run = derive(scene, "fake", method, engine.run(scene, RunSpec(method, step=step, monitor=False)))
+    asked = steps_per_sample(scene, step)[0] * (scene.samples - 1)
+    return judge_substeps(scene, run, truth(scene), order, asked)[0]
+
+
+@pytest.mark.parametrize(("engine", "method", "status"), [
+    (hidden(Right, 3), "RKMK1", "fail"), (hidden(Right, 2), "RKMK4", "fail"), (hidden(Rotations, 2), "RK2", "fail"),
+    (hidden(Rotations, 4, counted=True), "RK4", "fail"),
+    (Right(), "RKMK1", "ok"), (Right(), "RKMK4", "ok"), (Rotations(), "RK2", "ok"), (Blend(), "RK1", "ok")])
+def test_hidden_steps_fail_and_small_errors_do_not(engine, method, status):
+    found = substeps(engine, "single_pendulum", method, int(method[-1]), 0.2 if method[-1] < "4" else 1.0)
+    assert found.status == status, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", PLANS)
+@pytest.mark.parametrize("order", [1, 2, 4])
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_hidden_steps_fail_everywhere(scene, order, count):
+    found = substeps(hidden(Right, count), scene, f"RKMK{order}", order)
+    assert found.status == ("ok" if count == 1 else "fail"), found
+
+
+def test_a_study_looks_for_hidden_steps(monkeypatch):
+    run = judged(monkeypatch, hidden(Right, 2), "single_pendulum", "RKMK4", rungs=2)
+    assert finding(run, "sub-steps").status == "fail"
+
+
+def test_what_newton_leaves_is_believed_up_to_what_an_iteration_may(monkeypatch):
+    def claiming(base):
+        run = base.run
+
+        def told(scene, spec):
+            raw = run(scene, spec)
+            return dataclasses.replace(raw, stats={"newton_left": 1.0})
+        base.run = told
+        return base
+
+    wrong = next(each for each in MISTAKES if each.name.startswith("gravity x 1.01"))
+    run = judged(monkeypatch, claiming(wrong.make(np.random.default_rng(1))), "single_pendulum", "RKMK4", study=False)
+    assert {each.kind for each in run.findings if each.status == "fail"} & {"interval position", "limit position"}
+    held = claiming(Right())
+    held.held_levels = lambda scene, spec: frozenset({"position"})
+    run = judged(monkeypatch, held, "single_pendulum", "RKMK1", study=False)
+    assert finding(run, "level position").status == "fail"
+
+
+def test_no_numbers_coarser_than_those_of_32_bits_are_believed(monkeypatch):
+    wrong = next(each for each in MISTAKES if each.name.startswith("gravity x 1.01"))
+    engine = wrong.make(np.random.default_rng(1))
+    engine.eps = 0.1
+    assert judged(monkeypatch, engine, "single_pendulum", "RKMK4", study=False).outcome == "fail"

@@ -8,7 +8,6 @@ that metric and the springs of constraints taken at the end of the step; without
 from __future__ import annotations
 
 import contextlib
-import copy
 import importlib.metadata
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -19,10 +18,10 @@ from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import stepping, tree
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.mujoco import models
-from crosscheck.adapters.mujoco.models import INTEGRATORS, build, set_initial_state
+from crosscheck.adapters.mujoco.models import INTEGRATORS, OBSERVED, build, set_initial_state
 from crosscheck.errors import EngineError
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import Scene
+from crosscheck.scene.model import Scene, rotation_from_quaternion
 from crosscheck.scene.models.compiling import listening
 from crosscheck.scene.states import States
 
@@ -94,7 +93,7 @@ class MuJoCo:
         model = build(scene, spec.method, stepping.fixed_step(scene, spec)[1], form, softness)
         data = mujoco.MjData(model)
         set_initial_state(scene, model, data)
-        accelerate, convert = _evaluation(scene, model)
+        accelerate, convert = _evaluation(scene, build(scene, "Euler", model.opt.timestep, form, softness, True))
         with listening() as warnings, _controlled(models.controls(scene)):
             advance = _advance(model, data, warnings, scene.timed)
             raw = stepping.march(scene, spec, (data.qpos.copy(), data.qvel.copy()), advance, convert, accelerate)
@@ -105,59 +104,41 @@ class MuJoCo:
 
 
 def _evaluation(scene: Scene, model: Any) -> tuple[Callable[..., np.ndarray], stepping.Convert]:
-    """(t, q, v) -> qacc and (t, q, v, qacc) -> states, row by row, by MuJoCo's own dynamics and kinematics.
+    """(t, q, v) -> what `OBSERVED` sensors see there, row by row, and that -> states, by MuJoCo's own dynamics.
 
-    After a step qacc belongs to the start of that step, hence a fresh evaluation; it is done as for Euler, because for
-    discrete qacc is the change of the velocity over a step and no derivative.
+    After a step accelerations belong to the start of that step, hence a fresh evaluation. `model` has the sensors and
+    steps as Euler: with discrete, qacc is the change of the velocity over a step and no derivative. The sensors of one
+    step from every state are those of that state.
     """
     import mujoco
+    import mujoco.rollout
 
-    continuous = copy.copy(model)
-    continuous.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    bench = mujoco.MjData(continuous)  # a second one: the data of the run stay as they are
-    bodies = np.array([model.body(str(k)).id for k in range(scene.n)])
-    roots = model.body_rootid[bodies]
+    bench = mujoco.MjData(model)  # a second one: the data of the run stay as they are
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    empty = np.empty(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, bench, empty, kind)
 
-    def accelerate(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        a = np.empty_like(v)
-        for row in range(len(v)):
+    def observe(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        if not scene.timed:
+            starts = np.tile(empty, (len(t), 1))
+            starts[:, :1 + model.nq + model.nv] = np.concatenate([t[:, None], q, v], axis=1)
+            return np.asarray(mujoco.rollout.rollout(model, bench, starts, nstep=1)[1][:, 0])
+        seen = np.empty((len(t), model.nsensordata))
+        for row in range(len(t)):  # controls are asked for in Python
             bench.time, bench.qpos[:], bench.qvel[:] = t[row], q[row], v[row]
-            mujoco.mj_forward(continuous, bench)
-            a[row] = bench.qacc
-        return a
+            mujoco.mj_forward(model, bench)
+            seen[row] = bench.sensordata
+        return seen
 
-    def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:
-        x, R, centres = np.empty((len(t), scene.n, 3)), np.empty((len(t), scene.n, 9)), np.empty((len(t), scene.n, 3))
-        twists, rates = np.empty((2, len(t), scene.n, 6))
-        for row in range(len(t)):
-            bench.qpos[:], bench.qvel[:] = q[row], v[row]
-            mujoco.mj_kinematics(continuous, bench)
-            mujoco.mj_comPos(continuous, bench)
-            mujoco.mj_comVel(continuous, bench)
-            if a is not None:
-                bench.qacc[:] = a[row]
-                mujoco.mj_rnePostConstraint(continuous, bench)
-            x[row], R[row], centres[row] = bench.xpos[bodies], bench.xmat[bodies], bench.subtree_com[roots]
-            twists[row], rates[row] = bench.cvel[bodies], bench.cacc[bodies]
-        return _states(scene, t, x, R.reshape(*x.shape, 3), x - centres, twists, rates if a is not None else None)
+    def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, seen: np.ndarray | None) -> States:
+        seen = observe(t, q, v) if seen is None else seen
+        ends = np.cumsum([length for _, length in OBSERVED])[:-1]
+        x, turned, v, spin, a, alpha = np.split(seen.reshape(len(t), scene.n, -1), ends, axis=-1)
+        R = rotation_from_quaternion(turned)
+        return States(t, x, R, v, np.einsum("tnji,tnj->tni", R, spin), a + scene.gravity,
+                      np.einsum("tnji,tnj->tni", R, alpha))
 
-    return accelerate, convert
-
-
-def _states(scene: Scene, t: np.ndarray, x: np.ndarray, R: np.ndarray, arms: np.ndarray, twists: np.ndarray,
-            rates: np.ndarray | None) -> States:
-    """States from MuJoCo's spatial velocities and accelerations, (T, n, 6), rotation first, world axes.
-
-    They belong to the body's point in the centre of mass of its tree, from which `arms` (T, n, 3) lead to its own; the
-    accelerations carry minus the gravity.
-    """
-    spin, v = twists[..., :3], twists[..., 3:] + np.cross(twists[..., :3], arms)
-    states = States(t, x, R, v, np.einsum("tnji,tnj->tni", R, spin))
-    if rates is not None:
-        turn, shift = rates[..., :3], rates[..., 3:]
-        states.a = shift + np.cross(turn, arms) + np.cross(spin, v) + scene.gravity
-        states.alpha = np.einsum("tnji,tnj->tni", R, turn)
-    return states
+    return observe, convert
 
 
 @contextlib.contextmanager

@@ -75,7 +75,12 @@ def _sprung(scene: Scene) -> dict[str, Force]:
     return {force.joint: force for force in scene.forces if force.type == "torsional_spring"}
 
 
-def build(scene: Scene, method: str, step: float, form: str = "tree", softness: str = "tight") -> Any:
+OBSERVED = (("POS", 3), ("QUAT", 4), ("LINVEL", 3), ("ANGVEL", 3), ("LINACC", 3), ("ANGACC", 3))
+"""Sensors of a body's frame and their lengths, in world axes; accelerations carry minus the gravity."""
+
+
+def build(scene: Scene, method: str, step: float, form: str = "tree", softness: str = "tight",
+          observed: bool = False) -> Any:
     """The compiled `mujoco.MjModel`; body k of the scene is called str(k).
 
     Parameters
@@ -85,6 +90,7 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     form : "tree" or "maximal".
     softness : of equality constraints; "tight": the stiffest MuJoCo takes, solref 2 step and solimp 0.9999, "default":
         MuJoCo's own, solref 0.02 s and solimp 0.9 to 0.95.
+    observed : with the sensors `OBSERVED` of every body, which cost time in every step.
     """
     import mujoco
 
@@ -112,6 +118,10 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
             name, direction = _coordinate_of(scene, branch, force)
             _add_actuator(spec, index, force, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name,
                           gear=[direction, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for k in range(scene.n if observed else 0):
+        for quantity, _ in OBSERVED:
+            spec.add_sensor(type=getattr(mujoco.mjtSensor, f"mjSENS_FRAME{quantity}"),
+                            objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=str(k))
     return spec.compile()
 
 

@@ -281,7 +281,7 @@ def beyond(run: J, finding: Finding, message: str = "") -> J:
                    message="; ".join(filter(None, (run.message, message))))
 
 
-FIRST = (("run", "step", "vanished"), (*QUANTITIES, "order", "energy"),
+FIRST = (("run", "step", "vanished"), (*QUANTITIES, "order", "energy", "rtol", "sub-steps"),
          ("momentum", "level", "acceleration", "orthogonality", "limit"))
 """Kinds of findings, or how their names begin, in the order in which `worst` names them; others are plausibility checks
 and come last: they say little more than that a motion looks like one."""

@@ -1,6 +1,7 @@
 """How often `crosscheck explain` names the right cause: mis-built engines with random magnitudes on random scenes.
 
 python -m benchmarks.explain_study --seeds 100..140                 one and two causes at once, a line each, then tables
+python -m benchmarks.explain_study --mistakes 7                     every mistake of the tests' suite, by this seed
 python -m benchmarks.explain_study --correct                        correct engines over all scenes: false alarms
 --keep FILE appends every result to FILE (JSON lines) and leaves out what is in there already; tables cover all of it.
 """
@@ -22,6 +23,7 @@ from crosscheck.diagnosis.of_stepping import pushed
 from crosscheck.errors import EngineError, SceneError, Unsupported
 from crosscheck.references import TruthError
 from tests.diagnosis import misbuilt
+from tests.diagnosis.mistakes import MISTAKES, scored, visible
 
 MODEL = ("gravity size", "gravity sign", "gravity axis", "inertia point", "inertia frame", "mass", "missing body",
          "quaternion order", "quaternion conjugated", "velocity frame", "spring stiffness", "spring free length",
@@ -32,6 +34,9 @@ ALONE = {"soft constraint": ("stabilisation gain", "hidden sub-steps"), "stabili
          "group update": ("hidden sub-steps",), "hidden sub-steps": ("group update",),
          "missing body": ("velocity frame", "mass")}
 """Causes that one engine cannot have at once, or that cannot be told apart in principle."""
+
+SCORES = ("named", "equally", "unknown", "wrong", "acquitted")
+"""Of the suite of the tests."""
 
 EFFECT = 1e-8
 """Normalised: a magnitude that changes a coarse run by less does not count; `explain` calls that agreement."""
@@ -135,6 +140,48 @@ def table(results: list[dict]) -> str:
     return "\n".join(lines)
 
 
+def mistakes(seed: int, keep: Path | None, most: float, scenes: list[str]) -> None:
+    """Score the suite of tests/diagnosis/mistakes.py, a line each that is not named, then a table by mistake.
+
+    On `scenes` in place of those of each mistake where they are given, in random order, where it shows there.
+    """
+    results, began = read(keep), time.perf_counter()
+    done = {(result["mistake"], result["scene"], result["seed"]) for result in results}
+    cases = [(mistake, name) for mistake in MISTAKES for name in scenes or mistake.scenes]
+    for k in np.random.default_rng(seed).permutation(len(cases)) if scenes else range(len(cases)):
+        mistake, name = cases[k]
+        if (mistake.key, name, seed) in done or time.perf_counter() - began > most or (
+                scenes and not visible(mistake, name, seed)):
+            continue
+        start = time.process_time()
+        score, sentence, _ = scored(mistake, name, seed)
+        result = {"mistake": mistake.key, "scene": name, "seed": seed, "score": score, "sentence": sentence,
+                  "seconds": time.process_time() - start}
+        results.append(result)
+        written(keep, result)
+        if score != "named":
+            print(f"{mistake.key:22s} {name:16s} {score}: {sentence}", flush=True)
+    rows = {mistake.key: collections.Counter(result["score"] for result in results
+                                             if result["mistake"] == mistake.key) for mistake in MISTAKES}
+    for key, row in [*rows.items(), ("all", collections.Counter(result["score"] for result in results))]:
+        print(f"{key:24s} {row.total():5d} " + "  ".join(f"{score} {row[score]:4d}" for score in SCORES))
+    times = [result["seconds"] for result in results]
+    print(f"seconds of processor time of one explain: median {np.median(times):.1f}, largest {max(times):.1f}")
+
+
+def read(keep: Path | None) -> list[dict]:
+    """Results that were kept."""
+    kept = keep.read_text(encoding="utf-8").splitlines() if keep and keep.exists() else []
+    return [json.loads(line) for line in kept]
+
+
+def written(keep: Path | None, result: dict) -> None:
+    """Keep one more."""
+    if keep:
+        with keep.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps(result) + "\n")
+
+
 def correct(keep: Path | None, scenes: list[str]) -> None:
     """Explain every engine's best method on every scene of up to eight bodies."""
     from crosscheck.scene.file import load_scene, scene_names
@@ -149,9 +196,7 @@ def correct(keep: Path | None, scenes: list[str]) -> None:
             except (Unsupported, EngineError, SceneError, TruthError) as error:
                 text = f"not run: {error}"
             print(f"{name:24s} {engine:10s} {text[:200]}", flush=True)
-            if keep:
-                with keep.open("a", encoding="utf-8") as stream:
-                    stream.write(json.dumps({"scene": name, "engine": engine, "text": text}) + "\n")
+            written(keep, {"scene": name, "engine": engine, "text": text})
 
 
 def main() -> None:
@@ -160,17 +205,19 @@ def main() -> None:
     parser.add_argument("--seeds", default="100..110")
     parser.add_argument("--counts", default="1,2")
     parser.add_argument("--correct", action="store_true")
-    parser.add_argument("--scenes", nargs="*", default=[], help="of --correct; default: all")
+    parser.add_argument("--mistakes", type=int, metavar="SEED", help="the suite of the tests, by this seed")
+    parser.add_argument("--scenes", nargs="*", default=[], help="of --correct; default: all; of --mistakes; default: those of each")
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--most", type=float, default=float("inf"), help="stop after so many seconds")
     given = parser.parse_args()
     if given.correct:
         correct(given.keep, given.scenes)
         return
+    if given.mistakes is not None:
+        mistakes(given.mistakes, given.keep, given.most, given.scenes)
+        return
     first, last = (int(part) for part in given.seeds.split(".."))
-    results = []
-    if given.keep and given.keep.exists():
-        results = [json.loads(line) for line in given.keep.read_text(encoding="utf-8").splitlines()]
+    results = read(given.keep)
     done, began = {(result["seed"], result["count"]) for result in results}, time.perf_counter()
     for seed in range(first, last):
         for count in (int(part) for part in given.counts.split(",")):
@@ -179,9 +226,7 @@ def main() -> None:
             result = one(seed, count)
             results.append(result)
             print(json.dumps(result), flush=True)
-            if given.keep:
-                with given.keep.open("a", encoding="utf-8") as stream:
-                    stream.write(json.dumps(result) + "\n")
+            written(given.keep, result)
     print(table(results))
 
 

@@ -7,7 +7,7 @@ import itertools
 
 import numpy as np
 
-from crosscheck.diagnosis import fit, misreadings, of_output, softness, variants
+from crosscheck.diagnosis import fit, misreadings, of_anchors, of_output, softness, variants
 from crosscheck.diagnosis.hypotheses import Context, causes
 from crosscheck.diagnosis.observe import REACH, Observation, Scale, Silent, Subject, observe, rates, window
 from crosscheck.diagnosis.physics import Physics, Terms, of_scene
@@ -68,6 +68,13 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
         return result
     report = _reports([each for each, _ in observations], result)
     shown = [undone(each, forces, report) for each, forces in observations]
+    elsewhere = of_anchors.diagnose(shown, whole)
+    result.tried += bool(scene.joints)
+    if elsewhere is not None:
+        result.causes.append(elsewhere[0])
+        result.evidence.append(elsewhere[1])
+        result.told = True
+        return result
     _frozen(shown, result)
     _starts(shown, result)
     result.soft = softness.gives_way(shown[0], result.absent)

@@ -8,13 +8,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from crosscheck import adapters
-from crosscheck.diagnosis import of_output, physics
+from crosscheck.adapters.base import RunSpec
+from crosscheck.diagnosis import explain, of_output, physics
+from crosscheck.diagnosis.observe import scale_of
 from crosscheck.references.maximal import Maximal
 from tests.diagnosis import misbuilt
 from tests.diagnosis.misbuilt import Misbuilt
 from tests.diagnosis.stepper import Flaws, Stepper
 
-ONE, TWO, SPRUNG = "single_pendulum", "double_pendulum", "spring_pendulum"
+ONE, TWO, SPRUNG, DRIVEN = "single_pendulum", "double_pendulum", "spring_pendulum", "driven_double_pendulum"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,9 +29,10 @@ class Mistake:
     scenes: tuple[str, ...] = (ONE, TWO)
 
 
-def method_of(engine):
-    """The method of order 4 of an engine of this suite: lieeuler's, or that of our own stepper."""
-    return "rkmk4" if "rkmk4" in engine.methods else "RK4"
+def method_of(engine, scene):
+    """The method of order 4 of an engine of this suite: lieeuler's that takes the scene, or that of our own stepper."""
+    return next(name for name in ("rkmk4", "rattle4", "RK4") if name in engine.methods and
+                engine.unsupported(scene, RunSpec(name, 1e-3)) is None)
 
 
 def altered(change):
@@ -108,6 +111,50 @@ def joints(change):
     def made(rng, scene):
         return lambda s: of_output.replaced(s, tuple(change(k, joint) for k, joint in enumerate(s.joints))) or s
     return made
+
+
+def shifted(side, body=-1, placed=True):
+    """One anchor of the joint of a body moved; its start moved with it, or kept."""
+    def change(rng, scene):
+        d = rng.uniform(0.02, 0.1) * misbuilt.unit(rng)
+
+        def changed(s):
+            last = body % len(s.joints)
+            joints = tuple(dataclasses.replace(joint, **{side: getattr(joint, side) + d}) if k == last else joint
+                           for k, joint in enumerate(s.joints))
+            return of_output.replaced(s, joints) if placed else s.replace(joints=joints)
+        return changed
+    return change
+
+
+@dataclasses.dataclass
+class Behind:
+    """lieeuler's methods, whose functions of time come a part of a step late."""
+
+    part: float
+
+    def __getattr__(self, name):
+        return getattr(adapters.get("lieeuler"), name)
+
+    def run(self, scene, spec):
+        """With the first force's function delayed."""
+        motor = scene.forces[0]
+        late = {key: value.delayed(self.part * spec.step) if value in motor.functions else value
+                for key, value in motor.parameters.items()}
+        return adapters.get("lieeuler").run(scene.replace(forces=(
+            dataclasses.replace(motor, parameters=late), *scene.forces[1:])), spec)
+
+
+def attachment(rng, scene):
+    """The point of a spring on the body moved."""
+    d = rng.uniform(0.02, 0.1) * misbuilt.unit(rng)
+
+    def change(s):
+        force = s.forces[0]
+        point = tuple(np.asarray(force.parameters["child_point"]) + d)
+        return s.replace(forces=(dataclasses.replace(force, parameters=force.parameters | {"child_point": point}),
+                                 *s.forces[1:]))
+    return change
 
 
 def gravity_scaled(rng, scene):
@@ -275,6 +322,17 @@ MISTAKES = [
         j, parent_anchor=-j.parent_anchor))), (TWO,)),
     Mistake("anchor left out", ("anchors",), altered(joints(lambda k, j: dataclasses.replace(
         j, parent_anchor=0 * j.parent_anchor) if k else j)), (TWO,)),
+    Mistake("child anchor moved", ("anchors",), altered(shifted("child_anchor"))),
+    Mistake("parent anchor moved", ("anchors",), altered(shifted("parent_anchor")), (TWO,)),
+    Mistake("anchor moved, start kept", ("anchors",), lambda rng, scene: Misbuilt(Stepper(), (
+        shifted("child_anchor", placed=False)(rng, scene),))),
+    Mistake("first anchor of two moved", ("anchors",), altered(shifted("child_anchor", 0)), (TWO,)),
+    Mistake("masses a little", ("mass", "inertia size"), altered(lambda r, s: lambda g: misbuilt._bodies(
+        g, lambda k, body: dataclasses.replace(body, mass=1.0001 * body.mass)))),
+    Mistake("drive a step late", ("delay of a drive",), lambda rng, scene: Behind(1.0), (DRIVEN,)),
+    Mistake("drive half a step late", ("delay of a drive",), lambda rng, scene: Behind(0.5), (DRIVEN,)),
+    Mistake("attachment of a spring", ("point of a force",), altered(attachment), (SPRUNG,)),
+    Mistake("rounded times", ("rounded times",), retimed(lambda s: np.round(s.t, 3))),
     Mistake("stiffness", ("spring stiffness",), altered(lambda r, s: misbuilt.spring(s.forces[0], stiffness=near(.01,
         .4)(r))), (SPRUNG,)),
     Mistake("free length", ("spring free length",), altered(lambda r, s: misbuilt.spring(s.forces[0], rest=some(.01,
@@ -357,3 +415,37 @@ def scene_of(name):
             joint, parent_anchor=np.array([0.2, 0.1, -0.8]), child_anchor=np.array([0.0, -0.1, 0.6]))))
         scene = scene if made is None else made
     return scene.replace(duration=min(scene.duration, 3.0), samples=31)
+
+
+def made(mistake, name, seed):
+    """(scene, engine) of a mistake on a scene."""
+    scene = scene_of(name)
+    return scene, mistake.build(np.random.default_rng([seed, MISTAKES.index(mistake)]), scene)
+
+
+def visible(mistake, name, seed):
+    """Whether the states of a mistake are others than those of the engine without it, at one step, by 1e-6."""
+    try:
+        scene, engine = made(mistake, name, seed)
+        right = adapters.get("lieeuler") if "rkmk4" in engine.methods else Stepper()
+        one, two = (each.run(scene, RunSpec(method_of(engine, scene), 5e-3)).states for each in (engine, right))
+    except Exception:  # what the mistake makes of a scene that it does not suit
+        return False
+    scale = scale_of(scene)
+    return bool(np.abs(scale.flat(one) - scale.flat(two)).max() > 1e-6)
+
+
+def scored(mistake, name, seed):
+    """(score, sentence, exit code): "named", "equally" (with others that it says are as good), "unknown", "wrong",
+    "acquitted".
+
+    The first of a mistake's names has to be there; others only beside it.
+    """
+    scene, engine = made(mistake, name, seed)
+    answer = explain(scene, engine, method_of(engine, scene))
+    if answer.outcome != "named":
+        return {"agrees": "acquitted"}.get(answer.outcome, answer.outcome), answer.sentence, answer.exit_code
+    options = [set(cause.split(" or ")) for cause in answer.names]
+    right = all(each & set(mistake.names) for each in options) and any(mistake.names[0] in each for each in options)
+    equally = any(len(each) > 1 for each in options)
+    return ("equally" if right and equally else "named" if right else "wrong"), answer.sentence, answer.exit_code

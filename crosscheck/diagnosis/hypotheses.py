@@ -213,6 +213,9 @@ def _force(scene: Scene, k: int) -> Iterator[Cause]:
         yield Cause("moment of a force", lambda q, t: q.replace(lever=_with(_levers(q), k, t[0])), ((1.0,),),
                     lambda t: f"{where}: its moments about the centres of mass times {t[0]:.6g}",
                     "apply the force at its point: it has a moment about the centre of mass", None, _none, target=where)
+        yield Cause("point of a force", lambda q, t: q.replace(point=(k, t)), ((0.0,) * 3,),
+                    lambda t: f"{where}: its point on body {scene.bodies[force.child].name!r} off by {_vector(t)} m",
+                    mend, target=where, alone=True)
     if force.functions:
         yield from _drive(scene, k, where, mend)
     elif force.type not in SPRINGS:

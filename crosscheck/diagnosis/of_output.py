@@ -46,6 +46,9 @@ COARSER, GROWS = 4, 2.5
 SPREAD = 100.0
 """A difference from truth of so many times the noise from sample to sample may be noise: it adds up over a run."""
 
+MOST_DIGITS = 7
+"""Decimals of a second below that many are looked for in times."""
+
 SINGLE = float(np.finfo(np.float32).eps)
 
 
@@ -244,6 +247,35 @@ def late(subject: Subject, first: Observation) -> NamedCause | None:
     return None
 
 
+def behind(subject: Subject, first: Observation) -> NamedCause | None:
+    """The cause where a run's error at a finite step is that of functions of time which come late by a part of it."""
+    scene, scale = first.scene, first.scale
+    step = scene.duration / (scene.samples - 1)
+    if not scene.timed:
+        return None
+    try:
+        y = scale.flat(subject.run(scene, step).states)
+    except Silent:
+        return None
+    exact = scale.flat(true_motion(scene))
+    for which in (None, *(k for k, force in enumerate(scene.forces) if force.functions)):
+        def late(by: float, which: int | None = which) -> np.ndarray:
+            given = scene.delayed(by)
+            if which is not None:
+                given = scene.replace(forces=(*scene.forces[:which], given.forces[which], *scene.forces[which + 1:]))
+            return scale.flat(true_motion(given))
+
+        part = 1.0
+        for _ in range(3):  # what a delay changes is nearly linear in it
+            change = late(part * step) - exact
+            part *= float(np.sum(change * (y - exact)) / max(float(np.sum(change**2)), 1e-300))
+        if np.abs(y - late(part * step)).max() <= 0.1 * np.abs(y - exact).max():
+            where = "functions of time come" if which is None else f"the function of time of forces[{which}] comes"
+            return NamedCause("delay of a drive", f"{where} {part:.3g} steps late", "evaluate what depends on time at "
+                              "the times of the stages, not at the start of a step or of the one before")
+    return None
+
+
 # --- noise ------------------------------------------------------------------------------------------------------------
 
 
@@ -277,6 +309,10 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
                                 "numbers, no race between threads"), max(size, again))
     if size <= SEEN or rough(scale.flat(coarse) - exact) > GROWS * size:
         return None
+    for digits, (text, cut) in itertools.product(range(1, MOST_DIGITS), (("rounded", np.round), ("cut off", _cut))):
+        if np.abs(y - scale.flat(at_times(scene, cut(scene.t, digits)))).max() <= 0.01 * size:
+            return Noise(NamedCause("rounded times", f"states are those of times {text} to {digits} decimals of a "
+                                    "second", "report each state at its time"), size)
     parts = np.concatenate([getattr(one, name).ravel() for name in ("x", "R", "v", "w")])
     if np.array_equal(parts, parts.astype(np.float32).astype(float)):
         return Noise(NamedCause("precision floor", "states are numbers of single precision", mend), size)
@@ -288,6 +324,12 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
         return Noise(NamedCause("precision floor", f"noise of {size:.1e} from sample to sample, as single precision "
                                 "leaves (float32)", mend), size)
     return Noise(NamedCause("noise", f"{size:.1e} from sample to sample", mend), size)
+
+
+def _cut(times: np.ndarray, digits: int) -> np.ndarray:
+    """Times with so many decimals, none rounded up."""
+    found: np.ndarray = np.floor(times * 10.0**digits) / 10.0**digits
+    return found
 
 
 def rough(difference: np.ndarray) -> float:

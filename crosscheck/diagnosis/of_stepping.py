@@ -105,7 +105,7 @@ def diagnose(subject: Subject, first: Observation, known: Known) -> NumericsFind
     if order is None:
         return result
     if first.order is not None and first.order < order - CLEAR and not known.altered:
-        shown = of_output.late(subject, first)
+        shown = of_output.late(subject, first) or of_output.behind(subject, first)
         result.tried += 1
         if shown is not None:
             result.causes.append(shown)

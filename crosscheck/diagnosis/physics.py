@@ -40,6 +40,7 @@ class Physics:
     gyroscopic: Any = 1.0  # factor of w x J w; one, or one a body
     centripetal: float = 1.0  # factor of gamma in G du/dt + gamma = 0
     lever: np.ndarray | None = None  # per force, factor of its moments about the centres of mass; None: one
+    point: tuple[int, np.ndarray] | None = None  # a force, and by how much (m) its point on the child is off
     absent: int | None = None  # a body that is not there
     delay: np.ndarray | None = None  # s, per force, of what depends on time; None: none
     phase: np.ndarray | None = None  # rad, per force, added to every sine; None: none
@@ -107,8 +108,10 @@ class Terms:
         slowed = p.drag + p.quadratic * np.linalg.norm(v, axis=2, keepdims=True)
         f[:, :, :3] = p.masses[:, None] * (p.gravity - slowed * v)
         f[:, :, 3:] = -np.asarray(p.gyroscopic).reshape(-1, 1) * turning - p.spin_drag * spin
-        for here, force, (kind, unit, length, rate, ends) in zip(self.index, self.scene.forces, self.springs,
-                                                                 strict=True):
+        for here, force, spring in zip(self.index, self.scene.forces, self.springs, strict=True):
+            if p.point is not None and p.point[0] == here:
+                spring = _spring(self.scene, force, self.points, p.point[1])
+            kind, unit, length, rate, ends = spring
             if p.absent is not None and p.absent in ends:
                 continue
             varied = self._varied(p, here, force)
@@ -195,14 +198,17 @@ def _rank(G: np.ndarray, masses: np.ndarray, inertias: np.ndarray) -> int:
     return int(np.count_nonzero(singular > mechanics.RANK_TOLERANCE * singular[0]))
 
 
-def _spring(scene: Scene, force: Force,
-            points: Points) -> tuple[str, np.ndarray, np.ndarray, np.ndarray, tuple[Any, ...]]:
-    """(type, generalised force of a unit pull or of the load (P, n, 6), length or angle, its rate, bodies)."""
+def _spring(scene: Scene, force: Force, points: Points,
+            off: Any = 0.0) -> tuple[str, np.ndarray, np.ndarray, np.ndarray, tuple[Any, ...]]:
+    """(type, generalised force of a unit pull or of the load (P, n, 6), length or angle, its rate, bodies).
+
+    `off`: m, by how much the point on the child is off, body axes.
+    """
     x, R, p = points.x, points.R, force.parameters
     unit = np.zeros((len(x), scene.n, 6))
     none = np.zeros(len(x))
     if force.type == "linear_spring":
-        ends = ((force.parent, np.array(p["parent_point"])), (force.child, np.array(p["child_point"])))
+        ends = ((force.parent, np.array(p["parent_point"])), (force.child, np.array(p["child_point"]) + off))
         here, there = (np.broadcast_to(s, (len(x), 3)) if body == GROUND else x[:, body] + R[:, body] @ s
                        for body, s in ends)
         length = np.linalg.norm(there - here, axis=1)
@@ -230,7 +236,7 @@ def _spring(scene: Scene, force: Force,
         given = np.array(p["force"] if force.type == "constant_force" else p["torque"])
         load = R[:, force.child] @ given if p["frame"] == "body" else np.broadcast_to(given, (len(x), 3))
         if force.type == "constant_force":
-            _push(unit, R, force.child, np.array(p["child_point"]), load)
+            _push(unit, R, force.child, np.array(p["child_point"]) + off, load)
         else:
             unit[:, force.child, 3:] = np.einsum("pji,pj->pi", R[:, force.child], load)
         return force.type, unit, none, none, (force.child,)

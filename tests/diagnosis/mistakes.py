@@ -132,6 +132,7 @@ class Behind:
     """lieeuler's methods, whose functions of time come a part of a step late."""
 
     part: float
+    elements = ("joint_torque", "function")
 
     def __getattr__(self, name):
         return getattr(adapters.get("lieeuler"), name)

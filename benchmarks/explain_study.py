@@ -206,7 +206,7 @@ def main() -> None:
     parser.add_argument("--counts", default="1,2")
     parser.add_argument("--correct", action="store_true")
     parser.add_argument("--mistakes", type=int, metavar="SEED", help="the suite of the tests, by this seed")
-    parser.add_argument("--scenes", nargs="*", default=[], help="of --correct; default: all; of --mistakes; default: those of each")
+    parser.add_argument("--scenes", nargs="*", default=[], help="default: all; of --mistakes: those of each")
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--most", type=float, default=float("inf"), help="stop after so many seconds")
     given = parser.parse_args()

@@ -113,7 +113,7 @@ def _looked_through(subject: Subject, first: Observation, scene: Scene, step: fl
     answer.evidence.append(late.evidence)
     answer.causes += late.causes
     unexplained = [] if late.causes else [late.text]
-    seen = None if late.causes else of_run.observation(subject, scene, first.scale, late.time)
+    seen = None if late.causes else of_run.observation(subject, scene, first.scale, late.until)
     if seen is not None:
         found = of_model.diagnose(subject, seen, alone=True)
         answer.evidence += found.evidence
@@ -135,9 +135,11 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
     answer = Explanation(scene.name, subject.engine.name, subject.method, subject.form, "agrees", "", [], [], [],
                          scene.duration, deviation, first.noise, documented_order=subject.order(scene))
     if noise is not None:
-        answer.causes.append(noise.cause)
-        answer.evidence.append(Evidence(noise.cause.name, "numerics", None, None, "states at a fine step",
-                                        noise.cause.magnitude, True))
+        answer.causes += [noise.cause] if noise.cause else []
+        name, text = ("precision floor", f"{noise.size:.1e}, as declared") if noise.cause is None else (
+            noise.cause.name, noise.cause.magnitude)
+        answer.evidence.append(Evidence(name, "numerics", None, None, "states at a fine step", text,
+                                        noise.cause is not None))
         answer.tried += 1
         if deviation <= max(of_output.SPREAD * noise.size, fit.EXPLAINED * first.noise):
             answer.conclude([])

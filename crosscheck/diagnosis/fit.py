@@ -21,6 +21,9 @@ EXPLAINED = 10.0
 SEEN = 30.0
 """Smallest |z| that counts as a difference; between the two nothing is judged."""
 
+CLEAR = 0.1
+"""Part of a difference that a cause leaves at most which is named although more than noise is left."""
+
 NEAR = 1e3
 """A search that leaves this many times more than noise may is worth a full fit: it stops short of the last digits."""
 
@@ -188,6 +191,7 @@ def search(full: Data, thin: Data, causes: Sequence[Cause], pairing: bool = True
         return found, singles
     begin = {id(fit.causes[0]): fit.theta[0] for fit in singles}
     near = [each for each in singles if each.left <= SEEN]
+    near = [each for each in near if each.left <= CLEAR * float(np.abs(full.residual(full.right)).max())]
     if near:  # what a second cause would take away is within the reach of noise
         return [full.simplest(each) for each in near], singles
     pairs = [pair for pair in itertools.combinations([cause for cause in causes if not cause.alone], 2)

@@ -229,7 +229,8 @@ def _force(scene: Scene, k: int) -> Iterator[Cause]:
         yield entry("spring stiffness", "stiffness", stiffness, "stiffness",
                     lambda t: "missing spring" if abs(t[0]) < GONE * stiffness else "spring stiffness")
         if not force.functions:
-            yield entry("spring free length", "rest", value, f"{rest} ({unit})")
+            yield entry("spring free length", "rest", value, f"{rest} ({unit})", lambda t: "wrapped angle" if
+                        unit == "rad" and round(abs(t[0] - value) / math.tau, 6) in (1, 2, 3) else "spring free length")
         yield Cause("missing spring", lambda q, t: q.replace(stiffness=_with(q.stiffness, k, 0.0),
                                                              damping=_with(q.damping, k, 0.0)), ((),),
                     lambda t: f"{where} is not there", mend)

@@ -43,14 +43,14 @@ def diagnose(shown: list[Shown], whole: Scene) -> tuple[NamedCause, Evidence] | 
         return None
     altered = [dataclasses.replace(each, observation=dataclasses.replace(each.observation, scene=moved(
         each.observation.scene, moves))) for each in shown]
-    left = float(np.abs(data(altered, of_scene(whole, len(shown)), False, 1).residual(of_scene(whole, len(
-        shown)))).max())
+    right = of_scene(whole, len(shown))
+    left = float(np.abs(data(altered, right, False, 1).residual(right)).max())
     text = "; ".join(f"joint {scene.joints[k].name!r}: {side.replace('_anchor', '')}'s anchor off by "
-                     f"({', '.join(f'{value:.4g}' for value in d)}) m" for k, found in moves.items()
+                     f"({', '.join(f'{value:.5g}' for value in d)}) m" for k, found in moves.items()
                      for side, d in found.items())
     holds = left <= fit.EXPLAINED
-    evidence = Evidence("anchors", "model", worst, left, "speed at which joints open, then accelerations with the fitted "
-                        "anchors, over their noise", text, holds)
+    evidence = Evidence("anchors", "model", worst, left, "speed at which joints open, then accelerations with the "
+                        "fitted anchors, over their noise", text, holds)
     return (NamedCause("anchors", text, "check the anchors that the engine is given, and the point of the body that it "
                        "takes for the centre of mass"), evidence) if holds else None
 

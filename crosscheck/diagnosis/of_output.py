@@ -18,11 +18,14 @@ from crosscheck.diagnosis.physics import levers
 from crosscheck.diagnosis.result import Evidence, NamedCause
 from crosscheck.references.base import TruthError
 from crosscheck.references.maximal import Maximal
-from crosscheck.scene.model import Joint, Scene
+from crosscheck.scene.model import GROUND, Joint, Scene
 from crosscheck.scene.states import States
 
 AGREES = 1e-8
 """Normalised: a prediction nearer than this is right, whatever the noise: scene files keep 1e-8."""
+
+STOPPED = 1e-6
+"""Pace of a clock that stands still: an engine that does not move, whatever its times."""
 
 MOST_ORDERS = 4
 """Bodies of which all orders are tried."""
@@ -30,6 +33,9 @@ MOST_ORDERS = 4
 ROUGH, SIXTH = 0.05, math.sqrt(math.comb(12, 6))
 """Part of a difference from truth that jumps from sample to sample, from which on it is noise; and what sixth
 differences make of independent errors. Those of a smooth motion, 0.05 rad apart, leave a millionth."""
+
+POINT = 1e-6
+"""Of the length: a fitted point nearer to a joint is that joint."""
 
 THIN = 4
 """Every so manieth sample tells by how much times are off."""
@@ -45,6 +51,9 @@ COARSER, GROWS = 4, 2.5
 
 SPREAD = 100.0
 """A difference from truth of so many times the noise from sample to sample may be noise: it adds up over a run."""
+
+MOST_ROUNDINGS = 50
+"""Of the spacing of numbers: noise of so many is that of arithmetic in these numbers."""
 
 MOST_DIGITS = 7
 """Decimals of a second below that many are looked for in times."""
@@ -68,6 +77,8 @@ def diagnose(observations: list[Observation]) -> tuple[list[Told], list[Evidence
     found, evidence = [], []
     exact = observations[0].scale.flat(true_motion(observations[0].scene))
     before = float(np.abs(observations[0].y - exact).max())
+    if len(observations) == 1 and before <= max(AGREES, fit.EXPLAINED * observations[0].noise):
+        return [], []  # what went before is over
     for told in hypotheses(observations[0]):
         after = 0.0
         for each in observations:
@@ -112,11 +123,7 @@ def hypotheses(first: Observation) -> Iterator[Told]:
 
     if 1 < scene.n <= MOST_ORDERS:
         yield from map(reordered, list(itertools.permutations(range(scene.n)))[1:])
-    if levers(scene).any():
-        yield Told("position of the joint", "positions are those of the joint that carries the body",
-                   "report the centre of mass", lambda given: _at_joint(given, with_speed=False))
-        yield Told("position of the joint", "positions and velocities are those of the joint that carries the body",
-                   "report the centre of mass", lambda given: _at_joint(given, with_speed=True))
+    yield from _points(first)
     yield from _geometry(scene)
     yield from _times(first)
 
@@ -126,12 +133,35 @@ def picked(states: States, order: Sequence[int]) -> States:
     return States(states.t, *(getattr(states, name)[:, order] for name in ("x", "R", "v", "w")))
 
 
-def _at_joint(scene: Scene, with_speed: bool) -> States:
-    """The true motion with positions, and velocities, of the points at which joints carry the bodies."""
-    states, s = true_motion(scene), levers(scene)
-    x = states.x + np.einsum("tnij,nj->tni", states.R, s)
-    v = states.v + np.einsum("tnij,tnj->tni", states.R, np.cross(states.w, s)) if with_speed else states.v
-    return States(states.t, x, states.R, v, states.w)
+def _points(first: Observation) -> Iterator[Told]:
+    """Positions of other points of the bodies than their centres of mass, or from another origin."""
+    scene, exact = first.scene, true_motion(first.scene)
+    off = first.states.x - exact.x
+    away, s = off.mean(axis=(0, 1)), np.einsum("tnji,tnj->ni", exact.R, off) / len(off)
+    joint = np.abs(s - levers(scene)).max() <= POINT * first.scale.length
+    fitted = ", ".join(_vector(each) for each in s)
+    name, text = ("position of the joint", "the joint that carries the body") if joint else (
+        "position of another point", f"points off by {fitted} m from the centres of mass, body axes")
+    s = levers(scene) if joint else s
+
+    def at_points(given: Scene, with_speed: bool) -> States:
+        states = true_motion(given)
+        x = states.x + np.einsum("tnij,nj->tni", states.R, s)
+        v = states.v + np.einsum("tnij,tnj->tni", states.R, np.cross(states.w, s)) if with_speed else states.v
+        return States(states.t, x, states.R, v, states.w)
+
+    for quantity, with_speed in (("positions", False), ("positions and velocities", True)):
+        yield Told(name, f"{quantity} are those of {text}", "report the centre of mass",
+                   lambda given, with_speed=with_speed: at_points(given, with_speed))  # type: ignore[misc]
+    grounded = any(joint.parent == GROUND for joint in scene.joints)
+    yield Told("anchors or origin of positions" if grounded else "origin of positions",
+               f"all positions are off by {_vector(away)} m",
+               "check the origin of the world, and where joints hold on the ground",
+               lambda given: dataclasses.replace(true_motion(given), x=true_motion(given).x + away))
+
+
+def _vector(values: np.ndarray) -> str:
+    return f"({', '.join(f'{value:.5g}' for value in values)})"
 
 
 # --- geometry ---------------------------------------------------------------------------------------------------------
@@ -183,7 +213,8 @@ def _times(first: Observation) -> Iterator[Told]:
     offset, pace = float(np.median(delays[1:])), float(np.median(delays[1:] / few.t[1:]))
     yield Told("time offset", f"the motion of {offset:+.6g} s later", "start at the scene's start, and report each "
                "state at its time", lambda given: at_times(given, np.maximum(given.t + offset, 0.0)))
-    yield Told("time scale", f"times are those of a clock {1 + pace:.6g} as fast", "check the unit of time and the "
+    if pace > STOPPED - 1.0:
+        yield Told("time scale", f"times are those of a clock {1 + pace:.6g} as fast", "check the unit of time and the "
                "step that is really made", lambda given: at_times(given, (1.0 + pace) * given.t))
 
 
@@ -283,7 +314,7 @@ def behind(subject: Subject, first: Observation) -> NamedCause | None:
 class Noise:
     """What jumps from sample to sample in an engine's states."""
 
-    cause: NamedCause
+    cause: NamedCause | None  # None: the engine declares numbers of this precision
     size: float  # normalised
 
 
@@ -304,6 +335,9 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
     size = rough(y - exact)
     again = float(np.abs(y - scale.flat(two)).max())
     mend = "compute and report in double precision, to the last digit"
+    declared = float(getattr(subject.engine, "eps", 0.0))
+    if max(size, again) <= MOST_ROUNDINGS * declared and declared > SEEN:
+        return Noise(None, max(size, again, declared))
     if again > SEEN:
         return Noise(NamedCause("noise", f"two equal runs differ by {again:.1e}", "make runs repeatable: no random "
                                 "numbers, no race between threads"), max(size, again))
@@ -320,7 +354,7 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
                   None)
     if digits is not None:
         return Noise(NamedCause("rounded output", f"states are rounded to {digits} decimals", mend), size)
-    if 0.02 * SINGLE <= size <= 50 * SINGLE:
+    if 0.02 * SINGLE <= size <= MOST_ROUNDINGS * SINGLE:
         return Noise(NamedCause("precision floor", f"noise of {size:.1e} from sample to sample, as single precision "
                                 "leaves (float32)", mend), size)
     return Noise(NamedCause("noise", f"{size:.1e} from sample to sample", mend), size)

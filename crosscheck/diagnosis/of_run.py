@@ -29,8 +29,8 @@ TURN = 0.05
 
 RTOLS = (1e-8, 1e-11)
 
-DEFECT = 1e-7
-"""Normalised: a defect below this may be the rounding of a long run."""
+DEFECT, ROUNDINGS = 1e-7, 1e3
+"""Normalised: a defect below this, or so many times the spacing of the numbers, may be rounding of a long run."""
 
 COARSE = 0.1
 """Normalised: where a run at the step that was asked for is off by more after one interval it shows another motion."""
@@ -47,6 +47,9 @@ MOST_STEPS = 12000
 CLOSER = 16
 """Times as many samples around an interval with a defect: numbers that are clamped may soon be free again."""
 
+MOVING = 1e-6
+"""Of the largest velocity or position: a number that has changed by less did not move."""
+
 REPEATED = 4
 """Samples in a row at which a moving number stays the same to the last bit where it is clamped."""
 
@@ -56,6 +59,7 @@ class Late:
     """A mistake that begins at `time` (s); causes where it is known which."""
 
     time: float
+    until: float  # s, the end of its first interval
     text: str
     causes: list[NamedCause]
     evidence: Evidence
@@ -81,19 +85,19 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
     try:
         fine = run(FINER, sampled)
     except Silent as error:
-        return sampled.duration, Late(0.0, f"the whole run fails: {error}", [], Evidence(
+        return sampled.duration, Late(0.0, 0.0, f"the whole run fails: {error}", [], Evidence(
             "whole run", "numerics", None, None, "a run over the whole scene", note=str(error)))
-    before = 0.0
+    before, least = 0.0, max(DEFECT, ROUNDINGS * float(getattr(subject.engine, "eps", 0.0)))
     for k in range(INTERVALS):
         found = defect(sampled, scale, fine, k)
         if step is not None and found > COARSE:  # whatever finer steps do
             time, mend = float(fine.t[k]), "choose a smaller step; the limit is right"
             cause = NamedCause("step too coarse", f"at steps of {step:g} s the motion from t = {time:.4g} s on is off "
                                f"by {found:.2g} of its size within one interval", mend)
-            return sampled.duration, Late(time, cause.magnitude, [cause], Evidence(
+            return sampled.duration, Late(time, time, cause.magnitude, [cause], Evidence(
                 cause.name, "numerics", found, None, "defect of one interval of the whole run",
                 f"from t = {time:.4g} s on, at steps of {step:g} s", True))
-        if found > DEFECT:
+        if found > least:
             try:
                 coarse = run(1, sampled) if coarse is None else coarse
                 rough = defect(sampled, scale, coarse, k)
@@ -155,7 +159,7 @@ def _described(scene: Scene, scale: Scale, states: States, k: int, before: float
                 ("position", shift[body], "", "leave positions as they are"))
             causes.append(NamedCause(f"jump of {what}", f"the {what} of body {name!r} jumps by {size:.3g} at t = "
                                      f"{time:.4g} s while all velocities go on{more}", mend))
-    return Late(time, text, causes, evidence)
+    return Late(time, float(states.t[k + 1]), text, causes, evidence)
 
 
 def _clamped(states: States, k: int) -> str | None:
@@ -163,7 +167,7 @@ def _clamped(states: States, k: int) -> str | None:
     for name, what in (("w", "an angular velocity"), ("v", "a velocity"), ("x", "a position")):
         values = getattr(states, name).reshape(len(states.t), -1)
         still = np.lib.stride_tricks.sliding_window_view(np.diff(values[k:], axis=0) == 0.0, REPEATED - 1, axis=0)
-        same = still.all(axis=-1) & (values[:k + 1].std(axis=0) > 0)
+        same = still.all(axis=-1) & (values[:k + 1].std(axis=0) > MOVING * np.abs(values).max())
         if same.any():
             at, index = np.argwhere(same)[0]
             return f"{what} stays at {values[k + at, index]:.6g}"
@@ -187,10 +191,9 @@ def observation(subject: Subject, scene: Scene, scale: Scale, time: float) -> Ob
             runs = [subject.run(whole, interval / count).states for count in counts]
     except Silent:
         return None
-    rough, fine = (scale.flat(run)[start:] for run in runs)
+    rough, fine = (scale.flat(run) for run in runs)
     gain = 0.0 if order is None else 1.0 / (2.0**order - 1.0)
     y = fine + gain * (fine - rough)
-    noise = float(np.abs(fine - rough).max()) * max(gain, 0.1) + 1e-12
-    limit = scale.states(whole.t[start:] - whole.t[start], y)
-    begun = restarted(scene, limit, 0, brief, SAMPLES)
-    return Observation(begun, scale, y, noise, None)
+    noise = float(np.abs(fine - rough)[start:].max()) * max(gain, 0.1) + 1e-12
+    begun = restarted(scene, scale.states(whole.t, y), start, brief, SAMPLES)
+    return Observation(begun, scale, y[start:], noise, None)

@@ -64,8 +64,9 @@ def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Ju
     whole = scene.replace(duration=min(plan.duration or scene.duration, scene.duration), samples=plan.samples)
     traj = attempt(whole, name, subject.method, subject.form, size, rtol)
     if isinstance(traj, NoRun):
-        return extended(Judged, run, outcome="unsupported" if traj.unsupported else "fail", message=traj.reason,
-                        findings=[Finding("run", "fail", None, None, "", "a run has to reach its end", traj.reason)])
+        reason = traj.reason.replace(name, subject.engine.name)
+        return extended(Judged, run, outcome="unsupported" if traj.unsupported else "fail", message=reason,
+                        findings=[Finding("run", "fail", None, None, "", "a run has to reach its end", reason)])
     main = judge_run(run, whole, traj, subject.held(scene), plan.window)
     if not known or main.outcome == "fail":
         return main

@@ -43,6 +43,10 @@ class TimeFunction:
         return TimeFunction(self.breaks, tuple(tuple(factor * c for c in piece) for piece in self.pieces),
                             tuple((factor * a, w, phase) for a, w, phase in self.terms))
 
+    def plus(self, value: float) -> TimeFunction:
+        """The function plus a number."""
+        return TimeFunction(self.breaks, tuple((piece[0] + value, *piece[1:]) for piece in self.pieces), self.terms)
+
     def delayed(self, by: float) -> TimeFunction:
         """The function of t - by."""
         return TimeFunction(tuple(t + by for t in self.breaks), self.pieces,

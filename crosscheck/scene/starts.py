@@ -5,14 +5,16 @@ from __future__ import annotations
 import collections
 import dataclasses
 import heapq
+import math
 from collections.abc import Iterable
 
 import numpy as np
 
-from crosscheck.scene import coordinates
+from crosscheck.scene import coordinates, mechanics
 from crosscheck.scene.checks import Draft, Start
+from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import GROUND, Body, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.model import GROUND, Body, Force, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.schema import EntryError
 from crosscheck.scene.states import Motion
 
@@ -42,10 +44,25 @@ def bodies_at(scene: Scene, state: Configuration) -> tuple[Body, ...]:
 
 
 def restarted(scene: Scene, motion: Motion, k: int, duration: float, samples: int = 2) -> Scene:
-    """The scene from the states of a motion at sample k, time zero there."""
+    """The scene from the states of a motion at sample k, time zero there.
+
+    Angles of torsional springs begin within half a turn: whole turns made before go into their rest angles.
+    """
     state = Configuration(motion.x[k], quaternion_from_rotation(motion.R[k]), motion.v[k], motion.w[k])
-    return scene.delayed(-float(motion.t[k])).replace(duration=duration, samples=samples,
-                                                      bodies=bodies_at(scene, state))
+    begun = scene.delayed(-float(motion.t[k])).replace(duration=duration, samples=samples,
+                                                       bodies=bodies_at(scene, state))
+    angles = mechanics.torsion_angles(scene, motion.R[:k + 1], motion.w[:k + 1], motion.t[:k + 1])
+    turned = {joint: math.tau * round(float(angle[-1]) / math.tau) for joint, angle in angles.items()}
+    return begun.replace(forces=tuple(_wound(force, turned.get(force.joint or "", 0.0)) for force in begun.forces))
+
+
+def _wound(force: Force, angle: float) -> Force:
+    """A torsional spring whose angle is counted from another turn on."""
+    if not angle:
+        return force
+    rest = force.parameters["rest_angle"]
+    rest = rest.plus(-angle) if isinstance(rest, TimeFunction) else rest - angle
+    return dataclasses.replace(force, parameters={**force.parameters, "rest_angle": rest})
 
 
 def anchor_length(scene: Scene) -> float:

@@ -191,6 +191,12 @@ def at_joint(speed):
     return change
 
 
+def elsewhere(rng, scene, states):
+    """Positions of points of the bodies that nothing is said about."""
+    s = rng.uniform(-0.2, 0.2, (scene.n, 3))
+    return with_states(states, x=states.x + np.einsum("tnij,nj->tni", states.R, s))
+
+
 def each(change):
     """The same done to x, R, v and w."""
     return lambda rng, scene, states: with_states(states, **{name: change(rng, getattr(states, name))
@@ -263,9 +269,9 @@ def later(change, part=0.4):
 
 def gravity_off(given, states, after, begin):
     """Another gravity from a time on."""
-    start = of_output.at_times(given, np.array([begin]))
+    start = Maximal(given).run(np.linspace(0.0, begin, 50))  # with its turns
     from crosscheck.diagnosis.of_run import restarted
-    wrong = restarted(given, start, 0, 1.0).replace(gravity=0.97 * given.gravity)
+    wrong = restarted(given, start, 49, 1.0).replace(gravity=0.97 * given.gravity)
     grid = np.concatenate([[0.0], states.t[after] - begin])
     found = Maximal(wrong).run(grid)
     return with_states(states, **{name: np.concatenate([getattr(states, name)[~after], getattr(found, name)[1:]])
@@ -367,6 +373,10 @@ MISTAKES = [
     Mistake("R inverted", ("quaternion conjugated",), told(lambda r, s, t: with_states(t, R=np.swapaxes(t.R, -1, -2)))),
     Mistake("x at the joint", ("position of the joint",), told(at_joint(False))),
     Mistake("x and v at the joint", ("position of the joint",), told(at_joint(True))),
+    Mistake("x at another point", ("position of another point",), told(elsewhere)),
+    Mistake("another origin", ("origin of positions",), told(lambda r, s, t: with_states(t, x=t.x + r.uniform(
+        -0.1, 0.1, 3)))),
+    Mistake("wrapped angle", ("wrapped angle",), flawed(wrapped=True), ("torsion_wheel",)),
     Mistake("other order", ("order of bodies",), told(lambda r, s, t: of_output.picked(t, list(range(s.n))[::-1])),
         (TWO, "uneven")),
     Mistake("start time", ("time offset",), retimed(lambda s: s.t + 0.013)),

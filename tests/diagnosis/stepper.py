@@ -40,6 +40,7 @@ class Flaws:
     euler: bool = False  # a first-order step under the name of a fourth-order one
     single: bool = False  # the state is kept in single precision
     projected: str = ""  # "positions": these are moved back onto the constraints, velocities are not; "both": they too
+    wrapped: bool = False  # angles of torsional springs are taken between -pi and pi
     stuck: float = 0.0  # rad/s, components of angular velocities are clamped to this size; 0: not
 
 
@@ -194,7 +195,8 @@ def _rates(equations, state):
     if equations.torsions:
         found = torsion_angles(equations.scene, R[None], previous=equations.angles)
         equations.angles = {joint: float(value[0]) for joint, value in found.items()}
-        angles = np.array([equations.angles[force.joint] for force in equations.scene.forces
+        wrap = (lambda angle: (angle + np.pi) % (2 * np.pi) - np.pi) if equations.flaws.wrapped else float
+        angles = np.array([wrap(equations.angles[force.joint]) for force in equations.scene.forces
                            if force.type == "torsional_spring"])
     return equations.accelerations(motion, angles)
 

@@ -36,7 +36,9 @@ class Completed:
         self.name: str = engine.name
         self.methods: tuple[str, ...] = tuple(engine.methods)
         self.forms: tuple[str, ...] = tuple(getattr(engine, "forms", ()))
-        self.adaptive_methods: tuple[str, ...] = tuple(getattr(engine, "adaptive_methods", ()))
+        self.adaptive_methods: tuple[str, ...]
+        if hasattr(engine, "adaptive_methods") or not hasattr(engine, "documented_order"):
+            self.adaptive_methods = tuple(getattr(engine, "adaptive_methods", ()))  # else the orders say which
         self.options = frozenset(getattr(engine, "options", {"form"} if self.forms else ()))
 
     def __getattr__(self, name: str) -> Any:

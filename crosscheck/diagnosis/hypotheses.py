@@ -82,6 +82,10 @@ def causes(context: Context) -> list[Cause]:
     if scene.n > 1:
         scopes += [(f"body {body.name!r}", (k,)) for k, body in enumerate(scene.bodies)]
     found = [_gravity(scene)]
+    if scene.gravity.any():  # about a hinge, a gravity of another size is one of many
+        found.append(dataclasses.replace(found[0], apply=lambda p, t: p.replace(gravity=t[0] * scene.gravity), starts=(
+            (1.0,),), say=lambda t: found[0].say(t[0] * scene.gravity), title=lambda t: found[0].name(
+                t[0] * scene.gravity), special=lambda t: [(0.0,), (-1.0,)], mistakes=lambda t: 1, alone=True))
     found += [cause for where, bodies in scopes for cause in _inertias(context, where, bodies)]
     found += [cause for k in range(scene.n) for cause in _masses(scene, k)]
     found += [cause for where, bodies in scopes for cause in _sizes(context, where, bodies)]

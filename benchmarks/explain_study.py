@@ -154,13 +154,13 @@ def mistakes(seed: int, keep: Path | None, most: float, scenes: list[str]) -> No
                 scenes and not visible(mistake, name, seed)):
             continue
         start = time.process_time()
-        score, sentence, _ = scored(mistake, name, seed)
-        result = {"mistake": mistake.key, "scene": name, "seed": seed, "score": score, "sentence": sentence,
-                  "seconds": time.process_time() - start}
+        score, answer = scored(mistake, name, seed)
+        result = {"mistake": mistake.key, "scene": name, "seed": seed, "score": score,
+                  "sentence": answer.sentence, "seconds": time.process_time() - start}
         results.append(result)
         written(keep, result)
         if score != "named":
-            print(f"{mistake.key:22s} {name:16s} {score}: {sentence}", flush=True)
+            print(f"{mistake.key:22s} {name:16s} {score}: {answer.sentence}", flush=True)
     rows = {mistake.key: collections.Counter(result["score"] for result in results
                                              if result["mistake"] == mistake.key) for mistake in MISTAKES}
     for key, row in [*rows.items(), ("all", collections.Counter(result["score"] for result in results))]:

@@ -447,7 +447,7 @@ def visible(mistake, name, seed):
 
 
 def scored(mistake, name, seed):
-    """(score, sentence, exit code): "named", "equally" (with others that it says are as good), "unknown", "wrong",
+    """(score, answer): "named", "equally" (with others that it says are as good), "unknown", "wrong",
     "acquitted".
 
     The first of a mistake's names has to be there; others only beside it.
@@ -455,8 +455,35 @@ def scored(mistake, name, seed):
     scene, engine = made(mistake, name, seed)
     answer = explain(scene, engine, method_of(engine, scene))
     if answer.outcome != "named":
-        return {"agrees": "acquitted"}.get(answer.outcome, answer.outcome), answer.sentence, answer.exit_code
+        return {"agrees": "acquitted"}.get(answer.outcome, answer.outcome), answer
     options = [set(cause.split(" or ")) for cause in answer.names]
     right = all(each & set(mistake.names) for each in options) and any(mistake.names[0] in each for each in options)
     equally = any(len(each) > 1 for each in options)
-    return ("equally" if right and equally else "named" if right else "wrong"), answer.sentence, answer.exit_code
+    return ("equally" if right and equally else "named" if right else "wrong"), answer
+
+
+LIKE = {
+    "Coulomb friction": "joint damping", "anchors": "x at another point", "attitudes off the group": "R inverted",
+    "centripetal term": "soft",
+    "clamp": "lost sign", "delay of a drive": "order one", "early output": "one step late",
+    "extra damping": "quadratic drag", "gravity axis": "gravity size", "gravity sign": "gravity none",
+    "gravity size": "all masses", "group update": "order one", "gyroscopic term": "products negated",
+    "hidden sub-steps": "half a step early", "inertia entries": "part of Steiner", "inertia frame": "products negated",
+    "inertia point": "inertias", "inertia size": "one moment", "inertias swapped": "masses swapped",
+    "interpolated output": "noise", "jump of attitude": "clamp", "jump of position": "gravity later",
+    "late output": "late", "mass": "masses swapped", "masses and inertias swapped": "inertias swapped",
+    "masses swapped": "bodies swapped", "missing body": "gyroscopic of one", "missing spring": "stiffness",
+    "moment of a force": "attachment of a spring", "noise": "float32 states",
+    "open position level": "positions projected",
+    "open velocity level": "soft", "order of bodies": "bodies swapped",
+    "order of the step": "interpolated", "origin of positions": "x at the joint", "point of a force":
+    "no moment of a spring", "position of another point": "x and v at the joint", "position of the joint":
+    "another origin", "precision floor": "six decimals", "products of inertia": "inertia turned",
+    "quadratic drag": "linear drag", "quaternion conjugated": "quaternion order", "quaternion order":
+    "quaternion inverse", "reported accelerations": "gravity none", "rounded output": "noise", "rounded times":
+    "six decimals", "soft constraint": "centripetal factor", "spring free length": "stiffness",
+    "spring stiffness": "free length", "stabilisation gain": "no centripetal term", "step too coarse": "order one",
+    "time offset": "another origin", "time scale": "start time", "velocity frame": "gyroscopic sign",
+    "wrapped angle": "free length",
+}
+"""For each cause a mistake that looks like it and is not: it must not be named."""

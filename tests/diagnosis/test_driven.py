@@ -11,6 +11,7 @@ from crosscheck.diagnosis import altered, fit, hypotheses, of_run, physics
 from crosscheck.references.maximal import Maximal
 from crosscheck.scene import mechanics
 from crosscheck.scene.file import load_scene
+from crosscheck.scene.functions import TimeFunction
 
 MISTAKES = {
     "amplitude of a drive": lambda f: f.times(1.1),
@@ -53,6 +54,18 @@ def test_a_restart_goes_on_at_its_own_time():
     free = scene.replace(joints=scene.joints, forces=scene.forces, duration=0.4, samples=3)
     predicted = altered.predict(free, physics.of_scene(free), free.R0, free.w0)
     np.testing.assert_allclose(predicted.x, states.x[:3], rtol=0, atol=1e-10)
+
+
+def test_a_restart_keeps_the_turns_that_a_spring_is_wound_by():
+    scene = load_scene("torsion_wheel").replace(duration=0.9, samples=10)  # 9 rad
+    states = Maximal(scene).run()
+    later = of_run.restarted(scene, states, 6, 0.3, 4)
+    np.testing.assert_allclose(Maximal(later).run().x, states.x[6:], rtol=0, atol=1e-11)
+    moving = scene.forces[0].parameters | {"rest_angle": TimeFunction(pieces=((0.4, 0.1),))}
+    timed = scene.replace(forces=(dataclasses.replace(scene.forces[0], parameters=moving),))
+    states = Maximal(timed).run()
+    np.testing.assert_allclose(Maximal(of_run.restarted(timed, states, 6, 0.3, 4)).run().x, states.x[6:], rtol=0,
+                               atol=1e-11)
 
 
 @pytest.mark.parametrize("name", MISTAKES)

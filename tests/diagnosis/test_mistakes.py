@@ -5,19 +5,24 @@ import functools
 import pytest
 
 from crosscheck import adapters
-from crosscheck.diagnosis import explain
-from tests.diagnosis.mistakes import MISTAKES, scene_of, scored
+from crosscheck.diagnosis import explain, of_verdict
+from crosscheck.diagnosis.observe import Subject
+from tests.diagnosis.mistakes import LIKE, MISTAKES, made, method_of, scene_of, scored
 from tests.diagnosis.stepper import Stepper
+from tests.right_engines import TABLEAUX, Adaptive, Floats, Matrices, Millimetres, Projected, Rotations
 
 SEED = 41
+RIGHT = ("single_pendulum", "double_pendulum", "heavy_top", "hinge_pendulum", "four_bar", "universal_pendulum",
+         "spring_pendulum", "cylindrical_pendulum", "torsion_wheel", "triple_pendulum")
+SAMPLE = [("single_pendulum", Adaptive, "DP5")]
 CASES = [(mistake, name) for mistake in MISTAKES for name in mistake.scenes]
-QUICK = {("gyroscopic factor", "single_pendulum"), ("no centripetal term", "single_pendulum"),
-         ("x at the joint", "single_pendulum"), ("float32 states", "single_pendulum")}
+QUICK = [("x at the joint", "single_pendulum"), ("gyroscopic factor", "single_pendulum"),
+         ("no centripetal term", "single_pendulum"), ("float32 states", "single_pendulum")]
 
 
 @functools.cache
 def answered(key, name):
-    """(score, sentence, exit code) of a mistake on a scene."""
+    """(score, answer) of a mistake on a scene."""
     return scored(next(each for each in MISTAKES if each.key == key), name, SEED)
 
 
@@ -25,9 +30,31 @@ def answered(key, name):
     pytest.param(mistake.key, name, marks=() if (mistake.key, name) in QUICK else pytest.mark.slow)
     for mistake, name in CASES])
 def test_a_mistake_is_neither_acquitted_nor_named_wrongly(key, name):
-    score, sentence, code = answered(key, name)
-    assert score in ("named", "equally", "unknown"), sentence
-    assert code > 0
+    score, answer = answered(key, name)
+    assert score in ("named", "equally", "unknown"), answer.sentence
+    assert answer.exit_code > 0
+
+
+@pytest.mark.parametrize("cause", [
+    pytest.param(cause, marks=() if cause == "soft constraint" else pytest.mark.slow) for cause in LIKE])
+def test_a_look_alike_is_not_named(cause):
+    mistake = next(each for each in MISTAKES if each.key == LIKE[cause])
+    assert cause not in mistake.names
+    _, answer = answered(mistake.key, mistake.scenes[0])
+    assert cause not in {option for name in answer.names for option in name.split(" or ")}, answer.sentence
+
+
+def test_every_cause_has_a_look_alike():
+    assert {name for mistake in MISTAKES for name in mistake.names} <= LIKE.keys()
+
+
+@pytest.mark.parametrize(("key", "name"), [
+    pytest.param(mistake.key, name, marks=() if (mistake.key, name) in QUICK[:1] else pytest.mark.slow)
+    for mistake, name in CASES])
+def test_there_is_no_tick_where_verify_fails(key, name):
+    scene, engine = made(next(each for each in MISTAKES if each.key == key), name, SEED)
+    if of_verdict.judged(Subject(engine, method_of(engine, scene)), scene, None).outcome == "fail":
+        assert answered(key, name)[1].exit_code > 0
 
 
 @pytest.mark.slow
@@ -43,6 +70,22 @@ def test_few_stay_unknown():
                                   "universal_pendulum", "triple_pendulum", "branching_tree"])
 def test_a_right_engine_is_accused_of_nothing(name):
     answer = explain(scene_of(name), Stepper(), "RK4")
+    assert (answer.outcome, answer.exit_code) == ("agrees", 0), answer.sentence
+
+
+def right_engines():
+    """(scene, engine, method) of engines that are accused of nothing: all orders, other units, adaptive, declared."""
+    engines = [*((Rotations, f"RK{order}") for order in TABLEAUX), (Matrices, "RK4"), (Projected, "RK4"),
+               (Floats, "RK4"), (Adaptive, "DP5"), (Millimetres, "RK4")]
+    return [(name, engine, method) for engine, method in engines for name in RIGHT
+            if not (engine is Millimetres and name in ("spring_pendulum", "cylindrical_pendulum", "torsion_wheel"))]
+
+
+@pytest.mark.parametrize(("name", "engine", "method"), [
+    pytest.param(*case, marks=() if case in SAMPLE else pytest.mark.slow) for case in right_engines()])
+def test_right_engines_are_accused_of_nothing(name, engine, method):
+    scene = scene_of(name)
+    answer = explain(scene.replace(duration=min(scene.duration, 0.75), samples=16), engine(), method)
     assert (answer.outcome, answer.exit_code) == ("agrees", 0), answer.sentence
 
 

@@ -85,11 +85,7 @@ class JointState {
       parent.w += anchor_[kParent]->cross(transposed_times(frame_[kParent]->R, lam));
       return;
     }
-    for (Side side : kSides) {
-      const Rows G = jacobian(part, side);
-      Twist& target = side == kChild ? child : parent;
-      target.v -= G.v.transpose() * lam, target.w -= G.w.transpose() * lam;
-    }
+    subtract_dot_reaction(part, lam, parent, child);
   }
 
   // impulse -= (G - Gn)^T lam, Gn that of `before`: for a spherical part a matter of rotations.
@@ -132,16 +128,15 @@ class JointState {
 
   // gamma = (d/dt G) u, and of a driven row the second derivative by time alone
   Vec3 gamma(const Part& part, const Twist& parent, const Twist& child) const {
-    const Twist* u[2] = {&parent, &child};
     if (part.spherical) return point_second(kChild, child.w) - point_second(kParent, parent.w);
     Vec3 out = Vec3::Zero();
     if (part.drive) out[0] = -part.drive->derivative(time_, 2);
     if (part.turn) return out;
+    const Rates u(*this, parent, child);
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const Carried A = a(dot), B = b(dot);
-      out[r] += dot.scale * (second(dot.a, dot.a_local, u).dot(B.value) + 2 * rate(A, u).dot(rate(B, u)) +
-                             A.value.dot(second(dot.b, dot.b_local, u)));
+      out[r] += dot.scale * (u.second(A).dot(B.value) + 2 * u.first(A).dot(u.first(B)) + A.value.dot(u.second(B)));
     }
     return out;
   }
@@ -149,9 +144,8 @@ class JointState {
   // With B(u, d) = D_d (G u): the rows of B(u, .), that is d(G u)/dq, restricted to one side; with both_orders the
   // rows of B(., u) are added, which gives d(gamma)/du.
   Rows velocity_slope(const Part& part, Side side, const Twist& parent, const Twist& child, bool both_orders) const {
-    const Twist* u[2] = {&parent, &child};
     const Mat3& R = frame_[side]->R;
-    const Vec3& w = u[side]->w;
+    const Vec3& w = side == kChild ? child.w : parent.w;
     Rows N;
     if (part.spherical) {
       N.w = both_orders ? Mat3((side == kChild ? 1. : -1.) * R * arm_slope(*anchor_[side], w, true))
@@ -159,10 +153,11 @@ class JointState {
       return N;
     }
     if (part.turn) return N;
+    const Rates u(*this, parent, child);
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const Carried A = a(dot), B = b(dot);
-      const Vec3 dA = rate(A, u), dB = rate(B, u);
+      const Vec3 dA = u.first(A), dB = u.first(B);
       const double factor = dot.scale * (both_orders ? 2 : 1);
       N.v.row(r) = factor * (A.sign[side] * dB + B.sign[side] * dA).transpose();
       Eigen::RowVector3d turn = factor * (A.arm[side].cross(dB) + B.arm[side].cross(dA)).transpose() * R;
@@ -230,14 +225,32 @@ class JointState {
   // Not inlined: velocity() of a spherical part would save and restore the registers that this needs.
   [[gnu::noinline]] Vec3 dot_velocity(const Part& part, const Twist& parent, const Twist& child) const {
     if (part.turn) return {part.turn->child_axis.dot(child.w) - part.turn->parent_axis.dot(parent.w), 0, 0};
-    const Twist* u[2] = {&parent, &child};
+    const Rates u(*this, parent, child);
     Vec3 rate = Vec3::Zero();
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const Carried A = a(dot), B = b(dot);
-      rate[r] = dot.scale * (this->rate(A, u).dot(B.value) + A.value.dot(this->rate(B, u)));
+      rate[r] = dot.scale * (u.first(A).dot(B.value) + A.value.dot(u.first(B)));
     }
     return rate;
+  }
+  [[gnu::noinline]] void subtract_dot_reaction(const Part& part, const Vec3& lam, Twist& parent, Twist& child) const {
+    if (part.turn) {
+      child.w -= lam[0] * part.turn->child_axis, parent.w += lam[0] * part.turn->parent_axis;
+      return;
+    }
+    Vec3 force[2] = {Vec3::Zero(), Vec3::Zero()}, torque[2] = {Vec3::Zero(), Vec3::Zero()};
+    for (int r = 0; r < part.rows(); ++r) {
+      const DotRow& dot = part.dots[r];
+      const double l = dot.scale * lam[r];
+      const Carried A = a(dot), B = b(dot);
+      for (Side side : kSides) {
+        force[side] += l * (A.sign[side] * B.value + B.sign[side] * A.value);
+        torque[side] += l * (A.arm[side].cross(B.value) + B.arm[side].cross(A.value));
+      }
+    }
+    parent.v -= force[kParent], parent.w -= transposed_times(frame_[kParent]->R, torque[kParent]);
+    child.v -= force[kChild], child.w -= transposed_times(frame_[kChild]->R, torque[kChild]);
   }
   // R hat(s), by columns.
   Mat3 turned(Side side, const Vec3& s) const {
@@ -269,20 +282,22 @@ class JointState {
     return z;
   }
 
-  Vec3 rate(const Carried& z, const Twist* const u[2]) const {
-    Vec3 total = Vec3::Zero();
-    for (Side side : kSides) total += z.sign[side] * u[side]->v + (frame_[side]->R * u[side]->w).cross(z.arm[side]);
-    return total;
-  }
+  // First and second derivatives by time of what is carried, the second without the accelerations.
+  struct Rates {
+    Vec3 v[2], w[2];  // world
+    Rates(const JointState& joint, const Twist& parent, const Twist& child)
+        : v{parent.v, child.v}, w{times(joint.frame_[kParent]->R, parent.w), times(joint.frame_[kChild]->R, child.w)} {}
+    Vec3 first(const Carried& z) const {
+      return z.sign[kParent] * v[kParent] + w[kParent].cross(z.arm[kParent]) + z.sign[kChild] * v[kChild] +
+             w[kChild].cross(z.arm[kChild]);
+    }
+    Vec3 second(const Carried& z) const {
+      return w[kParent].cross(w[kParent].cross(z.arm[kParent])) + w[kChild].cross(w[kChild].cross(z.arm[kChild]));
+    }
+  };
   // Velocity of an anchor, and the part of its acceleration that comes from the velocity.
   Vec3 point_rate(Side side, const Twist& u) const { return u.v + times(frame_[side]->R, u.w.cross(*anchor_[side])); }
   Vec3 point_second(Side side, const Vec3& w) const { return times(frame_[side]->R, w.cross(w.cross(*anchor_[side]))); }
-  Vec3 second(Carrier carrier, const Vec3& local, const Twist* const u[2]) const {
-    if (carrier == Carrier::difference)
-      return point_second(kChild, u[kChild]->w) - point_second(kParent, u[kParent]->w);
-    const Side side = carrier == Carrier::child_axis ? kChild : kParent;
-    return frame_[side]->R * u[side]->w.cross(u[side]->w.cross(local));
-  }
   // d x (w x s) as a matrix on d; with both orders w x (d x s) is added.
   static Mat3 arm_slope(const Vec3& s, const Vec3& w, bool both_orders) {
     Mat3 slope = hat(s.cross(w));

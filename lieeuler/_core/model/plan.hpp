@@ -19,7 +19,7 @@ struct PlacedPart {
 // How the saddle point [M G^T; G 0] is eliminated (solve/saddle_solver.hpp).
 enum class Elimination {
   tree,         // bodies first, spherical rows in the axes of their child; no loops
-  small,        // bodies first, then a dense Cholesky factorization with chosen rows; few rows
+  small,        // bodies first, then a dense Cholesky factorization; few rows, no loops
   independent,  // bodies first, then the rows that do not depend on others; loops
   complete,     // all rows, dependent ones left to the null space
 };
@@ -33,7 +33,7 @@ struct Pattern {
 
 class Plan {
  public:
-  static constexpr int kMostSmallRows = 64;
+  static constexpr int kMostSmallParts = 4;
 
   explicit Plan(System given)
       : system(std::move(given)),
@@ -46,9 +46,7 @@ class Plan {
         thin(system.thin()),
         whole(fits_whole()),
         independent(!forest && !whole),
-        projects_by(fits_tree()               ? Elimination::tree
-                    : !forest && fits_small() ? Elimination::small
-                                              : for_any_rows()),
+        projects_by(fits_tree() ? Elimination::tree : for_any_rows()),
         expands_by(fits_small() ? Elimination::small : for_any_rows()) {}
   Plan(const Plan&) = delete;  // what is planned refers to it
 
@@ -113,15 +111,12 @@ class Plan {
     on[system.n()] = 0;
     return forest && !graded && !thin && *std::max_element(on.begin(), on.end()) <= kMostParts;
   }
-  // Few rows of trees, but for those of pins on the ground, where most others are cheaper; loops of up to a dozen or so
-  // joints; masses and moments whose Schur complement can be refined.
+  // Few rows of trees, but for those of pins on the ground, of masses and moments whose Schur complement can be
+  // refined.
   bool fits_small() const {
-    constexpr int kMostParts = 4;
-    if (whole) return false;
-    if (!forest) return system.rows() <= kMostSmallRows;
     const auto pins = std::count_if(hinges.hinges.begin(), hinges.hinges.end(),
                                     [this](const Hinge& hinge) { return hinge.base == system.n(); });
-    return count() - pins <= kMostParts && system.rows() - 3 * pins <= kMostSmallRows;
+    return forest && !whole && count() - pins <= kMostSmallParts;
   }
 
   mutable std::mutex guard_;

@@ -137,15 +137,7 @@ class Delassus {
       store(times(bodies_[b].rotational, load3(y + 3)), y + 3);
     }
     adjust(rhs);
-    for (const End& end : ends_) {
-      const double* const y = f + 6 * end.body;
-      double* const row = rhs + 3 * end.part;
-      subtract(end.G, y + 3, row);
-      if (end.translation == Translation::unit)
-        for (int i = 0; i < 3; ++i) row[i] -= end.sign * y[i];
-      else if (end.translation == Translation::full)
-        subtract(full_[end.full].Gv, y, row);
-    }
+    subtract_rates(f, rhs);
     zero_dropped(rhs);
     lu_.solve(rhs);
     adjust(rhs);
@@ -154,6 +146,18 @@ class Delassus {
   }
   void solve(double* f, double* g) {
     solve(f, g, [](double*) {});
+  }
+  // rows -= G y, but for the columns of hubs.
+  void subtract_rates(const double* y, double* rows) const {
+    for (const End& end : ends_) {
+      const double* const own = y + 6 * end.body;
+      double* const row = rows + 3 * end.part;
+      subtract(end.G, own + 3, row);
+      if (end.translation == Translation::unit)
+        for (int i = 0; i < 3; ++i) row[i] -= end.sign * own[i];
+      else if (end.translation == Translation::full)
+        subtract(full_[end.full].Gv, own, row);
+    }
   }
   // As solve() where f = 0: `y` is what the multipliers do, - A^-1 Gc^T lam, whatever rows they were solved for with.
   void solve_rows(double* g, double* y) {

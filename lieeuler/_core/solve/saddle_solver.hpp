@@ -66,7 +66,7 @@ class SaddleSolver {
     std::fill(d.begin(), d.end(), Twist{});
     each([&](auto& by) {
       for (int k = 0; k < plan_.count(); ++k) rows_[k] = by.own(k, -at(joints, k).position(plan_.part(k)));
-      by.correct(d, rows_, true);
+      by.correct(d, rows_, false);  // repeated: what this leaves is rounding of a small displacement
     });
   }
   // u <- u - M^-1 G^T mu with G u + dPhi/dt = 0
@@ -102,7 +102,6 @@ class SaddleSolver {
 
   // The least-norm multipliers that act as these do.
   void make_least_norm(const Constraints& joints, std::vector<double>& lam) {
-    if (auto* small = std::get_if<SmallSchur>(&by_)) small->make_least_norm(joints, lam);
     if (auto* sparse = std::get_if<SparseSaddle>(&by_)) sparse->make_least_norm(joints, lam);
   }
 

@@ -83,15 +83,21 @@ class SparseSaddle : public WorldRows {
   // Places in lam of the rows left out, where there are any.
   const std::vector<char>* dropped() const { return independent_ ? &dropped_ : nullptr; }
   // Near a singular position of a loop it goes to zero, as the square of the distance.
-  double smallest_pivot() { return delassus_->lu().smallest_tail_pivot(); }
+  double smallest_pivot() {
+    return independent_ ? 1 / delassus_->largest_inverse(scales_) : delassus_->lu().smallest_tail_pivot();
+  }
 
   bool factor(const Constraints& joints, bool on_constraints) {
     factored_ = &joints;
     delassus_->assemble(joints);
     const bool regular = delassus_->lu().factor();
     if (independent_) {
-      if (regular && (!on_constraints || delassus_->largest_inverse(scales_) < kWorse * inverse_at_choice_))
+      if (regular && !on_constraints) return true;
+      const double inverse = delassus_->largest_inverse(scales_);
+      if (regular && inverse < kWorse * inverse_at_choice_) {
+        inverse_at_choice_ = std::min(inverse_at_choice_, kWorse * inverse);  // chosen near a singular position
         return true;
+      }
       return independent_->choose(joints, dropped_) == redundant_ && take_choice(joints);
     }
     solves_dense_ = dense_ && dense_->factor(joints, redundant_);
@@ -125,7 +131,7 @@ class SparseSaddle : public WorldRows {
   // what redundant rows cost in digits matters; near-dependent rows and graded masses lose digits of the rows in the
   // first pass, thin bodies of the balance of forces too. What that leaves is then solved for once more.
   void solve(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
-    const bool again = plan_.graded || thin_ || (to_rounding && redundant_ > 0);
+    const bool again = plan_.graded || thin_ || (to_rounding && (redundant_ > 0 || independent_));
     if (again) wanted_ = rows;
     if (thin_) forces_ = y;
     solve_once(y, rows);
@@ -196,7 +202,11 @@ class SparseSaddle : public WorldRows {
       }
       subtract_reactions(joints, rows, correction_);
     }
-    for (int k = 0; k < plan_.count(); ++k)
+    if (independent_) {
+      rows_ = wanted_;
+      delassus_->subtract_rates(flat(y), rows_.data()->data());
+    }
+    for (int k = 0; !independent_ && k < plan_.count(); ++k)
       rows_[k] = wanted_[k] - joints[plan_.parts[k].joint].velocity(plan_.part(k), y[plan_.body(k, kParent)],
                                                                     y[plan_.body(k, kChild)]);
     solve_once(correction_, rows_);

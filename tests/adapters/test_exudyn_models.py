@@ -23,7 +23,7 @@ ROUNDING = 1e-12  # some thousand roundings of numbers of size 1, relative
 CONDITIONING = 1e-10  # of two different eliminations of one system
 DIFFERENCES = 1e-6  # Exudyn takes velocity-dependent parts of the start from one-sided differences of size 1e-7
 NODES = ("lie", "euler_parameters")
-REDUNDANT = ("bricard", "double_four_bar", "four_bar", "parallelogram")
+REDUNDANT = ("bricard", "double_four_bar", "four_bar", "parallelogram", "squeezer")
 CONNECTORS = {"spherical": "JointSpherical", "distance": "ConnectorDistance", "linear_spring": "ConnectorSpringDamper",
               "torsional_spring": "ConnectorTorsionalSpringDamper"}
 NO_LOADS = ("linear_spring", "torsional_spring")

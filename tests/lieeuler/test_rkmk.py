@@ -124,7 +124,7 @@ SCENES = [name for name in crosscheck.scenes() if name not in ("chain_64", "stif
 @pytest.mark.parametrize("name", SCENES)
 def test_all_joints_and_forces(name):
     """Against the extrapolated implicit Euler method, which shares no step with the explicit ones."""
-    duration = 0.2
+    duration = 0.03 if name == "squeezer" else 0.2  # s: it turns five hundred times faster than the others
     explicit = solve(name, "rkmk853", duration, 5, rtol=1e-10)
     implicit = solve(name, "seulex", duration, 5, rtol=1e-8)
     assert_on_the_constraints(explicit, build_problem(scene(name, duration, 5)))

@@ -31,7 +31,8 @@ def test_mjcf_there_and_back(name, tmp_path):
     same(scene, crosscheck.import_model(path, keyframe="start", drop=False))
 
 
-LOOPS = ("bricard", "double_four_bar", "driven_slider_crank", "four_bar", "parallelogram", "slider_crank")
+LOOPS = ("bricard", "double_four_bar", "driven_slider_crank", "four_bar", "parallelogram", "slider_crank",
+         "squeezer")
 NOT_MJCF = dict.fromkeys(LOOPS, "closes a loop") | {
     "bead_on_line": "joint 'wire' of type point_on_line", "puck_on_plane": "joint 'plane' of type point_on_plane",
     "iftomm_simple_pendulum": "of type distance", "rod_pendulum": "of type distance",

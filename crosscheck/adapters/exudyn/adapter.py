@@ -19,7 +19,6 @@ from crosscheck.adapters.common import stepping, tree
 from crosscheck.adapters.exudyn import kinematic_tree, models, solving
 from crosscheck.adapters.exudyn.solving import IMPLICIT, NEWTON_TOLERANCES, load, solve
 from crosscheck.errors import EngineError
-from crosscheck.scene.mechanics import redundant_rows
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
 
@@ -104,8 +103,6 @@ class Exudyn:
         """Linear solver of a model with constraints; None: Exudyn's own choice."""
         if spec.method not in IMPLICIT or not self._constrained(scene, form):
             return None
-        if redundant_rows(scene):
-            return "EigenDense"
         return "EigenSparse" if scene.n >= solving.SPARSE_FROM and form == "maximal" else None
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:

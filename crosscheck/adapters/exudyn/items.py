@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -34,12 +34,12 @@ class Carrier:
     mark: Callable[[int, np.ndarray, np.ndarray | None], Any]
 
 
-def add_joint(carrier: Carrier, joint: Joint) -> Any:
-    """The joint as a constraint; returns the object's index."""
+def add_joint(carrier: Carrier, joint: Joint, left_free: Collection[int] = ()) -> Any:
+    """The joint as a constraint, but for axes that others constrain; returns the object's index."""
     from exudyn.itemInterface import ObjectConnectorDistance, ObjectJointGeneric, ObjectJointSpherical
 
     ends = (joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)
-    if joint.type in ("spherical", "distance"):
+    if joint.type in ("spherical", "distance") and not left_free:
         markers = [carrier.mark(body, anchor, None) for body, anchor in ends]
         if joint.type == "spherical":
             return carrier.system.AddObject(ObjectJointSpherical(name=joint.name, markerNumbers=markers))
@@ -48,7 +48,7 @@ def add_joint(carrier: Carrier, joint: Joint) -> Any:
     markers = [carrier.mark(*end, frame) for end, frame in zip(ends, joint_frames(carrier.scene, joint), strict=True)]
     return carrier.system.AddObject(ObjectJointGeneric(
         name=joint.name, markerNumbers=markers,
-        constrainedAxes=[int(axis not in free_axes(joint)) for axis in range(6)]))
+        constrainedAxes=[int(axis not in {*free_axes(joint), *left_free}) for axis in range(6)]))
 
 
 def free_axes(joint: Joint) -> set[int]:

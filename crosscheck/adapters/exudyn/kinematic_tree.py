@@ -15,6 +15,7 @@ import numpy as np
 from crosscheck.adapters.common import links, tree
 from crosscheck.adapters.common.links import Link, Part
 from crosscheck.adapters.exudyn import items
+from crosscheck.adapters.exudyn.independent import dropped_axes
 from crosscheck.adapters.exudyn.items import Carrier
 from crosscheck.adapters.exudyn.models import Model, mark_frame, new_system, pose, watch
 from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
@@ -213,7 +214,8 @@ def _attach(scene: Scene, system: Any, tree_object: Any, seats: dict[int, _Seat]
                                                          localHT=pose(at, turn)))
 
     carrier = Carrier(scene, system, mark)
+    left_free = dropped_axes(scene, closing)
     for joint in closing:
-        items.add_joint(carrier, joint)
+        items.add_joint(carrier, joint, left_free.get(joint.name, ()))
     for force in forces:
         items.add_force(carrier, force)

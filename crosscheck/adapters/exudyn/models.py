@@ -15,8 +15,10 @@ import numpy as np
 
 from crosscheck.adapters.common import tree
 from crosscheck.adapters.exudyn import items
+from crosscheck.adapters.exudyn.independent import dropped_axes
 from crosscheck.adapters.exudyn.items import Carrier
 from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import States
 
 LAYOUT_INERTIA = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
@@ -98,8 +100,9 @@ def maximal(scene: Scene, node: str = "lie", system: Any = None) -> Model:
         system.AddLoad(LoadMassProportional(markerNumber=mass, loadVector=scene.gravity))
         sensors += _watch_body(system, bodies[index])
     carrier = Carrier(scene, system, _marks(system, bodies, turn, np.zeros(3)))
+    left_free = dropped_axes(scene, spanning_tree(scene)[1])
     for joint in scene.joints:
-        items.add_joint(carrier, joint)
+        items.add_joint(carrier, joint, left_free.get(joint.name, ()))
     for force in scene.forces:
         items.add_force(carrier, force)
     return Model(container, system, sensors, lambda t, data: States(t, *_body_arrays(data, scene.R0)))

@@ -42,7 +42,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "__main__": {"cli"},
     "lieeuler": set(),
 }
-"""What each room may import, bottom up. The package itself (`__init__`) names public functions by text only."""
+"""What each room may import, bottom up. The package itself (`__init__`) names public functions by text only; its stub
+says the same to type checkers and is not read here."""
 
 Edges = dict[str, set[str]]
 
@@ -55,7 +56,8 @@ def modules(root: Path) -> dict[str, Path]:
             parts = file.relative_to(root).with_suffix("").parts
             found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
         stubs = (root / package).glob("*.pyi")
-        found |= {".".join(stub.relative_to(root).with_suffix("").parts): stub for stub in stubs}
+        found |= {".".join(stub.relative_to(root).with_suffix("").parts): stub
+                  for stub in stubs if stub.stem != "__init__"}
     return found
 
 

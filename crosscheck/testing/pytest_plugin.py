@@ -83,21 +83,23 @@ def crosscheck_run(_crosscheck_session: Any, request: pytest.FixtureRequest) -> 
 
     Called with a Scene, a built-in name or a path, then as `crosscheck.run`. What is left out comes from the marker;
     left out there too, the method is the engine's last of the highest documented order, and in a marked test the step
-    or rtol such that documented bounds judge. Where a test leaves the engine open, one that cannot run it skips the
-    test with its reason. Failed runs are not remembered. The arrays of a trajectory are shared between tests: they are
-    read-only.
+    or rtol such that documented bounds judge. Where a test leaves the engine open, one that cannot run it, or that is
+    not installed and that no option asked for, skips the test with its reason. Failed runs are not remembered. The
+    arrays of a trajectory are shared between tests: they are read-only.
     """
     stash = request.config.stash
 
     def run(*arguments: Any, **options: Any) -> Any:
-        from crosscheck.errors import Unsupported
+        from crosscheck.errors import EngineError, Unsupported
 
         try:
             return _crosscheck_session.run(*arguments, **options)
-        except Unsupported as error:
+        except (EngineError, Unsupported) as error:
             named = arguments[1] if len(arguments) > 1 else options.get("engine")
             chosen = stash.get(OPEN, None)
-            if chosen is not None and named in (None, chosen):
+            absent = (isinstance(error.__cause__, ModuleNotFoundError)
+                      and not request.config.getoption("--crosscheck-engine"))
+            if chosen is not None and named in (None, chosen) and (absent or isinstance(error, Unsupported)):
                 pytest.skip(str(error))
             raise
 

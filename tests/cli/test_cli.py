@@ -1,5 +1,6 @@
 """The command line: what it prints, and what it answers to mistakes."""
 
+import ast
 import csv
 import importlib.metadata
 import json
@@ -15,6 +16,7 @@ from typer.testing import CliRunner
 
 from crosscheck.cli.app import app
 from crosscheck.scene.file import load_scene
+from tests import ROOT
 
 QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "mujoco")
 
@@ -155,6 +157,17 @@ def test_public_names():
     assert set(package.scenes()) >= {"single_pendulum", "double_pendulum", "heavy_top", "triple_pendulum"}
     with pytest.raises(AttributeError, match="no_such_name"):
         package.no_such_name  # noqa: B018
+
+
+def test_type_checkers_see_every_public_name_where_it_is():
+    import crosscheck as package
+
+    stub = ast.parse((ROOT / "crosscheck" / "__init__.pyi").read_text())
+    seen = {each.asname or each.name: (node.module.removeprefix("crosscheck."), each.name)
+            for node in stub.body if isinstance(node, ast.ImportFrom) for each in node.names}
+    assert seen == package._HOMES
+    listed, = (ast.literal_eval(node.value) for node in stub.body if isinstance(node, ast.Assign))
+    assert listed == package.__all__
 
 
 def files_below(folder):

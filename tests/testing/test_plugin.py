@@ -1,6 +1,6 @@
 """The pytest plugin, run by pytest inside pytest."""
 
-
+import crosscheck
 from tests import ROOT
 
 pytest_plugins = ["pytester"]
@@ -90,6 +90,16 @@ def test_without_the_option_it_runs_for_every_engine(pytester):
     from crosscheck import adapters
 
     result.stdout.fnmatch_lines([f"*test_close[[]{name}[]]*" for name in adapters.names()])
+
+
+def test_an_engine_that_is_not_installed_skips_a_test_that_leaves_it_open(pytester):
+    pytester.makepyfile(MARKED)
+    pytester.makeconftest('import sys; sys.modules["pinocchio"] = None')
+    result = pytester.runpytest_subprocess("-rs", "-k", "pinocchio")
+    result.assert_outcomes(skipped=1, deselected=len(crosscheck.engines()) - 1)
+    result.stdout.fnmatch_lines(["*pinocchio cannot be imported*lieeuler-crosscheck[[]pinocchio[]]*"])
+    asked = pytester.runpytest_subprocess("--crosscheck-engine", "pinocchio")
+    asked.assert_outcomes(failed=1)
 
 
 def test_a_failed_check_says_what_by_how_much_why_when_and_where(pytester):

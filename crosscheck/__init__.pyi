@@ -1,0 +1,28 @@
+"""What the public names are, for type checkers; at run time crosscheck/__init__.py loads them when they are needed."""
+
+from crosscheck.adapters import methods
+from crosscheck.adapters import names as engines
+from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.export import export_model
+from crosscheck.diagnosis import explain
+from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported
+from crosscheck.inspection import inspect
+from crosscheck.references.base import TruthError
+from crosscheck.running.run import run, truth
+from crosscheck.running.trajectory import Trajectory
+from crosscheck.scene.file import load_scene
+from crosscheck.scene.file import scene_names as scenes
+from crosscheck.scene.model import Scene
+from crosscheck.scene.models import import_model
+from crosscheck.scene.states import States
+from crosscheck.sweeps.job import sweep
+from crosscheck.testing.agreement import assert_agree
+from crosscheck.verification.advice import advise
+
+__version__: str
+
+__all__ = [
+    "ArgumentError", "EngineError", "RawRun", "RunSpec", "Scene", "SceneError", "States", "Trajectory", "TruthError",
+    "Unsupported", "advise", "assert_agree", "engines", "explain", "export_model", "import_model", "inspect",
+    "load_scene", "methods", "run", "scenes", "sweep", "truth",
+]

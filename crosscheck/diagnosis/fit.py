@@ -88,6 +88,8 @@ class Data:
             difference = (group.terms.points.rates - group.terms.rates(physics, self.soft)) / group.units
             if physics.absent is not None:
                 difference[:, physics.absent] = 0.0
+            if physics.quadratic or physics.coulomb:
+                difference[group.terms.reversing] = 0.0
             found.append(difference)
         return found
 

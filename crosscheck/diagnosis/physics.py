@@ -8,6 +8,7 @@ way, with the G du/dt that was observed, which leaves the constraint forces free
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,9 @@ from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.model import GROUND, Force, Scene
 from crosscheck.scene.vectors import cross
+
+BENT = 4
+"""Instants to either side at which a derivative over nine samples reaches a bend."""
 
 SPRINGS = ("linear_spring", "torsional_spring")
 
@@ -100,6 +104,20 @@ class Terms:
         self._spinning: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._kept: tuple[tuple[object, ...], tuple[np.ndarray, ...]] | None = None
         self.rank = _rank(self.G[0], scene.masses, scene.inertias) if rank is None else rank
+
+    @functools.cached_property
+    def reversing(self) -> np.ndarray:
+        """(P,) which instants have a velocity that comes back near zero within reach of their derivatives: friction
+        bends there. None, where this would be nearly all."""
+        found = np.zeros(len(self.points.x), dtype=bool)
+        again = self.points.copy[1:] == self.points.copy[:-1]
+        for u in (self.points.v, self.rubbing[:, :, 3:]):
+            along = np.einsum("pni,pni->pn", u[1:], u[:-1])
+            sizes = np.linalg.norm(u[1:], axis=2) * np.linalg.norm(u[:-1], axis=2)
+            for k in np.flatnonzero(again & (along < 0.5 * sizes).any(axis=1)):
+                near = slice(max(0, k + 1 - BENT), k + 1 + BENT)
+                found[near] |= self.points.copy[near] == self.points.copy[k]
+        return found if found.mean() <= 0.8 else np.zeros_like(found)
 
     def forces(self, p: Physics) -> np.ndarray:
         """f, (P, n, 6)."""

@@ -13,7 +13,7 @@ from tests.right_engines import TABLEAUX, Adaptive, Floats, Matrices, Millimetre
 
 SEED = 41
 RIGHT = ("single_pendulum", "double_pendulum", "heavy_top", "hinge_pendulum", "four_bar", "universal_pendulum",
-         "spring_pendulum", "cylindrical_pendulum", "torsion_wheel", "triple_pendulum")
+         "spring_pendulum", "cylindrical_pendulum", "prismatic_slider", "triple_pendulum")
 SAMPLE = [("single_pendulum", Adaptive, "DP5")]
 CASES = [(mistake, name) for mistake in MISTAKES for name in mistake.scenes]
 QUICK = [("x at the joint", "single_pendulum"), ("gyroscopic factor", "single_pendulum"),
@@ -78,7 +78,7 @@ def right_engines():
     engines = [*((Rotations, f"RK{order}") for order in TABLEAUX), (Matrices, "RK4"), (Projected, "RK4"),
                (Floats, "RK4"), (Adaptive, "DP5"), (Millimetres, "RK4")]
     return [(name, engine, method) for engine, method in engines for name in RIGHT
-            if not (engine is Millimetres and name in ("spring_pendulum", "cylindrical_pendulum", "torsion_wheel"))]
+            if not (engine is Millimetres and name in ("spring_pendulum", "cylindrical_pendulum", "prismatic_slider"))]
 
 
 @pytest.mark.parametrize(("name", "engine", "method"), [

@@ -105,6 +105,8 @@ CLAIMS = (
     ("reported multipliers", ("reaction", "reaction torque"),
      "{kind} off by {value:.2g} {unit} from that of the reported state ({detail})",
      "report the multipliers of f = M du/dt + G^T lam that belong to the states, rows as in the scene"),
+    ("loose tolerance", ("rtol",), "errors are {value:.2g} times as large as the tolerance allows ({detail})",
+     "keep to the rtol that is asked for, over the whole step and relative to the size of the states"),
     ("attitudes off the group", ("orthogonality",), "R^T R - I reaches {value:.2g}",
      "move attitudes by rotations, or normalise them"),
 )

@@ -1,5 +1,7 @@
 """Where `crosscheck verify` fails, `explain` never says that nothing differs, even if all its own looks are blind."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
 from tests.diagnosis import misbuilt
 from tests.diagnosis.misbuilt import Misbuilt
+from tests.right_engines import Adaptive
 
 NAME, METHOD = "single_pendulum", "rkmk4"
 
@@ -63,6 +66,16 @@ def test_findings_about_reports_are_causes_and_others_are_not():
     assert answers["acceleration without gravity"].names == ("reported accelerations",)
     assert answers["gravity"].outcome == "unknown"
     assert "crosscheck verify rejects it" in answers["gravity"].sentence
+
+
+@pytest.mark.slow
+def test_a_tolerance_that_is_too_loose_is_named():
+    class Loose(Adaptive):
+        def run(self, scene, spec):
+            return super().run(scene, dataclasses.replace(spec, rtol=1e3 * spec.rtol))
+
+    answer = diagnosis.explain(load_scene(NAME).replace(duration=3.0, samples=31), Loose(), "DP5")
+    assert answer.names == ("loose tolerance",), answer.sentence
 
 
 def test_a_right_engine_passes_and_its_name_is_taken_back():

@@ -18,6 +18,7 @@ from tests.kernel_mutations import FIELDS, judged
 
 JOINTS = ("spherical", "universal", "revolute", "cylindrical", "prismatic", "planar", "fixed", "distance",
           "point_on_line", "point_on_plane")
+FLAT = ("revolute", "prismatic", "planar", "fixed")
 METHODS = tuple(sorted(lieeuler.METHODS))
 LOOSE = 1e-5
 """Of the sizes of the system, for the last state of a success: a thousand times what a run may open, for a run is held
@@ -48,13 +49,17 @@ def body(random: Random, size: float) -> lieeuler.Body:
     return lieeuler.Body(mass, (inertia + inertia.T) / 2)
 
 
-def joint(random: Random, kind: str, parent: int, child: int, x: np.ndarray, R: np.ndarray, size: float) -> Any:
-    """A joint that is closed where its bodies stand."""
+def joint(random: Random, kind: str, parent: int, child: int, x: np.ndarray, R: np.ndarray, size: float,
+          normal: np.ndarray | None = None) -> Any:
+    """A joint that is closed where its bodies stand; normal: of the plane that it keeps, for the kinds of `FLAT`."""
     at_parent, origin = (R[parent], x[parent]) if parent >= 0 else (np.eye(3), np.zeros(3))
     point = x[child] + R[child] @ vector(random, 0.5 * size)
     frame, offset = axes(random), vector(random, size)
     known = {"parent": parent, "child": child, "parent_anchor": at_parent.T @ (point - origin),
              "child_anchor": R[child].T @ (point - x[child])}
+    if normal is not None:
+        across = np.cross(normal, frame[0])
+        frame[0] = across / np.linalg.norm(across) if kind == "prismatic" else normal
     axis = frame[0]
     if kind in ("revolute", "cylindrical", "prismatic", "planar", "universal", "point_on_line", "point_on_plane"):
         known["parent_axis"] = at_parent.T @ axis
@@ -70,24 +75,26 @@ def joint(random: Random, kind: str, parent: int, child: int, x: np.ndarray, R: 
     return getattr(lieeuler, f"{kind}_joint")(**known)
 
 
-def mechanism(random: Random) -> lieeuler.Problem:
-    """One to six bodies on a tree, with up to two more joints between any of them."""
+def mechanism(random: Random, flat: bool = False) -> lieeuler.Problem:
+    """One to six bodies on a tree, with up to two more joints between any of them; flat: that stay in their planes."""
     n, size = random.randint(1, 6), decades(random, 3)
     x, R = np.array([vector(random, size) for _ in range(n)]), np.array([axes(random) for _ in range(n)])
-    floating = random.random() < 0.2
+    normal = axes(random)[0] if flat else None
+    floating = random.random() < 0.2 and not flat
     pairs = [(random.randint(-1, k - 1), k) for k in range(int(floating), n)]
     if floating:
         pairs = [(max(parent, 0), child) for parent, child in pairs]
     for _ in range(random.choice((0, 0, 1, 2)) if n > 1 else 0):
         child = random.randrange(1, n)
         pairs.append((random.randint(0 if floating else -1, child - 1), child))
-    joints = [joint(random, random.choice(JOINTS), parent, child, x, R, size) for parent, child in pairs]
+    joints = [joint(random, random.choice(FLAT if flat else JOINTS), parent, child, x, R, size, normal)
+              for parent, child in pairs]
     loads: list[Any] = []
     for k in range(n):
         if random.random() < 0.3:
             loads.append(lieeuler.ConstantLoad(k, force=vector(random, decades(random, 6)),
                                                torque=vector(random, decades(random, 6)), frame="body"))
-        if random.random() < 0.2:
+        if random.random() < (0.05 if flat else 0.2):  # springs pull out of planes
             loads.append(lieeuler.LinearSpring(-1, k, vector(random, size), vector(random, size), decades(random, 9),
                                                size * random.random(), random.choice((0.0, decades(random, 4)))))
     turning = vector(random, decades(random, 2)) if floating else np.zeros(3)
@@ -96,7 +103,7 @@ def mechanism(random: Random) -> lieeuler.Problem:
                             np.swapaxes(R, 1, 2) @ turning, loads)
 
 
-def case(random: Random) -> tuple[Callable[[], lieeuler.Problem], dict[str, Any]]:
+def case(random: Random, flat: bool = False) -> tuple[Callable[[], lieeuler.Problem], dict[str, Any]]:
     """What makes a problem, and the arguments of `integrate`."""
     draw = random.getrandbits(64)
     method = random.choice(METHODS)
@@ -109,12 +116,12 @@ def case(random: Random) -> tuple[Callable[[], lieeuler.Problem], dict[str, Any]
     elif "rtol" in controls:
         options["rtol"] = 10.0 ** random.uniform(-14, -1)
     options["t_eval"] = [0.0, end / 3, end]
-    return lambda: mechanism(Random(draw)), options
+    return lambda: mechanism(Random(draw), flat), options
 
 
 def answer(random: Random) -> str:
     """"refused", or the status; what is finite and closed by its own account must be so by that of a new problem."""
-    make, options = case(random)
+    make, options = case(random, flat=random.random() < 0.2)
     solution = judged(make, **options)
     if solution is None:
         return "refused"
@@ -132,6 +139,6 @@ def answer(random: Random) -> str:
 
 def again(random: Random) -> tuple[np.ndarray, ...]:
     """The samples of a run, to be compared bit by bit with those of the same draw."""
-    make, options = case(random)
+    make, options = case(random, flat=random.random() < 0.2)
     solution = judged(make, **options)
     return () if solution is None else tuple(getattr(solution, name) for name in FIELDS)

@@ -2,6 +2,8 @@
 
 import dataclasses
 import pickle
+import re
+from random import Random
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ import crosscheck
 import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
 from lieeuler.planar import plane_of
+from tests import random_mechanisms
 
 FIELDS = ("x", "R", "v", "w", "a", "alpha", "lam")
 PLANAR = ("four_bar", "parallelogram", "planar_slider", "driven_cart", "torsion_wheel", "hinge_pendulum")
@@ -65,6 +68,28 @@ def test_adaptive_methods_are_in_the_plane_unless_told(name, method):
                for word in ("off", None))
     assert on.stats.reduce == ("axis" if name == "torsion_wheel" else "planar")
     assert largest_difference(off, on) < 1e-7
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_random_mechanisms_move_alike_in_their_plane(seed):
+    """Of all flat joints, graded masses, loads in any direction; some are rigid, some have no hinge or odd springs."""
+    problem = random_mechanisms.mechanism(Random(seed), flat=True)
+    size = np.abs(problem.x).max()
+    rate = problem.kernel.natural_rate(problem.kernel.length)
+    for method in ("rattle2", "DAE1H_LSE"):
+        try:
+            off, on = (lieeuler.integrate(problem, method, 1e-3 / rate, [0.0, 5e-2 / rate], reduce=word)
+                       for word in ("off", "planar"))
+        except lieeuler.IntegrationError as ended:
+            if ended.status in (lieeuler.Status.SINGULAR_MATRIX, lieeuler.Status.NEWTON_FAILED):
+                continue
+            raise
+        except lieeuler.ArgumentError as refused:
+            if re.search("pulls out of the plane|no joint turns", str(refused)):
+                continue
+            raise
+        assert np.abs(off.x - on.x).max() < 1e-8 * size
+        assert np.abs(off.R - on.R).max() < 1e-8
 
 
 @pytest.mark.parametrize("name", ["four_bar", "hinge_pendulum"])

@@ -103,3 +103,17 @@ def test_a_night_is_told_of_the_folders_beside_the_nights(tmp_path):
     assert [(each["name"], each["here"], each["pages"]) for each in told] == [
         ("latest", False, [["index", "a & b", "../../latest/index.html"]]),
         ("nightly", True, [["index", "a & b", "index.html"]])]
+
+
+@pytest.mark.parametrize("watched", [PHONE], indirect=True)
+def test_a_phone_shows_the_first_rows_of_a_long_table_until_asked(watched):
+    page = watched.open("drift/index.html")
+    rows, shown = (page.locator(f"table[data-filter='runs'] tbody tr{which}") for which in ("", ":visible"))
+    assert rows.count() == shown.count() == 15  # not long
+    page.goto(watched.folder.as_uri() + "/chaos/index.html")
+    assert (rows.count(), shown.count()) == (30, 8)
+    assert page.locator(".filter [role=status]").inner_text() == "8 of 30"
+    page.get_by_role("searchbox", name="filter the rows").fill("top 1500")
+    assert shown.count() == 8
+    page.get_by_role("button", name="all rows").click()
+    assert shown.count() == 10

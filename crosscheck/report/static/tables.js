@@ -5,6 +5,9 @@
   const SPELLINGS = {dae1_iels: "dae1l_lse", dae1l_les: "dae1l_lse"};
   const OUTCOMES = ["error", "fail", "known", "unjudged", "budgeted", "partly", "pass", "unsupported"];
 
+  const FIRST = 8;  // rows of a long table that a phone shows before it is asked for all
+  const phone = window.matchMedia("(max-width: 760px)");
+
   const value = (row, column) => {
     const cell = row.cells[column];
     if (!cell) return "";
@@ -35,6 +38,7 @@
         head.setAttribute("aria-sort", down ? "descending" : "ascending");
         const body = table.tBodies[0];
         body.append(...[...body.rows].sort((one, other) => compare(value(one, column), value(other, column), down)));
+        table.dispatchEvent(new Event("sorted"));
       });
     });
   }
@@ -53,9 +57,9 @@
     words.setAttribute("aria-label", "filter the rows by words");
     const verdict = document.createElement("select");
     verdict.setAttribute("aria-label", "filter the rows by verdict");
-    const found = OUTCOMES.filter((outcome) => table.querySelector("tbody .tag." + outcome));
+    const outcomes = OUTCOMES.filter((outcome) => table.querySelector("tbody .tag." + outcome));
     verdict.add(new Option("every verdict", ""));
-    found.forEach((outcome) => verdict.add(new Option(outcome, outcome)));
+    outcomes.forEach((outcome) => verdict.add(new Option(outcome, outcome)));
     const count = document.createElement("span");
     count.className = "quiet";
     count.setAttribute("role", "status");
@@ -64,7 +68,13 @@
     every.checked = document.documentElement.classList.contains("printed");
     const label = document.createElement("label");
     label.append(every, " every scene");
-    bar.append(words, ...(found.length > 1 ? [verdict] : []), ...(scene ? [label] : []), count);
+    // A phone shows the first rows of a long table, and the rest when asked.
+    let whole = rows.length <= 2 * FIRST || document.documentElement.classList.contains("printed");
+    const rest = document.createElement("button");
+    rest.type = "button";
+    rest.textContent = "all rows";
+    rest.addEventListener("click", () => { whole = true; apply(); });
+    bar.append(words, ...(outcomes.length > 1 ? [verdict] : []), ...(scene ? [label] : []), count, rest);
     (table.closest(".scroll") ?? table).before(bar);
 
     const chosen = new URLSearchParams(window.location.search).get("engine");
@@ -72,20 +82,25 @@
     function apply() {
       const wanted = words.value.toLowerCase().split(/\s+/).filter(Boolean)
         .map((word) => SPELLINGS[word] ?? word);
-      let shown = 0;
+      let shown = 0, found = 0;
       table.classList.toggle("single", Boolean(scene) && !every.checked);
-      rows.forEach((row) => {
+      [...table.tBodies[0].rows].forEach((row) => {
         const text = wanted.length ? row.textContent.toLowerCase() : "";
         row.hidden = !wanted.every((word) => text.includes(word))
           || (scene && !every.checked && row.dataset.scene !== scene.value)
           || (verdict.value !== "" && !row.querySelector(".tag." + verdict.value));
+        found += row.hidden ? 0 : 1;
+        row.hidden ||= phone.matches && !whole && found > FIRST;
         shown += row.hidden ? 0 : 1;
       });
+      rest.hidden = shown === found;
       count.textContent = shown + " of " + rows.length;
     }
     words.addEventListener("input", apply);
     verdict.addEventListener("change", apply);
     every.addEventListener("change", apply);
+    phone.addEventListener("change", apply);
+    table.addEventListener("sorted", apply);
     document.addEventListener("scenechosen", apply);
     if (!scene) apply();
   }
@@ -98,7 +113,6 @@
     }));
   }
 
-  const phone = window.matchMedia("(max-width: 760px)");
   const label = () => { if (phone.matches) document.querySelectorAll("table.stack").forEach(stackable); };
   label();
   phone.addEventListener("change", label);
@@ -111,10 +125,10 @@
   // A link to a run opens its findings.
   function open() {
     const target = document.getElementById(window.location.hash.slice(1));
-    if (target && target.tagName === "DETAILS") {
-      target.open = true;
-      target.scrollIntoView();
-    }
+    const folded = target?.closest("details");
+    if (!folded || folded.classList.contains("menu")) return;
+    folded.open = true;
+    target.scrollIntoView();
   }
   window.addEventListener("hashchange", open);
   open();

@@ -33,7 +33,7 @@
   apply();
   system.addEventListener("change", apply);
   // Paper has nothing to click at: what is folded away on the first page is opened.
-  const unfold = () => document.querySelectorAll("details.card").forEach((each) => { each.open = true; });
+  const unfold = () => document.querySelectorAll("details.card, #reasons").forEach((each) => { each.open = true; });
   window.addEventListener("beforeprint", () => { root.classList.add("printed"); show("light"); unfold(); });
   window.addEventListener("afterprint", () => { root.classList.toggle("printed", printed); apply(); });
 

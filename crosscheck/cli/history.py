@@ -52,7 +52,7 @@ def list_(store: Store = None, limit: Annotated[int, typer.Option(help="how many
             rows.append((run.name, run.profile, str(run.exit_code), "yes" if run.good else "",
                          run.environment.commit or "", machine, engines))
     if not rows:
-        typer.echo(EMPTY)
+        say(EMPTY)
         return
     columns = [key("run"), *figures("profile", "exit", "compared with", "commit"), words("machine"), words("engines")]
     print_table(console(200), columns, rows)

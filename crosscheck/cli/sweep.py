@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import console, progress_bar
+from crosscheck.cli.console import console, progress_bar, say
+from crosscheck.cli.tables import figures, key, print_table
 
 
 def sweep(
@@ -39,21 +40,17 @@ def sweep(
     with progress_bar() as progress:
         frame = job.sweep(file, workers, scheduler, target, progress)
     report = frame.attrs["report"]
-    terminal = console(160)
     counts = frame.groupby(["scene", "engine", "method"], dropna=False)
-    from rich.table import Table
-
-    table = Table("scene", "engine", "method", "cells", "failed", "median position error, m", "largest", box=None)
-    for (scene, engine, method), rows in counts:
-        errors = rows["position_error"]
-        table.add_row(scene, engine, method, str(len(rows)), str(int((rows["status"] != "success").sum())),
-                      f"{errors.median():.3g}", f"{errors.max():.3g}")
-    terminal.print(table)
-    typer.echo(f"{len(frame)} cells, {report['computed']} computed in {report['seconds']:.1f} s with "
-               f"{report['workers']} workers: truth {report['truth_seconds']:.1f} s, "
-               f"runs {report['run_seconds']:.1f} s, overhead {1e3 * report['overhead']:.1f} ms a cell")
+    print_table(console(160), [key("scene"), key("engine"), key("method"), *figures(
+        "cells", "failed", "median position error, m", "largest, m")], [
+        (scene, engine, method, str(len(rows)), str(int((rows["status"] != "success").sum())),
+         f"{rows['position_error'].median():.3g}", f"{rows['position_error'].max():.3g}")
+        for (scene, engine, method), rows in counts])
+    say(f"{len(frame)} cells, {report['computed']} computed in {report['seconds']:.1f} s with {report['workers']} "
+        f"workers: truth {report['truth_seconds']:.1f} s, runs {report['run_seconds']:.1f} s, overhead "
+        f"{1e3 * report['overhead']:.1f} ms a cell")
     for text in report["trouble"]:
-        typer.echo(f"without truth: {text}")
+        say(f"without truth: {text}")
     page = target / "index.html"
     typer.echo(f"page: {page}" if page.exists() else f"results: {target / 'parts'} (no page: pip install "
                "'lieeuler-crosscheck[report]')")

@@ -47,6 +47,13 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
     """
     scene, scale = first.scene, first.scale
     result = ModelFinding()
+    R = first.states.R
+    off = float(np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max())
+    if off > FAITHFUL + fit.EXPLAINED * first.noise:
+        result.causes.append(NamedCause("attitudes off the group", f"R^T R - I reaches {off:.2g} at vanishing steps",
+                                        "report rotations: check what attitudes are converted from"))
+        result.told = True
+        return result
     observations = [(first, tuple(range(len(scene.forces))))]
     balls = None if alone else variants.on_balls(scene)
     for seed in range(0 if alone else COPIES if balls is None else 1):

@@ -376,6 +376,8 @@ MISTAKES = [
     Mistake("x at another point", ("position of another point",), told(elsewhere)),
     Mistake("another origin", ("origin of positions",), told(lambda r, s, t: with_states(t, x=t.x + r.uniform(
         -0.1, 0.1, 3)))),
+    Mistake("R not orthogonal", ("attitudes off the group",), told(lambda r, s, t: with_states(
+        t, R=misbuilt.factor(r, 1e-5, 1e-3) * t.R))),
     Mistake("wrapped angle", ("wrapped angle",), flawed(wrapped=True), ("torsion_wheel",)),
     Mistake("other order", ("order of bodies",), told(lambda r, s, t: of_output.picked(t, list(range(s.n))[::-1])),
         (TWO, "uneven")),

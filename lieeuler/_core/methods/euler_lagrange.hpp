@@ -263,7 +263,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     if (split_)
       split_->slope(k, side) =
           rate_slope(k, side, this->here(k).jacobian(part, side), tangents_[this->body_of(k, side)]);
-    return this->here(k).geometric_stiffness(part, side, side, impulse).ww;
+    return this->here(k).own_stiffness(part, side, impulse);
   }
   // Slope of a spherical part's rows by xi, against rotations: of position, or of velocity where that is all there is.
   Mat3 anchor_rows(const Delassus::Place& place, const Mat3& G) const {

@@ -194,6 +194,24 @@ class JointState {
     return times(frame_[side]->R, (side == kChild ? s.cross(w) : w.cross(s)).cross(d));
   }
 
+  // The block of d(G^T lam)/dq of one side's rotations alone.
+  Mat3 own_stiffness(const Part& part, Side side, const Vec3& lam) const {
+    if (part.spherical) return anchor_stiffness(side, lam);
+    Mat3 K = Mat3::Zero();
+    if (part.turn) return K;  // the torques are constant in both bodies
+    const Mat3& R = frame_[side]->R;
+    for (int r = 0; r < part.rows(); ++r) {
+      const DotRow& dot = part.dots[r];
+      const Carried A = a(dot), B = b(dot);
+      const Vec3 arm_a = transposed_times(R, A.arm[side]), arm_b = transposed_times(R, B.arm[side]);
+      const Vec3 first = transposed_times(R, A.value), second = transposed_times(R, B.value);
+      const double l = dot.scale * lam[r];
+      K += l * ((second - arm_b) * arm_a.transpose() + (first - arm_a) * arm_b.transpose());
+      K.diagonal().array() += l * (2 * arm_a.dot(arm_b) - arm_a.dot(second) - arm_b.dot(first));
+    }
+    return K;
+  }
+
   // d(G^T lam)/dq, the block of one side's rows and another side's columns.
   Stiffness geometric_stiffness(const Part& part, Side row, Side column, const Vec3& lam) const {
     Stiffness K;
@@ -213,11 +231,9 @@ class JointState {
       K.vv += l * (ar * bc + br * ac) * Mat3::Identity();
       K.vw += l * (ar * Bc + br * Ac);
       K.wv += l * (Ar.transpose() * bc + Br.transpose() * ac);
-      K.ww += l * (Ar.transpose() * Bc + Br.transpose() * Ac);
-      if (row == column)
-        for (const auto& [z, other] : {std::pair{&A, &B}, std::pair{&B, &A}})
-          K.ww += l * hat(Rr.transpose() * z->arm[row]) * hat(Rr.transpose() * other->value);
+      if (row != column) K.ww += l * (Ar.transpose() * Bc + Br.transpose() * Ac);
     }
+    if (row == column) K.ww = own_stiffness(part, row, lam);
     return K;
   }
 
@@ -229,6 +245,10 @@ class JointState {
     Vec3 rate = Vec3::Zero();
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
+      if (const Axes axes{*this, dot}; axes.only) {
+        rate[r] = dot.scale * (u.w[axes.a] - u.w[axes.b]).dot(axes.normal);
+        continue;
+      }
       const Carried A = a(dot), B = b(dot);
       rate[r] = dot.scale * (u.first(A).dot(B.value) + A.value.dot(u.first(B)));
     }
@@ -243,6 +263,10 @@ class JointState {
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const double l = dot.scale * lam[r];
+      if (const Axes axes{*this, dot}; axes.only) {
+        torque[axes.a] += l * axes.normal, torque[axes.b] -= l * axes.normal;
+        continue;
+      }
       const Carried A = a(dot), B = b(dot);
       for (Side side : kSides) {
         force[side] += l * (A.sign[side] * B.value + B.sign[side] * A.value);
@@ -262,6 +286,18 @@ class JointState {
     return m;
   }
 
+  // Of a row that is the product of two axes, what it takes: the bodies and the axes' vector product.
+  struct Axes {
+    bool only;
+    Side a, b;
+    Vec3 normal;
+    Axes(const JointState& joint, const DotRow& dot)
+        : only(dot.a != Carrier::difference && dot.b != Carrier::difference),
+          a(dot.a == Carrier::child_axis ? kChild : kParent),
+          b(dot.b == Carrier::child_axis ? kChild : kParent) {
+      if (only) normal = times(joint.frame_[a]->R, dot.a_local).cross(times(joint.frame_[b]->R, dot.b_local));
+    }
+  };
   struct Carried {
     Vec3 value = Vec3::Zero();
     double sign[2] = {0, 0};

@@ -13,8 +13,9 @@ FORMATS = ("html", "pdf", "svg")
 def report(
     run: Annotated[Path, typer.Argument(help="folder of a report, or its results.json")] = Path("reports/latest"),
     format_: Annotated[str, typer.Option("--format", help=(
-        "html: the pages anew; pdf: all of them in report.pdf, printed by Chromium; svg: the main plots in figures/"
-    ))] = "html",
+        "html: the pages anew; pdf: a summary and the overview in report.pdf, printed by Chromium; svg: the main plots "
+        "in figures/"))] = "html",
+    appendix: Annotated[bool, typer.Option("--appendix", help="of the PDF: every scene, study and engine too")] = False,
 ) -> None:
     """Render a finished run again from its results.json, without running anything."""
     from crosscheck import report as site
@@ -31,10 +32,20 @@ def report(
         written = write_figures(site.load_report(folder), folder / site.FIGURES)
         typer.echo(f"{len(written)} figures: {folder / site.FIGURES}")
     elif format_ == "pdf":
+        from crosscheck.files import put
+        from crosscheck.report.pages import cover
         from crosscheck.report.pdf import find_browser, write_pdf
+        from crosscheck.report.schema import read_document
 
         browser = find_browser()
         site.render_again(folder)
-        typer.echo(f"report: {write_pdf(site.pages_in_order(folder), folder / 'report.pdf', browser)}")
+        document = read_document(folder / "results.json")
+        put(folder / "summary.html", cover(document))
+        pages = [folder / "summary.html", *site.pages_in_order(folder)[:None if appendix else 1]]
+        try:
+            write_pdf(pages, folder / "report.pdf", browser, f"crosscheck, {document.meta.time[:10]}")
+        finally:
+            (folder / "summary.html").unlink()
+        typer.echo(f"report: {folder / 'report.pdf'}")
     else:
         typer.echo(f"report: {site.render_again(folder)}")

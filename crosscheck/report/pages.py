@@ -83,6 +83,11 @@ def index(document: Document) -> str:
     return _overview("index.html.j2", document)
 
 
+def cover(document: Document) -> str:
+    """The first page of the PDF: all that matters, on one sheet."""
+    return _overview("cover.html.j2", document)
+
+
 def summary(document: Document) -> str:
     """The same in Markdown, for a terminal or a pull request."""
     return _overview("summary.md.j2", document)
@@ -94,6 +99,8 @@ def _overview(template: str, document: Document) -> str:
         template, document, "index", matrix=overview.by_method(document), cells=overview.by_scene_and_engine(document),
         shares=overview.judged_shares(document),
         practical=overview.at_coarse_steps(document), headline=headline(document), partly=partly(document),
+        by_engine={engine: overview.counted([record for record in records if record.engine == engine])
+                   for engine in document.meta.engines},
         counts=overview.summary_counts(records), worst=overview.worst_first(records, document.changes),
         advice=overview.recommended(document.scenes), accurate=accurate, leaders=overview.leaders(document.scenes),
         advised={each.scene for each in document.advice or []}, advice_rows=msgspec.to_builtins(document.advice))

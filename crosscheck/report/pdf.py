@@ -32,7 +32,7 @@ def find_browser() -> str:
                         "Ubuntu: apt-get install chromium); or name one in CROSSCHECK_BROWSER")
 
 
-def write_pdf(pages: Sequence[Path], target: Path, browser: str | None = None) -> Path:
+def write_pdf(pages: Sequence[Path], target: Path, browser: str | None = None, title: str = "crosscheck") -> Path:
     """Print pages from disk into one PDF, a bookmark for each; the file is replaced as a whole. Returns `target`."""
     from pypdf import PdfReader, PdfWriter
 
@@ -44,6 +44,7 @@ def write_pdf(pages: Sequence[Path], target: Path, browser: str | None = None) -
             _print(program, page, printed, Path(folder) / "profile")
             with printed.open("rb") as stream:
                 writer.append(PdfReader(stream), outline_item=page.stem)
+        writer.add_metadata({"/Title": title})
         with replacing(target) as aside, aside.open("wb") as stream:
             writer.write(stream)
     return target

@@ -4,10 +4,12 @@ import csv
 import io
 import itertools
 import re
+import shutil
 from pathlib import Path
 
 import pytest
 
+from crosscheck.cli.report import report
 from crosscheck.errors import ArgumentError
 from crosscheck.scene.file import load_scene
 
@@ -272,3 +274,22 @@ def test_the_report_prints_to_one_pdf(browser, site, tmp_path):
     assert "largest position error (m)" in text  # the axis of a figure: it was drawn before it was printed
     with pytest.raises(ArgumentError, match=r"missing\.html"):
         write_pdf([site / "missing.html"], tmp_path / "none.pdf", "/bin/false")
+
+
+@pytest.mark.slow  # a browser starts for each page
+def test_the_pdf_begins_with_a_summary_of_one_page(browser, site, tmp_path):
+    from pypdf import PdfReader
+
+    folder = tmp_path / "report"
+    shutil.copytree(site, folder)
+    report(folder, "pdf")
+    short = PdfReader(folder / "report.pdf")
+    assert [(mark.title, short.get_destination_page_number(mark)) for mark in short.outline] == [
+        ("summary", 0), ("index", 1)]
+    assert short.metadata.title.startswith("crosscheck, 20")
+    first = " ".join(short.pages[0].extract_text().split())
+    assert first.startswith("Report of crosscheck, 20")
+    assert "What is wrong" in first  # the rest has a ligature
+    assert not (folder / "summary.html").exists()
+    report(folder, "pdf", appendix=True)
+    assert len(PdfReader(folder / "report.pdf").outline) == 1 + len(pages(site))

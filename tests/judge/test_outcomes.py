@@ -1,0 +1,271 @@
+"""Findings and outcomes of the verdict, one rule at a time, for made-up runs."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from crosscheck.document import LEVELS, QUANTITIES, Errors, Finding, Measured, Order, Scales
+from crosscheck.judge import known, tolerances, verdict
+from crosscheck.judge.claim import Claim
+from crosscheck.judge.known import Known
+from crosscheck.judge.tolerances import Tol
+from crosscheck.scene import mechanics
+from crosscheck.scene.file import load_scene
+from tests.judge.made_up import truth_of
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("double_pendulum").replace(duration=2.0, samples=5)
+
+
+def found(kind, status, value=1.0, bound=2.0, why="why"):
+    return Finding(kind, status, value, bound, "m", why)
+
+
+@pytest.mark.parametrize(("value", "empty", "status"), [
+    (2.0, False, "ok"), (np.nextafter(2.0, 3.0), False, "fail"), (np.nan, False, "fail"), (np.inf, False, "fail"),
+    (1.0, True, "unjudged"), (3.0, True, "unjudged"), (np.nan, True, "fail"), (np.inf, True, "fail")])
+def test_a_figure_is_within_its_bound_or_not(value, empty, status):
+    assert verdict._judged("position", value, Tol(2.0, "why"), "m", empty=empty).status == status
+
+
+@pytest.mark.parametrize(("statuses", "outcome"), [
+    (["ok"], "pass"), (["ok", "unjudged"], "pass"), (["known", "ok"], "known"), (["known", "fail"], "fail"),
+    ([], "pass")])
+def test_the_worst_status_makes_the_outcome(statuses, outcome):
+    assert verdict.outcome_of([found("position", status) for status in statuses]) == outcome
+    blind = found("step", "unjudged")
+    assert verdict.outcome_of([blind]) == "unjudged"
+    assert verdict.outcome_of([blind, found("energy", "fail")]) == "fail"
+    assert verdict.outcome_of([found("step", "ok"), found("energy", "unjudged")]) == "pass"
+
+
+def settled(findings, entry=None, monkeypatch=None, until=1.0, practical=False):
+    if monkeypatch is not None:
+        monkeypatch.setattr(known, "KNOWN", () if entry is None else (entry,))
+    run = Measured(scene="single_pendulum", engine="fake", version="1", method="Plain", form=None, duration=1.0,
+                   practical=practical, errors={"position": Errors(unit="m", end=1.0, max=1.0, time=0.0, body="b")})
+    return verdict.settle(run, findings, lambda *_: range(1), judged_until=until)
+
+
+@pytest.mark.parametrize(("until", "practical", "outcome"), [
+    (1.0, False, "pass"), (1.0, True, "partly"), (0.5, False, "partly"), (None, False, "pass"),
+    (1.0 - 1e-12, False, "pass"), (1.0 - 1e-6, False, "partly")])
+def test_a_pass_of_a_part_of_the_time_is_one_of_a_part(until, practical, outcome):
+    assert settled([found("position", "ok")], until=until, practical=practical).outcome == outcome
+    assert settled([found("position", "fail")], until=until, practical=practical).outcome == "fail"
+
+
+def test_a_settled_run_says_what_was_judged_of_its_errors():
+    run = settled([found("position", "ok", 0.25, 0.5, "because")])
+    assert (run.errors["position"].judged, run.errors["position"].bound, run.errors["position"].why) == (
+        0.25, 0.5, "because")
+    assert run.message == ""
+    assert "too coarse" in settled([found("step", "unjudged")]).message
+
+
+KNOWN = Known("fake", ("Plain",), ("single_pendulum",), None, ("position", "energy"), "its documentation says so")
+
+
+def test_a_known_defect_excuses_what_it_names_and_nothing_else(monkeypatch):
+    run = settled([found("position", "fail", 3.0), found("energy", "ok")], KNOWN, monkeypatch)
+    assert [(each.status, each.detail) for each in run.findings] == [("known", KNOWN.reason), ("ok", "")]
+    other = settled([found("position", "fail", 3.0), found("momentum", "fail", 3.0)], KNOWN, monkeypatch)
+    assert [each.status for each in other.findings] == ["known", "fail"]
+    mine = settled([found("position", "fail", 3.0, 2.0, f"{tolerances.BY_USER}: tight")], KNOWN, monkeypatch)
+    assert [each.status for each in mine.findings] == ["fail"]
+
+
+def test_a_known_defect_vanished_only_where_all_of_it_was_looked_for(monkeypatch):
+    both = [found("position", "ok"), found("energy", "ok")]
+    assert [each.kind for each in settled(both, KNOWN, monkeypatch).findings] == ["position", "energy", "vanished"]
+    assert settled(both, KNOWN, monkeypatch).outcome == "fail"
+    for half in ([both[0]], [both[0], found("energy", "unjudged")], [found("position", "fail", 3.0), both[1]]):
+        assert "vanished" not in [each.kind for each in settled(half, KNOWN, monkeypatch).findings]
+
+
+@pytest.mark.parametrize(("until", "duration", "partly", "word"), [
+    (1.0, 10.0, True, "pass to 1 s, 10 % of the time"), (10.0, 10.0, False, "pass"), (None, 10.0, False, "pass"),
+    (1.0, None, False, "pass"), (10.0 * (1 - 1e-10), 10.0, False, "pass"), (20.0, 10.0, False, "pass")])
+def test_words_claim_no_more_than_was_judged(until, duration, partly, word):
+    run = SimpleNamespace(judged_until=until, duration=duration, outcome="pass", practical=False)
+    assert verdict.partly(run) == partly
+    assert verdict.word(run) == word
+    for outcome, said in (("fail", "fail"), ("unsupported", "n/a"), ("error", "error")):
+        run.outcome = outcome
+        assert verdict.word(run) == said
+    run.outcome = "known"
+    assert verdict.word(run).startswith("known to" if partly else "known")
+    run.practical, run.outcome = True, "known"
+    assert verdict.word(run).startswith("known")
+    run.outcome = "partly"
+    assert verdict.word(run) == "stable"
+
+
+def test_undecided_orders_are_low_measured_and_neither_settled_nor_exhausted():
+    def order(settled=False, exhausted=False):
+        return {"position": Order(observed=1.0, documented=2, used=4, pairs=(), settled=settled, exhausted=exhausted)}
+
+    low = [found("order position", "fail")]
+    assert verdict.undecided(low, order())
+    assert not verdict.undecided(low, order(settled=True))
+    assert not verdict.undecided(low, order(exhausted=True))
+    assert not verdict.undecided([found("order position", "fail", None)], order())
+    assert not verdict.undecided([found("order position", "ok")], order())
+
+
+def run_of(truth, energy=0.0, momentum=0.0, scene=None, **series):
+    """A run with the energies and momenta of truth and these errors of them, at every other time."""
+    wave = np.arange(len(truth.t)) % 2
+    exact = mechanics.energy(scene, truth.states), mechanics.momentum_vertical(scene, truth.states)
+    return SimpleNamespace(t=truth.t, energy=exact[0] - energy * wave, momentum_vertical=exact[1] - momentum * wave,
+                           stats={}, **series)
+
+
+def test_energy_and_momentum_are_judged_as_far_as_the_bounds_reach(scene, monkeypatch):
+    truth = truth_of(scene)
+    kinetic = tolerances.scales(scene, truth).kinetic
+    monkeypatch.setattr(tolerances, "energy", lambda *_: Tol(0.1, "energy"))
+    monkeypatch.setattr(tolerances, "momentum", lambda *_: Tol(0.3, "momentum"))
+    traj = run_of(truth, 0.2 * kinetic, 0.2, scene)
+
+    def judged(until, empty=frozenset()):
+        bounds = verdict.Bounds({}, {}, empty, until)
+        return verdict.judge_invariants(scene, traj, truth, bounds)
+
+    energy, momentum = judged(2.0)
+    assert (energy.status, energy.value) == ("fail", pytest.approx(0.2))
+    assert (momentum.status, momentum.value) == ("ok", pytest.approx(0.2))
+    assert judged(0.5)[0].status == "fail"  # 0.5 s is the second time, and belongs to what is judged
+    assert judged(0.4)[0].status == "ok"
+    assert [each.status for each in judged(2.0, frozenset({"energy", "momentum"}))] == ["unjudged"] * 2
+
+
+@pytest.mark.parametrize("conserved", [True, False])
+def test_a_coarse_run_may_change_its_energy_by_what_lifting_all_bodies_takes(scene, monkeypatch, conserved):
+    truth = truth_of(scene, horizon=0.4)
+    scale = tolerances.scales(scene, truth)
+    lift = 2 * sum(scene.masses) * 9.81 * scale.reach
+    monkeypatch.setattr(verdict, "_conservative", lambda *_: conserved)
+    for share, status in ((0.99, "ok"), (1.01, "fail")):
+        judged = verdict.judge_practical(scene, run_of(truth, share * lift, scene=scene), truth)
+        assert judged.status == (status if conserved else "ok")  # beyond the horizon energies of drives are unknown
+        assert judged.bound == pytest.approx(lift / scale.kinetic)
+
+
+def test_without_truth_the_lifted_energy_and_that_of_the_start_bound_the_change():
+    scene = load_scene("thrown_double")
+    reach = sum(math.hypot(*joint.child_anchor) + math.hypot(*joint.parent_anchor) for joint in scene.joints)
+    start = sum(0.5 * m * (v @ v) + 0.5 * w @ (J @ w) for m, J, v, w in zip(
+        scene.masses, scene.inertias, scene.v0, scene.w0, strict=True))
+    reach = max(reach, *(math.hypot(*x) for x in scene.x0))
+    allowed = 2 * sum(scene.masses) * math.hypot(*scene.gravity) * reach + start
+    for share, status in ((0.999, "ok"), (1.001, "fail")):
+        judged = verdict.judge_without_truth(scene, SimpleNamespace(energy=np.array([7.0, 7.0 - share * allowed, 7.0])))
+        assert (judged.status, judged.bound) == (status, pytest.approx(allowed))
+    sprung = load_scene("spring_pendulum")
+    assert verdict.judge_without_truth(sprung, SimpleNamespace(energy=np.array([7.0, 8.0]))).status == "unjudged"
+
+
+def test_a_motion_is_conservative_to_the_doubt_of_truth(scene, monkeypatch):
+    truth = truth_of(scene)
+    scale = tolerances.scales(scene, truth)
+    for name, size in (("energy", scale.kinetic), ("momentum_vertical", scale.momentum)):
+        for share, conserved in ((0.99, True), (1.01, False)):
+            monkeypatch.setattr(mechanics, "energy", lambda *_: np.array([3.0, 3.0]))
+            monkeypatch.setattr(mechanics, "momentum_vertical", lambda *_: np.array([3.0, 3.0]))
+            moved = np.array([0.0, -10 * truth.error * size * share])
+            monkeypatch.setattr(mechanics, name, lambda *_, moved=moved: moved)
+            assert verdict._conservative(scene, truth) == conserved
+
+
+def levels_of(scene, truth, bounds, held=(), maxima=None, run=None, **series):
+    traj = SimpleNamespace(t=np.linspace(0.0, 2.0, 5), stats={},
+                           **{f"constraint_{level}": series.get(level, np.zeros(5)) for level in LEVELS})
+    return {each.kind.removeprefix("level "): each for each in verdict.judge_levels(
+        scene, traj, truth, bounds, frozenset(held), maxima or {}, run=run)}
+
+
+def test_held_levels_are_judged_at_every_step_and_the_others_at_samples(scene, monkeypatch):
+    truth = truth_of(scene)
+    monkeypatch.setattr(tolerances, "held_level", lambda *_: Tol(1e-12, "held"))
+    monkeypatch.setattr(tolerances, "free_level",
+                        lambda scene, truth, level, bounds: None if level == "acceleration" else Tol(0.1, "free"))
+    bounds = verdict.Bounds({}, {}, frozenset(), 1.0)
+    late, early = np.array([0.0, 0.0, 0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0, 0.0, 0.0])
+
+    def status(**more):
+        return {level: each.status for level, each in levels_of(scene, truth, bounds, **more).items()}
+
+    assert status() == {"position": "ok", "velocity": "ok", "acceleration": "unjudged"}
+    assert status(position=late, velocity=early) == {"position": "ok", "velocity": "fail", "acceleration": "unjudged"}
+    assert status(held=["position"], position=late)["position"] == "fail"
+    assert status(held=["position"], maxima={"constraint_position": 1e-3})["position"] == "fail"
+    assert status(maxima={"constraint_position": 1e3})["position"] == "ok"
+    assert status(acceleration=None)["acceleration"] == "unjudged"
+    assert levels_of(scene, None, bounds)["position"].status == "unjudged"
+    assert levels_of(scene, truth, None)["position"].status == "unjudged"
+    empty = verdict.Bounds({}, {}, frozenset({"level position"}), 2.0)
+    assert levels_of(scene, truth, empty, position=late)["position"].status == "unjudged"
+
+
+def test_levels_left_open_are_judged_by_what_the_errors_before_add_up_to(scene, monkeypatch):
+    truth = truth_of(scene)
+    monkeypatch.setattr(tolerances, "free_level", lambda *_: Tol(10.0, "free"))
+    bounds = verdict.Bounds({}, {}, frozenset(), 2.0)
+    scale = Scales(length=0.5, speed=1.0, rate=4.0, unit_rate=1.0, reach=1.0, kinetic=1.0, momentum=1.0)
+    grows = np.array([0.01, 0.1, 0.2, 0.3, 0.4])
+    run = SimpleNamespace(allowed=({"position": grows, "velocity": grows, "acceleration": grows},), scale=scale)
+
+    def judged(**series):
+        return levels_of(scene, truth, bounds, run=run, **series)
+
+    nearest = judged(position=np.array([0.0, 0.0, 0.19, 0.25, 0.0]))["position"]
+    assert (nearest.status, nearest.value, nearest.bound) == ("ok", 0.19, 0.2)
+    beyond = judged(position=np.array([0.0, 0.11, 0.0, 0.0, 0.39]))["position"]
+    assert (beyond.status, beyond.value, beyond.bound) == ("fail", 0.11, 0.1)
+    # Of velocities 2 m/s is the size of the scene, so that a bound of 0.6 m/s says something; of positions 0.5 m is.
+    run.allowed = (dict.fromkeys(LEVELS, 1.5 * grows),)
+    last = np.array([0.0, 0.0, 0.0, 0.0, 0.59])
+    assert judged(position=last)["position"].bound == 10.0
+    assert judged(velocity=last)["velocity"].bound == pytest.approx(0.6)
+
+
+def test_states_are_judged_over_the_window_where_the_whole_run_is_too_long(scene, monkeypatch):
+    truth, window = truth_of(scene), truth_of(scene.replace(duration=1.0, samples=3))
+    run = SimpleNamespace(**vars(truth.states), steps=100)
+    run.x = run.x.copy()
+    run.x[3, 0, 0] += 1e-3  # at 1.5 s, after the window
+    monkeypatch.setattr(verdict, "_conservative", lambda *_: True)
+    seen = []
+
+    def vacuous(too_long, always=frozenset()):
+        return lambda scene, reference, *_: frozenset({"position"}) if too_long and reference is truth else always
+
+    def fixed(scene, reference, order, step, growth, eps):
+        seen.append((reference is truth, order, step, growth))
+        return dict.fromkeys(QUANTITIES, Tol(1e-4, "tight"))
+
+    monkeypatch.setattr(tolerances, "fixed_step", fixed)
+    claim = Claim(order=2, step=0.01, rtol=None)
+    for too_long, until, status in ((False, 2.0, "fail"), (True, 1.0, "ok")):
+        seen.clear()
+        monkeypatch.setattr(tolerances, "vacuous", vacuous(too_long))
+        findings, errors, bounds = verdict.judge_states(scene, run, truth, window, claim)
+        assert (findings[0].kind, findings[0].status, bounds.until) == ("position", status, until)
+        assert errors["position"].max == pytest.approx(1e-3)
+        assert [growth for *_, growth in seen] == [None, 1.0] * (len(seen) // 2)
+        assert [whole for whole, *_ in seen] == [True, True, *([False, False] if too_long else [])]
+    monkeypatch.setattr(tolerances, "vacuous", vacuous(True, frozenset({"attitude"})))
+    assert verdict.judge_states(scene, run, truth, window, claim)[0][-1].status == "fail"
+    assert verdict.judge_states(scene, run, truth, window, claim, budgeted=True)[0][-1].status == "unjudged"
+    monkeypatch.setattr(tolerances, "vacuous", vacuous(False, frozenset({"energy"})))
+    assert {each.kind for each in verdict.judge_states(scene, run, truth, window, claim)[0]} == set(QUANTITIES)
+    monkeypatch.setattr(tolerances, "adaptive",
+                        lambda *given: seen.append(given[2:4]) or dict.fromkeys(QUANTITIES, Tol(1.0, "wide")))
+    seen.clear()
+    assert verdict.judge_states(scene, run, truth, window, Claim(None, None, 1e-9))[0][0].status == "ok"
+    assert set(seen) == {(1e-9, 100)}

@@ -89,6 +89,35 @@ class Drive(Frozen):
 
 
 @dataclasses.dataclass(frozen=True)
+class Rotor(Frozen):
+    """Rotor inertia (armature) I of a hinge's angle or of a slide: kinetic energy I rate^2 / 2, and nothing else.
+
+    There is no gyroscopic part, as in engines of joint coordinates. The joint has to keep the two axes together.
+
+    Parameters
+    ----------
+    inertia : float
+        kg m^2 about the axis, or kg along it; > 0.
+    parent_axis, child_axis : (3,)
+        The joint's axes, each in its body's frame.
+    turns : bool
+        The rate is that of the angle about the axes, child relative to parent; else that of the slide parent_axis . d.
+    """
+
+    inertia: float
+    parent_axis: np.ndarray
+    child_axis: np.ndarray
+    turns: bool = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inertia", positive("inertia", self.inertia))
+        for name in ("parent_axis", "child_axis"):
+            object.__setattr__(self, name, unit(name, getattr(self, name)))
+        if not isinstance(self.turns, bool):
+            raise ArgumentError(f"turns must be True or False, not {self.turns!r}")
+
+
+@dataclasses.dataclass(frozen=True)
 class Joint(Frozen):
     """Basic constraints between two bodies, or a body and the ground (index -1).
 
@@ -104,6 +133,8 @@ class Joint(Frozen):
         Further rows.
     drive : Drive, optional
         The last row: a coordinate as a function of time.
+    rotors : tuple of Rotor
+        Inertias of the joint's coordinates; they constrain nothing and have no row in lam.
     """
 
     parent: int
@@ -113,6 +144,7 @@ class Joint(Frozen):
     spherical: bool = True
     dots: tuple[Dot, ...] = ()
     drive: Drive | None = None
+    rotors: tuple[Rotor, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("parent", "child"):
@@ -121,8 +153,10 @@ class Joint(Frozen):
         object.__setattr__(self, "child_anchor", vector("child_anchor", self.child_anchor))
         if not isinstance(self.spherical, bool):
             raise ArgumentError(f"spherical must be True or False, not {self.spherical!r}")
-        if not isinstance(self.dots, tuple) or not all(isinstance(dot, Dot) for dot in self.dots):
-            raise ArgumentError(f"dots must be a tuple of Dot, not {self.dots!r}")
+        for name, kind in (("dots", Dot), ("rotors", Rotor)):
+            values = getattr(self, name)
+            if not isinstance(values, tuple) or not all(isinstance(value, kind) for value in values):
+                raise ArgumentError(f"{name} must be a tuple of {kind.__name__}, not {values!r}")
         if not self.rows:
             raise ArgumentError("a joint needs at least one constraint row")
 
@@ -143,9 +177,20 @@ class Joint(Frozen):
             system.drive_joint(self.drive.relative is not None, self.drive.parent_axis, self.drive.child_axis, n1, n2,
                                pointer, self.drive.function.kernel)
 
+    def add_rotors_to(self, system: _kernel.System, index: int) -> None:
+        """Add what the coordinates of this joint, the system's `index`-th, have of inertia."""
+        for rotor in self.rotors:
+            n1, n2 = normals(rotor.parent_axis)
+            system.add_rotor(index, rotor.inertia, rotor.turns, rotor.parent_axis, rotor.child_axis, n1, n2,
+                             normals(rotor.child_axis)[0])
+
     def driven(self, drive: Drive) -> Joint:
         """The joint with its coordinate prescribed."""
         return dataclasses.replace(self, drive=drive)
+
+    def geared(self, *rotors: Rotor) -> Joint:
+        """The joint with inertias of its coordinates."""
+        return dataclasses.replace(self, rotors=rotors)
 
 
 def _across(*directions: np.ndarray) -> tuple[Dot, ...]:

@@ -134,4 +134,6 @@ class Problem(Frozen):
                                 self.gravity)
         for item in (*self.joints, *self.forces):
             item.add_to(system)
+        for index, joint in enumerate(self.joints):  # whose multipliers come after those of all constraints
+            joint.add_rotors_to(system, index)
         return system

@@ -120,7 +120,7 @@ def _attached(problem: Problem, body: int) -> list[np.ndarray] | None:
         for end, side in ((joint.parent, "parent"), (joint.child, "child")):
             if end != body:
                 continue
-            if joint.drive is not None:
+            if joint.drive is not None or joint.rotors:
                 return None
             found.append((joint.parent_anchor if side == "parent" else joint.child_anchor) / length)
             found += [axis for dot in joint.dots for carrier, axis in ((dot.a, dot.a_axis), (dot.b, dot.b_axis))

@@ -39,6 +39,8 @@ def _joint(scene: Scene, joint: Joint) -> lieeuler.Joint:
         parameters.append(scene.R0[joint.child].T @ parent_attitude)
     made: lieeuler.Joint = getattr(lieeuler, f"{joint.type}_joint")(
         joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, *parameters)
+    made = made.geared(*(lieeuler.Rotor(inertia, joint.parent_axis, joint.child_axis, word == "turn")
+                         for inertia, word in zip(joint.armature, kind.coordinates, strict=False) if inertia))
     if joint.drive is None:
         return made
     relative = zero_attitude(joint).T if joint.type == "revolute" else None
@@ -103,8 +105,8 @@ class LieEuler:
         return frozenset(lieeuler.METHODS[spec.method].held)
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
-        """All joints and forces are modelled, redundant constraints included, but for armature and mimic."""
-        if reason := scene.beyond(("drive", "joint_torque", "function")):
+        """All joints and forces are modelled, redundant constraints included, but for mimic."""
+        if reason := scene.beyond(("armature", "drive", "joint_torque", "function")):
             return reason
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"

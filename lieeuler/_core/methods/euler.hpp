@@ -211,6 +211,10 @@ class EulerStepper {
     for (double* block : padding_[k])
       for (int r = part_of(k).rows(); r < 3; ++r) block[(kColumn + 1) * r] = 1;
   }
+  // The compliance of rotors; they have no second multiplier.
+  void pad_rotors() {
+    for (int k : plan_.rotors) padding_[k][1][0] = 1, padding_[k][0][0] = -part_of(k).compliance;
+  }
 
   // q = q_n * (h xi); false outside the map's domain.
   bool move(int body) {

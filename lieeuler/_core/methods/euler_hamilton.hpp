@@ -38,7 +38,9 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
         momentum_(system_.n() + 1),
         impulse_(system_.n() + 1),
         change_(rattle_ ? system_.n() + 1 : 0),
-        mu_(system_.rows(), 0.0) {
+        mu_(system_.rows() + plan.rotors.size(), 0.0),
+        rates_(plan.rotors.size(), 0.0),
+        rotor_momenta_(rates_) {
     if (!this->core_) find_blocks();
   }
 
@@ -62,6 +64,11 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       store(by_velocity() ? this->velocity_rows(k, state_, this->here(k))
                           : Vec3(this->here(k).position(this->part_of(k)) / h_),
             &r[3 * nodes_.lam(k)]);
+    for (size_t i = 0; i < rates_.size(); ++i) {
+      const int at = 3 * nodes_.lam(plan_.rotors[i]);
+      r[at] = (by_velocity() ? r[at] : way_of(plan_.rotors[i]) / h_) -
+              this->part_of(plan_.rotors[i]).compliance * (rotor_momenta_[i] + z[at]);
+    }
     return Status::success;
   }
 
@@ -81,7 +88,8 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   }
 
  private:
-  using Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_, Base::state_;
+  using Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::plan_, Base::start_,
+      Base::state_;
   using Base::system_, Base::xi_, Base::z_, Base::force_;
 
   void find_blocks() {
@@ -95,6 +103,9 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   Status begin() {
     for (int b = 0; b < system_.n(); ++b) momentum_[b] = canonical_momentum(system_.bodies[b], state_.u[b]);
     if (rattle_) carried_.assign(system_.n(), {});
+    for (size_t i = 0; i < rates_.size(); ++i)
+      rotor_momenta_[i] = this->saddle_.rotor_rate(joints_, plan_.rotors[i], state_.u) /
+                          this->part_of(plan_.rotors[i]).compliance;
     return Status::success;
   }
   void guess(std::vector<double>& z) const {
@@ -119,6 +130,16 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     return true;
   }
 
+  // How far a rotor turns, or slides, in the step: its angle in the joint is known up to whole turns.
+  double way_of(int k) const {
+    const Part& part = this->part_of(k);
+    const double way = this->here(k).position(part)[0] - this->before(k).position(part)[0];
+    if (!part.turn) return way;
+    const double about =
+        h_ * this->before(k).velocity(part, xi_[this->body_of(k, kParent)], xi_[this->body_of(k, kChild)])[0];
+    return about + std::remainder(way - about, 2 * std::numbers::pi);
+  }
+
   // - h df_app/dxi: dampers act with the discrete velocity.
   void add_damper_blocks(size_t k) {
     const Force& force = system_.forces[k];
@@ -134,7 +155,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   // Where only the rows of joints couple bodies: no dampers, and no loops whose dependent rows have to stay.
   static bool eliminates(const Plan& plan, Level level) {
     const std::vector<Force>& forces = plan.system.forces;
-    return (plan.forest || (level != Level::velocity && plan.independent)) &&
+    return plan.rotors.empty() && (plan.forest || (level != Level::velocity && plan.independent)) &&
            std::all_of(forces.begin(), forces.end(), [](const Force& f) { return f.damping == 0; });
   }
 
@@ -166,6 +187,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
         blocks.put_rows(slope.v, slope.w);
       }
     }
+    this->pad_rotors();
     return true;
   }
 
@@ -201,12 +223,18 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     else
       turn_impulses();
     this->store_multipliers(impulse_time());
+    for (size_t i = 0; i < rates_.size(); ++i) {
+      const int k = plan_.rotors[i];
+      rotor_momenta_[i] += z_[3 * nodes_.lam(k)];
+      rates_[i] = this->part_of(k).compliance * rotor_momenta_[i];
+    }
     if (level_ == Level::stabilised) {
       if (!this->saddle_.factor(joints_)) return Status::singular_matrix;
       if (rattle_)
         end_with_projection();
       else
-        this->saddle_.project(joints_, momentum_, state_.u, mu_.data(), momentum_);
+        this->saddle_.project(joints_, momentum_, state_.u, mu_.data(), momentum_, rates_);
+      for (size_t i = 0; i < rates_.size(); ++i) rotor_momenta_[i] += mu_[this->part_of(plan_.rotors[i]).row];
       for (size_t r = 0; r < mu_.size(); ++r) state_.lam[r] += mu_[r] / h_;
     }
     if (this->index1_output_)
@@ -250,7 +278,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     this->evaluate_joints();
   }
   void end_with_projection() {
-    this->saddle_.project(joints_, impulse_, state_.u, mu_.data(), change_);
+    this->saddle_.project(joints_, impulse_, state_.u, mu_.data(), change_, rates_);
     for (int b = 0; b < system_.n(); ++b) add_compensated(momentum_[b], change_[b], carried_[b].momentum);
   }
 
@@ -265,6 +293,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   };
   std::vector<Carried> carried_;
   std::vector<double> mu_;
+  std::vector<double> rates_, rotor_momenta_;  // of the rotors, and r and I r before the projection and carried
   std::vector<std::pair<double*, double*>> bodies_;  // diagonal blocks of v and w
 };
 

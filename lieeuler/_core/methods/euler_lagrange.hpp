@@ -47,7 +47,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
   static constexpr bool projects(Level) { return false; }
   bool exact_matrix() const {
-    return level_ != Level::acceleration && !(this->core_ && this->saddle_.sparse().dropped());
+    return level_ != Level::acceleration && !(this->core_ && this->saddle_.sparse().dropped()) &&
+           !(alpha_ && !plan_.rotors.empty());
   }
 
   // More than an iteration makes up for in a step or two.
@@ -78,6 +79,9 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   bool filter(std::vector<Twist>& change) {
     filtered_.assign(this->unknowns(), 0.0);
     for (int b = 0; b < system_.n(); ++b) store(momentum(system_.bodies[b], change[b]), &filtered_[3 * nodes_.v(b)]);
+    for (int k : plan_.rotors)
+      filtered_[3 * nodes_.lam(k)] =
+          this->here(k).velocity(this->part_of(k), change[this->body_of(k, kParent)], change[this->body_of(k, kChild)])[0];
     if (!solve_linear(filtered_)) return false;
     for (int b = 0; b < system_.n(); ++b) change[b] = load(&filtered_[3 * nodes_.v(b)]);
     return true;
@@ -102,6 +106,10 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     for (int b = 0; b < system_.n(); ++b) {
       store(balance_[b], &r[3 * nodes_.v(b)]);
       if (stabilised()) store(drift_[b], &r[3 * nodes_.xi_v(b)]);
+    }
+    for (int k : plan_.rotors) {
+      r[3 * nodes_.lam(k)] = rotor_gain(k) - this->part_of(k).compliance * z[3 * nodes_.lam(k)];
+      if (stabilised()) r[3 * nodes_.mu(k)] = z[3 * nodes_.mu(k)];
     }
     return Status::success;
   }
@@ -137,7 +145,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
 
   using Base::columns_, Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_,
       Base::state_;
-  using Base::system_, Base::xi_, Base::z_, Base::force_;
+  using Base::system_, Base::xi_, Base::z_, Base::force_, Base::plan_;
 
   static bool splits(const Plan& plan, Level level) {
     return level == Level::stabilised && StabilisedSolve::suits(plan);
@@ -219,6 +227,21 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
                                    gains_.beta * gains_.beta * this->here(k).position(part));
   }
 
+  // What a rotor gains in rate. By time derivatives, s (u - u_n) + h (ds/dt) u, where the method takes accelerations at
+  // the new state, else as the momentum it carries from step to step.
+  bool gains_by_derivative() const { return level_ == Level::acceleration || alpha_; }
+  double rotor_gain(int k) const {
+    const int i = this->body_of(k, kParent), j = this->body_of(k, kChild);
+    const Part& part = this->part_of(k);
+    const double rate = this->here(k).velocity(part, state_.u[i], state_.u[j])[0];
+    if (!gains_by_derivative()) return rate - this->before(k).velocity(part, start_.u[i], start_.u[j])[0];
+    const Twist parent = from(i), child = from(j);
+    return rate - this->here(k).velocity(part, parent, child)[0] +
+           force_time() * this->here(k).gamma(part, state_.u[i], state_.u[j])[0];
+  }
+  // What u is compared with: u_n, but for generalized-alpha; the ground's is zero.
+  Twist from(int b) const { return alpha_ ? (b == system_.n() ? Twist{} : alpha_->from(b)) : start_.u[b]; }
+
   // Where a joint's second derivatives and the forces keep to one body each: spherical joints without forces, on trees.
   // The acceleration level has rows of its own.
   static bool eliminates(const Plan& plan, Level level) {
@@ -226,7 +249,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     // But for what joints and springs couple two bodies by: Newton's iteration makes up for it.
     if (plan.independent && level == Level::position) return StabilisedSolve::suits(plan);
     if (plan.independent) return splits(plan, level);
-    return level != Level::acceleration && system.forces.empty() && plan.forest &&
+    return level != Level::acceleration && system.forces.empty() && plan.rotors.empty() && plan.forest &&
            std::all_of(system.joints.begin(), system.joints.end(), [](const Joint& joint) {
              return std::all_of(joint.parts.begin(), joint.parts.end(),
                                 [](const Part& part) { return part.spherical; });
@@ -283,6 +306,10 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
       for (Side side : kSides)
         if (this->body_of(k, side) != system_.n()) constraint_blocks(k, side);
     }
+    for (int k : plan_.rotors)
+      for (Side side : kSides)
+        if (this->body_of(k, side) != system_.n()) rotor_blocks(k, side);
+    this->pad_rotors();
     return true;
   }
 
@@ -345,6 +372,23 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     matrix_.rates[2 * k + side].put_rows(slope.v, slope.w);
     matrix_.drifts[2 * k + side].put_rows(G.v, G.w * T);
     matrix_.drifts[2 * k + side].put_columns(this->before(k).jacobian(this->part_of(k), side));
+  }
+
+  // Of rotor_gain(). By time derivatives, the second derivatives of s are left out.
+  void rotor_blocks(int k, Side side) {
+    const Twist &parent = state_.u[this->body_of(k, kParent)], &child = state_.u[this->body_of(k, kChild)];
+    const JointState& joint = this->here(k);
+    const Part& part = this->part_of(k);
+    const Mat3& T = tangents_[this->body_of(k, side)];
+    Rows by_u = joint.jacobian(part, side), by_xi;
+    const Rows N = joint.velocity_slope(part, side, parent, child, gains_by_derivative());
+    if (gains_by_derivative())
+      by_u.v += force_time() * N.v, by_u.w += force_time() * N.w;
+    else
+      by_xi = {h_ * N.v, h_ * N.w * T};
+    if (!doubled()) return this->blocks_[2 * k + side].put_rows(by_u.v + by_xi.v, by_u.w + by_xi.w);
+    this->blocks_[2 * k + side].put_rows(by_u.v, by_u.w);
+    matrix_.rates[2 * k + side].put_rows(by_xi.v, by_xi.w);
   }
 
   // Derivative of the velocity or acceleration row with respect to xi beyond G itself. For the acceleration level the

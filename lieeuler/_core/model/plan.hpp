@@ -38,6 +38,7 @@ class Plan {
   explicit Plan(System given)
       : system(std::move(given)),
         parts(number_parts(system)),
+        rotors(find_rotors(parts)),
         order(elimination_order(system)),
         loops(find_loops(system, order)),
         hinges(system),
@@ -52,6 +53,7 @@ class Plan {
 
   const System system;
   const std::vector<PlacedPart> parts;
+  const std::vector<int> rotors;  // among the parts
   const EliminationOrder order;
   const std::vector<Loop> loops;
   const HingeTree hinges;
@@ -95,11 +97,17 @@ class Plan {
         all.push_back({j, {system.joints[j].parent, system.joints[j].child}, &part});
     return all;
   }
+  static std::vector<int> find_rotors(const std::vector<PlacedPart>& parts) {
+    std::vector<int> found;
+    for (int k = 0; k < static_cast<int>(parts.size()); ++k)
+      if (parts[k].part->compliance > 0) found.push_back(k);
+    return found;
+  }
   Elimination for_any_rows() const { return independent ? Elimination::independent : Elimination::complete; }
   bool fits_whole() const {
     constexpr double kThin = 1e5, kGraded = 1e6;
     constexpr int kMostUnknowns = 96;
-    return (system.thin(kThin) || system.graded(kGraded)) && 6 * system.n() + system.rows() <= kMostUnknowns;
+    return rotors.empty() && (system.thin(kThin) || system.graded(kGraded)) && 6 * system.n() + system.rows() <= kMostUnknowns;
   }
   // Without loops no row can be redundant; a body with many parts would fill S; of graded masses or moments S alone
   // loses digits.
@@ -109,14 +117,14 @@ class Plan {
     for (const Joint& joint : system.joints)
       for (int body : {joint.parent, joint.child}) on[body] += static_cast<int>(joint.parts.size());
     on[system.n()] = 0;
-    return forest && !graded && !thin && *std::max_element(on.begin(), on.end()) <= kMostParts;
+    return rotors.empty() && forest && !graded && !thin && *std::max_element(on.begin(), on.end()) <= kMostParts;
   }
   // Few rows of trees, but for those of pins on the ground, of masses and moments whose Schur complement can be
   // refined.
   bool fits_small() const {
     const auto pins = std::count_if(hinges.hinges.begin(), hinges.hinges.end(),
                                     [this](const Hinge& hinge) { return hinge.base == system.n(); });
-    return forest && !whole && count() - pins <= kMostSmallParts;
+    return rotors.empty() && forest && !whole && count() - pins <= kMostSmallParts;
   }
 
   mutable std::mutex guard_;

@@ -4,6 +4,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "model/so3.hpp"
@@ -84,13 +85,18 @@ struct Turn {
 };
 
 // Up to three rows of a joint that are evaluated and solved for together: a spherical constraint, or dot rows; or one
-// row alone, coordinate - drive(t) = 0, of an angle or of a slide, which is a dot row.
+// row alone of an angle or of a slide, which is a dot row: coordinate - drive(t) = 0, or that of a rotor.
+//
+// A rotor adds I rate^2 / 2 to the kinetic energy and holds nothing. With its rate s u as an unknown r of mass I, and
+// the row s u - r = 0, r is eliminated: the multiplier m = I dr/dt acts on the bodies by -s^T m, and the row reads
+// s du/dt + (ds/dt) u - m / I = 0, one with the compliance 1 / I.
 struct Part {
   bool spherical;
   std::vector<DotRow> dots;  // in place of a turn one that is not looked at
   int row;                   // of the first, in lam
   std::optional<Turn> turn = {};
   std::optional<TimeFunction> drive = {};
+  double compliance = 0;  // 1 / I of a rotor, 0 of a constraint
   int rows() const { return spherical ? 3 : static_cast<int>(dots.size()); }
   // Whether a row, or any, depends on the positions of the bodies, and not on their attitudes alone.
   bool translational(int row) const {
@@ -107,7 +113,11 @@ struct Joint {
   int parent, child;  // parent == number of bodies: the ground
   Vec3 parent_anchor, child_anchor;
   std::vector<Part> parts;
-  bool driven = false;  // its last part has a drive
+  bool driven = false;  // its last constraint has a drive
+  int rotors = 0;       // among its parts, the last ones
+
+  std::span<const Part> constraints() const { return {parts.data(), parts.size() - rotors}; }
+  std::span<const Part> rotors_of() const { return std::span(parts).last(rotors); }
 };
 
 // A spring-damper or a load. parent == number of bodies: the ground.
@@ -137,10 +147,16 @@ struct System {
   double frequency = 0;                               // of the fastest spring or damper, 1/s
 
   int n() const { return static_cast<int>(bodies.size()); }
+  // Of constraints; the multipliers of rotors come after theirs.
   int rows() const {
     int total = 0;
     for (const Joint& joint : joints)
-      for (const Part& part : joint.parts) total += part.rows();
+      for (const Part& part : joint.constraints()) total += part.rows();
+    return total;
+  }
+  int rotors() const {
+    int total = 0;
+    for (const Joint& joint : joints) total += joint.rotors;
     return total;
   }
   int parts() const {
@@ -166,7 +182,7 @@ struct System {
     for (const Force& force : forces)
       if (force.drive) end = force.drive->next_break(t, end);
     for (const Joint& joint : joints)
-      if (joint.driven) end = joint.parts.back().drive->next_break(t, end);
+      if (joint.driven) end = joint.constraints().back().drive->next_break(t, end);
     return end;
   }
   // Whether a light body may carry a heavy one, whose share in G M^-1 G^T then loses three digits or more.

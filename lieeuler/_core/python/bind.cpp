@@ -53,17 +53,34 @@ void add_joint(System& system, int parent, int child, const Vec3& parent_anchor,
   measure(system, joint);
 }
 
+// A joint's angle about its axis, or its slide along it, as a row of its own.
+Part coordinate_part(bool turns, const Vec3& parent_axis, const Vec3& child_axis, const Vec3& normal,
+                     const Vec3& second_normal, const Vec3& pointer, int row) {
+  const DotRow slide{Carrier::parent_axis, Carrier::difference, parent_axis};
+  const DotRow unused{Carrier::parent_axis, Carrier::child_axis, parent_axis, child_axis};
+  Part part{false, {turns ? unused : slide}, row};
+  if (turns) part.turn = Turn{parent_axis, child_axis, normal, second_normal, pointer};
+  return part;
+}
+
 // A row of its own for the joint added last: its angle about the axis, or its slide along it, is a function of time.
 void drive_joint(System& system, bool turns, const Vec3& parent_axis, const Vec3& child_axis, const Vec3& normal,
                  const Vec3& second_normal, const Vec3& pointer, const TimeFunction& drive) {
   require(!system.joints.empty() && !system.joints.back().driven, "there is no joint to drive");
   Joint& joint = system.joints.back();
-  const DotRow slide{Carrier::parent_axis, Carrier::difference, parent_axis};
-  const DotRow unused{Carrier::parent_axis, Carrier::child_axis, parent_axis, child_axis};
-  Part part{false, {turns ? unused : slide}, system.rows()};
-  if (turns) part.turn = Turn{parent_axis, child_axis, normal, second_normal, pointer};
+  Part part = coordinate_part(turns, parent_axis, child_axis, normal, second_normal, pointer, system.rows());
   part.drive = drive;
   joint.parts.push_back(part), joint.driven = true;
+}
+
+// A rotor of the joint's angle or slide, when all joints are there.
+void add_rotor(System& system, int joint, double inertia, bool turns, const Vec3& parent_axis, const Vec3& child_axis,
+               const Vec3& normal, const Vec3& second_normal, const Vec3& pointer) {
+  require(0 <= joint && joint < static_cast<int>(system.joints.size()) && inertia > 0, "a rotor needs a joint and mass");
+  Part part = coordinate_part(turns, parent_axis, child_axis, normal, second_normal, pointer,
+                              system.rows() + system.rotors());
+  part.compliance = 1 / inertia;
+  system.joints[joint].parts.push_back(part), ++system.joints[joint].rotors;
 }
 
 void add_force(System& system, const Force& force) {
@@ -107,7 +124,7 @@ void add_load(System& system, int child, const Vec3& point, const Vec3& value, c
 // Room for all samples is asked for, and taken sample by sample: a run that ends early fills and returns no more.
 struct Samples {
   std::vector<double> x, R, v, w, a, alpha, lam, angles;
-  Samples(size_t most, const System& s) {
+  Samples(size_t most, const System& s) : rows_(s.rows()) {
     for (auto* vectors : {&x, &v, &w, &a, &alpha}) vectors->reserve(3 * most * s.n());
     R.reserve(9 * most * s.n()), lam.reserve(most * s.rows()), angles.reserve(most * s.forces.size());
   }
@@ -120,9 +137,12 @@ struct Samples {
       for (int row = 0; row < 3; ++row) add(R, state.frames[b].R.row(row).transpose());
       add(v, state.u[b].v), add(w, state.u[b].w), add(a, state.a[b].v), add(alpha, state.a[b].w);
     }
-    lam.insert(lam.end(), state.lam.begin(), state.lam.end());
+    lam.insert(lam.end(), state.lam.begin(), state.lam.begin() + rows_);
     angles.insert(angles.end(), state.angles.begin(), state.angles.end());
   }
+
+ private:
+  const int rows_;
 };
 
 // Whether Ctrl-C was pressed; takes the interpreter's lock.
@@ -341,6 +361,7 @@ NB_MODULE(_kernel, m) {
            })
       .def("add_joint", &add_joint)
       .def("drive_joint", &drive_joint)
+      .def("add_rotor", &add_rotor)
       .def("add_linear_spring", &add_linear_spring)
       .def("add_torsional_spring", &add_torsional_spring, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(),
            nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none())

@@ -15,7 +15,7 @@ inline std::pair<double, double> constraint_levels(const System& system, const S
   for (const Joint& joint : system.joints) {
     JointState here;
     here.update(joint, state.frames);
-    for (const Part& part : joint.parts) {
+    for (const Part& part : joint.constraints()) {
       Vec3 gap = here.position(part), speed = here.velocity(part, state.u[joint.parent], state.u[joint.child]);
       speed += here.drift(part);
       for (int r = 0; r < part.rows(); ++r)

@@ -29,7 +29,10 @@ void raise(double& maximum, const Eigen::MatrixBase<Values>& values) {
 
 class Monitor {
  public:
-  Monitor(const System& system, bool enabled) : system_(system), enabled_(enabled) {}
+  Monitor(const System& system, bool enabled) : system_(system), enabled_(enabled) {
+    for (size_t j = 0; j < system.joints.size(); ++j)
+      if (system.joints[j].rotors > 0) rotors_.push_back(static_cast<int>(j));
+  }
 
   void start(const State& state, const Constraints& joints) {
     double kinetic;
@@ -46,7 +49,7 @@ class Monitor {
       const Joint& joint = system_.joints[j];
       const JointState& here = joints[static_cast<int>(j)];
       const Twist &parent = state.u[joint.parent], &child = state.u[joint.child];
-      for (const Part& part : joint.parts) {
+      for (const Part& part : joint.constraints()) {
         raise(maxima.position, here.position(part));
         raise(maxima.velocity, here.velocity(part, parent, child) + here.drift(part));
         raise(maxima.acceleration,
@@ -72,13 +75,27 @@ class Monitor {
       kinetic += 0.5 * (body.mass * u.v.squaredNorm() + L.dot(body.inertia_inverse * L));
       potential -= body.mass * system_.gravity.dot(state.frames[b].x);
     }
+    for (int j : rotors_) kinetic += rotor_energy(j, state);
     for (size_t k = 0; k < system_.forces.size(); ++k)
       potential += ForceState(system_.forces[k], state.frames, state.u, state.angles[k]).potential();
     return kinetic + potential;
   }
 
+  double rotor_energy(int j, const State& state) const {
+    const Joint& joint = system_.joints[j];
+    JointState here;
+    here.update(joint, state.frames);
+    double kinetic = 0;
+    for (const Part& part : joint.rotors_of()) {
+      const double rate = here.velocity(part, state.u[joint.parent], state.u[joint.child])[0];
+      kinetic += 0.5 * rate * rate / part.compliance;
+    }
+    return kinetic;
+  }
+
   const System& system_;
   bool enabled_;
+  std::vector<int> rotors_;  // joints with some
   double start_energy_ = 0;
 };
 

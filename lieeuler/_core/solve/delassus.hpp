@@ -297,6 +297,7 @@ class Delassus {
     lu_.set_zero();
     for (int k = 0; k < parts(); ++k)
       for (int r = plan_.part(k).rows(); r < 3; ++r) padding_[k][(kColumn + 1) * r] = 1;
+    for (int k : plan_.rotors) padding_[k][0] = -plan_.part(k).compliance;
     for (End& end : ends_) {
       const Mobility& body = bodies_[end.body];
       if (end.part_data->spherical) {

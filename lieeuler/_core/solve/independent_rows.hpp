@@ -18,7 +18,7 @@ class IndependentRows {
 
   // How many rows depend on others here; `dropped` names them, by their places in lam.
   int choose(const Constraints& joints, std::vector<char>& dropped) {
-    dropped.assign(system_.rows(), 0);
+    dropped.assign(system_.rows() + plan_.rotors.size(), 0);
     null_.clear();
     for (const Loop& loop : plan_.loops) choose_in(loop, joints, dropped);
     return static_cast<int>(null_.size());
@@ -108,13 +108,13 @@ class IndependentRows {
     }
   }
   void append_rows(int j, std::vector<int>& rows) const {
-    for (const Part& part : system_.joints[j].parts)
+    for (const Part& part : system_.joints[j].constraints())
       for (int r = 0; r < part.rows(); ++r) rows.push_back(part.row + r);
   }
   Eigen::Index fill(Eigen::MatrixXd& A, Eigen::Index column, const std::vector<int>& bodies, int j,
                     const Constraints& joints) const {
     const Joint& joint = system_.joints[j];
-    for (const Part& part : joint.parts) {
+    for (const Part& part : joint.constraints()) {
       for (Side side : kSides) {
         const int body = side == kChild ? joint.child : joint.parent;
         if (body == system_.n()) continue;

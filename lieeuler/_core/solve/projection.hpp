@@ -115,7 +115,7 @@ class Projection {
   bool closed() const {
     for (size_t j = 0; j < system_.joints.size(); ++j) {
       const JointState& here = joints_[static_cast<int>(j)];
-      for (const Part& part : system_.joints[j].parts)
+      for (const Part& part : system_.joints[j].constraints())
         if ((here.position(part).cwiseAbs() - kNoisyTerms * kEps * here.terms(part)).maxCoeff() > 0) return false;
     }
     return true;

@@ -66,20 +66,23 @@ class SaddleSolver {
     std::fill(d.begin(), d.end(), Twist{});
     each([&](auto& by) {
       for (int k = 0; k < plan_.count(); ++k) rows_[k] = by.own(k, -at(joints, k).position(plan_.part(k)));
+      for (int k : plan_.rotors) rows_[k].setZero();
       by.correct(d, rows_, false);  // repeated: what this leaves is rounding of a small displacement
     });
   }
   // u <- u - M^-1 G^T mu with G u + dPhi/dt = 0
   void project(const Constraints& joints, std::vector<Twist>& u) {
     put_drift(joints);
+    for (int k : plan_.rotors) rows_[k][0] = rotor_rate(joints, k, u);
     each([&](auto& by) { by.correct(u, rows_, true); });
   }
   // From the momentum p, with the bodies' spin: u = M^-1 (p - G^T mu) with G u + dPhi/dt = 0; -G^T mu is added to
-  // `change`, which may be p.
+  // `change`, which may be p. rates: of the rotors by their own momenta, which change by mu.
   void project(const Constraints& joints, const std::vector<Twist>& p, std::vector<Twist>& u, double* mu,
-               std::vector<Twist>& change) {
+               std::vector<Twist>& change, const std::vector<double>& rates) {
     for (int b = 0; b < system_.n(); ++b) force_[b] = {p[b].v, p[b].w - system_.bodies[b].spin};
     put_drift(joints);
+    for (size_t i = 0; i < rates.size(); ++i) rows_[plan_.rotors[i]][0] = rates[i];
     each([&](auto& by) {
       by.solve(force_, rows_, true);
       put_multipliers(by, mu);
@@ -98,6 +101,11 @@ class SaddleSolver {
       put_multipliers(by, state.lam.data());
     });
     state.a[system_.n()] = Twist{};
+  }
+
+  // Of the rotor that is the part k, at velocities u.
+  double rotor_rate(const Constraints& joints, int k, const std::vector<Twist>& u) const {
+    return at(joints, k).velocity(plan_.part(k), u[plan_.body(k, kParent)], u[plan_.body(k, kChild)])[0];
   }
 
   // The least-norm multipliers that act as these do.

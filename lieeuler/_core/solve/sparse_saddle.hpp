@@ -55,6 +55,7 @@ class SparseSaddle : public WorldRows {
         const Rows G = joints[plan_.parts[k].joint].jacobian(plan_.part(k), side);
         mobility += (G.v * G.v.transpose() / body.mass + G.w * body.inertia_inverse * G.w.transpose()).diagonal();
       }
+      mobility[0] += plan_.part(k).compliance;
       for (int r = 0; r < plan_.part(k).rows(); ++r) scales[3 * k + r] = 1 / std::sqrt(mobility[r]);
     }
     return scales;
@@ -131,7 +132,7 @@ class SparseSaddle : public WorldRows {
   // what redundant rows cost in digits matters; near-dependent rows and graded masses lose digits of the rows in the
   // first pass, thin bodies of the balance of forces too. What that leaves is then solved for once more.
   void solve(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
-    const bool again = plan_.graded || thin_ || (to_rounding && (redundant_ > 0 || independent_));
+    const bool again = plan_.graded || thin_ || !plan_.rotors.empty() || (to_rounding && (redundant_ > 0 || independent_));
     if (again) wanted_ = rows;
     if (thin_) forces_ = y;
     solve_once(y, rows);
@@ -209,6 +210,7 @@ class SparseSaddle : public WorldRows {
     for (int k = 0; !independent_ && k < plan_.count(); ++k)
       rows_[k] = wanted_[k] - joints[plan_.parts[k].joint].velocity(plan_.part(k), y[plan_.body(k, kParent)],
                                                                     y[plan_.body(k, kChild)]);
+    for (int k : plan_.rotors) rows_[k][0] += plan_.part(k).compliance * rows[k][0];
     solve_once(correction_, rows_);
     const Scales scales{system_.length};
     double change = 0;

@@ -22,7 +22,7 @@ from lieeuler.checks import normals
 from lieeuler.errors import ArgumentError
 from lieeuler.forces import ConstantLoad, Force, LinearSpring, SlideForce, TorsionalSpring
 from lieeuler.functions import TimeFunction
-from lieeuler.joints import Dot, Drive, Joint
+from lieeuler.joints import Dot, Drive, Joint, Rotor
 from lieeuler.methods import Method
 from lieeuler.problem import Body, Problem
 from lieeuler.solution import Solution
@@ -138,6 +138,8 @@ def plane_of(problem: Problem, pins: bool) -> Plane:
                 groups[body] = groups[joint.parent]
         if point or rows.angle or len(rows.across) or joint.drive:
             joints.append(_joint(view, joint, rows, point))
+        elif joint.rotors:
+            raise NotPlanar("a joint without rows in the plane has a rotor")
     bodies = tuple(Body(body.mass, float(P[2] @ body.inertia @ P[2]) * np.eye(3))
                    for body, P in zip(problem.bodies, view.frames, strict=True))
     flat = Problem(bodies, tuple(joints), view.within(GROUND, problem.gravity),
@@ -276,7 +278,14 @@ def _joint(view: _View, joint: Joint, rows: _Within, point: bool) -> Joint:
         dots += (Dot("parent", "child", X, Y),)
     return Joint(joint.parent, joint.child, view.within(joint.parent, joint.parent_anchor),
                  view.within(joint.child, joint.child_anchor), point, dots,
-                 None if joint.drive is None else _drive(view, joint, joint.drive))
+                 None if joint.drive is None else _drive(view, joint, joint.drive),
+                 tuple(_rotor(view, joint, rotor) for rotor in joint.rotors))
+
+
+def _rotor(view: _View, joint: Joint, rotor: Rotor) -> Rotor:
+    along = view.axis if rotor.turns else view.direction
+    return Rotor(rotor.inertia, along("a rotor", joint.parent, rotor.parent_axis),
+                 along("a rotor", joint.child, rotor.child_axis), rotor.turns)
 
 
 def _drive(view: _View, joint: Joint, drive: Drive) -> Drive:

@@ -63,12 +63,13 @@ def test_model_is_the_scene_and_nothing_else(name: str, form: str) -> None:
     assert model.nu == len(loads) + len(moving)
     absent = (model.ngeom, model.nsensor, model.npair, model.nflex, model.nexclude, model.nplugin, model.nmocap)
     assert absent == (0,) * len(absent)
-    for extra in (model.dof_armature, model.dof_frictionloss, model.jnt_limited, model.tendon_limited,
+    for extra in (model.dof_frictionloss, model.jnt_limited, model.tendon_limited,
                   model.tendon_frictionloss, model.tendon_armature, model.body_gravcomp, model.opt.wind,
                   [model.opt.density, model.opt.viscosity]):
         assert not np.any(extra)
     for found, wanted in ((model.jnt_stiffness, [force.parameters["stiffness"] for force in torsions]),
                           (model.dof_damping, [force.parameters["damping"] for force in torsions]),
+                          (model.dof_armature, [value for joint in scene.joints for value in joint.armature]),
                           (model.tendon_stiffness, [force.parameters["stiffness"] for force in springs]),
                           (model.tendon_damping, [force.parameters["damping"] for force in springs])):
         assert sorted(found[np.nonzero(found)]) == sorted(value for value in wanted if value)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from lieeuler import Dot, Joint, _kernel
+from lieeuler import Dot, Joint, Rotor, _kernel
 
 UNIT = st.floats(-1, 1)
 STEP = 1e-5
@@ -17,6 +17,7 @@ STEP = 1e-5
 def kernel_system(joint):
     system = _kernel.System([1.0, 1.0], [np.eye(3), np.eye(3)], np.zeros(3))
     joint.add_to(system)
+    joint.add_rotors_to(system, 0)
     return _kernel.Plan(system)
 
 
@@ -27,12 +28,14 @@ def joint_of(kind, rng, parent):
         "spherical": (),
         "dot-1": (Dot("parent", "child", a, b, constant=0.3),),
         "dot-2": (Dot("parent", "difference", a, np.zeros(3), constant=0.1),),
+        "rotor": (Dot("parent", "difference", a),),
         "distance": (Dot("difference", "difference", constant=0.4, scale=0.7),),
         "revolute": (Dot("parent", "child", a, b), Dot("parent", "child", b, a)),
         "cylindrical": (Dot("parent", "child", a, b), Dot("parent", "child", b, b),
                         Dot("parent", "difference", a), Dot("parent", "difference", b)),
     }[kind]
-    return Joint(parent, 1, *anchors, spherical=kind in ("spherical", "revolute"), dots=dots)
+    rotors = (Rotor(0.3, b, a, turns=False),) if kind == "rotor" else ()
+    return Joint(parent, 1, *anchors, spherical=kind in ("spherical", "revolute"), dots=dots, rotors=rotors)
 
 
 def moved(x, R, du, step):
@@ -40,7 +43,8 @@ def moved(x, R, du, step):
     return x + du[:, :3], R @ Rotation.from_rotvec(du[:, 3:]).as_matrix()
 
 
-@pytest.mark.parametrize("kind", ["spherical", "dot-1", "dot-2", "distance", "revolute", "cylindrical"])
+@pytest.mark.parametrize("kind", ["spherical", "dot-1", "dot-2", "distance", "revolute", "cylindrical",
+                                  "rotor"])
 @pytest.mark.parametrize("parent", [-1, 0])
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**31))
@@ -50,7 +54,7 @@ def test_all_derivatives(kind, parent, seed):
     system = kernel_system(joint)
     x, R = rng.standard_normal((2, 3)), Rotation.random(2, random_state=rng).as_matrix()
     u, d = rng.standard_normal((2, 12))
-    lam = rng.standard_normal(joint.rows)
+    lam = rng.standard_normal(joint.rows + len(joint.rotors))
 
     def values(x, R, u):
         u = u.reshape(-1, 6)

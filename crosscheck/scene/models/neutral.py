@@ -151,7 +151,9 @@ def _hanging(reading: Reading, group: int) -> Table | None:
         return table("prismatic", anchors[first], axes[first], back=travel * axes[first]) | _one(
             reading, parent, group, first)
     if sorted(kinds) == ["h", "s"] and np.linalg.norm(cross(axes[ids[0]], axes[ids[1]])) < ALIGNED:
-        return table("cylindrical", anchors[turning[0]], axes[turning[0]]) | _pair(reading, turning[0], slides[0], name)
+        (turn,), (slide,) = turning, slides
+        back = float(d.qpos[m.jnt_qposadr[slide]]) * axes[slide]
+        return table("cylindrical", anchors[turn], axes[turn], back=back) | _pair(reading, parent, group, turn, slide)
     if kinds == "hh" and together and abs(axes[ids[0]] @ axes[ids[1]]) < ALIGNED:
         _plain(reading, ids, "a universal joint")
         return table("universal", anchors[ids[0]], axes[ids[0]], axes[ids[1]])
@@ -198,13 +200,18 @@ def _one(reading: Reading, parent: int, group: int, j: int) -> Table:
     return made | ({"rest_position": rest} if stiffness else {})
 
 
-def _pair(reading: Reading, hinge: int, slide: int, name: str) -> Table:
-    """Springs and armature of a hinge and a slide along it; they have to be those of one cylindrical joint."""
-    values = np.array([_dof(reading, hinge), _dof(reading, slide)])
-    keys = ("armature", "damping")
-    if values[:, 2].any():
-        reading.lost.append(f"stiffness of joint {name!r}, one of two on a body")
-    return {key: values[:, k].tolist() for k, key in enumerate(keys) if values[:, k].any()}
+def _pair(reading: Reading, parent: int, group: int, hinge: int, slide: int) -> Table:
+    """The same of a hinge and a slide along its axis, which are one cylindrical joint."""
+    m, d = reading.model, reading.data
+    made = _one(reading, parent, group, hinge)
+    way = 1.0 if d.xaxis[hinge] @ d.xaxis[slide] > 0 else -1.0  # of the slide, along the hinge's axis
+    made["position"] = [made["position"], way * float(d.qpos[m.jnt_qposadr[slide]])]
+    made["velocity"] = [made["velocity"], way * float(d.qvel[m.jnt_dofadr[slide]])]
+    values = np.array([_dof(reading, hinge), _dof(reading, slide)]) * [[1.0] * 4, [1.0, 1.0, 1.0, way]]
+    keys = ("armature", "damping", "stiffness", "rest_position")
+    sprung = values[:, 2].any()
+    return made | {key: values[:, k].tolist() for k, key in enumerate(keys)
+                   if values[:, k].any() and (key != "rest_position" or sprung)}
 
 
 def _plain(reading: Reading, ids: list[int], kind: str) -> None:

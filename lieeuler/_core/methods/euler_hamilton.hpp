@@ -293,7 +293,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   };
   std::vector<Carried> carried_;
   std::vector<double> mu_;
-  std::vector<double> rates_, rotor_momenta_;  // of the rotors, and r and I r before the projection and carried
+  std::vector<double> rates_, rotor_momenta_;        // of the rotors, and r and I r before the projection and carried
   std::vector<std::pair<double*, double*>> bodies_;  // diagonal blocks of v and w
 };
 

@@ -80,8 +80,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     filtered_.assign(this->unknowns(), 0.0);
     for (int b = 0; b < system_.n(); ++b) store(momentum(system_.bodies[b], change[b]), &filtered_[3 * nodes_.v(b)]);
     for (int k : plan_.rotors)
-      filtered_[3 * nodes_.lam(k)] =
-          this->here(k).velocity(this->part_of(k), change[this->body_of(k, kParent)], change[this->body_of(k, kChild)])[0];
+      filtered_[3 * nodes_.lam(k)] = this->here(k).velocity(this->part_of(k), change[this->body_of(k, kParent)],
+                                                            change[this->body_of(k, kChild)])[0];
     if (!solve_linear(filtered_)) return false;
     for (int b = 0; b < system_.n(); ++b) change[b] = load(&filtered_[3 * nodes_.v(b)]);
     return true;

@@ -36,7 +36,8 @@ struct LagrangeBlocks {
         const bool none = !columns.doubled() || b == n;
         rates.push_back(none ? SideBlocks{} : SideBlocks::of(lu, columns.lam(k), columns.xi_v(b), columns.xi_w(b)));
         const bool rotor = joint.parts[columns.part(k).part].compliance > 0;
-        drifts.push_back(none || rotor ? SideBlocks{} : SideBlocks::of(lu, columns.mu(k), columns.xi_v(b), columns.xi_w(b)));
+        drifts.push_back(none || rotor ? SideBlocks{}
+                                       : SideBlocks::of(lu, columns.mu(k), columns.xi_v(b), columns.xi_w(b)));
       }
     }
     for (const Force& force : system.forces)

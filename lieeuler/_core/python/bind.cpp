@@ -76,9 +76,10 @@ void drive_joint(System& system, bool turns, const Vec3& parent_axis, const Vec3
 // A rotor of the joint's angle or slide, when all joints are there.
 void add_rotor(System& system, int joint, double inertia, bool turns, const Vec3& parent_axis, const Vec3& child_axis,
                const Vec3& normal, const Vec3& second_normal, const Vec3& pointer) {
-  require(0 <= joint && joint < static_cast<int>(system.joints.size()) && inertia > 0, "a rotor needs a joint and mass");
-  Part part = coordinate_part(turns, parent_axis, child_axis, normal, second_normal, pointer,
-                              system.rows() + system.rotors());
+  require(0 <= joint && joint < static_cast<int>(system.joints.size()) && inertia > 0,
+          "a rotor needs a joint and mass");
+  Part part =
+      coordinate_part(turns, parent_axis, child_axis, normal, second_normal, pointer, system.rows() + system.rotors());
   part.compliance = 1 / inertia;
   system.joints[joint].parts.push_back(part), ++system.joints[joint].rotors;
 }

@@ -22,7 +22,7 @@ inline nb::tuple multipliers(const Plan& plan, const Array& times, const Array& 
     const Status status = k == 0 ? projection.start(state) : Status::success;
     if (status == Status::success && projection.accelerate(state) == Status::success) {
       projection.make_least_norm(state);
-      lam.insert(lam.end(), state.lam.begin(), state.lam.end());
+      lam.insert(lam.end(), state.lam.begin(), state.lam.begin() + static_cast<long>(m));
     } else {
       lam.insert(lam.end(), m, std::numeric_limits<double>::quiet_NaN());
     }

@@ -34,11 +34,12 @@ ARM_MJCF = """<mujoco model="arm"><compiler angle="radian"/><worldbody>
 ZOO = """<mujoco model="zoo"><option gravity="0.3 0 -9.81"/><compiler angle="radian"/><worldbody>
 <body name="a" pos="0 0 1" euler="0.1 0.2 0.3">
  <inertial pos="0.1 0 -0.2" mass="1.2" fullinertia="0.1 0.12 0.09 0.01 0.005 0.002"/>
- <joint name="h" axis="0.3 1 0.2" damping="0.3" stiffness="3" springref="0.4" ref="0.2" pos="0 0.1 0"/>
+ <joint name="h" axis="0.3 1 0.2" damping="0.3" stiffness="3" springref="0.4" ref="0.2" pos="0 0.1 0"
+  armature="0.05"/>
  <site name="tip" pos="0 0 -0.4"/>
  <body name="welded" pos="0 0 -0.2"><inertial pos="0 0 0" mass="0.2" diaginertia="0.01 0.01 0.01"/></body>
  <body name="b" pos="0 0 -0.5"><inertial pos="0 0.1 -0.1" mass="0.7" diaginertia="0.04 0.03 0.02"/>
-  <joint name="s" type="slide" axis="1 0.2 0" damping="0.2" stiffness="20"/>
+  <joint name="s" type="slide" axis="1 0.2 0" damping="0.2" stiffness="20" armature="0.3"/>
   <body name="c" pos="0 0 -0.3"><inertial pos="0 0.1 -0.1" mass="0.5" diaginertia="0.04 0.03 0.02"/>
    <joint name="ball" type="ball" pos="0 0 0.1"/></body></body></body>
 <body name="fly" pos="2 0 0"><freejoint/><inertial pos="0.1 0 0" mass="1" diaginertia="0.1 0.2 0.15"/>
@@ -48,7 +49,8 @@ ZOO = """<mujoco model="zoo"><option gravity="0.3 0 -9.81"/><compiler angle="rad
  <body name="cross" pos="0 0 -0.5" gravcomp="0.5"><inertial pos="0 0.1 -0.1" mass="0.7" diaginertia="0.04 0.03 0.02"/>
   <joint name="u1" axis="1 0 0"/><joint name="u2" axis="0 1 0"/>
   <body name="screw" pos="0.2 0 -0.5"><inertial pos="0 0.1 -0.1" mass="0.4" diaginertia="0.04 0.03 0.02"/>
-   <joint name="turn" axis="0 0 1" damping="0.1"/><joint name="travel" type="slide" axis="0 0 1" damping="0.4"/>
+   <joint name="turn" axis="0 0 1" damping="0.1" stiffness="0.5" springref="0.2" armature="0.02"/>
+   <joint name="travel" type="slide" axis="0 0 -1" damping="0.4" stiffness="6" springref="0.1" armature="0.1"/>
   </body></body></body>
 </worldbody>
 <tendon><spatial name="rope" stiffness="5" damping="0.1" springlength="1.5"><site site="tip"/><site site="eye"/>

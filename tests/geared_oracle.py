@@ -1,0 +1,206 @@
+"""Each Euler step, and generalized-alpha and RATTLE, with rotor inertia in dense algebra: the check on the kernel.
+
+Here the rate of a rotor is no row: M + s^T I s takes the place of M, and the methods that carry momenta carry those of
+the rotors beside the bodies'. G, gamma, s and ds/dt u are those of `crosscheck.scene`. Equations (17.1) of
+docs/theory.md.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crosscheck.scene.armature import rotors
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import histories
+from crosscheck.scene.states import States
+from tests.oracle import MAPS, alpha_coefficients, exp_series, hat, newton, right_tangent
+
+
+class Geared:
+    """A scene under gravity whose joints have armature; a state is q = (x, R) and u = (v, w) of every body in turn."""
+
+    def __init__(self, scene):
+        self.scene, self.n, self.rows = scene, scene.n, Constraints(scene)
+        self.m, self.inertias = self.rows.m, scene.inertias
+        self.M = np.zeros((6 * self.n, 6 * self.n))
+        for b, (mass, J) in enumerate(zip(scene.masses, scene.inertias, strict=True)):
+            self.M[6 * b:6 * b + 3, 6 * b:6 * b + 3], self.M[6 * b + 3:6 * b + 6, 6 * b + 3:6 * b + 6] = (
+                mass * np.eye(3), J)
+        self.I = np.array([value for joint in scene.joints for value in joint.armature if value])
+
+    def state(self, q, u=None):
+        u = np.zeros((self.n, 6)) if u is None else u.reshape(-1, 6)
+        return q[0][None], q[1][None], u[None, :, :3], u[None, :, 3:]
+
+    def applied(self):
+        return np.concatenate([np.r_[mass * self.scene.gravity, 0, 0, 0] for mass in self.scene.masses])
+
+    def force(self, u):
+        f = self.applied()
+        for b, J in enumerate(self.inertias):
+            w = u[6 * b + 3:6 * b + 6]
+            f[6 * b + 3:6 * b + 6] -= hat(w) @ J @ w
+        return f
+
+    def phi(self, q):
+        return self.rows.position(*self.state(q)[:2])[0]
+
+    def G(self, q):
+        return self.rows.jacobian(*self.state(q)[:2])[0]
+
+    def gamma(self, q, u):
+        return self.rows.gamma(*self.state(q, u))[0]
+
+    def s(self, q):
+        """Rates of the rotors, one row each."""
+        return np.array([S[0] for _, S, _ in rotors(self.scene, *self.state(q))])
+
+    def drift(self, q, u):
+        """ds/dt u"""
+        return np.array([bias[0] for _, _, bias in rotors(self.scene, *self.state(q, u))])
+
+    def mass(self, q):
+        s = self.s(q)
+        return self.M + s.T * self.I @ s
+
+    def way(self, q0, q, guess):
+        """How far the coordinates of the rotors moved; angles to the turn nearest to the guess."""
+        both = (np.stack(pair) for pair in zip(q0, q, strict=True))
+        moved = histories(self.scene, States(np.arange(2.0), *both, *np.zeros((4, 2, self.n, 3))))
+        ways = []
+        for joint in self.scene.joints:
+            if any(joint.armature):
+                change = np.diff(moved[joint.name].position.reshape(2, -1), axis=0)[0]
+                ways += [c for c, inertia in zip(change, joint.armature, strict=True) if inertia]
+        return guess + np.remainder(np.array(ways) - guess + np.pi, 2 * np.pi) - np.pi
+
+    def solve(self, q, force, rows):
+        """y and lam of mass(q) y + G^T lam = force, G y = rows."""
+        G = self.G(q)
+        A = np.block([[self.mass(q), G.T], [G, np.zeros((self.m, self.m))]])
+        z = np.linalg.solve(A, np.r_[force, rows])
+        return z[:6 * self.n], z[6 * self.n:]
+
+    def index1(self, q, u):
+        bias = self.s(q).T @ (self.I * self.drift(q, u))
+        return self.solve(q, self.force(u) - bias, -self.gamma(q, u))
+
+    def move(self, q, h, xi, coordinate_map=exp_series):
+        x = np.array([q[0][b] + h * xi[6 * b:6 * b + 3] for b in range(self.n)])
+        R = np.array([q[1][b] @ coordinate_map(h * xi[6 * b + 3:6 * b + 6]) for b in range(self.n)])
+        return x, R
+
+
+def lagrange_step(system, level, q0, u0, h, coordinate_map, guess, gains):
+    """One implicit Euler step: the momentum of a rotor changes from I s_n u_n to I s u, or I by its acceleration."""
+    nu, m, G0, rates0 = 6 * system.n, system.m, system.G(q0), system.s(q0) @ u0
+
+    def unpack(z):
+        u, lam, mu = z[:nu], z[nu:nu + m], z[nu + m:]
+        xi = u - np.linalg.solve(system.M, G0.T @ mu) if level == "stabilised" else u
+        return system.move(q0, h, xi, coordinate_map), u, lam
+
+    def residual(z):
+        q, u, lam = unpack(z)
+        G, phi, s, a = system.G(q), system.phi(q), system.s(q), (u - u0) / h
+        rows = {"position": [phi / h], "velocity": [G @ u], "stabilised": [G @ u, phi / h],
+                "acceleration": [h * (G @ a + system.gamma(q, u) + 2 * gains[0] * G @ u + gains[1]**2 * phi)]}[level]
+        gain = s @ (u - u0) + h * system.drift(q, u) if level == "acceleration" else s @ u - rates0
+        return np.concatenate([system.M @ (u - u0) + s.T @ (system.I * gain) - h * system.force(u) + h * G.T @ lam,
+                               *rows])
+
+    z = newton(residual, guess)
+    return (*unpack(z), z)
+
+
+def hamilton_step(system, level, q0, p0, r0, h, share, coordinate_map, guess):
+    """A symplectic Euler step before its projection; p and r are the momenta of bodies and rotors.
+
+    r gains m, whose reaction on the bodies is -s_n^T m; `share` of h is what the forces act for. Returns q, p, r, lam
+    and the solution as the next guess.
+    """
+    nu, G0, s0 = 6 * system.n, system.G(q0), system.s(q0)
+
+    def rotational(function, vector):
+        out = vector.copy()
+        for b in range(system.n):
+            out[6 * b + 3:6 * b + 6] = function(b, vector[6 * b + 3:6 * b + 6])
+        return out
+
+    def unpack(z):
+        xi, lam = z[:nu], z[nu:]
+        theta = [h * xi[6 * b + 3:6 * b + 6] for b in range(system.n)]
+        y = rotational(lambda b, L: np.linalg.solve(right_tangent(coordinate_map, theta[b]).T, L), system.M @ xi)
+        p = rotational(lambda b, L: coordinate_map(theta[b]).T @ L, y)
+        q = system.move(q0, h, xi, coordinate_map)
+        rates = (system.s(q) @ np.linalg.solve(system.M, p) if level == "velocity"
+                 else system.way(q0, q, h * s0 @ xi) / h)
+        return q, p, system.I * rates, lam, y
+
+    def residual(z):
+        q, p, r, lam, y = unpack(z)
+        rows = system.G(q) @ np.linalg.solve(system.M, p) if level == "velocity" else system.phi(q) / h
+        return np.r_[y - p0 - share * h * (system.applied() - G0.T @ lam) + s0.T @ (r - r0), rows]
+
+    z = newton(residual, guess)
+    return (*unpack(z)[:4], z)
+
+
+def projected(system, q, p, r):
+    """u with G u = 0, and the momenta of bodies and rotors then."""
+    u, _ = system.solve(q, p + system.s(q).T @ r, np.zeros(system.m))
+    return u, system.M @ u, system.I * (system.s(q) @ u)
+
+
+def integrate(system, method, q, u, h, steps, coordinate_map="exp"):
+    """(q, u) after `steps` steps of a `lieeuler.Method` of order one, or of rattle2."""
+    _, lam = system.index1(q, u)
+    p, r, rattle = system.M @ u, system.I * (system.s(q) @ u), method.name == "rattle2"
+    extra = system.m if method.formulation == "lagrange" and method.level == "stabilised" else 0
+    guess = np.r_[u, lam, np.zeros(extra)]
+    for _ in range(steps):
+        if method.formulation == "lagrange":
+            q, u, lam, guess = lagrange_step(system, method.level, q, u, h, MAPS[coordinate_map], guess,
+                                             method.gains or (0.0, 0.0))
+            continue
+        share = 0.5 if rattle else 1.0
+        q, p, r, lam, guess = hamilton_step(system, method.level, q, p, r, h, share, MAPS[coordinate_map], guess)
+        if rattle:
+            p = p + 0.5 * h * system.applied()
+        u = np.linalg.solve(system.M, p)
+        if rattle or method.level == "stabilised":
+            u, p, r = projected(system, q, p, r)
+    return q, u
+
+
+def alpha_step(system, radius, q0, u0, a0, A0, h, guess):
+    """One step of generalized-alpha, with M a and the rotors' I s^T (s a + ds/dt u) on the left."""
+    alpha_m, alpha_f, gamma, beta = alpha_coefficients(radius)
+    nu, m, G0 = 6 * system.n, system.m, system.G(q0)
+
+    def unpack(z):
+        a, lam, eta = z[:nu], z[nu:nu + m], z[nu + m:]
+        A = ((1 - alpha_f) * a + alpha_f * a0 - alpha_m * A0) / (1 - alpha_m)
+        xi = u0 + h * ((0.5 - beta) * A0 + beta * A) - np.linalg.solve(system.M, G0.T @ eta)
+        return system.move(q0, h, xi), u0 + h * ((1 - gamma) * A0 + gamma * A), a, A, lam
+
+    def residual(z):
+        q, u, a, _, lam = unpack(z)
+        G, s = system.G(q), system.s(q)
+        gain = s.T @ (system.I * (s @ a + system.drift(q, u)))
+        return np.concatenate([h * (system.M @ a + gain - system.force(u) + G.T @ lam), G @ u, system.phi(q) / h])
+
+    z = newton(residual, guess)
+    return (*unpack(z)[:4], z)
+
+
+def integrate_alpha(system, radius, q, u, h, steps):
+    """(q, u) after `steps` steps of generalized-alpha."""
+    alpha_m, alpha_f, *_ = alpha_coefficients(radius)
+    a, lam = system.index1(q, u)
+    ahead = (alpha_m - alpha_f) * h
+    A, _ = system.index1(system.move(q, ahead, u + ahead / 2 * a), u + ahead * a)
+    guess = np.r_[a, lam, np.zeros(system.m)]
+    for _ in range(steps):
+        q, u, a, A, guess = alpha_step(system, radius, q, u, a, A, h, guess)
+    return q, u

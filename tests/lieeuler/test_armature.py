@@ -1,0 +1,146 @@
+"""Rotor inertia of joints: the kernel against dense algebra, orders against truth, and what has to be the same."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import crosscheck
+import lieeuler
+from crosscheck.adapters.lieeuler import build_problem
+from crosscheck.scene import mechanics
+from tests import geared_oracle
+from tests.lieeuler.accuracy import EPS, slopes
+
+AGREEMENT = 1e-12  # both solve the same equations to rounding, steps accumulate little of it
+FIRST_ORDER = [name for name, method in lieeuler.METHODS.items() if method.order == 1]
+LADDERS = {1: (4e-3, 2e-3, 1e-3, 5e-4), 2: (2e-2, 1e-2, 5e-3, 2.5e-3), 4: (1 / 20, 1 / 40, 1 / 80, 1 / 160),
+           5: (1 / 20, 1 / 28, 1 / 40, 1 / 56), 6: (1 / 8, 1 / 16, 1 / 24), 8: (1 / 4, 1 / 8, 1 / 12)}
+"""Steps, s; they divide the intervals between samples."""
+SHORT = ("DAE2L_LSE", "DAE2H_LE", "rattle2")
+
+
+def geared_arm(factor=1.0, **changes):
+    """The scene of the library for a second, its rotors heavier by a factor."""
+    scene = crosscheck.load_scene("geared_arm").replace(duration=1.0, samples=5, **changes)
+    joints = (dataclasses.replace(joint, armature=tuple(factor * value for value in joint.armature))
+              for joint in scene.joints)
+    return scene.replace(joints=tuple(joints))
+
+
+def end_of(solution):
+    return solution.x[-1], solution.R[-1], np.hstack([solution.v[-1], solution.w[-1]])
+
+
+def compared(scene, method, h, steps, **options):
+    solution = lieeuler.integrate(build_problem(scene), method, h, [0, steps * h], **options)
+    system, record = geared_oracle.Geared(scene), lieeuler.METHODS[method]
+    u0 = np.hstack([scene.v0, scene.w0]).ravel()
+    arguments = (system, (scene.x0, scene.R0), u0, h, steps)
+    if method == "generalized_alpha":
+        (x, R), u = geared_oracle.integrate_alpha(system, record.spectral_radius, *arguments[1:])
+    else:
+        (x, R), u = geared_oracle.integrate(system, record, *arguments[1:], **options)
+    for mine, other in zip(end_of(solution), (x, R, u.reshape(-1, 6)), strict=True):
+        assert np.abs(mine - other).max() < AGREEMENT * max(1.0, np.abs(other).max())
+
+
+@pytest.mark.parametrize("method", SHORT)
+def test_kernel_agrees_with_dense_algebra(method):
+    compared(geared_arm(forces=()), method, 2e-2, 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [*FIRST_ORDER, "rattle2", "generalized_alpha"])
+def test_kernel_agrees_with_dense_algebra_in_every_method(method):
+    compared(geared_arm(forces=()), method, 1e-2, 5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["DAE2L_LSE", "DAE2H_LE", "DAE1H_LSE"])
+@pytest.mark.parametrize("coordinate_map", ["cayley", "ccsk"])
+def test_other_maps_agree_with_dense_algebra(method, coordinate_map):
+    compared(geared_arm(forces=()), method, 1e-2, 3, coordinate_map=coordinate_map)
+
+
+@pytest.mark.parametrize("factor", [1e-4, 1.0, 1e4])
+def test_accelerations_are_those_of_the_dense_equations(factor):
+    """Of rotors far lighter and far heavier than the bodies, whose reactions then cancel by the ratio of inertias."""
+    scene = geared_arm(factor)
+    run = lieeuler.integrate(build_problem(scene), "INDEX1_LE", 1e-6, [0, 1e-6])
+    a, alpha, lam = mechanics.index1(scene, scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+    ratio = max(max(joint.armature) for joint in scene.joints) / np.linalg.eigvalsh(scene.inertias).min()
+    bound = 50 * EPS * max(1.0, ratio) * max(np.abs(a).max(), np.abs(alpha).max(), 9.81)
+    assert max(np.abs(run.a[0] - a[0]).max(), np.abs(run.alpha[0] - alpha[0]).max()) < bound
+    assert run.lam.shape == (2, build_problem(scene).rows)
+    assert np.abs(run.lam[0] - lam[0]).max() < 1e-12 * np.abs(lam).max()
+
+
+def order_of(method):
+    order = lieeuler.METHODS[method].order
+    scene = geared_arm()
+    truth = crosscheck.truth(scene).states
+    found = []
+    for h in LADDERS[order]:
+        run = lieeuler.integrate(build_problem(scene), method, h, scene.t, monitor=False)
+        found.append([np.abs(getattr(run, name) - getattr(truth, name)).max() for name in "xRvw"])
+    return order, slopes(LADDERS[order], found)
+
+
+@pytest.mark.parametrize("method", ["DAE2H_LSE", "rattle4"])
+def test_order(method):
+    order, found = order_of(method)
+    assert np.abs(found - order).max() < (0.1 if order == 1 else 0.15), found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [name for name, method in lieeuler.METHODS.items() if "step" in method.controls])
+def test_order_of_every_method(method):
+    order, found = order_of(method)
+    assert np.abs(found - order).max() < (0.1 if order == 1 else 0.15), found
+
+
+@pytest.mark.parametrize("method", ["taylor", "rkmk853", "rkmk54", "seulex"])
+def test_adaptive_methods_end_at_the_truth(method):
+    scene = geared_arm()
+    truth = crosscheck.truth(scene).states
+    run = lieeuler.integrate(build_problem(scene), method, None, scene.t, rtol=1e-12)
+    bound = 1e-9 if method == "seulex" else 1e-11  # seulex magnifies rounding by what its table does, some 1e6
+    assert max(np.abs(getattr(run, name) - getattr(truth, name)).max() for name in "xRvw") < bound
+
+
+def test_energy_counts_the_rotors():
+    scene = geared_arm(forces=())
+    run = crosscheck.run(scene, engine="lieeuler", method="rkmk853", rtol=1e-13)
+    assert run.stats["energy_error"] < 1e-12
+    assert np.abs(run.energy - run.energy[0]).max() < 1e-12 * np.abs(run.energy).max()
+
+
+def test_a_hinge_on_the_ground_turns_as_one_of_more_inertia():
+    """Its axis is a principal one of the body: there I adds to the moment of inertia, and nothing else differs."""
+    body = lieeuler.Body(2.0, np.diag([0.3, 0.2, 0.4]))
+    heavier = lieeuler.Body(2.0, np.diag([0.3, 0.2, 0.4]) + np.diag([0.0, 0.25, 0.0]))
+    hinge = lieeuler.revolute_joint(-1, 0, np.zeros(3), [0, 0, 1.0], [0, 1.0, 0], [0, 1.0, 0])
+    state = ([9.81, 0, 0], [[0, 0, -1.0]], np.eye(3)[None], [[-3.0, 0, 0]], [[0, 3.0, 0]])
+    runs = [lieeuler.integrate(lieeuler.Problem([b], [j], *state), "taylor", None, [0, 0.5, 1], rtol=1e-13)
+            for b, j in ((body, hinge.geared(lieeuler.Rotor(0.25, [0, 1.0, 0], [0, 1.0, 0]))), (heavier, hinge))]
+    for name in ("x", "R", "v", "w", "lam"):
+        assert np.abs(getattr(runs[0], name) - getattr(runs[1], name)).max() < 1e-12, name
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"inertia": 0.0}, "inertia"), ({"parent_axis": [0, 0, 0]}, "parent_axis"), ({"turns": 1}, "turns")])
+def test_a_wrong_rotor_is_named(change, words):
+    arguments = {"inertia": 0.1, "parent_axis": [0, 0, 1.0], "child_axis": [0, 0, 1.0]} | change
+    with pytest.raises(lieeuler.ArgumentError, match=words):
+        lieeuler.Rotor(**arguments)
+
+
+def test_a_symmetric_body_with_a_rotor_keeps_its_spin():
+    """A frame that does not spin with it would take the spin from the rotor's rate."""
+    scene = geared_arm(forces=())
+    body = dataclasses.replace(scene.bodies[0], inertia=np.diag([0.1, 0.1, 0.15]))
+    problem = build_problem(scene.replace(bodies=(body, *scene.bodies[1:])))
+    assert lieeuler.integrate(problem, "taylor", None, [0, 0.1], rtol=1e-10, spin_free=True).stats.spin_free == ()

@@ -144,3 +144,33 @@ def test_a_symmetric_body_with_a_rotor_keeps_its_spin():
     body = dataclasses.replace(scene.bodies[0], inertia=np.diag([0.1, 0.1, 0.15]))
     problem = build_problem(scene.replace(bodies=(body, *scene.bodies[1:])))
     assert lieeuler.integrate(problem, "taylor", None, [0, 0.1], rtol=1e-10, spin_free=True).stats.spin_free == ()
+
+
+def geared_four_bar():
+    """The planar linkage, which has redundant rows, with a rotor on every hinge, that of the loop too."""
+    scene = crosscheck.load_scene("four_bar").replace(duration=0.5, samples=3)
+    return scene.replace(joints=tuple(dataclasses.replace(joint, armature=(0.02 * (k + 1),))
+                                      for k, joint in enumerate(scene.joints)))
+
+
+def test_rotors_of_a_loop_with_redundant_rows():
+    scene = geared_four_bar()
+    problem = build_problem(scene)
+    run = lieeuler.integrate(problem, "INDEX1_LE", 1e-6, [0, 1e-6])
+    assert run.stats.redundant_rows == 3
+    a, alpha, _ = mechanics.index1(scene, scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+    size = max(np.abs(a).max(), np.abs(alpha).max())
+    assert max(np.abs(run.a[0] - a[0]).max(), np.abs(run.alpha[0] - alpha[0]).max()) < 1e-12 * size
+
+
+@pytest.mark.parametrize("method", ["taylor", "rkmk853"])
+def test_rotors_in_the_plane_of_a_mechanism(method):
+    """Whole and reduced, at a tolerance where neither errs by more than rounding and the loop's condition of it."""
+    runs = [lieeuler.integrate(build_problem(geared_four_bar()), method, None, [0, 0.25, 0.5], rtol=1e-13, reduce=word)
+            for word in ("off", "planar")]
+    assert [run.stats.reduce for run in runs] == ["off", "planar"]
+    for name in ("x", "R", "v", "w", "a", "alpha", "lam"):
+        one, other = (getattr(run, name) for run in runs)
+        assert one.shape == other.shape
+        assert np.abs(one - other).max() < 1e-10 * max(1.0, np.abs(one).max()), name
+    assert max(run.stats.maxima["energy_error"] for run in runs) < 1e-11

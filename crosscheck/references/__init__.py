@@ -41,8 +41,9 @@ def truth(scene: Scene) -> Reference:
 
     if reason := scene.beyond(("armature", "drive", "joint_torque", "function")):
         raise Unsupported(f"truth of {scene.name!r}: {reason}")
-    if any(any(joint.armature) for joint in scene.joints) and _has_loop(scene):
-        raise Unsupported(f"truth of {scene.name!r}: armature is not built for scenes with loops")
+    if geared := _geared_closures(scene):
+        raise Unsupported(f"truth of {scene.name!r}: armature of joint {geared[0]!r} is not built where every joint of "
+                          "a loop has some")
     stored = cache.load(scene)
     if stored is not None:
         return stored
@@ -51,10 +52,12 @@ def truth(scene: Scene) -> Reference:
     return reference
 
 
-def _has_loop(scene: Scene) -> bool:
+def _geared_closures(scene: Scene) -> list[str]:
+    if not any(any(joint.armature) for joint in scene.joints):
+        return []
     from crosscheck.references.tree import unfold
 
-    return bool(unfold(scene)[1])
+    return [joint.name for joint in unfold(scene)[1] if any(joint.armature)]
 
 
 def compute(scene: Scene) -> Reference:

@@ -193,7 +193,7 @@ class Maximal:
     def _with_rotors(self, motion: Motion, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same with the rotor inertia of joints in M, by one elimination of accelerations and multipliers."""
         G, target = self._constraint_terms(motion)
-        size = len(effort)
+        size, rows = len(effort), G.reshape(len(G), -1)
         matrix = np.zeros((size + len(G), size + len(G)))
         for body, (mass, inertia) in enumerate(zip(self.scene.masses, self.scene.inertias, strict=True)):
             at = 6 * body
@@ -203,8 +203,16 @@ class Maximal:
             row = row[:-1].ravel()
             matrix[:size, :size] += rotor.inertia * np.outer(row, row)
             effort = effort - rotor.inertia * drift * row
-        matrix[size:, :size] = G.reshape(len(G), -1)
-        matrix[:size, size:] = matrix[size:, :size].T
+        if self.rank is not None:  # y = L^T u with M = L L^T: the least change of y that meets the rows
+            lower = np.linalg.cholesky(matrix[:size, :size])
+            U, sigma, V = np.linalg.svd(np.linalg.solve(lower, rows.T), full_matrices=False)
+            U, sigma, V = U[:, :self.rank], sigma[:self.rank], V[:self.rank]
+            y = np.linalg.solve(lower, effort)
+            y -= U @ (U.T @ y + V @ target / sigma)
+            u = np.linalg.solve(lower.T, y).reshape(-1, 6)
+            return u[:, :3], u[:, 3:]
+        matrix[size:, :size] = rows
+        matrix[:size, size:] = rows.T
         u = np.linalg.solve(matrix, np.concatenate([effort, -target]))[:size].reshape(-1, 6)
         return u[:, :3], u[:, 3:]
 

@@ -61,6 +61,8 @@ def unfold(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
 
 def _grow(scene: Scene, start: int, links: dict[int, Link], unused: list[Joint]) -> None:
     """Attach everything that hangs on `start`, nearest first; a joint may name its bodies in either order."""
+    if any(any(joint.armature) for joint in unused):
+        return _grow_geared(scene, start, links, unused)
     front = [start]
     while front:
         body = front.pop(0)
@@ -71,6 +73,17 @@ def _grow(scene: Scene, start: int, links: dict[int, Link], unused: list[Joint])
             links[other] = _link(scene, joint, body, other)
             unused.remove(joint)
             front.append(other)
+
+
+def _grow_geared(scene: Scene, start: int, links: dict[int, Link], unused: list[Joint]) -> None:
+    """The same with joints that have rotors first: a joint that closes a loop can have none here."""
+    reached = {start}
+    while joints := [joint for joint in unused if (joint.parent in reached) != (joint.child in reached)]:
+        joint = max(joints, key=lambda joint: any(joint.armature))  # the first in the file among equals
+        inner, outer = (joint.parent, joint.child) if joint.parent in reached else (joint.child, joint.parent)
+        links[outer] = _link(scene, joint, inner, outer)
+        unused.remove(joint)
+        reached.add(outer)
 
 
 def _free(scene: Scene, body: int) -> Link:

@@ -35,7 +35,7 @@ struct LagrangeBlocks {
       for (int b : {joint.parent, joint.child}) {
         const bool none = !columns.doubled() || b == n;
         rates.push_back(none ? SideBlocks{} : SideBlocks::of(lu, columns.lam(k), columns.xi_v(b), columns.xi_w(b)));
-        const bool rotor = joint.parts[columns.part(k).part].compliance > 0;
+        const bool rotor = plan.part(k).compliance > 0;
         drifts.push_back(none || rotor ? SideBlocks{}
                                        : SideBlocks::of(lu, columns.mu(k), columns.xi_v(b), columns.xi_w(b)));
       }

@@ -104,8 +104,8 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     for (int b = 0; b < system_.n(); ++b) momentum_[b] = canonical_momentum(system_.bodies[b], state_.u[b]);
     if (rattle_) carried_.assign(system_.n(), {});
     for (size_t i = 0; i < rates_.size(); ++i)
-      rotor_momenta_[i] = this->saddle_.rotor_rate(joints_, plan_.rotors[i], state_.u) /
-                          this->part_of(plan_.rotors[i]).compliance;
+      rotor_momenta_[i] =
+          this->saddle_.rotor_rate(joints_, plan_.rotors[i], state_.u) / this->part_of(plan_.rotors[i]).compliance;
     return Status::success;
   }
   void guess(std::vector<double>& z) const {

@@ -107,7 +107,8 @@ class Plan {
   bool fits_whole() const {
     constexpr double kThin = 1e5, kGraded = 1e6;
     constexpr int kMostUnknowns = 96;
-    return rotors.empty() && (system.thin(kThin) || system.graded(kGraded)) && 6 * system.n() + system.rows() <= kMostUnknowns;
+    return rotors.empty() && (system.thin(kThin) || system.graded(kGraded)) &&
+           6 * system.n() + system.rows() <= kMostUnknowns;
   }
   // Without loops no row can be redundant; a body with many parts would fill S; of graded masses or moments S alone
   // loses digits.

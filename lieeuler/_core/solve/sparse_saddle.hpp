@@ -132,7 +132,8 @@ class SparseSaddle : public WorldRows {
   // what redundant rows cost in digits matters; near-dependent rows and graded masses lose digits of the rows in the
   // first pass, thin bodies of the balance of forces too. What that leaves is then solved for once more.
   void solve(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
-    const bool again = plan_.graded || thin_ || !plan_.rotors.empty() || (to_rounding && (redundant_ > 0 || independent_));
+    const bool again =
+        plan_.graded || thin_ || !plan_.rotors.empty() || (to_rounding && (redundant_ > 0 || independent_));
     if (again) wanted_ = rows;
     if (thin_) forces_ = y;
     solve_once(y, rows);

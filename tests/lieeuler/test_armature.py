@@ -176,3 +176,24 @@ def test_rotors_in_the_plane_of_a_mechanism(method):
         assert one.shape == other.shape
         assert np.abs(one - other).max() < 1e-10 * max(1.0, np.abs(one).max()), name
     assert max(run.stats.maxima["energy_error"] for run in runs) < 1e-11
+
+
+@pytest.mark.parametrize("method", ["taylor", "rkmk853"])
+def test_rotors_pull_as_newton_and_euler_say(method):
+    """d'Alembert: along the free coordinate of a joint all that lies beyond it is moved by -I d(rate)/dt alone."""
+    scene = geared_arm(forces=()).replace(duration=0.04, samples=41)
+    traj = crosscheck.run(scene, "lieeuler", method, rtol=1e-13)
+    mid = 20
+    x, R, w, a, alpha = (getattr(traj, name)[mid] for name in ("x", "R", "w", "a", "alpha"))
+    force = scene.masses[:, None] * (a - scene.gravity)
+    torque = np.array([turn @ (J @ rate + np.cross(spin, J @ spin))
+                       for turn, J, rate, spin in zip(R, scene.inertias, alpha, w, strict=True)])
+    for k, joint in enumerate(scene.joints):  # a chain: the bodies from k on lie beyond joint k
+        axis, anchor = R[k] @ joint.child_axis, x[k] + R[k] @ joint.child_anchor
+        moment = (torque[k:] + np.cross(x[k:] - anchor, force[k:])).sum(axis=0)
+        needed = {"revolute": [axis @ moment], "prismatic": [axis @ force[k:].sum(axis=0)],
+                  "cylindrical": [axis @ moment, axis @ force[k:].sum(axis=0)]}[joint.type]
+        v = traj.joints[joint.name].velocity.reshape(41, -1)
+        rate = (8 * (v[mid + 1] - v[mid - 1]) - (v[mid + 2] - v[mid - 2])) / (12 * scene.t[1])
+        # differences of values to 1e-13 over a millisecond; their truncation is h^4 / 30 of rates of some 1e3 / s^5
+        assert np.abs(needed + np.array(joint.armature) * rate).max() < 1e-9, joint.name

@@ -39,6 +39,10 @@ ALIKE = 5e-3
 method that has the leading term of k parts in common, as one with the weights 0.45 and 0.55 has that of ten parts of
 Euler's, differs by the next, a share h W."""
 
+ASKEW, DEAREST = 0.3, 4000
+"""Of its error, by which a run may point elsewhere than the plain method to be compared with it in parts; and the plain
+steps up to which it is, since they are taken in Python."""
+
 SEEN = 1e-10
 """Errors of y below it are not compared."""
 
@@ -90,10 +94,15 @@ def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tu
                 state = stepper(scene, k * h, state, h)
             return gap(state, true)
 
-        guess = (float(np.linalg.norm(at(1))) / size) ** (1 / order)
+        plain = at(1)
+        guess = (float(np.linalg.norm(plain)) / size) ** (1 / order)
         likest = max(likest, guess) if math.isfinite(guess) else likest
         if not NEAR <= guess <= MOST:
             break
+        # Parts of a step leave an error of the same direction, but for the next term.
+        along = plain * (float(np.vdot(plain, error)) / float(np.vdot(plain, plain)))
+        if float(np.linalg.norm(error - along)) > ASKEW * size or per * guess > DEAREST:
+            continue
         tried = max(2, round(guess))
         found = at(tried)
         again = round(tried * (float(np.linalg.norm(found)) / size) ** (1 / order))

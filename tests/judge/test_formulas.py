@@ -268,3 +268,16 @@ def test_levels_of_rounding(scene, truth):
         expected = [rule(scene, truth, {each: Tol(found[each][part], "") for each in QUANTITIES}).value
                     for part in (0, 1)]
         assert found[name] == pytest.approx(tuple(expected), **SAME)
+
+
+@pytest.mark.parametrize("turns", [1.0, 100.0])
+def test_what_newton_leaves_is_believed_up_to_a_share_of_the_forces(scene, turns):
+    truth = truth_of(scene, turns=turns)
+    heaviest = max(max(np.linalg.eigvalsh(J)) for J in scene.inertias)
+    weights = 10 * sum(scene.masses) * math.hypot(*scene.gravity)
+    moving = max(weights, max(scene.masses) * 7.0, heaviest * turns * 7.0)
+    for known, forces in ((truth, moving), (None, weights)):
+        most = 1e-9 * (1 + forces)
+        assert tolerances.newton_left(scene, known, 2 * most) == pytest.approx(most, **SAME)
+        assert tolerances.newton_left(scene, known, 0.5 * most) == 0.5 * most
+        assert tolerances.newton_left(scene, known, -1.0) == 0.0

@@ -1,17 +1,14 @@
 // The system in motion on a plain canvas: truth and any runs together. It interpolates between output times only to draw.
 "use strict";
 window.Playback = (function () {
-  const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
   const MAX_TURN = Math.PI / 2;  // rad between output times; beyond it the way between them is a guess
   const TRAIL = 0.12;  // share of the duration that a short trail shows
   const FRONT = {turn: -0.9, tilt: 0.3, zoom: 1};
   const MOST_VIEWS = 4;
   const NOISE = 8 / 65533;  // of the error of a run, in the poses that it is packed with
-  const LIGHT = [-0.4, -0.8, -0.45];  // towards the light: right, down and away
   // Of joints that slide: the way that is free, along the axis or across it.
   const SLIDING = {cylindrical: "along", prismatic: "along", point_on_line: "along", planar: "across", point_on_plane: "across"};
   const dot3 = (p, q) => p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
-  const cross = (p, q) => [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
   const add = (p, q) => [p[0] + q[0], p[1] + q[1], p[2] + q[2]];
   const blend = (p, q, share) => p.map((value, k) => value + share * (q[k] - value));
 
@@ -38,7 +35,7 @@ window.Playback = (function () {
       return motions.get(actor);
     };
     const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-    const {stroke, dot, word, ground, spiral, arrow} = window.pens(context, style);
+    const {stroke, dot, word, ground, spiral, arrow, zigzag, lit} = window.pens(context, style);
     const truth = actors.find((actor) => !actor.colour);
 
     // Where everything ever is, to choose the window once: every centre with the corners' reach, and the fixed points.
@@ -85,47 +82,11 @@ window.Playback = (function () {
     const place = (poses, body, point) => (body < 0 ? point : poses[body] && add(poses[body].x, turned(poses[body].q, point)));
     const direction = (poses, body, axis) => (body < 0 ? axis : turned(poses[body].q, axis));
 
-    function zigzag(from, to) {
-      const [a, b] = [project(from), project(to)];
-      const dx = b[0] - a[0], dy = b[1] - a[1], length = Math.hypot(dx, dy) || 1;
-      const nx = -dy / length * 6, ny = dx / length * 6;
-      const points = [a];
-      for (let k = 1; k < 16; k += 1) {
-        const side = k < 3 || k > 13 ? 0 : k % 2 ? 1 : -1;
-        points.push([a[0] + dx * k / 16 + side * nx, a[1] + dy * k / 16 + side * ny]);
-      }
-      return [...points, b];
-    }
-
-    // Boxes of equal inertia, lit from above the reader's left shoulder.
     function boxes(poses, colour, opacity) {
-      const faces = [];
-      drawing.bodies.forEach((body, index) => {
-        if (!poses[index]) return;
-        // Pixels along the line of sight too, as light needs them.
-        const seen = (point) => { const p = project(point); return [p[0], p[1], p[2] * state.scale]; };
-        const corners = body.corners.map((corner) => seen(place(poses, index, corner))), middle = seen(poses[index].x);
-        FACES.forEach((face) => faces.push({points: face.map((corner) => corners[corner]), middle}));
-      });
-      const depth = ({points}) => points.reduce((sum, point) => sum + point[2], 0);
-      faces.sort((one, other) => depth(other) - depth(one)).forEach(({points, middle}) => {
-        const apart = (k, from) => points[k].map((value, axis) => value - from[axis]);
-        const normal = cross(apart(1, points[0]), apart(3, points[0]));
-        const outwards = Math.sign(dot3(normal, apart(0, middle)));
-        const lit = outwards * dot3(LIGHT, normal) / (Math.hypot(...normal) || 1);
-        context.beginPath();
-        points.forEach((point, k) => context[k ? "lineTo" : "moveTo"](point[0], point[1]));
-        context.closePath();
-        [[opacity, colour], [0.6 * opacity * Math.abs(lit), lit > 0 ? "#ffffff" : "#000000"]].forEach(([alpha, fill]) => {
-          context.globalAlpha = alpha;
-          context.fillStyle = fill;
-          context.fill();
-        });
-        context.globalAlpha = 1;
-        context.strokeStyle = colour;
-        context.lineWidth = 1;
-        context.stroke();
-      });
+      // Pixels along the line of sight too, as light needs them.
+      const seen = (point) => { const at = project(point); return [at[0], at[1], at[2] * state.scale]; };
+      lit(drawing.bodies.flatMap((body, index) => (poses[index] ? [{middle: seen(poses[index].x),
+        corners: body.corners.map((corner) => seen(place(poses, index, corner)))}] : [])), colour, opacity);
     }
 
     // How far (m) a joint is open where it may not be: by how much more than in truth, which cancels what packing rounds.
@@ -175,7 +136,7 @@ window.Playback = (function () {
       drawing.forces.forEach((force) => {
         if (force.type === "linear_spring") {
           const ends = [place(poses, force.parent, force.parent_point), place(poses, force.child, force.child_point)];
-          if (ends[0] && ends[1]) stroke(zigzag(...ends), style("--green"), 1.6);
+          if (ends[0] && ends[1]) zigzag(...ends.map(project), style("--green"));
         } else if (force.type === "torsional_spring") {
           const joint = drawing.joints.find((each) => each.name === force.joint);
           const point = joint && place(poses, joint.parent, joint.parent_anchor);

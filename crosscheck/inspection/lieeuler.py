@@ -29,9 +29,13 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
         matrix[6 * i + 3:6 * i + 6, 6 * i + 3:6 * i + 6] = inertias[i]
     weight = np.concatenate([masses[:, None] * problem.gravity, np.zeros((scene.n, 3))], axis=1).ravel()
     count = len(starts)
+    notes = dict.fromkeys(("kinetic energy", "potential energy"), "the kernel reports no energies")
+    geared = any(joint.rotors for joint in problem.joints)
+    if geared:
+        notes["mass matrix"] = "the kernel has rotors in rows of their own"
     return Probe("lieeuler", "maximal", masses, inertias, x, R, v, w,
                  jacobian=np.broadcast_to(np.eye(6 * scene.n), (count, *matrix.shape)),
-                 mass_matrix=np.broadcast_to(matrix, (count, *matrix.shape)),
+                 mass_matrix=None if geared else np.broadcast_to(matrix, (count, *matrix.shape)),
                  gravity_force=np.broadcast_to(weight, (count, 6 * scene.n)), a=a, alpha=alpha,
                  reactions=Constraints(scene).reactions(x, R, lam),
-                 notes=dict.fromkeys(("kinetic energy", "potential energy"), "the kernel reports no energies"))
+                 notes=notes)

@@ -106,13 +106,17 @@ def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[s
         torque += np.cross(data.subtree_com[model.body_rootid[body]] - point, force)
         first = model.body_jntadr[body]
         for number in range(first, first + model.body_jntnum[body]):
-            # springs, dampers and motors act through the joint, but are no reaction; a force's line meets the anchor
+            # springs, dampers, motors and rotors act through the joint, but are no reaction; a force's line meets the
+            # anchor
+            at_v = model.jnt_dofadr[number]
+            rotor = -model.dof_armature[at_v] * data.qacc[at_v]
             if model.jnt_type[number] == mujoco.mjtJoint.mjJNT_SLIDE:
-                force -= data.xaxis[number] * motors[number]
+                force -= data.xaxis[number] * (motors[number] + rotor)
             elif model.jnt_type[number] == mujoco.mjtJoint.mjJNT_HINGE:
-                at_q, at_v = model.jnt_qposadr[number], model.jnt_dofadr[number]
+                at_q = model.jnt_qposadr[number]
                 own = -model.jnt_stiffness[number] * (data.qpos[at_q] - model.qpos_spring[at_q])
-                torque -= data.xaxis[number] * (own - model.dof_damping[at_v] * data.qvel[at_v] + motors[number])
+                own += rotor - model.dof_damping[at_v] * data.qvel[at_v] + motors[number]
+                torque -= data.xaxis[number] * own
         for loaded, at, load in loads:
             while loaded not in (body, 0):  # until the load hangs on the body, or is found to hang elsewhere
                 loaded = model.body_parentid[loaded]

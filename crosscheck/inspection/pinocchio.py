@@ -32,6 +32,8 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
         found.total_mass = found.com = found.potential = None
         found.notes |= dict.fromkeys(("total mass", "centre of mass", "potential energy"),
                                      "Pinocchio leaves bodies fixed to the ground out of its sums")
+    if np.any(dynamics.model.model.armature):
+        found.kinetic, found.notes["kinetic energy"] = None, "Pinocchio leaves rotors out of its kinetic energy"
     if any(force.type.endswith("spring") for force in scene.forces):
         found.potential, found.notes["potential energy"] = None, SPRINGS
     return found

@@ -9,6 +9,7 @@ import numpy as np
 from crosscheck.inspection import admissible
 from crosscheck.inspection.base import Probe
 from crosscheck.scene import mechanics
+from crosscheck.scene.armature import rotors
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -46,12 +47,15 @@ def reference(scene: Scene, at: States) -> Reference:
     potential = [mechanics.potential_energy(scene, at.x[k], at.R[k], angle)[0]
                  for k, angle in zip(rows, angles, strict=True)]
     identity = np.broadcast_to(np.eye(6 * n), (count, 6 * n, 6 * n))
+    masses = np.broadcast_to(mass, identity.shape)
+    for inertia, S, _ in rotors(scene, at.x, at.R, at.v, at.w):
+        masses = masses + inertia * S[:, :, None] * S[:, None, :]
     applied = np.concatenate([mechanics.applied_forces(scene, at.x[k], at.R[k], at.v[k], at.w[k], angle)
                               for k, angle in zip(rows, angles, strict=True)])
     probe = Probe(
         "truth", "maximal", scene.masses, scene.inertias, at.x, at.R, at.v, at.w,
         kinetic=mechanics.kinetic_energy(scene, at), potential=np.array(potential), jacobian=identity,
-        mass_matrix=np.broadcast_to(mass, identity.shape), gravity_force=np.broadcast_to(weight, (count, 6 * n)),
+        mass_matrix=masses, gravity_force=np.broadcast_to(weight, (count, 6 * n)),
         applied_force=applied, a=a, alpha=alpha, reactions=constraints.reactions(at.x, at.R, lam))
     constraint = np.einsum("tmk,tm->tk", constraints.jacobian(at.x, at.R), lam)
     return Reference(

@@ -220,7 +220,8 @@ class _Reactions:
         found = self._constrained(wrenches)
         pin.rnea(twin.model.model, twin.data, own, rates, accelerations, wrenches)
         own_sizes = {at_v: torque[at_v] for _, _, at_v, _ in twin._turns}
-        for link, (_, at_v) in zip(twin.model.links, twin.model.slots, strict=True):
+        rotors = -d.model.model.armature * a
+        for link, (_, at_v), (_, own_v) in zip(twin.model.links, twin.model.slots, d.model.slots, strict=True):
             if link.joint:
                 carrier, _ = twin.model.frames[link.body]
                 wrench = twin.data.oMi[carrier].act(twin.data.f[carrier])
@@ -232,6 +233,12 @@ class _Reactions:
                     force = force - acting
                 else:
                     moment = moment - acting
+                if any(joint.armature):
+                    axis = sign * (twin._frame(link.body).rotation @ link.axis)
+                    if joint.type != "revolute":
+                        force = force - rotors[own_v][0] * axis
+                    if joint.type != "prismatic":
+                        moment = moment - rotors[own_v][-1] * axis
                 found[joint.name] = force, moment
         return found
 

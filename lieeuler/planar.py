@@ -70,7 +70,7 @@ class Plane:
         """Make the arrays of a solution of `problem` those of `full`.
 
         `angles` (T, number of forces) are the unwrapped angles of torsional springs in `problem`, rad. The multipliers
-        become those of the index-1 system, NaN where the mechanism stands in a singular position.
+        become those of the index-1 system, of least norm where rows depend on others.
         """
         solution.x[:, :, 2] += self.full.x @ self.normal
         for name in ("x", "v", "a"):

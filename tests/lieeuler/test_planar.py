@@ -92,6 +92,10 @@ def test_random_mechanisms_move_alike_in_their_plane(seed):
         assert np.abs(off.R - on.R).max() < 1e-8
 
 
+def test_multipliers_are_numbers_where_rows_have_lost_a_rank():
+    assert random_mechanisms.answer(Random(8002679)) == "success"
+
+
 @pytest.mark.parametrize("name", ["four_bar", "hinge_pendulum"])
 def test_any_plane_will_do(name):
     """An oblique plane, bodies' axes that know nothing of it, and a mechanism at another height for each body."""

@@ -146,24 +146,22 @@ Outcome ended(Outcome outcome, Status status, double reached, const Monitor& mon
 // Samples with the least-norm multipliers of all rows, where methods solve for those of independent ones.
 class LeastNorm {
  public:
-  explicit LeastNorm(const Plan& plan) : plan_(plan), wanted_(plan.independent) {}
+  explicit LeastNorm(const Plan& plan) : joints_(plan.system), shown_(plan.system) {
+    if (plan.independent) rows_.emplace(plan);
+  }
 
   const State& of(const State& state, int redundant_rows) {
-    if (!wanted_ || redundant_rows == 0) return state;
+    if (!rows_ || redundant_rows == 0) return state;
     shown_ = state;
-    if (!projection_) {
-      projection_.emplace(plan_);
-      wanted_ = projection_->start(state) == Status::success;
-    }
-    if (wanted_) projection_->make_least_norm(*shown_);
-    return *shown_;
+    joints_.update(shown_.frames);
+    rows_->make_least_norm(joints_, shown_.lam);
+    return shown_;
   }
 
  private:
-  const Plan& plan_;
-  bool wanted_;
-  std::optional<State> shown_;
-  std::optional<Projection> projection_;
+  Constraints joints_;
+  State shown_;
+  std::optional<IndependentRows> rows_;
 };
 
 // Where the samples go; each call appends one.

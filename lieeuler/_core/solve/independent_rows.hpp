@@ -7,6 +7,7 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <numeric>
 
 #include "model/plan.hpp"
 
@@ -14,21 +15,25 @@ namespace lieeuler {
 
 class IndependentRows {
  public:
-  explicit IndependentRows(const Plan& plan) : plan_(plan), system_(plan.system) {}
-
-  // How many rows depend on others here; `dropped` names them, by their places in lam.
-  int choose(const Constraints& joints, std::vector<char>& dropped) {
-    dropped.assign(system_.rows() + plan_.rotors.size(), 0);
-    null_.clear();
-    for (const Loop& loop : plan_.loops) choose_in(loop, joints, dropped);
-    return static_cast<int>(null_.size());
+  explicit IndependentRows(const Plan& plan) : plan_(plan), system_(plan.system) {
+    for (const Body& body : system_.bodies) roots_.push_back(Mat3(body.inertia_inverse.llt().matrixL()).transpose());
   }
 
-  // The least-norm multipliers that act as these do; the rows are those chosen last.
-  void make_least_norm(std::vector<double>& lam) const {
-    const Eigen::Index count = static_cast<Eigen::Index>(null_.size());
+  // How many rows depend on others here; `dropped` names them, by their places in lam.
+  int choose(const Constraints& joints, std::vector<char>& dropped) const {
+    dropped.assign(system_.rows() + plan_.rotors.size(), 0);
+    for (const Loop& loop : plan_.loops) choose_in(loop, joints, dropped, nullptr);
+    return static_cast<int>(std::count(dropped.begin(), dropped.end(), 1));
+  }
+
+  // The least-norm multipliers that act as these do.
+  void make_least_norm(const Constraints& joints, std::vector<double>& lam) const {
+    std::vector<char> dropped(system_.rows(), 0);
+    std::vector<Sparse> null;
+    for (const Loop& loop : plan_.loops) choose_in(loop, joints, dropped, &null);
+    const Eigen::Index count = static_cast<Eigen::Index>(null.size());
     Eigen::VectorXd wanted(count), y = Eigen::VectorXd::Zero(count);
-    for (Eigen::Index i = 0; i < count; ++i) wanted[i] = product(null_[i], lam);
+    for (Eigen::Index i = 0; i < count; ++i) wanted[i] = product(null[i], lam);
     // Conjugate gradients with N^T N, which loops that share few joints leave well conditioned.
     Eigen::VectorXd r = wanted, p = r;
     std::vector<double> spread(lam.size());
@@ -36,15 +41,15 @@ class IndependentRows {
     double square = r.squaredNorm();
     for (Eigen::Index k = 0; k < 4 * count && square > small; ++k) {
       std::fill(spread.begin(), spread.end(), 0.0);
-      for (Eigen::Index i = 0; i < count; ++i) add(p[i], null_[i], spread);
+      for (Eigen::Index i = 0; i < count; ++i) add(p[i], null[i], spread);
       Eigen::VectorXd q(count);
-      for (Eigen::Index i = 0; i < count; ++i) q[i] = product(null_[i], spread);
+      for (Eigen::Index i = 0; i < count; ++i) q[i] = product(null[i], spread);
       const double step = square / p.dot(q);
       y += step * p, r -= step * q;
       const double last = std::exchange(square, r.squaredNorm());
       p = r + square / last * p;
     }
-    for (Eigen::Index i = 0; i < count; ++i) add(-y[i], null_[i], lam);
+    for (Eigen::Index i = 0; i < count; ++i) add(-y[i], null[i], lam);
   }
 
  private:
@@ -61,7 +66,9 @@ class IndependentRows {
     for (const auto& [row, value] : n) values[row] += factor * value;
   }
 
-  void choose_in(const Loop& loop, const Constraints& joints, std::vector<char>& dropped) {
+  // `null` gains a vector for every row dropped.
+  void choose_in(const Loop& loop, const Constraints& joints, std::vector<char>& dropped,
+                 std::vector<Sparse>* null) const {
     std::vector<int> bodies, rows;
     for (int j : loop.others)
       for (int body : {system_.joints[j].parent, system_.joints[j].child})
@@ -71,28 +78,39 @@ class IndependentRows {
     const Eigen::Index known = static_cast<Eigen::Index>(rows.size());
     append_rows(loop.joint, rows);
     // Columns: rows of G as momenta, over the roots of the masses, of length one.
-    Eigen::MatrixXd A(6 * bodies.size(), rows.size());
-    A.setZero();
+    Eigen::MatrixXd A =
+        Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(bodies.size()), static_cast<Eigen::Index>(rows.size()));
     Eigen::Index column = 0;
     for (int j : loop.others) column = fill(A, column, bodies, j, joints);
     fill(A, column, bodies, loop.joint, joints);
     const Eigen::VectorXd lengths = A.colwise().norm();
     A = A * lengths.cwiseInverse().asDiagonal();
-    Eigen::MatrixXd basis(A.rows(), 0);
-    for (Eigen::Index c = 0; c < known; ++c) extend(basis, A.col(c));
-    std::vector<Eigen::Index> open;
+    Eigen::MatrixXd basis(A.rows(), A.cols()), rest = A;
+    Eigen::Index rank = 0;
+    const auto accept = [&](Eigen::Index c) {  // Gram and Schmidt, twice is enough
+      for (int pass = 0; pass < 2; ++pass)
+        rest.col(c) -= basis.leftCols(rank) * (basis.leftCols(rank).transpose() * rest.col(c));
+      const double length = rest.col(c).norm();
+      if (!(length > kDependent)) return false;
+      basis.col(rank++) = rest.col(c) / length;
+      return true;
+    };
+    for (Eigen::Index c = 0; c < known; ++c) accept(c);
+    auto closing = rest.rightCols(A.cols() - known);
+    closing -= basis.leftCols(rank) * (basis.leftCols(rank).transpose() * closing);
+    std::vector<Eigen::Index> kept(known), open;
+    std::iota(kept.begin(), kept.end(), 0);
     for (Eigen::Index c = known; c < A.cols(); ++c) open.push_back(c);
     while (!open.empty()) {  // the one that stands out most, again and again
       const auto furthest = std::max_element(open.begin(), open.end(), [&](Eigen::Index a, Eigen::Index b) {
-        return left_of(basis, A.col(a)).norm() < left_of(basis, A.col(b)).norm();
+        return rest.col(a).squaredNorm() < rest.col(b).squaredNorm();
       });
-      if (!extend(basis, A.col(*furthest))) break;
-      open.erase(furthest);
+      if (!accept(*furthest)) break;
+      closing -= basis.col(rank - 1) * (basis.col(rank - 1).transpose() * closing);
+      kept.push_back(*furthest), open.erase(furthest);
     }
-    std::vector<Eigen::Index> kept;
-    for (Eigen::Index c = 0; c < A.cols(); ++c)
-      if (std::find(open.begin(), open.end(), c) == open.end()) kept.push_back(c);
-    if (open.empty()) return;
+    for (Eigen::Index c : open) dropped[rows[c]] = 1;
+    if (open.empty() || !null) return;
     Eigen::MatrixXd independent(A.rows(), static_cast<Eigen::Index>(kept.size()));
     for (size_t k = 0; k < kept.size(); ++k) independent.col(static_cast<Eigen::Index>(k)) = A.col(kept[k]);
     Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> solver;
@@ -100,11 +118,10 @@ class IndependentRows {
     solver.compute(independent);
     for (Eigen::Index c : open) {
       const Eigen::VectorXd weights = solver.solve(A.col(c));
-      Sparse null{{rows[c], 1.0}};
+      Sparse found{{rows[c], 1.0}};
       for (size_t k = 0; k < kept.size(); ++k)
-        null.push_back({rows[kept[k]], -weights[static_cast<Eigen::Index>(k)] * lengths[c] / lengths[kept[k]]});
-      null_.push_back(std::move(null));
-      dropped[rows[c]] = 1;
+        found.push_back({rows[kept[k]], -weights[static_cast<Eigen::Index>(k)] * lengths[c] / lengths[kept[k]]});
+      null->push_back(std::move(found));
     }
   }
   void append_rows(int j, std::vector<int>& rows) const {
@@ -120,31 +137,19 @@ class IndependentRows {
         if (body == system_.n()) continue;
         const Eigen::Index at = 6 * (std::find(bodies.begin(), bodies.end(), body) - bodies.begin());
         const Rows G = joints[j].jacobian(part, side);
-        const Mat3 root = system_.bodies[body].inertia_inverse.llt().matrixL();
         for (int r = 0; r < part.rows(); ++r) {
           A.block<3, 1>(at, column + r) = G.v.row(r).transpose() / std::sqrt(system_.bodies[body].mass);
-          A.block<3, 1>(at + 3, column + r) = root.transpose() * G.w.row(r).transpose();
+          A.block<3, 1>(at + 3, column + r) = roots_[body] * G.w.row(r).transpose();
         }
       }
       column += part.rows();
     }
     return column;
   }
-  static Eigen::VectorXd left_of(const Eigen::MatrixXd& basis, const Eigen::VectorXd& a) {
-    Eigen::VectorXd rest = a - basis * (basis.transpose() * a);
-    return rest - basis * (basis.transpose() * rest);  // Gram and Schmidt, twice is enough
-  }
-  static bool extend(Eigen::MatrixXd& basis, const Eigen::VectorXd& a) {
-    const Eigen::VectorXd rest = left_of(basis, a);
-    if (!(rest.norm() > kDependent)) return false;
-    basis.conservativeResize(Eigen::NoChange, basis.cols() + 1);
-    basis.rightCols<1>() = rest.normalized();
-    return true;
-  }
 
   const Plan& plan_;
   const System& system_;
-  std::vector<Sparse> null_;
+  std::vector<Mat3> roots_;  // R with R^T R = J^-1
 };
 
 }  // namespace lieeuler

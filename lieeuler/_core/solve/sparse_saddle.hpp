@@ -31,7 +31,8 @@ class SparseSaddle : public WorldRows {
   // Counts the redundant rows at this configuration. False where the rest is singular.
   bool count_redundancy(const Constraints& joints, int& redundant) {
     if (independent_) {
-      redundant = independent_->choose(joints, shown_);
+      std::vector<char> dropped;
+      redundant = independent_->choose(joints, dropped);
       return true;
     }
     if (dense_) {
@@ -117,10 +118,7 @@ class SparseSaddle : public WorldRows {
 
   // The least-norm multipliers that act as these do; of all rows, at the joints factored last.
   void make_least_norm(const Constraints& joints, std::vector<double>& lam) {
-    if (independent_) {
-      if (independent_->choose(joints, shown_) > 0) independent_->make_least_norm(lam);
-      return;
-    }
+    if (independent_) return independent_->make_least_norm(joints, lam);
     for (const std::vector<double>& w : null_) {
       double product = 0;
       plan_.for_rows([&](int row, int place) { product += w[place] * lam[row]; });
@@ -262,7 +260,7 @@ class SparseSaddle : public WorldRows {
   std::optional<IndependentRows> independent_;
   std::optional<DenseSaddle> dense_;
   bool solves_dense_ = false;  // at the joints factored last
-  std::vector<char> dropped_, shown_;
+  std::vector<char> dropped_;
   std::vector<double> scales_;  // of rows, where they are chosen
   double inverse_at_choice_ = 0;
   int redundant_ = 0, choice_ = 0;

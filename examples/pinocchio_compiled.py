@@ -96,8 +96,8 @@ class Driver:
         self._library.tree_munthe_kaas(self._tree, len(weights), address(rows), address(weights), ctypes.c_double(h),
                                        steps, address(q), address(v))
 
-    def accelerate(self, q, v):
-        """Joint accelerations of histories (T, nq), (T, nv)."""
+    def accelerate(self, t, q, v):
+        """Joint accelerations of histories (T,), (T, nq), (T, nv); no joint is driven, so that t tells nothing."""
         a = np.empty_like(v)
         for row in range(len(v)):
             self._library.tree_accelerate(self._tree, address(q[row].copy()), address(v[row].copy()), address(a[row]))

@@ -35,9 +35,7 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
               rtol: float | None = None, coordinate_map: str = "exp", alpha: float | None = None,
               beta: float | None = None, spectral_radius: float | None = None, spin_free: bool | None = None,
               reduce: str | None = None, polish: bool = True, monitor: bool = True) -> Solution:
-    """Integrate a problem with a fixed step, or with steps that follow a tolerance.
-
-    Every run writes one line to the logger "lieeuler", at level INFO.
+    """Integrate a problem with a fixed step, or steps that follow a tolerance; log one line, level INFO, to "lieeuler".
 
     Parameters
     ----------
@@ -52,34 +50,30 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
         In place of `step`, for methods with "rtol" among their controls: the error wanted, see `DEFAULT_RTOL`.
     coordinate_map : "exp" | "cayley" | "ccsk"
         Only for the implicit methods and the compositions; those of order two and up need a symmetric one, not ccsk.
-    alpha, beta : float, optional
-        Baumgarte gains, 1/s; only for BAUMGARTE_LE.
-    spectral_radius : float, optional
-        Only for generalized_alpha: 0 removes motions much faster than the step, 1 keeps them. Default 0.8.
+    alpha, beta, spectral_radius : float, optional
+        Baumgarte gains, 1/s, of BAUMGARTE_LE. Of generalized_alpha: 0 removes motions much faster than the step, 1
+        keeps them; default 0.8.
     spin_free : bool, optional
         Carry symmetric bodies in frames without their spin (`lieeuler.spin_free`). Default: not for the Euler methods.
     reduce : "planar" | "axis" | "off", optional
-        Integrate a mechanism in its plane, or bodies about their fixed axes (`lieeuler.planar`); accelerations and
-        multipliers at the samples are then those of the index-1 system. Default: where it applies, and not for the
-        Euler methods; `solution.stats.reduce` says what was done.
+        Integrate a mechanism in its plane, or about fixed axes (`lieeuler.planar`); multipliers at the samples are then
+        of index 1. Default: where it applies, not for the Euler methods; `solution.stats.reduce` says what was done.
     polish : bool
         Bring attitudes back to rotations after every step (docs/theory.md, section 3). False: the Euler methods only.
     monitor : bool
-        Evaluate energy, constraint levels and orthogonality after every step (`solution.stats.maxima`). Without it only
-        the positions and velocities of the last state are judged.
+        Evaluate energy, constraint levels and orthogonality after every step (`stats.maxima`). Else only the last state
+        is judged.
 
     Returns
     -------
     Solution
-        Its status is SUCCESS, or CONSTRAINTS_OPEN where a level that the method holds opened on the way (without
-        `monitor`: at the end).
+        Its status is SUCCESS, or CONSTRAINTS_OPEN where a level that the method holds opened (see `monitor`).
 
     Raises
     ------
     ArgumentError
-        A wrong argument.
     IntegrationError, Interrupted
-        The run ended early, or by Ctrl-C; the error carries the trajectory so far.
+        The run ended early, or by Ctrl-C; the error has the trajectory so far.
     """
     plan = plan_run(problem, method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, spin_free,
                     monitor, polish)
@@ -95,14 +89,13 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     if plane is not None:
         plane.restore(solution, result["angles"])
         solution.stats.reduce = plane.word if reduce is None else reduce
-    if not monitor:
-        solution.stats.maxima = {}
+    solution.stats.maxima = solution.stats.maxima if monitor else {}
+    return _ended(problem, solution, coordinate_map)
+
+
+def _ended(problem: Problem, solution: Solution, coordinate_map: str) -> Solution:
+    """The solution, judged by what its method holds, and logged; raises where the run has no whole trajectory."""
     held.judge(problem, solution)
-    return _ended(solution, coordinate_map)
-
-
-def _ended(solution: Solution, coordinate_map: str) -> Solution:
-    """The solution, logged; raises where the run has no whole trajectory."""
     log.info("%s", solution)
     if solution.status is Status.INTERRUPTED:
         raise Interrupted(solution)

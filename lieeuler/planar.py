@@ -121,8 +121,7 @@ def plane_of(problem: Problem, pins: bool) -> Plane:
     NotPlanar
     """
     view = _View(problem, _normal(problem))
-    _check_start(problem, view.e)
-    _check_hung(problem)
+    _check(problem, view.e)
     within = [_within(view, k) for k in range(len(problem.joints))]
     groups = [{b} for b in range(problem.n)]  # of bodies whose heights depend on each other
     pinned: set[int] = set()
@@ -250,7 +249,8 @@ def _within(view: _View, index: int) -> _Within:
     return _Within(np.eye(3)[:2] if k == 2 else kept, angle)
 
 
-def _check_start(problem: Problem, e: np.ndarray) -> None:
+def _check(problem: Problem, e: np.ndarray) -> None:
+    """The start moves within the plane with its joints closed, and every body hangs on the ground."""
     length = problem.kernel.length
     speed = max(np.abs(problem.v).max(), np.abs(problem.w).max() * length)
     spins = np.cross(np.einsum("bij,bj->bi", problem.R, problem.w), e)
@@ -259,9 +259,6 @@ def _check_start(problem: Problem, e: np.ndarray) -> None:
     levels = _kernel.constraint_levels(problem.kernel, problem.x, problem.R, problem.v, problem.w, 0.0)
     if not levels.max() <= ROUNDING:
         raise NotPlanar(f"the start leaves joints open by {levels.max():.1g} of the system's size, more than rounding")
-
-
-def _check_hung(problem: Problem) -> None:
     hung, size = {GROUND}, 0
     while len(hung) > size:
         size = len(hung)
@@ -276,16 +273,14 @@ def _joint(view: _View, joint: Joint, rows: _Within, point: bool) -> Joint:
     dots = () if point else tuple(Dot("parent", "difference", direction) for direction in rows.across)
     if rows.angle:
         dots += (Dot("parent", "child", X, Y),)
+    rotors = []
+    for rotor in joint.rotors:
+        along = view.axis if rotor.turns else view.direction
+        rotors.append(Rotor(rotor.inertia, along("a rotor", joint.parent, rotor.parent_axis),
+                            along("a rotor", joint.child, rotor.child_axis), rotor.turns))
     return Joint(joint.parent, joint.child, view.within(joint.parent, joint.parent_anchor),
                  view.within(joint.child, joint.child_anchor), point, dots,
-                 None if joint.drive is None else _drive(view, joint, joint.drive),
-                 tuple(_rotor(view, joint, rotor) for rotor in joint.rotors))
-
-
-def _rotor(view: _View, joint: Joint, rotor: Rotor) -> Rotor:
-    along = view.axis if rotor.turns else view.direction
-    return Rotor(rotor.inertia, along("a rotor", joint.parent, rotor.parent_axis),
-                 along("a rotor", joint.child, rotor.child_axis), rotor.turns)
+                 None if joint.drive is None else _drive(view, joint, joint.drive), tuple(rotors))
 
 
 def _drive(view: _View, joint: Joint, drive: Drive) -> Drive:

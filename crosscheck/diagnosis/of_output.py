@@ -343,7 +343,8 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
                                 "numbers, no race between threads"), max(size, again))
     if size <= SEEN or rough(scale.flat(coarse) - exact) > GROWS * size:
         return None
-    for digits, (text, cut) in itertools.product(range(1, MOST_DIGITS), (("rounded", np.round), ("cut off", _cut))):
+    ways = ("rounded", np.round), ("cut off", lambda times, digits: np.floor(times * 10.0**digits) / 10.0**digits)
+    for digits, (text, cut) in itertools.product(range(1, MOST_DIGITS), ways):
         if np.abs(y - scale.flat(at_times(scene, cut(scene.t, digits)))).max() <= 0.01 * size:
             return Noise(NamedCause("rounded times", f"states are those of times {text} to {digits} decimals of a "
                                     "second", "report each state at its time"), size)
@@ -358,12 +359,6 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
         return Noise(NamedCause("precision floor", f"noise of {size:.1e} from sample to sample, as single precision "
                                 "leaves (float32)", mend), size)
     return Noise(NamedCause("noise", f"{size:.1e} from sample to sample", mend), size)
-
-
-def _cut(times: np.ndarray, digits: int) -> np.ndarray:
-    """Times with so many decimals, none rounded up."""
-    found: np.ndarray = np.floor(times * 10.0**digits) / 10.0**digits
-    return found
 
 
 def rough(difference: np.ndarray) -> float:

@@ -35,11 +35,6 @@ def extrapolation_order(documented: int, observed: Order, failed: bool) -> int:
     return max(1, round(observed.observed))
 
 
-def _beside_rounding(tol: Tol, rounding: float) -> Tol:
-    """The bound where the errors of both runs are as small as rounding makes them, and fall no more."""
-    return Tol(tol.value + 2 * rounding, tol.why + (f"; rounding of both runs, {rounding:.1e}" if rounding else ""))
-
-
 def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Reference, order: int,
                 orders: Mapping[str, Order], failing: frozenset[str], eps: float = tolerances.EPS) -> list[Finding]:
     """The limit of the two finest runs against truth, per quantity.
@@ -60,7 +55,9 @@ def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Referenc
         used = extrapolation_order(order, orders[name], name in failing)
         limit = extrapolated(coarse, fine, coarse_step / fine_step, used)
         error = errors(scene, limit, truth.states, truth.horizon)[name]
-        tol = _beside_rounding(tolerances.limit(scene, truth, used, coarse_step, eps)[name], orders[name].rounding)
+        tol = tolerances.limit(scene, truth, used, coarse_step, eps)[name]
+        if rounding := orders[name].rounding:  # where the errors of both runs are as small, and fall no more
+            tol = Tol(tol.value + 2 * rounding, f"{tol.why}; rounding of both runs, {rounding:.1e}")
         where = f"body {error.body}, t = {error.time:.4g} s, extrapolated with order {used}"
         if tol.value > scale.of(name) and np.isfinite(error.max):
             findings.append(Finding(f"limit {name}", "unjudged", error.max, None, unit, "at these steps the bound, "

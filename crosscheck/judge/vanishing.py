@@ -11,7 +11,7 @@ import numpy as np
 
 from crosscheck.document import QUANTITIES
 from crosscheck.judge.defects import Defects, turn, with_slack
-from crosscheck.judge.flow import Flow, around
+from crosscheck.judge.flow import around
 from crosscheck.judge.tolerances import CONSTANTS, USUAL
 
 Limit = dict[str, tuple[np.ndarray, np.ndarray]]
@@ -130,7 +130,8 @@ def extrapolation(runs: Sequence[Defects], order: int) -> tuple[np.ndarray, floa
 def shares(runs: Sequence[Defects], order: int) -> list[np.ndarray]:
     """(I,) per run how much its leading term may differ, for its state, from what the weights cancel; at most 1."""
     fine = runs[0].flow
-    apart = [_apart(fine, run.flow) for run in runs]
+    apart = [[run.flow.begin.x - fine.begin.x, turn(fine.begin.R, run.flow.begin.R), run.flow.begin.v - fine.begin.v,
+              run.flow.begin.w - fine.begin.w] for run in runs]  # where the intervals begin
     length, rate = runs[0].scale.length, fine.rate[:, None]
 
     def size(parts: list[np.ndarray]) -> np.ndarray:
@@ -147,9 +148,3 @@ def shares(runs: Sequence[Defects], order: int) -> list[np.ndarray]:
     ratio = (h[2] - h[0]) / (h[1] - h[0])
     bent = (order + 2) * stiff * size([coarse - ratio * middle for middle, coarse in zip(*apart[1:], strict=True)])
     return [np.minimum(1.0, share**2 + (bent if share.any() else 0.0)) for share in first]
-
-
-def _apart(one: Flow, other: Flow) -> list[np.ndarray]:
-    """x, attitude, v, w (I, n, 3) by which two runs differ where the intervals begin."""
-    return [other.begin.x - one.begin.x, turn(one.begin.R, other.begin.R), other.begin.v - one.begin.v,
-            other.begin.w - one.begin.w]

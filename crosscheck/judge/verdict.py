@@ -20,7 +20,6 @@ from msgspec.structs import replace
 from crosscheck.document import (
     LEVELS,
     QUANTITIES,
-    Errors,
     Finding,
     Judged,
     Measured,
@@ -135,15 +134,12 @@ def judge_without_truth(scene: Scene, traj: Any) -> Finding:
     if scene.forces:
         return Finding("energy", "unjudged", change, None, "J", "forces may change the energy, and no truth tells how")
     reach = tolerances.reach(scene)
-    lift = float(scene.masses.sum() * np.linalg.norm(scene.gravity) * 2 * reach + _kinetic_at_start(scene))
+    kinetic = 0.5 * (np.einsum("i,ik,ik->", scene.masses, scene.v0, scene.v0)
+                     + np.einsum("ik,ikl,il->", scene.w0, scene.inertias, scene.w0))
+    lift = float(scene.masses.sum() * np.linalg.norm(scene.gravity) * 2 * reach + kinetic)
     why = ("no truth: the kinetic energy at the start and that of lifting all bodies from bottom to top, "
            "2 m g times the reach")
     return _judged("energy", change, Tol(lift, why), "J", "the whole run")
-
-
-def _kinetic_at_start(scene: Scene) -> float:
-    return 0.5 * float(np.einsum("i,ik,ik->", scene.masses, scene.v0, scene.v0)
-                       + np.einsum("ik,ikl,il->", scene.w0, scene.inertias, scene.w0))
 
 
 def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bounds | None, held: frozenset[str],
@@ -254,8 +250,11 @@ def settle(run: Measured, findings: list[Finding], turning: known.Turning, messa
         outcome = "partly"
     if outcome == "unjudged":
         message = "the step is too coarse for bounds of the motion, and the plan has none smaller"
+    judged = {finding.kind: finding for finding in findings}
+    errors = {name: replace(error, judged=judged[name].value, bound=judged[name].bound, why=judged[name].why)
+              if name in judged else error for name, error in run.errors.items()}
     return extended(Judged, run, findings=findings, outcome=outcome, message=message, judged_until=judged_until,
-                    errors=_with_bounds(run.errors, findings))
+                    errors=errors)
 
 
 def outcome_of(findings: Sequence[Finding]) -> Outcome:
@@ -263,13 +262,6 @@ def outcome_of(findings: Sequence[Finding]) -> Outcome:
     statuses = {finding.status for finding in findings}
     blind = any(finding.kind == "step" and finding.status == "unjudged" for finding in findings)
     return "fail" if "fail" in statuses else "known" if "known" in statuses else "unjudged" if blind else "pass"
-
-
-def _with_bounds(errors: Mapping[str, Errors], findings: Sequence[Finding]) -> dict[str, Errors]:
-    """The errors with what was judged of them."""
-    judged = {finding.kind: finding for finding in findings}
-    return {name: replace(error, judged=judged[name].value, bound=judged[name].bound, why=judged[name].why)
-            if name in judged else error for name, error in errors.items()}
 
 
 J = TypeVar("J", bound=Judged)

@@ -54,7 +54,9 @@ def unfold(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
     _grow(scene, GROUND, links, unused)
     for body in range(scene.n):
         if body not in links:
-            links[body] = _free(scene, body)
+            record = scene.bodies[body]
+            links[body] = Link(body, GROUND, float(record.mass), record.inertia.tolist(), [0.0] * 3, [0.0] * 3, FREE,
+                               (), "free", False, (), 1.0, None)
             _grow(scene, body, links, unused)
     return tuple(links.values()), tuple(unused)
 
@@ -84,12 +86,6 @@ def _grow_geared(scene: Scene, start: int, links: dict[int, Link], unused: list[
         links[outer] = _link(scene, joint, inner, outer)
         unused.remove(joint)
         reached.add(outer)
-
-
-def _free(scene: Scene, body: int) -> Link:
-    record = scene.bodies[body]
-    return Link(body, GROUND, float(record.mass), record.inertia.tolist(), [0.0] * 3, [0.0] * 3, FREE, (), "free",
-                False, (), 1.0, None)
 
 
 def _link(scene: Scene, joint: Joint, inner: int, outer: int) -> Link:

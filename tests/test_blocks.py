@@ -160,7 +160,7 @@ def test_a_command_is_understood(block, command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     desk(block, tmp_path)
     here, rest = get_command(app), words[1:]
-    while hasattr(here, "commands"):
+    while hasattr(here, "commands") and rest:
         here, rest = here.commands[rest[0]], rest[1:]
     here.make_context("crosscheck", list(rest))  # raises where a word means nothing
     if words[1] in QUICK:

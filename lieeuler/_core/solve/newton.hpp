@@ -110,14 +110,15 @@ class Newton {
       renew = k > 1 && size > kSlow * last;
       last = size;
     }
-    return Status::newton_failed;
+    return last <= kStalled ? Status::success : Status::newton_failed;
   }
 
   static constexpr double kEps = std::numeric_limits<double>::epsilon();
-  static constexpr double kFloor = 4 * kEps;    // a correction of this size is rounding
-  static constexpr double kNoise = 1e3 * kEps;  // below this, corrections that no longer shrink are rounding
-  static constexpr double kSlow = 0.1;          // ratio of corrections above which the matrix is renewed
-  static constexpr double kCaution = 100;       // on the curvature seen in earlier steps
+  static constexpr double kFloor = 4 * kEps;      // a correction of this size is rounding
+  static constexpr double kNoise = 1e3 * kEps;    // below this, corrections that no longer shrink are rounding
+  static constexpr double kStalled = 1e4 * kEps;  // next to a singular position rounding leaves more
+  static constexpr double kSlow = 0.1;            // ratio of corrections above which the matrix is renewed
+  static constexpr double kCaution = 100;         // on the curvature seen in earlier steps
   static constexpr int kMostIterations = 25;
 
   // With the derivative at the guess the first correction leaves an error of curvature times its square; a later

@@ -40,8 +40,10 @@ class EulerStepper {
       rank_ = Rank::of_start;
     }
     // Rows that depend on several loops at once, or too much that the matrix with the bodies eliminated leaves out.
-    if (core_ && plan_.independent && (!saddle_.sparse().dropped() || equations().couples_by_springs()))
-      take_all_rows();
+    if (core_ && plan_.independent && (!saddle_.sparse().dropped() || equations().couples_by_springs())) {
+      equations().take_whole_matrix();
+      scale_tail();
+    }
     lu_.expect_deficiency(saddle_.redundant() * (nodes_.doubled() ? 2 : 1));
     if (const Status status = solve_index1(); status != Status::success) return status;
     if (const Status status = equations().begin(); status != Status::success) return status;
@@ -75,7 +77,7 @@ class EulerStepper {
       predictor.guess(z_);
       status = newton_.solve(equations(), z_, target(), counters);
     }
-    if (status != Status::success && fall_back()) {
+    if (status != Status::success && equations().fall_back()) {
       if (predictor.empty())
         guess_afresh();
       else
@@ -322,19 +324,6 @@ class EulerStepper {
     if (saddle_.redundant() == 0) return;
     saddle_.sparse().remove_null_space(&r[3 * nodes_.lam(0)]);
     if (nodes_.doubled()) saddle_.sparse().remove_null_space(&r[3 * nodes_.mu(0)]);
-  }
-
-  // Whether there is a matrix that leaves less out. Next to a singular position G M^-1 G^T has lost twice the digits
-  // that the matrix of all rows has.
-  bool fall_back() {
-    if (!core_ || !plan_.independent) return equations().fall_back();
-    take_all_rows();
-    lu_.expect_deficiency(saddle_.redundant() * (nodes_.doubled() ? 2 : 1));
-    return true;
-  }
-  void take_all_rows() {
-    equations().take_whole_matrix();
-    scale_tail();
   }
 
   // Rows of lam and of mu alike.

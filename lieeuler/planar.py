@@ -160,22 +160,17 @@ class _View:
         self.turn = np.array([*normals(e), e])
         self.frames = self.turn @ problem.R
 
-    def turned(self, body: int, vector: np.ndarray) -> np.ndarray:
-        result: np.ndarray = (self.turn if body == GROUND else self.frames[body]) @ vector
-        return result
-
-    def first_axis(self, body: int) -> np.ndarray:
-        """The first axis of the plane, as the body has it."""
-        axis: np.ndarray = (self.turn if body == GROUND else self.frames[body])[0]
-        return axis
+    def axes(self, body: int) -> np.ndarray:
+        """(3, 3) the axes of the plane, as the body has them."""
+        return self.turn if body == GROUND else self.frames[body]
 
     def within(self, body: int, vector: np.ndarray) -> np.ndarray:
         """(3,) without the part along e."""
-        return self.turned(body, vector) * (1.0, 1.0, 0.0)
+        return self.axes(body) @ vector * (1.0, 1.0, 0.0)
 
     def along(self, body: int, vector: np.ndarray) -> float:
         """The part along e."""
-        return float(self.turned(body, vector)[2])
+        return float(self.axes(body)[2] @ vector)
 
     def height(self, body: int, point: np.ndarray) -> float:
         """Of a point of a body, m."""
@@ -289,7 +284,7 @@ def _drive(view: _View, joint: Joint, drive: Drive) -> Drive:
     child_axis = turn("a drive", joint.child, drive.child_axis)
     relative = None
     if drive.relative is not None:
-        x, y, _ = view.turned(joint.child, drive.relative @ view.first_axis(joint.parent))
+        x, y, _ = view.axes(joint.child) @ drive.relative @ view.axes(joint.parent)[0]
         relative = np.array([[x, -y, 0.0], [y, x, 0.0], Z])
         relative[:2] /= np.hypot(x, y)
     return Drive(drive.function, parent_axis, child_axis, relative)

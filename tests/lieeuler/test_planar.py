@@ -92,8 +92,23 @@ def test_random_mechanisms_move_alike_in_their_plane(seed):
         assert np.abs(off.R - on.R).max() < 1e-8
 
 
-def test_multipliers_are_numbers_where_rows_have_lost_a_rank():
+def test_multipliers_are_right_where_rows_have_lost_a_rank():
+    """G^T lam = f - M a, by the dense blocks of the kernel."""
     assert random_mechanisms.answer(Random(8002679)) == "success"
+    random = Random(8002679)
+    make, options = random_mechanisms.case(random, flat=random.random() < 0.2)
+    problem = make()
+    solution = lieeuler.integrate(problem, **options)
+    assert solution.stats.reduce == "planar"
+    for k in range(len(solution.t)):
+        state = [np.ascontiguousarray(getattr(solution, name)[k]) for name in ("x", "R", "v", "w")]
+        lam = np.ascontiguousarray(solution.lam[k])
+        G = lieeuler._kernel.constraints(problem.kernel, *state, lam)["G"]
+        applied = lieeuler._kernel.forces(problem.kernel, *state)["f"]
+        inertia = np.ravel([np.r_[body.mass * a, body.inertia @ alpha + np.cross(w, body.inertia @ w)]
+                            for body, a, alpha, w in zip(problem.bodies, solution.a[k], solution.alpha[k],
+                                                         solution.w[k], strict=True)])
+        assert np.abs(G.T @ lam - (applied - inertia)).max() < 1e-10 * np.abs(applied).max()
 
 
 @pytest.mark.parametrize("name", ["four_bar", "hinge_pendulum"])

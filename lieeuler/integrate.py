@@ -82,14 +82,13 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     frames = spin_free_frames(within) if plan.spin_free else None
     kernel, w = (within.kernel, within.w) if frames is None else (frames.kernel, frames.w)
     result = _kernel.integrate(kernel, plan.run, within.x, within.R, within.v, w)
-    solution = Solution.from_kernel(result, plan.t, method, plan.step)
+    solution = Solution.from_kernel(result, plan.t, method, plan.step, monitor)
     if frames is not None:
         frames.restore(solution.t, solution.R, solution.w, solution.alpha)
         solution.stats.spin_free = frames.bodies
     if plane is not None:
         plane.restore(solution, result["angles"])
         solution.stats.reduce = plane.word if reduce is None else reduce
-    solution.stats.maxima = solution.stats.maxima if monitor else {}
     return _ended(problem, solution, coordinate_map)
 
 

@@ -166,7 +166,8 @@ class _View:
 
     def within(self, body: int, vector: np.ndarray) -> np.ndarray:
         """(3,) without the part along e."""
-        return self.axes(body) @ vector * (1.0, 1.0, 0.0)
+        kept: np.ndarray = self.axes(body) @ vector * (1.0, 1.0, 0.0)
+        return kept
 
     def along(self, body: int, vector: np.ndarray) -> float:
         """The part along e."""

@@ -111,14 +111,16 @@ class Solution:
         return ", ".join([*words, f"{stats.wall_time:.3g} s of computing"])
 
     @classmethod
-    def from_kernel(cls, result: dict[str, Any], t: np.ndarray, method: str, step: float | None) -> Solution:
+    def from_kernel(cls, result: dict[str, Any], t: np.ndarray, method: str, step: float | None,
+                    monitored: bool) -> Solution:
         """Wrap the kernel's answer; arrays are cut to the samples reached."""
         count = result["samples"]
         maxima = dict(result["maxima"])
         kinetic = maxima["kinetic"]
         if 0 < kinetic < np.inf:
             maxima["energy_error"] /= kinetic
-        stats = Stats(step=step, wall_time=result["wall_time"], maxima=maxima, **result["counters"])
+        stats = Stats(step=step, wall_time=result["wall_time"], maxima=maxima if monitored else {},
+                      **result["counters"])
         arrays = {key: result[key][:count] for key in ("x", "R", "v", "w", "a", "alpha", "lam")}
         return cls(t=t[:count], status=Status(result["status"]), stats=stats, method=method,
                    t_end=float(t[0] + result["time"]), **arrays)

@@ -13,34 +13,20 @@ from crosscheck.scene.armature import rotors
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import histories
 from crosscheck.scene.states import States
-from tests.oracle import MAPS, alpha_coefficients, exp_series, hat, newton, right_tangent
+from tests.oracle import MAPS, Bodies, alpha_coefficients, newton
 
 
-class Geared:
-    """A scene under gravity whose joints have armature; a state is q = (x, R) and u = (v, w) of every body in turn."""
+class Geared(Bodies):
+    """A scene under gravity whose joints have armature."""
 
     def __init__(self, scene):
-        self.scene, self.n, self.rows = scene, scene.n, Constraints(scene)
-        self.m, self.inertias = self.rows.m, scene.inertias
-        self.M = np.zeros((6 * self.n, 6 * self.n))
-        for b, (mass, J) in enumerate(zip(scene.masses, scene.inertias, strict=True)):
-            self.M[6 * b:6 * b + 3, 6 * b:6 * b + 3], self.M[6 * b + 3:6 * b + 6, 6 * b + 3:6 * b + 6] = (
-                mass * np.eye(3), J)
+        self.scene, self.rows = scene, Constraints(scene)
+        self.masses, self.inertias, self.gravity, self.m = scene.masses, scene.inertias, scene.gravity, self.rows.m
         self.I = np.array([value for joint in scene.joints for value in joint.armature if value])
 
     def state(self, q, u=None):
         u = np.zeros((self.n, 6)) if u is None else u.reshape(-1, 6)
         return q[0][None], q[1][None], u[None, :, :3], u[None, :, 3:]
-
-    def applied(self):
-        return np.concatenate([np.r_[mass * self.scene.gravity, 0, 0, 0] for mass in self.scene.masses])
-
-    def force(self, u):
-        f = self.applied()
-        for b, J in enumerate(self.inertias):
-            w = u[6 * b + 3:6 * b + 6]
-            f[6 * b + 3:6 * b + 6] -= hat(w) @ J @ w
-        return f
 
     def phi(self, q):
         return self.rows.position(*self.state(q)[:2])[0]
@@ -85,11 +71,6 @@ class Geared:
         bias = self.s(q).T @ (self.I * self.drift(q, u))
         return self.solve(q, self.force(u) - bias, -self.gamma(q, u))
 
-    def move(self, q, h, xi, coordinate_map=exp_series):
-        x = np.array([q[0][b] + h * xi[6 * b:6 * b + 3] for b in range(self.n)])
-        R = np.array([q[1][b] @ coordinate_map(h * xi[6 * b + 3:6 * b + 6]) for b in range(self.n)])
-        return x, R
-
 
 def lagrange_step(system, level, q0, u0, h, coordinate_map, guess, gains):
     """One implicit Euler step: the momentum of a rotor changes from I s_n u_n to I s u, or I by its acceleration."""
@@ -121,17 +102,9 @@ def hamilton_step(system, level, q0, p0, r0, h, share, coordinate_map, guess):
     """
     nu, G0, s0 = 6 * system.n, system.G(q0), system.s(q0)
 
-    def rotational(function, vector):
-        out = vector.copy()
-        for b in range(system.n):
-            out[6 * b + 3:6 * b + 6] = function(b, vector[6 * b + 3:6 * b + 6])
-        return out
-
     def unpack(z):
         xi, lam = z[:nu], z[nu:]
-        theta = [h * xi[6 * b + 3:6 * b + 6] for b in range(system.n)]
-        y = rotational(lambda b, L: np.linalg.solve(right_tangent(coordinate_map, theta[b]).T, L), system.M @ xi)
-        p = rotational(lambda b, L: coordinate_map(theta[b]).T @ L, y)
+        y, p = system.momenta(h, xi, coordinate_map)
         q = system.move(q0, h, xi, coordinate_map)
         rates = (system.s(q) @ np.linalg.solve(system.M, p) if level == "velocity"
                  else system.way(q0, q, h * s0 @ xi) / h)

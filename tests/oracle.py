@@ -7,6 +7,7 @@ coordinate maps by their defining series, their tangents by the complex step, Ne
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 
@@ -45,21 +46,19 @@ def right_tangent(coordinate_map, theta):
     return D
 
 
-@dataclasses.dataclass
-class Chain:
-    """Bodies and spherical joints (parent, child, parent anchor, child anchor); parent -1 is the ground."""
+class Bodies:
+    """Bodies under gravity (masses, inertias, gravity); a state is q = (x, R) and u = (v, w) of every body in turn."""
 
-    masses: list
-    inertias: list
-    joints: list
-    gravity: np.ndarray
+    @property
+    def n(self):
+        return len(self.masses)
 
-    def __post_init__(self):
-        self.n, self.m = len(self.masses), 3 * len(self.joints)
-        self.M = np.zeros((6 * self.n, 6 * self.n))
+    @functools.cached_property
+    def M(self):
+        M = np.zeros((6 * self.n, 6 * self.n))
         for b, (mass, J) in enumerate(zip(self.masses, self.inertias, strict=True)):
-            self.M[6 * b:6 * b + 3, 6 * b:6 * b + 3] = mass * np.eye(3)
-            self.M[6 * b + 3:6 * b + 6, 6 * b + 3:6 * b + 6] = J
+            M[6 * b:6 * b + 3, 6 * b:6 * b + 3], M[6 * b + 3:6 * b + 6, 6 * b + 3:6 * b + 6] = mass * np.eye(3), J
+        return M
 
     def applied(self):
         return np.concatenate([np.r_[mass * self.gravity, 0, 0, 0] for mass in self.masses])
@@ -70,6 +69,35 @@ class Chain:
             w = u[6 * b + 3:6 * b + 6]
             f[6 * b + 3:6 * b + 6] -= hat(w) @ J @ w
         return f
+
+    def move(self, q, h, xi, coordinate_map=exp_series):
+        x = np.array([q[0][b] + h * xi[6 * b:6 * b + 3] for b in range(self.n)])
+        R = np.array([q[1][b] @ coordinate_map(h * xi[6 * b + 3:6 * b + 6]) for b in range(self.n)])
+        return x, R
+
+    def momenta(self, h, xi, coordinate_map):
+        """Of a symplectic Euler step: those before it without its forces, and those after it."""
+        before = self.M @ xi
+        after = before.copy()
+        for b in range(self.n):
+            turn = slice(6 * b + 3, 6 * b + 6)
+            theta = h * xi[turn]
+            before[turn] = np.linalg.solve(right_tangent(coordinate_map, theta).T, before[turn])
+            after[turn] = coordinate_map(theta).T @ before[turn]
+        return before, after
+
+
+@dataclasses.dataclass
+class Chain(Bodies):
+    """Bodies and spherical joints (parent, child, parent anchor, child anchor); parent -1 is the ground."""
+
+    masses: list
+    inertias: list
+    joints: list
+    gravity: np.ndarray
+
+    def __post_init__(self):
+        self.m = 3 * len(self.joints)
 
     def _ends(self, joint):
         return [(body, sign, s) for body, sign, s in ((joint[0], -1, joint[2]), (joint[1], 1, joint[3])) if body >= 0]
@@ -101,11 +129,6 @@ class Chain:
         A = np.block([[self.M, G.T], [G, np.zeros((self.m, self.m))]])
         z = np.linalg.solve(A, np.r_[self.force(u), -self.gamma(q, u)])
         return z[:6 * self.n], z[6 * self.n:]
-
-    def move(self, q, h, xi, coordinate_map):
-        x = np.array([q[0][b] + h * xi[6 * b:6 * b + 3] for b in range(self.n)])
-        R = np.array([q[1][b] @ coordinate_map(h * xi[6 * b + 3:6 * b + 6]) for b in range(self.n)])
-        return x, R
 
 
 def newton(residual, z):
@@ -147,17 +170,9 @@ def hamilton_step(system, level, q0, u0, h, coordinate_map, guess):
     """One symplectic Euler step; returns q, u, lam and the solution as the next guess."""
     nu, G0 = 6 * system.n, system.G(q0)
 
-    def rotational(function, vector):
-        out = vector.copy()
-        for b in range(system.n):
-            out[6 * b + 3:6 * b + 6] = function(b, vector[6 * b + 3:6 * b + 6])
-        return out
-
     def unpack(z):
         xi, lam = z[:nu], z[nu:]
-        theta = [h * xi[6 * b + 3:6 * b + 6] for b in range(system.n)]
-        y = rotational(lambda b, L: np.linalg.solve(right_tangent(coordinate_map, theta[b]).T, L), system.M @ xi)
-        p = rotational(lambda b, L: coordinate_map(theta[b]).T @ L, y)
+        y, p = system.momenta(h, xi, coordinate_map)
         return system.move(q0, h, xi, coordinate_map), np.linalg.solve(system.M, p), lam, y
 
     def residual(z):

@@ -12,6 +12,7 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
+from crosscheck.scene.vectors import exponential, inverse_tangent
 
 PRECISE = 1e-11
 """rtol of `predict`: a window of one radian adds up some ten steps of it."""
@@ -65,12 +66,6 @@ def predict(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray) -> Sta
                        atol=1e-3 * PRECISE)
     columns = zip(*(unpack(row) for row in solved.y.T), strict=True)
     return States(solved.t, *(np.array(column) for column in columns))
-
-
-def inverse_tangent(theta: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """dexp^-1 at theta of body angular velocities w, (n, 3), to the order that fourth-order methods need."""
-    once = np.cross(theta, w)
-    return w + 0.5 * once + np.cross(theta, once) / 12.0
 
 
 class Joints:
@@ -140,14 +135,6 @@ def runge_kutta(rates: Callable[..., tuple[np.ndarray, ...]], state: tuple[np.nd
         slopes.append((inverse_tangent(change[0], spin), *rest))
     total = [h / 6 * (one + 2 * two + 2 * three + four) for one, two, three, four in zip(*slopes, strict=True)]
     return (Q @ exponential(total[0]), *(p + d for p, d in zip(flat, total[1:], strict=True)))
-
-
-def exponential(theta: np.ndarray) -> np.ndarray:
-    """exp(hat(theta)), (n, 3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    found: np.ndarray = Rotation.from_rotvec(theta).as_matrix()
-    return found
 
 
 def step_joints(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order: int, h: float,

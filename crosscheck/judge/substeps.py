@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from crosscheck.document import Finding
 from crosscheck.judge.defects import turn
@@ -20,6 +19,7 @@ from crosscheck.judge.flow import State, index1_rates
 from crosscheck.judge.tolerances import scales
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
+from crosscheck.scene.vectors import exponential, inverse_tangent
 
 TABLEAUX: dict[int, tuple[tuple[tuple[tuple[float, ...], ...], tuple[float, ...]], ...]] = {
     1: ((((),), (1.0,)),),
@@ -131,7 +131,7 @@ def _semi_implicit(scene: Scene, t: np.ndarray, state: State, h: np.ndarray) -> 
     h = h.reshape(-1, 1, 1)
     a, alpha = index1_rates(scene, t, *state)[2:]
     v, w = v + h * a, w + h * alpha
-    return [x + h * v, R @ _exp(h * w), v, w]
+    return [x + h * v, R @ exponential(h * w), v, w]
 
 
 def _exponential(scene: Scene, t: np.ndarray, state: State, h: np.ndarray, stages: Any, weights: Any) -> State:
@@ -142,14 +142,12 @@ def _exponential(scene: Scene, t: np.ndarray, state: State, h: np.ndarray, stage
     def moved(row: Any) -> tuple[State, np.ndarray]:
         dx, turned, dv, dw = (sum((c * rate[k] for c, rate in zip(row, found, strict=True)), np.zeros_like(x)) * h
                               for k in range(4))
-        return [x + dx, R @ _exp(turned), v + dv, w + dw], turned
+        return [x + dx, R @ exponential(turned), v + dv, w + dw], turned
 
     for row in stages:
         here, turned = moved(row)
         a, alpha = index1_rates(scene, t + sum(row) * h[:, 0, 0], *here)[2:]
-        spin = here[3]
-        found.append([here[2], spin + 0.5 * np.cross(turned, spin) + np.cross(turned, np.cross(turned, spin)) / 12.0,
-                      a, alpha])
+        found.append([here[2], inverse_tangent(turned, here[3]), a, alpha])
     return moved(weights)[0]
 
 
@@ -165,7 +163,3 @@ def _additive(scene: Scene, t: np.ndarray, state: State, h: np.ndarray, stages: 
     x, R, v, w = moved(weights)
     U, _, V = np.linalg.svd(R)
     return [x, U @ V, v, w]
-
-
-def _exp(turned: np.ndarray) -> np.ndarray:
-    return np.asarray(Rotation.from_rotvec(turned.reshape(-1, 3)).as_matrix().reshape(*turned.shape, 3))

@@ -1,4 +1,4 @@
-"""Vectors of three components: products over the last axis, directions normal to an axis, rotations between two."""
+"""Vectors of three components: products over the last axis, directions normal to an axis, rotations by them."""
 
 from __future__ import annotations
 
@@ -51,3 +51,17 @@ def dot(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """p . q over the last axis, which stays with length 1."""
     found: np.ndarray = p[..., 0] * q[..., 0] + p[..., 1] * q[..., 1] + p[..., 2] * q[..., 2]
     return found[..., None]
+
+
+def exponential(theta: np.ndarray) -> np.ndarray:
+    """exp(hat(theta)), (..., 3, 3), of rotation vectors (..., 3)."""
+    from scipy.spatial.transform import Rotation
+
+    found: np.ndarray = Rotation.from_rotvec(theta.reshape(-1, 3)).as_matrix().reshape(*theta.shape, 3)
+    return found
+
+
+def inverse_tangent(theta: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """dexp^-1 at theta of body angular velocities w, (..., 3), to the order that fourth-order methods need."""
+    once = cross(theta, w)
+    return w + 0.5 * once + cross(theta, once) / 12.0

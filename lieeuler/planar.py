@@ -25,7 +25,7 @@ from lieeuler.functions import TimeFunction
 from lieeuler.joints import Dot, Drive, Joint, Rotor
 from lieeuler.methods import Method
 from lieeuler.problem import Body, Problem
-from lieeuler.solution import Solution
+from lieeuler.solution import Solution, Status
 from lieeuler.types import GROUND
 
 WORDS = ("planar", "axis", "off")
@@ -70,7 +70,8 @@ class Plane:
         """Make the arrays of a solution of `problem` those of `full`.
 
         `angles` (T, number of forces) are the unwrapped angles of torsional springs in `problem`, rad. The multipliers
-        become those of the index-1 system, of least norm where rows depend on others.
+        become those of the index-1 system, of least norm where rows depend on others. Where the whole system has no
+        accurate ones, at a singular position, the solution ends as that of the whole system would.
         """
         solution.x[:, :, 2] += self.full.x @ self.normal
         for name in ("x", "v", "a"):
@@ -82,6 +83,12 @@ class Plane:
                  for force in self.full.forces]
         solution.lam, solution.stats.redundant_rows = _kernel.multipliers(
             self.full.kernel, solution.t, solution.x, solution.R, solution.v, solution.w, angles + np.array(begun))
+        unknown = np.isnan(solution.lam).any(axis=1)
+        if unknown.any():
+            end = int(unknown.argmax())
+            solution.status, solution.t_end = Status.SINGULAR_MATRIX, float(solution.t[end])
+            for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam"):
+                setattr(solution, name, getattr(solution, name)[:end])
 
 
 def plane_for(problem: Problem, method: Method, wanted: str | None) -> Plane | None:

@@ -111,6 +111,11 @@ def test_multipliers_are_right_where_rows_have_lost_a_rank():
         assert np.abs(G.T @ lam - (applied - inertia)).max() < 1e-10 * np.abs(applied).max()
 
 
+def test_a_run_in_its_plane_ends_where_the_whole_system_has_no_multipliers():
+    """The inertia of this body is all but singular; no part of it acts in the plane."""
+    assert random_mechanisms.answer(Random(8604665)) == "singular_matrix"
+
+
 @pytest.mark.parametrize("name", ["four_bar", "hinge_pendulum"])
 def test_any_plane_will_do(name):
     """An oblique plane, bodies' axes that know nothing of it, and a mechanism at another height for each body."""

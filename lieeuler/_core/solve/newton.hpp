@@ -114,11 +114,13 @@ class Newton {
   }
 
   static constexpr double kEps = std::numeric_limits<double>::epsilon();
-  static constexpr double kFloor = 4 * kEps;      // a correction of this size is rounding
-  static constexpr double kNoise = 1e3 * kEps;    // below this, corrections that no longer shrink are rounding
-  static constexpr double kStalled = 1e4 * kEps;  // next to a singular position rounding leaves more
-  static constexpr double kSlow = 0.1;            // ratio of corrections above which the matrix is renewed
-  static constexpr double kCaution = 100;         // on the curvature seen in earlier steps
+  static constexpr double kFloor = 4 * kEps;    // a correction of this size is rounding
+  static constexpr double kNoise = 1e3 * kEps;  // below this, corrections that no longer shrink are rounding
+  // Next to a singular position rounding leaves more. By now every matrix is new, so that curvature would leave the
+  // square of a correction: one of this size that stays is rounding.
+  static constexpr double kStalled = 1e-9;
+  static constexpr double kSlow = 0.1;     // ratio of corrections above which the matrix is renewed
+  static constexpr double kCaution = 100;  // on the curvature seen in earlier steps
   static constexpr int kMostIterations = 25;
 
   // With the derivative at the guess the first correction leaves an error of curvature times its square; a later

@@ -156,6 +156,16 @@ def test_a_coarse_run_may_change_its_energy_by_what_lifting_all_bodies_takes(sce
         assert judged.bound == pytest.approx(lift / scale.kinetic)
 
 
+def test_a_coarse_run_without_gravity_may_change_its_energy_by_what_motors_turn_over():
+    """Less than the kinetic energy rises and falls by is no proof of another motion; more is."""
+    scene = load_scene("squeezer").replace(samples=7)
+    truth = truth_of(scene)
+    kinetic = mechanics.kinetic_energy(scene, truth.states)
+    for share, status in ((0.9, "ok"), (1.1, "fail")):
+        run = run_of(truth, share * np.ptp(kinetic), scene=scene)
+        assert verdict.judge_practical(scene, run, truth).status == status
+
+
 def test_without_truth_the_lifted_energy_and_that_of_the_start_bound_the_change():
     scene = load_scene("thrown_double")
     reach = sum(math.hypot(*joint.child_anchor) + math.hypot(*joint.parent_anchor) for joint in scene.joints)

@@ -16,8 +16,9 @@ import dataclasses
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.forces import ConstantLoad, SlideForce, TorsionalSpring
+from lieeuler.forces import LinearSpring, SlideForce, TorsionalSpring
 from lieeuler.problem import Problem
+from lieeuler.types import GROUND
 
 SYMMETRIC = 1e-12
 """Relative: a difference of moments of inertia, or a distance off the axis, that is rounding."""
@@ -63,7 +64,7 @@ class SpinFreeFrames:
 
 def symmetric_bodies(problem: Problem) -> tuple[int, ...]:
     """The bodies that a spin-free frame would carry, should they spin."""
-    return tuple(b for b in range(problem.n) if _axis(problem, b) is not None)
+    return tuple(_axes(problem))
 
 
 def spin_free_frames(problem: Problem) -> SpinFreeFrames | None:
@@ -72,7 +73,7 @@ def spin_free_frames(problem: Problem) -> SpinFreeFrames | None:
     if "_spin_free_frames" in known:
         frames: SpinFreeFrames | None = known["_spin_free_frames"]
         return frames
-    found = {b: axis for b in range(problem.n) if (axis := _axis(problem, b)) is not None}
+    found = _axes(problem)
     rates = {b: float(axis @ problem.w[b]) for b, axis in found.items()}
     bodies = tuple(b for b in found if rates[b] != 0.0)
     frames = None
@@ -87,11 +88,13 @@ def spin_free_frames(problem: Problem) -> SpinFreeFrames | None:
     return frames
 
 
-def _axis(problem: Problem, body: int) -> np.ndarray | None:
-    """The axis of symmetry that carries everything attached to the body, or None."""
-    directions = _attached(problem, body)
-    if directions is None:
-        return None
+def _axes(problem: Problem) -> dict[int, np.ndarray]:
+    """The bodies that have an axis of symmetry which carries everything attached to them, and that axis."""
+    attached = _attached(problem).items()
+    return {body: axis for body, directions in attached if (axis := _axis(problem, body, directions)) is not None}
+
+
+def _axis(problem: Problem, body: int, directions: list[np.ndarray]) -> np.ndarray | None:
     moments, vectors = np.linalg.eigh(problem.bodies[body].inertia)
     equal = np.diff(moments) <= SYMMETRIC * moments[2]
     if equal.all():  # a sphere: the axis is that of what is attached, or of its rotation
@@ -109,33 +112,32 @@ def _axis(problem: Problem, body: int) -> np.ndarray | None:
     return None if any(off) else axis
 
 
-def _attached(problem: Problem, body: int) -> list[np.ndarray] | None:
-    """Anchors over the length of the system, axes and directions of loads, in the body's frame.
+def _attached(problem: Problem) -> dict[int, list[np.ndarray]]:
+    """Anchors over the length of the system, axes and directions of loads, in the frames of their bodies.
 
-    None where something acts about every axis.
+    Bodies are left out where something acts about every axis.
     """
-    found = []
+    found: dict[int, list[np.ndarray]] = {body: [] for body in range(GROUND, problem.n)}
+    turned = {GROUND}
     length = problem.kernel.length
     for joint in problem.joints:
-        for end, side in ((joint.parent, "parent"), (joint.child, "child")):
-            if end != body:
-                continue
-            if joint.drive is not None or joint.rotors:
-                return None
-            found.append((joint.parent_anchor if side == "parent" else joint.child_anchor) / length)
-            found += [axis for dot in joint.dots for carrier, axis in ((dot.a, dot.a_axis), (dot.b, dot.b_axis))
-                      if carrier == side]
+        for body, side, anchor in ((joint.parent, "parent", joint.parent_anchor),
+                                   (joint.child, "child", joint.child_anchor)):
+            found[body].append(anchor / length)
+            found[body] += [axis for dot in joint.dots
+                            for carrier, axis in ((dot.a, dot.a_axis), (dot.b, dot.b_axis)) if carrier == side]
+        if joint.drive is not None or joint.rotors:
+            turned |= {joint.parent, joint.child}
     for force in problem.forces:
-        if body not in (force.parent, force.child):
-            continue
         if isinstance(force, TorsionalSpring | SlideForce):
-            return None
-        if isinstance(force, ConstantLoad):
-            if np.any(force.torque):
-                return None
-            found.append(force.point / length)
-            if force.frame == "body" and np.any(force.force):
-                found.append(force.force / np.linalg.norm(force.force))
+            turned |= {force.parent, force.child}
+        elif isinstance(force, LinearSpring):
+            found[force.parent].append(force.parent_point / length)
+            found[force.child].append(force.child_point / length)
+        elif np.any(force.torque):
+            turned.add(force.child)
         else:
-            found.append((force.parent_point if force.parent == body else force.child_point) / length)
-    return found
+            found[force.child].append(force.point / length)
+            if force.frame == "body" and np.any(force.force):
+                found[force.child].append(force.force / np.linalg.norm(force.force))
+    return {body: directions for body, directions in found.items() if body not in turned}

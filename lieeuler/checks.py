@@ -1,4 +1,4 @@
-"""Checks of arguments; each raises ArgumentError with the name and what is wanted."""
+"""Checks of arguments. Each returns the checked value or raises ArgumentError, which names argument and requirement."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from lieeuler.errors import ArgumentError
 from lieeuler.types import ArrayLike
 
 LARGEST = 1e100
-"""Magnitude of the largest number taken; products of three such still are doubles."""
+"""Largest magnitude accepted: a product of three such numbers is still a finite double."""
 
 SMALLEST = 1 / LARGEST
-"""Of masses, moments of inertia, lengths of rods, steps and tolerances: their reciprocals stay in range."""
+"""Smallest mass, moment of inertia, rod length, step or tolerance accepted, so that its reciprocal stays in range."""
 
 
 def vector(name: str, value: ArrayLike) -> np.ndarray:
@@ -60,7 +60,7 @@ def positive(name: str, value: float) -> float:
 
 
 def _double(value: SupportsFloat) -> float:
-    """The nearest double, infinity beyond their range (whole numbers and fractions have none)."""
+    """The nearest double; infinity for an integer or a fraction beyond the range of doubles."""
     try:
         return float(value)
     except OverflowError:
@@ -81,7 +81,7 @@ def array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def real(value: ArrayLike) -> np.ndarray | None:
-    """A copy as doubles, None where an entry is no real number: text and complex numbers would convert silently."""
+    """A copy as doubles, or None if an entry is not a real number: NumPy would convert text and complex numbers."""
     try:
         plain = np.asarray(value)
         if plain.dtype.kind not in "iufO" or np.ma.is_masked(value):
@@ -94,7 +94,7 @@ def real(value: ArrayLike) -> np.ndarray | None:
 
 
 def body_index(name: str, value: int) -> int:
-    """A whole number; whether there is such a body is checked where bodies are known."""
+    """A whole number. `Problem` checks that a body of this index exists."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral):
         raise ArgumentError(f"{name} must be the index of a body (-1 for the ground), not {value!r}")
     return int(value)
@@ -111,8 +111,8 @@ def rotation(name: str, value: ArrayLike) -> np.ndarray:
 def normals(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors n1, n2 with n1 x n2 = axis, a unit vector (3,).
 
-    n1 is the coordinate direction in which the axis has its smallest component (the first of equals), made normal to
-    it: no axis is special.
+    n1 is the coordinate direction along which the axis has its smallest component (the first of equal ones), made
+    normal to the axis. This is well conditioned for every axis.
     """
     n1 = np.eye(3)[np.argmin(np.abs(axis))]
     n1 = n1 - (n1 @ axis) * axis
@@ -121,7 +121,7 @@ def normals(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Frozen:
-    """A frozen dataclass whose copies hold its fields, arrays read-only again, and nothing that it computed."""
+    """Base of frozen dataclasses. A copy or pickle holds the fields, arrays read-only, but no cached values."""
 
     def __getstate__(self) -> dict[str, object]:
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]

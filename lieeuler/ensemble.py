@@ -1,4 +1,4 @@
-"""`integrate_ensemble`: many initial states, and parameters, of one problem in one call, on threads."""
+"""`integrate_ensemble`: one problem from many initial states, with many parameters, in one call on several threads."""
 
 from __future__ import annotations
 
@@ -36,14 +36,15 @@ class EnsembleSolution:
         s
     x, v, w : (N, T, n, 3)
     R : (N, T, n, 3, 3)
-        NaN from where a member failed.
+        A member that failed is NaN from there on, in all four arrays.
     status : (N,) of lieeuler.Status
-        CONSTRAINTS_OPEN where the positions or velocities that the method holds are open at the end.
+        CONSTRAINTS_OPEN if the method is meant to hold positions or velocities on the constraints and they are off
+        them at the end.
     t_end : (N,)
-        Where each member ended, s.
+        The time that each member reached, s.
     steps, rejected_steps : (N,)
     wall_time : float
-        s, of all members together.
+        For all members together, s.
     method : str
     """
 
@@ -61,7 +62,7 @@ class EnsembleSolution:
 
     @property
     def success(self) -> np.ndarray:
-        """(N,) whether each member reached the last output time and held there what the method holds."""
+        """(N,) whether each member reached the last output time with its constraints closed."""
         return np.asarray(self.status == Status.SUCCESS, dtype=bool)
 
     def __repr__(self) -> str:
@@ -78,27 +79,28 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
                        spin_free: bool | None = None, threads: int = 0) -> EnsembleSolution:
     """Integrate many members of one problem: each has its own state, parameters, steps and status.
 
-    A member's trajectory does not depend on the other members or on the threads, to the last bit. Symmetric bodies
-    (`lieeuler.spin_free`) and parameters need a system a member, 0.3 ms each; `spin_free=False` avoids the first.
+    A member's trajectory does not depend on the other members or on the number of threads, to the last bit. Where
+    bodies are symmetric (`lieeuler.spin_free`) or parameters are given, each member gets a compiled system of its own,
+    which takes 0.3 ms; `spin_free=False` avoids it for symmetric bodies.
 
     Parameters
     ----------
     problem : Problem
-        What all members share; its state stands for what is not given.
+        What all members share; it also supplies whichever of x, R, v, w is not given.
     method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, spin_free
         As `lieeuler.integrate` takes them.
     x, R, v, w : (N, n, 3), (N, n, 3, 3), (N, n, 3), (N, n, 3), optional
-        Initial states, conventions of `lieeuler.types`; each satisfies the joints to rounding level.
+        Initial states in the conventions of `lieeuler.types`. Each must satisfy the joints to rounding level.
     parameters : mapping of paths to arrays (N, ...), optional
         Such as "bodies.0.mass" (N,), "bodies.0.inertia" (N, 3, 3), "joints.1.child_anchor" (N, 3),
         "forces.0.stiffness" (N,), "gravity" (N, 3); a last index names one component, as in "gravity.2" (N,).
     threads : int
-        0: as many as the process may use processors.
+        0 takes one thread for each processor that the process may use.
 
     Raises
     ------
     ArgumentError
-        A wrong argument, or a state that violates the joints. A member that fails later is NaN from there.
+        An argument is wrong, or an initial state violates the joints. A member that fails later raises nothing.
     KeyboardInterrupt
         Ctrl-C.
     """
@@ -136,7 +138,7 @@ def _members(problem: Problem, spin_free: bool, states: dict[str, np.ndarray], N
              values: Mapping[str, np.ndarray]) -> tuple[list[Problem], list[SpinFreeFrames | None]]:
     """The problems, one for all members or one for each, and their spin-free frames.
 
-    The angular velocities in the frames take the place of those in `states`.
+    Replaces the angular velocities in `states` by those in the frames.
     """
     if not values and not (spin_free and symmetric_bodies(problem)):
         _check_states(problem, states)

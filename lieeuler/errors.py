@@ -9,11 +9,11 @@ if TYPE_CHECKING:
 
 
 class LieEulerError(Exception):
-    """Base of all errors of lieeuler: the message is written for the user."""
+    """Base of all errors of lieeuler. The message is written for the user."""
 
 
 class ArgumentError(LieEulerError, ValueError):
-    """A wrong argument; the message names it and says what is allowed."""
+    """An argument is wrong. The message names it and says what is allowed."""
 
 
 class IntegrationError(LieEulerError, RuntimeError):
@@ -24,7 +24,7 @@ class IntegrationError(LieEulerError, RuntimeError):
         self.status, self.advice, self.solution = status, advice, solution
 
     def __reduce__(self) -> tuple[type, tuple[Status, str, Solution]]:
-        """As an exception is copied: from the arguments of `__init__`, of which `args` holds the message alone."""
+        """Copies and pickles are made from the arguments of `__init__`; `args` holds only the message."""
         return type(self), (self.status, self.advice, self.solution)
 
 

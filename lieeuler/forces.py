@@ -1,6 +1,6 @@
 """Applied forces besides gravity: springs with dampers, loads.
 
-With a damper the Hamiltonian methods lose their symplecticity, not their order. Loads count as no energy.
+With a damper the Hamiltonian methods are no longer symplectic, but keep their order. Loads have no potential energy.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from lieeuler.types import GROUND
 
 @dataclasses.dataclass(frozen=True)
 class LinearSpring(Frozen):
-    """Pulls two points at distance L together with stiffness (L - free_length) + damping dL/dt.
+    """A spring that pulls two points at distance L together with the force stiffness (L - free_length) + damping dL/dt.
 
     Parameters
     ----------
     parent, child : int
         Body indices; the parent may be the ground (-1).
     parent_point, child_point : (3,)
-        From the centre of mass in the body's frame; in world coordinates for the ground.
+        From the centre of mass, in the body's frame; in world coordinates for the ground.
     stiffness : float
         N/m.
     free_length : float
-        m. At zero length the spring exerts no force.
+        m. A spring whose points coincide exerts no force: it has no direction.
     damping : float
         N s/m.
     """
@@ -58,11 +58,12 @@ class LinearSpring(Frozen):
 
 @dataclasses.dataclass(frozen=True)
 class TorsionalSpring(Frozen):
-    """Torque -(stiffness (theta - rest_angle) + damping dtheta/dt) + torque on the child about an axis it keeps.
+    """Torque -(stiffness (theta - rest_angle) + damping dtheta/dt) + torque on the child, about a hinge's axis.
 
-    theta: R_parent^T R_child = exp(theta hat(parent_axis)) Q0, with Q0 the shortest rotation that takes child_axis to
-    parent_axis (for opposite axes the half turn about the first normal of `lieeuler.checks.normals`). It lies in
-    (-pi, pi] at the start and is continuous over full turns.
+    The opposite torque acts on the parent. The angle theta is defined by R_parent^T R_child = exp(theta
+    hat(parent_axis)) Q0, where Q0 is the shortest rotation that takes child_axis to parent_axis (for opposite axes the
+    half turn about the first normal of `lieeuler.checks.normals`). It lies in (-pi, pi] at the start and is continuous
+    over full turns.
 
     Parameters
     ----------
@@ -77,7 +78,7 @@ class TorsionalSpring(Frozen):
     damping : float
         N m s/rad.
     torque : float or TimeFunction
-        N m: with stiffness and damping zero, a motor. One of this and rest_angle may depend on time.
+        N m; with zero stiffness and damping this is a motor. Only one of torque and rest_angle may depend on time.
     """
 
     parent: int
@@ -99,11 +100,11 @@ class TorsionalSpring(Frozen):
         for name in ("rest_angle", "torque"):
             object.__setattr__(self, name, value(name, getattr(self, name)))
         if isinstance(self.rest_angle, TimeFunction) and isinstance(self.torque, TimeFunction):
-            raise ArgumentError("one of rest_angle and torque may depend on time; make two springs of it")
+            raise ArgumentError("only one of rest_angle and torque may depend on time; use two springs")
 
     @property
     def pointer(self) -> np.ndarray:
-        """(3,) the direction of the child that stands on the first normal of parent_axis where theta is 0."""
+        """(3,) the direction, in the child's frame, that lies on the first normal of parent_axis when theta is 0."""
         pointer: np.ndarray = _shortest_rotation(self.child_axis, self.parent_axis).T @ normals(self.parent_axis)[0]
         return pointer
 
@@ -113,7 +114,7 @@ class TorsionalSpring(Frozen):
         constant = 0.0 if isinstance(self.torque, TimeFunction) else self.torque
         drive = self.torque if isinstance(self.torque, TimeFunction) else TimeFunction([[constant]])
         rest = self.rest_angle
-        if isinstance(rest, TimeFunction):  # which moves like a torque of stiffness times its value
+        if isinstance(rest, TimeFunction):  # it acts like a torque of stiffness times its value
             drive, rest = rest.scaled(self.stiffness, offset=constant), 0.0
         system.add_torsional_spring(self.parent, self.child, self.parent_axis, n1, n2, self.pointer, self.stiffness,
                                     rest, self.damping, None if drive == TimeFunction() else drive.kernel)
@@ -121,7 +122,7 @@ class TorsionalSpring(Frozen):
 
 @dataclasses.dataclass(frozen=True)
 class ConstantLoad(Frozen):
-    """A force at a point of a body and a torque on it, both constant in the world or in the body but for a factor.
+    """A force at a point of a body and a torque on it, constant in the world or in the body, times a common factor.
 
     Parameters
     ----------
@@ -130,10 +131,11 @@ class ConstantLoad(Frozen):
     force, torque : (3,)
         N, N m.
     point : (3,)
-        Where the force acts, from the centre of mass in the body's frame.
+        Where the force acts, from the centre of mass, in the body's frame.
     frame : "world" | "body"
+        The frame in which force and torque are given and constant.
     factor : TimeFunction, optional
-        What force and torque are multiplied by.
+        Multiplies force and torque.
     """
 
     child: int
@@ -165,14 +167,14 @@ class ConstantLoad(Frozen):
 
 @dataclasses.dataclass(frozen=True)
 class SlideForce(Frozen):
-    """A force along an axis of the parent on the child, the opposite on the parent, at anchors on that axis.
+    """A force on the child along an axis of the parent, at an anchor on that axis; the opposite force on the parent.
 
     Parameters
     ----------
     parent, child : int
         Body indices; the parent may be the ground (-1).
     parent_anchor, child_anchor : (3,)
-        Those of the joint that keeps them on the axis.
+        Those of the joint that keeps both anchors on the axis.
     parent_axis : (3,)
         In the parent's frame.
     force : float or TimeFunction
@@ -207,7 +209,7 @@ Force = LinearSpring | TorsionalSpring | ConstantLoad | SlideForce
 def _shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """The rotation by the smallest angle that takes the unit vector `start` to `end`."""
     cosine = start @ end
-    if cosine < -1 + 1e-12:  # the axis below is lost to cancellation: half a turn about any normal will do
+    if cosine < -1 + 1e-12:  # the cross product below would be rounding; half a turn about any normal is shortest
         n1, _ = normals(end)
         return 2 * np.outer(n1, n1) - np.eye(3)
     x, y, z = np.cross(start, end)

@@ -1,4 +1,4 @@
-"""Functions of time, by which loads, torques and rest angles may vary."""
+"""Functions of time for loads, torques, rest angles and drives."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from lieeuler.errors import ArgumentError
 class TimeFunction(Frozen):
     """A piecewise polynomial plus a sum of sines.
 
-    Methods of order p keep it where the function is smooth over a step: a break belongs on the end of a fixed step;
-    adaptive methods end a step there by themselves.
+    A method keeps its order only if the function is smooth within each step. With fixed steps, put every break at the
+    end of a step; adaptive methods end a step at each break by themselves.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class TimeFunction(Frozen):
     terms : sequence of (amplitude, angular frequency in rad/s, phase in rad)
         Each is amplitude sin(angular frequency t + phase).
     breaks : sequence of float
-        s, increasing, where the pieces begin; the first one holds before its break too, the last one for ever.
+        Where the pieces begin, s, increasing. The first piece also holds before its break; the last one never ends.
     """
 
     pieces: Sequence[Sequence[float]] = ((0.0,),)
@@ -62,7 +62,7 @@ class TimeFunction(Frozen):
 
 
 def value(name: str, given: float | TimeFunction) -> float | TimeFunction:
-    """A function of time as it is, a number checked."""
+    """A function of time unchanged, or a number after its check."""
     return given if isinstance(given, TimeFunction) else number(name, given)
 
 

@@ -11,15 +11,17 @@ from lieeuler.solution import Solution, Status
 from lieeuler.types import GROUND
 
 OPEN = 1e-8
-"""Of the lengths, speeds and accelerations of the system: what a problem may start with. Runs that hold a level stay
-below 1e-12 of them; what rounding, redundant rows or graded masses have opened lies far beyond."""
+"""How far a level may be open, as a part of the lengths, speeds and accelerations of the system; the same as at the
+start of a problem. Runs that hold a level stay below 1e-12; constraints opened by rounding, redundant rows or very
+different masses are far above 1e-8."""
 CANCELLED = 1e-13
-"""Of the accelerations that multipliers give alone: what rounding leaves of them where they cancel. Between masses far
-apart they are so much larger than those of the motion that `OPEN` of them would allow anything."""
+"""How far the acceleration level may be open as a part of the accelerations that the multipliers alone would give:
+what rounding leaves where they cancel. With very different masses these exceed the accelerations of the motion by so
+much that a bound of `OPEN` times them would accept anything."""
 
 
 def open_levels(problem: Problem, solution: Solution) -> tuple[str, ...]:
-    """Levels that should be held and opened beyond their bounds; none where nothing was monitored."""
+    """The levels that the method should hold but that are open beyond their bounds; none without monitoring."""
     maxima = solution.stats.maxima
     if not maxima or not problem.joints:
         return ()
@@ -30,8 +32,10 @@ def open_levels(problem: Problem, solution: Solution) -> tuple[str, ...]:
 
 def open_at(problem: Problem, method: str, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
             t: float = 0.0) -> np.ndarray:
-    """(N,) whether the positions or velocities that the method holds are open in each of N states at a time, by the
-    measure that a problem's own state must pass."""
+    """(N,) whether each of N states at time t violates the positions or velocities that the method holds.
+
+    The measure and the bound are those that a problem's initial state must pass.
+    """
     held = [level in METHODS[method].held for level in ("position", "velocity")]
     if not problem.joints or not any(held):
         return np.zeros(len(x), dtype=bool)
@@ -41,8 +45,10 @@ def open_at(problem: Problem, method: str, x: np.ndarray, R: np.ndarray, v: np.n
 
 
 def judge(problem: Problem, solution: Solution) -> None:
-    """Give a solution that reached its end with an open level the status that says so; of a run that was not monitored
-    the last state is looked at."""
+    """Set the status CONSTRAINTS_OPEN on a solution that reached its end with an open level.
+
+    In a run without monitoring only the last state is checked.
+    """
     if solution.status is not Status.SUCCESS:
         return
     end = slice(len(solution.t) - 1, None)
@@ -53,14 +59,13 @@ def judge(problem: Problem, solution: Solution) -> None:
 
 
 def _bounds(problem: Problem, solution: Solution) -> dict[str, float]:
-    """What each level may open by (m, m/s, m/s^2), from the samples of the run and its maxima."""
+    """How far each level may be open (m, m/s, m/s^2), from the samples of the run and its maxima."""
     anchors = [np.abs(anchor).max() for joint in problem.joints for body, anchor in (
         (joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)) if body != GROUND]
-    length = max(float(np.abs(solution.x).max()), *anchors)
-    length = length or 1.0
+    length = max(float(np.abs(solution.x).max()), *anchors) or 1.0
     masses = [body.mass for body in problem.bodies]
-    # Between two samples bodies may be faster than at them: the kinetic energy is of every step. What is at rest counts
-    # as its weight and loads would move it, as in the check of a problem's own state.
+    # Bodies may be faster between two samples than at them, so the kinetic energy of every step counts too. A system at
+    # rest counts with the speed that its weight and loads would give it, as in the check of a problem's initial state.
     speed = max(float(np.abs(solution.v).max() + length * np.abs(solution.w).max()),
                 float(np.sqrt(2 * solution.stats.maxima["kinetic"] / max(masses))))
     acceleration = float(np.abs(solution.a).max() + length * np.abs(solution.alpha).max() + speed**2 / length

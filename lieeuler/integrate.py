@@ -21,21 +21,23 @@ from lieeuler.types import ArrayLike
 log = logging.getLogger("lieeuler")
 
 MOST_STEPS = 1e12
-"""More steps than this are a mistake: they would run for weeks."""
+"""A run of more steps than this is refused as a mistake: it would take weeks."""
 
 DEFAULT_RTOL = 1e-8
-"""Where an adaptive method is given neither a step nor a tolerance. A tolerance is relative to the sizes of the system
-(m), one radian, and their rates. It is no strict bound; the error is proportional to it."""
+"""Tolerance of an adaptive method that is given neither a step nor a tolerance. It is relative to the size of the
+system (m), to one radian, and to their rates. The error is proportional to it, but it is not a strict bound."""
 
 RTOL_RANGE = (1e-14, 0.1)
-"""Below, rounding would steer the steps; above, nothing is resolved."""
+"""Below the first value rounding would control the steps; above the second the motion is not resolved."""
 
 
 def integrate(problem: Problem, method: str, step: float | None = None, t_eval: ArrayLike | None = None, *,
               rtol: float | None = None, coordinate_map: str = "exp", alpha: float | None = None,
               beta: float | None = None, spectral_radius: float | None = None, spin_free: bool | None = None,
               reduce: str | None = None, polish: bool = True, monitor: bool = True) -> Solution:
-    """Integrate a problem with a fixed step, or steps that follow a tolerance; log one line, level INFO, to "lieeuler".
+    """Integrate a problem with a fixed step, or with steps that follow a tolerance.
+
+    One line of level INFO goes to the logger "lieeuler".
 
     Parameters
     ----------
@@ -43,37 +45,41 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     method : str
         A name in `lieeuler.METHODS`.
     step : float, optional
-        s. Where it does not divide an output interval it is shortened to the nearest one that does.
+        s. A step that does not divide an output interval is shortened to the next one that does.
     t_eval : (T,)
         Output times, s, increasing; the first is the time of the initial state.
     rtol : float, optional
-        In place of `step`, for methods with "rtol" among their controls: the error wanted, see `DEFAULT_RTOL`.
+        The wanted error (see `DEFAULT_RTOL`), in place of `step`, for methods that have "rtol" among their controls.
     coordinate_map : "exp" | "cayley" | "ccsk"
-        Only for the implicit methods and the compositions; those of order two and up need a symmetric one, not ccsk.
-    alpha, beta, spectral_radius : float, optional
-        Baumgarte gains, 1/s, of BAUMGARTE_LE. Of generalized_alpha: 0 removes motions much faster than the step, 1
-        keeps them; default 0.8.
+        Only for the implicit methods and the compositions. From order two on, ccsk is refused: it is not symmetric.
+    alpha, beta : float, optional
+        Baumgarte gains of BAUMGARTE_LE, 1/s.
+    spectral_radius : float, optional
+        Of generalized_alpha, default 0.8: 0 damps motions much faster than the step away, 1 keeps them.
     spin_free : bool, optional
-        Carry symmetric bodies in frames without their spin (`lieeuler.spin_free`). Default: not for the Euler methods.
+        Integrate symmetric bodies in frames without their spin (`lieeuler.spin_free`). Default: yes, except with the
+        Euler methods.
     reduce : "planar" | "axis" | "off", optional
-        Integrate a mechanism in its plane, or about fixed axes (`lieeuler.planar`); multipliers at the samples are then
-        of index 1. Default: where it applies, not for the Euler methods; `solution.stats.reduce` says what was done.
+        Integrate a mechanism in its plane, or about fixed axes (`lieeuler.planar`); the multipliers are then those of
+        the index-1 system. Default: wherever this applies, except with the Euler methods; `solution.stats.reduce` says
+        what was done.
     polish : bool
-        Bring attitudes back to rotations after every step (docs/theory.md, section 3). False: the Euler methods only.
+        Make attitudes rotations again after every step (docs/theory.md, section 3). Only the Euler methods take False.
     monitor : bool
-        Evaluate energy, constraint levels and orthogonality after every step (`stats.maxima`). Else only the last state
-        is judged.
+        Evaluate energy, constraint levels and orthogonality after every step (`stats.maxima`). If False, only the
+        last state is checked.
 
     Returns
     -------
     Solution
-        Its status is SUCCESS, or CONSTRAINTS_OPEN where a level that the method holds opened (see `monitor`).
+        Its status is SUCCESS, or CONSTRAINTS_OPEN if a constraint level that the method should hold is open.
 
     Raises
     ------
     ArgumentError
+        An argument is wrong.
     IntegrationError, Interrupted
-        The run ended early, or by Ctrl-C; the error has the trajectory so far.
+        The run failed, or was interrupted by Ctrl-C; the error holds the trajectory so far.
     """
     plan = plan_run(problem, method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, spin_free,
                     monitor, polish)
@@ -93,7 +99,7 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
 
 
 def _ended(problem: Problem, solution: Solution, coordinate_map: str) -> Solution:
-    """The solution, judged by what its method holds, and logged; raises where the run has no whole trajectory."""
+    """The solution, judged by the levels its method holds, and logged; raises if the trajectory is not complete."""
     held.judge(problem, solution)
     log.info("%s", solution)
     if solution.status is Status.INTERRUPTED:
@@ -114,8 +120,8 @@ class Plan:
     ----------
     run : what the kernel runs
     t : (T,) output times, s
-    step : the largest step used, s; None where the method chooses its steps
-    spin_free : whether to carry symmetric bodies in spin-free frames; by default not with the Euler methods
+    step : the largest step used, s; None if the method chooses its steps
+    spin_free : whether to integrate symmetric bodies in spin-free frames
     """
 
     run: _kernel.Run
@@ -127,7 +133,7 @@ class Plan:
 def plan_run(problem: Problem, method: str, step: float | None, rtol: float | None, t_eval: ArrayLike | None,
              coordinate_map: str, alpha: float | None, beta: float | None, spectral_radius: float | None,
              spin_free: bool | None, monitor: bool, polish: bool = True) -> Plan:
-    """Check the arguments of a run, as `integrate` describes them, and make what the kernel runs."""
+    """Check the arguments of a run, which `integrate` describes, and make the kernel's run of them."""
     if not isinstance(problem, Problem):
         raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
     for name, value in (("spin_free", spin_free), ("polish", polish), ("monitor", monitor)):
@@ -150,7 +156,7 @@ def plan_run(problem: Problem, method: str, step: float | None, rtol: float | No
                getattr(_kernel, method)(times, tolerance, monitor))
         run.begin = float(t[0])
         return Plan(run, t, None, spins)
-    assert step is not None  # _tolerance has seen to it
+    assert step is not None  # _tolerance raises without step and rtol
     steps, counts = _steps(t, step)
     if record.tableau is not None:
         run = _kernel.runge_kutta(record.tableau.kernel, steps, counts, monitor)
@@ -172,7 +178,7 @@ def _method(name: str) -> Method:
 
 def _options(method: Method, alpha: float | None, beta: float | None,
              spectral_radius: float | None) -> tuple[tuple[float, float], float | None]:
-    """The gains and the spectral radius of a method; refused where it has none."""
+    """The gains and the spectral radius for a method; raises if they are given to a method without them."""
     if method.gains is None and (alpha is not None or beta is not None):
         raise ArgumentError(f"alpha and beta belong to BAUMGARTE_LE; {method.name} has no gains")
     if method.spectral_radius is None and spectral_radius is not None:
@@ -189,7 +195,7 @@ def _options(method: Method, alpha: float | None, beta: float | None,
 
 
 def _tolerance(method: Method, step: float | None, rtol: float | None) -> float | None:
-    """The tolerance of a run whose steps follow it, None for a fixed step."""
+    """The tolerance of an adaptive run, None for a fixed step."""
     if step is not None and rtol is not None:
         raise ArgumentError("give step or rtol, not both")
     if step is not None:
@@ -216,7 +222,7 @@ def _output_times(t_eval: ArrayLike | None) -> np.ndarray:
 
 
 def _steps(t: np.ndarray, step: float) -> tuple[list[float], list[int]]:
-    """Step size and number of steps of every output interval; intervals equal to rounding share one step size."""
+    """Step size and number of steps of every output interval; intervals that differ by rounding share one step size."""
     step = positive("step", step)
     if (t[-1] - t[0]) / step > MOST_STEPS:
         raise ArgumentError(f"step {step!r} s would take more than {MOST_STEPS:g} steps for {t[-1] - t[0]:g} s")

@@ -1,6 +1,6 @@
 """Joints, composed of the basic constraints spherical, dot-1, dot-2 and distance (after Haug).
 
-d = child anchor - parent anchor (world); n1 and n2 are unit vectors of the parent normal to its axis and to each other.
+d = child anchor - parent anchor (world); n1, n2 are unit vectors of the parent, normal to its axis and to each other.
 
 ==================  ====  ==========================================================================================
 joint               rows  constraints, in the order of the multipliers
@@ -17,8 +17,8 @@ point_on_line          2  n1 . d = 0, n2 . d = 0
 point_on_plane         1  parent_axis . d = 0
 ==================  ====  ==========================================================================================
 
-Anchors are measured from the centre of mass in the body's frame, in world coordinates for the ground (index -1); axes
-are in the body's frame and normalised.
+Anchors are measured from the centre of mass in the body's frame; those of the ground (index -1) are world coordinates.
+Axes are given in the body's frame and are normalised here.
 """
 
 from __future__ import annotations
@@ -90,9 +90,10 @@ class Drive(Frozen):
 
 @dataclasses.dataclass(frozen=True)
 class Rotor(Frozen):
-    """Rotor inertia (armature) I of a hinge's angle or of a slide: kinetic energy I rate^2 / 2, and nothing else.
+    """Rotor inertia (armature) I of a hinge's angle or of a slide: it adds the kinetic energy I rate^2 / 2.
 
-    There is no gyroscopic part, as in engines of joint coordinates. The joint has to keep the two axes together.
+    It adds no gyroscopic torque, the same as in engines with joint coordinates. The joint must keep the two axes
+    parallel.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ class Rotor(Frozen):
     parent_axis, child_axis : (3,)
         The joint's axes, each in its body's frame.
     turns : bool
-        The rate is that of the angle about the axes, child relative to parent; else that of the slide parent_axis . d.
+        True: the rate is that of the child's angle relative to the parent; False: that of the slide parent_axis . d.
     """
 
     inertia: float
@@ -178,28 +179,28 @@ class Joint(Frozen):
                                pointer, self.drive.function.kernel)
 
     def add_rotors_to(self, system: _kernel.System, index: int) -> None:
-        """Add what the coordinates of this joint, the system's `index`-th, have of inertia."""
+        """Add the rotor inertias of this joint, the system's `index`-th."""
         for rotor in self.rotors:
             n1, n2 = normals(rotor.parent_axis)
             system.add_rotor(index, rotor.inertia, rotor.turns, rotor.parent_axis, rotor.child_axis, n1, n2,
                              normals(rotor.child_axis)[0])
 
     def driven(self, drive: Drive) -> Joint:
-        """The joint with its coordinate prescribed."""
+        """The same joint with its coordinate prescribed."""
         return dataclasses.replace(self, drive=drive)
 
     def geared(self, *rotors: Rotor) -> Joint:
-        """The joint with inertias of its coordinates."""
+        """The same joint with rotor inertias on its coordinates."""
         return dataclasses.replace(self, rotors=rotors)
 
 
 def _across(*directions: np.ndarray) -> tuple[Dot, ...]:
-    """The anchors do not move apart along these directions of the parent (dot-2)."""
+    """Rows (dot-2) that keep the anchors from moving apart along these directions of the parent."""
     return tuple(Dot("parent", "difference", direction) for direction in directions)
 
 
 def _normal(parent_direction: np.ndarray, child_direction: np.ndarray) -> Dot:
-    """Two directions stay perpendicular (dot-1)."""
+    """A row (dot-1) that keeps two directions perpendicular."""
     return Dot("parent", "child", parent_direction, child_direction)
 
 

@@ -4,8 +4,8 @@ Sources
 -------
 [P1] constraint-stabilized implicit methods on Lie group, doi:10.1177/1687814019842406
 [P2] Lie group Euler methods for DAEs of multibody dynamics, doi:10.1177/1687814018764154
-     Both reached this project without their equations: their methods are reconstructed from the prose, those with H in
-     the form of [BM]. docs/theory.md, section 4, has the equations, docs/papers.md what is known and what is not.
+     This project has the prose of both papers but not their equations. The methods are reconstructed from the prose,
+     those with H in the form of [BM]; docs/theory.md, section 4, has the equations, docs/papers.md what is known.
 [BM] Bou-Rabee and Marsden, Hamilton-Pontryagin integrators, doi:10.1007/s10208-008-9030-4
 [MK] Munthe-Kaas, High order Runge-Kutta methods on manifolds, doi:10.1016/S0168-9274(98)00030-0
 [B]  Baumgarte, Stabilization of constraints, doi:10.1016/0045-7825(72)90018-7
@@ -42,17 +42,17 @@ class Method:
     held : tuple of "position", "velocity", "acceleration"
         Constraint levels that hold at rounding level by construction.
     order : int or None
-        None where the method chooses it.
+        None if the method chooses its order itself.
     source : str
     gains : (alpha, beta) or None
-        Default Baumgarte gains, 1/s, where the method takes them.
+        Default Baumgarte gains, 1/s; None if the method takes none.
     composition : tuple of float
-        Weights of the stages where the method is a composition of RATTLE steps; RATTLE is half a step of DAE2H_LSE and
-        half a step of its adjoint.
+        Weights of the stages of a composition of RATTLE steps. RATTLE is half a step of DAE2H_LSE followed by half a
+        step of its adjoint.
     spectral_radius : float or None
-        Default of generalized-alpha's spectral radius at infinite frequency, where the method takes one.
+        Default spectral radius at infinite frequency of generalized-alpha; None for other methods.
     tableau : Tableau or None
-        Of an explicit Runge-Kutta rule.
+        The coefficients of an explicit Runge-Kutta method.
     controls : tuple of "step", "rtol"
         How the user sets the accuracy: a fixed step (s), a relative tolerance, or either.
     """
@@ -71,7 +71,7 @@ class Method:
     controls: tuple[str, ...] = ("step",)
 
     def refused_map(self, coordinate_map: str) -> str | None:
-        """Why the method does not work with a map of `COORDINATE_MAPS`, or None where it does."""
+        """Why the method does not work with this map of `COORDINATE_MAPS`, or None if it does."""
         if self.formulation != "index1" and self.order != 1 and coordinate_map == "ccsk":
             return f"{self.name} would fall to order 1 with ccsk, which is not symmetric; use exp or cayley"
         if self.formulation == "index1" and coordinate_map != "exp":
@@ -84,9 +84,9 @@ def _symmetric(*half: float) -> tuple[float, ...]:
     return (*half, 1 - 2 * sum(half), *reversed(half))
 
 
-# Published weights; they sum to one, and their middle one follows from that. Of each order the one of least error at an
-# equal number of stages is in use: rattle4 has a tenth of FOREST_RUTH_4's error and half of MCLACHLAN_4's, rattle6 0.3
-# of YOSHIDA_6's, rattle8 0.8 of KAHAN_LI_8's (docs/theory.md, section 9).
+# Published weights. They sum to one, which fixes the middle one. METHODS uses for each order the weights of least error
+# at equal cost: rattle4 has a tenth of the error of FOREST_RUTH_4 and half that of MCLACHLAN_4, rattle6 0.3 times that
+# of YOSHIDA_6, rattle8 0.8 times that of KAHAN_LI_8 (docs/theory.md, section 9).
 FOREST_RUTH_4 = _symmetric(1 / (2 - 2 ** (1 / 3)))
 """Order 4, 3 stages; Forest and Ruth, doi:10.1016/0167-2789(90)90019-L."""
 SUZUKI_4 = _symmetric(*2 * (1 / (4 - 4 ** (1 / 3)),))

@@ -1,14 +1,15 @@
-"""Mechanisms that stay in a plane: what holds them there is not integrated.
+"""Mechanisms that move in a plane are integrated without the constraint rows that keep them in it.
 
-Where every body hangs on the ground by joints that turn about one direction e, slide normal to it or keep everything,
-nothing leaves the planes normal to e. Of the rows of a joint those within the plane are left: two of a hinge, one and
-the relative angle of a slide, none of a hinge on the ground where the motion is written about it. What the other rows
-would carry is left out, and so are the heights along e:
+If joints connect every body to the ground, and each joint turns about one common direction e, slides normal to e, or is
+rigid, no point leaves its plane normal to e. Only the rows of a joint within the plane are kept: two of a hinge, one
+and the relative angle of a slide, and none of a hinge on the ground if the method writes the motion about its point.
+Forces and torques that the other rows would carry are left out, and so are the heights along e:
 
     m x'' = f - (f . e) e - ...,    (e . J e) theta'' = e . torque - ...
 
-World and bodies are turned until e is the third axis of all of them. Zeros then stay zeros in every method, and the
-motion is that of the whole system. Heights, attitudes and all multipliers return at the samples.
+World and body axes are turned so that e is the third axis of all of them. Components that are zero then stay zero in
+every method, and the motion is that of the whole system. Heights, attitudes and all multipliers are restored at the
+samples.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ from lieeuler.types import GROUND
 WORDS = ("planar", "axis", "off")
 
 ROUNDING = 1e-12
-"""Relative: an angle between directions, a height, a velocity out of the plane that is rounding."""
+"""Relative size below which an angle between directions, a height, or a velocity out of the plane is rounding."""
 DEPENDENT = 1e-6
-"""Sine of the angle below which two directions of one joint are one."""
+"""Sine of the angle below which two directions of one joint count as one."""
 X, Y, Z = np.eye(3)
 
 
 class NotPlanar(ArgumentError):
-    """Why a problem cannot be integrated in a plane."""
+    """A problem cannot be integrated in a plane; the message says why."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,16 +48,18 @@ class Plane:
 
     Attributes
     ----------
-    full, problem : Problem
-        As given; and with z = 0, fewer rows, and every body standing as the axes do at the start.
+    full : Problem
+        The problem as given.
+    problem : Problem
+        The problem in the plane: z = 0, fewer rows, and every body's axes along those of the plane at the start.
     normal : (3,)
         e, world axes.
     turn : (3, 3)
-        World axes to those of the plane.
+        Rotation from world axes to those of the plane.
     frames : (n, 3, 3)
-        Body axes to those in `problem`.
+        Rotations from body axes to body axes of `problem`.
     word : "planar" | "axis"
-        "axis" where every body turns about an axis fixed in the ground.
+        "axis" if every body turns about an axis fixed in the ground.
     """
 
     full: Problem
@@ -67,11 +70,11 @@ class Plane:
     word: str
 
     def restore(self, solution: Solution, angles: np.ndarray) -> None:
-        """Make the arrays of a solution of `problem` those of `full`.
+        """Turn a solution of `problem` into one of `full`, in place.
 
         `angles` (T, number of forces) are the unwrapped angles of torsional springs in `problem`, rad. The multipliers
-        become those of the index-1 system, of least norm where rows depend on others. Where the whole system has no
-        accurate ones, at a singular position, the solution ends as that of the whole system would.
+        become those of the index-1 system, with least norm if rows are redundant. At a singular position, where the
+        whole system has no accurate multipliers, the solution ends as that of the whole system would.
         """
         solution.x[:, :, 2] += self.full.x @ self.normal
         for name in ("x", "v", "a"):
@@ -92,12 +95,12 @@ class Plane:
 
 
 def plane_for(problem: Problem, method: Method, wanted: str | None) -> Plane | None:
-    """The plane in which a method integrates a problem, None where it does not; found once a problem.
+    """The plane in which a method integrates a problem, or None if it does not; computed once for each problem.
 
     Raises
     ------
     NotPlanar
-        What is wanted does not apply.
+        The wanted reduction does not apply.
     """
     if not (wanted is None or wanted in WORDS):
         raise ArgumentError(f"reduce must be one of {', '.join(WORDS)}, not {wanted!r}")
@@ -121,11 +124,14 @@ def plane_for(problem: Problem, method: Method, wanted: str | None) -> Plane | N
 
 
 def plane_of(problem: Problem, pins: bool) -> Plane:
-    """The problem in its plane. pins: a hinge on the ground needs no row, for the method writes about its point.
+    """The problem in its plane.
+
+    pins: a hinge on the ground needs no row, because the method writes the motion about the hinge's point.
 
     Raises
     ------
     NotPlanar
+        The mechanism does not stay in a plane.
     """
     view = _View(problem, _normal(problem))
     _check(problem, view.e)
@@ -160,7 +166,7 @@ def plane_of(problem: Problem, pins: bool) -> Plane:
 
 
 class _View:
-    """Vectors of bodies, and of the world for the ground, as they stand to the plane at the start."""
+    """Components of vectors of a body, or of the ground, along the axes of the plane at the start."""
 
     def __init__(self, problem: Problem, e: np.ndarray) -> None:
         self.problem, self.e = problem, e
@@ -168,31 +174,31 @@ class _View:
         self.frames = self.turn @ problem.R
 
     def axes(self, body: int) -> np.ndarray:
-        """(3, 3) the axes of the plane, as the body has them."""
+        """(3, 3) the axes of the plane in the body's frame, as rows."""
         return self.turn if body == GROUND else self.frames[body]
 
     def within(self, body: int, vector: np.ndarray) -> np.ndarray:
-        """(3,) without the part along e."""
+        """(3,) the vector in axes of the plane, without its part along e."""
         kept: np.ndarray = self.axes(body) @ vector * (1.0, 1.0, 0.0)
         return kept
 
     def along(self, body: int, vector: np.ndarray) -> float:
-        """The part along e."""
+        """The component along e."""
         return float(self.axes(body)[2] @ vector)
 
     def height(self, body: int, point: np.ndarray) -> float:
-        """Of a point of a body, m."""
+        """Height of a point of a body along e, m."""
         return self.along(body, point) + (0.0 if body == GROUND else float(self.problem.x[body] @ self.e))
 
     def axis(self, what: str, body: int, axis: np.ndarray) -> np.ndarray:
-        """Plus or minus the third axis, for an axis along e."""
+        """The third axis or its opposite, for an axis along e; raises for any other axis."""
         size = self.along(body, axis)
         if abs(size) < 1 - ROUNDING:
             raise NotPlanar(f"{what} turns about another direction than the joints")
         return Z if size > 0 else -Z
 
     def direction(self, what: str, body: int, axis: np.ndarray) -> np.ndarray:
-        """A direction normal to e."""
+        """A direction normal to e in axes of the plane; raises for any other direction."""
         if abs(self.along(body, axis)) > ROUNDING:
             raise NotPlanar(f"{what} acts out of the plane")
         return self.within(body, axis)
@@ -200,15 +206,15 @@ class _View:
 
 @dataclasses.dataclass(frozen=True)
 class _Within:
-    """What is left of a joint in the plane: directions of its parent (k, 3) along which the anchors do not part, and
-    whether the angle between its bodies stays."""
+    """The constraints of a joint in the plane: the directions of its parent (k, 3) along which the anchors do not move
+    apart, and whether the angle between its bodies is fixed."""
 
     across: np.ndarray
     angle: bool
 
 
 def _normal(problem: Problem) -> np.ndarray:
-    """The direction about which the first joint with one turns; a coordinate direction exactly, where it is one."""
+    """The axis of the first joint that turns about one axis; made exactly a coordinate direction if close to one."""
     for joint in problem.joints:
         turns = _refused(problem, joint)[1]
         if _rank(turns) == 2:
@@ -221,8 +227,8 @@ def _normal(problem: Problem) -> np.ndarray:
 
 
 def _refused(problem: Problem, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
-    """World directions (k, 3) along which a joint's anchors do not part, and about which its bodies do not turn against
-    each other, at the start; without its drive."""
+    """World directions (k, 3) along which a joint's anchors do not move apart, and about which its bodies do not turn
+    relative to each other, at the start; the drive is left out."""
     R = {"child": problem.R[joint.child], "parent": np.eye(3) if joint.parent == GROUND else problem.R[joint.parent]}
     across, turns = list(np.eye(3)) if joint.spherical else [], []
     for dot in joint.dots:
@@ -240,7 +246,7 @@ def _rank(rows: np.ndarray) -> int:
 
 
 def _within(view: _View, index: int) -> _Within:
-    """What is left of a joint, which has to keep its bodies in their planes by itself."""
+    """The constraints of a joint in the plane; raises if the joint alone does not keep its bodies in their planes."""
     joint = view.problem.joints[index]
     across, turns = _refused(view.problem, joint)
     flat = np.vstack([across - np.outer(across @ view.e, view.e), np.zeros((3, 3))])
@@ -248,12 +254,12 @@ def _within(view: _View, index: int) -> _Within:
     about_e = _rank(turns) == 2 and np.abs(turns @ view.e).max() < ROUNDING
     if _rank(across) != k + 1 or not (angle or about_e):
         raise NotPlanar(f"joint {index} does not keep its bodies in planes normal to one direction")
-    kept = np.linalg.svd(flat)[2][:k] @ view.turn.T * (1.0, 1.0, 0.0)  # at the start every body stands as the world
+    kept = np.linalg.svd(flat)[2][:k] @ view.turn.T * (1.0, 1.0, 0.0)  # at the start all body axes are the world's
     return _Within(np.eye(3)[:2] if k == 2 else kept, angle)
 
 
 def _check(problem: Problem, e: np.ndarray) -> None:
-    """The start moves within the plane with its joints closed, and every body hangs on the ground."""
+    """Raise unless the start moves in the plane with closed joints, and joints connect every body to the ground."""
     length = problem.kernel.length
     speed = max(np.abs(problem.v).max(), np.abs(problem.w).max() * length)
     spins = np.cross(np.einsum("bij,bj->bi", problem.R, problem.w), e)
@@ -272,7 +278,7 @@ def _check(problem: Problem, e: np.ndarray) -> None:
 
 
 def _joint(view: _View, joint: Joint, rows: _Within, point: bool) -> Joint:
-    """point: the anchors coincide in all three directions, by rows along the axes of the world."""
+    """The joint in the plane; point: its anchors coincide, by rows along the three world axes."""
     dots = () if point else tuple(Dot("parent", "difference", direction) for direction in rows.across)
     if rows.angle:
         dots += (Dot("parent", "child", X, Y),)
@@ -299,7 +305,7 @@ def _drive(view: _View, joint: Joint, drive: Drive) -> Drive:
 
 
 def _force(view: _View, index: int) -> Force:
-    """A force in the plane. What it does out of the plane joints carry; springs must not feel heights."""
+    """A force in the plane. Joints carry its part out of the plane; a spring must not depend on heights."""
     force, what = view.problem.forces[index], f"force {index}"
     p, c = force.parent, force.child
     if isinstance(force, ConstantLoad):

@@ -15,7 +15,7 @@ from lieeuler.joints import Joint
 from lieeuler.types import GROUND
 
 CLOSED = 1e-8
-"""How far joints may be open at the start, in lengths and rates of the system."""
+"""How far joints may be open at the start, as a part of the system's length and speed."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,15 +59,15 @@ class Problem(Frozen):
     gravity : (3,)
         m/s^2, world axes.
     x, R, v, w : (n, 3), (n, 3, 3), (n, 3), (n, 3)
-        Initial state, conventions of `lieeuler.types`. It must satisfy the joints and their velocity constraints
-        to rounding level, those of drives at time 0; the integrators take it as it is.
+        Initial state in the conventions of `lieeuler.types`. It must satisfy the joints and their velocity constraints
+        to rounding level, those of drives at time 0; the integrators do not correct it.
     forces : sequence of forces from `lieeuler.forces`, optional
 
     Raises
     ------
     ArgumentError
-        A value is of the wrong shape or not physical, a joint names a body that is not there, or the state violates a
-        joint by more than 1e-8 of the size of the system.
+        A value has the wrong shape or is not physical, a joint names a body that does not exist, or the state violates
+        a joint by more than 1e-8 of the size of the system.
     """
 
     bodies: tuple[Body, ...]
@@ -125,15 +125,15 @@ class Problem(Frozen):
 
     @functools.cached_property
     def kernel(self) -> _kernel.Plan:
-        """The system as the compiled core holds it, with what is planned once for all its runs."""
+        """The compiled system, with the plan of its factorizations, made once for all runs."""
         return _kernel.Plan(self.new_system())
 
     def new_system(self) -> _kernel.System:
-        """A compiled system that may still change."""
+        """A compiled system that can still be changed."""
         system = _kernel.System([body.mass for body in self.bodies], [body.inertia for body in self.bodies],
                                 self.gravity)
         for item in (*self.joints, *self.forces):
             item.add_to(system)
-        for index, joint in enumerate(self.joints):  # whose multipliers come after those of all constraints
+        for index, joint in enumerate(self.joints):  # after all constraints: rotors come last among the multipliers
             joint.add_rotors_to(system, index)
         return system

@@ -10,7 +10,7 @@ import numpy as np
 
 
 class Status(enum.StrEnum):
-    """How an integration ended; each equals its value, a text."""
+    """How an integration ended. Each status equals its text, as in `status == "success"`."""
 
     SUCCESS = "success"
     NEWTON_FAILED = "newton_failed"
@@ -23,7 +23,7 @@ class Status(enum.StrEnum):
 
     @property
     def advice(self) -> str:
-        """What to change."""
+        """What the user can change; empty for a success."""
         return _ADVICE[self]
 
 
@@ -46,15 +46,31 @@ _ADVICE = {
 
 @dataclasses.dataclass
 class Stats:
-    """Counters of a run, the step used (None where the method chose its steps), and the largest values over every step.
+    """Counters of a run, and the largest values over all of its steps.
 
-    `steps` counts accepted steps, `force_evaluations` evaluations of the forces, those for samples included.
-    `maxima` has the keys energy_error (|E - E(0)| over the largest kinetic energy), kinetic (J),
-    constraint_position, constraint_velocity, constraint_acceleration (max norms, SI) and orthogonality
-    (max norm of R^T R - I); it is empty where monitoring was switched off. Where `redundant_rows` of the constraint
-    rows depend on the others, the multipliers are those of least norm, one set of many that move the system alike.
-    `spin_free` names the bodies carried in a frame that does not spin with them (`lieeuler.spin_free`). `reduce` says
-    whether the mechanism was integrated in its plane (`lieeuler.planar`); the maxima are then those of the rows in it.
+    Attributes
+    ----------
+    steps, rejected_steps : int
+        Accepted and rejected steps.
+    force_evaluations : int
+        Evaluations of the forces, those for samples included.
+    newton_iterations, most_iterations, factorizations : int
+        Over the whole run; most_iterations is the largest number in one step.
+    redundant_rows : int
+        How many constraint rows depend on the others. If any do, the multipliers are not unique and those of least
+        norm are given; the motion does not depend on the choice.
+    step : float or None
+        The step used, s; None if the method chose its steps.
+    wall_time : float
+        s.
+    maxima : dict
+        energy_error (|E - E(0)| over the largest kinetic energy), kinetic (J), constraint_position,
+        constraint_velocity, constraint_acceleration (max norms, SI), orthogonality (max norm of R^T R - I). Empty
+        without monitoring. In a plane (see `reduce`) only the rows in the plane count.
+    spin_free : tuple of int
+        The bodies integrated in a frame that does not spin with them (`lieeuler.spin_free`).
+    reduce : "planar" | "axis" | "off"
+        Whether the mechanism was integrated in its plane (`lieeuler.planar`).
     """
 
     steps: int
@@ -75,7 +91,8 @@ class Stats:
 class Solution:
     """A trajectory at the output times, in the conventions of `lieeuler.types`.
 
-    a and alpha are M^-1 (f - G^T lam) with the method's own multipliers, index-1 values at the start.
+    a and alpha are M^-1 (f - G^T lam) with the multipliers of the method; at the start, with those of the index-1
+    system.
     """
 
     t: np.ndarray
@@ -93,7 +110,7 @@ class Solution:
 
     @property
     def success(self) -> bool:
-        """Whether the run reached its last output time and held what its method holds."""
+        """Whether the run reached its last output time with every level closed that its method holds."""
         return self.status is Status.SUCCESS
 
     def __repr__(self) -> str:
@@ -113,7 +130,7 @@ class Solution:
     @classmethod
     def from_kernel(cls, result: dict[str, Any], t: np.ndarray, method: str, step: float | None,
                     monitored: bool) -> Solution:
-        """Wrap the kernel's answer; arrays are cut to the samples reached."""
+        """The solution from the kernel's result, with arrays cut to the samples reached."""
         count = result["samples"]
         maxima = dict(result["maxima"])
         kinetic = maxima["kinetic"]

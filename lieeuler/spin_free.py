@@ -1,12 +1,13 @@
-"""Frames that do not spin with a symmetric body: what cannot influence the motion is not integrated.
+"""Frames that do not spin with a symmetric body, so that its fast rotation need not be integrated.
 
-A body whose inertia is the same about every normal of an axis e, and whose joints, springs and loads all sit on that
-axis, keeps its angular velocity Omega = e . w for ever. In the frame R' = R exp(-Omega t hat(e)) its equations are
+Take a body whose inertia is the same about every normal of an axis e, and whose joints, springs and loads all act on
+that axis. Its angular velocity Omega = e . w about e is constant. In the frame R' = R exp(-Omega t hat(e)) its
+equations are
 
     J dw'/dt + w' x (J w' + Omega J e) = torque,    w' = w - Omega e at the start,
 
-those of a body with the constant angular momentum Omega J e inside it: exact, and free of the fast rotation. R and w
-return to the body frame at the samples.
+those of a body with the constant angular momentum Omega J e inside it. They are exact, and the fast rotation is gone.
+R and w are turned back to the body frame at the samples.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ from lieeuler.problem import Problem
 from lieeuler.types import GROUND
 
 SYMMETRIC = 1e-12
-"""Relative: a difference of moments of inertia, or a distance off the axis, that is rounding."""
+"""Relative size below which a difference of moments of inertia, or a distance from the axis, is rounding."""
 
 
 @dataclasses.dataclass(frozen=True)
 class SpinFreeFrames:
-    """The bodies of a problem that are carried in a spin-free frame.
+    """The bodies of a problem that are integrated in a spin-free frame.
 
     Attributes
     ----------
@@ -36,7 +37,7 @@ class SpinFreeFrames:
     rates : (k,)
         Omega, rad/s.
     kernel : Plan
-        The problem with these bodies' spins.
+        The compiled problem with the spins of these bodies as constant angular momenta.
     w : (n, 3)
         Initial angular velocities in the frames, rad/s.
     """
@@ -48,7 +49,7 @@ class SpinFreeFrames:
     w: np.ndarray
 
     def restore(self, t: np.ndarray, R: np.ndarray, w: np.ndarray, alpha: np.ndarray | None = None) -> None:
-        """Turn R (T, n, 3, 3), w and alpha (T, n, 3) of the frames into those of the bodies, in place; t in s."""
+        """Turn R (T, n, 3, 3), w and alpha (T, n, 3) of the frames into those of the bodies, in place; t (T,) in s."""
         for body, axis, rate in zip(self.bodies, self.axes, self.rates, strict=True):
             spin = rate * axis
             angles = rate * (t - t[:1])  # a run may end before its first sample
@@ -63,12 +64,12 @@ class SpinFreeFrames:
 
 
 def symmetric_bodies(problem: Problem) -> tuple[int, ...]:
-    """The bodies that a spin-free frame would carry, should they spin."""
+    """The bodies that would be integrated in a spin-free frame if they spin."""
     return tuple(_axes(problem))
 
 
 def spin_free_frames(problem: Problem) -> SpinFreeFrames | None:
-    """The spin-free frames a problem allows, None where no body has one or none of them spins; found once."""
+    """The spin-free frames of a problem, None if no symmetric body spins; computed once for each problem."""
     known = vars(problem)
     if "_spin_free_frames" in known:
         frames: SpinFreeFrames | None = known["_spin_free_frames"]
@@ -89,7 +90,7 @@ def spin_free_frames(problem: Problem) -> SpinFreeFrames | None:
 
 
 def _axes(problem: Problem) -> dict[int, np.ndarray]:
-    """The bodies that have an axis of symmetry which carries everything attached to them, and that axis."""
+    """The bodies with an axis of symmetry on which everything attached to them acts, and that axis."""
     attached = _attached(problem).items()
     return {body: axis for body, directions in attached if (axis := _axis(problem, body, directions)) is not None}
 
@@ -97,7 +98,7 @@ def _axes(problem: Problem) -> dict[int, np.ndarray]:
 def _axis(problem: Problem, body: int, directions: list[np.ndarray]) -> np.ndarray | None:
     moments, vectors = np.linalg.eigh(problem.bodies[body].inertia)
     equal = np.diff(moments) <= SYMMETRIC * moments[2]
-    if equal.all():  # a sphere: the axis is that of what is attached, or of its rotation
+    if equal.all():  # a sphere: its axis is that of its attachments, or of its rotation
         candidates = [*directions, problem.w[body]]
         axis = next((c / np.linalg.norm(c) for c in candidates if np.linalg.norm(c) > 0), vectors[:, 0])
     elif equal.any():
@@ -113,9 +114,9 @@ def _axis(problem: Problem, body: int, directions: list[np.ndarray]) -> np.ndarr
 
 
 def _attached(problem: Problem) -> dict[int, list[np.ndarray]]:
-    """Anchors over the length of the system, axes and directions of loads, in the frames of their bodies.
+    """Anchors over the length of the system, joint axes and directions of loads, in the frames of their bodies.
 
-    Bodies are left out where something acts about every axis.
+    A body is left out if something acts on it that no axis of symmetry allows.
     """
     found: dict[int, list[np.ndarray]] = {body: [] for body in range(GROUND, problem.n)}
     turned = {GROUND}

@@ -20,16 +20,16 @@ Row = tuple[float, ...]
 
 @dataclasses.dataclass(frozen=True)
 class Tableau:
-    """An explicit Runge-Kutta rule; zeros at the ends of rows are left out.
+    """An explicit Runge-Kutta method; zeros at the ends of rows are left out.
 
     Attributes
     ----------
     stages : rows of a_ij, from the second stage on
     weights : b_i
     errors : rows of weights of the error estimates
-        Empty, one, or two: (of order 5, of order 3). One more weight than stages belongs to the end of the step.
+        None, one, or two (of orders 5 and 3). A weight after those of the stages belongs to the end of the step.
     extra : rows of a_ij of stages that only the continuous extension uses
-        Stage s + 1 is the end of the step, these follow.
+        They follow stage s + 1, which is the end of the step.
     dense : rows of weights of the continuous extension beyond cubic Hermite interpolation
     order : int
     """

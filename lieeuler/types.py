@@ -1,4 +1,4 @@
-"""Conventions, stated once.
+"""Conventions of all arrays.
 
 Units are SI. `n` bodies, `m` constraint rows, `T` output times.
 

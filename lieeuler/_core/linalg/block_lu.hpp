@@ -1,11 +1,10 @@
 // Sparse LU in blocks of 3 x 3.
 //
 // Every unknown belongs to a node of three: a translation, a rotation, or up to three constraint rows (fewer are padded
-// with the identity). Which blocks can be nonzero and in which order nodes are eliminated is fixed once, when the
-// factorization is planned; a factorization then runs down a list of 3 x 3 operations, without search, branch on size
-// or allocation. The last nodes, the tail, are left to a dense factorization with full pivoting: those of the joints
-// that close loops, where redundant constraints make the matrix singular; its rank is set, not found, in a
-// factorization.
+// with the identity). The plan fixes once which blocks can be nonzero and in which order nodes are eliminated. A
+// factorization then runs down a list of 3 x 3 operations, without search, branch on size or allocation. The last
+// nodes, the tail, belong to joints that close loops, where redundant constraints make the matrix singular: they are
+// factored densely with full pivoting, to a rank that was found beforehand.
 #pragma once
 
 #include <algorithm>
@@ -60,8 +59,8 @@ inline void subtract_product(const double* __restrict a, const double* __restric
   for (int j = 0; j < kBlock; j += kColumn) Eigen::Map<Eigen::Vector4d>(c + j) -= column(a, b + j);
 }
 
-// The inverse by cofactors of a matrix with rows, or columns, of `stride`; false where their volume is rounding against
-// the product of their lengths.
+// The inverse by cofactors of a matrix whose rows (or columns) are `stride` apart; false if their volume is rounding
+// compared with the product of their lengths.
 template <int stride>
 bool invert_by_cofactors(const double* a, double* out) {
   constexpr double kSingular = 1e-14;
@@ -78,7 +77,7 @@ bool invert_by_cofactors(const double* a, double* out) {
   out[2] = inverse * (a1 * b2 - a2 * b1), p[2] = inverse * (a2 * b0 - a0 * b2), q[2] = inverse * (a0 * b1 - a1 * b0);
   return true;
 }
-// Rows or columns first, it is the same.
+// Whether Eigen stores rows or columns does not matter here.
 inline bool invert(const Mat3& m, Mat3& out) { return invert_by_cofactors<3>(m.data(), out.data()); }
 
 // Which blocks may be nonzero, and the operations of a factorization in a given order of nodes.
@@ -86,8 +85,8 @@ class BlockPlan {
  public:
   using Entry = std::pair<int, int>;  // (row node, column node)
 
-  // `order` lists all nodes, the last `tail` of them to be factored densely; `entries` the blocks that may be nonzero
-  // off the diagonal.
+  // `order` lists all nodes, of which the last `tail` are factored densely; `entries` lists the blocks off the diagonal
+  // that may be nonzero.
   BlockPlan(const std::vector<int>& order, int tail, const std::set<Entry>& entries)
       : tail_(order.end() - tail, order.end()), unknowns_(3 * static_cast<int>(order.size())) {
     const std::vector<int> sparse(order.begin(), order.end() - tail);
@@ -132,7 +131,7 @@ class BlockPlan {
 
 class BlockLU {
  public:
-  // The plan has to stay where it is while this is in use.
+  // The plan must outlive this object and must not move.
   void follow(const BlockPlan& plan) {
     plan_ = &plan;
     const size_t tail = 3 * plan.tail_.size();
@@ -143,23 +142,23 @@ class BlockLU {
   }
 
   int unknowns() const { return plan_->unknowns_; }
-  // The block (row, column), or nullptr where none was planned.
+  // The block (row, column), or nullptr if the plan has none.
   double* block(int row, int column) {
     const auto found = plan_->places_.find({row, column});
     return found == plan_->places_.end() ? nullptr : values_.data() + found->second;
   }
   void set_zero() { std::fill(values_.begin(), values_.end(), 0.0); }
 
-  // False when a diagonal block is singular to rounding.
+  // False if a diagonal block is singular to rounding.
   bool factor() { return eliminate() && (plan_->tail_.empty() || dense_.factor(dense_.size() - deficiency_)); }
 
-  // Scales the tail's rows and columns, so that its pivots can be told from rounding; by node, three each.
+  // Scales the tail's rows and columns, so that its pivots can be told from rounding. `scale` has three entries a node.
   void scale_tail(const std::vector<double>& scale) {
     for (size_t k = 0; k < plan_->tail_.size(); ++k)
       for (int r = 0; r < 3; ++r) tail_scale_[3 * k + r] = scale[3 * plan_->tail_[k] + r];
   }
 
-  // How many dependent rows the tail holds: pivots below `tolerance`. False when the rest of the matrix is singular.
+  // Counts the dependent rows of the tail: pivots below `tolerance`. False if the rest of the matrix is singular.
   bool find_deficiency(double tolerance, int& deficiency) {
     if (!eliminate()) return false;
     deficiency = plan_->tail_.empty() ? 0 : dense_.size() - dense_.rank(tolerance);

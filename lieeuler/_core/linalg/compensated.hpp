@@ -1,4 +1,4 @@
-// Sums that keep what rounding takes (Knuth's two-sum; Higham, Accuracy and Stability of Numerical Algorithms, 4.3).
+// Compensated sums (Knuth's two-sum; Higham, Accuracy and Stability of Numerical Algorithms, 4.3).
 #pragma once
 
 #include <cmath>
@@ -7,7 +7,7 @@
 
 namespace lieeuler {
 
-// sum += change + lost; `lost` becomes what rounding took from it. `change` itself may carry rounding of its own size.
+// sum += change + lost; `lost` becomes the rounding error of this sum. Rounding errors in `change` are not corrected.
 template <class Values>
 void add_compensated(Values& sum, const Values& change, Values& lost) {
   const Values before = sum, whole = change + lost;
@@ -19,7 +19,7 @@ inline void add_compensated(Twist& sum, const Twist& change, Twist& lost) {
   add_compensated(sum.v, change.v, lost.v), add_compensated(sum.w, change.w, lost.w);
 }
 
-// start + a . b as if in twice the digits (Ogita, Rump and Oishi, doi:10.1137/030601818).
+// start + a . b as accurate as in twice the working precision (Ogita, Rump and Oishi, doi:10.1137/030601818).
 inline double dot_accurately(const Vec3& a, const Vec3& b, double start) {
   double sum = start, lost = 0;
   for (int i = 0; i < 3; ++i) {
@@ -30,7 +30,7 @@ inline double dot_accurately(const Vec3& a, const Vec3& b, double start) {
   return sum + lost;
 }
 
-// A configuration moved on step after step.
+// Moves a configuration step by step with compensated sums.
 class CompensatedFrame {
  public:
   // `frame` <- `frame` * (dx, E), with turn = E - I.
@@ -38,15 +38,15 @@ class CompensatedFrame {
     add_compensated(frame.x, dx, x_);
     const Mat3 change = (frame.R + R_) * turn;
     add_compensated(frame.R, change, R_);
-    // What the turns' own rounding adds up to until then stays below rounding of R by far.
+    // Over 32 moves the rounding errors of the turns add up to far less than one rounding error of R.
     if (++moves_ % kMovesApart == 0) straighten(frame.R);
   }
 
  private:
   static constexpr int kMovesApart = 32;
 
-  // R + its lost part towards the nearest rotation. Reactions do no work and give no moment where R is one: a defect
-  // that stays from step to step becomes a drift of the momentum, though it be far below rounding of R.
+  // Moves R plus its lost part towards the nearest rotation. Only for a rotation do reactions do no work and exert no
+  // moment: a defect that stays from step to step, even far below rounding of R, lets the momentum drift.
   void straighten(Mat3& R) {
     Mat3 half;  // of I - (R + lost)^T (R + lost)
     for (int i = 0; i < 3; ++i)

@@ -1,5 +1,5 @@
-// Numbers below 1e-308 count as zero while this is alive: along a chain of hundreds of bodies what one end feels of the
-// other decays through that range, where an operation costs the processor a hundred times as much.
+// While an object of this class exists, numbers below 1e-308 count as zero. Along a chain of hundreds of bodies the
+// influence of one end on the other decays through that range, where an operation takes a hundred times as long.
 #pragma once
 
 #if defined(__SSE2__)

@@ -1,5 +1,5 @@
-// Dense LU with full pivoting and a given rank: what is left of the joints that close loops, redundant rows included.
-// Entries are expected to be scaled so that those of independent rows are of order one.
+// Dense LU with full pivoting and a given rank, for the rows of joints that close loops, redundant ones included.
+// The matrix must be scaled so that entries of independent rows are of order one.
 #pragma once
 
 #include <cmath>
@@ -18,21 +18,21 @@ class FullPivotLU {
   int size() const { return n_; }
   double& operator()(int i, int j) { return a_[static_cast<size_t>(i) * n_ + j]; }
 
-  // Eliminates `rank` pivots; the rest is taken for zero. False when one of them is rounding: the rank has dropped,
-  // which happens at a singular position.
+  // Eliminates `rank` pivots and treats the rest as zero. False if one of these pivots is rounding: the rank has
+  // dropped, which happens at a singular position.
   bool factor(int rank) {
     rank_ = rank;
     for (int i = 0; i < n_; ++i) rows_[i] = columns_[i] = i;
     return eliminate_while_above(kSingular, rank) == rank;
   }
 
-  // Number of pivots above `tolerance`; leaves the matrix used up.
+  // Number of pivots above `tolerance`; overwrites the matrix.
   int rank(double tolerance) { return eliminate_while_above(tolerance, n_); }
 
-  // The smallest pivot taken: near a singular position it goes as the square of the distance to it.
+  // The smallest pivot taken: near a singular position it is proportional to the square of the distance to it.
   double smallest_pivot() { return rank_ > 0 ? std::abs((*this)(rank_ - 1, rank_ - 1)) : 1; }
 
-  // x <- a solution of A x = x with zeros where no pivot was taken.
+  // x <- a solution y of A y = x, with zeros for the columns without a pivot.
   void solve(double* x) {
     for (int i = 0; i < rank_; ++i) {
       double sum = x[rows_[i]];

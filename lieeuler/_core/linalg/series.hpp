@@ -1,7 +1,7 @@
 // Cauchy products of truncated power series of vectors.
 //
-// Coefficients are stored order by order, the components of one order side by side in registers of two: a product of
-// series then multiplies whole columns by one number, without shuffling, and adds up in registers.
+// Coefficients are stored order by order, with the components of one order side by side in registers of two. A product
+// of series then multiplies whole columns by one number and adds up in registers, without shuffling.
 #pragma once
 
 #include "model/so3.hpp"
@@ -14,7 +14,7 @@ typedef double Pair __attribute__((vector_size(16), may_alias));
 struct Quad {
   Pair half[2];
 };
-// A vector with every component twice: the factor of a column.
+// A vector with every component stored twice, to multiply columns.
 struct Doubled {
   Pair component[3];
 };
@@ -60,15 +60,15 @@ inline void add_turned(Columns& total, const Columns& A, const Doubled& w) {
     total.half[2][i] += A.half[0][i] * w.component[1] - A.half[1][i] * w.component[0];
   }
 }
-// Coefficient k + 1 of A hat(w) without the term of A_0: all rows but the last are short of A_0 hat(w_(k+1)). For rows
-// of A shifted by one order, as the last row is kept, it is the whole coefficient k.
+// Coefficient k + 1 of A hat(w) without the term A_0 hat(w_(k+1)). The last row of A is stored shifted by one order;
+// for that row the result is the complete coefficient k.
 inline Columns turned(const Columns* A, const Doubled* w, int k) {
   Columns total{};
   for (int j = 1; j <= k + 1; ++j) add_turned(total, A[j], w[k + 1 - j]);
   return total;
 }
 
-// Coefficient k of A^T V, from A_first on. V has no fourth row, so that of A does not count.
+// Coefficient k of A^T V, from A_first on. The fourth row of V is zero, so that of A does not matter.
 inline Vec3 transpose_times(const Columns* A, const Quad* V, int first, int k) {
   Quad total[3] = {};
   for (int j = first; j <= k; ++j)
@@ -85,7 +85,8 @@ inline double dot(const Quad* A, const Quad* B, int k) {
   return sum(total);
 }
 
-// Adds coefficient k of factor s B, orders of s below `end`; s counts in strides of four: a component of a Quad.
+// Adds coefficient k of factor s B, with the orders of s below `end`. s is a component of a Quad: its coefficients are
+// four doubles apart.
 inline void add_scaled(Quad& total, double factor, const double* s, const Quad* B, int end, int k) {
   Quad product{};
   for (int j = 0; j < end; ++j)

@@ -1,4 +1,4 @@
-// What the Lagrangian and the Hamiltonian Euler steppers share: the state, the guess, Newton, the blocks of its matrix.
+// Base of the Lagrangian and Hamiltonian Euler steppers: the state, the guess, Newton, and the blocks of its matrix.
 #pragma once
 
 #include <array>
@@ -13,17 +13,17 @@ namespace lieeuler {
 // The constraint equations of a step; stabilised: position and velocity.
 enum class Level { position, velocity, stabilised, acceleration };
 
-// The unknowns of a step, and how Newton's matrix is laid out and solved with.
+// The unknowns of a step, and how Newton's matrix is laid out and factored.
 struct Layout {
   bool doubled_unknowns = false;  // a second set of velocities and multipliers: xi and mu beside u and Lam
   bool doubled_matrix = false;    // in Newton's matrix too
   bool second_order = false;      // the matrix holds second derivatives of the constraints
-  bool eliminates = false;        // it couples bodies by constraint rows alone, and they are eliminated beforehand
+  bool eliminates = false;        // only constraint rows couple bodies, so the bodies are eliminated beforehand
 };
 
 // Equations supplies begin(), guess(z), residual(z, r), factor(), exact_matrix(), has_velocity_rows(level), finish(),
-// fall_back(), take_whole_matrix(), couples_by_springs(),
-// and projects(level): whether finish() factors the saddle point at the new state.
+// fall_back(), take_whole_matrix(), couples_by_springs(), and projects(level): whether finish() factors the saddle
+// point at the new state.
 template <class Equations, class Map>
 class EulerStepper {
  public:
@@ -39,7 +39,8 @@ class EulerStepper {
       if (!core_) scale_tail();
       rank_ = Rank::of_start;
     }
-    // Rows that depend on several loops at once, or too much that the matrix with the bodies eliminated leaves out.
+    // Take the whole matrix if rows depend on several loops together, or if the matrix with the bodies eliminated would
+    // leave out too much.
     if (core_ && plan_.independent && (!saddle_.sparse().dropped() || equations().couples_by_springs())) {
       equations().take_whole_matrix();
       scale_tail();
@@ -59,7 +60,7 @@ class EulerStepper {
     return status;
   }
 
-  // One step of size h, negative too, guessed from the earlier solutions in `predictor`.
+  // One step of size h, which may be negative, guessed from the earlier solutions in `predictor`.
   Status advance(double h, Predictor& predictor, Counters& counters) {
     h_ = h;
     if (predictor.empty())
@@ -90,12 +91,12 @@ class EulerStepper {
     if (const Status end = equations().finish(); end != Status::success) return end;
     if (core_ && saddle_.sparse().choice() != choice_) {
       follow_choice();
-      predictor.forget();  // multipliers of other rows
+      predictor.forget();  // its multipliers belong to other rows
     }
     return saddle_.redundant() > 0 ? follow_null_space() : Status::success;
   }
 
-  // The correction of a residual, in place.
+  // Replaces a residual by its correction.
   bool solve_linear(std::vector<double>& r) {
     remove_null_space(r);
     solve_matrix(r.data());
@@ -103,7 +104,7 @@ class EulerStepper {
     return true;
   }
 
-  // z -= correction; the size of the change of configuration, relative to the size of the system.
+  // z -= correction; returns the size of the change of configuration, relative to the size of the system.
   double correct(std::vector<double>& z, const std::vector<double>& correction) const {
     for (size_t i = 0; i < z.size(); ++i) z[i] -= correction[i];
     double translation = 0, rotation = 0, sum = 0;
@@ -119,11 +120,11 @@ class EulerStepper {
     return std::abs(h_) * std::max(translation / length_, rotation);
   }
 
-  // Velocities to rounding level as well, not h times them.
+  // Solves the velocities to rounding level too, not only h times the velocities.
   void polish_velocities() { newton_.polishes = true; }
-  // Leaves in the attitudes what rounding does to products of rotations: shows what the group update alone preserves.
+  // Keeps the rounding errors of products of rotations in the attitudes, to show what the group update alone preserves.
   void keep_rounding() { polishes_attitudes_ = false; }
-  // Solves steps to this error, relative to the sizes of the system, in place of rounding level.
+  // Solves steps to this error, relative to the sizes of the system, instead of to rounding level.
   void solve_to(double accuracy) { accuracy_ = std::max(accuracy, std::numeric_limits<double>::epsilon()); }
 
   size_t unknowns() const { return z_.size(); }
@@ -171,7 +172,7 @@ class EulerStepper {
       lu_.solve(r);
   }
 
-  // Lays out Newton's matrix, of all unknowns or (not doubled) without the second set of velocities and multipliers.
+  // Lays out Newton's matrix, with (doubled) or without the second set of velocities and multipliers.
   void plan_matrix(bool doubled) {
     core_.reset();
     columns_ = Nodes(plan_, doubled);
@@ -206,12 +207,12 @@ class EulerStepper {
   void subtract_reaction(int k, const JointState& joint, const Vec3& lam, std::vector<Twist>& impulse) const {
     joint.subtract_reaction(part_of(k), lam, impulse[body_of(k, kParent)], impulse[body_of(k, kChild)]);
   }
-  // The identity where a part has fewer than three rows.
+  // Fills the missing rows of a part with the identity.
   void pad(int k) {
     for (double* block : padding_[k])
       for (int r = part_of(k).rows(); r < 3; ++r) block[(kColumn + 1) * r] = 1;
   }
-  // The compliance of rotors; they have no second multiplier.
+  // Puts in the compliance of rotors, which have no second multiplier.
   void pad_rotors() {
     for (int k : plan_.rotors) padding_[k][1][0] = 1, padding_[k][0][0] = -part_of(k).compliance;
   }
@@ -223,7 +224,7 @@ class EulerStepper {
     state_.frames[body].R.noalias() = start_.frames[body].R * maps_[body].rotation();
     return true;
   }
-  // The new configuration is final: attitudes back to rounding level, joints evaluated there.
+  // Completes the new configuration: makes attitudes rotations to rounding and evaluates the joints.
   void settle() {
     if (polishes_attitudes_)
       for (int b = 0; b < system_.n(); ++b) state_.frames[b].R = polished(state_.frames[b].R);
@@ -256,7 +257,7 @@ class EulerStepper {
   bool index1_output_;
   const bool second_order_;  // whether the matrix holds second derivatives of the constraints
   const Nodes nodes_;        // layout of the unknowns z
-  Nodes columns_;            // of Newton's matrix
+  Nodes columns_;            // layout of Newton's matrix
   double h_ = 0;
   Constraints joints_, start_joints_;  // at q and q_n
   SaddleSolver saddle_;
@@ -268,10 +269,10 @@ class EulerStepper {
   std::optional<Delassus> core_;                 // in place of lu_
   std::vector<SideBlocks> blocks_;               // of lam and (v, w), per part and side
   std::vector<std::array<double*, 2>> padding_;  // diagonal blocks of lam and mu, per part
-  std::vector<PairBlocks> force_blocks_;         // against (v, w), per force, row side, column side
+  std::vector<PairBlocks> force_blocks_;         // columns of (v, w), per force, row side, column side
 
-  // Of h u, rounding level unless set otherwise: that of the configuration, or that of the velocity where Newton solves
-  // velocity rows.
+  // The wanted error of h u, rounding level unless set otherwise: relative to the configuration, or to the velocity if
+  // Newton solves velocity rows.
   double target() const {
     return Equations::has_velocity_rows(level_) ? accuracy_ * std::min(1.0, std::abs(h_) * speed_) : accuracy_;
   }
@@ -279,12 +280,12 @@ class EulerStepper {
   double length_ = 1, speed_ = 1;
   double accuracy_ = std::numeric_limits<double>::epsilon();
   bool polishes_attitudes_ = true;
-  double mobility_ = 0;  // angular velocity a unit impulse at an anchor can give, at most
+  double mobility_ = 0;  // the largest angular velocity that a unit impulse at an anchor can give
 
  private:
   Equations& equations() { return static_cast<Equations&>(*this); }
 
-  // From the start of the step alone, where an attempt has left something in z_.
+  // Guesses from the start of the step, after an attempt has changed z_.
   void guess_afresh() {
     std::fill(z_.begin(), z_.end(), 0.0);
     std::swap(start_, state_);
@@ -293,8 +294,8 @@ class EulerStepper {
     remove_null_space(z_);
   }
 
-  // Next step's rows and multipliers are freed of the null space at this configuration. A rank that is higher after the
-  // first step was that of a singular position.
+  // Finds the null space at this configuration, which the next step removes from rows and multipliers. Fails if the
+  // rank is higher after the first step: the start then was a singular position.
   Status follow_null_space() {
     if (rank_ == Rank::of_start) {
       int redundant;
@@ -317,16 +318,13 @@ class EulerStepper {
     choice_ = saddle_.sparse().choice();
   }
 
-  // Scaled pivots below this, where Newton failed, say why: within 1e-3 of a singular position.
-  static constexpr double kNearlySingular = 1e-6;
-
   void remove_null_space(std::vector<double>& r) const {
     if (saddle_.redundant() == 0) return;
     saddle_.sparse().remove_null_space(&r[3 * nodes_.lam(0)]);
     if (nodes_.doubled()) saddle_.sparse().remove_null_space(&r[3 * nodes_.mu(0)]);
   }
 
-  // Rows of lam and of mu alike.
+  // Scales the rows of lam and of mu.
   void scale_tail() {
     std::vector<double> scales(z_.size(), 1.0);
     const std::vector<double> rows = saddle_.sparse().row_scales(joints_);
@@ -338,8 +336,8 @@ class EulerStepper {
   void measure_scales() {
     const Scales scales = Scales::of_motion(system_, start_);
     length_ = scales.length, speed_ = std::max(scales.rate, scales.natural(system_));
-    // Velocities are sums of the joints' impulses, which are large in a long chain, and round with them. Between graded
-    // masses an impulse says nothing of the speeds.
+    // Velocities are sums of the joints' impulses and have their rounding errors, which are large in a long chain. With
+    // very different masses impulses say nothing about speeds.
     if (plan_.graded) return;
     double impulse = 0;
     for (size_t i = 3 * nodes_.lam(0); i < z_.size(); ++i) impulse = std::max(impulse, std::abs(z_[i]));

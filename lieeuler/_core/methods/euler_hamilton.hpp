@@ -8,8 +8,8 @@
 //   velocity      G M^-1 p = 0                                                        DAE2H_LE
 //   stabilised    Phi(q) = 0, then p <- p - G^T mu with G M^-1 p = 0                  DAE2H_LSE, DAE1H_LSE
 //
-// RATTLE is half a step of the last one followed by half a step of its adjoint, which amounts to h/2 in place of h
-// before f_app (and in Lam), and p <- p + h/2 f_app(q, xi) before the projection: symmetric, second order.
+// RATTLE is half a step of the last one followed by half a step of its adjoint. This replaces h before f_app (and in
+// Lam) by h/2, and adds p <- p + h/2 f_app(q, xi) before the projection. It is symmetric and of second order.
 //
 // Unknowns: xi of each body, Lam of each joint.
 #pragma once
@@ -130,7 +130,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     return true;
   }
 
-  // How far a rotor turns, or slides, in the step: its angle in the joint is known up to whole turns.
+  // How far a rotor turns, or slides, in the step; the joint's angle alone gives it only up to whole turns.
   double way_of(int k) const {
     const Part& part = this->part_of(k);
     const double way = this->here(k).position(part)[0] - this->before(k).position(part)[0];
@@ -140,7 +140,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     return about + std::remainder(way - about, 2 * std::numbers::pi);
   }
 
-  // - h df_app/dxi: dampers act with the discrete velocity.
+  // Adds - h df_app/dxi; dampers act on the discrete velocity.
   void add_damper_blocks(size_t k) {
     const Force& force = system_.forces[k];
     if (force.damping == 0) return;
@@ -152,7 +152,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       }
   }
 
-  // Where only the rows of joints couple bodies: no dampers, and no loops whose dependent rows have to stay.
+  // Whether only rows of joints couple bodies: there are no dampers, and no loops whose dependent rows must be kept.
   static bool eliminates(const Plan& plan, Level level) {
     const std::vector<Force>& forces = plan.system.forces;
     return plan.rotors.empty() && (plan.forest || (level != Level::velocity && plan.independent)) &&
@@ -191,7 +191,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     return true;
   }
 
-  // Slope of the rows by xi. By velocity, d(G M^-1 p): p_w = E^T y turns with E, and G with the configuration.
+  // Derivative of the rows with respect to xi. Velocity rows G M^-1 p depend on xi by p_w = E^T y, by E, and by G.
   Rows row_slope(int k, Side side) const {
     const Part& part = this->part_of(k);
     const int b = this->body_of(k, side);
@@ -202,7 +202,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
                                                 state_.u[this->body_of(k, kChild)], false);
     return {G.v + h_ * N.v, G.w * velocity_slopes_[b] + h_ * N.w * T};
   }
-  // The same of a spherical part, against rotations.
+  // The same for a spherical part, with respect to rotations.
   Mat3 anchor_rows(const Delassus::Place& place) const {
     const JointState& joint = joints_[place.joint];
     const Mat3 G = joint.anchor_jacobian(place.side), &T = tangents_[place.body];
@@ -253,8 +253,8 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     this->settle();
   }
 
-  // RATTLE's, where the steps of a composition have up to fifteen stages: frames and momenta are added to without what
-  // rounding takes. The momentum's change, but for the projection's, and with it the momentum to be projected.
+  // The end of a RATTLE step. A composition has up to fifteen of them, so frames and momenta are added with compensated
+  // sums. Computes the change of the momentum before the projection, and the momentum to be projected.
   void carry_on() {
     std::fill(change_.begin(), change_.end(), Twist{});
     for (int k = 0; k < nodes_.parts(); ++k)
@@ -284,16 +284,16 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
 
   const bool rattle_;
   std::vector<Mat3> rotations_, slopes_, tangents_, velocity_slopes_;  // E, d(D* L)/dxi, T, dw/dxi
-  // p is carried from step to step: M (M^-1 p) would lose the same rounding every time, a drift that grows with n.
+  // p is kept from step to step: M (M^-1 p) would make the same rounding error every time, a drift that grows with n.
   std::vector<Twist> momentum_, impulse_, change_;
-  // What rounding took of a body's position, attitude and momentum.
+  // The rounding errors of a body's position, attitude and momentum.
   struct Carried {
     CompensatedFrame frame;
     Twist momentum;
   };
   std::vector<Carried> carried_;
   std::vector<double> mu_;
-  std::vector<double> rates_, rotor_momenta_;        // of the rotors, and r and I r before the projection and carried
+  std::vector<double> rates_, rotor_momenta_;        // r and I r of the rotors
   std::vector<std::pair<double*, double*>> bodies_;  // diagonal blocks of v and w
 };
 

@@ -8,7 +8,7 @@
 //   stabilised    Phi(q) = 0, G u = 0                           M xi = M u - G_n^T mu     DAE2L_LSE, DAE1L_LSE
 //   acceleration  G a + gamma + 2 alpha G u + beta^2 Phi = 0    xi = u, a = (u - u_n)/h   INDEX1_LE, BAUMGARTE_LE
 //
-// and the stabilised generalized-alpha method, which differs by numbers in the first and third column
+// and the stabilised generalized-alpha method, which has other numbers in the equations of the first and third column
 // (methods/generalized_alpha.hpp).
 //
 // Unknowns: u of each body, Lam of each joint; when stabilised also xi and mu.
@@ -40,7 +40,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   LagrangeStepper(const Plan& plan, const GeneralizedAlpha& alpha)
       : LagrangeStepper(plan, Level::stabilised, true, {}, alpha) {}
 
-  // Of the motion since start().
+  // The motion since start(), if it is to be kept.
   void keep_increments() { increments_.keep(); }
   const std::vector<Increment>& increments() const { return increments_.sums(); }
 
@@ -51,9 +51,9 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
            !(alpha_ && !plan_.rotors.empty());
   }
 
-  // More than an iteration makes up for in a step or two.
+  // Whether springs couple bodies so stiffly that iterations with a matrix without them converge slowly.
   bool couples_by_springs() const {
-    constexpr double kStiff = 0.2;  // of a step over the time of a spring: squared, what an iteration leaves
+    constexpr double kStiff = 0.2;  // step over a spring's time; its square is the error that an iteration leaves
     return std::abs(h_) * system_.frequency > kStiff;
   }
 
@@ -62,7 +62,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     const auto core = [this](double* x) { this->solve_matrix(x); };
     return split_->solve(r, nodes_, core, this->length_, this->target() / std::abs(h_));
   }
-  // From the split solve to one matrix for all unknowns, where the former does not converge.
+  // Replaces a split solve that does not converge by one matrix for all unknowns; false if it is in use already.
   bool fall_back() {
     if (!split_) return false;
     take_whole_matrix();
@@ -74,8 +74,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     matrix_ = LagrangeBlocks(this->plan_, columns_, lu_);
   }
 
-  // What an implicit step, with the matrix factored last, leaves of a change of the velocities: forces that answer to
-  // it within the step have let it decay. False where the matrix cannot be solved with.
+  // Replaces a change of the velocities by what remains of it after an implicit step with the matrix factored last:
+  // stiff forces make it decay within the step. False if the solve fails.
   bool filter(std::vector<Twist>& change) {
     filtered_.assign(this->unknowns(), 0.0);
     for (int b = 0; b < system_.n(); ++b) store(momentum(system_.bodies[b], change[b]), &filtered_[3 * nodes_.v(b)]);
@@ -150,7 +150,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   static bool splits(const Plan& plan, Level level) {
     return level == Level::stabilised && StabilisedSolve::suits(plan);
   }
-  // theta: what a force acts for in a step.
+  // theta: the time for which a force acts in a step.
   double force_time() const { return force_share_ * h_; }
   // u - u_n
   Twist gain_of(int b, const std::vector<double>& z) const {
@@ -158,7 +158,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     const Twist& from = increments_.kept() ? increments_.u(b) : alpha_ ? alpha_->from(b) : start_.u[b];
     return {u.v - from.v, u.w - from.w};
   }
-  // xi - u, but for the multipliers.
+  // xi - u without the part of the multipliers.
   Twist drift_of(int b) const {
     const Twist &xi = xi_[b], &u = state_.u[b];
     if (!alpha_) return {xi.v - u.v, xi.w - u.w};
@@ -173,7 +173,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     if (increments_.kept()) increments_.begin(state_);
     return alpha_ ? begin_alpha() : Status::success;
   }
-  // The accelerations here, and those a little later or earlier.
+  // Computes the accelerations at the start, and the auxiliary ones a little later or earlier.
   Status begin_alpha() {
     const double whole = std::exchange(h_, alpha_->ahead(h_));
     start_ = state_;
@@ -190,7 +190,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
       this->evaluate_joints();
       inside = this->solve_index1() == Status::success;
     }
-    // A step so long that nothing can be solved there fails by itself, and names the reason.
+    // If the step is too long to solve this, the step itself will fail and give the reason.
     alpha_->start(start_.a, inside ? state_.a : start_.a);
     alpha_->prepare(start_.u, h_);
     state_ = start_;
@@ -227,8 +227,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
                                    gains_.beta * gains_.beta * this->here(k).position(part));
   }
 
-  // What a rotor gains in rate. By time derivatives, s (u - u_n) + h (ds/dt) u, where the method takes accelerations at
-  // the new state, else as the momentum it carries from step to step.
+  // The change of a rotor's rate in the step: s (u - u_n) + h (ds/dt) u if the method takes accelerations at the new
+  // state, else the difference of the rates at the two states.
   bool gains_by_derivative() const { return level_ == Level::acceleration || alpha_; }
   double rotor_gain(int k) const {
     const int i = this->body_of(k, kParent), j = this->body_of(k, kChild);
@@ -239,14 +239,14 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     return rate - this->here(k).velocity(part, parent, child)[0] +
            force_time() * this->here(k).gamma(part, state_.u[i], state_.u[j])[0];
   }
-  // What u is compared with: u_n, but for generalized-alpha; the ground's is zero.
+  // The velocity from which u changes: u_n, or that of generalized-alpha; zero for the ground.
   Twist from(int b) const { return alpha_ ? (b == system_.n() ? Twist{} : alpha_->from(b)) : start_.u[b]; }
 
-  // Where a joint's second derivatives and the forces keep to one body each: spherical joints without forces, on trees.
-  // The acceleration level has rows of its own.
+  // Whether second derivatives of joints and forces act on one body each, so that bodies can be eliminated: trees of
+  // spherical joints without forces, except for the rows of the acceleration level.
   static bool eliminates(const Plan& plan, Level level) {
     const System& system = plan.system;
-    // But for what joints and springs couple two bodies by: Newton's iteration makes up for it.
+    // With independent rows this is not exact; Newton's iteration corrects the coupling of bodies that is left out.
     if (plan.independent && level == Level::position) return StabilisedSolve::suits(plan);
     if (plan.independent) return splits(plan, level);
     return level != Level::acceleration && system.forces.empty() && plan.rotors.empty() && plan.forest &&
@@ -256,7 +256,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
            });
   }
 
-  // The matrix of eliminates(): a rotational block per body, and the rows of spherical parts.
+  // The matrix with the bodies eliminated: a rotational block per body, and the rows of the parts.
   bool fill_core() {
     for (int b = 0; b < system_.n(); ++b) stiffness_of_[b].setZero();
     for (int k = 0; k < nodes_.parts(); ++k) {
@@ -279,8 +279,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     this->core_->assemble(Derivatives{*this}, Delassus::Jacobians{joints_});
     return true;
   }
-  // The block of its own of a body's stiffness at dot rows, and the slope of their velocity for the split solve. What
-  // they couple two bodies by is left to the iteration: it goes as h^2.
+  // The stiffness of dot rows between a body and itself; also sets the slope of their velocity for the split solve.
+  // Their coupling of two bodies is left to the iteration: it is O(h^2).
   [[gnu::noinline]] Mat3 dot_stiffness(int k, Side side, const Vec3& impulse) {
     const Part& part = this->part_of(k);
     if (split_)
@@ -288,7 +288,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
           rate_slope(k, side, this->here(k).jacobian(part, side), tangents_[this->body_of(k, side)]);
     return this->here(k).own_stiffness(part, side, impulse);
   }
-  // Slope of a spherical part's rows by xi, against rotations: of position, or of velocity where that is all there is.
+  // Derivative of a spherical part's rows with respect to the rotational xi: position rows, or velocity rows at that
+  // level.
   Mat3 anchor_rows(const Delassus::Place& place, const Mat3& G) const {
     if (level_ != Level::velocity) return G * tangents_[place.body];
     const Mat3 slope = joints_[place.joint].anchor_rate_slope(place.side, state_.u[place.body].w);
@@ -313,7 +314,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     return true;
   }
 
-  // J - theta df/du of the body's own gyroscopic torque.
+  // J - theta df/du of the gyroscopic torque.
   Mat3 inertia_block(int b) const {
     const Body& body = system_.bodies[b];
     const Vec3& w = state_.u[b].w;
@@ -330,7 +331,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     put(blocks.xi_w, body.inertia), put(blocks.xi_w_w, -velocity_share_ * body.inertia);
   }
 
-  // h d(G^T Lam)/dq T, onto the columns of xi.
+  // Adds h d(G^T Lam)/dq T to the columns of xi.
   void stiffness_blocks(int k, Side row, Side column) {
     const PairBlocks& blocks = matrix_.stiffness[4 * k + 2 * row + column];
     const Part& part = this->part_of(k);
@@ -341,7 +342,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     blocks.add(1, this->here(k).geometric_stiffness(part, row, column, impulse), T);
   }
 
-  // - theta df/du onto the columns of u, - theta h df/dq T onto those of xi.
+  // Adds - theta df/du to the columns of u, and - theta h df/dq T to those of xi.
   void add_force_blocks(size_t k) {
     const Force& force = system_.forces[k];
     const ForceState here(force, state_.frames, state_.u, start_.angles[k]);
@@ -374,7 +375,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     matrix_.drifts[2 * k + side].put_columns(this->before(k).jacobian(this->part_of(k), side));
   }
 
-  // Of rotor_gain(). By time derivatives, the second derivatives of s are left out.
+  // Derivatives of rotor_gain(); with accelerations, second derivatives of s are left out.
   void rotor_blocks(int k, Side side) {
     const Twist &parent = state_.u[this->body_of(k, kParent)], &child = state_.u[this->body_of(k, kChild)];
     const JointState& joint = this->here(k);
@@ -391,8 +392,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     matrix_.rates[2 * k + side].put_rows(by_xi.v, by_xi.w);
   }
 
-  // Derivative of the velocity or acceleration row with respect to xi beyond G itself. For the acceleration level the
-  // third derivatives of Phi are left out: they enter at h^2, and the iteration still ends at the exact equations.
+  // Derivative of the velocity or acceleration rows with respect to xi, without G itself. At the acceleration level the
+  // third derivatives of Phi are left out: they are O(h^2), and the iteration still solves the exact equations.
   Rows rate_slope(int k, Side side, const Rows& G, const Mat3& T) const {
     const int i = this->body_of(k, kParent), j = this->body_of(k, kChild);
     const JointState& joint = this->here(k);
@@ -426,7 +427,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
 
   Gains gains_;
-  Increments increments_;  // where they are kept; z then holds u and xi less those of the start
+  Increments increments_;  // if kept, z holds u and xi minus their values at the start
   std::optional<GeneralizedAlpha> alpha_;
   const double force_share_, velocity_share_;  // theta / h and rho; 1 for implicit Euler
   std::optional<StabilisedSolve> split_;

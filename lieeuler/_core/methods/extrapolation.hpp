@@ -1,10 +1,9 @@
-// Extrapolation of DAE1L_LSE in the step, with order and step control: the idea of Deuflhard's codes
+// Extrapolation of DAE1L_LSE to step size zero, with order and step control: the idea of Deuflhard's codes
 // (doi:10.1137/1027140) as in SEULEX (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.9).
 //
-// A step H is done in n_j = 1, 2, 3, ... sub-steps. The results, taken as y = (x, log(R_n^T R), v, w), have an
-// expansion in powers of H / n_j: a sub-step uses nothing of its start but (q, u), which are consistent, and equations
-// that are smooth. Aitken and Neville's table removes one power a column; one projection onto Phi = 0 and G u = 0 ends
-// the step.
+// A step H is done in n_j = 1, 2, 3, ... sub-steps. The results, as y = (x, log(R_n^T R), v, w), have an expansion in
+// powers of H / n_j, because a sub-step starts from a consistent (q, u) alone and its equations are smooth. Each column
+// of the Aitken-Neville table removes one power. The step ends with one projection onto Phi = 0 and G u = 0.
 //
 //   T_j1 = y of n_j sub-steps,   T_j,k+1 = T_jk + (T_jk - T_j-1,k) / (n_j / n_j-k - 1)
 #pragma once
@@ -30,7 +29,7 @@ class Extrapolation {
         difference_(size_),
         rates_(system_.n() + 1) {
     for (auto* euler : {&euler_, &whole_})
-      euler->polish_velocities(), euler->keep_increments();  // errors are magnified
+      euler->polish_velocities(), euler->keep_increments();  // extrapolation magnifies errors
     for (std::vector<double>& entry : table_) entry.assign(size_, 0.0);
     for (Node& node : nodes_) node.y.assign(size_ / 2, 0.0);
   }
@@ -46,7 +45,7 @@ class Extrapolation {
     rank_confirmed_ = projection_.redundant_rows() == 0;
     for (most_rows_ = 4; most_rows_ < kMostRows && magnification(most_rows_ + 1) < kRounding * rtol; ++most_rows_) {
     }
-    step_ = 1e-2 / scales_.rate;  // the first steps mend it
+    step_ = 1e-2 / scales_.rate;  // step control corrects it in the first steps
     target_ = std::clamp(static_cast<int>(2 - 0.5 * std::log10(rtol)), 3, most_rows_ - 1);
     return Status::success;
   }
@@ -80,8 +79,8 @@ class Extrapolation {
     return projection_.confirm_rank();
   }
 
-  // By Hermite interpolation of (x, theta) and their rates at the ends of the step and at points inside it,
-  // extrapolated like the step itself: of the order of the step at least.
+  // Hermite interpolation of (x, theta) and their rates at the ends of the step and at points inside it, which are
+  // extrapolated like the step itself. Its order is at least that of the step.
   Status dense(double fraction, State& out, Counters& counters, Watch& watch) {
     if (node_count_ == 0)
       if (const Status status = interpolate(h_, counters, watch); status != Status::success) return status;
@@ -113,35 +112,35 @@ class Extrapolation {
 
  private:
   static constexpr int kMostRows = 12;
-  // A row may magnify rounding up to the tolerance: a fifth of that is what is left of it, measured.
+  // A row may magnify rounding errors up to the tolerance; measured, they then are a fifth of it.
   static constexpr double kRounding = 10 / std::numeric_limits<double>::epsilon();
-  static constexpr double kSolved = 0.1;  // of the tolerance, for what the iterations of all sub-steps leave
+  static constexpr double kSolved = 0.1;  // part of the tolerance for the iteration errors of all sub-steps
   static constexpr int kMostInner = (kMostRows - 1) / 2;
 
-  // A term of Newton's interpolation formula: 3 + 3 numbers a body.
+  // A term of Newton's interpolation formula: six numbers a body.
   struct Node {
     double s = 0;
     std::vector<double> y;
   };
 
-  // Sum of the sizes of the weights of the first column in T_nn: what the table makes of rounding.
+  // Sum of the absolute weights of the first column in T_nn: the factor by which the table magnifies rounding errors.
   static double magnification(int n) {
     double sum = 0;
     for (int k = 1; k <= n; ++k) sum += std::pow(k, n - 1) / (std::tgamma(k) * std::tgamma(n - k + 1));
     return sum;
   }
-  // Beyond, attitudes would leave the chart, or wind around it.
+  // A longer step could turn attitudes beyond the chart.
   double longest_step() const {
     double rate = 0;
     for (int b = 0; b < system_.n(); ++b) rate = std::max(rate, state_.u[b].w.norm());
     return 0.8 * most_turn_ / std::max(rate, 1e-300);
   }
 
-  // Sub-steps down to a row, and the projection.
+  // Number of sub-steps up to a row, plus one for the projection.
   static double work(int row) { return 0.5 * row * (row + 1) + 1; }
   double work_per_time(int row) const { return work(row) / best_[row]; }
 
-  // Row n of the table for the step h from `start`, into table_[1 .. n], and the difference of its last two entries.
+  // Computes row n of the table for the step h from `start`, in table_[1 .. n], and the difference of its last entries.
   Status fill(int n, double h, const State& start, Counters& counters, Watch& watch) {
     LagrangeStepper<ExpMap>& euler = n == 1 ? whole_ : euler_;
     Counters inner;
@@ -164,7 +163,7 @@ class Extrapolation {
     return Status::success;
   }
 
-  // Of sub-steps. False where a body turned too far for the chart.
+  // Coordinates after the sub-steps; false if a body turned too far for the chart.
   bool coordinates(const LagrangeStepper<ExpMap>& euler, std::vector<double>& y) const {
     for (int b = 0; b < system_.n(); ++b) {
       const auto& moved = euler.increments()[b];
@@ -174,7 +173,7 @@ class Extrapolation {
     }
     return true;
   }
-  // Between two states.
+  // Coordinates of `state` in the chart at `start`; false if a body turned too far for the chart.
   bool coordinates(const State& start, const State& state, std::vector<double>& y) const {
     for (int b = 0; b < system_.n(); ++b) {
       const Vec3 theta = logarithm(start.frames[b].R.transpose() * state.frames[b].R);
@@ -198,7 +197,7 @@ class Extrapolation {
     out.angles = start.angles;
   }
 
-  // Rows until one converges, or until it is plain that none will up to the one after the target.
+  // Fills rows until one converges, or until none up to the one after the target can converge.
   Status fill_rows(double h, bool& converged, Counters& counters, Watch& watch) {
     double error = 0, last = 0;
     for (auto* euler : {&euler_, &whole_}) euler->solve_to(kSolved * rtol_ / magnification(target_ + 1));
@@ -211,7 +210,7 @@ class Extrapolation {
       if (row + 1 < target_) continue;
       converged = error <= 1;
       if (converged) return Status::success;
-      // Further rows bring the error down by the same factor again, at least.
+      // Each further row reduces the error at least by the same factor.
       const double factor = row == 2 ? 1.0 / row : error / last;
       if (error * std::pow(factor, target_ + 1 - row) > 1) {
         for (int other = row + 1; other <= target_; ++other)
@@ -221,15 +220,15 @@ class Extrapolation {
     }
     return Status::success;
   }
-  // The error of the row filled last; of the velocities what outlasts an implicit step, not the oscillation of a stiff
-  // spring that displaces nothing (as in code RADAU5; Hairer and Wanner IV.8).
+  // The error of the row filled last. Of the velocities only the part counts that remains after an implicit step, not
+  // the oscillation of a stiff spring that displaces nothing (as in code RADAU5; Hairer and Wanner IV.8).
   double estimate() {
     for (int b = 0; b < system_.n(); ++b) rates_[b] = load(&difference_[12 * b + 6]);
     if (whole_.filter(rates_))
       for (int b = 0; b < system_.n(); ++b) store(rates_[b], &difference_[12 * b + 6]);
     return scales_.norm(difference_);
   }
-  // The step that row would take, from its error over the tolerance.
+  // The step that this row allows, from its error over the tolerance.
   static double longest(int row, double h, double error) {
     return h * std::clamp(0.94 * std::pow(0.65 / std::max(error, 1e-12), 1.0 / row), 0.1, 4.0);
   }
@@ -259,7 +258,7 @@ class Extrapolation {
   }
 
   Status interpolate(double h, Counters& counters, Watch& watch) {
-    const State& start = next_;  // where the step began
+    const State& start = next_;  // the start of the step
     const int rows = rows_, inner = std::max(1, (rows - 1) / 2);
     auto put = [&](int place, double s, const std::vector<double>& y) {
       for (int b = 0; b < system_.n(); ++b) {
@@ -288,7 +287,7 @@ class Extrapolation {
     divide_differences();
     return Status::success;
   }
-  // Values and rates at double nodes become the coefficients of Newton's formula.
+  // Turns values and rates at double nodes into the coefficients of Newton's formula.
   void divide_differences() {
     for (size_t i = 0; i < size_ / 2; ++i) {
       for (int k = node_count_ - 2; k > 0; k -= 2)
@@ -300,12 +299,12 @@ class Extrapolation {
   }
 
   const System& system_;
-  LagrangeStepper<ExpMap> euler_, whole_;  // whole_: of row 1, its matrix kept for the error estimate
+  LagrangeStepper<ExpMap> euler_, whole_;  // whole_: for row 1, whose matrix the error estimate uses
   Projection projection_;
   State state_, next_;  // after a step next_ is its start
   Scales scales_;
   const size_t size_;
-  const double most_turn_;  // of a body in a step: log is smooth below half a turn
+  const double most_turn_;  // largest turn of a body in a step: log is smooth below half a turn
   std::array<std::vector<double>, kMostRows + 1> table_;
   std::vector<double> difference_;
   std::vector<Twist> rates_;

@@ -1,11 +1,11 @@
 // Coefficients and memory of the generalized-alpha method, doi:10.1016/j.mechmachtheory.2011.07.017 on Lie groups, in
-// the stabilised index-2 form of doi:10.1007/s00211-014-0633-1. All at n+1, A the auxiliary accelerations:
+// the stabilised index-2 form of doi:10.1007/s00211-014-0633-1. All at n+1, with A the auxiliary accelerations:
 //
 //   M a = f(q, u) - G^T lam,   (1 - alpha_m) A + alpha_m A_n = (1 - alpha_f) a + alpha_f a_n
 //   u = u_n + h ((1 - gamma) A_n + gamma A)                          Phi(q) = 0,  G u = 0
 //   xi = u_n + h ((1/2 - beta) A_n + beta A) - M^-1 G_n^T eta        q = q_n * (h xi)
 //
-// With A and a eliminated these are the equations of a stabilised implicit Euler step with other numbers in it:
+// With A and a eliminated these are the equations of a stabilised implicit Euler step with other numbers:
 //
 //   M (u - from) = theta f - G^T Lam,   M xi = M (rho u + carry) - G_n^T eta,   Lam = theta lam
 //   theta = h gamma (1 - alpha_f) / (1 - alpha_m),   rho = beta / gamma,   a = (u - from) / theta
@@ -17,7 +17,7 @@ namespace lieeuler {
 
 class GeneralizedAlpha {
  public:
-  // The spectral radius at infinite frequency, 0 (they are damped out in one step) to 1 (nothing is damped).
+  // The spectral radius at infinite frequency, from 0 (fast motions are damped out in one step) to 1 (no damping).
   explicit GeneralizedAlpha(double spectral_radius)
       : alpha_m_((2 * spectral_radius - 1) / (spectral_radius + 1)),
         alpha_f_(spectral_radius / (spectral_radius + 1)),
@@ -26,7 +26,8 @@ class GeneralizedAlpha {
 
   double force_share() const { return gamma_ * (1 - alpha_f_) / (1 - alpha_m_); }  // theta / h
   double velocity_share() const { return beta_ / gamma_; }                         // rho
-  // Where A is the acceleration to second order: A_0 taken at t_0 itself would cost the multipliers an order.
+  // The time from the start at which A is the acceleration to second order; taken at the start itself, A_0 would reduce
+  // the order of the multipliers by one.
   double ahead(double h) const { return (alpha_m_ - alpha_f_) * h; }
 
   Twist from(int b) const { return from_[b]; }
@@ -34,7 +35,7 @@ class GeneralizedAlpha {
 
   // a and A at the start.
   void start(const std::vector<Twist>& a, const std::vector<Twist>& A) { a_ = a, A_ = A, from_ = carry_ = a; }
-  // After a step from u_n to u.
+  // Updates a and A after a step from u_n to u.
   void advance(const std::vector<Twist>& u_n, const std::vector<Twist>& u, double h) {
     const double theta = force_share() * h;
     for (size_t b = 0; b < a_.size(); ++b) {
@@ -42,7 +43,7 @@ class GeneralizedAlpha {
       A_[b] = sum(1 / (gamma_ * h), u[b], -1 / (gamma_ * h), u_n[b], 1 - 1 / gamma_, A_[b]);
     }
   }
-  // For a step from u_n.
+  // Computes from() and carry() for a step from u_n.
   void prepare(const std::vector<Twist>& u_n, double h) {
     const double theta = force_share() * h, rho = velocity_share();
     const double by_A = (alpha_m_ - (1 - alpha_m_) * (1 - gamma_) / gamma_) / (1 - alpha_f_);

@@ -1,4 +1,5 @@
-// The motion since a start, summed up apart from the state: x, R^T R' - I and u, which round with their own size.
+// The motion since a start, summed separately from the state, so that rounding errors are relative to the motion: x,
+// R^T R' - I and u.
 #pragma once
 
 #include "model/kinematics.hpp"
@@ -24,9 +25,9 @@ class Increments {
     std::fill(sums_.begin(), sums_.end(), Increment{});
     origin_ = state;
   }
-  // From velocities less those of the start to velocities.
+  // Turns velocities relative to the start into velocities.
   void add_origin(int b, Twist& u) const { u.v += origin_.u[b].v, u.w += origin_.u[b].w; }
-  // After a step of a body by x and I + turn, to velocities u less those of the start; where it is then.
+  // Adds a step of a body by x and I + turn; u are its velocities relative to the start. Returns its new frame.
   Frame add(int b, const Vec3& x, const Mat3& turn, const Twist& u) {
     Increment& sum = sums_[b];
     sum.x += x;

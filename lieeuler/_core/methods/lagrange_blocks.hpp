@@ -1,4 +1,4 @@
-// Where Newton's matrix of a Lagrangian step holds what other Euler steps do not have: derivatives by xi.
+// The blocks of Newton's matrix that only Lagrangian steps have: derivatives with respect to xi.
 #pragma once
 
 #include "model/nodes.hpp"
@@ -10,8 +10,8 @@ struct LagrangeBlocks {
     double *v, *w, *xi_v = nullptr, *xi_w = nullptr, *xi_v_v = nullptr, *xi_w_w = nullptr;
   };
   std::vector<Body> bodies;
-  std::vector<PairBlocks> stiffness, springs;  // against xi, per part or force, row side, column side
-  std::vector<SideBlocks> rates, drifts;       // velocity rows against xi; position rows and mu against xi
+  std::vector<PairBlocks> stiffness, springs;  // columns of xi, per part or force, row side, column side
+  std::vector<SideBlocks> rates, drifts;       // columns of xi in velocity rows; position rows and mu with xi
 
   LagrangeBlocks() = default;
   LagrangeBlocks(const Plan& plan, const Nodes& columns, BlockLU& lu) {

@@ -1,9 +1,9 @@
-// Taylor coefficients of the motion, order by order, from the index-1 system (theory note, Taylor series).
+// Taylor coefficients of the motion, order by order, from the index-1 system (docs/theory.md, Taylor series).
 //
-// With (vdot, wdot, lam) of orders below k known, order k solves  M udot_k + G_0^T lam_k = f_k,  G_0 udot_k = -gamma_k:
-// always the same matrix. f_k and gamma_k are convolutions of known coefficients, in which lam_k and udot_k count as
-// zero: R hat(w) for attitudes and the gyroscopic torque, R^T V for the torque of a force V in world axes, products of
-// carried vectors for dot rows.
+// If (vdot, wdot, lam) are known for orders below k, those of order k solve M udot_k + G_0^T lam_k = f_k,
+// G_0 udot_k = -gamma_k, with the same matrix for every order. f_k and gamma_k are convolutions of known coefficients
+// with lam_k and udot_k set to zero: R hat(w) for attitudes and the gyroscopic torque, R^T V for the torque of a force
+// V in world axes, and products of carried vectors for dot rows.
 #pragma once
 
 #include "methods/term_series.hpp"
@@ -25,7 +25,7 @@ class MotionSeries {
     for (const Force& force : system_.forces) plan_force(force);
   }
 
-  // Coefficients of order zero of the configuration and velocity, and those of order one that follow without forces.
+  // Computes coefficients of order zero, and those of order one that do not depend on forces.
   void start(const State& state) {
     body_.start(state);
     for (CarriedSeries& z : carried_) z.extend(body_, 0), z.extend(body_, 1);
@@ -38,8 +38,8 @@ class MotionSeries {
     }
   }
 
-  // Order k: accelerations and multipliers k, velocities k + 1, configurations k + 2. False where a force has no
-  // series.
+  // Computes order k of accelerations and multipliers, k + 1 of velocities, k + 2 of configurations. False if a force
+  // has no series.
   bool extend(int k, SaddleSolver& saddle) {
     for (int b = 0; b < system_.n(); ++b) {
       const Columns* const R = body_.R[b].data();
@@ -65,7 +65,7 @@ class MotionSeries {
     return true;
   }
 
-  // Frames, u and torsion angles at time h from the expansion's centre; orders of the accelerations below `order`.
+  // Frames, u and torsion angles at time h from the centre of the series, with accelerations of orders below `order`.
   void evaluate(double h, int order, const HingeTree& tree, State& state) const {
     body_.evaluate(h, order, tree, state);
     for (const TorsionSeries& torsion : torsions_) torsion.evaluate(h, order, state);
@@ -83,12 +83,12 @@ class MotionSeries {
   }
 
  private:
-  static constexpr int kLowOrders = 5;  // whose errors a step feels: those of the others are multiplied by powers of it
+  static constexpr int kLowOrders = 5;  // errors of higher orders are multiplied by high powers of the step
 
-  // A force V in world axes at a point of a body, or a vector V that acts on an axis of it: the torque lever x R^T V.
+  // The torque lever x R^T V of a force V in world axes at a point of a body, or of a vector V on an axis of the body.
   struct Arm {
     int body;
-    Vec3 lever;  // with the sign
+    Vec3 lever;  // times sign
     double sign;
     const Quad* force;
     bool acts_on_translation, starts_at_one;
@@ -100,7 +100,7 @@ class MotionSeries {
     parts_.emplace_back(joint, part, k, points_);
     PartSeries& series = parts_.back();
     if (part.drive) row_drives_.push_back({static_cast<int>(parts_.size()) - 1, &*part.drive, {}});
-    if (part.turn) return;  // its rows and its torques are constant in both bodies
+    if (part.turn) return;  // its rows and torques are constant in both bodies
     if (part.spherical) {
       add_arms(joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, series.lam.data(), false, true);
       return;
@@ -113,7 +113,7 @@ class MotionSeries {
       plan_reaction(joint, series, dot.b, dot.b_local, r, a, dot.scale);
     }
   }
-  // What `on` feels of multiplier r times the other carried vector; reactions on the same vector share a series.
+  // Plans the reaction on `on` of multiplier r times the other carried vector; reactions on one vector share a series.
   void plan_reaction(const Joint& joint, PartSeries& part, Carrier on, const Vec3& local, int r, int other,
                      double scale) {
     for (ReactionSeries& reaction : part.reactions)
@@ -153,7 +153,7 @@ class MotionSeries {
     if (force.drive && force.kind != Force::Kind::slide_force)
       drives_.emplace_back(force, static_cast<int>(torsions_.size()) - 1);
   }
-  // A pull V of the anchors towards each other.
+  // Adds a force V that pulls the anchors towards each other.
   void add_arms(int parent, int child, const Vec3& parent_anchor, const Vec3& child_anchor, const Quad* force,
                 bool acts_on_translation, bool starts_at_one) {
     add_arm_of(child, points_.local(child, child_anchor), -1, force, acts_on_translation, starts_at_one);
@@ -202,7 +202,7 @@ class MotionSeries {
         drive.extend(carried_[drive.line].value.data(), k);
     }
   }
-  // R, and one, multiplied by what the load is multiplied by, of this order.
+  // R and `factor` are this order of the attitude and of one, both times the load's factor.
   void add_load(const Force& load, const Columns& R, double factor) {
     Twist& target = force_[load.child];
     const Vec3 point = points_.local(load.child, load.child_point);
@@ -248,7 +248,7 @@ class MotionSeries {
   const ReferencePoints& points_;
   BodySeries body_;
   std::vector<Vec3> lever_;      // mass times centre of mass, for the torque of gravity about a pin
-  std::vector<Columns> turned_;  // of this order, the ground's zero
+  std::vector<Columns> turned_;  // R hat(w) of this order; zero for the ground
   std::vector<CarriedSeries> carried_;
   std::vector<PartSeries> parts_;
   std::vector<SpringSeries> springs_;

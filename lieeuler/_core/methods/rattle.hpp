@@ -1,4 +1,4 @@
-// Symmetric compositions of RATTLE: steps of weights[0] h, weights[1] h, ... one after the other.
+// Symmetric compositions of RATTLE: successive steps of weights[0] h, weights[1] h, ...
 #pragma once
 
 #include "methods/euler_hamilton.hpp"
@@ -18,14 +18,14 @@ class CompositionStepper : public HamiltonStepper<Map> {
   Status start(const State& state, double h) {
     whole_step_ = h;
     const Status status = Rattle::start(state, h);
-    // Each stage is guessed from the same stage of the steps before: from stage to stage nothing is smooth.
+    // Each stage is guessed from the same stage of earlier steps: from one stage to the next nothing is smooth.
     for (Predictor& predictor : predictors_) predictor.reset(this->unknowns());
     return status;
   }
 
   Status step(Counters& counters) {
     for (size_t i = 0; i < weights_.size(); ++i) {
-      this->index1_output_ = i + 1 == weights_.size();  // (a, lam) of the step's end only
+      this->index1_output_ = i + 1 == weights_.size();  // (a, lam) only at the end of the step
       const Status status = this->advance(weights_[i] * whole_step_, predictors_[i], counters);
       if (status != Status::success) return status;
     }

@@ -4,7 +4,7 @@
 //
 //   x' = v,  theta' = dexp^-1(theta) w,  M u' = f - G^T lam,  G u' + gamma = 0
 //
-// One projection onto Phi = 0 and G u = 0 ends the step; the matrix factored there is that of the next first stage.
+// The step ends with one projection onto Phi = 0 and G u = 0; the matrix factored there serves the next first stage.
 #pragma once
 
 #include <numeric>
@@ -13,7 +13,7 @@
 
 namespace lieeuler {
 
-// Rows as in lieeuler/tableaux.py.
+// The coefficients of lieeuler/tableaux.py.
 struct Tableau {
   std::vector<std::vector<double>> stages;
   std::vector<double> weights;
@@ -21,7 +21,7 @@ struct Tableau {
   std::vector<std::vector<double>> errors, extra, dense;
 };
 
-// One step at a time, tried and then accepted or not.
+// Attempts single steps, which the caller accepts or not.
 class MuntheKaas {
  public:
   MuntheKaas(const Plan& plan, const Tableau& tableau)
@@ -71,7 +71,7 @@ class MuntheKaas {
     return Status::success;
   }
 
-  // Estimate of the error of the step tried, relative to the sizes of the system; from two rules as in code DOP853.
+  // Estimated error of the attempted step, relative to the sizes of the system; from two estimates as in code DOP853.
   double error() {
     combine(errors_[0], y_.data());
     const double first = scales_.norm(y_);
@@ -107,7 +107,7 @@ class MuntheKaas {
     return std::min(100 * h, std::pow(0.01 * rtol / size, 1.0 / order) / rate);
   }
 
-  // The state at a fraction of the step accepted last, before projection. The joints then belong to no state.
+  // The state at a fraction of the step accepted last, before projection. Afterwards joints() belong to no state.
   Status dense(double fraction, State& out, Counters& counters, Watch&) {
     if (!interpolates_)
       if (const Status status = interpolate(counters); status != Status::success) return status;
@@ -132,7 +132,7 @@ class MuntheKaas {
  private:
   static constexpr int kPerBody = 12;  // x, theta, v, w
 
-  // The entries of a row that are not zero.
+  // The nonzero entries of a row.
   using Terms = std::vector<std::pair<int, double>>;
   static std::vector<Terms> sparse(const std::vector<std::vector<double>>& rows) {
     std::vector<Terms> all;
@@ -167,7 +167,7 @@ class MuntheKaas {
     }
   }
 
-  // The state at the point y of the chart at `base`, and into `out` the derivatives of x and theta; false where an
+  // Sets `state` to the point y of the chart at `base`, and `out` to the derivatives of x and theta; false if an
   // attitude turned too far for the chart.
   bool configure(const double* y, const State& base, State& state, double* out) const {
     for (int b = 0; b < system_.n(); ++b, y += kPerBody, out += kPerBody) {
@@ -192,7 +192,7 @@ class MuntheKaas {
     for (int b = 0; b < system_.n(); ++b) store(state_.u[b], out + kPerBody * b);
     put_accelerations(state_, out);
   }
-  // The slope at y_, a time after the start of the step.
+  // The slope at y_, at the time `after` the start of the step.
   Status evaluate(double* out, double after, Counters& counters) {
     trial_.angles = state_.angles;
     trial_.frames.follow(state_.frames, after);
@@ -206,7 +206,7 @@ class MuntheKaas {
 
   // Terms of the continuous extension in Hairer's form: s (d_0 + (1-s) (d_1 + s (d_2 + (1-s) (d_3 + ...)))).
   Status interpolate(Counters& counters) {
-    std::swap(state_, next_);  // the chart is that of the start
+    std::swap(state_, next_);  // the chart is that of the step's start
     Status status = Status::success;
     for (size_t i = 0; i < extra_.size() && status == Status::success; ++i) {
       combine(extra_[i], y_.data());
@@ -231,7 +231,7 @@ class MuntheKaas {
   Scales scales_;
   const size_t size_;
   const std::vector<Terms> stages_, weights_, errors_, extra_, dense_;
-  const double most_turn_;  // of a body in a step: dexp^-1 is singular at a whole turn
+  const double most_turn_;  // largest turn of a body in a step: dexp^-1 is singular at a whole turn
   const std::vector<double> nodes_, extra_nodes_;
   std::vector<double> slopes_;  // of the stages, of the end of the step, of the extra stages
   std::vector<double> y_, step_, dense_terms_;
@@ -239,7 +239,7 @@ class MuntheKaas {
   bool interpolates_ = false, rank_confirmed_ = false;
 };
 
-// Steps of one size, for `run`.
+// Steps of fixed size, for `run`.
 class FixedMuntheKaas : public MuntheKaas {
  public:
   using MuntheKaas::MuntheKaas;

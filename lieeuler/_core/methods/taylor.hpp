@@ -18,7 +18,7 @@ class TaylorStepper {
         projection_(plan),
         saddle_(plan, plan.expands_by),
         series_(plan, points_) {}
-  TaylorStepper(const TaylorStepper&) = delete;  // parts refer to each other
+  TaylorStepper(const TaylorStepper&) = delete;  // members refer to each other
 
   Status start(const State& initial, double t, double t_end, double rtol) {
     state_ = initial;
@@ -33,7 +33,7 @@ class TaylorStepper {
     return factor();
   }
 
-  // The series about a state, orders of the velocities up to `order`.
+  // Computes the series about a state, with velocities up to `order`.
   Status expand_at(const State& state, int order) {
     if (const Status status = start(state, 0, 1, 1e-8); status != Status::success) return status;
     order_ = order;
@@ -66,7 +66,7 @@ class TaylorStepper {
 
   double time() const { return time_; }
   double previous_time() const { return previous_time_; }
-  // (a, lam) are solved for only when asked.
+  // Solves for (a, lam) on the first call after a step.
   const State& state() {
     if (!accelerated_) projection_.accelerate(state_);
     accelerated_ = true;
@@ -80,12 +80,12 @@ class TaylorStepper {
   }
 
  private:
-  // A step that would end in or next to a singular position, where nothing can be projected, ends before it.
+  // A step that would end at or next to a singular position, where the projection fails, is shortened.
   static constexpr int kMostAttempts = 4;
   static constexpr double kShorter = 0.7;
 
-  // Where an order less and an order more cost the same: with products alone it would be -ln(rtol) / 2 + 1, what each
-  // order and each step cost besides asks for more. Measured on one and two bodies.
+  // The order of least cost. With products alone it would be -ln(rtol) / 2 + 1; the other costs of an order and a step
+  // make a higher order better. Measured on one and two bodies.
   static int order_for(double rtol) {
     return std::clamp(static_cast<int>(std::lround(5 - 0.57 * std::log(rtol))), 4, kMostOrder);
   }
@@ -104,7 +104,7 @@ class TaylorStepper {
     for (int b = 0; b < system_.n(); ++b) out.frames[b].R = orthogonalised(out.frames[b].R);
     if (tree_.complete) tree_.settle(out);
   }
-  // Onto both constraint levels, and the matrix of the next expansion.
+  // Projects onto both constraint levels and factors the matrix of the next expansion.
   Status settle(Counters& counters) {
     accelerated_ = !tree_.complete;
     if (!tree_.complete) {
@@ -123,7 +123,7 @@ class TaylorStepper {
     return saddle_.factor(projection_.joints()) ? Status::success : Status::singular_matrix;
   }
 
-  // A system at rest has the rate at which it starts to move.
+  // For a system at rest the rate is the one at which it starts to move.
   void measure_scales() {
     scales_ = Scales::of_motion(system_, state_);
     double square = 0;
@@ -133,8 +133,8 @@ class TaylorStepper {
     scales_.rate = std::max(scales_.rate, std::sqrt(square));
   }
 
-  // So that the last two terms of all velocities are rtol of their size at most: of w, v, and dR/dt, which is the one
-  // that counts where w is constant.
+  // The step for which the last two terms of w, v and dR/dt are at most rtol times their size. dR/dt decides if w is
+  // constant.
   double step_size() const {
     double largest[2] = {0, 0}, sum = 0;
     for (int b = 0; b < system_.n(); ++b)
@@ -162,7 +162,7 @@ class TaylorStepper {
   SaddleSolver saddle_;
   MotionSeries series_;
   Scales scales_;
-  double offset_ = 0;  // of the problem's time
+  double offset_ = 0;  // the problem's time minus the run's
   double time_ = 0, previous_time_ = 0, end_ = 0, smallest_ = 0, rtol_ = 1e-8;
   int order_ = 16;
   bool rank_confirmed_ = false, accelerated_ = false;

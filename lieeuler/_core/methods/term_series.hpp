@@ -1,4 +1,4 @@
-// Series of the parts a motion is made of: bodies, carried vectors, reactions, springs.
+// Series of the terms of a motion: bodies, carried vectors, reactions, springs.
 #pragma once
 
 #include "linalg/series.hpp"
@@ -8,11 +8,11 @@ namespace lieeuler {
 
 inline constexpr int kMostOrder = 40;
 
-// Attitudes, angular velocities, positions of the reference points of all bodies; the ground is last, at rest.
+// Attitudes, angular velocities, and positions of the reference points of all bodies; last the ground, at rest.
 class BodySeries {
  public:
-  // R: the fourth row of order j + 1 is order j of the angular momentum about the reference point, body axes, less a
-  // multiple of w that no torque notices (see deviation).
+  // R: its fourth row of order j + 1 is order j of the angular momentum about the reference point in body axes, minus a
+  // multiple of w that has no effect on the torque (see deviation).
   std::vector<std::vector<Columns>> R;
   std::vector<std::vector<Doubled>> w;
   std::vector<std::vector<Quad>> x;
@@ -39,7 +39,7 @@ class BodySeries {
     }
   }
 
-  // `turned` is order k + 1 of R hat(w) without the term that has wdot in it.
+  // `turned` is order k + 1 of R hat(w) without the term with wdot.
   void extend(int b, int k, const Columns& turned, const Twist& acceleration) {
     const double share = 1.0 / (k + 1), next_share = 1.0 / (k + 2);
     const Vec3 rate = share * acceleration.w;
@@ -53,7 +53,7 @@ class BodySeries {
     R[b][k + 2] = next;
   }
 
-  // Positions are left out where `tree` has all constraints and gives them.
+  // Leaves out positions that follow from `tree` because it has all constraints.
   void evaluate(double h, int order, const HingeTree& tree, State& state) const {
     for (int b = 0; b < system_.n(); ++b) {
       Frame& frame = state.frames[b];
@@ -78,7 +78,7 @@ class BodySeries {
   std::vector<Mat3> inertia_;
 };
 
-// A vector that moves with the two bodies of a joint, see Carrier.
+// The series of a carried vector (see Carrier).
 class CarriedSeries {
  public:
   std::vector<Quad> value;
@@ -107,7 +107,7 @@ class CarriedSeries {
     }
     value[k] = sum;
   }
-  // Order k + 2 as far as it is known before the accelerations of order k are.
+  // Order k + 2 without the accelerations of order k, which are not known yet.
   void guess(const std::vector<Columns>& turned, int k) {
     const End &child = ends_[kChild], &parent = ends_[kParent];
     Quad sum = times(turned[child.body], child.local);
@@ -128,7 +128,7 @@ class CarriedSeries {
   End ends_[2];
 };
 
-// What acts on one carried vector: the sum of multipliers times other carried vectors.
+// The reaction on one carried vector: the sum of multipliers times other carried vectors.
 struct ReactionSeries {
   struct Term {
     int row, other;
@@ -140,7 +140,7 @@ struct ReactionSeries {
   std::vector<Quad> value;
 };
 
-// Multipliers of a part, and for dot rows their reactions.
+// The multipliers of a part and, for dot rows, their reactions.
 class PartSeries {
  public:
   struct Row {
@@ -199,7 +199,7 @@ class SpringSeries {
 
   void start() { known_ = 0; }
 
-  // Order k of the force; false where the length is zero and the force has no series.
+  // Order k of the force; false if the length is zero, where the force has no series.
   bool extend(const Quad* d, int k) {
     double& ratio = ratio_[4 * k];
     if (spring->rest == 0 && spring->damping == 0) {
@@ -230,10 +230,10 @@ class SpringSeries {
   }
 
   int known_ = 0;
-  std::vector<double> length_, ratio_;  // ratio in strides of four, as add_scaled takes it
+  std::vector<double> length_, ratio_;  // ratio_ in strides of four, as add_scaled takes it
 };
 
-// Torsional spring-damper. Its axis is at rest in both bodies: the joint it belongs to keeps it so.
+// Torsional spring-damper. Its axis is constant in both bodies, because the joint keeps it so.
 class TorsionSeries {
  public:
   const Force* force;
@@ -245,7 +245,7 @@ class TorsionSeries {
     seen = state.frames[force->child].R.transpose() * (state.frames[force->parent].R * force->axis);
     angle_[0] = state.angles[index_];
   }
-  // Order k of the torque that turns the child back.
+  // Order k of the restoring torque on the child.
   double extend(const BodySeries& bodies, int k) {
     const double rate =
         seen.dot(vector(bodies.w[force->child][k])) - force->axis.dot(vector(bodies.w[force->parent][k]));
@@ -263,11 +263,11 @@ class TorsionSeries {
   std::vector<double> angle_;
 };
 
-// What of a force depends on time, and for one along a slide the pull of the anchors towards each other.
+// The function of time in a force; for a slide force also the force that pulls the anchors towards each other.
 class DriveSeries {
  public:
   const Force* given;
-  int line;  // the axis among the carried vectors; of a torsional spring its place among these
+  int line;  // index of the axis among the carried vectors, or of the spring among the torsional ones
   std::vector<Quad> force;
 
   DriveSeries(const Force& given, int line)

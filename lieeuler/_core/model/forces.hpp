@@ -12,10 +12,10 @@ struct Linearised {
   Stiffness q[2][2], u[2][2];
 };
 
-// One force at one configuration; its derivatives are worked out when asked for.
+// One force at one configuration; its derivatives are computed on request.
 class ForceState {
  public:
-  // `last_angle`: of a torsional spring at the last accepted step, to unwrap against.
+  // `last_angle`: that of a torsional spring at the last accepted step, for unwrapping.
   ForceState(const Force& force, const Configuration& frames, const std::vector<Twist>& u, double last_angle)
       : force_(force), frame_{&frames[force.parent], &frames[force.child]}, u_{&u[force.parent], &u[force.child]} {
     if (force.drive) drive_ = (*force.drive)(frames.time);
@@ -39,7 +39,7 @@ class ForceState {
 
   double potential() const {
     const double stretch = extent_ - force_.rest;
-    return 0.5 * force_.stiffness * stretch * stretch;  // a load has stiffness zero: it is not counted as energy
+    return 0.5 * force_.stiffness * stretch * stretch;  // zero for a load, which has no stiffness
   }
 
   // Adds force (world) and torque (body axes) on both sides.
@@ -57,9 +57,8 @@ class ForceState {
     child.v -= size * gradient_[kChild].v, child.w -= size * gradient_[kChild].w;
   }
 
-  // Derivatives of the force on one side with respect to q and u of another; those of f = -F g with F = k (extent -
-  // rest)
-  // + c rate, g = d extent/dq, rate = g u.
+  // Derivatives of the force on one side with respect to q and u of another. The force is f = -F g with
+  // F = k (extent - rest) + c rate, g = d extent/dq, rate = g u.
   Stiffness by_position(Side row, Side column) const {
     switch (force_.kind) {
       case Force::Kind::linear_spring:
@@ -94,7 +93,7 @@ class ForceState {
   const Vec3& point(Side side) const { return side == kChild ? force_.child_point : force_.parent_point; }
   static double sign(Side side) { return side == kChild ? 1 : -1; }
   double tension() const { return force_.stiffness * (extent_ - force_.rest) + force_.damping * rate_ - drive(); }
-  // Of a spring: what pulls the other way; loads are multiplied by it.
+  // For springs: the force that acts against the tension.
   double drive() const { return force_.drive ? drive_ : 0; }
   Vec3 world_force() const { return force_.in_world ? force_.force : Vec3(attitude(kChild) * force_.force); }
   Vec3 body_torque() const {
@@ -131,8 +130,8 @@ class ForceState {
       gradient_[side] = {sign(side) * line_, sign(side) * point(side).cross(seen_[side])};
     }
   }
-  // Minus the force at one point by the displacement of another, K, as seen by the bodies: a point moves with its body
-  // by v + R (w x s), with a minus for the parent's.
+  // K is minus the derivative of the force at one point with respect to the displacement of the other. Returns it for
+  // the quasi-velocities of the bodies: a point moves with its body by v + R (w x s), with a minus for the parent's.
   Stiffness between_points(Side row, Side column, const Mat3& K) const {
     const double both = -sign(row) * sign(column);
     const Mat3 turned = K * (attitude(column) * hat(point(column)));
@@ -162,7 +161,7 @@ class ForceState {
     rate_ = gradient_[kChild].w.dot(u_[kChild]->w) + gradient_[kParent].w.dot(u_[kParent]->w);
   }
   Mat3 twist_stiffness(Side row, Side column) const {
-    // Of the axis in the child, which is all that turns.
+    // Slope of the axis in the child, the only part that depends on the attitudes.
     const Mat3 slope = column == kChild ? hat(gradient_[kChild].w)
                                         : Mat3(-attitude(kChild).transpose() * attitude(kParent) * hat(force_.axis));
     const Vec3 rate_slope = slope.transpose() * u_[kChild]->w;
@@ -179,7 +178,7 @@ class ForceState {
       gradient_[side] = {sign(side) * line_, sign(side) * point(side).cross(seen_[side])};
     }
   }
-  // The line turns with the parent, and is seen from the child.
+  // The line of the force turns with the parent.
   Stiffness slide_stiffness(Side row, Side column) const {
     if (column == kChild)
       return row == kParent ? Stiffness{} : Stiffness{.ww = drive_ * hat(point(kChild)) * hat(seen_[kChild])};
@@ -200,7 +199,7 @@ class ForceState {
   double inverse_ = 0;
 };
 
-// Adds what springs, dampers and loads do; f of the ground, the last, begins at zero.
+// Adds springs, dampers and loads to f; the last entry, that of the ground, is set to zero first.
 inline void add_forces(const System& system, const Configuration& frames, const std::vector<Twist>& u,
                        const std::vector<double>& last_angles, std::vector<Twist>& f) {
   f[system.n()] = Twist{};
@@ -217,8 +216,8 @@ inline void applied_forces(const System& system, const Configuration& frames, co
   add_forces(system, frames, u, last_angles, f);
 }
 
-// rad a body may turn in a step: `elsewhere`, or half a turn between two bodies where angles are unwrapped step by
-// step.
+// The largest angle by which a body may turn in a step, rad: `elsewhere`, or a quarter turn if angles are unwrapped
+// from step to step, so that two bodies turn by less than half a turn relative to each other.
 inline double most_turn(const System& system, double elsewhere) {
   const bool unwraps = std::any_of(system.forces.begin(), system.forces.end(),
                                    [](const Force& force) { return force.kind == Force::Kind::torsional_spring; });
@@ -235,7 +234,7 @@ inline void generalized_forces(const System& system, const Configuration& frames
   add_forces(system, frames, u, last_angles, f);
 }
 
-// Angles of the torsional springs (zero for other forces), unwrapped against the last ones.
+// Angles of the torsional springs (zero for other forces), unwrapped from the last ones.
 inline void update_angles(const System& system, const Configuration& frames, const std::vector<Twist>& u,
                           std::vector<double>& angles) {
   for (size_t k = 0; k < system.forces.size(); ++k)

@@ -9,7 +9,7 @@
 
 namespace lieeuler {
 
-// An order of nodes for elimination in which the next one always has the fewest neighbours left; pairs: (row, column).
+// An order of elimination whose next node always has the fewest neighbours left (minimum degree); pairs: (row, column).
 inline std::vector<int> minimum_degree_order(int nodes, const std::set<std::pair<int, int>>& pairs) {
   std::vector<std::set<int>> near(nodes);
   for (const auto& [a, b] : pairs)
@@ -34,15 +34,15 @@ inline std::vector<int> minimum_degree_order(int nodes, const std::set<std::pair
 
 // Nodes 0 .. n-1 are bodies, n + j is joint j.
 //
-// Leaves first along a spanning tree: a body, then the joint that ties it to its parent. That joint's diagonal block,
-// zero at first, has become -G A^-1 G^T of a body free to move, so no pivot of a tree can vanish. Joints that close
-// loops come last of all: only what is left of their blocks then can lack rank.
+// Leaves first along a spanning tree: a body, then the joint that connects it to its parent. The diagonal block of that
+// joint, zero at first, has by then become -G A^-1 G^T of a free body, so no pivot of a tree can vanish. Joints that
+// close loops come last: only their remaining blocks can be rank deficient.
 struct EliminationOrder {
   std::vector<int> tree;   // bodies and joints
   std::vector<int> loops;  // joints
 };
 
-// The joints at each body, and last at the ground, in the order of their numbers.
+// The joints at each body and, as the last entry, at the ground, in the order of their indices.
 inline std::vector<std::vector<int>> joints_at_bodies(const System& system) {
   std::vector<std::vector<int>> joints_at(system.n() + 1);
   for (int j = 0; j < static_cast<int>(system.joints.size()); ++j)
@@ -88,7 +88,7 @@ inline EliminationOrder elimination_order(const System& system) {
   return order;
 }
 
-// A joint that closes a loop, and the joints of a shortest way between its two bodies over the tree and the loops
+// A joint that closes a loop, and the joints of a shortest path between its two bodies through the tree and the loops
 // closed before.
 struct Loop {
   int joint;

@@ -1,5 +1,5 @@
-// What spherical parts of joints say about positions: bodies hung on the ground turn about a fixed point, and along a
-// tree of them positions follow from attitudes.
+// Bodies connected by spherical parts of joints: one on the ground turns about a fixed point, and along a tree of such
+// parts positions follow from attitudes.
 #pragma once
 
 #include "model/graph.hpp"
@@ -40,7 +40,7 @@ class HingeTree {
     complete = rows == system.rows();
   }
 
-  // Positions and velocities of all bodies hung on others from the attitudes and their rates.
+  // Computes positions and velocities of the bodies that hang on others from the attitudes and their rates.
   void settle(State& state) const {
     for (const Hinge& hinge : hinges) {
       const Frame& base = state.frames[hinge.base];
@@ -54,7 +54,7 @@ class HingeTree {
 
   std::vector<Hinge> hinges;
   std::vector<char> hangs;  // bodies that hang on another one or the ground
-  bool complete;            // there are no other constraints
+  bool complete;            // whether these are all constraints of the system
 };
 
 }  // namespace lieeuler

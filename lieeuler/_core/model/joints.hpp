@@ -1,8 +1,8 @@
-// Constraint rows of one joint at one configuration: Phi, G, gamma and the second derivatives Newton's matrix needs.
+// Constraint rows of one joint at one configuration: Phi, G, gamma, and the second derivatives for Newton's matrix.
 //
 // All vectors below are in world axes. A carried vector z (see Carrier) changes with the quasi-velocities of body b as
 // D z[u] = sign_b v_b + w_b^world x arm_b, and D_d D_u z = R_b (d x (w x local arm)): each constraint and its
-// derivatives follow from these two by the product rule. Rows come part by part, three at the most.
+// derivatives follow from these two by the product rule. Rows are evaluated in parts of up to three.
 #pragma once
 
 #include <numbers>
@@ -26,7 +26,7 @@ struct Stiffness {
 
 class JointState {
  public:
-  // `frames` has to stay where it is while this is in use.
+  // `frames` must outlive this object and must not move.
   void update(const Joint& joint, const Configuration& frames) {
     frame_[kParent] = &frames[joint.parent], frame_[kChild] = &frames[joint.child];
     anchor_[kParent] = &joint.parent_anchor, anchor_[kChild] = &joint.child_anchor;
@@ -50,7 +50,7 @@ class JointState {
     return phi;
   }
 
-  // Sizes of the terms whose differences the rows of Phi are.
+  // Sizes of the terms whose difference is a row of Phi: its rounding error is relative to them.
   Vec3 terms(const Part& part) const {
     double ends = 0;
     for (Side side : kSides) ends = std::max(ends, frame_[side]->x.norm() + arm_[side].norm());
@@ -66,7 +66,7 @@ class JointState {
     return sizes;
   }
 
-  // dPhi/dt at rest: what the velocity rows are besides G u.
+  // dPhi/dt at u = 0: the velocity rows are G u plus this.
   Vec3 drift(const Part& part) const {
     return part.drive ? Vec3(-part.drive->derivative(time_, 1), 0, 0) : Vec3::Zero();
   }
@@ -88,7 +88,7 @@ class JointState {
     subtract_dot_reaction(part, lam, parent, child);
   }
 
-  // impulse -= (G - Gn)^T lam, Gn that of `before`: for a spherical part a matter of rotations.
+  // impulse -= (G - Gn)^T lam, with Gn that of `before`. Of a spherical part only the rotations change G.
   void subtract_reaction_change(const Part& part, const JointState& before, const Vec3& lam, Twist& parent,
                                 Twist& child) const {
     if (!part.spherical) {
@@ -126,7 +126,7 @@ class JointState {
     return G;
   }
 
-  // gamma = (d/dt G) u, and of a driven row the second derivative by time alone
+  // gamma = (d/dt G) u; for a driven row plus the second derivative of its function of time
   Vec3 gamma(const Part& part, const Twist& parent, const Twist& child) const {
     if (part.spherical) return point_second(kChild, child.w) - point_second(kParent, parent.w);
     Vec3 out = Vec3::Zero();
@@ -188,7 +188,7 @@ class JointState {
     return turned(side, side == kChild ? s.cross(w) : w.cross(s));
   }
 
-  // The latter slope along one direction d.
+  // anchor_rate_slope times a direction d.
   Vec3 anchor_rate_change(Side side, const Vec3& w, const Vec3& d) const {
     const Vec3& s = *anchor_[side];
     return times(frame_[side]->R, (side == kChild ? s.cross(w) : w.cross(s)).cross(d));
@@ -286,7 +286,7 @@ class JointState {
     return m;
   }
 
-  // Of a row that is the product of two axes, what it takes: the bodies and the axes' vector product.
+  // For a row that is the product of two axes: their bodies and their cross product.
   struct Axes {
     bool only;
     Side a, b;
@@ -318,7 +318,7 @@ class JointState {
     return z;
   }
 
-  // First and second derivatives by time of what is carried, the second without the accelerations.
+  // First and second time derivatives of a carried vector, the second without accelerations.
   struct Rates {
     Vec3 v[2], w[2];  // world
     Rates(const JointState& joint, const Twist& parent, const Twist& child)
@@ -341,7 +341,7 @@ class JointState {
     return slope;
   }
 
-  // Angle less the wanted one, the turn next to it.
+  // The angle minus the prescribed one, in [-pi, pi].
   double angle_gap(const Part& part) const {
     const Turn& turn = *part.turn;
     const Vec3 pointer = transposed_times(frame_[kParent]->R, frame_[kChild]->R * turn.pointer);

@@ -1,11 +1,11 @@
-// Configurations and constraints: what all methods share.
+// States, and the constraints of all joints, for all methods.
 #pragma once
 
 #include "model/forces.hpp"
 
 namespace lieeuler {
 
-// A point of the trajectory. frames, u and a have one entry more than bodies: the ground, at rest.
+// A point of the trajectory. The last entry of frames, u and a, after the bodies, is the ground at rest.
 struct State {
   Configuration frames;
   std::vector<Twist> u, a;
@@ -40,7 +40,7 @@ class Constraints {
   std::vector<JointState> states_;
 };
 
-// a = M^-1 (f - G^T lam) with the multipliers a method found itself.
+// a = M^-1 (f - G^T lam) with the multipliers in `state`.
 inline void accelerations_from_multipliers(const System& system, const Constraints& joints, State& state) {
   generalized_forces(system, state.frames, state.u, state.angles, state.a);
   for (size_t j = 0; j < system.joints.size(); ++j) {

@@ -82,7 +82,7 @@ class Nodes {
     for (int row : {joint.parent, joint.child})
       for (int column : {joint.parent, joint.child}) {
         if (row == bodies_ || column == bodies_) continue;
-        if (part.spherical && row != column) continue;  // an anchor's stiffness is its own body's
+        if (part.spherical && row != column) continue;  // an anchor's stiffness acts on its own body only
         found.insert({w(row), xi_w(column)});
         if (part.spherical || !part.translational()) continue;
         found.insert({v(row), xi_v(column)}), found.insert({v(row), xi_w(column)}),
@@ -90,7 +90,7 @@ class Nodes {
       }
   }
 
-  // Every node of one side against every node of the other: springs by q, dampers by u.
+  // Every node of one side with every node of the other: springs depend on q, dampers on u.
   void force_entries(const Force& force, std::set<BlockPlan::Entry>& found) const {
     for (int row : {force.parent, force.child})
       for (int column : {force.parent, force.child}) {
@@ -121,8 +121,8 @@ struct PairBlocks {
   }
 };
 
-// Blocks of one side of a part: its rows against the body, and the body's rows against its multipliers. nullptr where
-// zero by structure.
+// Blocks of one side of a part: its rows and the body's columns, and the body's rows and its columns. A block that is
+// zero by structure is nullptr.
 struct SideBlocks {
   double *row_v = nullptr, *row_w = nullptr, *column_v = nullptr, *column_w = nullptr;
 

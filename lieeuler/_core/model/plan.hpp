@@ -1,5 +1,5 @@
-// What the structure of a system decides, found once for all its runs: the order of elimination, the loops, which
-// elimination suits the system, and the symbolic factorizations that its methods have asked for.
+// What the structure of a system determines, computed once for all its runs: the order of elimination, the loops, which
+// elimination suits the system, and the symbolic factorizations.
 #pragma once
 
 #include <memory>
@@ -10,7 +10,7 @@
 
 namespace lieeuler {
 
-// A part of a joint; they are numbered through all joints.
+// A part of a joint. Parts are numbered through all joints.
 struct PlacedPart {
   int joint, bodies[2];  // parent and child
   const Part* part;
@@ -20,8 +20,8 @@ struct PlacedPart {
 enum class Elimination {
   tree,         // bodies first, spherical rows in the axes of their child; no loops
   small,        // bodies first, then a dense Cholesky factorization; few rows, no loops
-  independent,  // bodies first, then the rows that do not depend on others; loops
-  complete,     // all rows, dependent ones left to the null space
+  independent,  // bodies first, then the rows that do not depend on others; for loops
+  complete,     // the whole matrix with all rows; dependent ones make a null space
 };
 
 // A matrix of 3 x 3 blocks: G M^-1 G^T of a tree or in general, or the matrix of a step.
@@ -49,7 +49,7 @@ class Plan {
         independent(!forest && !whole),
         projects_by(fits_tree() ? Elimination::tree : for_any_rows()),
         expands_by(fits_small() ? Elimination::small : for_any_rows()) {}
-  Plan(const Plan&) = delete;  // what is planned refers to it
+  Plan(const Plan&) = delete;  // its members hold pointers into it
 
   const System system;
   const std::vector<PlacedPart> parts;
@@ -59,9 +59,9 @@ class Plan {
   const HingeTree hinges;
   const bool forest;  // joints close no loop
   const bool graded, thin;
-  const bool whole;        // masses or moments span so much that nothing but the whole matrix is solved with
-  const bool independent;  // loops are solved for by independent rows
-  const Elimination projects_by, expands_by;  // of projections, of series
+  const bool whole;        // masses or moments differ so much that only the whole matrix keeps its digits
+  const bool independent;  // loops are solved with independent rows
+  const Elimination projects_by, expands_by;  // for projections, for series
 
   const Joint& joint(int k) const { return system.joints[parts[k].joint]; }
   const Part& part(int k) const { return *parts[k].part; }
@@ -80,7 +80,7 @@ class Plan {
       for (int r = 0; r < part(k).rows(); ++r) visit(part(k).row + r, 3 * k + r);
   }
 
-  // The symbolic factorization of a matrix, made where it is asked for first; runs on other threads may ask too.
+  // The symbolic factorization of a matrix, made on first use; other threads may use it too.
   template <class Make>
   const BlockPlan& blocks(const Pattern& pattern, const Make& make) const {
     const std::lock_guard lock(guard_);
@@ -110,8 +110,8 @@ class Plan {
     return rotors.empty() && (system.thin(kThin) || system.graded(kGraded)) &&
            6 * system.n() + system.rows() <= kMostUnknowns;
   }
-  // Without loops no row can be redundant; a body with many parts would fill S; of graded masses or moments S alone
-  // loses digits.
+  // Without loops no row can be redundant. A body with many parts would fill S, and with very different masses or
+  // moments S alone loses digits.
   bool fits_tree() const {
     constexpr int kMostParts = 6;
     std::vector<int> on(system.n() + 1, 0);
@@ -120,8 +120,7 @@ class Plan {
     on[system.n()] = 0;
     return rotors.empty() && forest && !graded && !thin && *std::max_element(on.begin(), on.end()) <= kMostParts;
   }
-  // Few rows of trees, but for those of pins on the ground, of masses and moments whose Schur complement can be
-  // refined.
+  // Trees of few rows, those of pins on the ground not counted, if refinement can correct the Schur complement.
   bool fits_small() const {
     const auto pins = std::count_if(hinges.hinges.begin(), hinges.hinges.end(),
                                     [this](const Hinge& hinge) { return hinge.base == system.n(); });

@@ -1,6 +1,6 @@
-// The point of each body its motion is written about: the centre of mass, or a point that a spherical constraint holds
-// to the ground. About such a pin the body has no translation, its inertia is constant too, and the pin's reaction has
-// no torque: neither is an unknown.
+// The point of each body about which its motion is written: the centre of mass, or a point that a spherical constraint
+// pins to the ground. About a pin the body does not translate, its inertia is constant too, and the pin's reaction
+// exerts no torque: neither translation nor reaction is an unknown.
 #pragma once
 
 #include "model/plan.hpp"
@@ -22,7 +22,7 @@ class ReferencePoints {
   }
 
   bool pinned(int body) const { return joint_[body] != kNone; }
-  // Whether a pin stands for this part.
+  // Whether this part is a pin, and so needs no rows.
   bool holds(const PlacedPart& placed) const {
     if (!placed.part->spherical) return false;
     return joint_[placed.bodies[kParent]] == placed.joint || joint_[placed.bodies[kChild]] == placed.joint;
@@ -39,7 +39,7 @@ class ReferencePoints {
     return system_->bodies[body].inertia +
            system_->bodies[body].mass * (c.squaredNorm() * Mat3::Identity() - c * c.transpose());
   }
-  // Rows of G with respect to the velocities of the centre of mass, for those of the reference point.
+  // Turns rows of G for the velocities of the centre of mass into rows for those of the reference point.
   Rows moved(Rows G, int body, const Mat3& R) const {
     if (!pinned(body)) return G;
     G.w -= G.v * R * hat(centre_[body]);

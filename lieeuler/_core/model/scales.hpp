@@ -5,19 +5,19 @@
 
 namespace lieeuler {
 
-// Sizes that make errors of translations and rotations, and of their rates, comparable: m, 1/s. They scale with the
-// units of length and time, and no unit of mass enters.
+// A length (m) and a rate (1/s) that make errors of translations, rotations and their rates comparable. They scale with
+// the units of length and time and do not depend on the unit of mass.
 struct Scales {
   double length = 1, rate = 1;
 
-  // Rates below the one that weight and loads give, or below `slowest`, count as these: what is at rest for a moment
+  // The rate is at least the one that weight and loads produce, and at least `slowest`: a system at rest for a moment
   // need not be followed to the last digit of its speed.
   static Scales of(const System& system, const State& state, double slowest) {
     Scales scales = of_motion(system, state);
     scales.rate = std::max({scales.rate, scales.falling(system), slowest});
     return scales;
   }
-  // As it moves now.
+  // From the present motion alone.
   static Scales of_motion(const System& system, const State& state) {
     Scales scales{system.length, 0};
     for (int b = 0; b < system.n(); ++b)
@@ -25,10 +25,11 @@ struct Scales {
     for (int b = 0; b < system.n(); ++b) scales.rate = std::max(scales.rate, scales.rate_of(state.u[b]));
     return scales;
   }
-  // 1/s, where nothing moves yet: that of a fall over `length`, or far below what the springs do.
+  // The rate of a system that does not move yet, 1/s: that of a fall over `length`, or a small part of the springs'
+  // frequency.
   double natural(const System& system) const { return std::max(falling(system), kSlow * system.frequency); }
 
-  // The larger rate of a body's two, comparable to `rate`.
+  // The larger of a body's two rates, 1/s.
   double rate_of(const Twist& u) const {
     return std::max(u.v.cwiseAbs().maxCoeff() / length, u.w.cwiseAbs().maxCoeff());
   }
@@ -46,8 +47,8 @@ struct Scales {
   }
 
  private:
-  static constexpr double kFall = 0.3;   // of sqrt(g / length): 1 rad/s for a length of a metre on the ground
-  static constexpr double kSlow = 1e-3;  // of a spring's frequency
+  static constexpr double kFall = 0.3;   // part of sqrt(g / length); gives 1 rad/s for one metre on the Earth
+  static constexpr double kSlow = 1e-3;  // part of a spring's frequency
 
   double falling(const System& system) const {
     const double fall = std::max(system.gravity.norm(), system.acceleration) / length;

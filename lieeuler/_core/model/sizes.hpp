@@ -1,4 +1,5 @@
-// The sizes a system has by its parts, in whatever units they are given: nothing here is one metre or one second.
+// The sizes of a system, from its bodies, joints and forces. They scale with the units: no absolute length or time
+// enters.
 #pragma once
 
 #include "model/system.hpp"
@@ -26,11 +27,11 @@ inline void measure(System& system, const Joint& joint) {
     }
 }
 
-// A force: where it acts; and the rates and accelerations it gives the bodies it acts on.
+// A force: where it acts, and the rates and accelerations that it gives its bodies.
 inline void measure(System& system, const Force& force) {
   enlarge(system.length, force.parent_point.norm()), enlarge(system.length, force.child_point.norm());
   if (force.kind == Force::Kind::linear_spring) enlarge(system.length, std::abs(force.rest));
-  double translation = 0, rotation = 0;  // that a unit of force or torque gives
+  double translation = 0, rotation = 0;  // accelerations by a unit force and a unit torque
   for (int b : {force.parent, force.child}) {
     if (b == system.n()) continue;
     const Vec3& point = b == force.parent ? force.parent_point : force.child_point;

@@ -1,7 +1,7 @@
 // Coordinate maps from R^3 onto SO(3): the exponential, the Cayley map and canonical coordinates of the second kind.
 //
 // Each map m gives, at theta:
-//   rotation()       E = m(theta); turn() = E - I, to rounding of its own size (but for ccsk)
+//   rotation()       E = m(theta); turn() = E - I, accurate relative to its own size (except for ccsk)
 //   left_tangent()   T with  m(theta + d) = E exp(hat(T d)) + O(d^2)
 //   momentum(L)      y = D* L, D* = inverse transpose of the right-trivialised tangent (Hamilton-Pontryagin equations)
 //   momentum_slope   dy/dxi for theta = h xi, L = J xi
@@ -44,13 +44,13 @@ double polynomial(const double (&coefficients)[N], double s) {
   return value;
 }
 
-// Below this angle squared the series reach rounding level with the terms given and need no trigonometric function;
-// above it the closed forms have lost at most one digit to cancellation.
+// Below this squared angle the series are accurate to rounding with the terms given and need no trigonometric function;
+// above it the closed forms lose at most one digit to cancellation.
 inline constexpr double kSeriesLimit = 0.25;
-// And below this half of them do: the rotation of one small step.
+// Below this one half of the terms are enough, as for the rotation of one small step.
 inline constexpr double kShortSeriesLimit = 1e-3;
 
-// The even functions of |theta| the exponential map is made of, as functions of s = |theta|^2.
+// The even functions of |theta| in the exponential map, as functions of s = |theta|^2.
 struct ExpCoefficients {
   double sinc;   // sin(t) / t
   double cosc;   // (1 - cos t) / t^2
@@ -95,7 +95,7 @@ inline void inverse_tangent_coefficient(double s, double& c, double& slope) {
   slope = (-1 / s + cotangent / (4 * t) + 1 / (8 * sine * sine)) / s;
 }
 
-// The coefficients of exp and of its inverse tangent together: one sine and cosine where the series end.
+// The coefficients of exp and of its inverse tangent together; beyond the series they share one sine and cosine.
 struct ChartCoefficients {
   double sinc, cosc, inverse;  // inverse: c(s) of inverse_tangent_coefficient
 };
@@ -217,8 +217,8 @@ inline Vec3 logarithm(const Mat3& R) {
   return sine < 1e-9 && angle < 1 ? axis : Vec3(angle / sine * axis);
 }
 
-// One Newton step towards the nearest rotation: exact to rounding for a matrix already orthogonal to rounding. The
-// largest entry of R^T R - I before, which the step squares.
+// One Newton step towards the nearest rotation; accurate to rounding if R is already orthogonal to rounding. Returns
+// the largest entry of R^T R - I before the step, which the step squares.
 inline double polish(Mat3& R) {
   const Vec3 a = R.col(0), b = R.col(1), c = R.col(2);
   const double aa = 0.5 * (1 - a.dot(a)), bb = 0.5 * (1 - b.dot(b)), cc = 0.5 * (1 - c.dot(c));
@@ -232,7 +232,7 @@ inline Mat3 polished(Mat3 R) {
   polish(R);
   return R;
 }
-// The nearest rotation of a matrix farther off.
+// The nearest rotation of a matrix that is not close to one: several steps.
 inline Mat3 orthogonalised(Mat3 R) {
   constexpr double kLast = 1e-8;
   for (int k = 0; k < 8 && polish(R) >= kLast; ++k) {

@@ -17,8 +17,8 @@ inline Vec3 principal_moments(const Mat3& inertia) {
   return Eigen::SelfAdjointEigenSolver<Mat3>(inertia, Eigen::EigenvaluesOnly).eigenvalues();
 }
 
-// An inertia J without the middle one of its moments, J - s I. w x (J w) does not change with s, and keeps its digits
-// where the largest entries cancel: those of a needle, of a disk.
+// J - s I, with s the middle principal moment of J. w x (J w) does not depend on s, and keeps its digits where large
+// entries would cancel: for a needle or a disk.
 inline Mat3 deviation(const Mat3& inertia) { return inertia - principal_moments(inertia)[1] * Mat3::Identity(); }
 
 struct Body {
@@ -26,7 +26,7 @@ struct Body {
   Mat3 inertia, inertia_inverse;  // about the centre of mass, body axes
   Mat3 inertia_deviation;
   Vec3 moments;              // principal, the least first
-  Vec3 spin = Vec3::Zero();  // constant angular momentum inside the body, body axes: -w x (J w + spin) turns it
+  Vec3 spin = Vec3::Zero();  // constant angular momentum inside the body, body axes; its torque is -w x spin
 
   Body(double mass, const Mat3& inertia)
       : mass(mass),
@@ -45,9 +45,9 @@ struct Frame {
 // Where all bodies are, the ground last, and when.
 struct Configuration : std::vector<Frame> {
   using std::vector<Frame>::vector;
-  double time = 0, lost = 0;  // s, and what rounding has taken of it: a million steps would gather digits
+  double time = 0, lost = 0;  // s, and its rounding error, which would accumulate over a million steps
 
-  // The time a step after `before`.
+  // Sets the time to a step h after `before`.
   void follow(const Configuration& before, double h) {
     const double step = h - before.lost;
     time = before.time + step;
@@ -78,27 +78,27 @@ struct DotRow {
   double constant = 0, scale = 1;
 };
 
-// The angle of a joint whose axis, given in both bodies, its other rows keep together: the child's rotation relative to
-// the parent, 0 where it sees the parent's normal as `pointer`.
+// The angle of a joint about its axis, which is given in both bodies and kept together by the joint's other rows. It is
+// the child's rotation relative to the parent: zero when `pointer`, fixed in the child, lies on the parent's normal.
 struct Turn {
   Vec3 parent_axis, child_axis, normal, second_normal, pointer;
 };
 
-// Up to three rows of a joint that are evaluated and solved for together: a spherical constraint, or dot rows; or one
-// row alone of an angle or of a slide, which is a dot row: coordinate - drive(t) = 0, or that of a rotor.
+// Up to three rows of a joint that are evaluated and solved for together: a spherical constraint, dot rows, or a single
+// row for an angle or a slide. That single row is coordinate - drive(t) = 0, or the row of a rotor.
 //
-// A rotor adds I rate^2 / 2 to the kinetic energy and holds nothing. With its rate s u as an unknown r of mass I, and
-// the row s u - r = 0, r is eliminated: the multiplier m = I dr/dt acts on the bodies by -s^T m, and the row reads
-// s du/dt + (ds/dt) u - m / I = 0, one with the compliance 1 / I.
+// A rotor adds I rate^2 / 2 to the kinetic energy and constrains nothing. Take its rate s u as an unknown r of mass I
+// with the row s u - r = 0, and eliminate r: the multiplier m = I dr/dt acts on the bodies as -s^T m, and the row reads
+// s du/dt + (ds/dt) u - m / I = 0. It has the compliance 1 / I.
 struct Part {
   bool spherical;
-  std::vector<DotRow> dots;  // in place of a turn one that is not looked at
-  int row;                   // of the first, in lam
+  std::vector<DotRow> dots;  // for a turn, one row that is not used
+  int row;                   // index of the first row in lam
   std::optional<Turn> turn = {};
   std::optional<TimeFunction> drive = {};
   double compliance = 0;  // 1 / I of a rotor, 0 of a constraint
   int rows() const { return spherical ? 3 : static_cast<int>(dots.size()); }
-  // Whether a row, or any, depends on the positions of the bodies, and not on their attitudes alone.
+  // Whether a row, or any row, depends on the positions of the bodies and not only on their attitudes.
   bool translational(int row) const {
     return spherical || dots[row].a == Carrier::difference || dots[row].b == Carrier::difference;
   }
@@ -127,12 +127,12 @@ struct Force {
   int parent, child;
   Vec3 parent_point = Vec3::Zero(), child_point = Vec3::Zero();  // linear spring, load: from the centres of mass
   double stiffness = 0, rest = 0, damping = 0;                   // rest: free length (m) or rest angle (rad)
-  // Torsional spring: axis and two normals in the parent, the first normal as the child sees it at angle zero.
+  // Torsional spring: axis and two normals in the parent; pointer is the first normal in the child at angle zero.
   Vec3 axis = Vec3::Zero(), normal = Vec3::Zero(), second_normal = Vec3::Zero(), pointer = Vec3::Zero();
   // Load on the child: constant in the world or in the body.
   Vec3 force = Vec3::Zero(), torque = Vec3::Zero();
   bool in_world = true;
-  // Of a load a factor, of a torsional spring a torque on the child, of a slide force its size along the axis.
+  // The factor of a load, the torque of a torsional spring on the child, or the size of a slide force along the axis.
   std::optional<TimeFunction> drive;
 };
 
@@ -141,13 +141,13 @@ struct System {
   std::vector<Joint> joints;
   std::vector<Force> forces;
   Vec3 gravity;
-  // Sizes, that `measure` takes of the parts.
+  // Sizes, computed by `measure` from bodies, joints and forces.
   double length = 0;                                  // m
   double acceleration = 0, angular_acceleration = 0;  // by loads
   double frequency = 0;                               // of the fastest spring or damper, 1/s
 
   int n() const { return static_cast<int>(bodies.size()); }
-  // Of constraints; the multipliers of rotors come after theirs.
+  // Number of constraint rows; the multipliers of rotors come after theirs.
   int rows() const {
     int total = 0;
     for (const Joint& joint : joints)
@@ -164,8 +164,8 @@ struct System {
     for (const Joint& joint : joints) total += static_cast<int>(joint.parts.size());
     return total;
   }
-  // Whether a body turns `ratio` times more easily than it moves at a joint, or about one axis than about another: a
-  // needle, a wire, a point mass. G M^-1 G^T then loses twice as many digits.
+  // Whether a body turns `ratio` times more easily than it translates at a joint, or about one axis than about another,
+  // like a needle, a wire or a point mass. G M^-1 G^T then loses twice as many digits.
   bool thin(double ratio = 1e3) const {
     const auto stretched = [&](const Body& body, double most) { return most > ratio * body.moments[0]; };
     const auto turns_easily = [&](int b, const Vec3& arm) {
@@ -177,7 +177,7 @@ struct System {
              return turns_easily(joint.parent, joint.parent_anchor) || turns_easily(joint.child, joint.child_anchor);
            });
   }
-  // Where a step that begins at t has to end: series and error estimates do not see across a break.
+  // Where a step that begins at t has to end: series and error estimates are not valid across a break.
   double next_break(double t, double end) const {
     for (const Force& force : forces)
       if (force.drive) end = force.drive->next_break(t, end);
@@ -185,7 +185,7 @@ struct System {
       if (joint.driven) end = joint.constraints().back().drive->next_break(t, end);
     return end;
   }
-  // Whether a light body may carry a heavy one, whose share in G M^-1 G^T then loses three digits or more.
+  // Whether a light body may carry a heavy one, whose part of G M^-1 G^T then loses three digits or more.
   bool graded(double ratio = 1e3) const {
     const auto [least, most] =
         std::minmax_element(bodies.begin(), bodies.end(), [](const Body& a, const Body& b) { return a.mass < b.mass; });
@@ -205,7 +205,7 @@ inline Vec3 gyroscopic_torque(const Body& body, const Vec3& w) {
   return (times(body.inertia_deviation, w) + body.spin).cross(w);
 }
 
-// p = M u, the spin included, and u of it.
+// p = M u with the spin included, and its inverse.
 inline Twist canonical_momentum(const Body& body, const Twist& u) {
   return {body.mass * u.v, angular_momentum(body, u.w)};
 }

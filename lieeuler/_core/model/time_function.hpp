@@ -53,7 +53,7 @@ struct TimeFunction {
     const size_t next = piece(t) + 1;
     return next == breaks.size() ? end : std::min(end, breaks[next]);
   }
-  // Of its values, roughly.
+  // Rough size of its values.
   double size() const {
     double most = 0;
     for (const std::vector<double>& piece : pieces) most = std::max(most, std::abs(piece.front()));
@@ -62,7 +62,7 @@ struct TimeFunction {
   }
 
  private:
-  static constexpr double kRounding = 1e-13;  // of t: a step that ends on a break has reached the next piece
+  static constexpr double kRounding = 1e-13;  // relative to t: a step that ends on a break has reached the next piece
 
   size_t piece(double t) const {
     const auto next = std::upper_bound(breaks.begin() + 1, breaks.end(), t + kRounding * std::abs(t));

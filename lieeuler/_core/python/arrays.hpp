@@ -1,4 +1,4 @@
-// Values between Python and the kernel.
+// Conversions between Python and the kernel.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -15,7 +15,8 @@ namespace nb = nanobind;
 
 using Array = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
 
-// Values are judged in Python, where their names are known; what would read beyond memory or never end is refused here.
+// Python checks values, with messages that name them. Here only input is refused that would read beyond memory or never
+// end.
 inline void require(bool fine, const char* what) {
   if (!fine) throw std::invalid_argument(what);
 }
@@ -53,7 +54,7 @@ inline const char* name_of(Status status) {
   return "unknown";
 }
 
-// The state with the given index, of as many as the arrays hold.
+// The state number `index` of those in the arrays.
 inline State make_state(const System& system, const Array& x, const Array& R, const Array& v, const Array& w,
                         size_t index = 0) {
   const size_t n = system.n(), count = x.size() / (3 * n);

@@ -23,7 +23,7 @@ using namespace lieeuler;
 
 namespace {
 
-// The parent as the kernel counts it.
+// The parent's index in the kernel, where the ground comes after the bodies.
 int parent_of(const System& system, int parent, int child) {
   const int n = system.n();
   require(0 <= child && child < n && -1 <= parent && parent < n && parent != child, "there are no such two bodies");
@@ -63,7 +63,7 @@ Part coordinate_part(bool turns, const Vec3& parent_axis, const Vec3& child_axis
   return part;
 }
 
-// A row of its own for the joint added last: its angle about the axis, or its slide along it, is a function of time.
+// Adds a row to the last joint: its angle about the axis, or its slide along it, is a function of time.
 void drive_joint(System& system, bool turns, const Vec3& parent_axis, const Vec3& child_axis, const Vec3& normal,
                  const Vec3& second_normal, const Vec3& pointer, const TimeFunction& drive) {
   require(!system.joints.empty() && !system.joints.back().driven, "there is no joint to drive");
@@ -73,7 +73,7 @@ void drive_joint(System& system, bool turns, const Vec3& parent_axis, const Vec3
   joint.parts.push_back(part), joint.driven = true;
 }
 
-// A rotor of the joint's angle or slide, when all joints are there.
+// Adds a rotor on a joint's angle or slide; call it after all joints are added.
 void add_rotor(System& system, int joint, double inertia, bool turns, const Vec3& parent_axis, const Vec3& child_axis,
                const Vec3& normal, const Vec3& second_normal, const Vec3& pointer) {
   require(0 <= joint && joint < static_cast<int>(system.joints.size()) && inertia > 0,
@@ -122,7 +122,7 @@ void add_load(System& system, int child, const Vec3& point, const Vec3& value, c
   add_force(system, force);
 }
 
-// Room for all samples is asked for, and taken sample by sample: a run that ends early fills and returns no more.
+// Memory for all samples is reserved, and filled sample by sample: a run that ends early returns only what it reached.
 struct Samples {
   std::vector<double> x, R, v, w, a, alpha, lam, angles;
   Samples(size_t most, const System& s) : rows_(s.rows()) {
@@ -150,7 +150,7 @@ struct Samples {
 bool ctrl_c() {
   nb::gil_scoped_acquire gil;
   if (PyErr_CheckSignals() == 0) return false;
-  if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) nb::raise_python_error();  // a handler of the user's own
+  if (!PyErr_ExceptionMatches(PyExc_KeyboardInterrupt)) nb::raise_python_error();  // from the user's signal handler
   PyErr_Clear();
   return true;
 }
@@ -174,7 +174,7 @@ nb::dict integrate(const Plan& plan, const Run& method, const Array& x, const Ar
   nb::dict result, counters, maxima;
   result["status"] = name_of(outcome.status);
   result["samples"] = outcome.samples;
-  result["time"] = outcome.time_of_failure;
+  result["time"] = outcome.time_reached;
   result["wall_time"] = seconds;
   result["x"] = make_array(std::move(samples.x), {T, n, 3});
   result["R"] = make_array(std::move(samples.R), {T, n, 3, 3});
@@ -202,7 +202,7 @@ nb::dict integrate(const Plan& plan, const Run& method, const Array& x, const Ar
   return result;
 }
 
-// The runs of many members: samples of states, and how each ended. `plans` holds one for all, or one for each.
+// Runs all members; returns their samples and how each ended. `plans` holds one plan for all members, or one for each.
 nb::dict integrate_ensemble(const std::vector<const Plan*>& plans, const Run& method, const Array& x, const Array& R,
                             const Array& v, const Array& w, int threads) {
   require(!plans.empty() && threads > 0, "an ensemble needs a system and a thread");
@@ -225,7 +225,7 @@ nb::dict integrate_ensemble(const std::vector<const Plan*>& plans, const Run& me
       }
     };
     const Outcome outcome = method.run(plan, initial, record, stopped);
-    statuses[k] = outcome.status, times[k] = outcome.time_of_failure;
+    statuses[k] = outcome.status, times[k] = outcome.time_reached;
     steps[k] = outcome.counters.steps, rejected[k] = outcome.counters.rejected_steps;
   };
   bool interrupted;
@@ -298,8 +298,8 @@ Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double>& t_ev
 }  // namespace
 
 NB_MODULE(_kernel, m) {
-  // A Problem keeps its System, and what Python has not freed when it ends is no leak: test_repeated_runs.py looks for
-  // those.
+  // Objects that Python has not freed at exit are no leaks, such as the system of a cached Problem. Real leaks are the
+  // subject of test_repeated_runs.py.
   nb::set_leak_warnings(false);
   nb::enum_<Carrier>(m, "Carrier")
       .value("difference", Carrier::difference)

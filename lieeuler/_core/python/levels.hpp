@@ -1,4 +1,4 @@
-// How far states of Python leave the constraints open.
+// How far given states violate the constraints.
 #pragma once
 
 #include "model/scales.hpp"
@@ -7,7 +7,7 @@
 
 namespace lieeuler {
 
-// Largest entries of Phi and of G u as parts of the sizes of the system: lengths of its length, rates of its rate.
+// Largest entries of Phi and of G u, relative to the length and the rate of the system.
 inline std::pair<double, double> constraint_levels(const System& system, const State& state) {
   const Scales scales = Scales::of_motion(system, state);
   const double rate = std::max(scales.rate, scales.natural(system));

@@ -1,12 +1,12 @@
-// The multipliers of states of Python.
+// The multipliers at given states.
 #pragma once
 
 #include "python/arrays.hpp"
 
 namespace lieeuler {
 
-// (N, m) of the index-1 system at N states, of least norm where rows are redundant.
-// angles (N, forces): those of torsional springs, unwrapped. With it the number of redundant rows at the first state.
+// Multipliers (N, m) of the index-1 system at N states, with least norm if rows are redundant, and the number of
+// redundant rows at the first state. `angles` (N, forces) are those of torsional springs, unwrapped.
 inline nb::tuple multipliers(const Plan& plan, const Array& times, const Array& x, const Array& R, const Array& v,
                              const Array& w, const Array& angles) {
   const System& system = plan.system;
@@ -26,7 +26,7 @@ inline nb::tuple multipliers(const Plan& plan, const Array& times, const Array& 
     state.frames.time = times.data()[k];
     std::copy_n(angles.data() + k * springs, springs, state.angles.data());
     if (!solve(projection, state, k == 0)) {
-      Projection there(plan);  // at a singular position more rows depend on others: they are counted anew
+      Projection there(plan);  // at a singular position more rows depend on others: count them again
       if (!solve(there, state, true))
         std::fill(state.lam.begin(), state.lam.end(), std::numeric_limits<double>::quiet_NaN());
     }

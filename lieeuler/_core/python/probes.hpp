@@ -1,4 +1,4 @@
-// What the parts of the kernel compute, dense; only tests ask.
+// Results of single parts of the kernel as dense arrays, for the tests.
 #pragma once
 
 #include <nanobind/eigen/dense.h>
@@ -31,7 +31,7 @@ inline nb::dict taylor_coefficients(const Plan& plan, const Array& x, const Arra
   return result;
 }
 
-// A state projected onto Phi = 0 and G u = 0, from a matrix of its own, with as many redundant rows as at `home`.
+// A state projected onto Phi = 0 and G u = 0 with a matrix of its own, with the number of redundant rows at `home`.
 inline nb::dict project(const Plan& plan, const Array& home_x, const Array& home_R, const Array& x, const Array& R,
                         const Array& v, const Array& w) {
   const System& system = plan.system;

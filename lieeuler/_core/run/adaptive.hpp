@@ -1,4 +1,4 @@
-// Runs with steps of their own choice: stepping, sampling between steps, watching every step, ending with a status.
+// Runs of steppers that choose their steps: stepping, sampling between steps, monitoring every step, final status.
 #pragma once
 
 #include <optional>
@@ -8,18 +8,18 @@
 
 namespace lieeuler {
 
-// Integrates from t_eval.front() and samples at t_eval; samples never shape the steps. The stepper supplies
+// Integrates from t_eval.front() and samples at t_eval; the steps do not depend on the samples. The stepper supplies
 //
 //   Status start(const State& initial, double t, double t_end, double rtol)
-//   Status step(Counters&, Watch&)        one accepted step, never beyond t_end and at last onto it; ends at once where
-//                                         the watch says so
+//   Status step(Counters&, Watch&)        one accepted step, the last one exactly to t_end; returns at once if the
+//                                         watch ends the run
 //   double time(), previous_time()        ends of that step
-//   const State& state()                  at time(), on the constraints, with (a, lam) of the index-1 system; asked for
-//                                         where it is needed only: a stepper may leave (a, lam) until then
+//   const State& state()                  at time(), on the constraints, with (a, lam) of the index-1 system; called
+//                                         only when needed, so that a stepper may compute (a, lam) here
 //   const Constraints& joints()           at state()
 //   int redundant_rows()
 //   Status dense(double t, State& out, Counters&, Watch&)
-//                                         frames, u and the angles to unwrap against, t within the last step
+//                                         frames, u and the angles for unwrapping at t, within the last step
 template <class Stepper>
 Outcome run_adaptive(Stepper& stepper, const Plan& plan, const State& initial, const std::vector<double>& t_eval,
                      double rtol, bool monitored, const Record& record, const Interrupted& interrupted) {

@@ -1,4 +1,4 @@
-// Steps that a method proposes and may refuse: one after the other to the end of a run.
+// Runs an adaptive method from step to step: attempts the step it proposes and retries a shorter one when it fails.
 #pragma once
 
 #include "run/watch.hpp"
@@ -10,14 +10,28 @@ namespace lieeuler {
 // The stepper of `run_adaptive` for a Method that supplies, beside state(), joints(), redundant_rows():
 //
 //   Status start(const State& initial, double rtol, double slowest, Counters&)
-//                                                                 proposes the first step; no rate below `slowest`,
-//                                                                 1/s, is followed to its last digits
-//   double proposed()                                             the next step, s
-//   Status attempt(double h, bool& stands, Counters&, Watch&)     a step from state(); whether its error is small
-//   enough void refuse(double h, Status)                                 proposes a shorter one Status accept(double h)
-//   the step attempted last becomes state() Status dense(double fraction, State& out, Counters&, Watch&)  within the
-//   step accepted last double smallest_pivot()                                       of Projection double rate() of
-//   Scales, 1/s
+//       proposes the first step; changes slower than the rate `slowest`, 1/s, need not be resolved to their last digits
+//
+//   double proposed()
+//       the next step, s
+//
+//   Status attempt(double h, bool& stands, Counters&, Watch&)
+//       tries a step from state(); `stands` says whether its error is small enough
+//
+//   void refuse(double h, Status)
+//       rejects the attempted step and proposes a shorter one
+//
+//   Status accept(double h)
+//       makes the end of the attempted step the new state()
+//
+//   Status dense(double fraction, State& out, Counters&, Watch&)
+//       the state within the accepted step
+//
+//   double smallest_pivot()
+//       that of Projection
+//
+//   double rate()
+//       that of Scales, 1/s
 template <class Method>
 class AdaptiveSteps {
  public:
@@ -34,7 +48,7 @@ class AdaptiveSteps {
     std::exchange(at_start_, Counters{}).add_to(counters);
     for (;;) {
       const double end = method_.next_break(offset_ + end_) - offset_;
-      const bool last = time_ + 1.01 * method_.proposed() >= end;  // no crumb of a step at the end
+      const bool last = time_ + 1.01 * method_.proposed() >= end;  // avoids a tiny step at the end
       const double h = last ? end - time_ : method_.proposed();
       if (!last && h < std::min(smallest_, kGrowing * taken_))
         return too_small();  // at the start steps may grow from less
@@ -71,14 +85,14 @@ class AdaptiveSteps {
   bool nearly_singular() { return method_.smallest_pivot() < kNearlySingular; }
   Status too_small() { return nearly_singular() ? Status::singular_matrix : Status::step_too_small; }
 
-  // Whether steps are a small part of the way to the singular position: it is approached in more and more of them and
-  // never passed, since its estimates are rounding over a pivot. The way is the root of the pivot.
+  // Whether steps are a small part of the distance to a singular position, which goes as the root of the pivot. Such a
+  // run takes ever more steps and never passes the position, because its error estimates are rounding over a pivot.
   bool creeps() { return method_.proposed() * method_.rate() < kCreeping * std::sqrt(method_.smallest_pivot()); }
 
   Method method_;
   Counters at_start_;  // work before the first step
   double time_ = 0, previous_ = 0, end_ = 0, smallest_ = 0, taken_ = 0;
-  double offset_ = 0;  // of the problem's time
+  double offset_ = 0;  // the problem's time minus the run's
 };
 
 }  // namespace lieeuler

@@ -18,9 +18,9 @@ struct Run {
   double begin = 0;  // s, the time of the initial state
 };
 
-// Calls member(k, stopped) for every k below `count` on `threads` threads. A member that shares nothing with the others
-// gives the same result on any of them. The calling thread asks `interrupted` now and then, and tells the members by
-// `stopped`. Returns whether it was interrupted; an exception of a member ends all and passes on.
+// Calls member(k, stopped) for every k below `count` on `threads` threads. Members share nothing, so results do not
+// depend on the threads. The calling thread polls `interrupted` and passes an interruption on by `stopped`. Returns
+// whether the run was interrupted; an exception of a member ends all members and is thrown again here.
 template <class Member>
 bool on_threads(size_t count, int threads, const Interrupted& interrupted, const Member& member) {
   constexpr std::chrono::milliseconds kPeriod{50};
@@ -53,7 +53,7 @@ bool on_threads(size_t count, int threads, const Interrupted& interrupted, const
       if (interrupted()) stop = asked_to = true;
       lock.lock();
     }
-  } catch (...) {  // what the asking raised
+  } catch (...) {  // thrown by `interrupted`
     stop = true;
     for (std::thread& thread : crew) thread.join();
     throw;

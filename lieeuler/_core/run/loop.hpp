@@ -1,4 +1,4 @@
-// Stepping, sampling, watching every step, and ending with a status.
+// Runs with fixed steps: stepping, sampling, monitoring every step, final status.
 #pragma once
 
 #include <cstdint>
@@ -13,12 +13,12 @@
 
 namespace lieeuler {
 
-// Largest values over all steps. energy_error is |E - E(0)|, to be divided by kinetic.
+// Largest values over all steps. energy_error is |E - E(0)| in J; the caller divides it by kinetic.
 struct Maxima {
   double energy_error = 0, kinetic = 0, position = 0, velocity = 0, acceleration = 0, orthogonality = 0;
 };
 
-// What overflowed is infinite: a maximum would pass over a NaN.
+// A NaN counts as infinity: a plain maximum would ignore it.
 inline void raise(double& maximum, double value) {
   if (!(value <= maximum)) maximum = std::isnan(value) ? std::numeric_limits<double>::infinity() : value;
 }
@@ -71,7 +71,7 @@ class Monitor {
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
       const Twist& u = state.u[b];
-      const Vec3 L = angular_momentum(body, u.w);  // of the body's own velocity w + J^-1 spin
+      const Vec3 L = angular_momentum(body, u.w);  // of the full angular velocity w + J^-1 spin
       kinetic += 0.5 * (body.mass * u.v.squaredNorm() + L.dot(body.inertia_inverse * L));
       potential -= body.mass * system_.gravity.dot(state.frames[b].x);
     }
@@ -95,13 +95,13 @@ class Monitor {
 
   const System& system_;
   bool enabled_;
-  std::vector<int> rotors_;  // joints with some
+  std::vector<int> rotors_;  // indices of the joints with rotors
   double start_energy_ = 0;
 };
 
 enum class Formulation { lagrange, hamilton };
 
-// A method of one matrix a step.
+// A method that factors one matrix a step.
 struct Method {
   Formulation formulation;
   Level level;
@@ -109,19 +109,19 @@ struct Method {
   Gains gains = {};
   std::vector<double> composition = {};        // weights of a composition of RATTLE; empty: the method itself
   std::optional<double> spectral_radius = {};  // of generalized-alpha, in place of implicit Euler
-  bool polish = true;  // bring attitudes back to rounding level after every step; Euler methods alone may not
+  bool polish = true;  // make attitudes rotations again after every step; only Euler methods allow false
 };
 
 struct Outcome {
   Status status = Status::success;
   int samples = 0;  // filled, including the start
   int redundant_rows = 0;
-  double time_of_failure = 0;
+  double time_reached = 0;
   Counters counters;
   Maxima maxima;
 };
 
-// A run never succeeds with a sample that is not a number: what has overflowed may pass every test of a step.
+// Checked at every sample, because a state that has overflowed may pass every test within a step.
 inline bool is_finite(const State& state) {
   for (size_t b = 0; b + 1 < state.frames.size(); ++b) {
     const Frame& frame = state.frames[b];
@@ -133,17 +133,17 @@ inline bool is_finite(const State& state) {
   return std::all_of(state.lam.begin(), state.lam.end(), [](double lam) { return std::isfinite(lam); });
 }
 
-// What a run ends with, at the time reached.
+// The outcome of a run that ends at the time reached.
 template <class Stepper>
 Outcome ended(Outcome outcome, Status status, double reached, const Monitor& monitor, const Stepper& stepper) {
   outcome.status = status;
   outcome.maxima = monitor.maxima;
-  outcome.time_of_failure = reached;
+  outcome.time_reached = reached;
   outcome.redundant_rows = stepper.redundant_rows();
   return outcome;
 }
 
-// Samples with the least-norm multipliers of all rows, where methods solve for those of independent ones.
+// Gives samples the least-norm multipliers of all rows, if the method solved only for those of independent rows.
 class LeastNorm {
  public:
   explicit LeastNorm(const Plan& plan) : joints_(plan.system), shown_(plan.system) {
@@ -166,8 +166,8 @@ class LeastNorm {
 
 // Where the samples go; each call appends one.
 using Record = std::function<void(int sample, const State&)>;
-// Steps of what is not a number pass for good ones where no test of a step sees it. Of an interval of 1e10 steps most
-// would be wasted; at these, and not after so many seconds, a run ends where it ended before.
+// The state is checked for NaN every so many steps, so that a long interval ends soon after an overflow. The interval
+// counts steps, not seconds, so that a repeated run ends at the same step.
 inline constexpr std::int64_t kStepsBetweenLooks = 1024;
 
 // Integrates over intervals of counts[k] steps of size steps[k], one sample at the end of each.
@@ -198,7 +198,7 @@ Outcome run(Stepper& stepper, const Plan& plan, const State& initial, const std:
       if (watch.ends()) return end(Status::interrupted);
       if (const Status status = stepper.step(outcome.counters); status != Status::success) return end(status);
       monitor.watch(stepper.state(), stepper.joints());
-      t = begin + (i + 1) * h;  // a sum of 1e10 steps would gather rounding
+      t = begin + (i + 1) * h;  // adding h 1e10 times would accumulate rounding
       if (i % kStepsBetweenLooks == kStepsBetweenLooks - 1 && !is_finite(stepper.state()))
         return end(Status::non_finite);
     }

@@ -1,4 +1,4 @@
-// Whether somebody wants a run to end.
+// Interruption of a run, such as by Ctrl-C.
 #pragma once
 
 #include <algorithm>
@@ -9,17 +9,17 @@
 
 namespace lieeuler {
 
-// Asked now and then; true ends the run.
+// Called from time to time; true ends the run.
 using Interrupted = std::function<bool()>;
 
-// Asks about an interruption every 50 ms of the run, whatever a step costs.
+// Checks for an interruption every 50 ms of the run, however long a step takes.
 class Watch {
  public:
-  // Of steps as cheap as a microsecond a body the clock is read every so many only, where reading it would be felt.
+  // A step may take as little as a microsecond a body: small systems read the clock only every few steps, to save time.
   Watch(const Interrupted& interrupted, const System& system)
       : interrupted_(interrupted), steps_between_readings_(std::max(1, kCheap / parts(system))) {}
 
-  // Once a step, or whatever takes as long.
+  // Call once a step, or as often as that takes.
   bool ends() {
     if (++steps_ < steps_between_readings_) return false;
     steps_ = 0;

@@ -1,12 +1,11 @@
 // Saddle-point systems with the bodies eliminated: the Delassus matrix S = G A^-1 Gc^T, the mobility of the constraint
 // rows.
 //
-// A is block diagonal: a mass and a 3 x 3 rotational matrix per body. Bodies leave  A y + Gc^T lam = f,  G y = g  at
-// the cost of a few 3 x 3 products, and what is left couples the joints that share a body. A body with many joints
-// would tie each of them to every other: such a hub stays among the unknowns, and the cost stays proportional to the
-// number of bodies. So do all bodies where joints close loops: S alone would lose digits there near singular positions.
-// Where there are many loops no body stays; dependent rows are dropped, and the others eliminated in the order of least
-// fill.
+// A is block diagonal: a mass and a 3 x 3 rotational matrix per body. Eliminating a body from A y + Gc^T lam = f,
+// G y = g takes a few 3 x 3 products and couples the joints at that body. A body with many joints would couple all of
+// them with each other: such a hub is kept among the unknowns, so that the cost stays proportional to the number of
+// bodies. If joints close loops, all bodies are kept: S alone would lose digits near singular positions. With
+// independent rows no body is kept; dependent rows are dropped and the others eliminated in the order of least fill.
 #pragma once
 
 #include "model/kinematics.hpp"
@@ -16,7 +15,7 @@ namespace lieeuler {
 
 class Delassus {
  public:
-  // One side of a part at a body that moves.
+  // One side of a part, at a body other than the ground.
   struct Place {
     int part, joint, body;
     Side side;
@@ -29,7 +28,7 @@ class Delassus {
     Rows rows(const Place& place) const { return joints[place.joint].jacobian(*place.part_data, place.side); }
   };
 
-  // independent: for loops whose dependent rows are dropped before the first assembly.
+  // independent: dependent rows of loops are dropped (see drop()) before the first assembly.
   explicit Delassus(const Plan& plan, bool independent = false)
       : plan_(plan), system_(plan.system), bodies_(system_.n()), hub_(system_.n(), -1), independent_(independent) {
     std::vector<std::vector<Place>> places_at(system_.n() + 1);
@@ -59,7 +58,7 @@ class Delassus {
   BlockLU& lu() { return lu_; }
   int unknowns() const { return lu_.unknowns(); }
 
-  // Leaves rows out, by their places in lam: they have no part in S, and multipliers of zero.
+  // Leaves rows out of S, given by their places in lam; their multipliers are zero.
   void drop(const std::vector<char>& rows) {
     dropped_.clear(), cuts_.clear();
     std::vector<char> cut(parts(), 0);
@@ -91,7 +90,7 @@ class Delassus {
     for (int place : dropped_) rows[place] = 0;
   }
 
-  // The rotational block of A, J unless set; false where it is singular.
+  // Sets the rotational block of A, which is J otherwise; false if it is singular.
   bool set_rotational(int body, const Mat3& A) {
     if (hub_[body] < 0) return invert(A, bodies_[body].rotational);
     hub_of(body).inertia = A;
@@ -114,15 +113,15 @@ class Delassus {
     };
     fill(Other{{rows}}, Jacobians{columns});
   }
-  // Rows of the caller's: rotations(place, C), all that is not known of a spherical part, and rows(place, C), with C
-  // the columns' Jacobian there.
+  // Rows of the caller: rotations(place, C) gives the rotational rows of a spherical part, rows(place, C) those of
+  // other parts, where C is the columns' Jacobian at that place.
   template <class RowsOf>
   void assemble(const RowsOf& rows, const Jacobians& columns) {
     fill(rows, columns);
   }
 
-  // A y + Gc^T lam = f, G y = g: six values a body in `f` become y, three a part in `g` lam; adjust(values) may change
-  // what stands on the right before and the multipliers after the solve.
+  // Solves A y + Gc^T lam = f, G y = g. The six values of a body in `f` become y, the three of a part in `g` become
+  // lam. adjust(values) may change the right-hand side before the solve and the multipliers after it.
   template <class Adjust>
   void solve(double* f, double* g, Adjust adjust) {
     double* const rhs = hubs_.empty() ? g : rhs_.data();
@@ -147,7 +146,7 @@ class Delassus {
   void solve(double* f, double* g) {
     solve(f, g, [](double*) {});
   }
-  // rows -= G y, but for the columns of hubs.
+  // rows -= G y, without the columns of hubs.
   void subtract_rates(const double* y, double* rows) const {
     for (const End& end : ends_) {
       const double* const own = y + 6 * end.body;
@@ -159,7 +158,7 @@ class Delassus {
         subtract(full_[end.full].Gv, own, row);
     }
   }
-  // As solve() where f = 0: `y` is what the multipliers do, - A^-1 Gc^T lam, whatever rows they were solved for with.
+  // solve() with f = 0. `y` becomes -A^-1 Gc^T lam with the columns given last, whatever rows S was assembled with.
   void solve_rows(double* g, double* y) {
     std::fill_n(y, 6 * system_.n(), 0.0);
     double* const rhs = hubs_.empty() ? g : rhs_.data();
@@ -178,16 +177,16 @@ class Delassus {
 
   static constexpr size_t kMostEnds = 4;  // a body between two revolute joints; above, a hub is cheaper
 
-  // What the rows of a part say of a body's translation: nothing, plus or minus the translation itself, or more.
+  // How the rows of a part depend on a body's translation: not at all, by plus or minus the identity, or by a matrix.
   enum class Translation { none, unit, full };
-  // At a body to be eliminated: the rows G and W = A^-1 Gc^T.
+  // An end at a body to be eliminated: the rows G and W = A^-1 Gc^T.
   struct End : Place {
     Translation translation = Translation::none;
     double G[kBlock] = {}, W[kBlock] = {};
-    double sign = 0, mobility = 0;  // a unit translation's, and over the mass
-    int full = -1;                  // place of the translations that are more than that
+    double sign = 0, mobility = 0;  // of a unit translation; mobility = sign / mass
+    int full = -1;                  // index in full_ of a matrix for the translation
   };
-  // V and M^-1 Vc^T of an end.
+  // The translational rows V and M^-1 Vc^T of an end.
   struct Full {
     double Gv[kBlock] = {}, Wv[kBlock] = {};
   };
@@ -214,7 +213,7 @@ class Delassus {
     SideBlocks blocks;
   };
 
-  // y - A^-1 Gc^T lam, and y of the hubs, out of the solution of lu_.
+  // y -= A^-1 Gc^T lam, and y of the hubs, from the solution of lu_.
   void respond(const double* solution, double* y) const {
     for (const End& end : ends_) {
       double* const own = y + 6 * end.body;
@@ -230,7 +229,7 @@ class Delassus {
 
   Hub& hub_of(int body) { return hubs_[(hub_[body] - parts()) / 2]; }
 
-  // The ends at one body and the blocks they meet in.
+  // Adds the ends at one body, and the blocks of S for their pairs.
   void add_body(const std::vector<Place>& places) {
     const int first = static_cast<int>(ends_.size());
     for (const Place& place : places) {
@@ -254,7 +253,7 @@ class Delassus {
         pairs_.push_back({row, column, lu_.block(ends_[row].part, ends_[column].part)});
   }
 
-  // Where one end of a body has more than a unit translation, all that meet it need theirs as matrices.
+  // If one end of a body needs a matrix for its translation, all ends of that body need one.
   void write_out_translations(int first, int last) {
     const auto is_full = [](const End& end) { return end.translation == Translation::full; };
     if (std::none_of(ends_.begin() + first, ends_.begin() + last, is_full)) return;

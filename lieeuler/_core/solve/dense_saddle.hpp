@@ -1,8 +1,8 @@
-// The saddle point [M G^T; G 0] of a few bodies with pivots chosen from the whole matrix.
+// The saddle point [M G^T; G 0] of a few bodies, factored with pivots from the whole matrix.
 //
-// Eliminating the bodies first (delassus.hpp) divides by masses and moments that the joints may hold fast: where these
-// span more than some six decades refinement does not converge, however well the whole matrix is conditioned. This
-// costs the cube of its size, and is for what nothing else solves.
+// Eliminating the bodies first (delassus.hpp) divides by masses and moments. If these span more than some six decades
+// in directions that joints hold fast, refinement does not converge, however well the whole matrix is conditioned. The
+// cost of this class is the cube of the matrix size; it serves only systems that no other elimination solves.
 #pragma once
 
 #include "linalg/full_pivot.hpp"
@@ -18,7 +18,7 @@ class DenseSaddle {
     matrix_.resize(static_cast<int>(scales_.size()));
   }
 
-  // Rows that depend on others, whatever the masses.
+  // Number of rows that depend on others, whatever the masses.
   int redundancy(const Constraints& joints) {
     constexpr double kDependent = 1e-11;  // pivots go as squares of singular values of G
     const int n = 6 * system_.n(), rows = system_.rows();
@@ -38,7 +38,7 @@ class DenseSaddle {
     return rows - independent.rank(kDependent);
   }
 
-  // Scales of rows and columns, those of this configuration.
+  // Computes the scales of rows and columns at this configuration.
   void scale(const Constraints& joints) {
     constexpr int kPasses = 6;  // each halves the decades that the largest entries of rows span
     const int count = matrix_.size();
@@ -53,13 +53,13 @@ class DenseSaddle {
     }
   }
 
-  // False where more than `redundant` rows depend on others, or what moves freely has no mass beside the rest.
+  // False if more than `redundant` rows depend on others, or a free motion has a mass that is rounding beside others.
   bool factor(const Constraints& joints, int redundant) {
     assemble(joints);
     return matrix_.factor(matrix_.size() - redundant);
   }
 
-  // M y + G^T lam = f, G y = rows: six values a body become y, three a part lam.
+  // Solves M y + G^T lam = f, G y = rows. The six values of a body in `f` become y, the three of a part in `rows` lam.
   void solve(double* f, double* rows) {
     const int n = 6 * system_.n();
     std::copy_n(f, n, x_.begin());
@@ -71,7 +71,7 @@ class DenseSaddle {
     plan_.for_rows([&](int row, int place) { rows[place] = x_[n + row]; });
   }
 
-  // Multipliers, three a part, that do nothing: the k-th vector, k < redundant.
+  // The k-th vector of multipliers without effect, k < redundant; three values a part.
   void null_vector(int k, double* multipliers) {
     matrix_.null_vector(k, x_.data());
     const int n = 6 * system_.n();

@@ -1,9 +1,10 @@
 // Independent constraint rows of joints that close loops, chosen loop by loop, and the least-norm multipliers of all
 // rows.
 //
-// A joint that closes a loop is seen together with the joints of the shortest way round. Its rows that depend on theirs
-// are dropped: they hold by themselves, at every level. Each dropped row gives a vector N of multipliers without
-// effect, G^T N = 0, that is zero outside its loop; the least-norm multipliers are lam - N (N^T N)^-1 N^T lam.
+// A joint that closes a loop is compared with the joints on the shortest path around the loop. Its rows that depend on
+// theirs are dropped: they are satisfied at every level if the others are. Each dropped row gives a vector N of
+// multipliers without effect, G^T N = 0, which is zero outside its loop. The least-norm multipliers are
+// lam - N (N^T N)^-1 N^T lam.
 #pragma once
 
 #include <Eigen/Dense>
@@ -19,14 +20,14 @@ class IndependentRows {
     for (const Body& body : system_.bodies) roots_.push_back(Mat3(body.inertia_inverse.llt().matrixL()).transpose());
   }
 
-  // How many rows depend on others here; `dropped` names them, by their places in lam.
+  // Marks the rows to drop at this configuration, by their places in lam, and returns their number.
   int choose(const Constraints& joints, std::vector<char>& dropped) const {
     dropped.assign(system_.rows() + plan_.rotors.size(), 0);
     for (const Loop& loop : plan_.loops) choose_in(loop, joints, dropped, nullptr);
     return static_cast<int>(std::count(dropped.begin(), dropped.end(), 1));
   }
 
-  // The least-norm multipliers that act as these do.
+  // Replaces the multipliers by those of least norm with the same effect.
   void make_least_norm(const Constraints& joints, std::vector<double>& lam) const {
     std::vector<char> dropped(system_.rows(), 0);
     std::vector<Sparse> null;
@@ -34,7 +35,7 @@ class IndependentRows {
     const Eigen::Index count = static_cast<Eigen::Index>(null.size());
     Eigen::VectorXd wanted(count), y = Eigen::VectorXd::Zero(count);
     for (Eigen::Index i = 0; i < count; ++i) wanted[i] = product(null[i], lam);
-    // Conjugate gradients with N^T N, which loops that share few joints leave well conditioned.
+    // Conjugate gradients for N^T N, which is well conditioned as long as loops share few joints.
     Eigen::VectorXd r = wanted, p = r;
     std::vector<double> spread(lam.size());
     const double small = 1e-32 * wanted.squaredNorm();
@@ -53,8 +54,8 @@ class IndependentRows {
   }
 
  private:
-  static constexpr double kDependent =
-      3e-6;  // of a row's length: what is left of it is rounding, or a singular position
+  // If less than this part of a row's length is independent of the others, it is rounding or a singular position.
+  static constexpr double kDependent = 3e-6;
   using Sparse = std::vector<std::pair<int, double>>;  // row in lam, value
 
   static double product(const Sparse& n, const std::vector<double>& values) {
@@ -66,7 +67,7 @@ class IndependentRows {
     for (const auto& [row, value] : n) values[row] += factor * value;
   }
 
-  // `null` gains a vector for every row dropped.
+  // Appends to `null` a vector for every row dropped.
   void choose_in(const Loop& loop, const Constraints& joints, std::vector<char>& dropped,
                  std::vector<Sparse>* null) const {
     std::vector<int> bodies, rows;
@@ -77,7 +78,7 @@ class IndependentRows {
     for (int j : loop.others) append_rows(j, rows);
     const Eigen::Index known = static_cast<Eigen::Index>(rows.size());
     append_rows(loop.joint, rows);
-    // Columns: rows of G as momenta, over the roots of the masses, of length one.
+    // Columns: rows of G over the roots of the masses and inertias, scaled to length one.
     Eigen::MatrixXd A =
         Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(bodies.size()), static_cast<Eigen::Index>(rows.size()));
     Eigen::Index column = 0;
@@ -101,7 +102,7 @@ class IndependentRows {
     std::vector<Eigen::Index> kept(known), open;
     std::iota(kept.begin(), kept.end(), 0);
     for (Eigen::Index c = known; c < A.cols(); ++c) open.push_back(c);
-    while (!open.empty()) {  // the one that stands out most, again and again
+    while (!open.empty()) {  // always accept the row that is farthest from the span of the others
       const auto furthest = std::max_element(open.begin(), open.end(), [&](Eigen::Index a, Eigen::Index b) {
         return rest.col(a).squaredNorm() < rest.col(b).squaredNorm();
       });

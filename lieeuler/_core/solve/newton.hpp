@@ -14,7 +14,7 @@ struct Counters {
   long steps = 0, rejected_steps = 0, force_evaluations = 0, newton_iterations = 0, factorizations = 0,
        most_iterations = 0;
 
-  // Work only: steps are counted where they are accepted.
+  // Adds the work; steps are counted when they are accepted.
   void add_to(Counters& total) const {
     total.force_evaluations += force_evaluations;
     total.newton_iterations += newton_iterations;
@@ -23,7 +23,7 @@ struct Counters {
   }
 };
 
-// Guesses for the unknowns of the next step: polynomial extrapolation of the last steps' solutions, up to quartic.
+// Guesses the unknowns of the next step by polynomial extrapolation, up to quartic, of the last solutions.
 class Predictor {
  public:
   void reset(size_t unknowns) {
@@ -57,9 +57,9 @@ class Predictor {
   int newest_ = 0, count_ = 0;
 };
 
-// Solves equations.residual(z) = 0 from the guess in z, with the matrix of the guess (chord iteration); the matrix is
-// renewed when the corrections shrink slowly. Corrections are measured by equations.correct as h |du|, the change of
-// the configuration: u itself carries noise of eps / h. `target` is the error wanted in that measure.
+// Solves equations.residual(z) = 0 from the guess in z with the matrix at the guess (chord iteration), which is renewed
+// if the corrections shrink slowly. equations.correct measures a correction as h |du|, the change of the configuration,
+// because u itself has rounding errors of eps / h. `target` is the wanted error in that measure.
 class Newton {
  public:
   template <class Equations>
@@ -68,7 +68,7 @@ class Newton {
     return status == Status::success && polishes && target < kNoise ? polish(equations, z, counters) : status;
   }
 
-  // One more correction at the end: the stopping test sees h u, and leaves u an error of rounding / h.
+  // Whether to make one more correction at the end: the stopping test measures h u and leaves an error of eps / h in u.
   bool polishes = false;
 
   void reset(size_t unknowns) {
@@ -116,15 +116,15 @@ class Newton {
   static constexpr double kEps = std::numeric_limits<double>::epsilon();
   static constexpr double kFloor = 4 * kEps;    // a correction of this size is rounding
   static constexpr double kNoise = 1e3 * kEps;  // below this, corrections that no longer shrink are rounding
-  // Next to a singular position rounding leaves more. By now every matrix is new, so that curvature would leave the
-  // square of a correction: one of this size that stays is rounding.
+  // The same next to a singular position, where rounding is larger. By then every matrix is new, so that curvature
+  // would leave only the square of a correction: one of this size that does not shrink is rounding.
   static constexpr double kStalled = 1e-9;
   static constexpr double kSlow = 0.1;     // ratio of corrections above which the matrix is renewed
-  static constexpr double kCaution = 100;  // on the curvature seen in earlier steps
+  static constexpr double kCaution = 100;  // safety factor on the curvature measured in earlier steps
   static constexpr int kMostIterations = 25;
 
-  // With the derivative at the guess the first correction leaves an error of curvature times its square; a later
-  // correction leaves itself times the ratio of the last two.
+  // The first correction, with the derivative at the guess, leaves an error of the curvature times its square. A later
+  // one leaves an error of its size times the ratio of the last two.
   static bool shrunk(double size, double last, double target) {
     const double ratio = size / last;
     return size * ratio <= target || (size <= kNoise && ratio > 0.3);

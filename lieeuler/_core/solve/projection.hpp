@@ -3,7 +3,7 @@
 //   q <- q * d,  M d + G^T mu = 0,  G d = -Phi      repeated with one matrix (simplified Newton)
 //   u <- M^-1 (M u - G^T nu),       G u = 0         at the new q
 //
-// then (a, lam) of the index-1 system there. Redundant rows are left to the null space of the saddle point.
+// then (a, lam) of the index-1 system there. The saddle-point solver treats redundant rows by their null space.
 #pragma once
 
 #include "solve/newton.hpp"
@@ -11,22 +11,19 @@
 
 namespace lieeuler {
 
-// Scaled pivots below this say why a method came to a halt: within 1e-3 of a singular position.
-inline constexpr double kNearlySingular = 1e-6;
-
 class Projection {
  public:
   explicit Projection(const Plan& plan)
       : system_(plan.system), joints_(system_), saddle_(plan, plan.projects_by), change_(system_.n() + 1) {}
   Projection(const Projection&) = delete;
 
-  // Counts the redundant rows where the run starts and factors the matrix there.
+  // Counts the redundant rows at the start of a run and factors the matrix there.
   Status start(const State& state) {
     joints_.update(state.frames);
     if (!saddle_.find_redundancy(joints_)) return Status::singular_matrix;
     return factor();
   }
-  // A rank that is higher elsewhere was that of a singular position. Leaves the matrix factored.
+  // Fails if the rank is higher here than at the start, which then was a singular position. Leaves the matrix factored.
   Status confirm_rank() {
     const int expected = redundant_rows();
     int found;
@@ -35,7 +32,7 @@ class Projection {
     return factor();
   }
 
-  // Evaluates the joints there; they refer to `state` until the next call.
+  // Evaluates the joints at `state`, to which they refer until the next call.
   void move_to(const State& state) { joints_.update(state.frames); }
   Status factor(bool on_constraints = true) {
     return saddle_.factor(joints_, on_constraints) ? Status::success : Status::singular_matrix;
@@ -49,7 +46,7 @@ class Projection {
     return settle(state, length, counters);
   }
 
-  // Projects with the matrix factored last, at a configuration close by, and factors it at the result.
+  // Projects with the matrix factored last, at a nearby configuration, and factors it at the result.
   Status settle(State& state, double length, Counters& counters) {
     if (const Status status = close(state, length); status != Status::success) return status;
     update_angles(system_, state.frames, state.u, state.angles);
@@ -61,7 +58,7 @@ class Projection {
     return Status::success;
   }
 
-  // (a, lam) of the index-1 system, and the matrix factored there; near the constraints is enough.
+  // Factors the matrix and solves for (a, lam) of the index-1 system; `state` need only be near the constraints.
   Status accelerate(State& state) {
     move_to(state);
     if (const Status status = factor(false); status != Status::success) return status;
@@ -69,7 +66,7 @@ class Projection {
     return Status::success;
   }
 
-  // Samples with the least-norm multipliers of all rows, where those of some are left out.
+  // Gives `state` the least-norm multipliers of all rows, if some rows were left out of the solve.
   void make_least_norm(State& state) {
     move_to(state);
     saddle_.make_least_norm(joints_, state.lam);
@@ -77,19 +74,19 @@ class Projection {
 
   const Constraints& joints() const { return joints_; }
   int redundant_rows() const { return saddle_.redundant(); }
-  // Of the joints that close loops: near a singular position it goes to zero.
+  // That of the joints that close loops; it goes to zero at a singular position.
   double smallest_pivot() { return saddle_.smallest_pivot(); }
 
  private:
   static constexpr double kEps = std::numeric_limits<double>::epsilon();
   static constexpr double kFloor = 4 * kEps;    // a correction of this size is rounding
   static constexpr double kNoise = 1e3 * kEps;  // below this, corrections that no longer shrink are rounding
-  static constexpr double kNoisyTerms = 8;      // roundings in a row of Phi: of x, R s, their differences and products
+  static constexpr double kNoisyTerms = 8;      // rounding errors in a row of Phi: x, R s, differences and products
   static constexpr int kMostIterations = 12;
 
-  // Phi = 0, attitudes orthogonal, to rounding.
+  // Corrects positions and attitudes until Phi = 0 and attitudes are orthogonal, to rounding.
   Status close(State& state, double length) {
-    double last = 1;  // the guess is within one length and one radian: a first correction of 1e-8 leaves 1e-16
+    double last = 1;  // sizes are parts of the length and radians: a first correction of 1e-8 leaves 1e-16
     for (int k = 0; k < kMostIterations; ++k) {
       move_to(state);
       saddle_.displace(joints_, change_);
@@ -101,7 +98,7 @@ class Projection {
       if (!std::isfinite(sum)) return Status::non_finite;  // max() above would hide a NaN
       if (k > 0 && size > kNoise && size > 0.5 * last) {
         if (!closed()) return Status::newton_failed;
-        break;  // near a singular position the correction is rounding of Phi, magnified
+        break;  // near a singular position the correction is the magnified rounding error of Phi
       }
       apply(state);
       if (size <= kFloor || (k > 0 && (size * size <= kFloor * last || size <= kNoise))) break;
@@ -111,7 +108,7 @@ class Projection {
     move_to(state);
     return Status::success;
   }
-  // Whether Phi is rounding of the positions and axes it is made of.
+  // Whether Phi is the rounding error of its positions and axes.
   bool closed() const {
     for (size_t j = 0; j < system_.joints.size(); ++j) {
       const JointState& here = joints_[static_cast<int>(j)];
@@ -120,7 +117,7 @@ class Projection {
     }
     return true;
   }
-  // The correction to first order: what that leaves of R^T R - I, its square, goes with the next one's polish.
+  // Applies the correction to first order. It changes R^T R - I by its square, which the next polish removes.
   void apply(State& state) {
     for (int b = 0; b < system_.n(); ++b) {
       Frame& frame = state.frames[b];

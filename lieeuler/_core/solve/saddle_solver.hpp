@@ -2,14 +2,14 @@
 //
 //   M y + G^T lam = f,   G y = rows
 //
-// by the elimination that the plan of the system names. Each of these supplies
+// by the elimination that the plan of the system chooses. Each elimination supplies
 //
 //   bool find_redundancy(joints), count_redundancy(joints, int&); int redundant(); double smallest_pivot()
 //   bool factor(joints, on_constraints)
-//   void solve(f, rows, to_rounding)      f becomes y, rows become lam, in the axes of the elimination's own rows
+//   void solve(f, rows, to_rounding)      f becomes y, rows become lam, in the axes of the elimination's rows
 //   void correct(y, rows, to_rounding)    the same from y = M^-1 f
-//   Vec3 own(k, rows), in_world(k, lam)   between its rows of part k and those of the joint
-//   Vec3 gamma(k, joints, u)              of its rows
+//   Vec3 own(k, rows), in_world(k, lam)   convert between its rows of part k and those of the joint
+//   Vec3 gamma(k, joints, u)              gamma of its rows
 #pragma once
 
 #include <variant>
@@ -19,6 +19,9 @@
 #include "solve/tree_schur.hpp"
 
 namespace lieeuler {
+
+// A method that fails with a scaled pivot below this is within about 1e-3 of a singular position.
+inline constexpr double kNearlySingular = 1e-6;
 
 class SaddleSolver {
   template <class Use>
@@ -33,29 +36,29 @@ class SaddleSolver {
       if (plan.part(k).drive) driven_.push_back(k);
   }
 
-  // Finds how many rows depend on others, and expects as many from then on. False where the rest is singular.
+  // Counts the rows that depend on others and expects that number from then on. False if the rest is singular.
   bool find_redundancy(const Constraints& joints) {
     return each([&](auto& by) { return by.find_redundancy(joints); });
   }
-  // Counts them anew.
+  // Counts them again, without expecting the new number.
   bool count_redundancy(const Constraints& joints, int& redundant) {
     return each([&](auto& by) { return by.count_redundancy(joints, redundant); });
   }
   int redundant() const {
     return std::visit([](const auto& by) { return by.redundant(); }, by_);
   }
-  // Of the joints that close loops: near a singular position it goes to zero, as the square of the distance.
+  // That of the joints that close loops: near a singular position it is proportional to the square of the distance.
   double smallest_pivot() {
     return each([](auto& by) { return by.smallest_pivot(); });
   }
 
-  // False where the rows have become dependent. on_constraints: other rows may be chosen.
+  // False if rows have become dependent. on_constraints: other independent rows may be chosen here.
   bool factor(const Constraints& joints, bool on_constraints = true) {
     return each([&](auto& by) { return by.factor(joints, on_constraints); });
   }
 
-  // At the joints factored last: takes f and the rows of each part, leaves y and lam in their places. to_rounding: what
-  // redundant rows cost in digits matters. Inlined: series call it for every order.
+  // Solves at the joints factored last; y and lam replace f and the rows of each part. to_rounding: recover the digits
+  // that redundant rows lose. Inlined, because series call it for every order.
   [[gnu::always_inline]] void solve(std::vector<Twist>& f, std::vector<Vec3>& rows, bool to_rounding) {
     if (auto* small = std::get_if<SmallSchur>(&by_)) return small->solve(f, rows, to_rounding);
     std::get<SparseSaddle>(by_).solve(f, rows, to_rounding);
@@ -67,7 +70,7 @@ class SaddleSolver {
     each([&](auto& by) {
       for (int k = 0; k < plan_.count(); ++k) rows_[k] = by.own(k, -at(joints, k).position(plan_.part(k)));
       for (int k : plan_.rotors) rows_[k].setZero();
-      by.correct(d, rows_, false);  // repeated: what this leaves is rounding of a small displacement
+      by.correct(d, rows_, false);  // the caller iterates, so the lost digits do not matter
     });
   }
   // u <- u - M^-1 G^T mu with G u + dPhi/dt = 0
@@ -76,8 +79,8 @@ class SaddleSolver {
     for (int k : plan_.rotors) rows_[k][0] = rotor_rate(joints, k, u);
     each([&](auto& by) { by.correct(u, rows_, true); });
   }
-  // From the momentum p, with the bodies' spin: u = M^-1 (p - G^T mu) with G u + dPhi/dt = 0; -G^T mu is added to
-  // `change`, which may be p. rates: of the rotors by their own momenta, which change by mu.
+  // From the momentum p, spins included: u = M^-1 (p - G^T mu) with G u + dPhi/dt = 0. Adds -G^T mu to `change`, which
+  // may be p. `rates` are those of the rotors from their momenta, which change by mu.
   void project(const Constraints& joints, const std::vector<Twist>& p, std::vector<Twist>& u, double* mu,
                std::vector<Twist>& change, const std::vector<double>& rates) {
     for (int b = 0; b < system_.n(); ++b) force_[b] = {p[b].v, p[b].w - system_.bodies[b].spin};
@@ -103,12 +106,12 @@ class SaddleSolver {
     state.a[system_.n()] = Twist{};
   }
 
-  // Of the rotor that is the part k, at velocities u.
+  // The rate of the rotor in part k at velocities u.
   double rotor_rate(const Constraints& joints, int k, const std::vector<Twist>& u) const {
     return at(joints, k).velocity(plan_.part(k), u[plan_.body(k, kParent)], u[plan_.body(k, kChild)])[0];
   }
 
-  // The least-norm multipliers that act as these do.
+  // Replaces the multipliers by those of least norm with the same effect.
   void make_least_norm(const Constraints& joints, std::vector<double>& lam) {
     if (auto* sparse = std::get_if<SparseSaddle>(&by_)) sparse->make_least_norm(joints, lam);
   }
@@ -126,12 +129,12 @@ class SaddleSolver {
   }
   const JointState& at(const Constraints& joints, int k) const { return joints[plan_.parts[k].joint]; }
 
-  // -dPhi/dt, zero but for driven rows.
+  // rows_ = -dPhi/dt, which is zero except for driven rows.
   void put_drift(const Constraints& joints) {
     std::fill(rows_.begin(), rows_.end(), Vec3::Zero());
     for (int k : driven_) rows_[k] = -at(joints, k).drift(plan_.part(k));
   }
-  // Out of rows_, in the order of lam.
+  // Copies multipliers from rows_, in the order of lam.
   template <class By>
   void put_multipliers(const By& by, double* lam) const {
     for (int k = 0; k < plan_.count(); ++k) {

@@ -1,11 +1,11 @@
-// The saddle-point system of few constraint rows of a tree by its Schur complement, made for many right-hand sides.
+// The saddle-point system of a tree with few constraint rows by its Schur complement, for many right-hand sides.
 //
 //   S = G M^-1 G^T,   lam = S^-1 (G M^-1 f + gamma),   udot = M^-1 (f - G^T lam)
 //
-// Where a light body carries a heavy one, S is the sum of a large and a small matrix and keeps few digits of the small
-// one. What is left of G udot + gamma is then solved for once more, which restores them.
+// If a light body carries a heavy one, S is the sum of a large and a small matrix and keeps few digits of the small
+// one. A second solve for the residual of G udot + gamma restores them.
 //
-// Bodies pinned to the ground have no translation: M is their inertia about the pin, and the pin has no multiplier.
+// Bodies pinned to the ground do not translate: M is their inertia about the pin, and the pin has no multiplier.
 #pragma once
 
 #include "model/reference_points.hpp"
@@ -35,17 +35,17 @@ class SmallSchur : public WorldRows {
     return true;
   }
   static int redundant() { return 0; }
-  // Over its entry of S.
+  // Relative to its diagonal entry of S.
   double smallest_pivot() const { return smallest_pivot_; }
 
-  // False where the rows have become dependent.
+  // False if rows have become dependent.
   bool factor(const Constraints& joints, bool) {
     assemble(joints);
     return parts() == 1 ? invert_block() : eliminate();
   }
 
-  // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places. Inlined:
-  // series call it for every order.
+  // Solves M y + G^T lam = f, G y = rows; y and lam replace f and the rows of each part. Inlined: series call it for
+  // every order.
   [[gnu::always_inline]] void solve(std::vector<Twist>& f, std::vector<Vec3>& rows, bool) {
     for (size_t b = 0; b < bodies_.size(); ++b) {
       f[b].v *= bodies_[b].mass_inverse;
@@ -61,8 +61,8 @@ class SmallSchur : public WorldRows {
 
  private:
   static constexpr int kMostRows = 3 * Plan::kMostSmallParts;
-  static constexpr double kSingular = 1e-13;  // what rounding leaves of a pivot
-  static constexpr double kGraded = 1e-3;     // of its entry: a pivot below it has lost three digits
+  static constexpr double kSingular = 1e-13;  // a relative pivot below this is rounding
+  static constexpr double kGraded = 1e-3;     // a relative pivot below this has lost three digits
   struct Inertia {
     double mass_inverse;
     Mat3 inertia_inverse;
@@ -102,7 +102,7 @@ class SmallSchur : public WorldRows {
       }
   }
 
-  // S = L L^T, L by columns in place of the lower half. False where a pivot is rounding.
+  // S = L L^T, with L by columns in place of the lower half. False if a pivot is rounding.
   bool eliminate() {
     smallest_pivot_ = 1;
     for (int j = 0; j < rows_; ++j) entry_[j] = S(j, j);
@@ -154,7 +154,7 @@ class SmallSchur : public WorldRows {
     }
   }
 
-  // solve() from y without multipliers. Not inlined: series of pinned bodies would save the registers that this needs.
+  // solve() from velocities without multipliers. Not inlined: series of pinned bodies would have to save its registers.
   [[gnu::noinline]] void solve_rows(std::vector<Twist>& y, std::vector<Vec3>& rows) {
     double r[kMostRows], lam[kMostRows];
     put_rates(rows, y, r);
@@ -171,7 +171,7 @@ class SmallSchur : public WorldRows {
       for (int i = 0; i < part.part->rows(); ++i) out[i] = lam[part.row + i];
     }
   }
-  // The same of a single part, three rows whatever it has.
+  // The same for a single part, as three rows even if it has fewer.
   [[gnu::noinline]] void solve_single(std::vector<Twist>& y, Vec3& rows) {
     Vec3 lam = Vec3::Zero();
     for (int pass = 0; pass < (smallest_pivot_ < kGraded ? 2 : 1); ++pass) {

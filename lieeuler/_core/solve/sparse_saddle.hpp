@@ -1,6 +1,6 @@
-// The saddle point of any system by block elimination (solve/delassus.hpp): of all rows, with the null space of those
-// that depend on others taken out, or of independent rows. Masses and moments that span too much for it are solved for
-// by the whole matrix.
+// The saddle point of any system by block elimination (solve/delassus.hpp), either with all rows and the null space of
+// redundant ones removed, or with independent rows only. If masses or moments differ too much for that, the whole
+// matrix is factored (solve/dense_saddle.hpp).
 #pragma once
 
 #include <optional>
@@ -15,7 +15,7 @@ namespace lieeuler {
 
 class SparseSaddle : public WorldRows {
  public:
-  // independent: without the rows of loops that depend on others.
+  // independent: leaves out the rows of loops that depend on others.
   SparseSaddle(const Plan& plan, bool independent)
       : WorldRows(plan),
         system_(plan.system),
@@ -28,7 +28,7 @@ class SparseSaddle : public WorldRows {
 
   Delassus& delassus() { return *delassus_; }
 
-  // Counts the redundant rows at this configuration. False where the rest is singular.
+  // Counts the redundant rows at this configuration. False if the rest is singular.
   bool count_redundancy(const Constraints& joints, int& redundant) {
     if (independent_) {
       std::vector<char> dropped;
@@ -44,7 +44,7 @@ class SparseSaddle : public WorldRows {
     delassus_->assemble(joints);
     return delassus_->lu().find_deficiency(kTolerance, redundant);
   }
-  // 1 / sqrt of the diagonal of G M^-1 G^T, three values a part: with it constraint rows are of order one in any units.
+  // 1 / sqrt of the diagonal of G M^-1 G^T, three values a part; it scales constraint rows to order one in any units.
   std::vector<double> row_scales(const Constraints& joints) const {
     std::vector<double> scales(3 * plan_.count(), 1.0);
     for (int k = 0; k < plan_.count(); ++k) {
@@ -62,14 +62,14 @@ class SparseSaddle : public WorldRows {
     return scales;
   }
 
-  // Counts the redundant rows, and expects as many from then on.
+  // Counts the redundant rows and expects that number from then on.
   bool find_redundancy(const Constraints& joints) {
     int redundant;
     if (independent_) {
       scales_ = row_scales(joints);
       redundant_ = independent_->choose(joints, dropped_);
       if (take_choice(joints) && regular()) return true;
-      independent_.reset();  // rows depend on more than one loop at once
+      independent_.reset();  // a row depends on several loops together
       delassus_.emplace(plan_);
     }
     std::vector<double> scales = row_scales(joints);
@@ -82,9 +82,9 @@ class SparseSaddle : public WorldRows {
     return true;
   }
   int redundant() const { return redundant_; }
-  // Places in lam of the rows left out, where there are any.
+  // Marks the rows left out by their places in lam; nullptr if none are.
   const std::vector<char>* dropped() const { return independent_ ? &dropped_ : nullptr; }
-  // Near a singular position of a loop it goes to zero, as the square of the distance.
+  // Near a singular position of a loop it is proportional to the square of the distance.
   double smallest_pivot() {
     return independent_ ? 1 / delassus_->largest_inverse(scales_) : delassus_->lu().smallest_tail_pivot();
   }
@@ -97,7 +97,7 @@ class SparseSaddle : public WorldRows {
       if (regular && !on_constraints) return true;
       const double inverse = delassus_->largest_inverse(scales_);
       if (regular && inverse < kWorse * inverse_at_choice_) {
-        inverse_at_choice_ = std::min(inverse_at_choice_, kWorse * inverse);  // chosen near a singular position
+        inverse_at_choice_ = std::min(inverse_at_choice_, kWorse * inverse);  // it was chosen near a singular position
         return true;
       }
       return independent_->choose(joints, dropped_) == redundant_ && take_choice(joints);
@@ -107,16 +107,16 @@ class SparseSaddle : public WorldRows {
     find_null_space(joints);
     return true;
   }
-  // Counts the choices of independent rows.
+  // How many times independent rows have been chosen.
   int choice() const { return choice_; }
 
-  // Takes the multiplier directions without effect, G^T w = 0, out of three values a part: of residuals, where they are
-  // the rows' own contradiction, and of multipliers, which become those of least norm.
+  // Removes the multiplier directions without effect, G^T w = 0, from three values a part: from residuals, where they
+  // are contradictions between redundant rows, and from multipliers, which become those of least norm.
   void remove_null_space(double* values) const {
     for (const std::vector<double>& w : null_) subtract_component(w, values);
   }
 
-  // The least-norm multipliers that act as these do; of all rows, at the joints factored last.
+  // Replaces the multipliers of all rows by those of least norm with the same effect, at the joints factored last.
   void make_least_norm(const Constraints& joints, std::vector<double>& lam) {
     if (independent_) return independent_->make_least_norm(joints, lam);
     for (const std::vector<double>& w : null_) {
@@ -126,9 +126,9 @@ class SparseSaddle : public WorldRows {
     }
   }
 
-  // M y + G^T lam = f, G y = rows: takes f and the rows of each part, leaves y and lam in their places. to_rounding:
-  // what redundant rows cost in digits matters; near-dependent rows and graded masses lose digits of the rows in the
-  // first pass, thin bodies of the balance of forces too. What that leaves is then solved for once more.
+  // Solves M y + G^T lam = f, G y = rows; y and lam replace f and the rows of each part. Almost dependent rows and very
+  // different masses lose digits of the rows in the first pass, thin bodies also digits of the balance of forces; the
+  // residual is then solved for again. to_rounding: do so for redundant rows too.
   void solve(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
     const bool again =
         plan_.graded || thin_ || !plan_.rotors.empty() || (to_rounding && (redundant_ > 0 || independent_));
@@ -149,10 +149,10 @@ class SparseSaddle : public WorldRows {
   }
 
  private:
-  static constexpr double kWorse = 4;         // of the inverted pivots: other rows are chosen then
+  static constexpr double kWorse = 4;         // growth of the inverted pivots at which other rows are chosen
   static constexpr double kDependent = 1e10;  // inverse of an eigenvalue that is rounding
-  static constexpr int kMostPasses = 8;       // of refinement: each gains a digit or more where moments span eight
-  static constexpr double kSlow = 0.3;        // a correction not smaller than this much of the last is rounding
+  static constexpr int kMostPasses = 8;       // each pass gains a digit or more if moments span eight decades
+  static constexpr double kSlow = 0.3;        // corrections that shrink less than this are rounding
 
   bool take_choice(const Constraints& joints) {
     ++choice_;
@@ -162,7 +162,7 @@ class SparseSaddle : public WorldRows {
     inverse_at_choice_ = delassus_->largest_inverse(scales_);
     return true;
   }
-  // Whether the rows chosen loop by loop are independent all together: a few steps of inverse iteration.
+  // Whether the rows chosen loop by loop are independent together, by a few steps of inverse iteration.
   bool regular() {
     std::vector<double> x(scales_.size());
     std::vector<Twist> response(system_.n());
@@ -229,7 +229,7 @@ class SparseSaddle : public WorldRows {
         dense_->null_vector(k, w.data());
       else
         delassus_->lu().null_vector(k, w.data());
-      std::fill(w.begin() + 3 * plan_.count(), w.end(), 0.0);  // null vectors have no part in the bodies
+      std::fill(w.begin() + 3 * plan_.count(), w.end(), 0.0);  // null vectors are zero for the hubs
       cleanse(joints, w);
       for (int pass = 0; pass < 2; ++pass)  // Gram and Schmidt, twice is enough
         for (int i = 0; i < k; ++i) subtract_component(null_[i], w.data());
@@ -238,7 +238,7 @@ class SparseSaddle : public WorldRows {
       for (double& value : w) value /= std::sqrt(square);
     }
   }
-  // What G^T w is not zero by, M y + G^T m = G^T w with G y = 0, belongs to m: w <- w - m.
+  // Corrects w so that G^T w = 0: solves M y + G^T m = G^T w, G y = 0 and replaces w by w - m.
   void cleanse(const Constraints& joints, std::vector<double>& w) {
     correction_.assign(system_.n() + 1, Twist{});
     for (int k = 0; k < plan_.count(); ++k) rows_[k] = -load3(&w[3 * k]);
@@ -261,11 +261,11 @@ class SparseSaddle : public WorldRows {
   std::optional<DenseSaddle> dense_;
   bool solves_dense_ = false;  // at the joints factored last
   std::vector<char> dropped_;
-  std::vector<double> scales_;  // of rows, where they are chosen
+  std::vector<double> scales_;  // of the rows, for the choice
   double inverse_at_choice_ = 0;
   int redundant_ = 0, choice_ = 0;
   const Constraints* factored_ = nullptr;
-  std::vector<Vec3> rows_, wanted_;  // of a second pass
+  std::vector<Vec3> rows_, wanted_;  // for refinement
   std::vector<Twist> forces_, correction_;
   std::vector<std::vector<double>> null_;  // orthonormal vectors w with G^T w = 0, three values a part
 };

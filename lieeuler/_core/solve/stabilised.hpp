@@ -6,17 +6,17 @@
 //   A du + h K dxi + G^T dLam = r_u        M (dxi - du) + Gn^T dmu = r_xi
 //   G du + h N dxi            = r_lam      G T dxi                 = r_mu
 //
-// du follows from the second of the first column's rows. What is left, with c = dLam + dmu, couples only through
+// The equation on the upper right gives du. The others, with c = dLam + dmu, are coupled only by
 // E = A M^-1 Gn^T - G^T = O(h):
 //
 //   [A + h K, G^T; G T, 0] (dxi, c) = (r_u + A M^-1 r_xi - E dmu, r_mu)
 //   G M^-1 Gn^T dmu                 = r_lam + G M^-1 r_xi - (G + h N) dxi
 //
-// and since (G + h N) dxi is r_mu but for O(h) dxi, which changes little from one step to the next, dmu is known well
-// beforehand, and a sweep over the two shrinks the error by O(h^2).
+// (G + h N) dxi differs from r_mu by O(h) dxi, which changes little from one step to the next. So dmu is well known
+// beforehand, and a sweep over the two systems reduces the error by O(h^2).
 //
-// In place of S = G M^-1 Gn^T stands the one of q_n, O(h) away, as long as a pass over what that leaves of the rows
-// shrinks them well.
+// S at q_n, which differs by O(h), replaces S = G M^-1 Gn^T as long as each pass over the residual rows reduces them
+// well.
 #pragma once
 
 #include "solve/delassus.hpp"
@@ -25,7 +25,7 @@ namespace lieeuler {
 
 class StabilisedSolve {
  public:
-  // `delassus` holds S of q_n, factored, when the iteration of a step begins.
+  // `delassus` must hold the factored S of q_n when the iteration of a step begins.
   StabilisedSolve(const Plan& plan, Delassus& delassus)
       : plan_(plan),
         system_(plan.system),
@@ -44,28 +44,29 @@ class StabilisedSolve {
         guessed_(plan.count()),
         excess_(plan.count(), Vec3::Zero()) {}
 
-  // Where the sweeps converge by construction: no damping, and no loops unless their dependent rows are dropped.
+  // Whether the sweeps converge by construction: without damping, and without loops unless dependent rows are dropped.
   static bool suits(const Plan& plan) {
     const std::vector<Force>& forces = plan.system.forces;
     return plan.rotors.empty() && (plan.forest || plan.independent) &&
            std::all_of(forces.begin(), forces.end(), [](const Force& f) { return f.damping == 0; });
   }
 
-  // Rows at the guess, columns of the multipliers at q_n; u and T there.
+  // Sets the rows at the guess with u and T there, and the multipliers' columns at q_n.
   void linearise(const Constraints& joints, const Constraints& before, const std::vector<Twist>& u,
                  const std::vector<Mat3>& tangents, double h) {
     if (h != h_) forget();
     joints_ = &joints, before_ = &before, u_ = &u, tangents_ = &tangents, h_ = h;
     fresh_ = false;
   }
-  // What one step leaves for the next to guess by.
+  // Drops the guess that one step leaves for the next.
   void forget() { std::fill(excess_.begin(), excess_.end(), Vec3::Zero()); }
-  // h N T of one side of a part that is not spherical.
+  // h N T for one side of a part that is not spherical.
   Rows& slope(int part, Side side) { return slopes_[2 * part + side]; }
 
-  // Solves for the corrections r -> (du, dLam, dxi, dmu), laid out as in `nodes`. core(x) solves with the first matrix;
-  // `tolerance` is the rounding of dxi, translations over `length`. False where the sweeps do not converge. Rows of
-  // position and velocity hold in any case: the former are rows of the first system, and dmu is solved last.
+  // Solves for the corrections: r becomes (du, dLam, dxi, dmu), laid out as in `nodes`. core(x) solves with the first
+  // matrix. `tolerance` is the rounding error of dxi, with translations over `length`. False if the sweeps do not
+  // converge. The rows of position and velocity are satisfied in any case: the first system contains the former, and
+  // dmu is solved last.
   template <class Core>
   bool solve(std::vector<double>& r, const Nodes& nodes, const Core& core, double length, double tolerance) {
     double coupling = kCaution * start(r, nodes, length);
@@ -89,10 +90,10 @@ class StabilisedSolve {
  private:
   static constexpr int kMostSweeps = 12;
   static constexpr double kSlow = 0.3;
-  static constexpr double kNoise = 1e3;   // times the tolerance: what no longer shrinks there is rounding
-  static constexpr double kCaution = 10;  // on the size of E, seen along one direction
-  static constexpr double kStale = 0.01;  // ratio of what a pass leaves above which S is renewed
-  static constexpr double kRounding = 4;  // times the tolerance: what the products of a sweep round to
+  static constexpr double kNoise = 1e3;   // times the tolerance; below it, changes that no longer shrink are rounding
+  static constexpr double kCaution = 10;  // safety factor on the size of E, measured along one direction
+  static constexpr double kStale = 0.01;  // a pass that reduces the rows less than this renews S
+  static constexpr double kRounding = 4;  // times the tolerance: rounding error of the products of a sweep
 
   // A M^-1 y - y for one body, h times the slope of the gyroscopic torque: rotations only. `rate` is M^-1 y.
   Vec3 gyroscopic(int b, const Vec3& y, const Vec3& rate) const {
@@ -104,8 +105,8 @@ class StabilisedSolve {
     for (double value : values) size = std::max(size, std::abs(value));
     return size;
   }
-  // The first right-hand sides, with dmu as if (G + h N) dxi - r_mu were that of the last solve. Returns the size of E,
-  // of M^-1 E dmu over dmu.
+  // Sets the first right-hand sides, with dmu for the (G + h N) dxi - r_mu of the last solve. Returns the size of E,
+  // measured as M^-1 E dmu over dmu.
   double start(const std::vector<double>& r, const Nodes& nodes, double length) {
     for (int b = 0; b < system_.n(); ++b) {
       const Twist own = load(&r[3 * nodes.v(b)]), drift = load(&r[3 * nodes.xi_v(b)]);
@@ -127,8 +128,8 @@ class StabilisedSolve {
     const double multipliers = largest(correction_), coupled = couple(length);
     return multipliers > 0 ? coupled / multipliers : std::numeric_limits<double>::infinity();
   }
-  // The change of dmu that the latest change of dxi, in core_rhs_, asks for beyond what stood for it before; what that
-  // leaves of the rows is at most `wanted`, or rounding. False where S is singular.
+  // Changes dmu for the latest change of dxi, in core_rhs_, beyond what was guessed for it, until the residual of the
+  // rows is at most `wanted`, or rounding. False if S is singular.
   bool follow(double wanted) {
     for (int b = 0; b < system_.n(); ++b) velocity_[b] = load(&core_rhs_[6 * b]);
     velocity_[system_.n()] = Twist{};
@@ -153,7 +154,7 @@ class StabilisedSolve {
     accept_correction();
     return true;
   }
-  // h N T dxi of one part, dxi in velocity_.
+  // h N T dxi of one part, with dxi in velocity_.
   Vec3 slope_rate(int k) const {
     Vec3 rate = Vec3::Zero();
     for (Side side : kSides) {
@@ -167,7 +168,7 @@ class StabilisedSolve {
     return rate;
   }
 
-  // Solves - S dmu = rows_ and adds it to the correction; rows_ becomes what that leaves of it.
+  // Solves - S dmu = rows_ and adds dmu to the correction; rows_ becomes the residual.
   void pass() {
     target_ = rows_;
     delassus_.solve_rows(rows_.data(), flat(response_));
@@ -185,12 +186,12 @@ class StabilisedSolve {
     std::fill(correction_.begin(), correction_.end(), 0.0);
     std::fill(velocity_.begin(), velocity_.end(), Twist{});
   }
-  // correction_ is a change of dmu, velocity_ its - M^-1 Gn^T dmu.
+  // Adds correction_, a change of dmu, and velocity_, its - M^-1 Gn^T dmu.
   void accept_correction() {
     for (size_t i = 0; i < mu_.size(); ++i) mu_[i] += correction_[i];
     for (int b = 0; b < system_.n(); ++b) shift_[b].v += velocity_[b].v, shift_[b].w += velocity_[b].w;
   }
-  // Adds - E times the latest change of dmu to the right-hand side; its size as a velocity.
+  // Adds - E times the latest change of dmu to the right-hand side; returns its size as a velocity.
   double couple(double length) {
     std::fill(balance_.begin(), balance_.end(), Twist{});
     for (int k = 0; k < plan_.count(); ++k) {
@@ -239,11 +240,11 @@ class StabilisedSolve {
   double h_ = 0;
   bool fresh_ = false;  // S is that of this iteration
   std::vector<Rows> slopes_;
-  std::vector<double> rows_, target_;  // of - S dmu: what is left now, and before the last pass
+  std::vector<double> rows_, target_;  // residual of - S dmu, now and before the last pass
   std::vector<double> correction_, mu_, core_rhs_, total_;
   std::vector<Twist> velocity_, response_, balance_;
   std::vector<Twist> shift_;   // dxi - du = M^-1 (r_xi - Gn^T dmu)
-  std::vector<Vec3> guessed_;  // of (G + h N) dxi, until the first sweep has found it
+  std::vector<Vec3> guessed_;  // guess of (G + h N) dxi, until the first sweep has computed it
   std::vector<Vec3> excess_;   // (G + h N) dxi - r_mu
 };
 

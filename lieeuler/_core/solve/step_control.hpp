@@ -1,4 +1,4 @@
-// Choice of the step from error estimates.
+// Step size control from error estimates.
 #pragma once
 
 #include <algorithm>
@@ -6,7 +6,7 @@
 
 namespace lieeuler {
 
-// Proportional and integral control (Gustafsson 1991, doi:10.1145/210232.210242) for estimates that go as h^order.
+// Proportional-integral control (Gustafsson 1991, doi:10.1145/210232.210242) for estimates proportional to h^order.
 class StepControl {
  public:
   StepControl() = default;
@@ -14,7 +14,7 @@ class StepControl {
 
   double step() const { return h_; }
 
-  // `error`: estimate over tolerance. Whether the step stands.
+  // `error`: estimate over tolerance. Returns whether the step is accepted.
   bool accept(double error) {
     error = std::max(error, 1e-10);
     if (!(error <= 1)) {
@@ -39,7 +39,7 @@ class StepControl {
   bool refused_ = false;
 };
 
-// Steps below this end a run: so many of them would be needed that it does not end, or time itself stands still.
+// A run ends if its steps fall below this: it would need too many of them, or t + h would round to t.
 inline double smallest_step(double t, double t_end) { return std::max(1e-12 * (t_end - t), 1e-15 * t_end); }
 
 }  // namespace lieeuler

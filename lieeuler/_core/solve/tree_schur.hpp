@@ -1,6 +1,6 @@
-// The saddle point of a tree with its bodies eliminated beforehand: S mu = G y - c, S = G M^-1 G^T, one block of S per
-// pair of parts on a body. M is constant, and the rows of a spherical joint taken in the axes of its child make that
-// body's share of S constant too: for small systems this is several times cheaper than the whole matrix.
+// The saddle point of a tree with its bodies eliminated beforehand: S mu = G y - c, S = G M^-1 G^T, with one block of S
+// per pair of parts on a body. M is constant. The rows of a spherical joint are written in the axes of its child, which
+// makes that body's part of S constant too. For small systems this is several times cheaper than the whole matrix.
 #pragma once
 
 #include "model/plan.hpp"
@@ -35,7 +35,7 @@ class TreeSchur {
     return lu_.factor();
   }
 
-  // Rows, and multipliers back, in the axes that S is written in: those of its child for a spherical part.
+  // Turn rows into the axes of S, and multipliers back: the axes of the child for a spherical part.
   Vec3 own(int k, const Vec3& rows) const { return plan_.part(k).spherical ? transposed_times(*axes_[k], rows) : rows; }
   Vec3 in_world(int k, const Vec3& lam) const { return plan_.part(k).spherical ? times(*axes_[k], lam) : lam; }
   Vec3 gamma(int k, const Constraints& joints, const std::vector<Twist>& u) const {
@@ -47,7 +47,7 @@ class TreeSchur {
     return at_child - times(turns_[k], w_parent.cross(w_parent.cross(joint.parent_anchor)));
   }
 
-  // From forces, and from velocities without multipliers.
+  // Solve from forces, and from velocities without multipliers.
   void solve(std::vector<Twist>& f, std::vector<Vec3>& rows, bool) {
     for (int b = 0; b < system_.n(); ++b) f[b] = velocity(system_.bodies[b], f[b]);
     correct(f, rows);
@@ -101,12 +101,12 @@ class TreeSchur {
     int part, body;
     Side side;
     double inverse_mass;
-    bool whole;  // whether a point needs V, W and N themselves
+    bool whole;  // whether a point needs V, W and N as matrices
     Vec3 s;
     Mat3 V, W, N;
     Mat3 own;  // child_point: its block of S; parent_point: that block without T
   };
-  // Blocks of S two ends on one body share. chain: of a child_point and a parent_point, share * T^T.
+  // The two blocks of S for two ends on one body. chain: share * T^T, for a child_point and a parent_point.
   struct Pair {
     int a, b;
     double *ab, *ba;

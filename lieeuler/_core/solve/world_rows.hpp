@@ -1,4 +1,4 @@
-// Constraint rows as the joints give them, in world axes: what most eliminations of the saddle point take.
+// Constraint rows in world axes, as the joints give them; most eliminations of the saddle point use these.
 #pragma once
 
 #include "model/plan.hpp"

@@ -53,9 +53,9 @@ def words(found: Advice) -> list[str]:
         least = "no run ended" if found.least is None else f"the least error found is {found.least:.1e} m"
         return [f"{asked}: no method reaches it, {least}"]
     size = f"step     {figure(found.step)} s" if found.step else f"rtol     {figure(found.rtol)}"
-    breaks = "at no step tried, up to one output time" if found.breaks_at is None else (
+    breaks = "at no step tried; the longest is the time between two outputs" if found.breaks_at is None else (
         f"at {'step' if found.step else 'rtol'} {figure(found.breaks_at)}{' s' if found.step else ''}: there it fails, "
         "or is wrong by a tenth of the scene's size")
     return [asked, f"method   {found.method}{f', form {found.form}' if found.form else ''}", size,
-            f"error    {found.error:.1e} m", f"cost     {1e3 * (found.cost or 0.0):.3g} ms of stepping",
+            f"error    {found.error:.1e} m", f"cost     {found.cost or 0.0:.3g} s of stepping",
             f"breaks   {breaks}", f"command  {found.command}"]

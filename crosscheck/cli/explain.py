@@ -7,9 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from crosscheck.cli.console import console
+from crosscheck.cli.console import say
 from crosscheck.cli.options import Drop, Keyframe, SceneName, figure, loaded
-from crosscheck.cli.tables import figures, key, print_table, words
 from crosscheck.files import finite
 
 
@@ -44,25 +43,21 @@ def explain(
 
 def _print(answer: Any) -> None:
     """The page: verdict, what was seen, evidence, what to change."""
-    terminal = console(160)
     mark = {"agrees": "✓", "named": "✗", "unknown": "?"}[answer.outcome]
-    terminal.print(f"{mark} {answer.sentence}", style={"agrees": "green", "named": "bold red"}.get(answer.outcome,
-                                                                                                 "bold yellow"))
-    seen = [("difference from truth for vanishing steps", f"{answer.deviation:.1e}", "largest of |dx|/L, |dR|, "
-             f"|dv|/(L W), |dw|/W in the first {answer.window:.3g} s; L longest lever, W fastest rate of the scene"),
-            ("doubt of that difference", f"{answer.noise:.1e}", "")]
+    say(f"{mark} {answer.sentence}")
+    say(f"difference from truth as steps vanish: {answer.deviation:.1e}, which is known to {answer.noise:.1e} (the "
+        f"largest of |dx|/L, |dR|, |dv|/(L W) and |dw|/W in the first {answer.window:.3g} s, where L is the longest "
+        "lever and W the fastest rate of the scene)")
     if answer.explained is not None:
-        seen.append(("left of it once truth has the cause too", f"{answer.explained:.1e}", ""))
+        say(f"left of it once truth has the cause too: {answer.explained:.1e}")
     if answer.documented_order is not None:
         observed = "at rounding" if answer.observed_order is None else f"{answer.observed_order:.2f}"
-        seen.append(("observed order", observed, f"documented {answer.documented_order}"))
-    print_table(terminal, [key(""), *figures(""), words("")], seen)
+        say(f"observed order: {observed}, documented {answer.documented_order}")
     if answer.evidence:
-        rows = [("✓" if each.holds else "·", each.hypothesis, figure(each.before), figure(each.after),
-                 "; ".join(text for text in (each.magnitude, each.note) if text), each.quantity)
-                for each in answer.evidence]
-        print_table(terminal, [*figures(""), key("hypothesis"), *figures("residual before", "after"), words("fitted"),
-                               words("residual of")], rows,
-                    f"evidence, {answer.tried} hypotheses tried (✓ explains, · does not)")
+        say(f"evidence; hypotheses tried: {answer.tried} (✓ explains, · does not)")
+    for each in answer.evidence:
+        told = [f"{each.quantity}: {figure(each.before, '–')} without, {figure(each.after, '–')} with it",
+                each.magnitude, each.note]
+        say(f"{'✓' if each.holds else '·'} {each.hypothesis}; {'; '.join(filter(None, told))}", indent=2)
     for cause in answer.causes:
-        terminal.print(f"what to change: {cause.mend} ({cause.name})")
+        say(f"what to change: {cause.mend} ({cause.name})")

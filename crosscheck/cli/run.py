@@ -111,7 +111,7 @@ def _print_verdict(judged: Judged | None, traj: Trajectory) -> None:
 def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: float | None) -> None:
     used = traj.stats.get("step")
     say(f"{traj.engine} {traj.method}{f' ({traj.form})' if traj.form else ''}: {traj.steps} steps"
-               + (f" of {used:.6g} s" if used else "") + f", {1e3 * traj.wall_time:.3g} ms of stepping, "
+               + (f" of {used:.6g} s" if used else "") + f", {traj.wall_time:.3g} s of stepping, "
                f"{1e6 * traj.wall_time / max(1, traj.steps):.3g} us per step")
     if asked and used and used < asked * (1 - 1e-9):
         say(f"the step asked for, {asked:g} s, does not divide the {traj.t[1] - traj.t[0]:g} s between two "

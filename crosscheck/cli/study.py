@@ -105,7 +105,7 @@ def drift(
     document = _conduct(DriftStudy(), ask, out)
     columns = [key("scene"), key("run"), *figures("steps", "s"), words("energy"),
                *figures("energy band", "slope, 1/s", "slope T / band", "growth", "momentum band"), words("momentum"),
-               *figures("position, m", "velocity, m/s", "acceleration, m/s2", "orthogonality")]
+               *figures("position, m", "velocity, m/s", "acceleration, m/s²", "orthogonality")]
     print_table(console(220), columns, [
         (run.scene, run.label, f"{run.steps:,}", figure(run.wall_time),
          run.energy_verdict or f"{run.status}: {run.reason}",

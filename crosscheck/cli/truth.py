@@ -34,11 +34,11 @@ def truth(
         return
     say(f"{found.name}: {reference.source}")
     say(f"checked against: {reference.second_source}")
-    say(f"truth to {reference.error:.1e}: they differ by {reference.disagreement:.1e}, the scene's conditioning "
-               f"explains {reference.allowed:.1e}")
+    say(f"error of this truth: at most {reference.error:.1e} of the scene's length; the two differ by "
+        f"{reference.disagreement:.1e}, rounding may move them apart by {reference.allowed:.1e}")
     if reference.outvoted:
         say(f"outvoted: {reference.outvoted}")
     say(f"a perturbation grows {reference.amplification:.3g}-fold over {found.duration:g} s; "
-               f"comparable up to {reference.horizon:g} s")
+        f"runs are compared with truth up to {reference.horizon:g} s")
     for body, position in zip(found.bodies, reference.states.x[-1], strict=True):
         say(f"{body.name}: x({found.duration:g} s) = ({', '.join(f'{value:.15g}' for value in position)}) m")

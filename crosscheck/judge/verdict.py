@@ -277,8 +277,8 @@ def beyond(run: J, finding: Finding, message: str = "") -> J:
                    message="; ".join(filter(None, (run.message, message))))
 
 
-FIRST = (("run", "step", "vanished"), (*QUANTITIES, "order", "energy", "rtol", "sub-steps"),
-         ("momentum", "level", "acceleration", "orthogonality", "limit"))
+FIRST = (("run", "step", "vanished"), (*QUANTITIES, "order", "energy"),
+         ("momentum", "level", "acceleration", "orthogonality", "limit", "rtol", "sub-steps"))
 """Kinds of findings, or how their names begin, in the order in which `worst` names them; others are plausibility checks
 and come last: they say little more than that a motion looks like one."""
 
@@ -311,5 +311,5 @@ def word(run: Judged) -> str:
         return "stable"
     said = {"unsupported": "n/a", "partly": "pass"}.get(run.outcome, run.outcome)
     share = _share(run.judged_until, run.duration)
-    return (f"{said} to {run.judged_until:g} s, {100 * share:.2g} % of the time" if share < 1 and
+    return (f"{said} to {run.judged_until:g} s ({100 * share:.2g} %)" if share < 1 and
             run.outcome in ("pass", "partly", "known") else said)

@@ -145,6 +145,8 @@ def number(value: float | None, digits: int = 2) -> str:
         return "–"
     if value == 0:
         return "0"
+    if 10**digits <= abs(value) < 1000:
+        return f"{value:.0f}"
     return f"{value:.{digits}g}" if 0.01 <= abs(value) < 1000 else f"{value:.{digits - 1}e}"
 
 

@@ -127,6 +127,7 @@ def document(frame: pd.DataFrame, parameters: list[str], report: Report, meta: O
             command=shlex.join(["crosscheck", "sweep", f"{out}/request.json", "--cell", row["cell"]]))
 
     ways = []
+    frame = frame.assign(form=frame["form"].fillna(""))  # of engines that have one form only; as NaN it would be told
     for (scene, *way), cells in frame.groupby(["scene", *WAY], dropna=False, sort=False):
         good = cells[cells["status"] == "success"]
         finite = {name: good[name].to_numpy()[np.isfinite(good[name].to_numpy())] for name in FIGURES}

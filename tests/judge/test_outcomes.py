@@ -88,7 +88,7 @@ def test_a_known_defect_vanished_only_where_all_of_it_was_looked_for(monkeypatch
 
 
 @pytest.mark.parametrize(("until", "duration", "partly", "word"), [
-    (1.0, 10.0, True, "pass to 1 s, 10 % of the time"), (10.0, 10.0, False, "pass"), (None, 10.0, False, "pass"),
+    (1.0, 10.0, True, "pass to 1 s (10 %)"), (10.0, 10.0, False, "pass"), (None, 10.0, False, "pass"),
     (1.0, None, False, "pass"), (10.0 * (1 - 1e-10), 10.0, False, "pass"), (20.0, 10.0, False, "pass")])
 def test_words_claim_no_more_than_was_judged(until, duration, partly, word):
     run = SimpleNamespace(judged_until=until, duration=duration, outcome="pass", practical=False)

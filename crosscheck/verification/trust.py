@@ -91,7 +91,9 @@ def by_engine(scene: SceneTruth, records: Sequence[Record]) -> list[EngineTrust]
 
 def _said(found: Recommended) -> str:
     size = f"step {found.step:.2g} s" if found.step else f"rtol {found.rtol:.0e}"
-    time = "" if found.seconds is None else f", {1e3 * found.seconds:.2g} ms per simulated second"
+    pace = 1e3 * (found.seconds or 0.0)
+    spelled = f"{pace:.2g}" if pace < 100 else f"{pace:.0f}"
+    time = "" if found.seconds is None else f", {spelled} ms per simulated second"
     part = "" if found.until is None else f", judged up to {found.until:g} s"
     return f"{' or '.join(found.runs)}: {found.why} (position error {found.error:.1e} m at {size}{part}{time})"
 

@@ -1,6 +1,6 @@
 """crosscheck: one multibody scene, many engines, every result measured against independent truth.
 
-Importing this package costs nothing: engines, SciPy and plotting are loaded when a function first needs them.
+Importing this package is fast: engines, SciPy and plotting are imported when a function first needs them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _HOMES = {
     "TruthError": ("references.base", "TruthError"),
     "ArgumentError": ("errors", "ArgumentError"),
 }
-"""The public names, and the module and attribute each stands for."""
+"""The public names, each with its module and its attribute there."""
 
 __all__ = sorted(_HOMES)
 

@@ -1,6 +1,6 @@
-"""The errors of crosscheck, and the sentence that answers an unknown name.
+"""The errors of crosscheck, and common phrases of messages.
 
-Two more errors live where they arise: `crosscheck.TruthError`, in `crosscheck.references.base`, and
+Two more errors are defined where they are raised: `crosscheck.TruthError`, in `crosscheck.references.base`, and
 `lieeuler.IntegrationError`, which carries the trajectory so far.
 """
 
@@ -10,27 +10,27 @@ import difflib
 from collections.abc import Iterable
 
 FAILED = "✗ "
-"""The beginning of the label of a task that failed: the terminal shows it at once, and keeps it."""
+"""Prefix of the label of a task that failed; the terminal prints such a label at once and leaves it on the screen."""
 
 
 class CrosscheckError(Exception):
-    """Base of all errors of crosscheck: the message is written for the user."""
+    """Base of all errors of crosscheck. The message is written for the user."""
 
 
 class SceneError(CrosscheckError):
-    """A scene file is wrong. The message names the file, the entry and the mend."""
+    """A scene file is wrong. The message names the file, the entry and what to write instead."""
 
 
 class Unsupported(CrosscheckError):
-    """An engine cannot model this scene, or not in this form or with this method; the message is the reason."""
+    """An engine cannot model this scene, or not in this form or with this method. The message is the reason."""
 
 
 class EngineError(CrosscheckError):
-    """An engine failed while it ran; the message carries what it said."""
+    """An engine failed while it ran. The message contains the engine's own message."""
 
 
 class ArgumentError(CrosscheckError, ValueError):
-    """A wrong argument to a public function; the message names it and lists what is allowed."""
+    """An argument of a public function is wrong. The message names it and lists what is allowed."""
 
 
 EXTRAS = {
@@ -39,23 +39,23 @@ EXTRAS = {
     "plotly": "report", "matplotlib": "report", "pypdf": "report", "sqlalchemy": "history", "psycopg": "history",
     "distributed": "cluster", "dask": "cluster", "rerun": "rerun", "drake": "drake", "dart": "dart",
 }
-"""The extra of pyproject.toml that brings a module or an engine."""
+"""The extra of pyproject.toml that installs a module or an engine."""
 
 
 def install(name: str) -> str:
-    """How to get what brings a module or an engine."""
+    """The command that installs a module or an engine."""
     extra = EXTRAS.get(name.partition(".")[0])
     return f"pip install 'lieeuler-crosscheck[{extra}]'" if extra else f"pip install {name}"
 
 
 def missing(error: ImportError) -> str:
-    """One sentence: which module is missing, and the extra that brings it."""
+    """One sentence: which module is missing, and how to install it."""
     name = error.name or str(error)
     return f"{name.partition('.')[0]} is not installed; {install(name)}" if error.name else str(error)
 
 
 def unknown(what: str, given: object, allowed: Iterable[str]) -> str:
-    """One sentence: what was wrong, the nearest allowed name if there is a near one, and all allowed names."""
+    """One sentence: which name is not known, a similar allowed name if there is one, and all allowed names."""
     allowed = list(allowed)
     lower = {name.lower(): name for name in allowed}
     near = difflib.get_close_matches(str(given).lower(), lower, n=1)
@@ -64,5 +64,5 @@ def unknown(what: str, given: object, allowed: Iterable[str]) -> str:
 
 
 def said(error: BaseException) -> str:
-    """What an error says, in one line; its name where it says nothing."""
+    """The message of an error in one line, or the name of its class if the message is empty."""
     return " ".join(str(error).split()) or type(error).__name__

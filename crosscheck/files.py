@@ -1,4 +1,4 @@
-"""Files that are replaced as a whole, and values as JSON has them."""
+"""Files that are replaced as a whole, and conversion of values to JSON."""
 
 from __future__ import annotations
 
@@ -15,15 +15,12 @@ _UNREADABLE = re.compile("[\\x00-\\x08\\x0b\\x0c\\x0e-\\x1f\\ud800-\\udfff\\ufff
 
 
 def readable(text: str) -> str:
-    """The text with escapes for what no encoding, XML or database takes: control characters, halves of characters."""
+    """The text with escapes for control characters and lone surrogates, which XML and databases refuse."""
     return _UNREADABLE.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
 def finite(value: Any) -> Any:
-    """The same as any file can hold it: texts `readable`, None for numbers that are not finite.
-
-    JSON has no infinity, and no plot shows one.
-    """
+    """The value with texts made `readable` and None for numbers that are not finite, which JSON cannot hold."""
     if isinstance(value, Mapping):
         return {finite(key): finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
@@ -34,27 +31,27 @@ def finite(value: Any) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Structs, dataclasses and NumPy's scalars as `finite` values that JSON knows, keys as texts."""
+    """Structs, dataclasses and NumPy scalars as `finite` JSON values, with texts as keys."""
     import msgspec
 
     return finite(msgspec.to_builtins(value, str_keys=True, enc_hook=scalar))
 
 
 def scalar(value: Any) -> Any:
-    """A scalar of NumPy as one of Python's; for `msgspec`, which knows none."""
+    """A NumPy scalar as a Python scalar, for `msgspec`, which does not know NumPy."""
     if hasattr(value, "item"):
         return value.item()
     raise TypeError(f"{type(value).__name__} cannot be written as JSON")
 
 
 def cell(value: Any) -> Any:
-    """A text as a spreadsheet shows it: one that begins like a formula is not computed."""
+    """A value for a spreadsheet, which would run a text that begins like a formula; such a text gets an apostrophe."""
     return f"'{value}" if isinstance(value, str) and value[:1] in tuple("=+-@\t\r") else value
 
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Where to write what replaces a file once it is whole: a reader sees the old file or the new one, never a part."""
+    """A temporary path whose file replaces `path` at the end: readers see the whole old file or the whole new one."""
     aside = path.with_name(f".{path.name}.new")
     try:
         yield aside
@@ -72,7 +69,7 @@ def put(path: Path, text: str) -> None:
 
 
 def cache_folder() -> Path:
-    """Where truth and environments of engines are kept: CROSSCHECK_CACHE, else `crosscheck` in the user's cache."""
+    """The folder for cached truth and environments: CROSSCHECK_CACHE, else `crosscheck` in the user's cache folder."""
     if chosen := os.environ.get("CROSSCHECK_CACHE"):
         return Path(chosen)
     if sys.platform == "darwin":

@@ -1,7 +1,7 @@
 """The engine adapters: names, lookup, methods. An engine's package is imported only when the engine is used.
 
-An engine is called by its name, by a class of the user's own ("module:Class", "path/file.py:Class"), or by name and
-version ("mujoco==3.3.7").
+An engine is given by its name, by a class of the user ("module:Class", "path/file.py:Class"), or by name and version
+("mujoco==3.3.7").
 """
 
 from __future__ import annotations
@@ -20,17 +20,20 @@ _GROUP = "crosscheck.engines"
 
 
 def names() -> tuple[str, ...]:
-    """Names of the engines: the four built in, the optional ones that are installed, then those other packages offer as
-    entry points, sorted."""
+    """Names of the engines: the four built in, the optional ones that are installed, then entry points, sorted."""
     offered = {point.name for point in importlib.metadata.entry_points(group=_GROUP)}
     return (*built_in.listed(), *sorted(offered - set(built_in.ENTRIES)))
 
 
 def get(name: str) -> Engine:
-    """The adapter called `name`, as the package docstring says; no entry point takes over a built-in name.
+    """The adapter for `name`, in the forms of the package docstring; an entry point cannot replace a built-in name.
 
-    Raises `ArgumentError` where there is none, where it lacks what an engine must have, or where `name` is no text;
-    `EngineError` where the environment of a version cannot be made.
+    Raises
+    ------
+    ArgumentError
+        There is no such engine, it lacks a required attribute or method, or `name` is not a text.
+    EngineError
+        The environment of a version cannot be made.
     """
     if not isinstance(name, str):
         raise ArgumentError(f"engine: a name is wanted, not {type(name).__name__}; allowed: {', '.join(names())}")
@@ -42,7 +45,7 @@ _LENT: dict[str, Engine] = {}
 
 @contextlib.contextmanager
 def lent(engine: Engine) -> Iterator[str]:
-    """A name for an engine that is an object, as long as the context lasts, for what knows engines by their names."""
+    """A temporary name for an engine that is given as an object, valid within the context."""
     name = f"{engine.name} {id(engine)}"
     _LENT[name] = engine
     try:
@@ -69,43 +72,43 @@ def _get(name: str) -> Engine:
 
 
 def split(entry: str) -> tuple[str, str]:
-    """(engine, method) of "engine", "engine:method" and, for a class of the user's own, "module:Class:method"."""
+    """(engine, method) of "engine", "engine:method" and, for a class of the user, "module:Class:method"."""
     if is_own(entry):
         home, _, rest = entry.rpartition(":")
-        # Of a Windows path the drive has a colon too, and no folder before it.
+        # A Windows path has a colon too, after its drive letter.
         return (home, rest) if ":" in home[2:] else (entry, "")
     engine, _, method = entry.partition(":")
     return engine, method
 
 
 def is_own(name: str) -> bool:
-    """Whether `name` stands for a class of the user's own, by module or file."""
+    """Whether `name` gives a class of the user, by module or file."""
     return ":" in name and "==" not in name and name.partition(":")[0] not in names()
 
 
 def has_own_environment(name: str) -> bool:
-    """Whether `name` asks for a version, which runs in an environment of its own: its times compare with no other."""
+    """Whether `name` asks for a version; it runs in its own environment, so its times cannot be compared."""
     return "==" in name
 
 
 def methods(name: str) -> tuple[str, ...]:
-    """Names of the methods of the engine called `name`; raises `ArgumentError` where there is no such engine."""
+    """Names of the methods of an engine; raises `ArgumentError` if there is no such engine."""
     return get(name).methods
 
 
 def turning(name: str, scene: Scene, form: str | None) -> Sequence[int]:
-    """Bodies that the model of an engine carries on SO(3), see `Engine`; every body where the engine does not say."""
+    """Bodies that an engine's model has on coordinates of SO(3), see `Engine`; all if the engine does not say."""
     declared = getattr(get(name.partition("==")[0]), "turning", None)
     return range(scene.n) if declared is None else declared(scene, form)
 
 
 def coordinate_map(name: str, wanted: str | None) -> str | None:
-    """The map that a job asks of every engine, for those that declare this option; None for the others."""
+    """The coordinate map `wanted` if the engine declares this option, else None."""
     return wanted if "coordinate_map" in getattr(get(name), "options", ()) else None
 
 
 def pace(name: str) -> int:
-    """How slowly runs of an engine step, see `Engine`; slow ones are started first."""
+    """How slow runs of an engine are, see `Engine`; slow ones are started first."""
     return getattr(get(name), "pace", 0)
 
 
@@ -115,9 +118,9 @@ def on_group(name: str) -> bool:
 
 
 COARSEST = 2.0**-23
-"""Spacing at 1 of numbers of 32 bits: no coarser ones are believed of an engine."""
+"""Spacing at 1 of single precision: an engine cannot claim coarser numbers."""
 
 
 def eps(name: str) -> float:
-    """Spacing at 1 of the numbers that an engine computes with, see `Engine`; that of doubles where it does not say."""
+    """Spacing at 1 of the numbers of an engine, see `Engine`; that of doubles if it does not say."""
     return min(float(getattr(get(name), "eps", 2.0**-52)), COARSEST)

@@ -1,4 +1,4 @@
-"""The engines that come with crosscheck, by name: where each adapter is, and what has to be installed for it."""
+"""The engines that come with crosscheck, by name: the module of each adapter and the package it needs."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from crosscheck.adapters.base import Engine
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """Where an adapter is."""
+    """The place of an adapter."""
 
     module: str
     adapter: str
-    needs: str | None = None  # a module of an optional engine, of the extras [drake] and [dart]
-    package: str = ""  # that brings a version of its own, "mujoco==3.3.7"; "" where none can be chosen
+    needs: str | None = None  # the module of an optional engine, from the extras [drake] and [dart]
+    package: str = ""  # the package for a chosen version, as in "mujoco==3.3.7"; "" if none can be chosen
 
     def make(self) -> Engine:
-        """The adapter; its engine is imported only when it is used."""
+        """The adapter; this does not import its engine yet."""
         made: Engine = getattr(importlib.import_module(self.module), self.adapter)()
         return made
 
@@ -35,6 +35,6 @@ ENTRIES = {
 
 
 def listed() -> tuple[str, ...]:
-    """Names of the entries: those without an optional engine, and those whose engine is installed."""
+    """Names of the entries whose engine is not optional, or is installed."""
     return tuple(name for name, entry in ENTRIES.items()
                  if entry.needs is None or importlib.util.find_spec(entry.needs) is not None)

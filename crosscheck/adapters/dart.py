@@ -43,7 +43,7 @@ class Dart:
         return open_tree.unsupported(scene, spec)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
-        """Integrate; raises `EngineError` when the state stops being finite."""
+        """Integrate; raises `EngineError` if the state becomes infinite or NaN."""
         import dartpy
 
         model, bench = Model(scene), Model(scene)
@@ -88,7 +88,7 @@ class Model:
                 joint.setAxis(link.parts[0].axis)
                 joint.setPositions(q)
             if link.dofs:
-                joint.setVelocities(v)  # of a ball in the axes it turns to, and its rotation starts from zero
+                joint.setVelocities(v)  # those of a ball in the outer body's axes; its rotation starts at zero
             self.bodies[link.body] = body
 
     def _pair(self, link: tree.Link) -> tuple[Any, Any]:
@@ -100,7 +100,7 @@ class Model:
         return joint, body
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Put joint positions and velocities in, and the accelerations they lead to."""
+        """Set joint positions and velocities and compute the accelerations."""
         self.skeleton.setPositions(q)
         self.skeleton.setVelocities(v)
         self.skeleton.computeForwardDynamics()
@@ -111,7 +111,7 @@ class Model:
         return np.array(self.skeleton.getAccelerations())
 
     def body_state(self, index: int) -> open_tree.BodyState:
-        """Motion of a body in the state put in last."""
+        """Motion of a body in the state set last."""
         body = self.bodies[index]
         pose = body.getWorldTransform()
         return (pose.translation(), pose.rotation(), body.getCOMLinearVelocity(), body.getAngularVelocity(),

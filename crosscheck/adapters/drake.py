@@ -1,8 +1,8 @@
 """Drake: joint coordinates of a MultibodyPlant in continuous time, stepped by its own integrators.
 
 Source: https://drake.mit.edu, Tedrake and the Drake development team 2019. A ball joint has roll, pitch and yaw, which
-lock where the pitch comes to a right angle: they count from the attitude at the start, and the pitch is taken about
-the axis about which the ball turns least there.
+are singular at a pitch of a right angle. They are therefore measured from the initial attitude, and the pitch is about
+the axis with the smallest initial angular velocity.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ FIXED = {"explicit_euler": 1, "semi_explicit_euler": 1, "runge_kutta2": 2}
 """Integrators without error control, and their order."""
 
 CONTROLLED = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3", "implicit_euler")
-"""Integrators with error control; rtol is Drake's target accuracy, the error of a step of the states it weighs."""
+"""Integrators with error control; rtol is Drake's target accuracy, the weighted error of the states in one step."""
 
 LONGEST = 0.1
-"""Longest step (s) of an integrator with error control, as Drake's own simulations have it."""
+"""Longest step (s) of an integrator with error control, the same as in Drake's own simulations."""
 
 
 Moment = tuple[float, np.ndarray, np.ndarray]
@@ -60,7 +60,7 @@ class Drake:
         return open_tree.unsupported(scene, spec)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
-        """Integrate; raises `EngineError` with Drake's words where it gives up."""
+        """Integrate; raises `EngineError` with Drake's message if it fails."""
         model = Model(scene)
         raw = _stepped(scene, spec, model) if spec.method in FIXED else _controlled(scene, spec, model)
         raw.form = "tree"
@@ -103,7 +103,7 @@ class Model:
         return self.plant.AddJoint(joint)
 
     def start(self, scene: Scene, context: Any) -> None:
-        """Put the scene's initial state into a context."""
+        """Set the scene's initial state in a context."""
         for link, joint in self.joints:
             q, v = tree.initial_coordinates(scene, link)
             match link.type:
@@ -116,7 +116,7 @@ class Model:
                     joint.set_translation(context, q[0]), joint.set_translation_rate(context, v[0])
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Put joint positions and velocities into the bench."""
+        """Set joint positions and velocities in the evaluation context."""
         self.plant.SetPositions(self.bench, q)
         self.plant.SetVelocities(self.bench, v)
 
@@ -126,7 +126,7 @@ class Model:
         return np.array(self.plant.EvalTimeDerivatives(self.bench).get_generalized_velocity().CopyToVector())
 
     def body_state(self, index: int) -> open_tree.BodyState:
-        """Motion of a body in the bench's state."""
+        """Motion of a body in the state set last."""
         body = self.bodies[index]
         pose = self.plant.EvalBodyPoseInWorld(self.bench, body)
         twist = self.plant.EvalBodySpatialVelocityInWorld(self.bench, body)
@@ -144,7 +144,7 @@ def _inertia(body: Any) -> Any:
 
 
 def _pitch_axes(scene: Scene, link: tree.Link) -> np.ndarray:
-    """Cyclic permutation (3, 3) of the body's axes that makes the one it turns about least the second."""
+    """Cyclic permutation (3, 3) of the body's axes that puts the one with the smallest angular velocity second."""
     _, w = tree.initial_coordinates(scene, link)
     return np.roll(np.eye(3), 1 - int(np.argmin(np.abs(w))), axis=1)
 
@@ -210,7 +210,7 @@ def _controlled(scene: Scene, spec: RunSpec, model: Model) -> RawRun:
     def states_of(moments: list[Moment]) -> States:
         t, q, v = (np.array(column) for column in zip(*moments, strict=True))
         stepping.check_finite(spec.method, t, q, v)
-        return convert(t, q, v, v)  # accelerations are wanted; what they are is Drake's to say
+        return convert(t, q, v, v)  # the last argument only asks for accelerations, which Drake computes
 
     states = dataclasses.replace(states_of(samples), t=scene.t)
     monitor = Monitor(scene) if spec.monitor else None

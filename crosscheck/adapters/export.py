@@ -1,4 +1,4 @@
-"""Scenes as models of others: MJCF for MuJoCo, URDF for everybody, a script for Exudyn."""
+"""Exports scenes as model files: MJCF for MuJoCo, URDF for many programs, a script for Exudyn."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from crosscheck.scene.models.urdf import urdf
 def export_model(scene: Scene | str | os.PathLike[str], path: str | os.PathLike[str]) -> None:
     """Write a scene (or its name or path) as MJCF, .xml, as URDF, .urdf, or as a Python script that runs Exudyn, .py.
 
-    Reading a model back gives the scene to rounding. The state is the keyframe "start" of an MJCF. A URDF holds none:
-    give `qpos` and `qvel` to `import_model`. The script prints the states of its run as CSV.
+    `import_model` reads an exported model back with errors of rounding size. An MJCF holds the state in its keyframe
+    "start". A URDF holds no state: give `qpos` and `qvel` to `import_model`. The script prints the states of its run as
+    CSV.
 
     Raises
     ------
     SceneError
-        The format cannot hold something of the scene, which is named, or the file cannot be written.
+        The format cannot hold an element of the scene, which the message names, or the file cannot be written.
     ArgumentError
-        `path` ends in something else.
+        `path` has another ending.
     """
     target, scene = Path(path), as_scene(scene)
     if target.suffix == ".py":

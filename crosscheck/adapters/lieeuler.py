@@ -1,4 +1,4 @@
-"""Adapter of the in-house integrators; to crosscheck just another engine."""
+"""Adapter of lieeuler; crosscheck treats it like any other engine."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from crosscheck.scene.states import States
 
 
 def build_problem(scene: Scene) -> lieeuler.Problem:
-    """The scene as a `lieeuler.Problem`; joints in file order, so that rows of lam are those of the scene."""
+    """The scene as a `lieeuler.Problem`, with joints in file order, so that rows of lam are those of the scene."""
     bodies = tuple(lieeuler.Body(body.mass, body.inertia) for body in scene.bodies)
     joints = tuple(_joint(scene, joint) for joint in scene.joints)
     forces = tuple(_force(scene, force) for force in scene.forces)
@@ -26,12 +26,12 @@ def build_problem(scene: Scene) -> lieeuler.Problem:
 
 
 def start(problem: lieeuler.Problem, step: float = 1e-6) -> lieeuler.Solution:
-    """A run of one step (s): its first row is the initial state with the kernel's own index-1 values."""
+    """A run of one step (s), whose first row is the initial state with the kernel's index-1 accelerations and lam."""
     return lieeuler.integrate(problem, "INDEX1_LE", step, np.array([0.0, step]), monitor=False)
 
 
 def _joint(scene: Scene, joint: Joint) -> lieeuler.Joint:
-    """The joint by the function of lieeuler that bears its type's name, which takes what the type needs, in order."""
+    """The joint, made by lieeuler's function for its type, which takes the type's parameters in this order."""
     kind = JOINT_TYPES[joint.type]
     parameters = [getattr(joint, key) for key, needed in kind.needs.items() if needed]
     if kind.keeps_attitude:
@@ -68,14 +68,14 @@ def _force(scene: Scene, force: Force) -> lieeuler.forces.Force:
 
 
 def _value(value: Value) -> Any:
-    """A number or a function of time as lieeuler has it."""
+    """A number, or a function of time as lieeuler's type."""
     if not isinstance(value, TimeFunction):
         return value
     return lieeuler.TimeFunction(value.pieces, value.terms, value.breaks)
 
 
 class IntegrationError(CrosscheckError, lieeuler.IntegrationError):
-    """lieeuler's error of this name as one of crosscheck: a run ended early; status, advice and the way so far."""
+    """A run of lieeuler ended early: the error as one of crosscheck, with `status`, `advice` and `solution`."""
 
 
 class LieEuler:
@@ -97,15 +97,15 @@ class LieEuler:
         return version("lieeuler-crosscheck")
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
-        """Order of the method's record; None for a run whose steps follow rtol."""
+        """Order from the method's record; None for adaptive runs."""
         return None if spec.step is None else lieeuler.METHODS[spec.method].order
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
-        """Levels of the method's record."""
+        """Levels from the method's record."""
         return frozenset(lieeuler.METHODS[spec.method].held)
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
-        """All joints and forces are modelled, redundant constraints included, but for mimic."""
+        """Why lieeuler cannot run this, or None; it models all joints and forces except mimic."""
         if reason := scene.beyond(("armature", "drive", "joint_torque", "function")):
             return reason
         if spec.form not in (None, *self.forms):
@@ -118,7 +118,7 @@ class LieEuler:
         return self.refused_map(spec)
 
     def refused_map(self, spec: RunSpec) -> str | None:
-        """Why the method does not work with the coordinate map of a request, or None where it does."""
+        """Why the method does not work with the coordinate map of a request, or None if it does."""
         return lieeuler.METHODS[spec.method].refused_map(spec.coordinate_map or "exp")
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
@@ -129,7 +129,7 @@ class LieEuler:
         IntegrationError
             The run ended early.
         ArgumentError
-            A wrong argument, in the kernel's words.
+            An argument is wrong; the message is that of lieeuler.
         """
         try:
             solution = lieeuler.integrate(

@@ -1,9 +1,9 @@
-"""Independent truth: two formulations that share no equation, compared with each other before either is believed.
+"""Independent truth: two formulations that share no equation, compared with each other before either is used.
 
-Nothing here imports `lieeuler` or an adapter. A free body and a Lagrange top: elliptic functions against Taylor series;
-everything else, trees and loops of all joints under all forces: Taylor series in minimal coordinates against DOP853 in
-maximal ones. Where two of these differ by more than the scene explains, a third one, in natural coordinates and
-extended precision, says which of them is wrong.
+Nothing here imports `lieeuler` or an adapter. For a free body and a Lagrange top, elliptic functions are compared with
+Taylor series; for everything else, trees and loops of all joints under all forces, Taylor series in minimal coordinates
+with DOP853 in maximal ones. If these differ by more than the scene's conditioning explains, a third formulation, in
+natural coordinates and extended precision, decides which of them is wrong.
 """
 
 from __future__ import annotations
@@ -23,19 +23,21 @@ if TYPE_CHECKING:
 
 __all__ = ["Chaotic", "Reference", "TruthError", "truth"]
 
-FLOOR = 1e-12  # relative; what two formulations reach on a well-conditioned scene
-ROUNDOFF = 1e-14  # perturbation that the rounding of a whole run amounts to, before the scene amplifies it
+FLOOR = 1e-12  # relative difference of two formulations on a well-conditioned scene
+ROUNDOFF = 1e-14  # the rounding errors of a whole run as a perturbation of its start, before the scene amplifies it
 
 
 def truth(scene: Scene) -> Reference:
-    """Reference trajectory of a scene, from the cache where it is there.
+    """Reference trajectory of a scene, from the cache if it is stored there.
 
     Raises
     ------
     TruthError
-        The formulations differ so much that no usable digits are left, or one of them ends early, as it does at a
-        position where a loop that is no parallelogram loses rank. `Chaotic`, with the `horizon` up to which there is
-        truth, where that lies before the first output time.
+        The formulations differ so much that no usable digits are left, or one of them ends early, as it does where the
+        rows of a loop lose rank, except in parallelograms. The error is `Chaotic`, with the `horizon` of the truth, if
+        that is before the first output time.
+    Unsupported
+        The scene has elements that the references do not model.
     """
     from crosscheck.references import cache
 
@@ -61,7 +63,7 @@ def _geared_closures(scene: Scene) -> list[str]:
 
 
 def compute(scene: Scene) -> Reference:
-    """As `truth`, without the cache; without heyoka, an extra, from the formulations that need none."""
+    """As `truth`, without the cache; if heyoka is not installed, from the formulations that do not need it."""
     try:
         import heyoka  # noqa: F401
     except ImportError:
@@ -93,12 +95,12 @@ def compute(scene: Scene) -> Reference:
 
 
 def _without_series(scene: Scene, found: Agreement, series: Solved, compared: int) -> Agreement:
-    """The agreement of the other two where the series were outvoted, at all output times.
+    """The agreement of the other two formulations, at all output times, after the Taylor series were outvoted.
 
     Raises
     ------
     TruthError
-        They are so far off that the growth of perturbations, which they measured, is another motion's.
+        The series are so far off that the growth of perturbations measured with them belongs to another motion.
     """
     from crosscheck.references.agreement import USABLE, Solved, difference
 
@@ -113,8 +115,8 @@ def _without_series(scene: Scene, found: Agreement, series: Solved, compared: in
 
 
 def _compared(scene: Scene, horizon: float) -> int:
-    """Number of output times up to the horizon: past it no two integrations agree, so those are not compared."""
-    count = int(np.count_nonzero(scene.t <= horizon * (1 + 1e-12)))  # the ends of both grids agree up to rounding
+    """Number of output times up to the horizon, beyond which no two integrations agree."""
+    count = int(np.count_nonzero(scene.t <= horizon * (1 + 1e-12)))  # the ends of both grids agree to rounding
     if count < 2 and horizon > 0.0:
         raise Chaotic(f"{scene.name!r}: its truth ends at {horizon:.3g} s, where a perturbation of 1e-15 has grown to "
                       f"1e-10, and the first output time is {scene.t[1]:.3g} s; ask for a shorter duration or more "

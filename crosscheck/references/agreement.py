@@ -1,4 +1,4 @@
-"""What two formulations of a motion, and a third one where those two differ, say about its truth and its error."""
+"""Compares two formulations of a motion, and a third one if they differ, to find the truth and its error."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from crosscheck.references.base import TruthError
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
-USABLE = 1e-6  # relative; a hundredth of what the loosest bound of a verdict is, that of a method of order one
-OUTVOTED = 0.1  # two formulations that agree to this part of what the third differs by have outvoted it
+USABLE = 1e-6  # relative; a hundredth of the loosest bound of a verdict, that of a method of order one
+OUTVOTED = 0.1  # two formulations outvote a third if their difference is at most this part of its difference from them
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class Solved:
 
 @dataclasses.dataclass(frozen=True)
 class Agreement:
-    """Which motion to believe, what confirms it, how far that differs from it, and who was outvoted."""
+    """The chosen motion, the one that confirms it, their difference, and which formulation was outvoted."""
 
     chosen: Solved
     second: Solved
@@ -43,7 +43,7 @@ class Difference:
 
 
 def difference(scene: Scene, first: States, second: States, count: int) -> Difference:
-    """How far two trajectories are apart at the first `count` output times."""
+    """The largest difference of two trajectories at the first `count` output times."""
     from crosscheck.references.tree import scene_length
 
     x = np.linalg.norm(first.x[:count] - second.x[:count], axis=-1) / scene_length(scene)
@@ -55,15 +55,16 @@ def difference(scene: Scene, first: States, second: States, count: int) -> Diffe
 
 
 def agree(scene: Scene, first: Solved, second: Solved, count: int, allowed: float) -> Agreement:
-    """The motion that two formulations share at the first `count` output times, or that most of three share.
+    """The motion on which two formulations, or two of three, agree at the first `count` output times.
 
-    A third formulation is asked where the two differ by more than `allowed`. Who differs from both others ten times as
-    much as those from each other is outvoted. Where nobody is, the difference is the error of the first one.
+    If the two differ by more than `allowed`, a third formulation is computed. A formulation is outvoted if it differs
+    from the other two ten times as much as these do from each other. If none is, the difference counts as the error of
+    the first one.
 
     Raises
     ------
     TruthError
-        What differs leaves no usable digits; the message names the sources, the time and the body.
+        The difference leaves no usable digits; the message names the sources, the time and the body.
     """
     apart = difference(scene, first.states, second.states, count)
     if apart.size <= allowed:
@@ -88,7 +89,7 @@ def _place(scene: Scene, where: Difference) -> str:
 
 
 def _third(scene: Scene, count: int) -> Solved | None:
-    """The motion in natural coordinates, None where these cannot follow it."""
+    """The motion in natural coordinates, None if these cannot compute it."""
     from crosscheck.references import natural
 
     try:

@@ -1,21 +1,21 @@
 """Accelerations of a tree in minimal coordinates by block elimination, leaves first, over any number type.
 
-Derivation. A body with all that hangs on it answers the acceleration A of its reference point and its angular
-acceleration alpha by a torque and a force at that point, in its own axes,
+Derivation. To give a body, with everything attached on its outer side, the angular acceleration alpha and the
+acceleration A of its reference point takes the torque N and the force F at that point, in the body's axes,
 
     N = I alpha + K A + tau,    F = K^T alpha + M A + f.
 
-Of the body alone, with lever r to the centre of mass and S. = hat: I = J - m r^ r^, K = m r^, M = m,
-f = m (w x (w x r) - g) - applied force, tau = w x J w + r x f - applied torque. An outer body at arm l, moved to this
-body's axes, answers A + alpha x l: it adds I - K l^ - (K l^)^T - l^ M l^, K + l^ M, M.
+For the body alone, with lever r to the centre of mass and r^ = hat(r): I = J - m r^ r^, K = m r^, M = m,
+f = m (w x (w x r) - g) - applied force, tau = w x J w + r x f - applied torque. An outer body at arm l, in this body's
+axes, moves with A + alpha x l: it adds I - K l^ - (K l^)^T - l^ M l^, K + l^ M, M.
 
-A joint passes no power along its motions: S^T (N, F) = 0 for (alpha, A) = carried along + S du + bias, which gives du
-and leaves H - H S (S^T H S)^-1 S^T H of the six by six H = (I, K; K^T, M). A free turn is taken out first, alone: its
-angular acceleration is not carried along. A rod passes a force along itself only: F = phi e with e . A prescribed,
-which leaves e e^T / (e . M^-1 e).
+A joint transmits no power along its motions: S^T (N, F) = 0 for (alpha, A) = carried along + S du + bias. This gives du
+and reduces the six by six H = (I, K; K^T, M) to H - H S (S^T H S)^-1 S^T H. A free turn is eliminated first, by itself,
+because its angular acceleration does not depend on the inner body. A rod transmits only a force along itself: F = phi e
+with e . A prescribed, which reduces H to e e^T / (e . M^-1 e).
 
-Applied wrenches come in columns: the first is what acts; each further one is a unit of a loop's multiplier, for which
-velocities and weight count as zero.
+Applied wrenches come in columns: the first is the actual one; each further one belongs to a unit multiplier of a loop,
+without velocities and weight.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ NONE = [ZERO, ZERO, ZERO]
 def gyroscopic(inertia: Matrix, w: Vector) -> Vector:
     """w x J w, body axes.
 
-    As w x (J - s) w, s the middle one of the entries on the diagonal: equal moments then leave exactly nothing, where
-    their rounding would spin up a needle, whose third moment is a millionth of theirs.
+    Computed as w x (J - s) w, with s the middle entry on the diagonal: two equal moments then cancel exactly. Their
+    rounding error would spin up a needle, whose third moment is a millionth of theirs.
     """
     middle = sorted(inertia[k][k] for k in range(3))[1]
     return cross(w, apply([[entry - middle if i == j else entry for j, entry in enumerate(row)]
@@ -73,7 +73,7 @@ def weight(mass: float, gravity: Vector) -> Vector:
 
 @dataclasses.dataclass
 class Answer:
-    """I, K, M and the (tau, f) of each column: what a body answers at its reference point."""
+    """I, K, M and the (tau, f) of each column, at the reference point of a body."""
 
     inertia: Vector
     coupling: Vector
@@ -88,7 +88,7 @@ class Answer:
 
 @dataclasses.dataclass
 class Eliminated:
-    """du = -rest - Z^T (alpha, A) of a joint's motions, and the motions with their bias."""
+    """The elimination of a joint's motions: du = -rest - Z^T (alpha, A), and the motions with their bias."""
 
     motions: Vector
     bias: tuple[Any, ...]
@@ -96,7 +96,7 @@ class Eliminated:
     rest: Vector
 
     def forward(self, column: int, alpha: Vector, A: Vector) -> tuple[Vector, Vector, Vector]:
-        """du, and the accelerations that the joint makes of those carried along."""
+        """du, and the accelerations of the outer body from those carried along."""
         du = [-(dot(turn, alpha) + dot(shift, A)) - rest
               for (turn, shift), rest in zip(self.Z, self.rest[column], strict=True)]
         if column == 0:
@@ -108,7 +108,7 @@ class Eliminated:
 
 @dataclasses.dataclass
 class Rod:
-    """F = phi e of a body on a rod, or F = 0 of a free one (no direction): its acceleration from that carried along."""
+    """The elimination of a rod, F = phi e, or of a free body, F = 0 (then without e)."""
 
     factors: tuple[Any, ...]
     columns: Vector
@@ -117,7 +117,7 @@ class Rod:
     loads: Vector = dataclasses.field(default_factory=list)  # phi at carried acceleration zero
 
     def forward(self, column: int, alpha: Vector, A: Vector) -> Vector:
-        """The acceleration of the reference point; `alpha` is not needed."""
+        """The acceleration of the reference point from that carried along; `alpha` is not used."""
         force = scale(-1.0, self.columns[column][1])
         if self.e is not None:
             force = add(force, scale(self.stiffness * dot(self.e, A) + self.loads[column], self.e))
@@ -126,24 +126,24 @@ class Rod:
 
 @dataclasses.dataclass
 class Prescribed:
-    """A joint whose speed has a given derivative: it carries on what it is given, with that and its bias added."""
+    """A joint whose speed has a given derivative: it adds that and its bias to the accelerations carried along."""
 
     rate: Any
     alpha: Vector
     A: Vector
 
     def forward(self, column: int, alpha: Vector, A: Vector) -> tuple[Vector, Vector, Vector]:
-        """du, and the accelerations that the joint makes of those carried along."""
+        """du, and the accelerations of the outer body from those carried along."""
         return ([self.rate], add(alpha, self.alpha), add(A, self.A)) if column == 0 else ([0.0], alpha, A)
 
 
 def accelerations(tree: Tree, frames: dict[int, Frame], wrenches: ByBody, efforts: ByBody | None = None,
                   driven: dict[int, Any] | None = None) -> tuple[ByBody, ByBody, ByBody]:
-    """alpha, A and derivatives of speeds: by body, a list over columns each.
+    """alpha, A and derivatives of speeds; each maps bodies to a list over columns.
 
-    `wrenches` maps bodies to columns of (force, torque about the centre of mass), own axes, the ground excepted;
-    `efforts`, where given, to columns of what acts along each angle and displacement of a joint; `driven` to the second
-    derivative of a joint's coordinate where that is given.
+    `wrenches` maps bodies, without the ground, to columns of (force, torque about the centre of mass) in own axes;
+    `efforts` maps them to columns of generalized forces along each angle and displacement of their joint; `driven` maps
+    them to the second derivative of the joint's coordinate, if that is prescribed.
     """
     count = len(next(iter(wrenches.values())))
     gravity = _gravity(tree, frames)
@@ -176,7 +176,7 @@ def _gravity(tree: Tree, frames: dict[int, Frame]) -> ByBody:
     gravity = {GROUND: tree.scene.gravity.tolist()}
     for link in tree.links:
         frame = frames[link.body]
-        if link.turn == FREE:  # from the body's own quaternion, which does not grow with the length of a chain
+        if link.turn == FREE:  # from the body's own quaternion; products along a chain would accumulate rounding
             gravity[link.body] = apply_transposed(rotation(frame.q), gravity[GROUND])
         else:
             gravity[link.body] = apply_transposed(frame.turn, gravity[link.parent])
@@ -184,7 +184,7 @@ def _gravity(tree: Tree, frames: dict[int, Frame]) -> ByBody:
 
 
 def _own(link: Link, frame: Frame, gravity: Any, wrenches: Vector) -> Answer:
-    """What the body alone answers."""
+    """I, K, M, tau and f of the body alone."""
     r = hat(frame.lever)
     mass = [[link.mass if i == j else 0.0 for j in range(3)] for i in range(3)]
     columns = []
@@ -206,7 +206,7 @@ def _sum(one: Answer, other: Answer) -> Answer:
 
 
 def _through_joint(link: Link, frame: Frame, answer: Answer, efforts: Vector | None) -> tuple[Vector, Answer]:
-    """The stages of a joint, in the order of their elimination, and what is left at its point in the inner body."""
+    """The stages of a joint in the order of their elimination, and the reduced answer at its point."""
     stages: Vector = []
     if link.turn == FREE:
         turn, answer = _free_turn(answer)
@@ -222,7 +222,7 @@ def _through_joint(link: Link, frame: Frame, answer: Answer, efforts: Vector | N
 
 
 def _prescribed(frame: Frame, answer: Answer, rate: Any) -> tuple[Vector, Answer]:
-    """What a body answers through a joint whose coordinate has a given second derivative."""
+    """The stage and the reduced answer of a joint whose coordinate has a given second derivative."""
     turn, shift = frame.columns[0]
     taken = Prescribed(rate, add(frame.spin_bias, scale(rate, turn)), add(frame.shift_bias, scale(rate, shift)))
     tau, f = answer.times(taken.alpha, taken.A)
@@ -231,7 +231,7 @@ def _prescribed(frame: Frame, answer: Answer, rate: Any) -> tuple[Vector, Answer
 
 
 def _free_turn(answer: Answer) -> tuple[tuple[Any, ...], Answer]:
-    """alpha = -(rest + coupling A): no torque at the reference point."""
+    """Eliminate a free turn: no torque at the reference point gives alpha = -(rest + coupling A)."""
     factors = factor_symmetric(answer.inertia)
     rest = [solve_factored(factors, tau) for tau, _ in answer.columns]
     solved = transpose([solve_factored(factors, column) for column in transpose(answer.coupling)])
@@ -243,9 +243,9 @@ def _free_turn(answer: Answer) -> tuple[tuple[Any, ...], Answer]:
 
 def _eliminate(answer: Answer, motions: Vector, bias: tuple[Any, ...],
                efforts: Vector | None, armature: tuple[float, ...] = ()) -> tuple[Eliminated, Answer]:
-    """Take motions (angular, linear) with their accelerations at constant speeds out of what a body answers.
+    """Eliminate motions (angular, linear) of a joint; `bias` are the accelerations at constant speeds.
 
-    `armature` is the inertia that the rate of each motion has besides the body's.
+    `armature` is the rotor inertia of each motion.
     """
     Y = [answer.times(*motion) for motion in motions]
     matrix = [[dot(turn, y[0]) + dot(shift, y[1]) for y in Y] for turn, shift in motions]
@@ -279,7 +279,7 @@ def _eliminate(answer: Answer, motions: Vector, bias: tuple[Any, ...],
 
 
 def _rod(link: Link, frame: Frame, answer: Answer) -> tuple[Rod, Answer]:
-    """A body on a rod, or in free flight; its turn is free and already taken out."""
+    """Eliminate a rod or a free translation, after the free turn."""
     factors = factor_symmetric(answer.mass)
     if link.shift == "free":
         return Rod(factors, answer.columns), Answer(NONE, NONE, NONE, [(ZERO, ZERO) for _ in answer.columns])
@@ -294,7 +294,7 @@ def _rod(link: Link, frame: Frame, answer: Answer) -> tuple[Rod, Answer]:
 
 
 def _carried(passed: Answer, frame: Frame, inner: Frame, link: Link) -> Answer:
-    """What the inner body feels: turned to its axes, moved to its reference point."""
+    """The answer in the inner body's axes, at its reference point."""
     inertia, mass = congruent(frame.turn, passed.inertia), congruent(frame.turn, passed.mass)
     coupling = multiply(multiply(frame.turn, passed.coupling), transpose(frame.turn))
     arm = hat(frame.arm)
@@ -313,7 +313,7 @@ def _carried(passed: Answer, frame: Frame, inner: Frame, link: Link) -> Answer:
 
 
 def _drag(link: Link, frame: Frame, inner: Frame) -> Vector:
-    """Acceleration of the joint's point at constant speeds, over the one carried along; inner axes."""
+    """Acceleration of the joint's point at constant speeds, beyond the one carried along; inner axes."""
     drag = centripetal(inner.w, frame.arm)
     if link.outward or link.shift == "none":
         return drag

@@ -1,4 +1,4 @@
-"""References kept on disk, one .npz a scene, named by the scene's hash and the version of the formulas."""
+"""References stored on disk, one .npz per scene, named by the scene's hash and the version of the formulas."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _ARRAYS = ("position_derivatives", "attitude_derivatives")
 
 @functools.cache
 def formula_version() -> str:
-    """Digest of the code that makes references and of the libraries it integrates with.
+    """Digest of the code that makes references and of the versions of its libraries.
 
-    An edited formula must not be answered from results of the old one, whoever forgets to count a version up.
+    With it, results of an old formula are never used after an edit, even if nobody increases a version number.
     """
     digest = hashlib.sha256()
     here = pathlib.Path(__file__).parent
@@ -52,7 +52,7 @@ def path(scene: Scene) -> pathlib.Path:
 
 
 def load(scene: Scene) -> Reference | None:
-    """The stored reference, or None where there is none that can be read."""
+    """The stored reference, or None if there is none that can be read."""
     try:
         with np.load(path(scene), allow_pickle=False) as stored:
             content = {name: stored[name] for name in (*_STATES, *_OTHERS)}
@@ -80,7 +80,7 @@ def _digest(content: dict[str, Any]) -> str:
 
 
 def _check(scene: Scene, content: dict[str, Any]) -> None:
-    """Raise `ValueError` for what cannot be a reference of this scene, whoever wrote it."""
+    """Raise `ValueError` if the content cannot be a reference of this scene."""
     vectors, count = (scene.samples, scene.n, 3), len(content["position_derivatives"])
     shapes = dict.fromkeys(("x", "v", "w", "a", "alpha"), vectors) | {
         "t": (scene.samples,), "R": (*vectors, 3)} | dict.fromkeys(_ARRAYS, (count,))
@@ -98,7 +98,7 @@ def _check(scene: Scene, content: dict[str, Any]) -> None:
 
 
 def store(scene: Scene, reference: Reference) -> None:
-    """Write aside and rename: readers see the old file, none, or the whole new one. A full disk is only a warning."""
+    """Store a reference by writing a temporary file and renaming it; a failure, such as a full disk, only warns."""
     target = path(scene)
     content: dict[str, Any] = {name: getattr(reference.states, name) for name in _STATES}
     content |= {name: getattr(reference, name) for name in _OTHERS}

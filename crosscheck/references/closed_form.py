@@ -26,7 +26,7 @@ from crosscheck.scene.states import States
 
 SOURCE = "closed form (Jacobi elliptic functions)"
 SYMMETRY = 4 * np.finfo(float).eps  # a body of revolution up to rounding of its inertia, relative
-POLE = 1e-20  # the angles lose this factor in precision near the vertical; below it they jump by pi
+POLE = 1e-20  # near the vertical the angles lose this factor in precision, and then jump by pi
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +48,7 @@ def lagrange_top(scene: Scene) -> Top:
     Raises
     ------
     Unsupported
-        The scene is something else; the message says in what.
+        The scene is not a Lagrange top; the message says why.
     """
     def refuse(reason: str) -> Unsupported:
         return Unsupported(f"closed form for {scene.name!r}: {reason}")
@@ -112,7 +112,7 @@ class Solution:
         self.m = (self.u2 - self.u1) / (self.u3 - self.u1)
 
     def _phase(self, u0: Any, rate: Any) -> None:
-        """Argument of sn at t = 0, on the branch where u moves the way it starts."""
+        """Argument of sn at t = 0, on the branch with the initial direction of du/dt."""
         mp = self.mp
         span = self.u2 - self.u1
         square = (u0 - self.u1) / span if span > 0 else mp.mpf(0)
@@ -153,8 +153,8 @@ def solve(scene: Scene) -> States:
     Raises
     ------
     Unsupported
-        The scene is neither, or the rotation is steady, or a top's axis passes through the vertical, where Euler angles
-        jump.
+        The scene is neither, or the rotation is steady, or the axis of a top passes through the vertical, where Euler
+        angles jump.
     """
     if not scene.joints:
         return free_body.solve(scene)

@@ -1,4 +1,4 @@
-"""How far the truth of a scene can be trusted: growth of a small perturbation of its initial state."""
+"""Conditioning of a scene: the growth of small perturbations of its initial state."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from crosscheck.references.generic import quaternion_product
 from crosscheck.references.taylor import Taylor
 from crosscheck.references.tree import FREE, scene_length
 
-PERTURBATION = 1e-8  # scaled down to 1e-14 afterwards: at 1e-14 itself, round-off of the run would be measured instead
-SMALL_PERTURBATION = 1e-11  # where PERTURBATION grows until the motion stops being linear in it
-NONLINEAR = 1e-2  # a central difference this large is still linear to its square
+PERTURBATION = 1e-8  # the growth is linear and applies to 1e-14 too, where rounding of the run would hide it
+SMALL_PERTURBATION = 1e-11  # used if PERTURBATION grows until the motion is no longer linear in it
+NONLINEAR = 1e-2  # central differences up to this size are linear up to their square
 HORIZON_GROWTH = 1e-10 / 1e-15
-INSTANTS = 401  # growth oscillates; a grid of its own keeps it independent of the scene's number of samples
-RESOLVED = 40  # a horizon within so many instants of the start is sought again, on a grid that ends there
-CLOSURE_STEP = 1e-5  # central differences of a loop's rows are off by its square, which PERTURBATION makes 1e-18
-MANY, SAMPLES = 36, 12  # beyond so many directions, random combinations of all of them; off by a fifth or so
+INSTANTS = 401  # growth oscillates; this grid makes it independent of the scene's number of samples
+RESOLVED = 40  # a horizon within this many instants of the start is searched again on a finer grid
+CLOSURE_STEP = 1e-5  # step of central differences of loop rows; their error, its square, times PERTURBATION is 1e-18
+MANY, SAMPLES = 36, 12  # with more directions, this many random combinations are followed; accurate to about a fifth
 
 
 @dataclasses.dataclass(frozen=True)
 class Conditioning:
-    """Growth of the worst small perturbation, its maximum over the run, and the time until it reaches 1e5."""
+    """Growth of the worst small perturbation in the larger of |dx| / length and |dR|_F."""
 
-    amplification: float  # over the run, of |dx| / length and |dR|_F, the larger
-    within_horizon: float  # the same up to the horizon
-    horizon: float  # s
+    amplification: float  # maximum over the run
+    within_horizon: float  # maximum up to the horizon
+    horizon: float  # s, the time until it reaches 1e5, at most the duration
 
 
 def measure(integrator: Taylor) -> Conditioning:
-    """Perturb the initial state along every direction of its manifold and take the worst combination of them.
+    """Perturb the initial state along every direction of its manifold and take the worst combination.
 
-    Directions: attitudes, joint angles and rods by angles (rad), displacements by lengths; their rates in units of a
-    rate, max(|w0|, sqrt(g / length)), and of length times rate. Loops leave combinations of them that keep the rows
-    closed. Central differences of Taylor runs. Growth beyond 1e10 saturates. With more than MANY directions the root
-    of the sum of squares over all of them is estimated instead, which is no less than the worst.
+    Attitudes, joint angles and rods are perturbed by angles (rad), displacements by lengths, their rates in units of
+    the rate max(|w0|, sqrt(g / length)) and of length times this rate. With loops, only combinations that keep the rows
+    closed count. Derivatives are central differences of Taylor runs; growth beyond 1e10 saturates. With more than MANY
+    directions the root of the sum of squares over all of them is estimated instead, which is no less than the worst.
     """
     t = np.linspace(0.0, integrator.scene.duration, INSTANTS)
     growth = _growth(integrator, t, PERTURBATION)
@@ -54,7 +54,7 @@ def measure(integrator: Taylor) -> Conditioning:
 
 
 def _growth(integrator: Taylor, t: np.ndarray, size: float) -> np.ndarray:
-    """(T,) largest singular value of the derivative of any body's x / length or R by the initial state."""
+    """(T,) largest singular value of the derivative of any body's x / length or R with respect to the initial state."""
     length = scene_length(integrator.scene)
     columns_x, columns_R = [], []
     directions = _all_directions(integrator, length)
@@ -78,7 +78,7 @@ def _growth(integrator: Taylor, t: np.ndarray, size: float) -> np.ndarray:
 
 
 def _all_directions(integrator: Taylor, length: float) -> np.ndarray:
-    """Directions, as rows: steps of `_moved` of unit size in the units of `measure`."""
+    """Directions as rows: steps of `_moved` of unit size in the units of `measure`."""
     units = _units(integrator, length)
     if not integrator.rank:
         return np.diag(units)
@@ -114,7 +114,7 @@ def _moved(integrator: Taylor, step: np.ndarray) -> np.ndarray:
         for link in tree.by_body:
             at = table[link.body]
             place = at.start
-            if link.turn == FREE and table is tree.coordinates:  # the cosine differs from 1 by less than a rounding
+            if link.turn == FREE and table is tree.coordinates:  # the cosine of so small an angle is 1 to rounding
                 half = 0.5 * _taken(entries, 3)
                 state[place:place + 4] = quaternion_product(state[place:place + 4].tolist(), [1.0, *half])
                 place += 4
@@ -131,7 +131,7 @@ def _moved(integrator: Taylor, step: np.ndarray) -> np.ndarray:
 
 
 def _swing(state: np.ndarray, direction: int, rate: int, change: np.ndarray, speeds: bool) -> None:
-    """Turn a rod and its rate by two small angles across it, or change its rate by two across it."""
+    """Turn a rod and its rate by two small angles across it, or change its rate by two components across it."""
     e = state[direction:direction + 3].copy()
     across = np.linalg.svd(e[None])[2][1:]
     if speeds:

@@ -1,7 +1,7 @@
-"""Jacobi's functions and the elliptic integral of the third kind along them, in multiprecision, and frames for both.
+"""Jacobi elliptic functions and the elliptic integral of the third kind in multiprecision, and frames for their users.
 
-At a turning point the phase of sn carries the square root of the precision, and near a pole of Euler angles precession
-and spin are large numbers of opposite sign: DIGITS leave sixteen of them right there too.
+At a turning point the phase of sn has only half the digits, and near a pole of Euler angles precession and spin are
+large numbers of opposite sign. With DIGITS digits, sixteen are correct there too.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ DIGITS = 50
 
 
 def context() -> Any:
-    """A context of mpmath of its own: numbers of `DIGITS` digits."""
+    """A separate mpmath context with numbers of `DIGITS` digits."""
     mp = MPContext()
     mp.dps = DIGITS
     return mp
@@ -36,7 +36,7 @@ def frame(mp: Any, along: Sequence[Any]) -> Any:
 
 
 def attitude(mp: Any, quaternion: np.ndarray) -> Any:
-    """The rotation of a quaternion, in all digits: a defect of 1e-16 there would be one of 1e-8 in a phase."""
+    """The rotation of a quaternion to all digits: an error of 1e-16 here would cause one of 1e-8 in a phase."""
     q = mp.matrix(quaternion.tolist())
     return mp.matrix(generic.rotation([component / mp.norm(q) for component in q]))
 
@@ -72,7 +72,7 @@ class Jacobi:
         return self._from_zero(n, tau) - self._at_start[n]
 
     def _from_zero(self, n: Any, tau: Any) -> Any:
-        """The same from 0, followed over any number of half periods of sn^2."""
+        """The same integral from 0, continued over any number of half periods of sn^2."""
         mp = self.mp
         turns = mp.nint(tau / (2 * self.quarter))
         within = tau - 2 * self.quarter * turns

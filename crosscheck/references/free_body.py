@@ -1,7 +1,7 @@
 """Exact motion of a free rigid body by Jacobi elliptic functions and an elliptic integral.
 
-With moments I1, I2, I3 in the order of size, rising or falling, such that the body circulates about its third axis
-(L^2 > 2 E I2 if rising, < if falling), angular velocities along them are
+With moments I1, I2, I3 in ascending or descending order, such that the body circulates about its third axis
+(L^2 > 2 E I2 if ascending, < if descending), the angular velocities along them are
 
     w1 = a1 cn tau,  w2 = a2 sn tau,  w3 = a3 dn tau,  tau = nu t + tau0
 
@@ -56,7 +56,7 @@ class Rotation:
             raise Unsupported("closed form: a steady rotation about a principal axis")
         a1, a2 = mp.sqrt(less / (I1 * (I3 - I1))), mp.sqrt(less / (I2 * (I3 - I2)))
         a3 = mp.sqrt(more / (I3 * (I3 - I1))) * mp.sign(w[2])
-        a2 *= mp.sign(a3) * mp.sign(I3 - I2)  # as Euler's equations ask for
+        a2 *= mp.sign(a3) * mp.sign(I3 - I2)  # the sign in Euler's equations
         self.a, self.nu = (a1, a2, a3), mp.sqrt((I3 - I2) * more / (I1 * I2 * I3))
         m = (I2 - I1) * less / ((I3 - I2) * more)
         self.n = -m * (I3 * a3)**2 / (I1 * a1)**2
@@ -82,14 +82,14 @@ def solve(scene: Scene) -> States:
     Raises
     ------
     Unsupported
-        There is more than one body, a joint or a force, or the rotation is a steady one.
+        There is more than one body, a joint or a force, or the rotation is steady.
     """
     if scene.n != 1 or scene.joints or scene.forces:
         raise Unsupported(f"closed form for {scene.name!r}: not a single free body")
     body = scene.bodies[0]
     rotation = Rotation(body.inertia, body.attitude, body.angular_velocity)
     R, w = (np.array(column) for column in zip(*[rotation.pose(t) for t in scene.t], strict=True))
-    # w x (J - s) w is w x J w, and leaves exactly nothing of two equal moments
+    # w x (J - s) w equals w x J w, and two equal moments cancel exactly
     spread = body.inertia - np.sort(np.diag(body.inertia))[1] * np.eye(3)
     alpha = np.linalg.solve(body.inertia, -np.cross(w, w @ spread).T).T
     t = scene.t[:, None]

@@ -1,7 +1,7 @@
 """Three-vectors, 3x3 matrices and quaternions as nested lists over any number type.
 
-The entries may be floats, arrays over time, or symbolic expressions: the Taylor formulation is written once with these
-and serves both for its symbolic equations and for evaluating accelerations at samples. Quaternions are w, x, y, z.
+The entries may be floats, arrays over time, or symbolic expressions, so that the same formulas give the symbolic
+equations of the Taylor formulation and the accelerations at samples. Quaternions are w, x, y, z.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ Number = Any  # a float, an array over time or a symbolic expression
 Vector = list[Number]
 Matrix = list[Vector]
 ByBody = dict[int, list[Any]]
-"""A list for every body, over columns of applied wrenches where it holds accelerations."""
+"""A list for every body; accelerations are lists over the columns of applied wrenches."""
 Factors = tuple[Matrix, Vector]
 """L below its diagonal and 1 / D of L D L^T."""
 
@@ -128,7 +128,7 @@ def square_root(value: Number) -> Number:
 
 
 def _function(name: str, value: Number) -> Number:
-    """An elementary function of a float, an array, a type that brings its own, or a symbolic expression."""
+    """An elementary function of a float, an array, a type with its own method, or a symbolic expression."""
     if isinstance(value, float | np.ndarray):
         return getattr(np, name)(value)
     if hasattr(value, name):

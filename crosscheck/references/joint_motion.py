@@ -8,7 +8,7 @@ Coordinates and speeds of a link, turn before shift:
     shift on sphere         unit vector along the rod, inner body's axes; its rate as seen from there
     shift free              centre of mass and its velocity, world
 
-so that no position of a joint is singular but a universal joint whose arms line up, which its own axes exclude.
+With these no position of a joint is singular, except a universal joint with parallel arms, which its row excludes.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ COORDINATES = {"none": 0, "line": 1, "plane": 2, "sphere": 3, "free": 3}  # of s
 
 @dataclasses.dataclass
 class Frame:
-    """Where a body is and how it moves; vectors in its own axes unless they say otherwise.
+    """Pose and motion of a body; vectors in its own axes unless stated otherwise.
 
-    `q` in the world; `turn` takes own to inner axes; `lever` from the reference point to the centre of mass; `arm`
-    from the inner body's reference point to the joint's point (inner axes), `rod` from one end of a rod to the other
-    (inner axes). With speeds: angular velocity `w`;
-    `shifting`, the rate of the shift, in inner axes or, if outward, in own axes; `columns`, the (angular, linear)
-    velocities of unit speeds of the joint; `spin_bias`, `shift_bias`, the accelerations they show at constant speeds.
+    `q`: attitude in the world. `turn`: matrix from own to inner axes. `lever`: from the reference point to the centre
+    of mass. `arm`: from the inner body's reference point to the joint's point (inner axes). `rod`: from one end of a
+    rod to the other (inner axes). With speeds: `w`, the angular velocity; `shifting`, the rate of the shift, in inner
+    axes or, if outward, in own axes; `columns`, the (angular, linear) velocities for unit speeds of the joint;
+    `spin_bias`, `shift_bias`, their accelerations at constant speeds.
     """
 
     q: list[Any]
@@ -66,9 +66,9 @@ STILL = Frame(IDENTITY, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], ZER
 
 
 class Tree:
-    """The links of a scene with what their joints keep from the start, and the layout of the state vector.
+    """The links of a scene with the relative attitudes at the start, and the layout of the state vector.
 
-    State vector: coordinates of all links in the order of bodies, then speeds likewise.
+    State vector: coordinates of all links in the order of bodies, then their speeds.
     """
 
     def __init__(self, scene: Scene, links: tuple[Link, ...]) -> None:
@@ -89,13 +89,13 @@ class Tree:
         self.kept = {link.body: quaternion_product(conjugate(q[link.parent]), q[link.body]) for link in links}
 
     def split(self, link: Link, state: Sequence[Any], table: dict[int, slice]) -> tuple[list[Any], list[Any]]:
-        """Entries of a link that belong to its turn and to its shift."""
+        """The entries of a link for its turn and for its shift."""
         entries = [*state[table[link.body]]]
         cut = len(entries) - COORDINATES[link.shift]
         return entries[:cut], entries[cut:]
 
     def frames(self, state: Sequence[Any], moving: bool = True) -> dict[int, Frame]:
-        """Frames of all bodies and the ground; without velocities where `moving` is False, of coordinates alone."""
+        """Frames of all bodies and the ground; with `moving` False, from coordinates alone, without velocities."""
         frames = {GROUND: STILL}
         for link in self.links:
             frame = frames[link.body] = self._placed(link, state, frames[link.parent])
@@ -132,7 +132,7 @@ class Tree:
         if link.turn == FREE:
             frame.w = turning
         else:
-            if link.turn == 2:  # the first axis is fixed in the inner body and turns about the second
+            if link.turn == 2:  # the first axis is fixed in the inner body, so it turns relative to the second
                 axes[0] = apply_transposed(frame.turn, axes[0])
                 frame.spin_bias = scale(-turning[0] * turning[1], cross(axes[1], axes[0]))
             spin = add(ZERO, *(scale(rate, axis) for rate, axis in zip(turning, axes, strict=True)))
@@ -144,7 +144,7 @@ class Tree:
         elif link.shift != "none":
             frame.shifting = add(*(scale(s, direction)
                                    for s, direction in zip(shifting, link.directions, strict=True)))
-            if link.outward:  # the reference point is the one of this body at the joint's point
+            if link.outward:  # the reference point is this body's point at the joint
                 frame.columns += [(ZERO, scale(-1.0, direction)) for direction in link.directions]
                 frame.shift_bias = scale(-2.0, cross(frame.w, frame.shifting))
             else:

@@ -1,8 +1,8 @@
-"""Joints that close loops of a tree: rows that its accelerations have to meet by multipliers, over any number type.
+"""Joints that close loops of a tree: constraint rows on its accelerations, solved by multipliers, over any number type.
 
-A row is met where n . (a_j - a_i) + t . (alpha_j - alpha_i) + rest = 0: accelerations in the world of the points of
-child j and parent i that are where the child's anchor is, the parent thought extended to there. Its multiplier is a
-force n and a torque t there, on the child, and their opposites on the parent.
+A row is n . (a_j - a_i) + t . (alpha_j - alpha_i) + rest = 0, with world accelerations of the points of child j and
+parent i at the child's anchor (the parent is thought extended to there). Its multiplier is a force along n and a torque
+along t at that point on the child, and the opposite ones on the parent.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from crosscheck.references.tree import FREE
 from crosscheck.references.tree_loads import Loads
 from crosscheck.scene.model import GROUND, Joint, Scene
 
-DEPENDENT = 1e-9  # of the largest eigenvalue; what is smaller belongs to rows that depend on others
-SHIFT, REPETITIONS = 1e-6, 4  # of the mean eigenvalue; eigenvalues of 1e-2 of it are reached to 1e-16
+DEPENDENT = 1e-9  # eigenvalues below this part of the largest belong to dependent rows
+SHIFT, REPETITIONS = 1e-6, 4  # shift relative to the mean eigenvalue; gives 1e-16 for eigenvalues of 1e-2 of the mean
 TRIALS = 6
 ONE_POINT = ("spherical", "universal", "revolute", "fixed")
 
 
 @dataclasses.dataclass(frozen=True)
 class Cut:
-    """One row of a joint: across a direction of the parent, parallel to a rod, or a pair of perpendicular directions.
+    """One row of a joint: d . direction = 0, two perpendicular directions, or the length of a rod.
 
-    `direction` is fixed in the parent; `other`, for a pair, in the child. A rod has neither.
+    `direction` is fixed in the parent; `other`, of a pair, in the child. A rod has neither.
     """
 
     joint: Joint
@@ -106,7 +106,7 @@ def row(cut: Cut, loads: Loads) -> Row:
     spin = add(w_j, scale(-1.0, w_i))
     d = add(place, scale(-1.0, anchor))
     swept = cross(w_i, add(place, scale(-1.0, reference)))
-    slip = add(velocity, scale(-1.0, add(carried, swept)))  # of the child's point past the parent
+    slip = add(velocity, scale(-1.0, add(carried, swept)))  # velocity of the child's point relative to the parent
     if cut.direction is not None and cut.other is not None:
         p, b = apply(R_i, cut.direction), apply(loads.placed[j][0], cut.other)
         t = cross(b, p)
@@ -123,7 +123,7 @@ def row(cut: Cut, loads: Loads) -> Row:
 
 
 def unit_wrenches(found: Row, loads: Loads) -> dict[int, tuple[list[Any], list[Any]]]:
-    """Wrenches of a unit multiplier on the bodies of a row, own axes."""
+    """Wrenches of a unit multiplier of a row on all bodies, own axes."""
     alone = Loads(loads.tree, loads.frames, loads.placed)
     alone.push_at(found.joint.child, found.place, found.n, found.t)
     alone.push_at(found.joint.parent, found.place, scale(-1.0, found.n), scale(-1.0, found.t))
@@ -145,7 +145,7 @@ def acceleration(found: Row, loads: Loads, alpha: ByBody, A: ByBody, column: int
 
 
 def response(rows: list[Row], loads: Loads, alpha: ByBody, A: ByBody) -> list[list[Any]]:
-    """Acceleration along each row by a unit multiplier of each, symmetric; the upper half is mirrored."""
+    """Acceleration along each row by a unit multiplier of each; the symmetric matrix from its upper half."""
     upper = {(r, k): acceleration(rows[r], loads, alpha, A, k + 1)
              for r in range(len(rows)) for k in range(r, len(rows))}
     return [[upper[min(r, k), max(r, k)] for k in range(len(rows))] for r in range(len(rows))]
@@ -158,10 +158,10 @@ def rank(S: np.ndarray) -> int:
 
 
 def multipliers(S: list[list[Any]], rhs: list[Any], shift: float) -> list[Any]:
-    """Solution of S lam = rhs; where rows depend on others (shift > 0) the one of least norm.
+    """Solution of S lam = rhs, with least norm if rows are dependent (shift > 0).
 
-    (S + shift) is regular; each repetition brings the remainder down by shift over the least eigenvalue of S that is
-    not zero. No row has to be picked: a choice good at the start can turn singular where the mechanism does not.
+    (S + shift) is regular; each repetition reduces the residual by shift over the least nonzero eigenvalue of S. No
+    independent rows are chosen: a choice that is good at the start may become singular although the mechanism is not.
     """
     factors = factor_symmetric([[entry + shift if r == k else entry for k, entry in enumerate(line)]
                                 for r, line in enumerate(S)])
@@ -175,10 +175,10 @@ def multipliers(S: list[list[Any]], rhs: list[Any], shift: float) -> list[Any]:
 
 def linear_relations(tree: Tree, gaps: Callable[[np.ndarray], tuple[Any, ...]],
                      initial: np.ndarray) -> np.ndarray | None:
-    """Orthonormal C (k, coordinates) with C (q - q0) = 0 wherever the loops are closed, None where that is not linear.
+    """Orthonormal C (k, coordinates) with C (q - q0) = 0 whenever the loops are closed, None if there is no such C.
 
-    Parallelograms are of this kind: their angles keep fixed ratios, also through the positions where rows of loops lose
-    rank. The directions that leave the rows closed to first order at the start are followed for turns of order one.
+    Parallelograms have one: their angles keep fixed ratios, even through positions where the loop rows lose rank. To
+    find out, coordinates move by order one along the directions that keep the rows closed to first order at the start.
     """
     if any(link.turn == FREE or link.shift in ("sphere", "free") for link in tree.links):
         return None

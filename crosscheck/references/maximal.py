@@ -1,11 +1,11 @@
-"""Second formulation of the truth: maximal coordinates, DOP853 (SciPy), Radau IIA where dampers are stiff.
+"""Second formulation of the truth: maximal coordinates, DOP853 (SciPy), or Radau IIA if dampers are stiff.
 
 Newton-Euler equations of every body, M du = f - G^T lam with u = (v, w), v in world and w in body axes, so that M is
-constant; lam from the constraints at acceleration level (index 1), damped towards their position and velocity levels
-after Baumgarte, which moves nothing on the constraint manifold: a wrong row still shows, by its error over DAMPING^2.
-Where rows depend on others, the accelerations are the least-norm correction of the free ones in the metric of M, with
-the rank found once at the start. Attitudes are quaternions; the angle of a torsional spring is a state. The ground is
-one more body at the end of every array, with no columns in the Jacobian.
+constant. lam follows from the constraints at acceleration level (index 1), with Baumgarte damping towards the position
+and velocity levels. On the constraint manifold the damping has no effect, so a wrong row still shows, by its error over
+DAMPING^2. With dependent rows, the accelerations are the least-norm correction of the free ones in the metric of M,
+with the rank found once at the start. Attitudes are quaternions; the angle of a torsional spring is a state. The ground
+is one more body at the end of every array, without columns in the Jacobian.
 """
 
 from __future__ import annotations
@@ -25,23 +25,24 @@ from crosscheck.references.world_rows import Driven, Relations, kinds
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
-RTOL = 3e-15  # a thousand steps of this stay near 1e-12; looser runs cost 15 % less and are off by several times more
-RTOL_DEPENDENT = 1e-15  # of loops with dependent rows, which pass flat positions fast and dead points slowly: an error
-# of the energy made in the one grows in the other, by more than any perturbation of the start does
+RTOL = 3e-15  # a thousand such steps stay near 1e-12; looser ones take 15 % less time and have several times the error
+# Loops with dependent rows pass flat positions fast and dead points slowly: an energy error made in the former grows in
+# the latter, by more than any perturbation of the start does.
+RTOL_DEPENDENT = 1e-15
 ATOL = 1e-15  # components that pass through zero are O(1) elsewhere
-DAMPING = 5.0  # 1/s; Baumgarte, far slower than a step, far faster than the growth of drift from round-off
+DAMPING = 5.0  # Baumgarte, 1/s: far slower than a step, far faster than the growth of drift from rounding
 GRADED = 1e3
 """Ratio of the largest mass to the smallest beyond which accelerations and multipliers are solved for together:
-G M^-1 G^T adds what light and heavy bodies answer and loses as many digits as this ratio has. With three of them lost a
-step of 1e-2 is still off by no more than a rounding of its end."""
-DEPENDENT = 1e-9  # singular values below this part of the largest belong to rows that depend on others
+G M^-1 G^T adds terms of light and heavy bodies and loses as many digits as this ratio has. With three digits lost, the
+error of a step of 1e-2 is still below one rounding of its result."""
+DEPENDENT = 1e-9  # singular values below this part of the largest belong to dependent rows
 
 
 def gyroscopic(inertia: np.ndarray, w: np.ndarray) -> np.ndarray:
     """w x J w, body axes; inertia (n, 3, 3).
 
-    As w x (J - s) w, s the middle one of the entries on the diagonal: without the cancellation of equal moments, whose
-    rounding would spin a needle up.
+    Computed as w x (J - s) w, with s the middle entry on the diagonal: equal moments would cancel with a rounding error
+    that spins up a needle.
     """
     middle = np.sort(np.diagonal(inertia, axis1=1, axis2=2), axis=1)[:, 1]
     return cross(w, turned(inertia - middle[:, None, None] * np.eye(3), w))
@@ -69,7 +70,7 @@ class Maximal:
         self.root = np.linalg.cholesky(self.inverse_inertia)  # J^-1 = root root^T
         self.force = weight(scene.masses, scene.gravity)
         self.relations: Relations | None = None
-        self.rank: int | None = None  # of the rows where some depend on others; None is quicker
+        self.rank: int | None = None  # rank of the rows if some are dependent; None allows a faster solve
         if self.constraints:
             self._find_rank()
         self.graded = self._graded()
@@ -80,7 +81,7 @@ class Maximal:
         self.source = f"{self.integrator[0].__name__} (SciPy), maximal coordinates"
 
     def _graded(self) -> np.ndarray | None:
-        """Matrix of `_together` with M over the largest mass, where masses differ too much for anything quicker."""
+        """Matrix of `_together`, with M over the largest mass, if masses differ too much for a faster solve."""
         masses, n = self.scene.masses, self.scene.n
         if not self.constraints or masses.max() <= GRADED * masses.min():
             return None
@@ -93,7 +94,7 @@ class Maximal:
         return matrix
 
     def _find_rank(self) -> None:
-        """Number of independent rows at the start, with the relations of hinges that hold in every position."""
+        """Find the number of independent rows at the start, and relations of hinges that hold in every position."""
         motion, _ = self.motion(self.initial())
         scaled = self._scaled(self._constraint_terms(motion)[0])
         _, singular, V = np.linalg.svd(scaled)
@@ -105,11 +106,11 @@ class Maximal:
             self._relate_hinges(motion, V[rank:])
 
     def _relate_hinges(self, motion: Motion, free: np.ndarray) -> None:
-        """Add relations between the rates of hinges that no motion breaks.
+        """Add relations between the rates of hinges that hold in every motion.
 
-        A mechanism whose hinges keep fixed ratios of their rates keeps its freedom in positions where its other rows
-        lose rank. Ratios at the start are those of the free motions (rows, scaled as G is); they are fixed if the
-        accelerations that belong to each of these motions keep them too.
+        If the rates of a mechanism's hinges keep fixed ratios, these relations keep their rank in positions where the
+        other rows lose theirs. The ratios at the start are those of the free motions (rows, scaled as G is); they are
+        fixed if the accelerations of each of these motions keep them too.
         """
         n, count = self.scene.n, len(self.scene.joints)
         rates = self._scaled(Relations(self.scene, np.eye(count)).jacobian(motion)[:, :-1]) @ free.T
@@ -182,7 +183,7 @@ class Maximal:
             return self._least_norm(free, self._scaled(G), flat @ free.ravel() + target)
         if self.graded is not None:
             return self._together(flat, np.concatenate([force, torque], axis=1).ravel(), target)
-        W = np.empty_like(G)  # G M^-1; the two blocks of M are scaled apart
+        W = np.empty_like(G)  # G M^-1, by the two blocks of M
         W[:, :, :3] = G[:, :, :3] / self.scene.masses[:, None]
         W[:, :, 3:] = np.matmul(G[:, :, 3:].transpose(1, 0, 2), self.inverse_inertia).transpose(1, 0, 2)
         W = W.reshape(len(G), -1)
@@ -191,7 +192,7 @@ class Maximal:
         return free[:, :3], free[:, 3:]
 
     def _with_rotors(self, motion: Motion, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same with the rotor inertia of joints in M, by one elimination of accelerations and multipliers."""
+        """The accelerations with the rotor inertia of joints in M, solved together with the multipliers."""
         G, target = self._constraint_terms(motion)
         size, rows = len(effort), G.reshape(len(G), -1)
         matrix = np.zeros((size + len(G), size + len(G)))
@@ -217,9 +218,9 @@ class Maximal:
         return u[:, :3], u[:, 3:]
 
     def _together(self, G: np.ndarray, effort: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Accelerations and multipliers by one elimination with pivots.
+        """Accelerations and multipliers solved together with pivoting.
 
-        Both sides are divided by the largest mass: pivots of light bodies then come from G, as if they had no mass.
+        Both sides are divided by the largest mass: the pivots of light bodies then come from G.
         """
         assert self.graded is not None
         size = len(effort)
@@ -230,11 +231,11 @@ class Maximal:
 
     def _least_norm(self, free: np.ndarray, scaled: np.ndarray,
                     defect: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Accelerations nearest to the free ones in the metric of M that take the defect away, at the fixed rank."""
+        """The accelerations nearest to the free ones, in the metric of M, that remove the defect; with fixed rank."""
         U, sigma, V = np.linalg.svd(scaled, full_matrices=False)
         r = self.rank
         change = V[:r].T @ (U[:, :r].T @ defect / sigma[:r])
-        change += V[:r].T @ (U[:, :r].T @ (defect - scaled @ change) / sigma[:r])  # the rounding of the first
+        change += V[:r].T @ (U[:, :r].T @ (defect - scaled @ change) / sigma[:r])  # removes its rounding error
         change = change.reshape(len(free), 6)
         a = free[:, :3] - change[:, :3] / np.sqrt(self.scene.masses)[:, None]
         return a, free[:, 3:] - turned(self.root, change[:, 3:])
@@ -278,7 +279,7 @@ class Maximal:
     def run(self, times: np.ndarray | None = None) -> States:
         """States at `times`, by default the scene's output times, from the scene's start.
 
-        Steps end on them, since dense output is less accurate than a step.
+        Steps end at these times, because dense output is less accurate than a step.
         """
         y, rows = self.initial(), []
         step: float | None = None
@@ -290,14 +291,14 @@ class Maximal:
             first = None if step is None else min(step, end - start)
             kind, rtol = self.integrator
             solver = kind(self.rates, start, y, end, first_step=first, rtol=max(rtol, 1e-13), atol=ATOL)
-            solver.rtol = rtol  # the constructor refuses less than 100 roundings, the error estimate resolves it
+            solver.rtol = rtol  # the constructor refuses so small a tolerance, but the error estimate resolves it
             proposals = []
             while solver.status == "running":
                 message = solver.step()
                 if solver.status == "failed":
                     raise TruthError(f"{self.source}: {self.scene.name!r} at t = {solver.t:.6g} s: {message}")
                 proposals.append(solver.h_abs)
-            y, step = solver.y, max(proposals)  # the last proposal follows a step that the interval's end cut short
+            y, step = solver.y, max(proposals)  # the last step was shortened to the end of the interval
         rows.append(self._row(y, times[-1]))
         return States(times, *(np.array(column) for column in zip(*rows, strict=True)))
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from crosscheck.references.conditioning import Conditioning
 
 SAME_START = 1e-12
-"""Of the scene's length, and of attitudes: how far a member's state may lie from the coordinates that stand for it."""
+"""How far a member's state may differ from its coordinates, relative to the scene's length, and in attitudes."""
 
 
 class Members:
@@ -58,7 +58,13 @@ class Members:
         return self._taylor.states(self._taylor.run(state))
 
     def check(self, member: Scene, states: States) -> float:
-        """How far a second formulation is from these states; raises `TruthError` beyond what conditioning explains."""
+        """The difference of a second formulation from these states.
+
+        Raises
+        ------
+        TruthError
+            The difference is larger than the conditioning of the structure explains.
+        """
         from crosscheck import references
         from crosscheck.references import maximal, taylor
         from crosscheck.references.agreement import Solved, agree
@@ -82,7 +88,7 @@ class Members:
         return conditioning.measure(self._taylor)
 
     def _state(self, member: Scene) -> np.ndarray | None:
-        """The member's start in the coordinates of the structure, None where they cannot express it."""
+        """The member's start in the coordinates of the structure, None if they cannot express it."""
         tree = self._taylor.tree
         own = Tree(member, tree.links)
         state = own.initial()
@@ -92,7 +98,7 @@ class Members:
                 first = tree.coordinates[link.body].start
                 state[first:first + link.turn] = angles
         if self._taylor.springs or not len(state):
-            return None  # angles of springs in loops are counted from the start
+            return None  # angles of springs in loops are measured from the start
         x, R = self._taylor.pose(state[None])
         gap = max(np.abs(x[0] - member.x0).max() / scene_length(member), np.abs(R[0] - member.R0).max())
         return state if gap < SAME_START and self._same_turns(member, own) else None

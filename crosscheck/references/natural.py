@@ -7,8 +7,9 @@ orthonormal. All rows of all joints are quadratic in q, with constant second der
 
     M q'' + G^T lam = f,    G q'' = -q'^T A q'
 
-gives the coefficients of the series order by order from one matrix, that at the start of the step: it is inverted in
-double precision and every solution refined in `numpy.longdouble` (64 bits of mantissa on x86, more or fewer elsewhere).
+gives the coefficients of the series order by order with one matrix, that at the start of the step. It is inverted in
+double precision, and every solution is refined in `numpy.longdouble` (64 bits of mantissa on x86, other sizes
+elsewhere).
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ from crosscheck.scene.states import States
 
 SOURCE = "Taylor series in extended precision, natural coordinates"
 ORDER = 28
-WINDOW = 8  # coefficients that steps are measured by: symmetry may null several in a row
-REMAINDER = 1e-21  # of the state: what a step may leave out
-SOFTENING = 1e-10  # of the multipliers' block: makes dependent rows solvable; the refinement takes it out again
-REFINEMENTS, SURE = 8, 3  # at most and at least: where the solution is zero the second is as large as the first
-BLOCK = 500  # rows of the matrix of a step, up to which a step takes less than a second
+WINDOW = 8  # number of last coefficients that determine the step; symmetry may make several in a row zero
+REMAINDER = 1e-21  # error of a step relative to the state
+SOFTENING = 1e-10  # added to the multipliers' block so that dependent rows can be solved; refinement removes its effect
+REFINEMENTS, SURE = 8, 3  # most and fewest; for a zero solution the second correction is as large as the first
+BLOCK = 500  # largest size of a step's matrix; with it a step takes less than a second
 MOST_STEPS = 5000
-OPEN = 1e-13  # of a row: joints drift by no more where the matrix of a step is regular
+OPEN = 1e-13  # largest value of a row; joints drift less as long as the matrix of a step is regular
 
 
 class Natural:
@@ -40,7 +41,7 @@ class Natural:
     Raises
     ------
     Unsupported
-        The scene is too large for a dense matrix a step, or has armature.
+        The scene is too large for a dense matrix per step, or has an element that is not modelled here.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -69,7 +70,7 @@ class Natural:
             steps: list[tuple[float, Motion]] | None = None) -> States:
         """States at `times`, by default the scene's output times, from the scene's start or another one.
 
-        The list collects the length of each step and its series.
+        `start` is (q, q'). `steps` collects the length of each step and its series.
         """
         times = self.scene.t if times is None else times
         q, rate = self._start() if start is None else start
@@ -109,7 +110,7 @@ class Natural:
 
     def start_beside(self, x: np.ndarray, turn: np.ndarray, v: np.ndarray, w: np.ndarray
                      ) -> tuple[np.ndarray, np.ndarray]:
-        """A start moved by x (m), turn (rad), v (m/s) and w (rad/s), (n, 3) each, as far as the constraints allow."""
+        """The start moved by x (m), turn (rad), v (m/s), w (rad/s), (n, 3) each, then back onto the constraints."""
         q, rate = (values.copy() for values in self._start())
         for body in range(self.n):
             R = q[body, 1:].T @ (np.eye(3) + _hat(turn[body].astype(LONG)))
@@ -128,7 +129,7 @@ class Natural:
         return q, rate
 
     def _correction(self, q: np.ndarray, defect: np.ndarray) -> np.ndarray:
-        """The least change of q, in the metric of M, that moves the rows by `defect`."""
+        """The least change of q, in the metric of M, that changes the rows by `defect`."""
         G = self.rows.gradient(q)
         inverse = self._inverse(G)
         return self._solve(inverse, G, np.zeros((self.n, 4, 3), LONG), defect)[0]
@@ -199,7 +200,7 @@ class Natural:
         return effort
 
     def _step(self, motion: Motion) -> np.longdouble:
-        """Step from the decay of the coefficients (A. Jorba, M. Zou, Experimental Mathematics 14, 2005)."""
+        """The step from the decay of the coefficients (A. Jorba, M. Zou, Experimental Mathematics 14, 2005)."""
         sizes = np.abs(motion.q).max(axis=(1, 2, 3))
         reference = max(1.0, float(sizes[0]))
         orders = [k for k in range(ORDER - WINDOW + 1, ORDER + 1) if sizes[k] > 0]
@@ -227,12 +228,12 @@ def _vee(matrices: np.ndarray) -> np.ndarray:
 
 
 def _states(times: np.ndarray, found: list[tuple[np.ndarray, ...]]) -> States:
-    """States of q, q', q'' at all times, the ground left out."""
+    """States from q, q', q'' at all times, without the ground."""
     q, rate, second = (np.array([entry[k][:-1] for entry in found]) for k in range(3))
     R, turning, bending = (np.swapaxes(part[:, :, 1:], -1, -2) for part in (q, rate, second))
     back = np.swapaxes(R, -1, -2)
     w = _vee(np.matmul(back, turning))
-    alpha = _vee(np.matmul(back, bending))  # R^T R'' = alpha^ + w^ w^, of which the second is symmetric
+    alpha = _vee(np.matmul(back, bending))  # R^T R'' = alpha^ + w^ w^, and w^ w^ is symmetric
     parts = (q[:, :, 0], R, rate[:, :, 0], w, second[:, :, 0], alpha)
     return States(times, *(part.astype(float) for part in parts))
 

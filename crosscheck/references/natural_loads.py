@@ -13,7 +13,7 @@ from crosscheck.references.natural_series import LONG, Motion, crossed, product
 from crosscheck.scene.functions import TimeFunction, Value
 from crosscheck.scene.model import GROUND, Force, Scene
 
-OPPOSITE = 1e-6  # axes nearer than this to opposite have no shortest turn between them
+OPPOSITE = 1e-6  # axes closer to opposite than this have no unique shortest turn between them
 
 
 def _push(effort: np.ndarray, body: int, own: np.ndarray, force: np.ndarray) -> None:
@@ -23,7 +23,7 @@ def _push(effort: np.ndarray, body: int, own: np.ndarray, force: np.ndarray) -> 
 
 
 class LinearSpring:
-    """A pull P d with P = k (1 - L0 / L) + c (d . d') / L^2 between two points, d from the parent's to the child's."""
+    """A force P d with P = k (1 - L0 / L) + c (d . d') / L^2 between two points, d from the parent's to the child's."""
 
     def __init__(self, force: Force) -> None:
         p = force.parameters
@@ -32,12 +32,12 @@ class LinearSpring:
         self.k, self.free, self.c = (LONG(p[name]) for name in ("stiffness", "free_length", "damping"))
 
     def begin(self, order: int, t: np.longdouble) -> None:
-        """Forget the last step; nothing here depends on time."""
+        """Clear the coefficients of the last step."""
         self.d, self.rate = np.zeros((2, order + 1, 3), LONG)
         self.square, self.length, self.over, self.over_square, self.slip, self.pull = np.zeros((6, order + 1), LONG)
 
     def add(self, motion: Motion, k: int, effort: np.ndarray) -> None:
-        """Add the k-th coefficient to what acts on q."""
+        """Add the k-th coefficient to the forces on q."""
         def separation(order: int) -> np.ndarray:
             parent, child = (motion.point(end, own, order) for end, own in zip(self.ends, self.points, strict=True))
             found: np.ndarray = np.subtract(child, parent)
@@ -64,7 +64,7 @@ class LinearSpring:
 
 
 class Load:
-    """A force at a point of a body, or a torque on it, constant in world or in body axes but for a factor."""
+    """A force at a point of a body, or a torque on it, constant in world or body axes, times a factor."""
 
     def __init__(self, force: Force) -> None:
         p = force.parameters
@@ -74,11 +74,11 @@ class Load:
         self.factor = p.get("factor", 1.0)
 
     def begin(self, order: int, t: np.longdouble) -> None:
-        """Forget the last step."""
+        """Expand the factor about the time t of a new step."""
         self.scale = series_of(self.factor, t, order + 1)
 
     def add(self, motion: Motion, k: int, effort: np.ndarray) -> None:
-        """Add the k-th coefficient to what acts on q."""
+        """Add the k-th coefficient to the forces on q."""
         if self.in_body:
             now = product(self.scale, np.array([motion.vector(self.body, self.vector, j) for j in range(k + 1)]), k)
         else:
@@ -104,13 +104,13 @@ class JointLoad:
         self.axis = self.joint.parent_axis.astype(LONG)
 
     def begin(self, order: int, t: np.longdouble) -> None:
-        """Forget the last step."""
+        """Expand the force about the time t of a new step."""
         self.scale = series_of(self.size, t, order + 1)
         self.along = np.zeros((order + 1, 3), LONG)
         self.effort = np.zeros((order + 1, 3), LONG)
 
     def add(self, motion: Motion, k: int, effort: np.ndarray) -> None:
-        """Add the k-th coefficient to what acts on q."""
+        """Add the k-th coefficient to the forces on q."""
         joint = self.joint
         self.along[k] = motion.vector(joint.parent, self.axis, k)
         self.effort[k] = product(self.scale, self.along, k)
@@ -124,7 +124,7 @@ class JointLoad:
 def series_of(value: Value, t: np.longdouble, count: int) -> np.ndarray:
     """Taylor coefficients about t of a number or a function of time, (count,), in extended precision.
 
-    A sine's are a w^k sin(w t + phase + k pi/2) / k!, a polynomial's come from moving its origin, by Horner's rule.
+    Those of a sine are a w^k sin(w t + phase + k pi/2) / k!; those of a polynomial follow by Horner's rule.
     """
     found = np.zeros(count, LONG)
     if not isinstance(value, TimeFunction):
@@ -150,8 +150,8 @@ def series_of(value: Value, t: np.longdouble, count: int) -> np.ndarray:
 class TorsionalSpring:
     """Torque -(k (angle - rest) + c angle') about a joint's axis on its child, the opposite on the parent.
 
-    With p across the axis and g = axis x p in the parent and b in the child along p at the start, the angle since then
-    has the cosine C = p . b and the sine S = g . b, hence the rate C S' - S C'.
+    With p across the axis and g = axis x p in the parent, and b in the child along p at the start, the angle from the
+    start has the cosine C = p . b and the sine S = g . b, hence the rate C S' - S C'.
     """
 
     def __init__(self, force: Force, scene: Scene) -> None:
@@ -169,7 +169,7 @@ class TorsionalSpring:
         self.start = _angle(frames[0].T @ frames[1], joint.parent_axis, joint.child_axis)
 
     def begin(self, order: int, t: np.longdouble) -> None:
-        """Forget the last step."""
+        """Expand the rest angle about the time t of a new step."""
         self.rest = series_of(self.rest_angle, t, order + 1)
         self.cosine, self.sine, self.rate, self.torque = np.zeros((4, order + 2), LONG)
         self.p_now, self.g_now, self.b_now, self.along, self.twist = np.zeros((5, order + 2, 3), LONG)
@@ -185,7 +185,7 @@ class TorsionalSpring:
         self.known = max(self.known, k + 1)
 
     def add(self, motion: Motion, index: int, k: int, effort: np.ndarray) -> None:
-        """Add the k-th coefficient to what acts on q, and find the next one of the angle."""
+        """Add the k-th coefficient to the forces on q, and compute the next one of the angle."""
         self._extend(motion, k + 1)
         orders = np.arange(1, k + 2)
         cosine_rate, sine_rate = orders * self.cosine[1:k + 2], orders * self.sine[1:k + 2]
@@ -199,7 +199,7 @@ class TorsionalSpring:
 
 
 def _angle(relative: np.ndarray, parent_axis: np.ndarray, child_axis: np.ndarray) -> np.longdouble:
-    """theta of relative = exp(theta hat(parent axis)) Q0, Q0 the shortest turn of child to parent axis."""
+    """theta of relative = exp(theta hat(parent axis)) Q0, with Q0 the shortest turn from child to parent axis."""
     cosine = 1.0 + float(child_axis @ parent_axis)
     if cosine < OPPOSITE:
         raise Unsupported("natural coordinates: a torsional spring about axes that are opposite at angle zero")

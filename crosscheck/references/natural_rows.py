@@ -28,7 +28,7 @@ class Rows:
 
     @property
     def count(self) -> int:
-        """m."""
+        """Number of rows m."""
         return len(self.c)
 
     def local(self, q: np.ndarray) -> np.ndarray:
@@ -67,7 +67,7 @@ class Rows:
         return self.scattered(lam[:, None, None] * G)
 
     def scattered(self, local: np.ndarray) -> np.ndarray:
-        """Sum over rows of what they do to their bodies, (n + 1, 4, 3)."""
+        """Sums of local values (m, 2, 12) by body, (n + 1, 4, 3)."""
         total = np.zeros((self.n + 1, 12), LONG)
         np.add.at(total, self.bodies, local)
         return total.reshape(-1, 4, 3)
@@ -89,7 +89,7 @@ def rows_of(scene: Scene) -> Rows:
             for b in range(a, 3):
                 form = np.zeros((24, 24))
                 half = _vector(np.eye(3)[a]).T @ _vector(np.eye(3)[b])
-                form[:12, :12] = 0.5 * (half + half.T)  # r_a . r_b, halved where it is a square
+                form[:12, :12] = 0.5 * (half + half.T)  # r_a . r_b, with a factor 1/2 for a = b
                 terms.append((form * (1.0 if a == b else 2.0) if a != b else form, np.zeros(24),
                               -0.5 if a == b else 0.0, body, GROUND))
     for joint in scene.joints:

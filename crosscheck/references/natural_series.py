@@ -1,4 +1,4 @@
-"""Series of the motion in natural coordinates and what forces need of them, in extended precision."""
+"""Series of the motion in natural coordinates, in extended precision, with the products that forces need."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def product(one: np.ndarray, other: np.ndarray, k: int) -> np.ndarray:
 
 
 def crossed(one: np.ndarray, other: np.ndarray, k: int) -> np.ndarray:
-    """k-th coefficient of the cross product of series of vectors; `other` may hold several a coefficient."""
+    """k-th coefficient of the cross product of series of vectors; `other` may hold several vectors per coefficient."""
     first = one[k::-1] if k else one[:1]
     first = first.reshape(len(first), *(1,) * (other.ndim - 2), 3)
     found: np.ndarray = np.cross(first, other[:k + 1]).sum(axis=0)

@@ -1,7 +1,7 @@
 """Truth without heyoka: Taylor series in natural coordinates against DOP853 in maximal ones, or a closed form.
 
-Both formulations need NumPy and SciPy alone. What compiled Taylor series measure besides is measured here on the series
-in natural coordinates: derivatives from their coefficients, the growth of perturbations from runs beside the motion.
+Both formulations need only NumPy and SciPy. Derivatives follow from the coefficients of the series in natural
+coordinates, the growth of perturbations from runs with perturbed starts.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 DIRECTIONS = 4
-"""Random perturbations that are followed."""
+"""Number of random perturbations."""
 PERTURBATION = 1e-9
 HORIZON_GROWTH = 1e5
-"""Where a perturbation of 1e-15 has become 1e-10, as for compiled series."""
+"""Growth of a perturbation from 1e-15 to 1e-10, as for compiled series."""
 SUBPOINTS = 4
-"""Of a step, where derivatives are taken."""
+"""Number of points of a step at which derivatives are evaluated."""
 
 
 def compute(scene: Scene, floor: float, roundoff: float) -> Reference:
@@ -57,7 +57,7 @@ def compute(scene: Scene, floor: float, roundoff: float) -> Reference:
         other = Maximal(scene)
         first, second = series, Solved(other.run(scene.t[:last + 1]), other.source)
     allowed = max(floor, roundoff * within)
-    # There is no third formulation here to say which of two is wrong: `agree` would ask the first one about itself.
+    # `agree` cannot help here: its third formulation is the first one of these two.
     apart = difference(scene, first.states, second.states, last + 1)
     if apart.size > max(allowed, USABLE):
         raise TruthError(f"{scene.name!r}: {first.source} and {second.source} disagree by {apart.size:.2e} at "
@@ -69,9 +69,9 @@ def compute(scene: Scene, floor: float, roundoff: float) -> Reference:
 
 
 def _growth(scene: Scene, natural: Natural, states: States) -> np.ndarray:
-    """(T,) how much random perturbations of the start have grown at most, of |dx| / length and |dR|_F.
+    """(T,) estimated growth of the worst perturbation of the start, in |dx| / length and |dR|_F.
 
-    A random direction shows the worst one but for its share in it, one over the root of their number.
+    On average a random direction contains the worst one with the factor one over the root of the number of freedoms.
     """
     length = scene_length(scene)
     rate = max(float(np.abs(scene.w0).max(initial=0.0)), math.sqrt(float(np.linalg.norm(scene.gravity)) / length))

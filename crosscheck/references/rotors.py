@@ -1,8 +1,8 @@
-"""Rotor inertia of joints in maximal coordinates: the rate of a joint as a row, and what its derivative leaves.
+"""Rotor inertia of joints in maximal coordinates: the rate of a joint as a row, and the drift in its derivative.
 
-The rate of a hinge is the difference of the two angular velocities along its axis, constant in either body. A slide s
-along e has d2s/dt2 = e . d" + s (|w|^2 - (e . w)^2), d" the acceleration of the child's anchor less that of the
-parent's, w the angular velocity of the parent, from which the child's differs along e only.
+The rate of a hinge is the difference of the two angular velocities along its axis, which is fixed in both bodies. A
+slide s along e has d2s/dt2 = e . d" + s (|w|^2 - (e . w)^2), with d" the acceleration of the child's anchor minus that
+of the parent's, and w the angular velocity of the parent; the child's differs from it only along e.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Truncated power series over arrays, with the operations that poses need, and polynomials about a moved origin."""
+"""Truncated power series over arrays, with the operations for poses, and polynomials about another origin."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-WINDOW = 8  # coefficients that a step is measured by: symmetry may null several in a row, as at rest in a level start
+WINDOW = 8  # number of last coefficients that determine a step; symmetry, as at rest, may make several in a row zero
 ORDERS = 10  # highest derivative whose maximum is recorded
 
 
@@ -53,7 +53,7 @@ class Series:
         return self._sine_cosine()[1]
 
     def _sine_cosine(self) -> tuple[Series, Series]:
-        """k s_k = sum of j a_j c_(k-j), k c_k = - sum of j a_j s_(k-j)."""
+        """Both, by k s_k = sum of j a_j c_(k-j), k c_k = - sum of j a_j s_(k-j)."""
         sine, cosine = np.zeros_like(self.c), np.zeros_like(self.c)
         sine[..., 0], cosine[..., 0] = np.sin(self.c[..., 0]), np.cos(self.c[..., 0])
         slope = self.c * np.arange(self.c.shape[-1])
@@ -64,10 +64,10 @@ class Series:
 
 
 def safe_step(tc: np.ndarray) -> float:
-    """Step that the last coefficients (dimension, order + 1) allow (Jorba and Zou, Experimental Mathematics 14, 2005).
+    """The step from the last coefficients (dimension, order + 1) (Jorba and Zou, Experimental Mathematics 14, 2005).
 
-    The radius of convergence is the least that any of the last WINDOW coefficients shows, a null one shows nothing; the
-    factor is that of the paper, at which the rest of the series is below a rounding.
+    The radius of convergence is the least estimate from the last WINDOW coefficients that are not zero; the factor is
+    that of the paper, with which the remainder of the series is below rounding.
     """
     sizes, order = np.abs(tc).max(axis=0), tc.shape[1] - 1
     last = np.arange(order - WINDOW + 1, order + 1)

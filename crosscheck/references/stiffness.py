@@ -1,4 +1,4 @@
-"""How stiff springs and dampers are, and which integrator, how tight, the maximal formulation then takes."""
+"""Stiffness of springs and dampers, and the integrator and tolerance that the maximal formulation uses for it."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import numpy as np
 from scipy.integrate import DOP853, Radau
 
 DECAYS = 5000.0
-"""Rate of the fastest decay times the duration from which on the implicit method is used: an explicit one needs the
-steps that stability allows, a hundred thousand evaluations and more."""
+"""The implicit method is used if the rate of the fastest decay times the duration exceeds this: the stability of an
+explicit method would require a hundred thousand evaluations or more."""
 
 IMPLICIT_RTOL = 1e-12
-"""Of the implicit method: a tenth of it is off by as much, and takes twice the evaluations."""
+"""Tolerance of the implicit method: a tenth of it gives the same error with twice the evaluations."""
 
 QUIET = 100.0
-"""Highest rate (1/s) whose rounding stays within the tightest tolerance. A rounding of a position comes back as an
-acceleration, the square of the rate times as large, and moves the velocity of one step by the rate times a rounding:
-a tolerance below that answers to noise with ever shorter steps."""
+"""Highest rate (1/s) at which rounding stays within the tightest tolerance. The rounding error of a position causes an
+acceleration, larger by the square of the rate, and changes the velocity of one step by the rate times that error. With
+a tolerance below that, noise would make the steps ever shorter."""
 
 DIFFERENCE = 1e-6
 """Step of the central differences of the rates, relative to entries of order one."""
 
 
 def eigenvalues(rates: Callable[[float, np.ndarray], np.ndarray], start: np.ndarray) -> np.ndarray:
-    """Eigenvalues (1/s) of the derivative of dy/dt = rates(t, y) by y at `start`."""
+    """Eigenvalues (1/s) of the derivative of dy/dt = rates(t, y) with respect to y at `start`."""
     columns = [rates(0.0, start + step) - rates(0.0, start - step) for step in DIFFERENCE * np.eye(len(start))]
     return np.linalg.eigvals(np.array(columns).T / (2 * DIFFERENCE))
 
@@ -33,7 +33,7 @@ def eigenvalues(rates: Callable[[float, np.ndarray], np.ndarray], start: np.ndar
 def integrator(values: np.ndarray, duration: float, tightest: float) -> tuple[type[Any], float]:
     """Integrator and relative tolerance for equations with these eigenvalues (1/s) over `duration` (s).
 
-    `tightest`: the tolerance (relative) where nothing is stiff.
+    `tightest`: the relative tolerance if nothing is stiff.
     """
     if -values.real.min() * duration > DECAYS:
         return Radau, IMPLICIT_RTOL

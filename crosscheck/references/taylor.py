@@ -1,9 +1,9 @@
 """Truth by Taylor series (heyoka) in minimal coordinates.
 
-Every scene is a tree of bodies on joints with coordinates of their own (`joint_motion`), whose accelerations follow
-by elimination from the leaves (`articulated`), under springs, dampers and loads (`tree_loads`). A joint that closes a
-loop adds multipliers of its independent rows (`loops`); which ones are independent is found once, at the start. The
-angle of a torsional spring in such a joint is a state of its own; in a joint of the tree it is a coordinate.
+Every scene is a tree of bodies with joint coordinates (`joint_motion`). Accelerations follow by elimination from the
+leaves (`articulated`), under springs, dampers and loads (`tree_loads`). A joint that closes a loop adds multipliers
+(`loops`); the rank of its rows is found once, at the start. The angle of a torsional spring in such a joint is an
+additional state; in a joint of the tree it is a coordinate.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from crosscheck.scene.model import Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
 
 SOURCE = "Taylor series (heyoka), minimal coordinates"
-SUBPOINTS = 6  # derivatives are scanned this many times a step: k-th ones vary over 1/k of the convergence radius
-TOLERATED = 1.02  # of a safe step: its twentieth power, what the rest of the series grows by, is still no figure
-DRIFT = 1e-13  # quaternion norms stay within a few hundred roundings; more means a defect, not round-off
+SUBPOINTS = 6  # points per step for maxima of derivatives: the k-th one varies over 1/k of the convergence radius
+TOLERATED = 1.02  # relative to a safe step; the remainder grows only by its twentieth power or so
+DRIFT = 1e-13  # quaternion norms stay within a few hundred rounding errors; a larger drift is a defect
 
 
 class Taylor:
@@ -51,7 +51,7 @@ class Taylor:
         self.springs = [joint for joint in closing if joint.name in sprung]
         angles = [start_angle(joint, self.tree.start) for joint in self.springs]
         self.initial = np.concatenate([self.tree.initial(), angles])
-        if not len(self.initial):  # nothing moves, and an integrator wants a state
+        if not len(self.initial):  # nothing moves, but the integrator needs a state
             self.initial = np.zeros(1)
         self.driven = {link.body: link.joint.drive.derivative(2) for link in links
                        if link.joint is not None and link.joint.drive is not None and link.joint.child == link.body}
@@ -76,7 +76,7 @@ class Taylor:
         return heyoka.taylor_adaptive(list(zip(symbols, rates, strict=True)), self.initial.tolist(), **given, **options)
 
     def _analyse_loops(self) -> None:
-        """Relations that stand for the loops where they are linear; else how many of their rows are independent."""
+        """Find linear relations that replace the loops, or else the number of independent loop rows."""
         if not self.cuts:
             return
         if not self.driven:
@@ -90,7 +90,7 @@ class Taylor:
             self.shift = loops.SHIFT * float(np.trace(np.array(S))) / self.rank
 
     def _expression(self, value: Value) -> Any:
-        """A number or a function of time in heyoka's symbols; the coefficients of pieces are parameters of the run."""
+        """A number or a function of time as a heyoka expression; the coefficients of pieces are run parameters."""
         import heyoka
 
         if not isinstance(value, TimeFunction):
@@ -104,7 +104,7 @@ class Taylor:
         return total
 
     def _set_pieces(self, t: float) -> None:
-        """The parameters of `_expression` from time t on."""
+        """Set the parameters of `_expression` for times from t on."""
         values: list[float] = []
         for function in self.functions:
             piece = max(int(np.searchsorted(function.breaks, t, side="right")) - 1, 0)
@@ -115,7 +115,7 @@ class Taylor:
             self._integrator.pars[:] = values
 
     def _columns(self, state: Sequence[Any], value: Callable[[Value], Any]) -> tuple[Any, ...]:
-        """Loads, rows of loops, and accelerations alpha, A and of speeds, by body and column."""
+        """Loads, loop rows, and alpha, A and the derivatives of speeds by body and column."""
         tree = self.tree
         frames = tree.frames(state)
         placed = tree.world(frames) if self.cuts or self.scene.forces else {}
@@ -136,7 +136,7 @@ class Taylor:
 
     def _loop_terms(self, loads: Loads, rows: list[Any], alpha: ByBody, A: ByBody,
                     speeding: ByBody) -> tuple[Any, ...]:
-        """Right side and response of the multipliers' equations."""
+        """Right-hand side and matrix of the multipliers' equations."""
         if self.relations is None:
             free = [-1.0 * (loops.acceleration(found, loads, alpha, A, 0) + found.rest) for found in rows]
             return free, loops.response(rows, loads, alpha, A)
@@ -147,7 +147,7 @@ class Taylor:
         return [-1.0 * line[0] for line in along], [line[1:] for line in along]
 
     def _angle(self, name: str | None, state: Sequence[Any]) -> Any:
-        """Angle of the joint of that name, None where none is meant."""
+        """Angle of the joint of that name; None if `name` is None."""
         if name is None:
             return None
         joint = next(joint for joint in self.scene.joints if joint.name == name)
@@ -156,7 +156,7 @@ class Taylor:
         return tree_angle(joint, self.tree, state)
 
     def _solved(self, state: Sequence[Any], value: Callable[[Value], Any]) -> tuple[Any, ...]:
-        """Loads, and alpha, A and derivatives of speeds with the loops closed, by body."""
+        """Loads, and alpha, A and the derivatives of speeds by body, with the loops closed."""
         loads, rows, *columns = self._columns(state, value)
         factors = [1.0]
         if self.rank:
@@ -168,14 +168,14 @@ class Taylor:
         return loads, *closed
 
     def _rates(self, state: Sequence[Any], value: Callable[[Value], Any]) -> list[Any]:
-        """d state / dt; `value` makes numbers of functions of time."""
+        """d state / dt; `value` evaluates functions of time."""
         loads, _, _, speeding = self._solved(state, value)
         turning = [angle_rate(joint, loads.frames, loads.placed) for joint in self.springs]
         rates = [*self.tree.rates(state, loads.frames, speeding), *turning]
         return rates or [0.0]
 
     def closure(self, state: np.ndarray) -> np.ndarray:
-        """Values and rates of what closes the loops, of rank 2 `rank`."""
+        """Values and rates of the loop rows or relations, of rank 2 `rank`."""
         if self.relations is not None:
             half = self.tree.size // 2
             return np.concatenate([self.relations @ (state - self.initial)[part]
@@ -225,7 +225,7 @@ class Taylor:
         return states
 
     def _step(self, end: float) -> None:
-        """One step, no longer than `safe_step` allows; heyoka measures it by two coefficients alone."""
+        """One step, at most `safe_step` long; heyoka's own choice uses only two coefficients."""
         integrator = self._integrator
         begin, state = integrator.dtime, integrator.state.copy()
         outcome, _ = integrator.step(end - begin[0] - begin[1], write_tc=True)
@@ -246,7 +246,7 @@ class Taylor:
         return states
 
     def _unit_vectors(self) -> list[slice]:
-        """Where quaternions and directions stand in a state vector."""
+        """Slices of the quaternions and directions in a state vector."""
         units = []
         for link in self.tree.links:
             first, end = self.tree.coordinates[link.body].start, self.tree.coordinates[link.body].stop
@@ -263,7 +263,7 @@ class Taylor:
         return self.normalised(states)
 
     def pose(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (T, n, 3) and attitudes (T, n, 3, 3) of state vectors; unit vectors are normalised here only."""
+        """Positions (T, n, 3) and attitudes (T, n, 3, 3) of state vectors, with unit vectors normalised."""
         frames = self.tree.frames([*self._checked(states).T], moving=False)
         placed = self.tree.world(frames, moving=False)
         x, R = np.empty((len(states), self.scene.n, 3)), np.empty((len(states), self.scene.n, 3, 3))
@@ -275,7 +275,7 @@ class Taylor:
         return x, R
 
     def states(self, states: np.ndarray) -> States:
-        """Everything at the output times, with accelerations from these equations."""
+        """States at the output times, with accelerations from these equations."""
         x, attitudes = self.pose(states)
         loads, alpha, A, _ = self._solved([*states.T], functools.partial(at, t=self.scene.t))
         placed = loads.placed or self.tree.world(loads.frames)
@@ -292,8 +292,8 @@ class Taylor:
     def derivative_maxima(self, coefficients: list[Any]) -> tuple[np.ndarray, np.ndarray]:
         """Largest |d^k x/dt^k| and |d^k R/dt^k|_F over the run and the bodies, k = 0 ... ORDERS.
 
-        Each step's Taylor polynomials are expanded anew at SUBPOINTS points of the step; poses are series made of
-        them. The maximum over this grid of points misses the true one by a few percent at the highest orders.
+        The Taylor polynomials of each step are expanded about SUBPOINTS points of the step, and poses are series of
+        these. The maximum over these points is a few percent below the true one at the highest orders.
         """
         series = np.concatenate([shifted(tc, h * k / SUBPOINTS) for h, tc in coefficients
                                  for k in range(SUBPOINTS)]).reshape(-1, len(self.initial), ORDERS + 1)
@@ -312,7 +312,7 @@ class Taylor:
 
 
 def _coefficients(entry: Series | float, length: int) -> np.ndarray:
-    """(length, ORDERS + 1) of an entry that may be a constant."""
+    """Coefficients (length, ORDERS + 1) of an entry, which may be a constant."""
     if isinstance(entry, Series):
         return entry.c
     constant = np.zeros((length, ORDERS + 1))
@@ -326,5 +326,5 @@ def _stack(entries: Sequence[Any], length: int) -> np.ndarray:
 
 
 def _places(function: TimeFunction) -> int:
-    """Parameters that a function of time needs: a break and the coefficients of its longest piece."""
+    """Number of parameters of a function of time: a break and the coefficients of its longest piece."""
     return 1 + max(len(piece) for piece in function.pieces)

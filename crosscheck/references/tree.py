@@ -1,8 +1,8 @@
-"""A scene as a tree of bodies and joints, with the joints that close loops set aside.
+"""A scene as a tree of bodies and joints, separate from the joints that close loops.
 
 Every joint is a product of two motions of its outer body, the one farther from the ground: a turn (none, about one
-axis, about two, free) and a shift of the joint's point on the inner body (none, along directions of the inner body,
-along directions of the outer body, on a sphere, free).
+axis, about two, free) and a shift of the joint's point relative to the inner body (none, along directions of the inner
+body, along directions of the outer body, on a sphere, free).
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def unfold(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
 
 
 def _grow(scene: Scene, start: int, links: dict[int, Link], unused: list[Joint]) -> None:
-    """Attach everything that hangs on `start`, nearest first; a joint may name its bodies in either order."""
+    """Attach all bodies connected to `start`, nearest first; a joint may name its bodies in either order."""
     if any(any(joint.armature) for joint in unused):
         return _grow_geared(scene, start, links, unused)
     front = [start]
@@ -78,7 +78,7 @@ def _grow(scene: Scene, start: int, links: dict[int, Link], unused: list[Joint])
 
 
 def _grow_geared(scene: Scene, start: int, links: dict[int, Link], unused: list[Joint]) -> None:
-    """The same with joints that have rotors first: a joint that closes a loop can have none here."""
+    """The same with joints with rotors first, because a joint that closes a loop cannot have a rotor here."""
     reached = {start}
     while joints := [joint for joint in unused if (joint.parent in reached) != (joint.child in reached)]:
         joint = max(joints, key=lambda joint: any(joint.armature))  # the first in the file among equals
@@ -109,7 +109,7 @@ def _link(scene: Scene, joint: Joint, inner: int, outer: int) -> Link:
 
 
 def scene_length(scene: Scene) -> float:
-    """Largest lever from a centre of mass to a joint, or rod, m; the largest radius of gyration where all vanish."""
+    """Largest distance from a centre of mass to an anchor, or rod length, m; if all are zero, a radius of gyration."""
     levers = [np.linalg.norm(joint.child_anchor) for joint in scene.joints if joint.child != GROUND]
     levers += [np.linalg.norm(joint.parent_anchor) for joint in scene.joints if joint.parent != GROUND]
     levers += [joint.length for joint in scene.joints if joint.length]

@@ -29,7 +29,7 @@ class Loads:
     def __init__(self, tree: Tree, frames: dict[int, Frame], placed: dict[int, tuple[Any, Any, Any]],
                  value: Callable[[Value], Any] = lambda value: value) -> None:
         self.tree, self.frames, self.placed = tree, frames, placed
-        self.value = value  # a number or a function of time as a number of the kind of the state's
+        self.value = value  # evaluates a number or a function of time in the number type of the state
         self.wrenches = dict.fromkeys(frames, (ZERO, ZERO))
 
     def lever(self, body: int, anchor: list[Any]) -> list[Any]:
@@ -97,7 +97,7 @@ class Loads:
         d, rate = add(end, scale(-1.0, start)), add(end_rate, scale(-1.0, start_rate))
         square = dot(d, d)
         factor = p["stiffness"]
-        if p["free_length"]:  # no root where none is needed: a spring of free length 0 may shrink to nothing
+        if p["free_length"]:  # a spring of free length 0 needs no root and may shrink to length zero
             factor = factor - p["stiffness"] * p["free_length"] / square_root(square)
         if p["damping"]:
             factor = factor + p["damping"] * dot(d, rate) / square
@@ -126,8 +126,8 @@ def angle_rate(joint: Joint, frames: dict[int, Frame], placed: dict[int, tuple[A
 def start_angle(joint: Joint, q: dict[int, list[Any]]) -> float:
     """Angle in (-pi, pi] of a joint's child relative to its parent, from their quaternions.
 
-    The turn relative Q0^T, with Q0 the shortest one from child axis to parent axis, is about the parent axis: its
-    quaternion is (cos, axis sin) of half the angle.
+    The rotation relative Q0^T, with Q0 the shortest rotation from child axis to parent axis, is about the parent axis:
+    its quaternion is (cos, axis sin) of half the angle.
     """
     a, c = joint.parent_axis, joint.child_axis
     if np.linalg.norm(a + c) < 1e-6:  # a half turn, about the coordinate direction nearest to normal to the axis
@@ -144,7 +144,7 @@ def start_angle(joint: Joint, q: dict[int, list[Any]]) -> float:
 
 
 def tree_angle(joint: Joint, tree: Tree, state: Any) -> Any | None:
-    """Angle of a joint of the tree, from its coordinate; None of one that closes a loop."""
+    """Angle of a joint of the tree, from its coordinate; None for one that closes a loop."""
     for link in tree.links:
         if link.joint is joint:
             return tree.split(link, state, tree.coordinates)[0][0] + start_angle(joint, tree.start)

@@ -1,6 +1,6 @@
 """Vector algebra of the maximal formulation, over all bodies at once.
 
-Constant tensors keep the count of NumPy calls low, which is what a right-hand side of a few bodies costs.
+Constant tensors keep the number of NumPy calls low, which dominates the time for a few bodies.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ HAT, QUADRATIC = _EPSILON.reshape(3, 9), _FORM.reshape(16, 9)  # a @ HAT is the 
 class Motion:
     """State with the ground appended: x, v, w (n + 1, 3), R (n + 1, 3, 3), and angles of hinges if needed.
 
-    Angular velocities: w in body axes, omega in the world's.
+    Angular velocities: w in body axes, omega in world axes.
     """
 
     x: np.ndarray
@@ -67,7 +67,7 @@ def back(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def rotation(q: np.ndarray) -> np.ndarray:
-    """Attitudes (n, 3, 3) of quaternions (n, 4) of any length but zero."""
+    """Attitudes (n, 3, 3) of quaternions (n, 4) of any nonzero length."""
     products = (q[:, :, None] * q[:, None, :]).reshape(-1, 16)
     found: np.ndarray = ((products @ QUADRATIC) / products[:, ::5].sum(axis=1)[:, None]).reshape(-1, 3, 3)
     return found

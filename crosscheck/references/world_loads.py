@@ -1,9 +1,9 @@
 """Springs, dampers and constant loads of the maximal formulation: forces in world axes, torques in body axes.
 
-A torque turned into body axes as a whole would leave its rounding about the thin axis of a needle, where nothing acts;
-cross products of what is exact in body axes leave none.
+A torque that is rotated from world to body axes would have a rounding error about the thin axis of a needle, where no
+torque acts; cross products of exact vectors in body axes have none.
 
-The angle of a torsional spring is a state of its own, integrated from the relative rate about the axis, hence
+The angle of a torsional spring is an additional state, integrated from the relative rate about the axis, and so
 continuous over any number of turns.
 """
 
@@ -19,7 +19,7 @@ AT_CENTRE = np.zeros(3)
 
 
 class LinearSpring:
-    """Pull k (L - free length) + c dL/dt along the line between two points, the same on both, towards each other."""
+    """Force k (L - free length) + c dL/dt that pulls two points towards each other."""
 
     def __init__(self, force: Force) -> None:
         p = force.parameters
@@ -33,7 +33,7 @@ class LinearSpring:
         parent, child = motion.x[self.ends] + levers
         parent_rate, child_rate = motion.v[self.ends] + cross(motion.omega[self.ends], levers)
         length = float(np.linalg.norm(child - parent))
-        if length == 0.0:  # no direction to pull in
+        if length == 0.0:  # without a direction there is no force
             return
         along = (child - parent) / length
         pull = spring_pull(self.stiffness, length - self.free_length, self.damping,
@@ -68,7 +68,7 @@ class TorsionalSpring:
 
 
 class ConstantLoad:
-    """A force at a point of a body, or a torque on it, constant in world or body axes but for a factor."""
+    """A force at a point of a body, or a torque on it, constant in world or body axes, times a factor."""
 
     def __init__(self, force: Force) -> None:
         p = force.parameters
@@ -122,9 +122,9 @@ def torsion(stiffness: float, twist: float, damping: float, rate: float) -> floa
 
 
 def starting_angle(relative: np.ndarray, parent_axis: np.ndarray, child_axis: np.ndarray) -> float:
-    """theta in (-pi, pi] of relative = exp(theta hat(parent axis)) Q0, Q0 the shortest turn of child to parent axis.
+    """theta in (-pi, pi] of relative = exp(theta hat(parent axis)) Q0, Q0 the shortest turn from child to parent axis.
 
-    Of two opposite axes Q0 is the half turn about the coordinate direction nearest to normal to the parent's axis, made
+    For opposite axes Q0 is the half turn about the coordinate direction most nearly normal to the parent's axis, made
     normal to it.
     """
     normal = np.eye(3)[np.argmin(np.abs(parent_axis))]

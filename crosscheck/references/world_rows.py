@@ -1,9 +1,9 @@
 """Rows of the joints in the maximal formulation: their value, Jacobian and acceleration at du = 0.
 
-A joint is put together from four kinds of rows, each a record over all joints that use it: points that coincide,
-directions that stay perpendicular, a separation that stays across a direction of the parent, and a rod. Body i is the
-parent, j the child, d = x_j + R_j s_j - x_i - R_i s_i. The ground is the last body of every array. Columns of the
-Jacobian belong to v in world axes and w in body axes: R s^ has an exact zero about an axis that its anchor lies on.
+A joint consists of four kinds of rows, each a record over all joints that use it: coincident points, perpendicular
+directions, a separation normal to a direction of the parent, and a rod. Body i is the parent, j the child,
+d = x_j + R_j s_j - x_i - R_i s_i. The ground is the last body of every array. Columns of the Jacobian belong to v in
+world axes and w in body axes, so that they are exactly zero about an axis on which the anchor lies.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Perpendicular:
 
 
 class _Separation:
-    """What rows along and across d share: d and its rates."""
+    """Base of rows with d: d and its derivatives."""
 
     def __init__(self, uses: list[Row], n: int) -> None:
         joints = [use.joint for use in uses]
@@ -131,7 +131,7 @@ class Rod(_Separation):
 
 
 class Relations:
-    """C angles = 0 of hinges, from the start: what a parallelogram keeps through its flat position."""
+    """C angles = 0 for angles of hinges from the start, as in a parallelogram, also through its flat position."""
 
     def __init__(self, scene: Scene, coefficients: np.ndarray) -> None:
         joints = scene.joints
@@ -153,7 +153,7 @@ class Relations:
         return dots(turned(motion.R[self.i], self.axis), motion.omega[self.j] - motion.omega[self.i])
 
     def angles(self, motion: Motion) -> np.ndarray:
-        """Angles by the attitudes, on the turn of the integrated ones (hinges)."""
+        """Angles from the attitudes, with the full turns of the integrated ones (hinges)."""
         normal, mark = turned(motion.R[self.i], self.normal), turned(motion.R[self.j], self.mark)
         across = cross(turned(motion.R[self.i], self.axis), normal)
         change = np.arctan2(dots(across, mark), dots(normal, mark)) - motion.hinges
@@ -202,8 +202,10 @@ class Driven:
 
 
 def zero_turn(joint: Joint) -> np.ndarray:
-    """Attitude of the child in the parent where the angle is zero: given, or the shortest turn of one axis to the
-    other, two half turns: about the child's axis, then about the middle of both."""
+    """Attitude of the child in the parent at angle zero: as given, or the shortest turn of one axis to the other.
+
+    The latter is made of two half turns, about the child's axis and about the middle of both axes.
+    """
     if joint.reference is not None:
         given: np.ndarray = rotation(joint.reference[None])[0]
         return given
@@ -240,7 +242,7 @@ def _add(joint: Joint, relative: np.ndarray, uses: dict[type, list[Row]]) -> Non
     if joint.type == "distance":
         uses[Rod].append(Row(joint))
     elif joint.type == "fixed":
-        for k in range(3):  # each direction against the next, as it lies in the child: none of the rows is flat at 0
+        for k in range(3):  # each direction with the next one in the child: no row then has a zero slope at the start
             perpendicular(np.eye(3)[k], relative[:, (k + 1) % 3])
     elif joint.type == "universal":
         perpendicular(joint.parent_axis, joint.child_axis)

@@ -1,7 +1,7 @@
-"""The rotor inertia of joints, armature I: kinetic energy 1/2 I rate^2 of a joint coordinate, and nothing else.
+"""The rotor inertia of joints, armature I: it adds the kinetic energy 1/2 I rate^2 of a joint coordinate.
 
-The rate is S u. About an axis S is constant in body axes, so that I adds I S^T S to the mass matrix. Along an axis S
-moves with the bodies, d(rate)/dt = S du/dt + s, and the force -I S^T s comes with it. There is no gyroscopic part.
+The rate is S u. For a rotation S is constant in body axes, so that I adds I S^T S to the mass matrix. For a slide S
+moves with the bodies, d(rate)/dt = S du/dt + s, which adds the force -I S^T s. There is no gyroscopic part.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def _turn(joint: Joint, scene: Scene, x: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _slide(joint: Joint, scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray,
            w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of slide = e . d, e the axis in the world, d from the parent's anchor to the child's."""
+    """S and s of slide = e . d, with e the axis in the world and d from the parent's anchor to the child's."""
     parent, child, none = joint.parent, joint.child, np.zeros((len(x), 3))
     S = np.zeros((len(x), scene.n, 6))
     arm = R[:, child] @ joint.child_anchor

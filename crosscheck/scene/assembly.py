@@ -1,6 +1,6 @@
-"""The initial state: open positions and velocities from the joints, and every joint closed to rounding level.
+"""The initial state: computes open positions and velocities from the joints, and closes every joint to rounding level.
 
-Positions and velocities change by the least amount in the metric of the mass matrix, attitudes on SO(3).
+The correction is the smallest one in the metric of the mass matrix, with attitudes on SO(3).
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 _LARGE = 100  # bodies from which the algebra is sparse; dense, its time grows as their number cubed
 _ITERATIONS = 400
-_DIFFERENCE = 1e-5  # in the weighted displacement: a Hessian to about 1e-10, it only has to guide Newton's method
-_STRAIGHT = 1e-4  # of the scene's length, and rad: for less displacement the curvature cannot be felt
-_LEAST_CURVATURE = 0.1  # of the distance itself, which has 1
-_SETTLED = 1e-12  # of the scene's length, and rad: far below the allowed violation, well above rounding
-_BEFORE_DAMPING = 25  # iterations: most guesses settle within a dozen
-_DAMPINGS = 4  # then full steps again: a search that has crept along a saddle until now settles with them
-_NEAR = 0.05  # of the scene's length, and rad: full steps of this size contract
-_LARGEST_TURN = 0.5  # rad in one correction: the chart of a rotation is far from flat beyond it
+_DIFFERENCE = 1e-5  # step in the weighted displacement: gives the Hessian to about 1e-10, enough to guide Newton
+_STRAIGHT = 1e-4  # parts of the scene's length, and rad: curvature does not matter for smaller displacements
+_LEAST_CURVATURE = 0.1  # relative to the curvature of the squared distance, which is 1
+_SETTLED = 1e-12  # parts of the scene's length, and rad: far below the allowed violation, well above rounding
+_BEFORE_DAMPING = 25  # iterations with full steps; most guesses converge within a dozen
+_DAMPINGS = 4  # number of damping levels before full steps again, with which a search that left a saddle converges
+_NEAR = 0.05  # parts of the scene's length, and rad: steps smaller than this converge without damping
+_LARGEST_TURN = 0.5  # rad in one correction: for larger ones the chart of a rotation is far from linear
 
 
 def completed(draft: Draft) -> Scene:
@@ -44,16 +44,15 @@ def completed(draft: Draft) -> Scene:
     Raises
     ------
     EntryError
-        A position that nothing determines, a given state that violates the joints, or joints that cannot close; it
-        names the joint with the largest gap. Or axes that point opposite ways.
+        Nothing determines a position, a given state violates the joints, the joints cannot close (the error names the
+        one with the largest gap), or the two axes of a joint point in opposite directions.
     """
     scene = draft.scene
     state = Configuration(scene.x0, np.array([body.attitude for body in scene.bodies]), scene.v0, scene.w0)
     state, shifts = starts.attitudes(draft, state)
-    scene = scene.replace(bodies=bodies_at(scene, state))  # from here on prismatic and fixed joints keep this attitude
+    scene = scene.replace(bodies=bodies_at(scene, state))
     draft = dataclasses.replace(draft, scene=scene)
-    # taken before any correction: prismatic and fixed joints keep the relative attitude of the file
-    constraints = Constraints(scene)
+    constraints = Constraints(scene)  # before any correction: prismatic and fixed joints keep this relative attitude
     state = _tree_positions(draft, state, shifts)
     if not draft.assemble:
         phi = constraints.position(state.x[None], state.R[None])[0]
@@ -68,7 +67,7 @@ def completed(draft: Draft) -> Scene:
     state = _close_velocities(constraints, state)
     R = np.concatenate([state.R, np.eye(3)[None]])
     for index, joint in enumerate(scene.joints):
-        # Opposite axes close the rows of a joint too, yet its angle then turns the other way for the child.
+        # Opposite axes satisfy the rows of a joint too, but its angle then has the opposite sense for the child.
         if JOINT_TYPES[joint.type].axes == "parallel" and (
                 (R[joint.parent] @ joint.parent_axis) @ (R[joint.child] @ joint.child_axis) < 0):
             raise EntryError(f'joints[{index}] "{joint.name}": child_axis',
@@ -84,7 +83,7 @@ def projected(scene: Scene, moved: Scene) -> Scene:
     """`moved`, whose bodies have other states than those of `scene`, with the joints of `scene` closed.
 
     Positions and velocities of bodies on joints with coincident anchors follow from attitudes and angular velocities,
-    outwards from the ground; what stays open then is closed by the least mass-weighted change.
+    outwards from the ground. The least mass-weighted change closes the remaining gaps.
 
     Raises
     ------
@@ -96,7 +95,7 @@ def projected(scene: Scene, moved: Scene) -> Scene:
     state = Configuration(moved.x0, np.array([body.attitude for body in moved.bodies]), moved.v0, moved.w0)
     constraints = Constraints(scene)  # prismatic and fixed joints keep the relative attitude of the scene
     draft = Draft(moved, given, given, assemble=True)
-    if any(branch.joint is None for branch in _tree(scene, given)):  # it floats: where it does is given
+    if any(branch.joint is None for branch in _tree(scene, given)):  # bodies that float keep their given positions
         draft = dataclasses.replace(draft, given_positions=(True,) * scene.n, given_velocities=(True,) * scene.n)
     state = _close_positions(constraints, _tree_positions(draft, state, {}))
     state = _close_velocities(constraints, _tree_velocities(draft, state, {}))
@@ -107,9 +106,9 @@ def projected(scene: Scene, moved: Scene) -> Scene:
 
 
 def _tree(scene: Scene, given: Sequence[bool]) -> list[Branch]:
-    """The bodies whose state is not given, each with the joint that places it from a body that has one already.
+    """The bodies whose state is not given, each with the joint that places it from a body that is placed already.
 
-    Joints whose anchors coincide come first, the others only where none of these leads on.
+    Joints whose anchors coincide are used first, the others only if none of these reaches a further body.
     """
     roots = [body for body in range(scene.n) if given[body]]
     return spanning_tree(scene, lambda joint: int(JOINT_TYPES[joint.type].anchors_coincide), roots)[0]
@@ -118,8 +117,8 @@ def _tree(scene: Scene, given: Sequence[bool]) -> list[Branch]:
 def _tree_positions(draft: Draft, state: Configuration, shifts: Mapping[str, np.ndarray]) -> Configuration:
     """Place the bodies without a position, outwards from the ground and from bodies that have one.
 
-    Where the joint leaves the anchors free they coincide as well, which is the least distance it allows; on a distance
-    joint the child's anchor hangs below the parent's, along gravity (along -z without gravity).
+    If the joint does not fix the anchors to each other they are placed together too, which is the least distance it
+    allows. On a distance joint the child's anchor hangs below the parent's, along gravity (along -z without gravity).
     """
     scene = draft.scene
     x, R = np.vstack([state.x, np.zeros(3)]), np.concatenate([state.R, np.eye(3)[None]])
@@ -141,9 +140,9 @@ def _tree_positions(draft: Draft, state: Configuration, shifts: Mapping[str, np.
 
 
 def _tree_velocities(draft: Draft, state: Configuration, speeds: Mapping[str, np.ndarray]) -> Configuration:
-    """Velocities of the bodies without one: anchors do not move relative to each other, seen from the parent.
+    """Velocities of the bodies without one: a joint's anchors do not move relative to each other in the parent's frame.
 
-    In a group of bodies that no joint ties to the ground or to a given velocity, the first is at rest.
+    In a group of bodies that no joint connects to the ground or to a given velocity, the first is at rest.
     """
     scene = draft.scene
     given = draft.given_velocities
@@ -196,10 +195,10 @@ def _largest_gap(constraints: Constraints, rows: np.ndarray, L: float) -> tuple[
 def _close_positions(constraints: Constraints, guess: Configuration) -> Configuration:
     """The state nearest to `guess` with Phi = 0: min |z|^2 / 2 with z the mass-weighted displacement.
 
-    The displacement of a body is (x - x_guess, theta) with R = R_guess exp(hat(theta)). Newton's method on the
-    conditions of the minimum, in the least-norm sense where rows are redundant; the curvature of the joints enters by
-    differences, and where it is negative by its size, so that the search leaves saddles. In large scenes it stays out:
-    the iteration ends in the same conditions, if it ends, from guesses that lie near.
+    The displacement of a body is (x - x_guess, theta) with R = R_guess exp(hat(theta)). Newton's method solves the
+    conditions of the minimum, in the least-norm sense if rows are redundant. The curvature of the joints is computed by
+    differences; a negative curvature enters with its absolute value, so that the search leaves saddles. Large scenes
+    leave the curvature out: the iteration then converges to the same conditions, but only from nearby guesses.
     """
     scene = constraints.scene
     size = _length_scale(scene, guess)
@@ -221,7 +220,7 @@ def _close_positions(constraints: Constraints, guess: Configuration) -> Configur
         largest = float(np.abs(unweighted @ step / units).max())
         if closed and largest < _SETTLED:
             return _moved(guess, (unweighted @ z).reshape(-1, 6))
-        # From far away full steps may alternate between two places for ever.
+        # From far away full steps may alternate between two states forever.
         damping = 0.5 ** (iteration // _BEFORE_DAMPING % _DAMPINGS) if largest > _NEAR else 1.0
         z = z + step * (damping * _LARGEST_TURN / max(largest, _LARGEST_TURN))
         if not large:
@@ -236,7 +235,7 @@ def _close_positions(constraints: Constraints, guess: Configuration) -> Configur
 
 
 def _shorter_way_round(unweighted: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """The same attitudes by rotations of half a turn at most: beyond it the nearest place is no longer one."""
+    """The same attitudes by rotations of half a turn at most; a longer turn is not the least displacement."""
     turns = (unweighted @ z).reshape(-1, 6)
     turns[:, :3] = 0.0
     angles = np.linalg.norm(turns, axis=1, keepdims=True)
@@ -280,7 +279,7 @@ def _newton_step(constraints: Constraints, guess: Configuration, unweighted: np.
     hessian = np.eye(len(z))
     if curved:
         lam = -U @ (across @ z / sigma)
-        for first in range(0, len(z), 6):  # body by body: all at once would hold (6n)^2 m numbers
+        for first in range(0, len(z), 6):  # body by body: all at once would need (6n)^2 m numbers
             shifts = _DIFFERENCE * np.eye(len(z))[first:first + 6]
             _, displaced = _linearised(constraints, guess, unweighted, np.concatenate([z + shifts, z - shifts]))
             bent = np.einsum("kmi,m->ki", displaced, lam)
@@ -304,7 +303,7 @@ def _close_velocities(constraints: Constraints, state: Configuration) -> Configu
     scene = constraints.scene
     size = _length_scale(scene, state) * float(np.abs(state.w).max()) + float(np.abs(state.v).max())
     unweighted = _inverse_root_mass(scene)
-    for _ in range(3):  # one solve closes it; further ones only remove the rounding of the first
+    for _ in range(3):  # one solve closes the joints; the others remove its rounding errors
         rates = constraints.velocity(state.x[None], state.R[None], state.v[None], state.w[None])[0]
         if _at_rounding(constraints, rates, size, float(np.abs(state.w).max())):
             break
@@ -339,7 +338,7 @@ def _right_tangents(theta: np.ndarray) -> np.ndarray:
     """J (..., 3, 3) with exp(hat(theta + d)) = exp(hat(theta)) exp(hat(J d)) to first order in d, theta (..., 3)."""
     hat = cross(theta[..., None, :], np.eye(3)).swapaxes(-1, -2)
     angle = np.linalg.norm(theta, axis=-1)[..., None, None]
-    small = angle < 0.1  # the closed forms cancel; the series are right to 1e-10, in an iteration that corrects itself
+    small = angle < 0.1  # the closed forms cancel there; the series' error of 1e-10 is corrected by the iteration
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 1 / 2 - angle**2 / 24 + angle**4 / 720, (1 - np.cos(safe)) / safe**2)
     second = np.where(small, 1 / 6 - angle**2 / 120 + angle**4 / 5040, (safe - np.sin(safe)) / safe**3)

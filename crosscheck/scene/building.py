@@ -1,4 +1,4 @@
-"""A scene from the plain content of a scene file: checked, completed, its joints closed."""
+"""Builds a scene from the plain content of a scene file: checks it, completes its state and closes its joints."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from crosscheck.scene.schema import Content, EntryError, decode
 
 
 def scene_from(data: Content, origin: str | os.PathLike[str]) -> Scene:
-    """The scene with this content of a file; raises `SceneError` that names `origin`, the entry and the mend."""
+    """The scene with this content of a file; raises `SceneError`, which names `origin`, the entry and the mend."""
     try:
         return _assembled(checks.draft(decode(data)))
     except EntryError as error:
@@ -21,10 +21,10 @@ def scene_from(data: Content, origin: str | os.PathLike[str]) -> Scene:
 
 
 def _assembled(draft: checks.Draft) -> Scene:
-    """The scene with its joints closed; also numbers each in range can together leave what doubles can solve."""
+    """The scene with its joints closed; raises if its numbers together exceed what double precision can solve."""
     problem = "the numbers of this scene differ too much in size to close its joints in double precision"
     mend = "bring masses, inertias and lengths nearer to each other, in SI units"
-    with np.errstate(all="ignore"):  # what overflows is found below
+    with np.errstate(all="ignore"):  # overflow is detected below
         try:
             scene = assembly.completed(draft)
         except (np.linalg.LinAlgError, FloatingPointError, OverflowError):
@@ -35,5 +35,5 @@ def _assembled(draft: checks.Draft) -> Scene:
 
 
 def printable(text: str) -> str:
-    """A message, or words of a user's in it, which must neither break its line nor fail to print."""
+    """The text with escapes for characters that would break its line or cannot be printed."""
     return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)

@@ -1,4 +1,4 @@
-"""From the typed content of a scene file to a draft scene: every check of values that needs no mechanics."""
+"""Makes a draft scene from the typed content of a scene file, with every check of values that needs no mechanics."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ from crosscheck.scene.schema import (
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 INERTIA_ROUNDING = 1e-12
-"""Relative: entries written with 15 digits or computed in double precision stay symmetric and on the triangle bound
-(a thin disc, I_z = I_x + I_y) to about 1e-15; a thousandfold of that still catches every misprint."""
+"""Relative. Entries written with 15 digits, or computed in double precision, are symmetric and satisfy the triangle
+inequality (a thin disc: I_z = I_x + I_y) to about 1e-15; a thousand times that still catches every misprint."""
 
 SMALLEST = 1 / LARGEST
-"""Of masses, moments of inertia, lengths of rods and durations: their reciprocals stay in range."""
+"""Smallest mass, moment of inertia, rod length or duration, so that its reciprocal stays in range."""
 
 MOST_SAMPLES = 10**7
-"""Output times; the states of one body there take a gigabyte and a half."""
+"""Largest number of output times; the states of one body then take a gigabyte and a half."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Start:
-    """Coordinates of one joint at the start, from which the state of its child follows."""
+    """Coordinates of one joint at the start, which determine the state of its child."""
 
     joint: int
     position: tuple[float, ...] | None
@@ -63,7 +63,7 @@ class Draft:
 
 
 def draft(entry: SceneEntry) -> Draft:
-    """Check values and names of a decoded scene file; raises `EntryError` for the first thing wrong."""
+    """Check values and names of a decoded scene file; raises `EntryError` for the first error found."""
     _check_run(entry)
     _check_names("bodies", [body.name for body in entry.bodies])
     _check_names("joints", [joint.name for joint in entry.joints])
@@ -132,7 +132,7 @@ def _body(entry: str, body: BodyEntry) -> Body:
 
 
 def _inertia(entry: str, inertia: np.ndarray) -> np.ndarray:
-    """The inertia made exactly symmetric, when it is physical."""
+    """The inertia, made exactly symmetric; raises if it is not physical."""
     size = np.abs(inertia).max()
     gaps = np.abs(inertia - inertia.T)
     if gaps.max() > INERTIA_ROUNDING * size:
@@ -210,7 +210,7 @@ def _joint(scene: SceneEntry, bodies: Mapping[str, int], index: int, joint: Join
 
 def _forces(bodies: Mapping[str, int], types: Mapping[str, str], index: int, force: ForceEntry,
             duration: float) -> list[Force]:
-    """A force of the file; one with components that are functions of time is one for each of these, and the rest."""
+    """The forces for one entry of the file: one for each component that depends on time, and one for the rest."""
     values = msgspec.structs.asdict(force)
     kind = str(force.__struct_config__.tag)
     entry = f"forces[{index}] ({kind})"
@@ -241,7 +241,7 @@ def _forces(bodies: Mapping[str, int], types: Mapping[str, str], index: int, for
 
 
 def _axial_joint(entry: str, types: Mapping[str, str], name: str, slides: bool) -> str:
-    """The name of a joint with an angle, or of a slide."""
+    """The name, checked to be that of a joint with an angle, or of a slide."""
     if name not in types:
         raise EntryError(entry, f'no joint is named "{name}"',
                          f"{nearest(name, types)}write one of {listed(types) or '(the scene has no joints)'}")

@@ -1,14 +1,14 @@
 """The joints of a scene as constraints, evaluated over whole trajectories at once.
 
-One common measure of Phi, G u and G du/dt + gamma for every engine. Conventions, for body i the parent, body j the
-child, points s and axes a in body axes, d = x_j + R_j s_j - x_i - R_i s_i:
+This gives Phi, G u and G du/dt + gamma the same measure for every engine. Conventions, with i the parent, j the child,
+points s and axes a in body axes, d = x_j + R_j s_j - x_i - R_i s_i:
 
-- a joint on an axis uses two reference vectors n1, n2 of the parent, unit and normal to its axis a: n1 is the
-  coordinate direction in which a has its smallest component (the first of equals), made normal to a; n2 = a x n1;
-- parallel axes are the two dot-1 rows (n1 . child_axis, n2 . child_axis), perpendicular where the axes coincide, so
-  that no attitude is singular; offsets across an axis are the dot-2 rows of n1, then n2; a plane's is that of a;
-- prismatic adds the dot-1 row n1 . b, with b fixed in the child: n2 as it lies at the start, normal to child_axis;
-- fixed keeps the parent's coordinate triad e as it lies in the child at the start, as f: rows e1.f2, e2.f3, e3.f1;
+- a joint with an axis uses two unit vectors n1, n2 of the parent normal to its axis a: n1 is the coordinate direction
+  along which a has its smallest component (the first of equal ones), made normal to a; n2 = a x n1;
+- parallel axes are the two dot-1 rows n1 . child_axis, n2 . child_axis, which are never singular where the axes
+  coincide; offsets across an axis are the dot-2 rows of n1, then n2; the offset from a plane is the dot-2 row of a;
+- prismatic adds the dot-1 row n1 . b, with b fixed in the child: n2 at the start, made normal to child_axis;
+- fixed takes f, fixed in the child, as the parent's coordinate axes e at the start: rows e1.f2, e2.f3, e3.f1;
 - distance is (d . d - c^2) / (2 c);
 - a drive adds coordinate - function of time, last: the angle of a hinge, or axis . d of a slide.
 
@@ -33,22 +33,22 @@ if TYPE_CHECKING:
 
 _ZERO = np.zeros(3)
 _AT_ONCE = 200_000
-"""Rows times states evaluated in one piece: beyond that the memory grows and the time does not fall."""
+"""Rows times states evaluated at once; more would need more memory without being faster."""
 
 
 @dataclasses.dataclass(frozen=True)
 class BodyVector:
     """The vectors R s of K bodies; every method returns world components, (T, K, 3)."""
 
-    body: Any  # (K,) indices; an index before they are stacked
+    body: Any  # (K,) indices; a single index before stacking
     s: np.ndarray  # (K, 3) body axes
 
     def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """The vectors themselves; `x` is not looked at."""
+        """The vectors themselves; `x` is not used."""
         return _turned(R[:, self.body], self.s)
 
     def rate(self, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """Their time derivatives; `v` is not looked at."""
+        """Their time derivatives; `v` is not used."""
         return _turned(R[:, self.body], cross(w[:, self.body], self.s))
 
     def centripetal(self, R: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -95,11 +95,10 @@ class Separation:
 
 @dataclasses.dataclass(frozen=True)
 class Basic:
-    """K basic constraints of one kind: (left . right - offset) / unit, or all of `right` where `left` is None.
+    """K basic constraints of one kind: (left . right - offset) / unit, or all of `right` if `left` is None.
 
     Equations (2.1) to (2.4) of docs/theory.md: dot-1 multiplies two axes, dot-2 an axis and a separation, distance a
-    separation by itself; spherical is a separation alone. Every derivative follows from those of the factors by the
-    product rule.
+    separation with itself; spherical is a separation alone. Derivatives follow by the product rule.
     """
 
     left: BodyVector | Separation | None
@@ -109,7 +108,7 @@ class Basic:
 
     @property
     def rows(self) -> int:
-        """Number of scalar equations of each."""
+        """Number of scalar equations in each constraint."""
         return 3 if self.left is None else 1
 
     @property
@@ -146,7 +145,7 @@ class Basic:
         return rows
 
     def blocks(self, x: np.ndarray, R: np.ndarray) -> Iterator[Block]:
-        """Its rows of the Jacobian, body by body; several blocks of one body add up."""
+        """Its rows of the Jacobian, body by body; blocks of the same body are summed."""
         if self.left is None:
             count = np.shape(self.right.child.body)[0] if isinstance(self.right, Separation) else 1
             yield from self.right.blocks(R, np.broadcast_to(np.eye(3), (len(x), count, 3, 3)))
@@ -158,9 +157,9 @@ class Basic:
 
 @dataclasses.dataclass(frozen=True)
 class Angle:
-    """K angles of hinges, whose other rows keep the axes together; with the methods of `Basic`.
+    """K angles of hinges whose other rows keep the axes together; it has the methods of `Basic`.
 
-    An angle is that of `torsion_angles`, counted from the joint's zero attitude, in (-pi, pi].
+    An angle is that of `torsion_angles`, measured from the joint's zero attitude, in (-pi, pi].
     """
 
     parent: Any  # (K,) indices
@@ -187,7 +186,7 @@ class Angle:
         return found
 
     def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """Zero: the axes are at rest in both bodies."""
+        """Zero, because the axes are fixed in both bodies."""
         return np.zeros((len(x), np.shape(self.child)[0], 1))
 
     def blocks(self, x: np.ndarray, R: np.ndarray) -> Iterator[Block]:
@@ -201,7 +200,7 @@ Block = tuple[Any, "np.ndarray | None", np.ndarray]
 
 
 def _stacked(items: Sequence[Any]) -> Any:
-    """Vectors, separations or basic constraints of one kind as one of K."""
+    """K vectors, separations or basic constraints of one kind stacked into one object."""
     first = items[0]
     if isinstance(first, Angle):
         return Angle(*(np.array([getattr(item, field.name) for item in items]) for field in dataclasses.fields(Angle)))
@@ -215,16 +214,16 @@ def _stacked(items: Sequence[Any]) -> Any:
 
 
 def _turned(R: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """R s over the last axes, broadcasting; the same sum for one state and for many."""
+    """R s over the last axes, with broadcasting; the order of summation is the same for one state and for many."""
     found: np.ndarray = R[..., 0] * s[..., :1] + R[..., 1] * s[..., 1:2] + R[..., 2] * s[..., 2:]
     return found
 
 
 def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray) -> list[Basic | Angle]:
-    """The basic constraints of a joint, in row order, each for itself: `Constraints` stacks them.
+    """The basic constraints of a joint in row order, not yet stacked.
 
     `parent_attitude` and `child_attitude` (3, 3), body to world, are the initial ones: prismatic and fixed joints
-    keep the relative attitude they find there.
+    keep this relative attitude.
     """
     d = Separation(BodyVector(joint.parent, joint.parent_anchor), BodyVector(joint.child, joint.child_anchor))
     relative = child_attitude.T @ parent_attitude
@@ -299,7 +298,7 @@ class Constraints:
             self.dimensionless[rows] = basic.dimensionless
 
     def rows_without(self, body: int | None) -> np.ndarray:
-        """Indices of the rows of all joints but those of one body."""
+        """Indices of the rows of all joints except those at one body."""
         there = [np.arange(self.m)[self.rows[joint.name]] for joint in self.scene.joints
                  if body not in (joint.parent, joint.child)]
         return np.concatenate([*there, np.empty(0, dtype=int)])
@@ -314,7 +313,7 @@ class Constraints:
 
     def velocity(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
                  t: np.ndarray | float = 0.0) -> np.ndarray:
-        """dPhi/dt at times t, (T, m): G u, less the rates of drives."""
+        """dPhi/dt at times t, (T, m): G u minus the rates of drives."""
         return self._driven(self._evaluated("rate", x, R, v, w), 1, t)
 
     def gamma(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
@@ -323,7 +322,7 @@ class Constraints:
         return self._driven(self._evaluated("gamma", x, R, v, w), 2, t)
 
     def _driven(self, values: np.ndarray, derivative: int, t: np.ndarray | float) -> np.ndarray:
-        """Rows less the drives, or their derivatives."""
+        """Subtract the drives, or their derivatives, from the rows, in place."""
         for row, drive, _ in self.drives:
             values[:, row] -= drive(t, derivative)
         return values
@@ -396,5 +395,5 @@ class Constraints:
 
 
 def _with_ground(values: np.ndarray, ground: np.ndarray = _ZERO) -> np.ndarray:
-    """The ground as one more body, the last: its index -1 finds it."""
+    """`values` with the ground as one more body at the end, where its index -1 finds it."""
     return np.concatenate([values, np.broadcast_to(ground, (len(values), 1, *ground.shape))], axis=1)

@@ -1,7 +1,7 @@
-"""Joint coordinates: what a joint leaves free, as numbers, and the states of the child that belong to them.
+"""Joint coordinates, the motions that a joint leaves free, and the states of the child for given coordinates.
 
-Q0 is the attitude of the child in the parent where the coordinates are zero, d the vector from the parent's anchor to
-the child's in the parent's axes, a_p and a_c the two axes, n1 and n2 the reference vectors of a_p:
+Q0 is the attitude of the child in the parent at zero coordinates, d the vector from the parent's anchor to the child's
+in the parent's axes, a_p and a_c are the two axes, n1 and n2 the reference vectors of a_p:
 
 - revolute, the angle: R_rel = exp(angle a_p) Q0; cylindrical, [angle, slide], and planar, [x, y, angle], likewise;
 - prismatic: R_rel = Q0, slide = a_p . d; planar: x = n1 . d, y = n2 . d;
@@ -9,7 +9,7 @@ the child's in the parent's axes, a_p and a_c the two axes, n1 and n2 the refere
 - spherical, a quaternion w, x, y, z: R_rel = Q0 R(quaternion), its velocity the relative angular velocity in
   the child's axes.
 
-Angles start in (-pi, pi], or at the turn the scene gives, and are continuous from then on.
+Angles start in (-pi, pi], or at the value that the scene gives, and are continuous from then on.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def relative_rates(joint: Joint, position: np.ndarray, velocity: np.ndarray) -> 
     for k, (word, rate) in enumerate(zip(words, velocity, strict=False)):
         if word.startswith("slide"):
             speed = speed + rate * slide_direction(word, joint.parent_axis)
-        elif word == "turn child":  # about an axis that the coordinates before have turned
+        elif word == "turn child":  # about an axis that the earlier coordinates have turned
             w = w + rate * (relative_pose(joint, position[:k])[0] @ joint.child_axis)
         else:
             w = w + rate * joint.parent_axis

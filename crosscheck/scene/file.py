@@ -1,4 +1,4 @@
-"""Reading scene files: TOML or JSON, strictly; one error that names the file, the entry and the mend."""
+"""Reads scene files, TOML or JSON. Anything wrong raises one error that names the file, the entry and the mend."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from crosscheck.scene.schema import Content, EntryError, listed, nearest
 _SUFFIXES = (".toml", ".json")
 
 MOST_BYTES = 64 * 2**20
-"""Of a scene file: twenty times those of a chain of ten thousand bodies, and the time to read them is a minute."""
+"""Largest scene file: twenty times that of a chain of ten thousand bodies. Reading it takes a minute."""
 
 MOST_DOTS = 32
-"""In one key; a scene needs one ("drive.type")."""
+"""Largest number of dots in one key; a scene needs one ("drive.type")."""
 
 _KEY_PART = r"""(?:[A-Za-z0-9_-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')"""
 _DEEP_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*({_KEY_PART}(?:[ \t]*\.[ \t]*{_KEY_PART}){{{MOST_DOTS},}})", re.MULTILINE)
@@ -35,11 +35,11 @@ def scene_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _folder().glob("*.toml")))
 
 
-_carried: dict[str, Content] = {}  # contents that came from another machine, by their names there
+_carried: dict[str, Content] = {}  # contents from another machine, by their names there
 
 
 def carry(contents: Mapping[str, Content]) -> None:
-    """Scenes under these names have these contents from now on, in this process: they came from another machine."""
+    """From now on, in this process, scenes with these names have these contents, which came from another machine."""
     _carried.update(contents)
 
 
@@ -49,8 +49,8 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     Parameters
     ----------
     name_or_path
-        The name of a built-in scene, a path that ends in .toml or .json, or a model file, see
-        `crosscheck.import_model`.
+        The name of a built-in scene, a path that ends in .toml or .json, or a model file (see
+        `crosscheck.import_model`).
 
     Returns
     -------
@@ -69,9 +69,9 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
 
 
 def read_scene(name_or_path: str | os.PathLike[str]) -> tuple[Path, Content]:
-    """The path of a scene and the content of its file, not yet checked; arguments and errors as `load_scene`.
+    """The path of a scene and the content of its file before any check; arguments and errors as `load_scene`.
 
-    The content of a model file is that of the scene it is imported as.
+    A model file gives the content of the scene file it is imported as.
     """
     if isinstance(name_or_path, str) and name_or_path in _carried:
         return Path(name_or_path), copy.deepcopy(_carried[name_or_path])
@@ -96,7 +96,7 @@ def read_scene(name_or_path: str | os.PathLike[str]) -> tuple[Path, Content]:
 
 
 def as_scene(scene: Scene | str | os.PathLike[str]) -> Scene:
-    """`scene` itself, or the scene its name or path stands for.
+    """`scene` itself, or the scene with this name or path.
 
     Raises
     ------
@@ -114,14 +114,14 @@ def as_scene(scene: Scene | str | os.PathLike[str]) -> Scene:
 
 
 def _folder() -> Path:
-    """The built-in scenes: inside the installed package, or beside it in a checkout."""
+    """The folder of the built-in scenes: in the installed package, or beside it in a checkout."""
     package = Path(__file__).resolve().parents[1]
     inside = package / "scenarios"
     return inside if inside.is_dir() else package.parent / "scenarios"
 
 
 def _read(path: Path) -> Content:
-    """The content of a file; no more of it is read than a scene may have, and nothing of a pipe or a device."""
+    """The content of a file; reads at most MOST_BYTES, and refuses pipes and devices."""
     try:
         if path.exists() and not path.is_file() and not path.is_dir():
             raise EntryError("the file", "is not a regular file", "give the path of a text file")
@@ -141,7 +141,7 @@ def _read(path: Path) -> Content:
         raise EntryError("the name of the file", "no file can have it",
                          f"correct it, or write one of {listed(scene_names())}") from None
     try:
-        # Python's reader of TOML takes a time that grows as the square of the parts of a dotted key.
+        # The time of Python's TOML reader grows as the square of the number of parts of a dotted key.
         if path.suffix == ".toml" and (deep := _DEEP_KEY.search(text)):
             line = text.count("\n", 0, deep.start(1)) + 1
             raise EntryError("syntax", f"line {line}: a key has more than {MOST_DOTS} dots",
@@ -151,7 +151,7 @@ def _read(path: Path) -> Content:
     except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
         kind = path.suffix[1:].upper()
         raise EntryError("syntax", f"not {kind}, {error}", f"write {kind} there") from None
-    except UnicodeEncodeError:  # only JSON's escapes can write it
+    except UnicodeEncodeError:  # a lone surrogate, which only a JSON escape can write
         raise EntryError("syntax", "a \\ud800 to \\udfff escape stands alone, which is half a character",
                          "write the character itself") from None
     except ValueError:  # Python refuses to convert integers of thousands of digits
@@ -165,7 +165,7 @@ def _read(path: Path) -> Content:
 
 
 def _distinct(pairs: list[tuple[str, Any]]) -> Content:
-    """A JSON object whose keys all differ, as TOML demands of its tables."""
+    """A JSON object as a mapping; raises if a key occurs twice, which TOML refuses too."""
     table = dict(pairs)
     if len(table) < len(pairs):
         keys = [key for key, _ in pairs]

@@ -1,4 +1,4 @@
-"""Functions of time: what loads, joint torques, rest angles and prescribed joint coordinates may be."""
+"""Functions of time for loads, joint torques, rest angles and prescribed joint coordinates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class TimeFunction:
 
     Attributes
     ----------
-    breaks : s, where the pieces begin, increasing; the first piece holds before its break too, the last one for ever
+    breaks : where the pieces begin, s, increasing; the first piece also holds before its break, the last one never ends
     pieces : for each break its coefficients in powers of t - break, constant first
     terms : (amplitude, angular frequency in rad/s, phase in rad) of amplitude sin(angular frequency t + phase)
     """
@@ -26,7 +26,7 @@ class TimeFunction:
     terms: tuple[tuple[float, float, float], ...] = ()
 
     def __call__(self, t: Any, derivative: int = 0) -> Any:
-        """Value, or that of a derivative, at times of any shape."""
+        """The value, or that of a derivative, at times of any shape."""
         t = np.asarray(t, dtype=float)
         total = np.zeros(t.shape)
         at = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, None)
@@ -76,17 +76,17 @@ def at(value: Value, t: Any, derivative: int = 0) -> Any:
 
 
 def polynomial(coefficients: Sequence[float]) -> TimeFunction:
-    """sum of coefficients[k] t^k"""
+    """The function sum of coefficients[k] t^k."""
     return TimeFunction(pieces=(tuple(coefficients),))
 
 
 def sine(terms: Sequence[Sequence[float]], offset: float = 0.0) -> TimeFunction:
-    """offset + sum of amplitude sin(angular frequency t + phase)"""
+    """The function offset + sum of amplitude sin(angular frequency t + phase)."""
     return TimeFunction(pieces=((offset,),), terms=tuple((a, w, phase) for a, w, phase in terms))
 
 
 def spline(times: Sequence[float], values: Sequence[float]) -> TimeFunction:
-    """The cubic spline through a table, its third derivative continuous at the second and the last but one time."""
+    """The cubic spline through a table, with its third derivative continuous at the second and last but one time."""
     from scipy.interpolate import CubicSpline
 
     found = CubicSpline(np.array(times), np.array(values))

@@ -1,9 +1,9 @@
-"""What a joint may have besides its geometry: coordinates at the start, springs and dampers, armature, mimic.
+"""Optional properties of a joint: coordinates at the start, springs and dampers, armature, mimic, drive.
 
 Springs and dampers of a joint become forces of the scene, so that an engine that models forces models them too. About
 an axis they are a torsional spring. Along an axis they are a linear spring-damper whose far end lies on the axis, so
-far behind the parent's anchor that the child's anchor never passes it: its length is then that distance plus the
-slide, exactly.
+far behind the parent's anchor that the child's anchor never passes it. Its length is then exactly that distance plus
+the slide.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Values = float | list[float] | None
 
 def start(entry: str, joint: JointEntry,
           duration: float) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
-    """The coordinates and their rates that the file gives, or the joint's drive, checked."""
+    """The coordinates and rates at the start, from the file or from the joint's drive, checked; None if not given."""
     if (driven := drive(entry, joint, duration)) is not None:
         return (float(driven(0.0)),), (float(driven(0.0, 1)),)
     found: list[tuple[float, ...] | None] = []
@@ -62,7 +62,7 @@ def _many(entry: str, given: float | list[float], count: int) -> tuple[float, ..
 
 
 def elastic(entry: str, joint: JointEntry, key: str) -> tuple[float, ...]:
-    """Armature, damping, stiffness or rest position per coordinate; empty where the file has none."""
+    """Armature, damping, stiffness or rest position per coordinate; empty if the file has none."""
     given: Values = getattr(joint, key)
     if given is None:
         return ()
@@ -104,7 +104,7 @@ def drive(entry: str, joint: JointEntry, duration: float) -> functions.TimeFunct
 
 
 def function(entry: str, given: Any, duration: float) -> Any:
-    """A function of time from its table in the file; anything else as it is."""
+    """A function of time from its table in the file; anything else unchanged."""
     match given:
         case PolynomialEntry(coefficients):
             if not coefficients:
@@ -126,7 +126,7 @@ def function(entry: str, given: Any, duration: float) -> Any:
 
 
 def with_forces(scene: Scene) -> Scene:
-    """The scene with the springs and dampers of its joints among its forces; its initial state is complete."""
+    """The scene with the springs and dampers of its joints added to its forces; its initial state must be complete."""
     made = [force for joint in scene.joints if any(joint.damping) or any(joint.stiffness)
             for force in _forces(scene, joint)]
     return scene.replace(forces=(*scene.forces, *made)) if made else scene
@@ -149,7 +149,7 @@ def _forces(scene: Scene, joint: Joint) -> list[Force]:
                 joint.name)
         else:
             reach = 1.0 + abs(float(position[k])) + abs(rest) + abs(float(velocity[k])) * scene.duration
-            back = 2.0 ** math.ceil(math.log2(8.0 * reach))  # a power of two: adding it loses the fewest digits
+            back = 2.0 ** math.ceil(math.log2(8.0 * reach))  # adding a power of two loses the fewest digits
             force = Force("linear_spring", joint.parent, joint.child, None, {
                 "parent_point": tuple((joint.parent_anchor - back * joint.parent_axis).tolist()),
                 "child_point": tuple(joint.child_anchor.tolist()), "stiffness": stiffness,
@@ -159,7 +159,7 @@ def _forces(scene: Scene, joint: Joint) -> list[Force]:
 
 
 def check_types(entry: str, joint: JointEntry) -> None:
-    """A reference attitude belongs to joints whose coordinates or rows count from one."""
+    """Refuse a reference attitude for a joint whose coordinates and rows do not use one."""
     kind = JOINT_TYPES[joint.type]
     if joint.reference_attitude is not None and not (kind.coordinates or kind.keeps_attitude):
         raise EntryError(f"{entry}: reference_attitude", f"a {joint.type} joint has none", "remove it")

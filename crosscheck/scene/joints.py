@@ -1,12 +1,12 @@
-"""The types of joints: one entry of one table each.
+"""The types of joints, each an entry of one table.
 
 Schema, checks, constraint rows, initial states, tree links and the adapter of lieeuler read this table. The references
-keep their own, so that a wrong entry here cannot make them wrong alike.
+have their own, so that a wrong entry here does not make them wrong in the same way.
 
 Rows, with d the vector from the parent's anchor to the child's, a the parent's axis and n1, n2 its reference vectors:
-`Row("point")` is d = 0, `Row("distance")` is (d . d - c^2) / (2 c), `Row("dot1", p, c)` the product of a vector of the
-parent with one of the child, `Row("dot2", p)` the product of a vector of the parent with d. The vectors by their names
-are built in `crosscheck.scene.constraints`.
+`Row("point")` is d = 0, `Row("distance")` is (d . d - c^2) / (2 c), `Row("dot1", p, c)` is the product of a vector of
+the parent with one of the child, `Row("dot2", p)` is the product of a vector of the parent with d.
+`crosscheck.scene.constraints` builds the vectors from their names.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Zero = Literal["identity", "axes", "start"]
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """A basic constraint of a joint, its vectors by name."""
+    """A basic constraint of a joint; its vectors are given by name."""
 
     kind: Literal["point", "dot1", "dot2", "distance"]
     parent: str = ""
@@ -28,19 +28,19 @@ class Row:
 
 @dataclasses.dataclass(frozen=True)
 class JointType:
-    """What a type of joint is.
+    """A type of joint.
 
     Attributes
     ----------
     rows : its constraint rows in their order.
-    motion : what it leaves free, from the parent outwards: "slide", "turn" (along, about the axis), "slide n1",
+    motion : its free motions, from the parent outwards: "slide", "turn" (along, about the axis), "slide n1",
         "slide n2" (along the references of the axis), "turn parent", "turn child" (about the axis of that body),
         "ball", "rod" (two turns of a rod's direction and a ball at its end).
     coordinates : the words of `motion` whose values a scene may give, in the order in which it gives them.
     axes : which axes it needs and how they lie in the world: "parallel" and "perpendicular" need both.
-    zero : the attitude of the child in the parent from which its coordinates count: "axes" is the shortest rotation
-        that takes the child's axis to the parent's, "start" the one of the initial state.
-    length : whether it needs one.
+    zero : the attitude of the child in the parent at zero coordinates: "axes" is the shortest rotation that takes the
+        child's axis to the parent's, "start" that of the initial state.
+    length : whether it needs a length.
     """
 
     rows: tuple[Row, ...]
@@ -52,7 +52,7 @@ class JointType:
 
     @property
     def needs(self) -> dict[str, bool]:
-        """The optional keys of a scene file: whether the type needs each."""
+        """For each optional key of a scene file, whether the type needs it."""
         return {"parent_axis": self.axes != "none", "child_axis": self.axes in ("parallel", "perpendicular"),
                 "length": self.length}
 
@@ -63,7 +63,7 @@ class JointType:
 
     @property
     def is_elastic(self) -> bool:
-        """Whether it may have springs, dampers and armature: both bodies keep the axis of each coordinate."""
+        """Whether it may have springs, dampers and armature: the axis of each coordinate is fixed in both bodies."""
         return bool(self.coordinates) and {"turn", "slide"}.issuperset(self.coordinates)
 
     @property
@@ -78,7 +78,7 @@ class JointType:
 
     @property
     def has_angle(self) -> bool:
-        """Whether it turns about one axis that both bodies keep, and about nothing else, wherever it slides to."""
+        """Whether it turns about one axis fixed in both bodies and about no other; it may also slide."""
         return self.is_elastic and "turn" in self.coordinates
 
 
@@ -103,4 +103,4 @@ JOINT_TYPES: dict[str, JointType] = {
     "point_on_line": JointType(_ON_LINE, ("slide", "ball"), axes="parent"),
     "point_on_plane": JointType((_ON_PLANE,), (*_PLANE, "ball"), axes="parent"),
 }
-"""By the names that scene files use, in the order in which messages list them."""
+"""The types by their names in scene files, in the order in which messages list them."""

@@ -20,8 +20,8 @@ from crosscheck.scene.states import Motion, States
 from crosscheck.scene.vectors import cross, normal_references, shortest_rotation
 
 RANK_TOLERANCE = 1e-9
-"""Singular values of G M^-1/2 below this fraction of the largest count as redundant rows: rounding leaves them near
-1e-16, and rows that are independent in a mechanism worth simulating stay far above."""
+"""Singular values of G M^-1/2 below this fraction of the largest count as redundant rows. Rounding leaves those near
+1e-16; the singular values of independent rows in realistic mechanisms are far above."""
 
 
 def kinetic_energy(scene: Scene, states: Motion) -> np.ndarray:
@@ -39,7 +39,7 @@ def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[st
                      t: np.ndarray | float = 0.0) -> np.ndarray:
     """Minus the sum of m g . x, plus the energy of every spring, (T,) in J; `angles` as from `torsion_angles`.
 
-    `t` (T,): the times, for rest angles that depend on it.
+    `t` (T,): the times, for rest angles that depend on time.
     """
     energy = -np.einsum("n,k,tnk->t", scene.masses, scene.gravity, x)
     for force in scene.forces:
@@ -61,7 +61,7 @@ def energy(scene: Scene, states: Motion) -> np.ndarray:
 
 
 def power(scene: Scene, states: Motion) -> np.ndarray:
-    """dE/dt of `energy`, (T,) in W: of loads, dampers, springs whose rest angle moves, and prescribed joints."""
+    """dE/dt of `energy`, (T,) in W, by loads, dampers, springs with a moving rest angle, and prescribed joints."""
     angles = torsion_angles(scene, states.R, states.w, states.t)
     total = np.zeros(len(states.t))
     u = np.concatenate([states.v, states.w], axis=-1)
@@ -91,9 +91,9 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
 
 
 def work(scene: Scene, states: Motion) -> np.ndarray:
-    """What loads, dampers and drives have done since the first time, (T,) in J: the integral of `power`.
+    """Work of loads, dampers and drives since the first time, (T,) in J: the integral of `power`.
 
-    Exact to the order four of the spline through the power at the times given, and no better.
+    Its error is that of a cubic spline through the power at the given times, of order four in their distance.
     """
     if not scene.worked_on or len(states.t) < 2:
         return np.zeros(len(states.t))
@@ -124,9 +124,9 @@ def torsion_angles(scene: Scene, R: np.ndarray, w: np.ndarray | None = None, t: 
                    previous: dict[str, float] | None = None) -> dict[str, np.ndarray]:
     """Angles of the joints that carry a torsional spring, (T,) in rad, continuous along the time axis.
 
-    Each angle is unwrapped against the one before it; with rates from `w` at times `t`, against the angle these
-    predict, which stays right when a sample interval holds more than half a turn. The first angle lies in (-pi, pi], or
-    is unwrapped against `previous`, the last angles of the batch before.
+    Each angle is unwrapped from the one before it. With rates from `w` at times `t` it is unwrapped from the predicted
+    angle, which works even if a sample interval holds more than half a turn. The first angle lies in (-pi, pi], or is
+    unwrapped from `previous`, the last angles of the previous batch.
     """
     angles = {}
     sprung = {force.joint for force in scene.forces if force.type == "torsional_spring"}
@@ -144,9 +144,10 @@ def torsion_angles(scene: Scene, R: np.ndarray, w: np.ndarray | None = None, t: 
 
 def continuous(wrapped: np.ndarray, start: float | None, rate: np.ndarray | None = None,
                t: np.ndarray | None = None) -> np.ndarray:
-    """Angles (T,) without jumps: each is the one nearest to what the rates at times t predict from the one before.
+    """Angles (T,) without jumps: each is the one nearest to the prediction from the previous one.
 
-    Without rates it is the one nearest to the one before. The first is the one nearest to `start`, or stays as it is.
+    The prediction uses the rates at times t if they are given, else the previous angle itself. The first angle is the
+    one nearest to `start`, or unchanged without `start`.
     """
     steps = np.zeros(len(wrapped))
     if rate is not None and t is not None:
@@ -160,7 +161,7 @@ def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w:
                    angles: dict[str, np.ndarray] | None = None, t: np.ndarray | float = 0.0) -> np.ndarray:
     """f(q, u, t) of M du/dt = f - G^T lam, (T, 6n): per body the force (world) and the torque - w x J w (body axes).
 
-    `angles` as from `torsion_angles`; left out, they are unwrapped along the time axis of R. `t`: the times.
+    `angles` as from `torsion_angles`; by default they are unwrapped along the time axis of R. `t`: the times.
     """
     f = np.zeros((len(x), scene.n, 6))
     f[:, :, :3] = scene.masses[:, None] * scene.gravity
@@ -183,7 +184,7 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
     if force.type == "linear_spring":
         d = _point(x, R, force.child, p["child_point"]) - _point(x, R, force.parent, p["parent_point"])
         length = np.linalg.norm(d, axis=-1)
-        direction = d / np.where(length > 0, length, 1.0)[:, None]  # none at zero length
+        direction = d / np.where(length > 0, length, 1.0)[:, None]  # zero at zero length
         rate = np.einsum("tk,tk->t", direction, _point_velocity(R, v, w, force.child, p["child_point"])
                          - _point_velocity(R, v, w, force.parent, p["parent_point"]))
         pull = (p["stiffness"] * (length - p["free_length"]) + p["damping"] * rate)[:, None] * direction
@@ -224,8 +225,8 @@ def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndar
            t: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Accelerations and multipliers that satisfy G du/dt + gamma = 0 at the given states and times, by dense algebra.
 
-    Returns a (T, n, 3) world, alpha (T, n, 3) body axes, lam (T, m); lam is the least-norm one where rows are
-    redundant, with the rank found at the first state.
+    Returns a (T, n, 3) world, alpha (T, n, 3) body axes, lam (T, m). If rows are redundant lam has least norm, with the
+    rank found at the first state.
     """
     constraints = Constraints(scene)
     inverse, forces = inverse_mass(scene)[None], applied_forces(scene, x, R, v, w, angles, t)
@@ -240,8 +241,8 @@ def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndar
     if constraints.m:
         G, gamma = constraints.jacobian(x, R), constraints.gamma(x, R, v, w, t)
         _, closing = spanning_tree(scene)
-        solve = _schur_solver(G, inverse, independent=not closing)  # in an open tree no row repeats another
-        # Twice: where a light body carries a heavy one, G M^-1 G^T loses digits, which the rows' rest brings back.
+        solve = _schur_solver(G, inverse, independent=not closing)  # an open tree has no redundant rows
+        # The second pass restores the digits that G M^-1 G^T loses when a light body carries a heavy one.
         for _ in range(2):
             more = solve(np.einsum("tmk,tk->tm", G, rates) + gamma)
             rates = rates - (np.einsum("tmk,tm->tk", G, more)[:, None] @ inverse)[:, 0]
@@ -251,9 +252,9 @@ def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndar
 
 
 def _schur_solver(G: np.ndarray, inverse: np.ndarray, independent: bool) -> Callable[[np.ndarray], np.ndarray]:
-    """lam of G M^-1 G^T lam = rhs, (T, m), as a function of rhs; least-norm where rows are redundant.
+    """lam of G M^-1 G^T lam = rhs, (T, m), as a function of rhs, with least norm if rows are redundant.
 
-    `independent` rows need no search for a rank, whose cost is that of a hundred solutions.
+    `independent` skips the search for the rank, which takes as long as a hundred solutions.
     """
     scaled = G @ np.linalg.cholesky(inverse)
     rank = count = G.shape[1]
@@ -279,7 +280,7 @@ def redundant_rows(scene: Scene) -> int:
 
 
 def _point(x: np.ndarray, R: np.ndarray, body: int, s: tuple[float, ...]) -> np.ndarray:
-    """World position (T, 3) of a body-fixed point; one of the ground does not move."""
+    """World position (T, 3) of a point fixed in a body or in the ground."""
     if body == GROUND:
         return np.broadcast_to(np.array(s), (len(x), 3))
     found: np.ndarray = x[:, body] + R[:, body] @ np.array(s)

@@ -21,7 +21,7 @@ GROUND = -1
 """Body index of the ground."""
 
 ELEMENTS = ("armature", "mimic", "drive", "joint_torque", "function")
-"""What an engine has to know by name: keys of joints, torques and forces along them, functions of time."""
+"""Elements of scenes that an engine must declare if it can model them."""
 
 
 def _frozen(values: Any, shape: tuple[int, ...]) -> np.ndarray:
@@ -103,9 +103,9 @@ class Joint:
     child_axis: Any = None  # (3,) unit, child's frame; None for types without one
     length: Any = None  # m, distance joints only
     reference: Any = None  # (4,) quaternion of the child in the parent at zero coordinates; None: the type's default
-    start: tuple[float, ...] | None = None  # coordinates at the start, which say at which turn angles begin
-    armature: tuple[float, ...] = ()  # kg m^2 or kg per coordinate; energy 1/2 armature rate^2 and nothing else
-    damping: tuple[float, ...] = ()  # per coordinate; with the next two, written again as forces of the scene
+    start: tuple[float, ...] | None = None  # coordinates at the start; they give the full turns of angles
+    armature: tuple[float, ...] = ()  # kg m^2 or kg per coordinate; adds only the energy 1/2 armature rate^2
+    damping: tuple[float, ...] = ()  # per coordinate; this and the next two are also among the scene's forces
     stiffness: tuple[float, ...] = ()
     rest_position: tuple[float, ...] = ()
     mimic: Mimic | None = None
@@ -128,9 +128,9 @@ class Force:
     """
 
     type: str
-    parent: Any  # body index, -1 for the ground; None where the type has none
-    child: Any  # body index; None where the type has none
-    joint: Any  # joint name; of torsional springs, joint torques and forces
+    parent: Any  # body index, -1 for the ground; None for types without one
+    child: Any  # body index; None for types without one
+    joint: Any  # joint name, for torsional springs, joint torques and joint forces
     parameters: dict[str, Any]
     of_joint: str = ""  # the joint whose damping or stiffness this is
 
@@ -154,7 +154,7 @@ class Scene:
     description: str = ""
     source: str = ""
     tags: tuple[str, ...] = ()
-    left_out: tuple[str, ...] = ()  # what an import dropped; no part of the hash
+    left_out: tuple[str, ...] = ()  # what an import dropped; not part of the hash
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", _frozen(self.gravity, (3,)))
@@ -175,12 +175,12 @@ class Scene:
 
     @functools.cached_property
     def masses(self) -> np.ndarray:
-        """(n,)"""
+        """(n,) masses, kg."""
         return np.array([body.mass for body in self.bodies])
 
     @functools.cached_property
     def inertias(self) -> np.ndarray:
-        """(n, 3, 3) about the centres of mass, body axes."""
+        """(n, 3, 3) inertias about the centres of mass, body axes, kg m^2."""
         return np.array([body.inertia for body in self.bodies]).reshape(-1, 3, 3)
 
     @functools.cached_property
@@ -204,7 +204,7 @@ class Scene:
         return np.array([body.angular_velocity for body in self.bodies]).reshape(-1, 3)
 
     def beyond(self, known: Container[str] = ()) -> str | None:
-        """Why an engine with only `known` of ELEMENTS cannot model the scene, or None where it can."""
+        """Why an engine that knows only `known` of ELEMENTS cannot model the scene, or None if it can."""
         for joint in self.joints:
             for element, there in (("armature", any(joint.armature)), ("mimic", joint.mimic is not None),
                                    ("drive", joint.drive is not None)):
@@ -230,12 +230,12 @@ class Scene:
 
     @property
     def worked_on(self) -> bool:
-        """Whether loads, dampers or what depends on time may do work, so that the energy is not that of the start."""
+        """Whether loads, dampers or functions of time may do work, so that the energy is not conserved."""
         return self.timed or any(not force.type.endswith("spring") or force.parameters["damping"] > 0
                                  for force in self.forces)
 
     def delayed(self, by: float) -> Scene:
-        """The scene with its functions of time so many seconds later."""
+        """The scene with its functions of time delayed by this many seconds."""
         if not self.timed:
             return self
         forces = (dataclasses.replace(force, parameters={
@@ -252,12 +252,12 @@ class Scene:
                              if 0 < t < self.duration}))
 
     def replace(self, **changes: Any) -> Scene:
-        """A copy with some fields changed, say `duration` or `samples`."""
+        """A copy with some fields changed, such as `duration` or `samples`."""
         return dataclasses.replace(self, **changes)
 
     @functools.cached_property
     def hash(self) -> str:
-        """SHA-256 of everything that determines the motion and its sampling (not of names of scene, tags, prose)."""
+        """SHA-256 of everything that determines the motion and its samples; names and descriptions do not count."""
         content = {
             "gravity": self.gravity.tolist(), "duration": self.duration, "samples": self.samples,
             "bodies": [_plain(body) for body in self.bodies],
@@ -268,14 +268,14 @@ class Scene:
 
 
 _NOT_HASHED = frozenset({"reference", "start", "damping", "stiffness", "rest_position", "of_joint"})
-"""Fields that say how coordinates count, or that stand among the forces of the scene as well."""
+"""Fields that do not change the motion, or that are also among the forces of the scene."""
 
 
 def _plain(record: Any) -> dict[str, object]:
-    """A dataclass as JSON-ready values; floats keep every bit through repr."""
+    """A dataclass as JSON values; floats keep every bit."""
     fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)
               if field.name not in _NOT_HASHED}
-    for name in ("armature", "mimic", "drive"):  # scenes without them keep the hash they had before there were any
+    for name in ("armature", "mimic", "drive"):  # scenes without them keep the hash from before these keys existed
         if not fields.get(name):
             fields.pop(name, None)
         elif name != "armature":

@@ -1,4 +1,4 @@
-"""Energy error, constraint levels and orthogonality of successive states, by formulas common to all engines."""
+"""Energy error, constraint levels and orthogonality of successive states, with the same formulas for all engines."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ MAXIMA = ("energy_error", "constraint_position", "constraint_velocity", "constra
 
 
 class Monitor:
-    """Running maxima of energy error, constraint levels and orthogonality, fed with batches of successive steps.
+    """Running maxima of energy error, constraint levels and orthogonality over batches of successive steps.
 
-    The energy error is taken from the initial state of the scene, and is relative to the largest kinetic energy met.
+    The energy error is measured from the initial state of the scene, relative to the largest kinetic energy so far.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -32,10 +32,10 @@ class Monitor:
 
     def update(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray | None = None,
                alpha: np.ndarray | None = None) -> None:
-        """Take in states (T, n, ...) after successive steps; accelerations where the engine has them."""
+        """Add the states (T, n, ...) after successive steps, with accelerations if the engine has them."""
         if len(x) == 0:
             return
-        # a diverging run overflows here; its maxima then are inf or nan and say so
+        # a diverging run overflows here, and its maxima become inf or nan
         with np.errstate(over="ignore", invalid="ignore"):
             energies = self._energies(x, R, v, w)
             self._gap = float(np.maximum(self._gap, np.abs(energies - self._energy).max()))
@@ -45,8 +45,8 @@ class Monitor:
                     self._maxima[key] = float(np.maximum(self._maxima.get(key, 0.0), values.max()))
 
     def maxima(self) -> dict[str, float]:
-        """The maxima so far by the keys of MAXIMA; without `constraint_acceleration` where none was ever given."""
-        scale = self._kinetic if self._kinetic > 0 else 1.0  # a scene that never moves: the plain gap in J
+        """The maxima so far by the keys of MAXIMA; without `constraint_acceleration` if no accelerations were given."""
+        scale = self._kinetic if self._kinetic > 0 else 1.0  # a scene that never moves has its error in J
         found = {"energy_error": self._gap / scale, **self._maxima}
         return {key: found[key] for key in MAXIMA if key in found}
 
@@ -70,7 +70,7 @@ class Levels(TypedDict):
 
 def level_norms(constraints: Constraints, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
                 a: np.ndarray | None, alpha: np.ndarray | None, t: np.ndarray | float = 0.0) -> Levels:
-    """Max-norms (T,) of the constraint levels at times t by their names in `Trajectory`."""
+    """Max-norms (T,) of the constraint levels at times t, by their names in `Trajectory`."""
     def norm(rows: np.ndarray) -> np.ndarray:
         found: np.ndarray = np.abs(rows).max(axis=1, initial=0.0)
         return found

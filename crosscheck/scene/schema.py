@@ -1,4 +1,4 @@
-"""What may stand in a scene file: keys, types and shapes. Values and their consistency: `crosscheck.scene.checks`."""
+"""The keys, types and shapes of a scene file. `crosscheck.scene.checks` checks values and their consistency."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ VERSIONS = (1, 2)
 
 SECOND = {"joints": ("reference_attitude", "position", "velocity", "armature", "damping", "stiffness", "rest_position",
                      "mimic", "drive"), "": ("left_out",)}
-"""Keys that a file may have from version 2 on, by their table."""
+"""Keys that need version 2 of the format, by table."""
 
 VERSION_2_FORCES = ("joint_torque", "joint_force")
 
 LARGEST = 1e100
-"""Magnitude of the largest number a scene may hold; products of three such still are doubles."""
+"""Largest magnitude of a number in a scene: a product of three such numbers is still a finite double."""
 
 MOST_LISTED = 60
-"""Names in one message; there are forty built-in scenes."""
+"""Largest number of names in one message; there are forty built-in scenes."""
 
 Content = dict[str, Any]
-"""A scene file, or one of its tables, as TOML or JSON have it; not checked yet."""
+"""A scene file, or one of its tables, as read from TOML or JSON, before any check."""
 
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
@@ -217,20 +217,20 @@ _PLAIN_TYPES = {"float": "a number", "int": "a whole number", "str": "text", "bo
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names in quotes with commas, for a message; of very many the first."""
+    """Names in quotes with commas, for a message; only the first MOST_LISTED."""
     names = list(names)
     more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
     return ", ".join(f'"{name}"' for name in names[:MOST_LISTED]) + more
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """'did you mean "mass"? ' where a known word is close to `word`, otherwise ''."""
+    """'did you mean "mass"? ' if a known word is similar to `word`, otherwise ''."""
     close = difflib.get_close_matches(word, list(known), n=1)
     return f'did you mean "{close[0]}"? ' if close else ""
 
 
 def entry_name(data: Any, path: Iterable[str | int]) -> str:
-    """The place of a value in words: ("bodies", 1, "inertia") reads `bodies[1] "lower": inertia`."""
+    """The place of a value in words: ("bodies", 1, "inertia") becomes `bodies[1] "lower": inertia`."""
     text, node = "", data
     for part in path:
         if isinstance(part, int):
@@ -247,7 +247,7 @@ def entry_name(data: Any, path: Iterable[str | int]) -> str:
 
 
 def decode(data: Content) -> SceneEntry:
-    """The typed content of a scene file from its plain mapping; raises `EntryError` for the first thing wrong."""
+    """The typed content of a scene file from its plain mapping; raises `EntryError` for the first error found."""
     _check_version(data)
     _check_keys(data)
     _check_finite(data, data, ())
@@ -281,7 +281,7 @@ def _check_version(data: Content) -> None:
 
 
 def _check_keys(data: Content) -> None:
-    """Unknown keys first, table by table: a misspelt key must not read as a missing one."""
+    """Refuse unknown keys before msgspec does, so that a misspelt key is not reported as a missing one."""
     _check_table_keys(data, (), SceneEntry.__struct_fields__)
     for group in ("bodies", "joints", "forces"):
         tables = data.get(group, [])
@@ -325,7 +325,7 @@ def _check_finite(data: Any, node: Any, path: tuple[str | int, ...]) -> None:
 
 
 def _translated(data: Any, message: str) -> EntryError:
-    """An `EntryError` from msgspec's words, such as "Expected `float`, got `str` - at `$.bodies[0].mass`"."""
+    """An `EntryError` from a message of msgspec, such as "Expected `float`, got `str` - at `$.bodies[0].mass`"."""
     problem, _, where = message.partition(" - at `$")
     path: tuple[str | int, ...] = tuple(int(index) if index else name
                                         for name, index in re.findall(r"\.(\w+)|\[(\d+)\]", where))

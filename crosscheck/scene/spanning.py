@@ -1,4 +1,4 @@
-"""The joints of a scene as a spanning tree that grows from the ground, and those that close its loops."""
+"""A spanning tree of the joints of a scene from the ground, and the joints that close its loops."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from crosscheck.scene.model import GROUND, Joint, Scene
 
 @dataclasses.dataclass(frozen=True)
 class Branch:
-    """A body and what it hangs on; without a joint it moves freely, relative to the ground."""
+    """A body and the joint that connects it to its parent; without a joint it moves freely relative to the ground."""
 
     body: int
     parent: int
@@ -19,17 +19,17 @@ class Branch:
 
     @property
     def outward(self) -> bool:
-        """Whether the joint calls the inner body its parent, as the branch does."""
+        """Whether the joint's parent is the inner body of the branch."""
         return self.joint is None or self.joint.child == self.body
 
 
 def spanning_tree(scene: Scene, preference: Callable[[Joint], int] = lambda joint: 0,
                   roots: Iterable[int] = ()) -> tuple[list[Branch], list[Joint]]:
-    """Branches, parents before children, and the joints left over, in file order.
+    """Branches, parents before children, and the remaining joints in file order.
 
-    Joints of a higher `preference` enter the tree first, of equal ones the earlier in the file; those with a negative
-    one never do. The ground and the bodies in `roots` are where it grows from. A group of bodies that no chosen joint
-    ties to these hangs on its first body, which is free.
+    The tree grows from the ground and the bodies in `roots`. Joints of higher `preference` enter it first, among equal
+    ones in file order; joints with a negative preference never enter it. A group of bodies that no such joint connects
+    to the roots hangs on its first body, which is free.
     """
     touching: dict[int, list[tuple[int, int]]] = {body: [] for body in range(GROUND, scene.n)}
     for index, joint in enumerate(scene.joints):

@@ -1,4 +1,4 @@
-"""Sparse algebra for the states of large scenes: cost and memory grow as the number of bodies."""
+"""Sparse algebra for the states of large scenes, with time and memory proportional to the number of bodies."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 _SHIFT = 1e-12
-"""Of the (unit) diagonal of W W^T: factors exist where rows are redundant; the refinement removes what it changes."""
+"""Added to the (unit) diagonal of W W^T, so that redundant rows can be factored; refinement removes its effect."""
 
 _REFINEMENTS = 30
 
@@ -26,10 +26,10 @@ def block_diagonal(blocks: np.ndarray) -> csr_array:
 
 
 def least_norm(W: csr_array, rhs: np.ndarray) -> np.ndarray:
-    """The shortest z with W z = rhs, which may have redundant rows as long as they agree.
+    """The shortest z with W z = rhs; rows may be redundant as long as they agree.
 
-    z = W^T lam with (W W^T) lam = rhs, factored with a small shift and refined to rounding level: the error of an
-    eigenvalue s shrinks by shift / (s + shift) each time, and what lies in the null space does not reach z.
+    z = W^T lam with (W W^T) lam = rhs, factored with a small shift and refined to rounding level. Each refinement
+    reduces the error for an eigenvalue s by shift / (s + shift); errors in the null space of W^T do not change z.
     """
     from scipy.sparse import diags_array, eye_array
     from scipy.sparse.linalg import splu

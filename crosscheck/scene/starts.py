@@ -1,4 +1,4 @@
-"""States that follow from joint coordinates: attitudes and angular velocities, from the ground outwards."""
+"""Attitudes and angular velocities from joint coordinates, from the ground outwards."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from crosscheck.scene.schema import EntryError
 from crosscheck.scene.states import Motion
 
 ALLOWED_VIOLATION = 1e-8
-"""Of the largest anchor length (positions), times max(1, |w|) (velocities); without units for dot-1 rows. A state
-written with ten digits passes, a wrong one does not."""
+"""Allowed violation relative to the largest anchor length (positions), times max(1, |w|) (velocities); absolute for
+dot-1 rows. A state written with ten digits passes, a wrong one does not."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,9 +44,9 @@ def bodies_at(scene: Scene, state: Configuration) -> tuple[Body, ...]:
 
 
 def restarted(scene: Scene, motion: Motion, k: int, duration: float, samples: int = 2) -> Scene:
-    """The scene from the states of a motion at sample k, time zero there.
+    """The scene started from the state of a motion at sample k, which becomes time zero.
 
-    Angles of torsional springs begin within half a turn: whole turns made before go into their rest angles.
+    Angles of torsional springs start within half a turn: earlier whole turns are subtracted from their rest angles.
     """
     state = Configuration(motion.x[k], quaternion_from_rotation(motion.R[k]), motion.v[k], motion.w[k])
     begun = scene.delayed(-float(motion.t[k])).replace(duration=duration, samples=samples,
@@ -57,7 +57,7 @@ def restarted(scene: Scene, motion: Motion, k: int, duration: float, samples: in
 
 
 def _wound(force: Force, angle: float) -> Force:
-    """A torsional spring whose angle is counted from another turn on."""
+    """A torsional spring whose angle is measured from another full turn."""
     if not angle:
         return force
     rest = force.parameters["rest_angle"]
@@ -66,13 +66,13 @@ def _wound(force: Force, angle: float) -> Force:
 
 
 def anchor_length(scene: Scene) -> float:
-    """The largest anchor length, m; 1 m where all anchors are zero."""
+    """The largest anchor length, m; 1 m if all anchors are zero."""
     anchors = np.array([(joint.parent_anchor, joint.child_anchor) for joint in scene.joints]).reshape(-1, 3)
     return float(np.linalg.norm(anchors, axis=1).max(initial=0.0)) or 1.0
 
 
 def _outwards(draft: Draft, starts: Iterable[Start]) -> list[Start]:
-    """Joints with given coordinates, each after the one that moves its parent."""
+    """Joints with given coordinates, each after those that move its parent."""
     left = list(starts)
     joints = draft.scene.joints
     movers = collections.Counter(joints[start.joint].child for start in left)  # joints that still have to move a body
@@ -98,7 +98,7 @@ def _outwards(draft: Draft, starts: Iterable[Start]) -> list[Start]:
 
 
 def attitudes(draft: Draft, state: Configuration) -> tuple[Configuration, dict[str, np.ndarray]]:
-    """Attitudes that follow from joint coordinates, and by joint how far its anchors are apart (parent's axes)."""
+    """Attitudes from joint coordinates, and for each joint the distance between its anchors (parent's axes, m)."""
     scene, q, shifts = draft.scene, state.q.copy(), {}
     R = np.concatenate([state.R, np.eye(3)[None]])
     for start in _outwards(draft, (each for each in draft.starts
@@ -119,7 +119,7 @@ def attitudes(draft: Draft, state: Configuration) -> tuple[Configuration, dict[s
 
 
 def spins(draft: Draft, state: Configuration) -> tuple[Configuration, dict[str, np.ndarray]]:
-    """Angular velocities that follow from joint coordinates, and by joint the rate of its anchors (parent's axes)."""
+    """Angular velocities from joint coordinates, and for each joint the rate of that distance (parent's axes, m/s)."""
     if not draft.starts:
         return state, {}
     scene, w, speeds = draft.scene, state.w.copy(), {}
@@ -151,7 +151,7 @@ def _contradiction(draft: Draft, start: Start, key: str, gap: float, unit: str) 
 
 
 def check(draft: Draft, scene: Scene) -> None:
-    """A given position or velocity of a body may have put the joint elsewhere than its coordinates say."""
+    """Raise if a body's given position or velocity contradicts the given coordinates of its joint."""
     if not draft.starts:
         return
     found = coordinates.at_start(scene)

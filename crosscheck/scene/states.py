@@ -12,7 +12,7 @@ import numpy as np
 class States:
     """States in the common convention: x, v, a world; R body to world; w, alpha body axes. T times, n bodies.
 
-    Made by adapters and references; `crosscheck.running.trajectory` derives everything else from it, alike for all.
+    Adapters and references make it; `crosscheck.running.trajectory` derives everything else, the same way for all.
     """
 
     t: np.ndarray  # (T,)
@@ -26,7 +26,7 @@ class States:
 
 
 class Motion(Protocol):
-    """What has the states of all bodies at its times: `States`, and the trajectory of a run."""
+    """Anything with the states of all bodies at its times: `States`, and the trajectory of a run."""
 
     @property
     def t(self) -> np.ndarray: ...

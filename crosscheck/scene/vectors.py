@@ -1,4 +1,4 @@
-"""Vectors of three components: products over the last axis, directions normal to an axis, rotations by them."""
+"""Vectors of three components: products over the last axis, normals of an axis, rotations."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """p x q over the last axis, broadcasting; `numpy.cross` costs several times more on small batches."""
+    """p x q over the last axis, with broadcasting; `numpy.cross` takes several times longer on small batches."""
     p, q = np.broadcast_arrays(p, q)
     product = np.empty(p.shape)
     for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
@@ -17,8 +17,8 @@ def cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
 def normal_references(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two unit vectors n1, n2 with n1 x n2 = `axis` (3,), a unit vector.
 
-    n1 is the coordinate direction in which the axis has its smallest component (the first of equals), made normal to
-    the axis.
+    n1 is the coordinate direction along which the axis has its smallest component (the first of equal ones), made
+    normal to the axis.
     """
     n1 = np.zeros(3)
     n1[np.argmin(np.abs(axis))] = 1.0
@@ -35,10 +35,10 @@ def slide_direction(word: str, axis: np.ndarray) -> np.ndarray:
 def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """The rotation (3, 3) by the smallest angle that takes the unit vector `start` to `end`.
 
-    Opposite vectors leave its axis open; it is then n1 of `normal_references(end)`.
+    For opposite vectors its axis is n1 of `normal_references(end)`.
     """
     cosine = start @ end
-    if cosine < -1 + 1e-12:  # beyond it the formula below has lost every digit of the axis
+    if cosine < -1 + 1e-12:  # the formula below would lose every digit of the axis
         n1, _ = normal_references(end)
         return 2 * np.outer(n1, n1) - np.eye(3)
     x, y, z = cross(start, end)

@@ -1,1 +1,1 @@
-"""What more than one adapter needs: spanning tree, links, the loop over steps, Lie group steppers."""
+"""Code shared by several adapters: spanning tree, links, the loop over steps, Lie group steppers."""

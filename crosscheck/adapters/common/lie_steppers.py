@@ -1,7 +1,7 @@
-"""Integrators on a tree's joint coordinates, over any forward dynamics: Pinocchio has none of its own.
+"""Integrators on a tree's joint coordinates for any forward dynamics, because Pinocchio has no integrators.
 
 One step maps (t, q, v) to (q, v); `integrate(q, tangent)` moves q along the group, `dynamics(q, v, t)` is the joint
-acceleration. Written for clarity at Python speed; the order is what they are here to show.
+acceleration. The code is written for clarity, not for speed.
 """
 
 from __future__ import annotations
@@ -37,15 +37,16 @@ def dop853() -> tuple[list[list[float]], list[float]]:
 
 
 def inverse_tangent(theta: Sequence[float], w: Sequence[float]) -> tuple[float, float, float]:
-    """d theta/dt for R = R_0 exp(hat(theta)) turning at the body angular velocity w, rad/s: the exact dexp^-1.
+    """d theta/dt for R = R_0 exp(hat(theta)) with the body angular velocity w, rad/s: the exact dexp^-1.
 
     w + theta x w / 2 + c theta x (theta x w), c = 1/|theta|^2 - cot(|theta|/2) / (2 |theta|); Iserles, Munthe-Kaas,
-    Norsett & Zanna, Acta Numerica 2000, doi:10.1017/S0962492900002154. Plain floats: on three numbers they beat NumPy.
+    Norsett & Zanna, Acta Numerica 2000, doi:10.1017/S0962492900002154. For three numbers plain floats are faster than
+    NumPy.
     """
     a, b, c = theta
     x, y, z = w
     square = a * a + b * b + c * c
-    if square < 0.01:  # the closed form cancels here; six terms of the series leave less than 1e-20
+    if square < 0.01:  # the closed form cancels here; six terms of the series have an error below 1e-20
         factor = 0.0
         for coefficient in reversed(SERIES):
             factor = factor * square + coefficient
@@ -67,7 +68,7 @@ def symplectic_euler(h: float, integrate: Integrate, dynamics: Dynamics) -> Step
 
 
 def naive_rk4(h: float, integrate: Integrate, dynamics: Dynamics) -> Step:
-    """Kutta's weights on the velocities, integrated once: order 2 on SO(3), where velocities of stages do not add."""
+    """Kutta's weighted mean of the stage velocities, integrated once: order 2 on SO(3), where these do not add."""
     def step(t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         a1 = dynamics(q, v, t)
         v2 = v + 0.5 * h * a1

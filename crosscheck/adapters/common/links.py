@@ -1,8 +1,8 @@
-"""A scene as links: every body with the joint that carries it, and that joint as a chain of elementary motions.
+"""A scene as links: every body with the joint that connects it to its parent, as a chain of elementary motions.
 
-A link is a joint seen from the ground outwards. From the inner body's axes at its anchor, the chain is the constant
-rotation `zero`, then the parts in turn, each after its `offset` and in the axes the ones before it have reached; it
-ends in the outer body's axes at its own anchor. Relative attitudes map outer to inner axes.
+A link is a joint taken from the ground outwards. Starting from the inner body's axes at its anchor, the chain is the
+constant rotation `zero`, then the parts in order, each after its `offset` and in the axes reached so far; it ends in
+the outer body's axes at its own anchor. Relative attitudes map outer to inner axes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from crosscheck.scene.vectors import normal_references, slide_direction
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 _ZERO = np.zeros(3)
 CUT_LAST = {"fixed": 1, "revolute": 2, "spherical": 3}
-"""Joints that engines can close loops with, the most suitable last; the others stay in the tree if possible."""
+"""Joint types that engines can use to close loops, the most suitable last; the others stay in the tree if possible."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,22 +29,22 @@ class Part:
 
     kind: str  # "turn" | "slide" | "ball"
     axis: np.ndarray = dataclasses.field(default_factory=lambda: _ZERO)
-    offset: np.ndarray = dataclasses.field(default_factory=lambda: _ZERO)  # m, goes before the motion
+    offset: np.ndarray = dataclasses.field(default_factory=lambda: _ZERO)  # m, before the motion
 
     @property
     def dofs(self) -> int:
-        """Degrees of freedom; a ball has one coordinate more, its quaternion w, x, y, z."""
+        """Number of degrees of freedom."""
         return 3 if self.kind == "ball" else 1
 
     @property
     def coordinates(self) -> int:
-        """Number of position coordinates."""
+        """Number of position coordinates; a ball has four, its quaternion w, x, y, z."""
         return 4 if self.kind == "ball" else 1
 
 
 @dataclasses.dataclass(frozen=True)
 class Link:
-    """A body and the joint that hangs it on its parent (body index, or -1 for the ground); type "free" without one."""
+    """A body and the joint to its parent (body index, or -1 for the ground); the type is "free" without a joint."""
 
     body: int
     parent: int
@@ -55,7 +55,7 @@ class Link:
     zero: np.ndarray  # (4,) quaternion w, x, y, z of the relative attitude at zero joint coordinate
     parts: tuple[Part, ...] = ()
     joint: str = ""  # the joint's name
-    outward: bool = True  # the joint's child is this body, not the parent
+    outward: bool = True  # whether this body is the joint's child
 
     @property
     def dofs(self) -> int:
@@ -64,7 +64,7 @@ class Link:
 
 
 def obstacle(scene: Scene, types: Iterable[str], forces: Iterable[str] = ()) -> str | None:
-    """Why `scene` is no open tree of joints of these `types` with `forces` of these types, or None where it is one."""
+    """Why `scene` is not an open tree of joints and forces of these types, or None if it is one."""
     types, forces = tuple(types), tuple(forces)
     for force in scene.forces:
         if force.type not in forces:
@@ -79,7 +79,7 @@ def obstacle(scene: Scene, types: Iterable[str], forces: Iterable[str] = ()) -> 
 
 
 def is_open_tree(scene: Scene) -> bool:
-    """Whether every body hangs on one chain of joints from the ground and no joint closes a loop."""
+    """Whether joints connect every body to the ground and none closes a loop."""
     branches, closing = spanning_tree(scene)
     return not closing and all(branch.joint is not None for branch in branches)
 
@@ -92,10 +92,10 @@ def links(scene: Scene) -> tuple[Link, ...]:
 
 
 def unfold(scene: Scene, always_cut: tuple[str, ...] = ()) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
-    """(links of a spanning tree, parents before children; the joints cut to make it one) of any scene.
+    """(links of a spanning tree, parents before children; the remaining joints, which are cut) of any scene.
 
-    Bodies that no chain of joints ties to the ground start a tree of their own on a free link. Joints of the types
-    `always_cut` are no part of the tree.
+    A group of bodies that no joints connect to the ground forms a tree on a free link. Joints of the types `always_cut`
+    are never in the tree.
     """
     branches, cut = spanning_tree(
         scene, lambda joint: -1 if joint.type in always_cut else len(CUT_LAST) - CUT_LAST.get(joint.type, 0))
@@ -105,7 +105,7 @@ def unfold(scene: Scene, always_cut: tuple[str, ...] = ()) -> tuple[tuple[Link, 
 
 
 def depth_first(chain: Sequence[Link]) -> tuple[Link, ...]:
-    """Every subtree in one piece: Pinocchio's crba and constraintDynamics are silently wrong on any other order."""
+    """The links subtree by subtree: with any other order Pinocchio's crba and constraintDynamics are silently wrong."""
     found: list[Link] = []
     stack = [link for link in reversed(chain) if link.parent == GROUND]
     while stack:
@@ -115,13 +115,13 @@ def depth_first(chain: Sequence[Link]) -> tuple[Link, ...]:
 
 
 def free(body: int) -> Link:
-    """A body on no joint: three slides of its centre of mass along the world's axes, and a ball."""
+    """The link of a free body: three slides of its centre of mass along the world axes, and a ball."""
     parts = (*(Part("slide", axis) for axis in np.eye(3)), Part("ball"))
     return Link(body, GROUND, "free", _ZERO, _ZERO, _ZERO, IDENTITY, parts)
 
 
 def link(scene: Scene, joint: Joint, outward: bool = True) -> Link:
-    """A joint as the link that hangs its child on its parent or, not `outward`, the other way round."""
+    """A joint as the link of its child or, if not `outward`, of its parent."""
     axes = [np.zeros(3) if axis is None else axis for axis in (joint.parent_axis, joint.child_axis)]
     ends = [(joint.parent, joint.parent_anchor, axes[0]), (joint.child, joint.child_anchor, axes[1])]
     (parent, parent_anchor, parent_axis), (body, child_anchor, axis) = ends if outward else ends[::-1]
@@ -133,14 +133,14 @@ def link(scene: Scene, joint: Joint, outward: bool = True) -> Link:
         zero = relative_attitude(scene, parent, body)
     parts = _rod(scene, joint, parent, body, outward) if "rod" in kind.motion else tuple(
         _part(motion, joint, axis, rotation_from_quaternion(zero).T @ parent_axis) for motion in kind.motion)
-    if not outward and kind.axes == "parent":  # the guide is fixed in the joint's parent, here the outer body
+    if not outward and kind.axes == "parent":  # the axis is fixed in the joint's parent, here the outer body
         parts = parts[::-1]
     return Link(body, parent, joint.type, parent_anchor, child_anchor, axis, zero, parts, joint.name, outward)
 
 
 def _part(motion: str, joint: Joint, axis: np.ndarray, inner_axis: np.ndarray) -> Part:
-    """A word of `JointType.motion`; `axis` is the outer body's, `inner_axis` the inner one's in the outer's frame."""
-    guided = JOINT_TYPES[joint.type].axes == "parent"  # with one axis, which is fixed in the joint's parent
+    """The part for a word of `JointType.motion`; both axes are in the outer body's frame."""
+    guided = JOINT_TYPES[joint.type].axes == "parent"  # the only axis is fixed in the joint's parent
     along = joint.parent_axis if guided else axis
     match motion:
         case "ball":
@@ -153,15 +153,15 @@ def _part(motion: str, joint: Joint, axis: np.ndarray, inner_axis: np.ndarray) -
 
 
 def _rod(scene: Scene, joint: Joint, parent: int, body: int, outward: bool) -> tuple[Part, ...]:
-    """Two turns of the rod's direction and a ball at its end; singular where the rod lies along the first axis.
+    """Two turns of the rod's direction and a ball at its end; singular if the rod is along the first axis.
 
-    That axis is normal to the rod and to its velocity at the start, so that a swing in a plane stays clear of it.
+    That axis is normal to the rod and to its velocity at the start, so that a motion in a plane stays away from it.
     """
     anchors = (joint.parent_anchor, joint.child_anchor) if outward else (joint.child_anchor, joint.parent_anchor)
     gap, rate = separation(scene, parent, body, *anchors)
     rod = gap / np.linalg.norm(gap)
     across = np.cross(rod, rate)
-    if np.linalg.norm(across) < 1e-6 * joint.length:  # at rest: it will fall
+    if np.linalg.norm(across) < 1e-6 * joint.length:  # at rest: take the velocity that gravity will give it
         inner = np.eye(3) if parent == GROUND else scene.R0[parent]
         across = np.cross(rod, inner.T @ scene.gravity)
     if np.linalg.norm(across) < 1e-6:
@@ -172,16 +172,16 @@ def _rod(scene: Scene, joint: Joint, parent: int, body: int, outward: bool) -> t
 
 
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
-"""A unit quaternion times this, entry by entry, is its inverse."""
+"""The product with a unit quaternion, entry by entry, is its inverse."""
 
 
 def shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Unit quaternion of the shortest rotation that takes the unit vector `start` to `end`.
 
-    Half a turn, between opposite vectors, goes about the first of `normal_references(end)`, as torsion angles want it.
+    For opposite vectors it is half a turn about the first of `normal_references(end)`, as for torsion angles.
     """
     cosine = start @ end
-    if cosine < -1 + 1e-12:  # beyond it the formula below has lost every digit of the axis
+    if cosine < -1 + 1e-12:  # the formula below would lose every digit of the axis
         return np.concatenate([[0.0], normal_references(end)[0]])
     quaternion = np.concatenate([[1.0 + cosine], np.cross(start, end)])
     found: np.ndarray = quaternion / np.linalg.norm(quaternion)
@@ -197,7 +197,7 @@ def relative_attitude(scene: Scene, parent: int, body: int) -> np.ndarray:
 
 
 def relative_velocity(scene: Scene, parent: int, body: int) -> np.ndarray:
-    """Initial angular velocity of `body` relative to `parent`, rad/s, the body's axes."""
+    """Initial angular velocity of `body` relative to `parent`, rad/s, in the body's axes."""
     w: np.ndarray = scene.w0[body]
     if parent != GROUND:
         w = w - scene.R0[body].T @ scene.R0[parent] @ scene.w0[parent]
@@ -206,7 +206,7 @@ def relative_velocity(scene: Scene, parent: int, body: int) -> np.ndarray:
 
 def separation(scene: Scene, parent: int, body: int, parent_anchor: np.ndarray,
                child_anchor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """From the parent's anchor to the body's at the start, and its rate as seen from the parent, the parent's axes."""
+    """Initial vector from the parent's anchor to the body's, and its rate in the parent's frame, parent's axes."""
     R = scene.R0[body]
     end = scene.x0[body] + R @ child_anchor
     speed = scene.v0[body] + R @ np.cross(scene.w0[body], child_anchor)

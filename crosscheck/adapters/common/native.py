@@ -1,4 +1,4 @@
-"""What an engine makes of a model file that it loads by itself, in the words of scene tables."""
+"""The model that an engine makes of a model file by itself, in the terms of scene tables."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True)
 class Link:
-    """A body with all that is welded to it; axes are those of its link in the file."""
+    """A body with all bodies welded to it, in the axes of its link in the file."""
 
     mass: float
     inertia: np.ndarray  # (3, 3) about the centre of mass
@@ -17,7 +17,7 @@ class Link:
 
 @dataclasses.dataclass(frozen=True)
 class Hinge:
-    """A joint with one coordinate, at zero. Points are from the centres of mass, in the axes of each body."""
+    """A joint with one coordinate, at coordinate zero. Points are from the centres of mass, in the body's axes."""
 
     parent: str
     child: str
@@ -35,7 +35,7 @@ class Hinge:
 
 @dataclasses.dataclass(frozen=True)
 class Native:
-    """One engine's own model of a file, evaluated at K states of the joints in `order`."""
+    """An engine's own model of a file, evaluated at K states of the joints in `order`."""
 
     engine: str
     links: dict[str, Link]
@@ -45,8 +45,8 @@ class Native:
     mass_matrix: np.ndarray | None = None  # (K, nv, nv)
     bias: np.ndarray | None = None  # (K, nv)
     acceleration: np.ndarray | None = None  # (K, nv)
-    solver: str = ""  # the function that gave the accelerations
-    refusal: str = ""  # what the engine said of the file as it is, where this is what it reads without the meshes
+    solver: str = ""  # the engine's function for the accelerations
+    refusal: str = ""  # the engine's error for the file itself, if it could be read only without its meshes
 
 
 @dataclasses.dataclass(frozen=True)

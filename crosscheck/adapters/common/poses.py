@@ -1,4 +1,4 @@
-"""Bodies of a scene at the start, seen from the ground and from each other."""
+"""Initial poses of the bodies of a scene, absolute and relative."""
 
 from __future__ import annotations
 
@@ -19,6 +19,6 @@ def relative_pose(scene: Scene, parent: int, body: int) -> tuple[np.ndarray, np.
 
 
 def in_body(scene: Scene, start: int, end: int, vector: np.ndarray) -> np.ndarray:
-    """Components in the frame of `end` of a vector given in that of `start`, at t = 0."""
+    """Components at t = 0 in the frame of `end` of a vector given in the frame of `start`."""
     found: np.ndarray = pose(scene, end)[1].T @ pose(scene, start)[1] @ vector
     return found

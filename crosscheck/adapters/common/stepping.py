@@ -1,4 +1,4 @@
-"""Fixed-step runs: chunks of steps, timing, samples, the monitor of every step, detection of divergence."""
+"""Fixed-step runs: chunks of steps, timing, samples, monitoring of every step, detection of divergence."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from crosscheck.scene.monitor import Monitor
 
 CHUNK = 16384
-"""Steps whose history is held at once while every step is monitored: some megabytes."""
+"""Number of steps whose history is kept at once if every step is monitored: some megabytes."""
 
 LIMIT = 1e10
-"""Coordinates and velocities beyond this, SI, count as divergence; MuJoCo's own limit (mjMAXVAL)."""
+"""Coordinates and velocities larger than this, SI, count as divergence; the same as MuJoCo's mjMAXVAL."""
 
 Advance = Callable[[int, int], tuple[np.ndarray, np.ndarray]]
 """(steps, stride) -> joint positions and velocities after every stride-th of the next `steps` steps."""
@@ -30,7 +30,7 @@ Convert = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None], Stat
 
 
 def fixed_step(scene: Scene, spec: RunSpec) -> tuple[int, float]:
-    """(steps in one sample interval, step used, s); raises `ArgumentError` where no step is given."""
+    """(steps in one sample interval, step used, s); raises `ArgumentError` if no step is given."""
     if spec.step is None:
         raise ArgumentError(f"step: {spec.method} needs a fixed step; give step= (s)")
     return steps_per_sample(scene, spec.step)
@@ -38,10 +38,15 @@ def fixed_step(scene: Scene, spec: RunSpec) -> tuple[int, float]:
 
 def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], advance: Advance, convert: Convert,
           accelerate: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]) -> RawRun:
-    """Run a fixed-step engine over the scene; `wall_time` covers the calls of `advance` only.
+    """Run a fixed-step engine over the scene; `wall_time` covers only the calls of `advance`.
 
-    `accelerate` maps histories (t, q, v), one row per time, to joint accelerations; it is called for every step where
-    `spec.monitor` is on, for the samples otherwise. Raises `EngineError` when the state stops being finite.
+    `accelerate` maps histories (t, q, v), one row per time, to joint accelerations. It is called for every step if
+    `spec.monitor` is on, otherwise only for the samples.
+
+    Raises
+    ------
+    EngineError
+        The state became infinite or NaN.
     """
     per, h = fixed_step(scene, spec)
     total = per * (scene.samples - 1)
@@ -71,7 +76,7 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
 
 
 def maxima(monitor: Monitor | None, states: States) -> dict[str, float] | None:
-    """What `monitor` saw, once it has seen the samples too: t = 0 is one of them."""
+    """The maxima of `monitor` after it has been given the samples too, which include t = 0."""
     if monitor is None:
         return None
     monitor.update(states.x, states.R, states.v, states.w, states.a, states.alpha)
@@ -79,7 +84,7 @@ def maxima(monitor: Monitor | None, states: States) -> dict[str, float] | None:
 
 
 def check_finite(method: str, t: np.ndarray, *histories: np.ndarray) -> None:
-    """Raise `EngineError` with the first of the times t, (T,), at which a history (T, ...) is no longer finite."""
+    """Raise `EngineError` with the first of the times t, (T,), at which a history (T, ...) is not finite."""
     good = np.ones(len(t), dtype=bool)
     for history in histories:
         good &= (np.abs(history.reshape(len(t), -1)) < LIMIT).all(axis=1)

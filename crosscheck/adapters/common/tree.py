@@ -1,7 +1,7 @@
-"""Kinematics of trees: joint coordinates and the common convention, both ways, for the joint-coordinate engines.
+"""Kinematics of trees: conversion between joint coordinates and the common convention, in both directions.
 
-Relative attitudes map body axes to the parent's axes; relative angular velocities are in body axes. What links are:
-`crosscheck.adapters.common.links`.
+Relative attitudes map body axes to the parent's axes; relative angular velocities are in body axes. Links are described
+in `crosscheck.adapters.common.links`.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ from crosscheck.scene.model import GROUND, Scene, quaternion_from_turn, quaterni
 from crosscheck.scene.states import States
 
 LEVELS = frozenset({"position", "velocity", "acceleration"})
-"""Joint coordinates hold every constraint level by construction."""
+"""Joint coordinates satisfy every constraint level by construction."""
 
 Shift = tuple[np.ndarray, np.ndarray, np.ndarray | None]
 
 
 @dataclasses.dataclass
 class Motion:
-    """Relative motion of one link over T times: rotation, and the joint's point where it moves on the parent."""
+    """Relative motion of one link over T times: its rotation, and its shift on the parent if there is one."""
 
     R: np.ndarray  # (T, 3, 3)
     w: np.ndarray  # (T, 3)
     alpha: np.ndarray | None = None  # (T, 3) derivative of the components w
-    shift: Shift | None = None  # m, m/s, m/s^2 as seen from the parent, its axes, each (T, 3)
+    shift: Shift | None = None  # m, m/s, m/s^2 relative to the parent, in its axes, each (T, 3)
 
 
 def initial_coordinates(scene: Scene, link: Link) -> tuple[np.ndarray, np.ndarray]:
     """(joint position, joint velocity) at t = 0, part by part.
 
-    Ball: quaternion w, x, y, z and relative angular velocity in the axes it turns to. Turn: angle in (-pi, pi] (rad)
-    about its axis and its rate. Slide: travel (m) along its axis and its rate. A fixed link has none.
+    Ball: quaternion w, x, y, z and relative angular velocity in the outer body's axes. Turn: angle in (-pi, pi] (rad)
+    about its axis and its rate. Slide: displacement (m) along its axis and its rate. A fixed link has none.
     """
     attitude = relative_attitude(scene, link.parent, link.body)
     gap, rate = separation(scene, link.parent, link.body, link.parent_anchor, link.child_anchor)
@@ -57,7 +57,7 @@ def initial_coordinates(scene: Scene, link: Link) -> tuple[np.ndarray, np.ndarra
 
 
 def _coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarray:
-    """Joint position from the relative attitude and the gap between the anchors, the parent's axes."""
+    """Joint position from the relative attitude and the vector between the anchors in the parent's axes."""
     turned = quaternion_product(link.zero * CONJUGATE, attitude)
     kinds = [part.kind for part in link.parts]
     if kinds == ["turn", "turn"]:  # of a universal joint: exp(first) exp(second) = turned, the axes at right angles
@@ -74,7 +74,7 @@ def _coordinates(link: Link, attitude: np.ndarray, gap: np.ndarray) -> np.ndarra
         for part, angle in zip(link.parts, angles, strict=False):
             turned = quaternion_product(turned, quaternion_from_turn(angle * part.axis))
         return np.concatenate([angles, quaternion_product(turned * CONJUGATE, attitude)])
-    outer_slides = kinds[:1] == ["ball"]  # they lie in the axes the ball has turned to
+    outer_slides = kinds[:1] == ["ball"]  # slides after a ball are along the outer body's axes
     reach = rotation_from_quaternion(attitude if outer_slides else link.zero).T @ gap
     values: list[np.ndarray] = []
     for part in link.parts:
@@ -100,7 +100,7 @@ def compose(inner: Motion, outer: Motion) -> Motion:
     carried = _turn_back(outer.R, inner.w)
     alpha = None
     if inner.alpha is not None and outer.alpha is not None:
-        # what the inner rotation carries turns backwards as seen from the outer frame
+        # in the outer frame the inner angular velocity rotates with -w of the outer motion
         alpha = _turn_back(outer.R, inner.alpha) + outer.alpha - np.cross(outer.w, carried)
     return Motion(inner.R @ outer.R, carried + outer.w, alpha)
 
@@ -131,7 +131,7 @@ def motion(link: Link, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> Mo
 
 
 def _shifted(shift: Shift | None, turned: Motion, d: np.ndarray, rate: np.ndarray, second: np.ndarray) -> Shift:
-    """`shift` with a displacement d (T, 3) added in axes that have `turned`, which carry it along."""
+    """`shift` plus a displacement d (T, 3) with its rates, given in axes that move with `turned`."""
     w = turned.w
     speed = rate + np.cross(w, d)
     added = _turn(turned.R, d), _turn(turned.R, speed)
@@ -145,7 +145,7 @@ def _shifted(shift: Shift | None, turned: Motion, d: np.ndarray, rate: np.ndarra
 
 
 def forward(chain: Sequence[Link], motions: Sequence[Motion], t: np.ndarray, accelerations: bool) -> States:
-    """Kinematics of the tree: relative motions of the links to `States` of the bodies."""
+    """Kinematics of the tree: from relative motions of the links to `States` of the bodies."""
     times, n = len(t), len(chain)
     states = States(t, np.empty((times, n, 3)), np.empty((times, n, 3, 3)), np.empty((times, n, 3)),
                     np.empty((times, n, 3)))
@@ -170,7 +170,7 @@ def _turn_back(R: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 def _parent(states: States, link: Link) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """x, R, v, w of the parent; the resting ground has the world's frame."""
+    """x, R, v, w of the parent; the ground is at rest in the world frame."""
     if link.parent == GROUND:
         rest = np.zeros((len(states.t), 3))
         return rest, np.broadcast_to(np.eye(3), (len(rest), 3, 3)), rest, rest
@@ -200,7 +200,7 @@ def _place(states: States, link: Link, relative: Motion) -> None:
 
 def _accelerations(states: States, a: np.ndarray, alpha: np.ndarray, link: Link,
                    relative: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """(a, alpha) of the link's body, (T, 3) each, from those of its parent in `a` and `alpha`, (T, n, 3)."""
+    """(a, alpha) of the link's body, (T, 3) each; `a` and `alpha`, (T, n, 3), hold those of its parent."""
     _, R, _, w = _parent(states, link)
     arm, slide, second = _slide(link, relative)
     still = np.zeros_like(w)

@@ -1,7 +1,7 @@
 """Exudyn: implicit solvers with constraints, explicit ones at a pivot or on an open kinematic tree.
 
 Source: Gerstmayr, Multibody System Dynamics 2023, doi:10.1007/s11044-023-09937-1. With `monitor` on, sensors record
-every step inside the timed part: speed figures want it off, and then explicit methods return no accelerations.
+every step within the measured time, so speed is measured with it off; explicit methods then return no accelerations.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ __all__ = ["CLEARANCE", "IMPLICIT", "NEWTON_TOLERANCES", "ORDERS", "Exudyn", "ca
 ORDERS = {"GeneralizedAlpha": 2, "TrapezoidalIndex2": 2, "RK44": 4, "RK67": 6, "DOPRI5": 5}
 PREFERRED_ORDER = "XYZ"
 CLEARANCE = 0.25
-"""|cos| of the middle Cardan angle below which another order is taken; the equations stiffen as its inverse square."""
+"""If |cos| of the middle Cardan angle is below this, another order is used: stiffness grows as its inverse square."""
 
 SCOUT_STEPS = 2000
-"""Steps of the run that looks for a gimbal lock ahead."""
+"""Number of steps of the preliminary run that looks for gimbal lock."""
 
 
 class Exudyn:
-    """Adapter of Exudyn, forms `maximal`, `pivot` and `tree`; rigid bodies on nodes of either kind."""
+    """Adapter of Exudyn, forms `maximal`, `pivot` and `tree`, with Lie group or Euler parameter nodes."""
 
     name = "exudyn"
     methods = tuple(ORDERS)
@@ -53,13 +53,13 @@ class Exudyn:
         return ORDERS[spec.method]
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
-        """All in joint coordinates; where there are constraints, what the index imposes."""
+        """All levels in joint coordinates; with constraints, the level of the method's index."""
         if not scene.joints or not self._constrained(scene, self.form(scene, spec)):
             return tree.LEVELS
         return frozenset({"velocity" if spec.method == "TrapezoidalIndex2" else "position"})
 
     def form(self, scene: Scene, spec: RunSpec) -> str:
-        """The form that runs: the one asked for, else maximal for implicit methods or free bodies, pivot, tree."""
+        """The form used: the requested one, else maximal for implicit methods or free bodies, else pivot or tree."""
         if spec.form is not None:
             return spec.form
         if spec.method in IMPLICIT or not scene.joints:
@@ -94,19 +94,19 @@ class Exudyn:
         return None
 
     def _constrained(self, scene: Scene, form: str) -> bool:
-        """Whether joints of the scene are constraints of the model, beyond the elimination of a pivot."""
+        """Whether joints of the scene are constraints of the model; a pivot is eliminated and does not count."""
         if form == "maximal":
             return bool(scene.joints)
         return form == "tree" and bool(kinematic_tree.spanned(scene)[1])
 
     def linear_solver(self, scene: Scene, spec: RunSpec, form: str) -> str | None:
-        """Linear solver of a model with constraints; None: Exudyn's own choice."""
+        """The linear solver for a model with constraints; None for Exudyn's default."""
         if spec.method not in IMPLICIT or not self._constrained(scene, form):
             return None
         return "EigenSparse" if scene.n >= solving.SPARSE_FROM and form == "maximal" else None
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
-        """Integrate; raises `EngineError` with Exudyn's words when it fails."""
+        """Integrate; raises `EngineError` with Exudyn's message if it fails."""
         load()
         form = self.form(scene, spec)
         per, h = stepping.fixed_step(scene, spec)
@@ -134,7 +134,7 @@ class Exudyn:
         picked = slice(None, None, per // every)
         states = model.convert(scene.t, [part[picked] for part in data])
         if spec.method in IMPLICIT:
-            # relative to the first residual of a step, a sum of forces (N) and torques (N m): in any units more than 1
+            # the tolerance applies to the residual relative to its first value in a step, a sum of forces and torques
             a, alpha = np.asarray(states.a), np.asarray(states.alpha)
             forces = max(np.abs(scene.masses[:, None] * a).max(),
                          np.abs(np.einsum("ikl,til->tik", scene.inertias, alpha)).max())
@@ -146,7 +146,7 @@ class Exudyn:
 
 
 def _drop_unknown_accelerations(states: States, every: int) -> None:
-    """Explicit solvers know no acceleration at t = 0, and later ones only where every step is recorded."""
+    """Remove accelerations that explicit solvers do not have: those at t = 0, and all unless every step is recorded."""
     if every > 1:
         states.a = states.alpha = None
         return
@@ -178,13 +178,13 @@ def _turns_about_ground(scene: Scene) -> bool:
 
 
 _ORDERS: dict[str, str] = {}
-"""Cardan orders by the hash of the scene: an order study and a timing run the same scene many times."""
+"""Cardan orders by the hash of the scene, because studies run the same scene many times."""
 
 
 def cardan_order(scene: Scene) -> str:
-    """A Cardan order whose middle angle stays clear of a quarter turn on this scene.
+    """A Cardan order whose middle angle stays away from a quarter turn on this scene.
 
-    Watched on a run in the maximal form, which has no gimbal lock: XYZ where |cos| of every middle angle stays above
+    A run in the maximal form, which has no gimbal lock, decides: XYZ if |cos| of every middle angle stays above
     `CLEARANCE`, else the order with the largest clearance.
     """
     from scipy.spatial.transform import Rotation
@@ -193,7 +193,7 @@ def cardan_order(scene: Scene) -> str:
         return _ORDERS[scene.hash]
     order, build = PREFERRED_ORDER, functools.partial(models.maximal, scene)
     linear = Exudyn().linear_solver(scene, RunSpec("GeneralizedAlpha"), "maximal")
-    # Where this run is too coarse for the scene the preferred order stays; every run reports its clearance.
+    # If this run fails because its step is too large, the preferred order is used; every run reports its clearance.
     with contextlib.suppress(EngineError):
         scout = solve(build, "GeneralizedAlpha", scene.duration, SCOUT_STEPS, 1, linear)
         states = scout.model.convert(scout.t, scout.data)

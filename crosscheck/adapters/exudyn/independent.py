@@ -1,4 +1,4 @@
-"""Which axes of joints Exudyn need not constrain, because others already do: its solvers want independent rows."""
+"""Finds axes of joints that Exudyn need not constrain because others already do; its solvers need independent rows."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from crosscheck.scene.mechanics import redundant_rows
 from crosscheck.scene.model import GROUND, Joint, Scene
 
 DEPENDENT = 1e-6
-"""What is left of a row of unit length, beside those before it, that depends on them."""
+"""If less than this of a row of unit length is independent of the earlier rows, it depends on them."""
 
 
 def dropped_axes(scene: Scene, closing: Sequence[Joint]) -> dict[str, set[int]]:
-    """Axes of ObjectJointGeneric to be left free, by the joints that close loops; chosen where the mechanism starts.
+    """Axes of ObjectJointGeneric to be left free, by joint name; chosen in the initial position.
 
-    Of what a joint still has to add, the row farthest from all others is taken first.
+    For each joint, the row that is most independent of the rows taken so far is taken next.
     """
     if not redundant_rows(scene):
         return {}
@@ -41,7 +41,7 @@ def dropped_axes(scene: Scene, closing: Sequence[Joint]) -> dict[str, set[int]]:
 
 
 def _rows(scene: Scene, joint: Joint, length: float) -> dict[int, np.ndarray]:
-    """Unit rows (6 n,) of the axes a joint constrains: velocities over `length`, angular velocities, in the world."""
+    """Unit rows (6 n,) of a joint's constrained axes: velocities over `length` and angular velocities, world axes."""
     ends = (joint.child, joint.child_anchor, 1.0), (joint.parent, joint.parent_anchor, -1.0)
     if joint.type == "distance":
         gap = sum(sign * (anchor if body == GROUND else scene.x0[body] + scene.R0[body] @ anchor)

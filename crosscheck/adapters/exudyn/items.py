@@ -1,4 +1,4 @@
-"""Joints, springs and loads of a scene as items of Exudyn, on the markers of whatever carries its bodies."""
+"""Joints, springs and loads of a scene as items of Exudyn, attached to markers on rigid bodies or tree links."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from crosscheck.scene.vectors import normal_references, shortest_rotation
 
 FREE_AXES = {"slide n1": (0,), "slide n2": (1,), "slide": (2,), "turn parent": (3,), "turn child": (4,), "turn": (5,),
              "ball": (3, 4, 5)}
-"""Of ObjectJointGeneric: translations x, y, z and rotations x, y, z in the frame of the first marker that each word of
-`JointType.motion` leaves free."""
+"""Axes of ObjectJointGeneric that each word of `JointType.motion` leaves free: 0 to 2 are translations, 3 to 5
+rotations, in the frame of the first marker."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Carrier:
-    """Where Exudyn's items attach: a system, and how to mark a point of a body.
+    """A system for Exudyn's items, and a function that makes markers on bodies.
 
-    `mark(body, point, frame)` makes a marker at a point given in the body's axes from its centre of mass (world
-    coordinates for the ground, -1), along the axes of `frame` (3, 3), given in the body's axes too; without a frame it
-    marks a position alone.
+    `mark(body, point, frame)` makes a marker at a point given from the centre of mass in the body's axes (in world
+    coordinates for the ground, -1), along the axes of `frame` (3, 3), also in the body's axes. Without a frame it marks
+    only a position.
     """
 
     scene: Scene
@@ -35,7 +35,7 @@ class Carrier:
 
 
 def add_joint(carrier: Carrier, joint: Joint, left_free: Collection[int] = ()) -> Any:
-    """The joint as a constraint, but for axes that others constrain; returns the object's index."""
+    """Add the joint as a constraint without the axes in `left_free`; returns the object's index."""
     from exudyn.itemInterface import ObjectConnectorDistance, ObjectJointGeneric, ObjectJointSpherical
 
     ends = (joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)
@@ -52,7 +52,7 @@ def add_joint(carrier: Carrier, joint: Joint, left_free: Collection[int] = ()) -
 
 
 def free_axes(joint: Joint) -> set[int]:
-    """The axes that ObjectJointGeneric leaves free for a joint, see `FREE_AXES`."""
+    """The axes of ObjectJointGeneric that a joint leaves free, see `FREE_AXES`."""
     return {axis for word in JOINT_TYPES[joint.type].motion for axis in FREE_AXES[word]}
 
 
@@ -63,18 +63,18 @@ def joint_frames(scene: Scene, joint: Joint) -> list[np.ndarray]:
     if joint.parent_axis is not None:
         inner = np.column_stack([*normal_references(joint.parent_axis), joint.parent_axis])
     if kind.axes == "perpendicular":
-        # its one constraint is that x of the first frame is normal to y of the second
+        # the only rotational constraint is that x of the first frame is normal to y of the second
         outer = np.column_stack([*normal_references(joint.child_axis), joint.child_axis])
         return [inner[:, [2, 0, 1]], outer[:, [1, 2, 0]]]
     if kind.keeps_attitude:
         return [inner, child.T @ parent @ inner]
-    if joint.child_axis is None:  # nothing of the child's attitude enters
+    if joint.child_axis is None:  # the child's attitude does not matter
         return [inner, np.eye(3)]
     return [inner, shortest_rotation(joint.child_axis, joint.parent_axis).T @ inner]
 
 
 def add_force(carrier: Carrier, force: Force) -> Any:
-    """The spring or load; returns the item's index."""
+    """Add a spring or load; returns the item's index."""
     from exudyn.itemInterface import (
         LoadForceVector,
         LoadTorqueVector,
@@ -88,7 +88,7 @@ def add_force(carrier: Carrier, force: Force) -> Any:
         joint = next(joint for joint in scene.joints if joint.name == force.joint)
         anchors = (joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)
         angle = torsion_angles(scene, scene.R0[None])[joint.name][0]
-        # the data node remembers the angle of the last step, so that it counts full turns
+        # the data node stores the angle of the last step, to count full turns
         memory = carrier.system.AddNode(NodeGenericData(initialCoordinates=[angle], numberOfDataCoordinates=1))
         return carrier.system.AddObject(ObjectConnectorTorsionalSpringDamper(
             markerNumbers=[carrier.mark(*end, frame)
@@ -111,24 +111,24 @@ def add_force(carrier: Carrier, force: Force) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class Varied:
-    """Exudyn's user function of a load that is multiplied by a function of time."""
+    """A user function of Exudyn that multiplies a load by a function of time."""
 
     function: TimeFunction
 
     def __call__(self, system: Any, t: float, load: list[float]) -> list[float]:
-        """The load at a time."""
+        """The load at time t."""
         found: list[float] = (np.array(load) * self.function(t)).tolist()
         return found
 
 
 def _varied(value: Any) -> Any:
-    """A user function, or 0 for none."""
+    """The user function for a function of time, else 0, which means none."""
     return Varied(value) if isinstance(value, TimeFunction) else 0
 
 
 def _add_motor(carrier: Carrier, force: Force) -> Any:
-    """A torque or force along a joint's axis, which is fixed in both bodies: one on the child, its opposite on the
-    parent; on the axis itself, so that a force has no torque about it."""
+    """Add a torque or force along a joint's axis, which is fixed in both bodies, to the child, and its opposite to the
+    parent. Forces act at anchors on the axis."""
     from exudyn.itemInterface import LoadForceVector, LoadTorqueVector
 
     joint = next(joint for joint in carrier.scene.joints if joint.name == force.joint)

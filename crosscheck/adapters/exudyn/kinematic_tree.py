@@ -1,7 +1,7 @@
 """Exudyn's ObjectKinematicTree from a scene: joints of one degree of freedom each, in joint coordinates.
 
-A link's slides and turns become prismatic and revolute joints along the z axis of a frame of their own; a ball becomes
-three revolutes in a Cardan order. A body welded to another shares its link, one welded to the ground is no part of it.
+Slides and turns of a link become prismatic and revolute joints along an axis of their own frame; a ball becomes three
+revolute joints in a Cardan order. A body welded to another shares its link; one welded to the ground has none.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ AXES = dict(zip("XYZ", np.eye(3), strict=True))
 
 @dataclasses.dataclass
 class _Seat:
-    """Where a body sits: on which joint of the tree (-1: the ground), and its pose in that joint's frame."""
+    """The joint of the tree that carries a body (-1: the ground), and the body's pose in that joint's frame."""
 
     joint: int
     at: np.ndarray  # (3,) centre of mass
@@ -36,7 +36,7 @@ class _Seat:
 
 @dataclasses.dataclass
 class _Tree:
-    """Columns of ObjectKinematicTree, one entry a joint."""
+    """The columns of ObjectKinematicTree, with one entry per joint."""
 
     kinds: list[str] = dataclasses.field(default_factory=list)
     parents: list[int] = dataclasses.field(default_factory=list)
@@ -47,7 +47,7 @@ class _Tree:
     inertias: list[np.ndarray] = dataclasses.field(default_factory=list)
 
     def hang(self, kind: str, parent: int, offset: np.ndarray, turn: np.ndarray) -> int:
-        """A massless joint in a frame given in its parent's; returns its index."""
+        """Add a massless joint, with its frame given in its parent's; returns its index."""
         self.kinds.append(kind)
         self.parents.append(parent)
         self.offsets.append(offset)
@@ -58,7 +58,7 @@ class _Tree:
         return len(self.kinds) - 1
 
     def load(self, joint: int, mass: float, centre: np.ndarray, inertia: np.ndarray) -> None:
-        """Rigidly add a body, `inertia` about its centre of mass, both in the joint's frame."""
+        """Add a rigid body to a joint; `centre` and `inertia` (about it) are in the joint's frame."""
         if joint == GROUND:
             return
         total = self.masses[joint] + mass
@@ -74,15 +74,15 @@ def _parallel(arm: np.ndarray) -> np.ndarray:
 
 
 def spanned(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
-    """Links of the scene's tree and the joints that are constraints between them.
+    """Links of the scene's tree, and the joints that are constraints between them.
 
-    A rod is one of these: its direction as two revolutes would pass poles.
+    Rods are constraints: two revolute joints for a rod's direction would have singular positions.
     """
     return links.unfold(scene, always_cut=("distance",))
 
 
 def balls(scene: Scene) -> list[Link]:
-    """The links that turn as a ball, so that a Cardan order matters."""
+    """The links with a ball, for which the Cardan order matters."""
     return [link for link in spanned(scene)[0] if any(part.kind == "ball" for part in link.parts)]
 
 
@@ -95,7 +95,7 @@ def expanded(link: Link, order: str) -> Link:
 
 
 def kinematic_tree(scene: Scene, order: str) -> Model:
-    """The scene's tree with balls in Cardan `order`; joints that close its loops are constraints between links."""
+    """The model of the scene's tree with balls in Cardan `order`; loop joints are constraints between links."""
     import exudyn
     from exudyn.itemInterface import NodeGenericODE2, ObjectKinematicTree, SensorNode
 
@@ -116,7 +116,7 @@ def kinematic_tree(scene: Scene, order: str) -> Model:
     q, v = np.concatenate(angles), np.concatenate(rates)
     node = system.AddNode(NodeGenericODE2(referenceCoordinates=[0.0] * len(q), initialCoordinates=q,
                                           initialCoordinates_t=v, numberOfODE2Coordinates=len(q)))
-    vectors: Any = exudyn.Vector3DList  # Exudyn's stubs know these two only without arguments
+    vectors: Any = exudyn.Vector3DList  # Exudyn's type stubs declare these two without arguments
     matrices: Any = exudyn.Matrix3DList
     springs: Any = _springs(scene, chain)
     body = system.AddObject(ObjectKinematicTree(
@@ -137,7 +137,7 @@ def kinematic_tree(scene: Scene, order: str) -> Model:
 
 
 def middle_angles(scene: Scene) -> list[int]:
-    """Columns of the coordinates that are the second Cardan angle of a ball."""
+    """Indices of the coordinates that are the second Cardan angle of a ball."""
     columns, first = [], 0
     for link in spanned(scene)[0]:
         for part in link.parts:
@@ -153,7 +153,7 @@ def _assembled(scene: Scene, chain: list[Link]) -> tuple[_Tree, dict[int, _Seat]
         at, turn = inner.at + inner.turn @ link.parent_anchor, inner.turn @ rotation_from_quaternion(link.zero)
         joint = inner.joint
         for part in link.parts:
-            # Exudyn's joint type, and the frame whose axis of that name is the part's, in the axes reached so far
+            # the name of the frame axis along the part's axis, and that frame in the axes reached so far
             name = next((name for name, axis in AXES.items() if np.array_equal(part.axis, axis)), None)
             frame = np.eye(3) if name else np.column_stack([*normal_references(part.axis), part.axis])
             kind = "Revolute" if part.kind == "turn" else "Prismatic"
@@ -179,7 +179,7 @@ def cardan_coordinates(attitude: np.ndarray, w: np.ndarray, order: str) -> tuple
 
 
 def _springs(scene: Scene, chain: list[Link]) -> dict[str, list[float]]:
-    """Torsional spring-dampers as the proportional and differential control of the joints they act on."""
+    """Torsional spring-dampers as proportional-derivative control of their joints."""
     springs = {force.joint: force.parameters for force in scene.forces if force.type == "torsional_spring"}
     if not springs:
         return {}
@@ -189,14 +189,14 @@ def _springs(scene: Scene, chain: list[Link]) -> dict[str, list[float]]:
             spring = springs.get(link.joint) if part.kind == "turn" else None
             stiffness.append(spring["stiffness"] if spring else 0.0)
             damping.append(spring["damping"] if spring else 0.0)
-            # an inward link turns the scene's parent against its child
+            # the angle of an inward link is that of the scene's parent relative to its child
             rest.append((spring["rest_angle"] if link.outward else -spring["rest_angle"]) if spring else 0.0)
     return {"jointPControlVector": stiffness, "jointDControlVector": damping, "jointPositionOffsetVector": rest,
             "jointVelocityOffsetVector": [0.0] * len(rest)}
 
 
 def _attach(scene: Scene, system: Any, tree_object: Any, seats: dict[int, _Seat], closing: tuple[Joint, ...]) -> None:
-    """Closing joints, the springs on them, linear springs and loads, on markers of the tree's links."""
+    """Add loop joints, springs on them, linear springs and loads to markers on the tree's links."""
     from exudyn.itemInterface import MarkerKinematicTreeRigid, ObjectGround
 
     closed = {joint.name for joint in closing}

@@ -1,7 +1,7 @@
-"""Exudyn models of a scene around rigid bodies, and the way back from Exudyn's sensors to `States`.
+"""Exudyn models of a scene with rigid bodies, and the conversion of sensor data to `States`.
 
-`maximal`: a rigid body at each centre of mass, joints as constraints. `pivot`: one body with its node at the pivot. The
-third form, the kinematic tree, is in `crosscheck.adapters.exudyn.kinematic_tree`.
+`maximal`: a rigid body at each centre of mass, with joints as constraints. `pivot`: one body with its node at the
+pivot. The third form, the kinematic tree, is in `crosscheck.adapters.exudyn.kinematic_tree`.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ BODY_OUTPUTS = ("Position", "RotationMatrix", "Velocity", "AngularVelocityLocal"
 
 @dataclasses.dataclass
 class Model:
-    """A main system ready to run: its sensors, in the order in which `convert` takes their data, (T, columns) each."""
+    """A main system ready to run, its sensors, and the conversion of their data, (T, columns) each, in this order."""
 
-    container: Any  # owns the system and has to outlive it
+    container: Any  # owns the system and must outlive it
     system: Any
     sensors: list[int]
     convert: Callable[[np.ndarray, list[np.ndarray]], States]
@@ -53,7 +53,7 @@ def watch(system: Any, sensor: Callable[..., Any], outputs: tuple[str, ...]) -> 
 
 
 def _watch_body(system: Any, body: Any) -> list[Any]:
-    """Sensors of the body's reference point, where its node is; only bodies report angular accelerations."""
+    """Add sensors at the body's reference point, its node; only sensors of bodies have angular accelerations."""
     from exudyn.itemInterface import SensorBody
 
     return watch(system, functools.partial(SensorBody, bodyNumber=body), BODY_OUTPUTS)
@@ -61,10 +61,10 @@ def _watch_body(system: Any, body: Any) -> list[Any]:
 
 def _body(system: Any, node: str, name: str, position: np.ndarray, velocity: np.ndarray, w: np.ndarray, mass: float,
           inertia: np.ndarray) -> tuple[Any, Any]:
-    """(node, body): a rigid body whose node sits at `position`, axes along the world's, with `inertia` about the node.
+    """Add a rigid body with its node at `position`, axes along the world's; returns (node, body).
 
-    `node` is "lie" (coordinates: a rotation vector, updated on the group) or "euler_parameters". centerOfMass stays
-    zero.
+    `inertia` is about the node; centerOfMass stays zero. `node` is "lie" (a rotation vector, updated on the group) or
+    "euler_parameters".
     """
     from exudyn.itemInterface import NodeRigidBodyEP, NodeRigidBodyRotVecLG, ObjectRigidBody
 
@@ -81,10 +81,10 @@ def _body(system: Any, node: str, name: str, position: np.ndarray, velocity: np.
 
 
 def maximal(scene: Scene, node: str = "lie", system: Any = None) -> Model:
-    """All bodies free, on nodes of the kind `node`, and every joint a constraint; in `system`, or in a new one.
+    """The model with free bodies on nodes of the kind `node` and every joint a constraint, in `system` or a new one.
 
-    Node axes are the world's at t = 0, not the body's: Exudyn finds the accelerations of the start with a constraint
-    term that is right only where the node's rotation vector vanishes (4 % off on the single pendulum otherwise).
+    Node axes at t = 0 are the world's, not the body's: the constraint term in Exudyn's initial accelerations is correct
+    only if the node's rotation vector is zero (otherwise it has an error of 4 % on the single pendulum).
     """
     from exudyn.itemInterface import LoadMassProportional, MarkerBodyMass, ObjectGround
 
@@ -110,7 +110,7 @@ def maximal(scene: Scene, node: str = "lie", system: Any = None) -> Model:
 
 def _marks(system: Any, bodies: dict[int, Any], turn: dict[int, np.ndarray],
            centre: np.ndarray) -> Callable[[int, np.ndarray, np.ndarray | None], Any]:
-    """`Carrier.mark` on rigid bodies whose centres of mass lie at `centre`, (3,), node axes; `turn` leads to these."""
+    """`Carrier.mark` for rigid bodies; `centre` (3,): centre of mass, node axes; `turn`: from body to node axes."""
     from exudyn.itemInterface import MarkerBodyPosition
 
     def mark(body: int, point: np.ndarray, frame: np.ndarray | None) -> Any:
@@ -123,7 +123,7 @@ def _marks(system: Any, bodies: dict[int, Any], turn: dict[int, np.ndarray],
 
 
 def mark_frame(system: Any, body: Any, at: np.ndarray, frame: np.ndarray) -> Any:
-    """A marker of position and attitude on a body of Exudyn's."""
+    """Add a marker with position and attitude to a body of Exudyn."""
     from exudyn.itemInterface import MarkerBodyRigid
 
     return system.AddMarker(MarkerBodyRigid(bodyNumber=body, localHT=pose(at, frame)))
@@ -133,22 +133,22 @@ def pose(at: np.ndarray, frame: np.ndarray) -> Any:
     """Exudyn's homogeneous transformation to a frame (3, 3) at a point (3,)."""
     import exudyn
 
-    transformation: Any = exudyn.HT  # Exudyn's stubs know it only without arguments
+    transformation: Any = exudyn.HT  # Exudyn's type stubs declare it without arguments
     return transformation(rotation=frame, translation=at)
 
 
 def _body_arrays(data: list[np.ndarray], R0: np.ndarray) -> tuple[np.ndarray, ...]:
-    """x, R, v, w, a, alpha of the bodies' reference points, (T, n, ...), body axes again: `R0` are those at t = 0."""
+    """x, R, v, w, a, alpha of the bodies' reference points, (T, n, ...), in body axes; `R0`: attitudes at t = 0."""
     x, R, v, w, a, alpha = (np.stack(data[k::len(BODY_OUTPUTS)], axis=1) for k in range(len(BODY_OUTPUTS)))
     w, alpha = (np.einsum("nji,tnj->tni", R0, vector) for vector in (w, alpha))
     return x, R.reshape(*x.shape[:2], 3, 3) @ R0, v, w, a, alpha
 
 
 def pivot(scene: Scene, node: str = "lie") -> Model:
-    """One body about a pivot fixed in the ground: node at the pivot, inertia about it, weight as a force at the COM.
+    """The model of one body about a pivot fixed in the ground: node and inertia at the pivot, weight as a force.
 
-    The node's position is held by three coordinate constraints, the only ones Exudyn's explicit solvers eliminate.
-    A nonzero centerOfMass in their place is silently wrong.
+    Three coordinate constraints hold the node's position; they are the only constraints that Exudyn's explicit solvers
+    eliminate. A body with a nonzero centerOfMass instead gives silently wrong results.
     """
     from exudyn.itemInterface import (
         CoordinateConstraint,

@@ -1,6 +1,6 @@
 """A scene as a Python script that builds its model in Exudyn, solves it and prints the states.
 
-The script is written down from the calls by which `models.maximal` builds the model that this project runs.
+The script records the calls by which `models.maximal` builds the model for crosscheck's own runs.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from crosscheck.errors import SceneError, install
 from crosscheck.scene.model import Scene
 
 METHOD, STEP = "GeneralizedAlpha", 1e-3
-"""What the script runs; the step (s) is an argument of the script."""
+"""Method and default step (s) of the script; the step is an argument of the script."""
 
 SCRIPT = '''"""A scene as a model of Exudyn: a node for every body, a constraint for every joint.
 
     python THIS_FILE [STEP] > states.csv
 
-SI units. Nodes sit at the centres of mass, their axes along the world's at t = 0; R0 leads from the axes of the bodies
-in the scene to these. Columns: t, then x (world), R (rows, body to world), v (world), w (body axes) of every body.
+SI units. Nodes are at the centres of mass, with axes along the world's at t = 0; R0 maps the body axes of the scene to
+node axes. Columns: t, then x (world), R (rows, body to world), v (world), w (body axes) of every body.
 Written by crosscheck export with Exudyn {version}.
 """
 
@@ -100,7 +100,7 @@ if __name__ == "__main__":
 OF_THE_RUN = {f"made.{key}" for key in (
     "solution.sensors.writePeriod", *(f"timeIntegration.{key}" for key in (
         "endTime", "numberOfSteps", "newton.absoluteTolerance", "newton.relativeTolerance")))}
-"""Settings that the script computes."""
+"""Settings that the script computes itself."""
 
 VARIED = '''
 def varied(breaks, pieces, terms):
@@ -115,13 +115,13 @@ def varied(breaks, pieces, terms):
 
 
 class _Name(int):
-    """Exudyn's index of an item, and the name of the script's variable that holds it."""
+    """Exudyn's index of an item, with the name of the script's variable for it."""
 
     name: str
 
 
 class _Recorder:
-    """Stands for a main system: the items that are added become lines of a script."""
+    """Takes the place of a main system and records added items as lines of a script."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -138,7 +138,7 @@ class _Recorder:
             index.name = f"{kind}{int(index)}"
             self.counts[kind] = index + 1
             arguments = ", ".join(f"{key}={_text(value)}" for key, value in _arguments(item))
-            if kind != "sensor":  # the script has its own
+            if kind != "sensor":  # the script adds its own sensors
                 self.lines.append(f"{index.name} = mbs.{call}({type(item).__name__}({arguments}))")
             if type(item).__name__ == "ObjectRigidBody":
                 self.bodies.append(index.name)
@@ -148,7 +148,7 @@ class _Recorder:
 
 
 def _arguments(item: Any) -> Iterator[tuple[str, Any]]:
-    """The arguments of an item of Exudyn's interface that are not the default."""
+    """The arguments of an item of Exudyn's interface that differ from their defaults."""
     for key, parameter in inspect.signature(type(item)).parameters.items():
         value = getattr(item, key, parameter.default)
         if key != "visualization" and _text(value) != _text(parameter.default):
@@ -156,7 +156,7 @@ def _arguments(item: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _text(value: Any) -> str:
-    """Python that makes the value again."""
+    """A Python expression for the value."""
     import exudyn
 
     if isinstance(value, _Name):
@@ -174,7 +174,7 @@ def _text(value: Any) -> str:
 
 
 def _changed(default: Mapping[str, Any], chosen: Mapping[str, Any], path: str) -> Iterator[str]:
-    """Assignments that make `chosen` of Exudyn's default settings."""
+    """Assignments that change Exudyn's default settings to `chosen`."""
     for key, value in chosen.items():
         if isinstance(value, dict):
             yield from _changed(default[key], value, f"{path}.{key}")
@@ -183,7 +183,7 @@ def _changed(default: Mapping[str, Any], chosen: Mapping[str, Any], path: str) -
 
 
 def script(scene: Scene) -> str:
-    """The text of the script; raises `SceneError` that names what Exudyn cannot hold."""
+    """The text of the script; raises `SceneError`, which names what Exudyn cannot hold."""
     try:
         exudyn = solving.load()
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Running an Exudyn model: its solvers, their settings, what the sensors recorded."""
+"""Runs an Exudyn model: solvers, settings, and recorded sensor data."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from crosscheck.errors import EngineError
 
 IMPLICIT = ("GeneralizedAlpha", "TrapezoidalIndex2")
 SPECTRAL_RADIUS = 0.6
-"""Exudyn's own 0.9 fails on the pendulums and the top at coarse steps with Lie-group nodes."""
+"""Exudyn's default of 0.9 fails on the pendulums and the top at coarse steps with Lie group nodes."""
 
 NEWTON_TOLERANCES = (1e-13, 1e-11, 1e-9, 1e-7)
-"""Exudyn's own 1e-8 leaves 3e-11 m in the joints of the double pendulum; the first reaches rounding at little cost.
-From rest the residual begins near its rounding floor, of some eps x / h^2, and only a later one can be met: the last
-by the squeezer, whose bodies weigh grams."""
+"""Exudyn's default of 1e-8 leaves gaps of 3e-11 m in the joints of the double pendulum; the first value here reaches
+rounding at little cost. At rest the residual starts near its rounding level, some eps x / h^2, and only a later value
+can be reached; the squeezer, whose bodies weigh grams, needs the last."""
 
 SPARSE_FROM = 8
-"""Bodies from which the sparse solver is the faster one."""
+"""Number of bodies from which the sparse solver is faster."""
 
 
 def load() -> Any:
-    """Exudyn, imported as its fast build and without a word on the console."""
+    """The module exudyn, imported as its fast build, without output on the console."""
     sys.exudynFast = True  # type: ignore[attr-defined]
     with contextlib.redirect_stdout(io.StringIO()):
         import exudyn
@@ -52,7 +52,7 @@ def settings(method: str, duration: float, steps: int, every: int, tolerance: fl
     integration.adaptiveStep = integration.automaticStepSize = False
     integration.verboseMode = integration.verboseModeFile = 0
     integration.newton.relativeTolerance = integration.newton.absoluteTolerance = tolerance
-    # DOPRI5 refuses a step by its error estimate even where the step is fixed
+    # DOPRI5 rejects steps by its error estimate even if the step is fixed
     integration.relativeTolerance = integration.absoluteTolerance = 1e100
     integration.generalizedAlpha.spectralRadius = SPECTRAL_RADIUS
     if method == "TrapezoidalIndex2":
@@ -60,7 +60,7 @@ def settings(method: str, duration: float, steps: int, every: int, tolerance: fl
         integration.generalizedAlpha.useIndex2Constraints = True
     if linear is not None:
         result.linearSolver.solverType = getattr(exudyn.LinearSolverType, linear)
-    # a second evaluation after each step, up to half of the cost: only where every step is looked at
+    # a second evaluation after each step takes up to half of the time; do it only if every step is recorded
     integration.explicit.computeEndOfStepAccelerations = every == 1
     result.solution.file.write = False
     result.solution.sensors.writePeriod = duration / steps * every
@@ -69,7 +69,7 @@ def settings(method: str, duration: float, steps: int, every: int, tolerance: fl
 
 @dataclasses.dataclass
 class Solved:
-    """A finished run: times at the start and after every recorded step, and the sensors' data there, (T, columns)."""
+    """A finished run: the times of the start and of every recorded step, and the sensor data (T, columns)."""
 
     model: Model
     t: np.ndarray
@@ -81,14 +81,14 @@ class Solved:
 
 def solve(build: Callable[[], Model], method: str, duration: float, steps: int, every: int,
           linear: str | None = None) -> Solved:
-    """Run a fresh model with the tightest of `NEWTON_TOLERANCES` that converges; explicit methods have one try.
+    """Run a new model with the tightest of `NEWTON_TOLERANCES` that converges; explicit methods run only once.
 
-    `linear` is the linear solver, None for Exudyn's own choice.
+    `linear` is the linear solver, None for Exudyn's default.
     """
     *tighter, last = NEWTON_TOLERANCES
     if method in IMPLICIT:
         for tolerance in tighter:
-            with contextlib.suppress(EngineError):  # the last tolerance tells what went wrong
+            with contextlib.suppress(EngineError):  # the attempt with the last tolerance raises
                 return _attempt(build(), method, duration, steps, every, tolerance, linear)
     return _attempt(build(), method, duration, steps, every, last, linear)
 
@@ -106,7 +106,7 @@ def _attempt(model: Model, method: str, duration: float, steps: int, every: int,
         wall = time.perf_counter() - start
         solver.FinalizeSolver(model.system, options)
     except exudyn.ExudynError as error:
-        words = str(error).split(" [Python file")[0]  # Exudyn appends the path of this very module
+        words = str(error).split(" [Python file")[0]  # Exudyn appends the path of this module
         raise EngineError(f"Exudyn {method}: {words}") from error
     if not solved:
         raise EngineError(f"Exudyn {method} stopped at t = {solver.it.currentTime:.6g} s: "

@@ -1,1 +1,1 @@
-"""Engines from outside: classes of the user's own, and other versions in environments of their own."""
+"""Engines from outside: classes of the user, and other versions of engines in separate environments."""

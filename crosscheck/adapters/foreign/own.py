@@ -1,4 +1,4 @@
-"""Engines of the user's own: "module:Class" or "path/file.py:Class", and the defaults for what they leave out."""
+"""Engines of the user, given as "module:Class" or "path/file.py:Class", with defaults for what they leave out."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 FIRST = 1
-"""The order claimed for a fixed-step method about which its engine says nothing: a method that converges has it."""
+"""The order assumed for a fixed-step method without a claim of its engine; every convergent method has it."""
 
 
 class Completed:
     """An engine with at least `name`, `methods`, `unsupported` and `run`, and defaults for the rest of `Engine`.
 
-    Its `run` may return `States` alone: the wall time is then that of the call, the steps those of a fixed step.
-    Other attributes are the engine's own.
+    Its `run` may return `States` alone: the wall time is then that of the call, and the number of steps follows from
+    the fixed step. All other attributes are those of the engine.
     """
 
     def __init__(self, engine: Any, version: str) -> None:
@@ -38,21 +38,21 @@ class Completed:
         self.forms: tuple[str, ...] = tuple(getattr(engine, "forms", ()))
         self.adaptive_methods: tuple[str, ...]
         if hasattr(engine, "adaptive_methods") or not hasattr(engine, "documented_order"):
-            self.adaptive_methods = tuple(getattr(engine, "adaptive_methods", ()))  # else the orders say which
+            self.adaptive_methods = tuple(getattr(engine, "adaptive_methods", ()))  # else documented_order decides
         self.options = frozenset(getattr(engine, "options", {"form"} if self.forms else ()))
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # asked for while this is copied or unpickled, before there is an engine
+        if name.startswith("_"):  # copying and unpickling look up such names before `_engine` exists
             raise AttributeError(name)
         return getattr(self._engine, name)
 
     def version(self) -> str:
-        """The engine's, a method or text; else that of its package or file."""
+        """The engine's version, a method or a text; else that of its package or file."""
         own = getattr(self._engine, "version", None)
         return str(own() if callable(own) else own or self._version)
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
-        """By the engine's method of this name, else by its table `orders`; None for adaptive methods."""
+        """From the engine's method of this name, else from its table `orders`; None for adaptive methods."""
         if hasattr(self._engine, "documented_order"):
             claimed: int | None = self._engine.documented_order(scene, spec)
             return claimed
@@ -62,12 +62,12 @@ class Completed:
         return found
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
-        """By the engine's method of this name, else none."""
+        """From the engine's method of this name, else none."""
         held = getattr(self._engine, "held_levels", None)
         return frozenset() if held is None else frozenset(held(scene, spec))
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
-        """The engine's answer; a form, armature and mimics it does not have are refused here."""
+        """The engine's answer; forms and scene elements that it does not declare are refused here."""
         if reason := scene.beyond(getattr(self._engine, "elements", ())):
             return reason
         if spec.form is not None and spec.form not in self.forms:
@@ -76,7 +76,7 @@ class Completed:
         return found
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
-        """The engine's run; raises `EngineError` where it returns something else than states."""
+        """The engine's run; raises `EngineError` if it does not return states."""
         began = time.perf_counter()
         result = self._engine.run(scene, spec)
         wall = time.perf_counter() - began
@@ -91,13 +91,13 @@ class Completed:
 
 
 def _complete(states: States) -> None:
-    """Lists become arrays of doubles; their shapes are checked with those of every other engine's."""
+    """Turn lists into arrays of doubles; their shapes are checked later, as for every engine."""
     for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam"):
         values = getattr(states, name)
         if values is not None:
             try:
                 plain = np.asarray(values)
-                if plain.dtype.kind not in "iufO":  # a complex number would lose its half, a text be read
+                if plain.dtype.kind not in "iufO":  # complex numbers and texts would be converted silently
                     raise TypeError
                 setattr(states, name, np.asarray(plain, dtype=float))
             except (TypeError, ValueError, OverflowError):
@@ -105,10 +105,14 @@ def _complete(states: States) -> None:
 
 
 def load(name: str, known: Iterable[str]) -> Completed:
-    """The engine that "module:Class" or "path/file.py:Class" names.
+    """The engine given by "module:Class" or "path/file.py:Class".
 
-    Modules are also looked for in the current folder; `known` are the names of other engines, for the message. Raises
-    `ArgumentError` where there is no such engine, or where it lacks what an engine must have.
+    Modules are also searched in the current folder. `known` are the names of other engines, for the message.
+
+    Raises
+    ------
+    ArgumentError
+        There is no such engine, or it lacks a required attribute or method.
     """
     home, _, attribute = name.rpartition(":")
     if not home or not attribute:
@@ -119,7 +123,7 @@ def load(name: str, known: Iterable[str]) -> Completed:
     except ArgumentError:
         raise
     except ModuleNotFoundError as error:
-        if error.name != home.partition(".")[0]:  # something that the module needs
+        if error.name != home.partition(".")[0]:  # a module that this module imports
             raise ArgumentError(f"engine: {home} cannot be imported: {error}; install it") from error
         raise ArgumentError(f"{unknown('engine', home, known)}; and there is no module of this name"
                             ) from None
@@ -140,7 +144,7 @@ def load(name: str, known: Iterable[str]) -> Completed:
 
 
 def completed(engine: Any, name: str, version: str) -> Completed:
-    """`engine` with its defaults; raises `ArgumentError` naming what it lacks. `name`: how the user called it."""
+    """`engine` with its defaults; raises `ArgumentError` naming what it lacks. `name`: as the user wrote it."""
     for method in ("unsupported", "run"):
         if not callable(getattr(engine, method, None)):
             raise ArgumentError(f"engine: {name} has no method {method}(scene, spec); an engine needs `unsupported` "
@@ -160,13 +164,13 @@ def completed(engine: Any, name: str, version: str) -> Completed:
 
 def _module(home: str) -> types.ModuleType:
     if not home.endswith(".py"):
-        if os.getcwd() not in sys.path:  # a console script does not look there by itself
+        if os.getcwd() not in sys.path:  # Python does not search there for a console script
             sys.path.append(os.getcwd())
         return importlib.import_module(home)
     path = Path(home).resolve()
     if not path.is_file():
         raise ArgumentError(f"engine: there is no file {home}")
-    # Its name keeps two files of the same name apart; its folder holds what it imports from beside it.
+    # The name distinguishes two files of the same name; the folder is needed for imports of files beside it.
     name = f"{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     if name in sys.modules:
         return sys.modules[name]
@@ -185,7 +189,7 @@ def _module(home: str) -> types.ModuleType:
 
 
 def _version(module: types.ModuleType) -> str:
-    """`__version__` of the module, else the digest of its file: a history has to see that it was edited."""
+    """`__version__` of the module, else the digest of its file, so that a history notices edits."""
     stated = getattr(module, "__version__", None)
     if stated is not None:
         return str(stated)

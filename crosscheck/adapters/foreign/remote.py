@@ -1,6 +1,6 @@
-"""An engine of another version, seen from inside the environment made for it by `crosscheck.adapters.foreign.versions`.
+"""Runs inside the separate environment of an engine's version, made by `crosscheck.adapters.foreign.versions`.
 
-This module is imported there, where only the engine and what its adapter needs are installed.
+Only the engine and the packages that its adapter needs are installed there.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from crosscheck.adapters.base import Engine
 
 @dataclasses.dataclass(frozen=True)
 class About:
-    """What an adapter says about itself without a scene."""
+    """Properties of an adapter that do not depend on a scene."""
 
     version: str
     methods: tuple[str, ...]
@@ -26,14 +26,14 @@ class About:
 
 
 def describe(engine: str) -> About:
-    """About the adapter of this name."""
+    """The properties of the adapter of this name."""
     adapter: Any = _adapter(engine)
     return About(adapter.version(), tuple(adapter.methods), tuple(adapter.forms), frozenset(adapter.options),
                  tuple(adapter.adaptive_methods), hasattr(adapter, "native"))
 
 
 def ask(engine: str, question: str, *arguments: Any) -> Any:
-    """The answer of the adapter's method `question`."""
+    """The result of the adapter's method `question`."""
     return getattr(_adapter(engine), question)(*arguments)
 
 

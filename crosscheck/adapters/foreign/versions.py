@@ -1,7 +1,7 @@
-"""Engines of a chosen version, "mujoco==3.3.7": run by the same adapter in a Python environment of their own.
+"""Engines of a chosen version, as "mujoco==3.3.7", run by the same adapter in a separate Python environment.
 
-The environment is made on first use with pip and kept in the cache folder. A worker process in it takes scenes and
-gives raw runs back. Its times are those of another interpreter and other libraries: they are compared with nothing.
+pip makes the environment on first use, in the cache folder. A worker process in it takes scenes and returns raw runs.
+Its times belong to another interpreter and other libraries, so they are not compared with others.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from crosscheck.files import cache_folder
 from crosscheck.scene.model import Scene
 
 PACKAGES = {name: entry.package for name, entry in built_in.ENTRIES.items() if entry.package}
-"""Engines whose version can be chosen, and the package that brings each."""
+"""Engines whose version can be chosen, and their packages."""
 
 _NUMBER = r"(?:0|[1-9][0-9]*)"
 _VERSION = re.compile(rf"({_NUMBER}!)?{_NUMBER}(\.{_NUMBER})*((a|b|rc){_NUMBER})?(\.post{_NUMBER})?(\.dev{_NUMBER})?"
                       r"(\+[a-z0-9]+(\.[a-z0-9]+)*)?")
-"""Versions in the one canonical spelling of PEP 440."""
+"""Versions in the canonical form of PEP 440."""
 
 NEEDED = ("numpy", "scipy", "msgspec")
-"""What the adapters import besides their engine."""
+"""The packages that adapters import besides their engine."""
 
 LONGEST = 900.0
-"""s that making an environment may take."""
+"""Longest time to make an environment, s."""
 
 
 class Versioned:
-    """One engine in one version; an `Engine` like the others."""
+    """An engine in a chosen version; an `Engine` like the others."""
 
     def __init__(self, name: str) -> None:
         self._engine, version = split(name)
@@ -49,14 +49,14 @@ class Versioned:
         self._worker: Any = None
         about: remote.About = self._call(remote.describe, self._engine)
         self._about = about
-        if version != self.version():  # "3" installs 3.0.0: reports name what ran
+        if version != self.version():  # "3" installs 3.0.0, and reports must name the version that ran
             raise ArgumentError(f"engine: {name!r}: this is version {self.version()}; write "
                                 f"{self._engine}=={self.version()}")
         self.methods, self.forms = about.methods, about.forms
         self.options, self.adaptive_methods = about.options, about.adaptive_methods
 
     def version(self) -> str:
-        """Version of the engine as its environment has it."""
+        """Version of the engine in its environment."""
         return self._about.version
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
@@ -81,7 +81,7 @@ class Versioned:
         return raw
 
     def native(self, path: str, states: JointStates) -> Native:
-        """What this version makes of a model file by itself; raises `Unsupported` where its adapter reads none."""
+        """The model that this version makes of a file; raises `Unsupported` if its adapter reads no model files."""
         if not self._about.reads_models:
             raise Unsupported(f"{self._engine} reads no model files here")
         found: Native = self._call(remote.ask, self._engine, "native", path, states)
@@ -97,7 +97,7 @@ class Versioned:
             self._worker = Worker(self._python)
         answer = self._worker.call(function, arguments)
         printed = self._worker.printed()
-        if printed and not isinstance(answer, Crash):  # shown as if it had been printed here
+        if printed and not isinstance(answer, Crash):  # pass on the output of the other process
             sys.stderr.write(printed)
         if isinstance(answer, Crash):
             if isinstance(answer.error, ArgumentError | EngineError | SceneError | Unsupported | ImportError):
@@ -118,16 +118,16 @@ def split(name: str) -> tuple[str, str]:
 
 
 def folder(engine: str, version: str) -> Path:
-    """Where the environment of this version is kept."""
+    """The folder of the environment of this version."""
     python = f"{platform.python_implementation().lower()}{sys.version_info[0]}.{sys.version_info[1]}"
-    needed = hashlib.sha256(" ".join(NEEDED).encode()).hexdigest()[:6]  # one made with other packages is not reused
+    needed = hashlib.sha256(" ".join(NEEDED).encode()).hexdigest()[:6]  # so that changed NEEDED make a new one
     return cache_folder() / "engines" / f"{PACKAGES[engine]}-{version}-{python}-{needed}"
 
 
 def environment(engine: str, version: str) -> str:
-    """The interpreter of the environment of this version, which is made where it is not there yet.
+    """The Python interpreter of the environment of this version, which is made if it does not exist yet.
 
-    Raises `EngineError` where it cannot be made; the message says what to do.
+    Raises `EngineError` if it cannot be made; the message says what to do.
     """
     place = folder(engine, version)
     python = place / "bin" / "python"
@@ -139,9 +139,9 @@ def environment(engine: str, version: str) -> str:
             aside = Path(holder) / "environment"
             _make(engine, version, aside)
             try:
-                aside.rename(place)  # complete or not at all; an environment finds itself by where it is
+                aside.rename(place)  # complete or not at all; an environment finds its files by its own path
             except OSError:
-                if not python.exists():  # no other process has made it meanwhile
+                if not python.exists():  # unless another process has made it meanwhile
                     raise
     except OSError as error:
         raise EngineError(f"{engine}=={version}: its environment cannot be kept in {place.parent} "
@@ -153,7 +153,7 @@ def environment(engine: str, version: str) -> str:
 def _make(engine: str, version: str, place: Path) -> None:
     wanted = f"{PACKAGES[engine]}=={version}"
     python = place / "bin" / "python"
-    # Wheels only: an engine that has to be compiled first takes an hour, or tools that are not there.
+    # Only wheels: compiling an engine takes an hour, or needs tools that are not installed.
     install = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-input", "--retries",
                "2", "--only-binary", ":all:", wanted, *NEEDED]
     for words in ([sys.executable, "-m", "venv", str(place)], install):
@@ -168,7 +168,7 @@ def _make(engine: str, version: str, place: Path) -> None:
 
 
 def _explained(wanted: str, said: str) -> str:
-    """What a failed installation means, from pip's words."""
+    """The reason of a failed installation, from pip's output."""
     lines = [line.removeprefix("ERROR: ") for line in said.splitlines() if line.strip()]
     listed = re.search(r"\(from versions: ([^)]*)\)", said)
     if listed and listed[1] != "none":

@@ -1,8 +1,8 @@
 """MuJoCo: joint coordinates or free bodies under soft constraints, stepping in its C loop.
 
 Source: Todorov, Erez & Tassa, IROS 2012, doi:10.1109/IROS.2012.6386109. The integrator `discrete` is a semi-implicit
-Euler step in the metric M + h D + h^2 K, D damping and K stiffness of joints and tendons, with the constraint solve in
-that metric and the springs of constraints taken at the end of the step; without all of these it is `Euler`.
+Euler step in the metric M + h D + h^2 K, with D the damping and K the stiffness of joints and tendons. Constraints are
+solved in that metric, with their springs evaluated at the end of the step. Without all of these it equals `Euler`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class MuJoCo:
         return importlib.metadata.version("mujoco")
 
     def form(self, scene: Scene, spec: RunSpec) -> str:
-        """The form that runs: the one asked for, else tree, or maximal where only that can model the scene."""
+        """The form used: the requested one, else tree, or maximal if only that can model the scene."""
         if spec.form is not None:
             return spec.form
         only_maximal = models.obstacle(scene, "tree") and not models.obstacle(scene, "maximal")
@@ -52,9 +52,9 @@ class MuJoCo:
     def documented_order(self, scene: Scene, spec: RunSpec) -> int:
         """Order 1 for the semi-implicit Euler family, 4 for RK4.
 
-        RK4 falls to 1 under tight equality constraints, whose time constant of two steps its stages do not resolve:
-        velocities are of order 1, positions of order 2. With the default softness the order is that towards the motion
-        of the softened system.
+        RK4 has order 1 under tight equality constraints, whose time constant of two steps its stages do not resolve:
+        velocities are of order 1, positions of order 2. With the default softness the order is that of convergence to
+        the motion of the softened system.
         """
         if spec.method != "RK4":
             return 1
@@ -62,7 +62,7 @@ class MuJoCo:
         return 1 if closing and spec.softness != "default" else 4
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
-        """All three where joint coordinates do it; equality constraints are soft and hold none."""
+        """All three if there are only joint coordinates; equality constraints are soft and hold none."""
         _, closing = models.closures(scene, self.form(scene, spec))
         return frozenset() if closing else tree.LEVELS
 
@@ -74,19 +74,19 @@ class MuJoCo:
         return models.obstacle(scene, form)
 
     def turning(self, scene: Scene, form: str | None) -> list[int]:
-        """Bodies on a ball or free."""
+        """Bodies on a ball joint, and free bodies."""
         branches, _ = models.closures(scene, form or "tree")
         return [branch.body for branch in branches
                 if branch.joint is None or "ball" in JOINT_TYPES[branch.joint.type].motion]
 
     def native(self, path: str, states: JointStates) -> Native:
-        """What the engine makes of a model file by itself."""
+        """The model that MuJoCo makes of a model file by itself."""
         from crosscheck.adapters.mujoco.native import load
 
         return load(path, states)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
-        """Integrate; raises `EngineError` when MuJoCo warns or the state stops being finite."""
+        """Integrate; raises `EngineError` if MuJoCo warns or the state becomes infinite or NaN."""
         import mujoco
 
         form, softness = self.form(scene, spec), spec.softness or "tight"
@@ -104,16 +104,16 @@ class MuJoCo:
 
 
 def _evaluation(scene: Scene, model: Any) -> tuple[Callable[..., np.ndarray], stepping.Convert]:
-    """(t, q, v) -> what `OBSERVED` sensors see there, row by row, and that -> states, by MuJoCo's own dynamics.
+    """Two functions: (t, q, v) -> values of the `OBSERVED` sensors, row by row, and these -> states.
 
-    After a step accelerations belong to the start of that step, hence a fresh evaluation. `model` has the sensors and
-    steps as Euler: with discrete, qacc is the change of the velocity over a step and no derivative. The sensors of one
-    step from every state are those of that state.
+    After a step MuJoCo's accelerations are those of its start, so they are evaluated again here. `model` has the
+    sensors and steps with Euler, because with `discrete` qacc is the velocity change of a step and not a derivative.
+    The sensor values of one step from a state are those of that state.
     """
     import mujoco
     import mujoco.rollout
 
-    bench = mujoco.MjData(model)  # a second one: the data of the run stay as they are
+    bench = mujoco.MjData(model)  # separate from the data of the run
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     empty = np.empty(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, bench, empty, kind)
@@ -124,7 +124,7 @@ def _evaluation(scene: Scene, model: Any) -> tuple[Callable[..., np.ndarray], st
             starts[:, :1 + model.nq + model.nv] = np.concatenate([t[:, None], q, v], axis=1)
             return np.asarray(mujoco.rollout.rollout(model, bench, starts, nstep=1)[1][:, 0])
         seen = np.empty((len(t), model.nsensordata))
-        for row in range(len(t)):  # controls are asked for in Python
+        for row in range(len(t)):  # `rollout` does not call the Python function for controls
             bench.time, bench.qpos[:], bench.qvel[:] = t[row], q[row], v[row]
             mujoco.mj_forward(model, bench)
             seen[row] = bench.sensordata
@@ -143,7 +143,7 @@ def _evaluation(scene: Scene, model: Any) -> tuple[Callable[..., np.ndarray], st
 
 @contextlib.contextmanager
 def _controlled(control: Callable[[Any, Any], None] | None) -> Iterator[None]:
-    """While this lasts, MuJoCo asks `control` for controls at every stage; it knows one for all models."""
+    """Within the context MuJoCo calls `control` for controls at every stage; the callback is global for all models."""
     import mujoco
 
     if control is not None:
@@ -173,7 +173,7 @@ def _advance(model: Any, data: Any, warnings: list[str], timed: bool) -> steppin
             for sample in range(len(q)):
                 mujoco.mj_step(model, data, nstep=stride)
                 q[sample], v[sample] = data.qpos, data.qvel
-        if warnings:  # autoreset is off: a diverged state would be returned like any other
+        if warnings:  # with autoreset off a diverged state is returned like any other
             raise EngineError(f"MuJoCo warned: {warnings[0].strip()} Try a smaller step.")
         return q, v
 

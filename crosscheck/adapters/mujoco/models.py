@@ -1,7 +1,7 @@
 """MuJoCo models of a scene: body frames at the centres of mass, reference configuration = initial position.
 
 `tree`: joints of the scene as sequences of slides, hinges and balls on one body, loops closed by equality constraints.
-`maximal`: all bodies free, every joint an equality constraint. Those are between sites and soft.
+`maximal`: all bodies free, every joint an equality constraint. Equality constraints are soft and act between sites.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ INTEGRATORS = {
 }
 LAYOUT_INERTIA = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 PREFERENCE = {"fixed": 5, "revolute": 4, "universal": 3, "spherical": 2, "distance": -1}
-"""Joint types that equality constraints can hold as well (on points, frames and distances), the most suitable last; all
-others stay in the tree as long as that is possible. A distance has no joint coordinates."""
+"""Joint types that equality constraints can hold too (points, frames, distances), the most suitable last; all others
+stay in the tree if possible. A distance has no joint coordinates."""
 
 SOLVER_TOLERANCE = 1e-12
-"""MuJoCo's own 1e-8 may end Newton's method before constraint forces are at rounding."""
+"""MuJoCo's default of 1e-8 may end Newton's method before constraint forces are accurate to rounding."""
 
 
 def closures(scene: Scene, form: str) -> tuple[list[Branch], list[Joint]]:
-    """What hangs on joint coordinates and which joints become equality constraints in this form."""
+    """The branches on joint coordinates, and the joints that become equality constraints, in this form."""
     if form == "maximal":
         return [Branch(body, GROUND) for body in range(scene.n)], list(scene.joints)
     sprung = _sprung(scene)
@@ -76,7 +76,7 @@ def _sprung(scene: Scene) -> dict[str, Force]:
 
 
 OBSERVED = (("POS", 3), ("QUAT", 4), ("LINVEL", 3), ("ANGVEL", 3), ("LINACC", 3), ("ANGACC", 3))
-"""Sensors of a body's frame and their lengths, in world axes; accelerations carry minus the gravity."""
+"""Sensors of a body's frame and their lengths, in world axes; their accelerations include minus gravity."""
 
 
 def build(scene: Scene, method: str, step: float, form: str = "tree", softness: str = "tight",
@@ -88,9 +88,9 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     method : of `INTEGRATORS`.
     step : s.
     form : "tree" or "maximal".
-    softness : of equality constraints; "tight": the stiffest MuJoCo takes, solref 2 step and solimp 0.9999, "default":
-        MuJoCo's own, solref 0.02 s and solimp 0.9 to 0.95.
-    observed : with the sensors `OBSERVED` of every body, which cost time in every step.
+    softness : of equality constraints; "tight": the stiffest that MuJoCo allows, solref 2 step and solimp 0.9999;
+        "default": MuJoCo's default, solref 0.02 s and solimp 0.9 to 0.95.
+    observed : add the sensors `OBSERVED` of every body, which take time in every step.
     """
     import mujoco
 
@@ -112,7 +112,7 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     for index, force in enumerate(scene.forces):
         if force.joint is None:
             _add_force(spec, frames, index, force)
-        elif force.type != "torsional_spring" or force.functions:  # other springs are part of their hinges
+        elif force.type != "torsional_spring" or force.functions:  # other springs are in their hinges
             branch = next(branch for branch in branches
                           if branch.joint is not None and branch.joint.name == force.joint)
             name, direction = _coordinate_of(scene, branch, force)
@@ -155,14 +155,14 @@ def _add_body(scene: Scene, branch: Branch, frame: Any) -> Any:
 def _coordinates(scene: Scene, branch: Branch) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """(type, anchor, axis) of the MuJoCo joints of a branch, innermost first, in the outer body's frame at t = 0.
 
-    An axis or line that the scene fixes in the inner body comes before the rotation, one in the outer body after it.
+    An axis or line that is fixed in the inner body comes before the rotation, one fixed in the outer body after it.
     """
     joint, body = branch.joint, branch.body
     assert joint is not None
     kind = JOINT_TYPES[joint.type]
     anchors = {joint.parent: joint.parent_anchor, joint.child: joint.child_anchor}
     point = anchors[body]
-    if not branch.outward and kind.axes == "parent":  # the ball comes first: about the inner body's point
+    if not branch.outward and kind.axes == "parent":  # the ball comes first, about the inner body's point
         at, attitude = relative_pose(scene, branch.parent, body)
         point = attitude.T @ (anchors[branch.parent] - at)
     found = []
@@ -181,15 +181,15 @@ def _coordinates(scene: Scene, branch: Branch) -> list[tuple[str, np.ndarray, np
 
 
 class _Constraints:
-    """Adds equality constraints to a MuJoCo specification; an empty `solref` leaves MuJoCo's softness."""
+    """Adds equality constraints to a MuJoCo specification; an empty `solref` keeps MuJoCo's default softness."""
 
     def __init__(self, scene: Scene, spec: Any, frames: dict[int, Any], solref: list[float]) -> None:
         self._scene, self._spec, self._frames, self._solref = scene, spec, frames, solref
 
     def close(self, joint: Joint) -> None:
-        """The joint, of a type in `PREFERENCE`."""
+        """Add a joint of a type in `PREFERENCE`."""
         ends = [(joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)]
-        # any length does; of the order of the scene, so that softness acts alike on points and axes
+        # any length works; with one of the scene's order softness has the same effect on points and axes
         arm = max(np.linalg.norm(anchor) for _, anchor in ends) or 1.0
         if joint.type == "distance":
             self._hold_distance(joint.name, ends)
@@ -203,7 +203,7 @@ class _Constraints:
             tips = [(body, anchor + arm * axis) for (body, anchor), axis in zip(ends, axes, strict=True)]
             if joint.type == "revolute":
                 self._hold("mjEQ_CONNECT", f"{joint.name}, axis", tips)
-            else:  # perpendicular axes through one point: their tips keep their distance
+            else:  # perpendicular axes through one point: the distance of their tips is constant
                 self._hold_distance(f"{joint.name}, axes", tips)
 
     def _sites(self, name: str, ends: list[tuple[int, np.ndarray]], attitudes: Any = None) -> list[str]:
@@ -237,17 +237,17 @@ class _Constraints:
 
 
 def _make_elastic(item: Any, force: Force) -> None:
-    """Linear stiffness and damping of a joint or tendon; polynomials in MuJoCo 4, numbers in older ones."""
+    """Set linear stiffness and damping of a joint or tendon; polynomials in MuJoCo 4, numbers in older versions."""
     for name in ("stiffness", "damping"):
         value = force.parameters[name]
         setattr(item, name, [value, 0.0, 0.0] if np.ndim(getattr(item, name)) else value)
 
 
 def _add_force(spec: Any, frames: dict[int, Any], index: int, force: Force) -> None:
-    """A spring as a tendon; a constant load as an actuator of constant bias 1 with the load for gear.
+    """Add a spring as a tendon, or a load as an actuator of constant bias 1 with the load as its gear.
 
     An actuator is evaluated at every stage of a step. Its wrench is along the axes of its site or, with a reference
-    site in the world, along the world's.
+    site in the world, along the world axes.
     """
     import mujoco
 
@@ -269,7 +269,7 @@ def _add_force(spec: Any, frames: dict[int, Any], index: int, force: Force) -> N
 
 
 def _add_actuator(spec: Any, index: int, force: Force, **options: Any) -> Any:
-    """An actuator of constant bias 1, or of a control that `controls` gives at every stage of a step."""
+    """An actuator of constant bias, or with a control that `controls` sets at every stage of a step."""
     import mujoco
 
     timed = bool(force.functions)
@@ -280,7 +280,7 @@ def _add_actuator(spec: Any, index: int, force: Force, **options: Any) -> Any:
 
 
 def controls(scene: Scene) -> Callable[[Any, Any], None] | None:
-    """What sets the controls of actuators that depend on time, at the time of each stage; None where none do."""
+    """A function that sets the controls of time-dependent actuators at each stage; None if there are none."""
     timed = [(f"load {index}", force.functions[0].times(force.parameters.get("stiffness", 1.0)))
              for index, force in enumerate(scene.forces) if force.functions]
     if not timed:
@@ -294,7 +294,7 @@ def controls(scene: Scene) -> Callable[[Any, Any], None] | None:
 
 
 def _coordinate_of(scene: Scene, branch: Branch, force: Force) -> tuple[str, float]:
-    """The joint coordinate that a force along the joint of a branch acts on; 1 where both grow alike, else -1."""
+    """The joint coordinate on which a force along the joint of a branch acts, and 1 or, for opposite signs, -1."""
     joint, wanted = branch.joint, "mjJNT_SLIDE" if force.type == "joint_force" else "mjJNT_HINGE"
     assert joint is not None
     own = joint.child_axis if branch.body == joint.child else -joint.parent_axis
@@ -303,9 +303,9 @@ def _coordinate_of(scene: Scene, branch: Branch, force: Force) -> tuple[str, flo
 
 
 def set_initial_state(scene: Scene, model: Any, data: Any) -> None:
-    """Put `data` into the scene's initial state; positions are the model's reference configuration already.
+    """Set `data` to the scene's initial state, whose positions are the model's reference configuration.
 
-    Joint velocities follow from those of the bodies, which they determine, by MuJoCo's own Jacobians.
+    Joint velocities follow from those of the bodies by MuJoCo's own Jacobians.
     """
     import mujoco
 

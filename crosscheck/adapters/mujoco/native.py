@@ -1,4 +1,4 @@
-"""A model file as MuJoCo itself loads it."""
+"""Loads a model file with MuJoCo alone."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from crosscheck.scene.models.compiling import listening
 
 
 def _model(path: Path) -> tuple[Any, str]:
-    """(model, what MuJoCo says where a URDF is read without its meshes because these cannot be opened)."""
+    """(model, MuJoCo's error if the file is a URDF that was read without its meshes because these cannot be opened)."""
     import mujoco
 
     try:
@@ -37,7 +37,7 @@ def _model(path: Path) -> tuple[Any, str]:
 
 
 def load(path: str, states: JointStates) -> Native:
-    """The file read by MuJoCo alone; limits, friction, contacts and controls are switched off for the accelerations."""
+    """The file read by MuJoCo; limits, friction, contacts and controls are switched off for the accelerations."""
     import mujoco
 
     with listening():

@@ -1,8 +1,8 @@
-"""Pinocchio: joint coordinates, free bodies and rigid constraints; the integrators are ours, in Python.
+"""Pinocchio: joint coordinates, free bodies and rigid constraints, with integrators of this package in Python.
 
 Source: Carpentier et al., SII 2019, doi:10.1109/SII.2019.8700380; constraintDynamics: Carpentier, Budhiraja & Mansard,
-RSS 2021, doi:10.15607/RSS.2021.XVII.040. `wall_time` therefore includes the interpreter: it says nothing about
-Pinocchio in C++.
+RSS 2021, doi:10.15607/RSS.2021.XVII.040. `wall_time` includes the Python interpreter and is no measure of Pinocchio in
+C++.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ class Pinocchio:
         return importlib.metadata.version("pin")
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int:
-        """The tableau's order; for RK4naive what its authors claim: `crosscheck.judge.known` says what it has."""
+        """The tableau's order; for RK4naive its authors' claim, while `crosscheck.judge.known` has its real order."""
         return ORDERS[spec.method]
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
-        """All three in joint coordinates; of points that constraints hold, the acceleration without gains."""
+        """All three in joint coordinates; with constraints on points only, the acceleration level without gains."""
         _, parts, cut = models.decompose(scene, spec.form or "tree")
         if not cut and not parts:
             return tree.LEVELS
-        # rows of other joints lean on positions, which have drifted
+        # rows of other joints depend on positions that have drifted
         points = not parts and all(joint.type == "spherical" for joint in cut)
         return frozenset({"acceleration"} if points and not spec.alpha and not spec.beta else ())
 
@@ -62,19 +62,19 @@ class Pinocchio:
         return None
 
     def turning(self, scene: Scene, form: str | None) -> list[int]:
-        """Bodies on a ball or free."""
+        """Bodies on a ball joint, and free bodies."""
         links, parts, _ = models.decompose(scene, form or "tree")
         return [link.body for link in links if link.body not in parts and any(part.kind == "ball"
                                                                              for part in link.parts)]
 
     def native(self, path: str, states: JointStates) -> Native:
-        """What the engine makes of a model file by itself."""
+        """The model that Pinocchio makes of a model file by itself."""
         from crosscheck.adapters.pinocchio.native import load
 
         return load(path, states)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
-        """Integrate; raises `EngineError` when the state stops being finite."""
+        """Integrate; raises `EngineError` if the state becomes infinite or NaN."""
         form = spec.form or "tree"
         model = models.build(scene, form)
         dynamics = Dynamics(model, spec.alpha or 0.0, spec.beta or 0.0)

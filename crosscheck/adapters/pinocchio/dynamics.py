@@ -1,8 +1,8 @@
-"""Accelerations of a Pinocchio model under the scene's springs and loads, and what its joints transmit.
+"""Accelerations of a Pinocchio model under the scene's springs and loads, and the reactions in its joints.
 
-Springs between points and loads are external forces in the joints' frames, torsional springs torques of the turn they
-belong to; both are evaluated afresh at every stage. `constraintDynamics` takes no external forces: there they become
-joint torques through the Jacobians.
+Linear springs and loads are external forces in the joints' frames, torsional springs are joint torques; both are
+evaluated at every stage. `constraintDynamics` takes no external forces, so there they become joint torques by the
+Jacobians.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from crosscheck.scene.functions import at as value_at
 from crosscheck.scene.model import GROUND, Force, Joint
 
 ABA_RESIDUAL = 1e-13
-"""Of the joint torques, at the start: above it the articulated-body algorithm is losing digits, by a third more with
-every body of a chain of balls (none at 16 bodies, 1e-11 at 32, all at 64), and the mass matrix is factorized instead,
-whose residual grows like its size (4e-13 at 64 bodies)."""
+"""Largest residual of the joint torques at the start, relative to their size. Above it the articulated-body algorithm
+loses digits: on a chain of balls its error grows by a third with every body (none lost at 16 bodies, 1e-11 at 32, all
+at 64). The mass matrix is then factorized, whose residual grows like its size (4e-13 at 64 bodies)."""
 
 
 class Dynamics:
-    """Joint accelerations of `model` by aba (Convention.LOCAL), or constraintDynamics where joints are cut.
+    """Joint accelerations of `model` by aba (Convention.LOCAL), or by constraintDynamics if joints are cut.
 
-    `factorizes` tells that crba and a Cholesky factorization stand in for aba; see `ABA_RESIDUAL`.
+    `factorizes`: crba and a Cholesky factorization are used instead of aba; see `ABA_RESIDUAL`.
     """
 
     def __init__(self, model: Model, alpha: float = 0.0, beta: float = 0.0, closed: bool = True) -> None:
@@ -44,7 +44,7 @@ class Dynamics:
         self.closure = closure(model, self.data, alpha, beta) if (model.cut or model.parts) and closed else None
         self._reactions: _Reactions | None = None
         self.factorizes = False
-        if self.closure is None and closed:  # does inverse dynamics confirm the accelerations that aba finds?
+        if self.closure is None and closed:  # check the accelerations of aba by inverse dynamics
             q, v = model.initial_state()
             torque, _ = self._applied(0.0, q, v)
             found = pinocchio.aba(self._model, self.data, q, v, torque).copy()
@@ -56,20 +56,20 @@ class Dynamics:
 
     @property
     def algorithm(self) -> str:
-        """Pinocchio's algorithm in use."""
+        """The algorithm in use, by Pinocchio's name."""
         if self.closure is not None:
             return "least norm" if self.closure.redundant else "constraintDynamics"
         return "crba, Cholesky" if self.factorizes else "aba"
 
     def _turn(self, joint: Joint) -> tuple[int, int, float]:
-        """(place in q, place in v, sign of the joint's angle) of the turn of a joint in the tree."""
+        """(index in q, index in v, sign of the joint's angle) of the turn of a joint in the tree."""
         for link, (at_q, at_v) in zip(self.model.links, self.model.slots, strict=True):
             if link.joint == joint.name:  # the turn comes last, after slides
                 return at_q.stop - 1, at_v.stop - 1, 1.0 if link.outward else -1.0
         raise KeyError(joint.name)
 
     def __call__(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> np.ndarray:
-        """Joint accelerations, a copy: Pinocchio overwrites its own at the next call."""
+        """Joint accelerations, as a copy, because Pinocchio overwrites its array in the next call."""
         pin = self._pin
         torque, wrenches = self._applied(t, q, v)
         found: np.ndarray
@@ -96,8 +96,10 @@ class Dynamics:
         return found
 
     def applied(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Generalized force (nv,) of gravity, springs, loads and velocities: the mass matrix times the accelerations
-        if there were no constraints; at time 0."""
+        """Generalized force (nv,) of gravity, springs, loads and velocities at time 0.
+
+        It equals the mass matrix times the accelerations without constraints.
+        """
         torque, wrenches = self._applied(0.0, q, v)
         still = np.zeros(self._model.nv)
         external = () if wrenches is None else (wrenches,)
@@ -105,7 +107,7 @@ class Dynamics:
         return found
 
     def _applied(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, Any]:
-        """(joint torques, external forces of all joints in their frames or None where there are none)."""
+        """(joint torques, external forces on all joints in their frames or None if there are none)."""
         torque = np.zeros(self._model.nv)
         for force, at_q, at_v, sign in self._turns:
             p = force.parameters
@@ -123,7 +125,7 @@ class Dynamics:
         return torque, wrenches
 
     def _rest(self) -> Any:
-        """No external force on any joint."""
+        """Zero external forces for all joints."""
         wrenches = self._pin.StdVec_Force()
         for _ in range(self._model.njoints):
             wrenches.append(self._pin.Force.Zero())
@@ -142,7 +144,7 @@ class Dynamics:
             pull = (p["stiffness"] * (length - p["free_length"]) + p["damping"] * rate) * direction
             self._push(wrenches, *ends[0], pull)
             self._push(wrenches, *ends[1], -pull)
-        elif force.joint is not None:  # a cut one: a pair of wrenches on its axis
+        elif force.joint is not None:  # on a joint that is cut: two opposite wrenches along its axis
             joint = next(joint for joint in self.model.scene.joints if joint.name == force.joint)
             size = value_at(p["torque" if force.type == "joint_torque" else "force"], t)
             along = size * (self._frame(joint.parent).rotation @ joint.parent_axis)
@@ -188,8 +190,8 @@ class Dynamics:
     def reactions(self, q: np.ndarray, v: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Force and torque, world axes, of every joint on its child at the child's anchor.
 
-        Constraint forces of cut joints as constraintDynamics finds them; of joints in the tree the forces that inverse
-        dynamics (rnea) propagates, without the springs and motors that act in them.
+        For cut joints these are the constraint forces of constraintDynamics; for joints in the tree the forces from
+        inverse dynamics (rnea) without the springs and motors in the joint.
         """
         if self._reactions is None:
             self._reactions = _Reactions(self)
@@ -197,7 +199,7 @@ class Dynamics:
 
 
 class _Reactions:
-    """Inverse dynamics on a twin of the model in which fixed joints are turns at rest."""
+    """Inverse dynamics on a copy of the model in which fixed joints are revolute joints at rest."""
 
     def __init__(self, dynamics: Dynamics) -> None:
         self._dynamics, self._pin = dynamics, dynamics._pin
@@ -212,7 +214,7 @@ class _Reactions:
         for link, mine, its in zip(d.model.links, d.model.slots, twin.model.slots, strict=True):
             if link.parts:
                 own[its[0]], rates[its[1]], accelerations[its[1]] = q[mine[0]], v[mine[1]], a[mine[1]]
-            else:  # a fixed joint: its twin rests at zero
+            else:  # a fixed joint: its copy is at rest at zero
                 own[its[0]] = 0.0
         torque, wrenches = twin._applied(0.0, own, rates)
         wrenches = twin._rest() if wrenches is None else wrenches
@@ -229,7 +231,7 @@ class _Reactions:
                 sign = 1.0 if link.outward else -1.0
                 force, moment = self._at_anchor(joint, sign * wrench.linear, sign * wrench.angular)
                 acting = sign * own_sizes.get(at_v.stop - 1, 0.0) * (twin._frame(link.body).rotation @ link.axis)
-                if joint.type == "prismatic":  # its motor's line meets the anchor
+                if joint.type == "prismatic":  # the line of its motor's force passes through the anchor
                     force = force - acting
                 else:
                     moment = moment - acting
@@ -243,12 +245,12 @@ class _Reactions:
         return found
 
     def _at_anchor(self, joint: Joint, force: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A wrench about the world's origin as one about the child's anchor."""
+        """Convert a wrench about the world's origin to one about the child's anchor."""
         point = self._twin._frame(joint.child).act(np.array(joint.child_anchor))
         return force, torque - np.cross(point, force)
 
     def _constrained(self, wrenches: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Wrenches of the joints closed directly on their children; all constraints join the external forces."""
+        """Wrenches of directly closed joints on their children; adds all constraint forces to the external forces."""
         d, twin = self._dynamics, self._twin
         found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         if d.closure is None:

@@ -1,13 +1,13 @@
-"""Pinocchio models of a scene: joint coordinates on a tree, and rigid constraints for what is cut to make it one.
+"""Pinocchio models of a scene: joint coordinates on a tree, and rigid constraints for the joints that are cut.
 
-`tree`: a spanning tree of the scene, every joint an exact composite of turns, slides and balls. `maximal`: every body
-free, every joint closed by a constraint. A free body is a translation in the world and a ball, so that its velocities
-are those of `crosscheck.scene.states`.
+`tree`: a spanning tree of the scene, with every joint an exact composite of turns, slides and balls. `maximal`: every
+body free, every joint closed by a constraint. A free body is a translation in the world and a ball, so that its
+velocities are those of `crosscheck.scene.states`.
 
-Pinocchio's rigid constraints hold points (3D) and frames (6D). A spherical joint is closed by the first, a fixed one by
-the second, and for all others a body is cut in the place of the joint: a second part of the child hangs on the joint,
-carries its share of the child's inertia and is welded to the child. (A hinge as two points of its axis has a row too
-many, which locks a rotation as soon as the axes drift apart: on the branching tree, by 0.02 m within a second.)
+Pinocchio's rigid constraints hold points (3D) and frames (6D). The first closes a spherical joint, the second a fixed
+one. For all other joints the child is cut instead: a second part of it, with its share of the inertia, hangs on the
+joint and is welded to the child. (A hinge held at two points of its axis would have one row too many, which locks a
+rotation as soon as the axes drift apart: on the branching tree this causes an error of 0.02 m within a second.)
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ RANK_TOLERANCE = 1e-9
 
 @dataclasses.dataclass
 class Model:
-    """A `pinocchio.Model` with the way back to the scene.
+    """A `pinocchio.Model` and its relation to the scene.
 
-    `frames[body]` is the joint that carries a body and the placement of the body's frame (centre of mass, its axes) in
-    it; `slots` are the places of each link's coordinates in q and v; `balls` the slices of v that turn on SO(3).
-    Second parts of bodies follow the bodies: link.body >= n is a part of `parts[link.body]`.
+    `frames[body]` is the joint that carries a body, and the placement of the body's frame (centre of mass, its axes) in
+    it; `slots` are the slices of each link's coordinates in q and v; `balls` the slices of v of balls. Second parts of
+    bodies are numbered after the bodies: link.body >= n is a part of `parts[link.body]`.
     """
 
     scene: Scene
     links: tuple[Link, ...]
     parts: dict[int, int]
-    cut: tuple[Joint, ...]  # closed by a point or frame, without a second part
+    cut: tuple[Joint, ...]  # closed by a point or frame constraint, without a second part
     model: Any
     frames: dict[int, tuple[int, Any]]
     slots: list[tuple[slice, slice]]
@@ -77,19 +77,19 @@ def decompose(scene: Scene, form: str) -> tuple[tuple[Link, ...], dict[int, int]
 
 
 def build(scene: Scene, form: str = "tree") -> Model:
-    """The model of a scene in form "tree" or "maximal", joint frames at the outer bodies' anchors, along their axes."""
+    """The model of a scene in form "tree" or "maximal", with joint frames at the outer bodies' anchors and axes."""
     return assemble(scene, *decompose(scene, form))
 
 
 def with_movable_joints(model: Model) -> Model:
-    """The same tree with a turn in every fixed joint: inverse dynamics at rest in it tells what the joint transmits."""
+    """The same tree with a revolute joint for every fixed one, so that inverse dynamics gives the joint's reactions."""
     turn = (Part("turn", np.array([1.0, 0.0, 0.0])),)
     links = tuple(link if link.parts else dataclasses.replace(link, parts=turn) for link in model.links)
     return assemble(model.scene, links, model.parts, model.cut)
 
 
 def assemble(scene: Scene, links: tuple[Link, ...], parts: dict[int, int], cut: tuple[Joint, ...]) -> Model:
-    """The model of given links, subtree by subtree."""
+    """The model of the given links, which must be ordered subtree by subtree."""
     import pinocchio
 
     model = pinocchio.Model()
@@ -115,7 +115,7 @@ def assemble(scene: Scene, links: tuple[Link, ...], parts: dict[int, int], cut: 
         q, v = (model.idx_qs[joint], model.idx_vs[joint]) if link.parts else (0, 0)
         slots.append((slice(q, q + sum(part.coordinates for part in link.parts)), slice(v, v + link.dofs)))
         values = joints[link.joint].armature if link.joint else ()
-        if values:  # on the diagonal of the mass matrix; a cylindrical joint is a slide and then a turn
+        if values:  # a cylindrical joint is a slide and then a turn, the opposite of the scene's order
             armature[slots[-1][1]] = values[::-1] if len(values) == 2 else values
         for part in link.parts:
             if part.kind == "ball":
@@ -140,7 +140,7 @@ def _joint_model(link: Link) -> Any:
 
 
 def _rolled(link: Link, q: np.ndarray, shift: int) -> np.ndarray:
-    """q (T, nq) with every quaternion turned from x, y, z, w to w, x, y, z (shift 1) or back (-1)."""
+    """q (T, nq) with the order of every quaternion changed from x, y, z, w to w, x, y, z (shift 1) or back (-1)."""
     if all(part.kind != "ball" for part in link.parts):
         return q
     q, at = q.copy(), 0
@@ -153,24 +153,24 @@ def _rolled(link: Link, q: np.ndarray, shift: int) -> np.ndarray:
 
 @dataclasses.dataclass
 class Closure:
-    """Constraint models in the form `constraintDynamics` takes; of each, the joint it closes or None for a weld.
+    """Constraint models for `constraintDynamics`, each with the joint it closes, or None for a weld.
 
-    `rank` is that of their rows at t = 0, `redundant` whether it is less than their number.
+    `rank` is the rank of their rows at t = 0; `redundant`: it is less than their number.
     """
 
     models: Any
     workspaces: Any
     settings: Any
     joints: list[Joint | None]
-    bodies: list[tuple[int, int]]  # of the first and second end; a second part counts as a body
+    bodies: list[tuple[int, int]]  # bodies or second parts of the first and second end
     rank: int
     redundant: bool
 
 
 def closure(model: Model, data: Any, alpha: float, beta: float) -> Closure:
-    """Constraints of what is cut with Baumgarte's G a + gamma + 2 alpha G u + beta^2 Phi = 0.
+    """Constraints for the cut joints, with Baumgarte's G a + gamma + 2 alpha G u + beta^2 Phi = 0.
 
-    `data`, a workspace of the model, is overwritten: a second one takes gigabytes for a long chain.
+    Overwrites `data`, the workspace of the model, because a second one takes gigabytes for a long chain.
     """
     import pinocchio
 
@@ -203,12 +203,12 @@ def closure(model: Model, data: Any, alpha: float, beta: float) -> Closure:
 
 
 def _rank(model: Model, data: Any, models: Any, workspaces: Any) -> tuple[int, int]:
-    """(rank, number) of the constraints' rows at t = 0."""
+    """(rank, number) of the constraint rows at t = 0."""
     import pinocchio
 
     q, _ = model.initial_state()
     pinocchio.computeJointJacobians(model.model, data, q)
-    for held, workspace in zip(models, workspaces, strict=True):  # the Jacobian takes the points' places from there
+    for held, workspace in zip(models, workspaces, strict=True):  # the Jacobian uses the points computed here
         held.calc(model.model, data, workspace)
     jacobian = np.atleast_2d(pinocchio.getConstraintsJacobian(model.model, data, models, workspaces))
     sizes = np.linalg.svd(jacobian, compute_uv=False)

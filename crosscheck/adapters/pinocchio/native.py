@@ -1,4 +1,4 @@
-"""A model file as Pinocchio itself loads it."""
+"""Loads a model file with Pinocchio alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from crosscheck.scene.models.second import links as first_links
 
 
 def load(path: str, states: JointStates) -> Native:
-    """The file read by Pinocchio alone; accelerations by `aba` without torques."""
+    """The file read by Pinocchio; accelerations by `aba` without torques."""
     import pinocchio
 
     read = pinocchio.buildModelFromMJCF if path.endswith(".xml") else pinocchio.buildModelFromUrdf
@@ -34,7 +34,7 @@ def load(path: str, states: JointStates) -> Native:
         slides = np.abs(subspace[:3]).max() > 0.5
         inner = model.inertias[parent].lever if parent else np.zeros(3)
         name = model.names[joint]
-        if name not in states.names and f"{names.get(joint)} joint" in states.names:  # it has no name in the file
+        if name not in states.names and f"{names.get(joint)} joint" in states.names:  # unnamed in the file
             name = f"{names[joint]} joint"
         ids[name] = joint
         joints[name] = Hinge(

@@ -1,9 +1,9 @@
-"""Accelerations of a Pinocchio model with redundant constraints: constraint forces of least norm and of fixed rank.
+"""Accelerations of a Pinocchio model with redundant constraints: constraint forces of least norm with fixed rank.
 
-A mechanism with more constraints than it could bear moves because some of their rows depend on the others. As soon as
-positions have drifted they no longer do, and a solver that satisfies every row, as the proximal one of
-`constraintDynamics` does with any mu, locks the mechanism: a parallelogram within half a second of 1 ms steps. Here as
-many directions of the constraints count as were independent at the start; the least of them are left out.
+An overconstrained mechanism can move because some constraint rows depend on the others. As soon as positions have
+drifted they no longer do, and a solver that satisfies every row, as the proximal one of `constraintDynamics` does with
+any mu, locks the mechanism: a parallelogram within half a second with steps of 1 ms. Here the number of independent
+directions is that at the start; the ones with the smallest singular values are left out.
 """
 
 from __future__ import annotations
@@ -15,22 +15,21 @@ import numpy as np
 from crosscheck.adapters.pinocchio.models import Closure
 
 DAMPING = 1.0
-"""mu of one proximal iteration; whatever it is, the right-hand side that follows from its forces is the same."""
+"""mu of one proximal iteration; the right-hand side computed from its forces does not depend on it."""
 
 
 def accelerations(model: Any, data: Any, closure: Closure, q: np.ndarray, v: np.ndarray,
                   torque: np.ndarray) -> np.ndarray:
-    """Joint accelerations (nv,) under joint torques (nv,); the constraint forces go into the closure's workspaces.
+    """Joint accelerations (nv,) under joint torques (nv,); writes constraint forces into the closure's workspaces.
 
-    One damped proximal iteration of `constraintDynamics` from zero has forces f with (G M^-1 G^T + mu) f = -r, and
-    r = G a + gamma + 2 alpha G u + beta^2 Phi at the accelerations without constraints is wanted, just as Pinocchio
-    forms it.
+    One damped proximal iteration of `constraintDynamics` from zero gives forces f with (G M^-1 G^T + mu) f = -r. This
+    yields r = G a + gamma + 2 alpha G u + beta^2 Phi at the accelerations without constraints, as Pinocchio forms it.
     """
     import pinocchio as pin
     from scipy.linalg import solve_triangular
 
     if not (np.isfinite(q).all() and np.isfinite(v).all()):
-        return np.full(len(v), np.nan)  # the loop over steps reports the divergence with its time
+        return np.full(len(v), np.nan)  # the loop over steps reports the time of the divergence
     once = pin.ProximalSettings(0.0, DAMPING, 1)
     pin.constraintDynamics(model, data, q, v, torque, closure.models, closure.workspaces, once)
     sizes = [held.residualSize() for held in closure.models]
@@ -38,7 +37,7 @@ def accelerations(model: Any, data: Any, closure: Closure, q: np.ndarray, v: np.
                              for each, size in zip(closure.workspaces, sizes, strict=True)])
     jacobian = pin.getConstraintsJacobian(model, data, closure.models, closure.workspaces)
     upper = np.triu(pin.crba(model, data, q))
-    if not all(np.isfinite(values).all() for values in (damped, jacobian, upper)):  # of a state too large to square
+    if not all(np.isfinite(values).all() for values in (damped, jacobian, upper)):  # squares of the state overflow
         return np.full(len(v), np.nan)
     root = np.linalg.cholesky(upper + np.triu(upper, 1).T)
     scaled = solve_triangular(root, jacobian.T, lower=True).T

@@ -1,7 +1,8 @@
-"""Model files of others as scenes: MJCF and URDF, in and out.
+"""Import and export of model files: MJCF and URDF.
 
-A model is read by MuJoCo's own parser and compiler; a URDF is checked against Pinocchio where that is installed. What a
-scene cannot hold and what would change the motion is refused, or dropped on request and listed in `Scene.left_out`.
+MuJoCo's own parser and compiler read a model; a URDF is also checked against Pinocchio if that is installed. Anything
+that a scene cannot hold and that would change the motion is refused, or on request dropped and listed in
+`Scene.left_out`.
 """
 
 from __future__ import annotations
@@ -14,15 +15,15 @@ from typing import TYPE_CHECKING, Any, Literal
 from crosscheck.errors import ArgumentError, SceneError
 from crosscheck.scene.model import Scene
 
-if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engine's version has not
+if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engine version does not have
     from crosscheck.scene.schema import Content
 
 SUFFIXES = (".xml", ".urdf", ".mjcf", ".xacro")
-"""Names of files that are models, not scenes; xacro is refused by its name."""
+"""Endings of model files; .xacro is listed so that it can be refused with a reason."""
 
 
 def is_model(path: object) -> bool:
-    """Whether a name stands for a model file."""
+    """Whether this is the name of a model file."""
     return isinstance(path, str | os.PathLike) and Path(os.fsdecode(path)).suffix.lower() in SUFFIXES
 
 
@@ -34,25 +35,25 @@ def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None
     Parameters
     ----------
     path
-        Ends in .xml (MJCF, or URDF by its root) or .urdf. Nothing outside its folder is read.
+        Ends in .xml (MJCF, or URDF if its root element says so) or .urdf. No file outside its folder is read.
     keyframe
         Name or number of an MJCF keyframe, which brings qpos, qvel and ctrl.
     drop
-        Leave out what a scene cannot hold, and list it in `left_out`; otherwise it is refused.
+        Leave out what a scene cannot hold and list it in `left_out`. By default such a model is refused.
     base
-        Of a URDF: "fixed" to the world, or "free".
+        Whether the base of a URDF is "fixed" to the world or "free".
     qpos, qvel
-        Start in the coordinates of the compiled MuJoCo model: joints in file order; a free base first, position and
-        quaternion w, x, y, z. Default: the model's reference, at rest.
+        The start in the coordinates of the compiled MuJoCo model: joints in file order, after the position and
+        quaternion w, x, y, z of a free base. Default: the model's reference, at rest.
     duration, samples
-        Of the scene: s, and number of output times.
+        Duration of the scene, s, and number of output times.
 
     Raises
     ------
     SceneError
-        The file is wrong, or holds what a scene cannot; the message names everything.
+        The file is wrong, or has elements that a scene cannot hold; the message names all of them.
     ArgumentError
-        A wrong argument.
+        An argument is wrong.
     """
     from crosscheck.scene.building import scene_from
 
@@ -62,14 +63,14 @@ def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None
 
 
 def table(path: str | os.PathLike[str], **options: Any) -> Content:
-    """The content of the scene file that a model is imported as; options and errors as `import_model`."""
+    """The content of the scene file for a model; options and errors as `import_model`."""
     from crosscheck.scene.models import reading
 
     return reading.table(path, **options)
 
 
 def import_file(path: str | os.PathLike[str], target: Path, **options: Any) -> Scene:
-    """As `import_model`, and write the scene to the file `target`, which ends in .toml."""
+    """Import as `import_model` does, and write the scene to the file `target`, which ends in .toml."""
     from crosscheck.files import put
     from crosscheck.scene.building import scene_from
     from crosscheck.scene.models.writing import toml

@@ -1,4 +1,4 @@
-"""Model files compiled by MuJoCo, without what has no mass: pictures, and meshes that no inertia needs."""
+"""Compiles model files with MuJoCo, without textures and without meshes that no inertia needs."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from crosscheck.scene.models.source import Source
 
 @contextlib.contextmanager
 def listening() -> Iterator[list[str]]:
-    """MuJoCo's warnings in a list; by itself it appends them to MUJOCO_LOG.TXT in the working folder.
+    """Collect MuJoCo's warnings in a list; by itself MuJoCo appends them to MUJOCO_LOG.TXT in the working folder.
 
-    Its advice to the author of a model, of attributes that a later version drops, comes as Python's warnings: unheard.
+    Python warnings, by which MuJoCo advises the authors of models about deprecated attributes, are ignored.
     """
     import warnings
 
@@ -37,7 +37,7 @@ def listening() -> Iterator[list[str]]:
 def compiled(model: Source, base: str = "fixed", bare: bool = True) -> Any:
     """The `mujoco.MjModel` of a source.
 
-    `bare` takes all geometry out of a URDF, so that MuJoCo needs no meshes and makes no mass from collision shapes.
+    `bare` removes all geometry from a URDF, so that MuJoCo needs no meshes and makes no mass from collision shapes.
     """
     try:
         import mujoco
@@ -76,7 +76,7 @@ def _prepare_urdf(model: Source, base: str, bare: bool) -> None:
 
 
 def _prepare_mjcf(model: Source) -> None:
-    """Without textures, materials and skins, whose files nobody needs, and without meshes that cannot be read."""
+    """Remove textures, materials and skins, whose files are not needed, and meshes that cannot be read."""
     for parent in list(model.root.iter()):
         for child in list(parent):
             if child.tag in ("texture", "skin", "material") and parent.tag in ("asset", "default"):

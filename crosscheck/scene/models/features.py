@@ -1,4 +1,4 @@
-"""What else is in a compiled MuJoCo model: loads and loops that a scene can hold, and what it cannot."""
+"""The elements of a compiled MuJoCo model besides its tree: loads and loops for a scene, and what it cannot hold."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.schema import Content as Table
 
 MOST_NAMED = 6
-"""Of one kind in a message; the rest is counted."""
+"""Largest number of names of one kind in a message; the rest is counted."""
 
 UNREACHABLE = 1e6
-"""rad or m: limits as far as this are how a URDF writes none."""
+"""rad or m. A URDF that needs no limits writes limits at least this far away."""
 
 
 def collect(reading: Reading, joints: list[Table]) -> tuple[list[Table], list[Table]]:
-    """(further joints, forces); what has no place goes into `reading.lost`. Mimics are written into `joints`."""
+    """(further joints, forces); adds what a scene cannot hold to `reading.lost`, and mimics to `joints`."""
     m = reading.model
     _limits(reading)
     media = (("the drag of the medium (option density or viscosity)", m.opt.density or m.opt.viscosity),
@@ -60,7 +60,7 @@ def _limits(reading: Reading) -> None:
 
 
 def _contacts(reading: Reading) -> None:
-    """Pairs of bodies whose geometries MuJoCo would let collide."""
+    """List as lost the pairs of bodies whose geometries MuJoCo would let collide."""
     m = reading.model
     if _off(reading, "CONTACT") or _off(reading, "CONSTRAINT"):
         return
@@ -91,7 +91,7 @@ def _label(m: Any, body: int) -> str:
 
 
 def _actuators(reading: Reading) -> None:
-    """Actuators that act at the control of the state; a motor with zero control does nothing and is not counted."""
+    """List as lost the actuators that act at the state's control; a motor with zero control does nothing."""
     import mujoco
 
     m, d = reading.model, reading.data
@@ -110,7 +110,7 @@ def _actuators(reading: Reading) -> None:
 
 
 def _tendons(reading: Reading) -> list[Table]:
-    """Tendons between two sites as linear springs; others that pull, brake or stop are lost."""
+    """Tendons between two sites as linear springs; other tendons that exert forces are listed as lost."""
     import mujoco
 
     m, d = reading.model, reading.data
@@ -145,7 +145,7 @@ def _tendons(reading: Reading) -> list[Table]:
 
 
 def _compensation(reading: Reading) -> list[Table]:
-    """Weight that MuJoCo takes off bodies, as constant forces."""
+    """MuJoCo's gravity compensation of bodies as constant forces."""
     m, d = reading.model, reading.data
     if _off(reading, "GRAVITY"):
         return []
@@ -160,7 +160,7 @@ def _compensation(reading: Reading) -> list[Table]:
 
 
 def _equalities(reading: Reading, joints: list[Table]) -> list[Table]:
-    """Connects and welds as joints, equal coordinates as mimics."""
+    """Connect and weld constraints as joints, coupled joint coordinates as mimics."""
     import mujoco
 
     m, d = reading.model, reading.data

@@ -1,6 +1,6 @@
-"""Inertials of a URDF carried along its fixed joints, as every engine does that fuses such links.
+"""Merges the inertials of a URDF along its fixed joints, as engines do that fuse such links.
 
-A link alone may have an inertia that no body can have, or none, where the body it is part of is admissible.
+A single link may have no inertia, or one that no body can have, even if the body of which it is a part is admissible.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Inertial:
 
 
 def merge(root: Element, drop_root: bool) -> None:
-    """Give every link that moves the inertial of all that is fixed to it; with `drop_root` the root has none."""
+    """Give every moving link the inertial of all links fixed to it; with `drop_root` the root gets none."""
     links = {link.get("name", ""): link for link in root.findall("link")}
     found = {name: _read(link) for name, link in links.items()}
     joints = [joint for joint in root.findall("joint") if joint.find("child") is not None]
@@ -34,7 +34,7 @@ def merge(root: Element, drop_root: bool) -> None:
             name, steps = _end(children[name], "parent"), steps + 1
         return steps
 
-    for name in sorted(links, key=depth, reverse=True):  # the farthest first; the parsers refuse a circle of joints
+    for name in sorted(links, key=depth, reverse=True):  # the deepest first; the parsers refuse a circle of joints
         joint = children.get(name)
         parent = "" if joint is None else _end(joint, "parent")
         if joint is not None and joint.get("type") == "fixed" and parent in found and found[name] is not None:
@@ -90,7 +90,7 @@ def _added(base: Inertial | None, part: Inertial | None, p: np.ndarray, R: np.nd
     if part is None:
         return base
     c, m = R @ part.moment, part.mass
-    # about the new origin: the terms of p c^T come with a body whose centre is not at its own origin
+    # about the new origin; the terms p c^T appear because the part's centre of mass is not at its own origin
     shifted = R @ part.inertia @ R.T + m * (p @ p * np.eye(3) - np.outer(p, p)) + (
         2 * (p @ c) * np.eye(3) - np.outer(p, c) - np.outer(c, p))
     if base is None:

@@ -1,4 +1,4 @@
-"""A scene as MJCF: bodies at their centres of mass in the initial pose, which is the reference of all joints."""
+"""Writes a scene as MJCF: body frames at the centres of mass in the initial pose, the reference of all joints."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from crosscheck.scene.models.trees import grown, numbers, refused
 from crosscheck.scene.vectors import slide_direction
 
 SECOND_NAMES = {"slide": " slide", "slide n1": " slide 1", "slide n2": " slide 2", "turn child": " second"}
-"""What the names of MJCF's joints add to that of a joint with several coordinates, by words of `JointType.motion`."""
+"""Suffixes for the MJCF joints of a joint with several coordinates, by words of `JointType.motion`."""
 
 
 def mjcf(scene: Scene) -> Element:
@@ -39,6 +39,8 @@ def mjcf(scene: Scene) -> Element:
         if joint.parent != GROUND:
             made.set("body2", names[joint.parent])
     for joint in scene.joints:
+        if joint.drive is not None:
+            raise refused(scene, "MJCF", f"the drive of joint {joint.name!r}")
         if joint.mimic is not None:
             SubElement(equality, "joint", joint1=joint.name, joint2=joint.mimic.joint, polycoef=numbers(
                 (joint.mimic.offset, joint.mimic.ratio, 0.0, 0.0, 0.0)))
@@ -64,7 +66,7 @@ def _body(scene: Scene, parent_element: Element, body: int, parent: int) -> Elem
 
 
 def _joints(scene: Scene, element: Element, body: int, joint: Joint | None) -> tuple[list[float], list[float]]:
-    """Add what carries a body; returns its qpos and qvel."""
+    """Add the MJCF joints of a body; returns their qpos and qvel."""
     if joint is None:
         SubElement(element, "freejoint", name=f"{scene.bodies[body].name} free")
         return ([*scene.x0[body], *scene.bodies[body].attitude], [*scene.v0[body], *scene.w0[body]])
@@ -115,8 +117,9 @@ def _force(scene: Scene, root: Element, elements: dict[int, Element], number: in
             SubElement(elements[body], "site", name=name, pos=numbers(point))
             SubElement(spatial, "site", site=name)
         return
-    if force.type != "torsional_spring":
-        raise refused(scene, "MJCF", f"forces[{number}], a {force.type}")
+    if force.type != "torsional_spring" or force.functions:
+        moving = " whose rest angle depends on time" if force.functions else ""
+        raise refused(scene, "MJCF", f"forces[{number}], a {force.type}{moving}")
     joint = next(element for element in root.iter("joint") if element.get("name") == force.joint)
     if "stiffness" in joint.attrib or "damping" in joint.attrib:
         raise refused(scene, "MJCF", f"forces[{number}], a second spring of joint {force.joint!r}")

@@ -1,7 +1,7 @@
-"""A compiled MuJoCo model in one state as the tables of a scene file.
+"""Turns a compiled MuJoCo model in one state into the tables of a scene file.
 
-Bodies welded together are one body, named after the one that carries the joints, with its axes and the centre of mass
-of all. The parent of every joint is the body the joint hangs on in the model.
+Bodies welded together become one body, with the name and the axes of the one that carries the joints, at their common
+centre of mass. The parent of a joint is the parent body in the model.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from crosscheck.scene.coordinates import turned
 from crosscheck.scene.model import quaternion_from_rotation
 from crosscheck.scene.vectors import cross
 
-if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engine's version has not
+if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engine version does not have
     from crosscheck.scene.schema import Content as Table
 
 ALIGNED = 1e-9
@@ -24,9 +24,9 @@ ALIGNED = 1e-9
 
 @dataclasses.dataclass
 class Rigid:
-    """A group of welded bodies: mass, centre and inertia of all, in world axes, and its motion."""
+    """A group of welded bodies with its total mass, centre of mass, inertia and motion."""
 
-    index: int  # MuJoCo's, of the body with the joints
+    index: int  # MuJoCo's index of the body with the joints
     name: str
     mass: float
     centre: np.ndarray  # (3,) world
@@ -38,13 +38,13 @@ class Rigid:
 
 @dataclasses.dataclass
 class Reading:
-    """A model in one state, and what of it has found no place so far."""
+    """A model in one state, and what a scene cannot hold of it."""
 
     model: Any
     data: Any
     bodies: dict[int, Rigid]
-    lost: list[str]  # would change the motion
-    impossible: list[str]  # cannot even be left out
+    lost: list[str]  # can be left out, but would change the motion
+    impossible: list[str]  # cannot be left out
 
     def end(self, group: int, point: np.ndarray) -> tuple[str, list[float]]:
         """(name, anchor in its frame) of a point in the world on a group of bodies; 0 is the ground."""
@@ -59,12 +59,12 @@ class Reading:
         return found
 
     def attitude(self, group: int) -> np.ndarray:
-        """(3, 3) of a group."""
+        """(3, 3) attitude of a group."""
         return np.eye(3) if group == 0 else self.bodies[group].R
 
 
 def bodies(model: Any, data: Any) -> dict[int, Rigid]:
-    """The moving groups of welded bodies by the index of their first, parents before children."""
+    """The moving groups of welded bodies by the index of their first body, parents before children."""
     import mujoco
 
     found = {}
@@ -96,17 +96,12 @@ def body_table(body: Rigid) -> Table:
 
 
 def joint_tables(reading: Reading) -> list[Table]:
-    """One of [[joints]] for every body that hangs on something."""
-    found = []
-    for group in reading.bodies:
-        table = _hanging(reading, group)
-        if table is not None:
-            found.append(table)
-    return found
+    """One of [[joints]] for every body that is not free."""
+    return [table for group in reading.bodies if (table := _hanging(reading, group)) is not None]
 
 
 def _hanging(reading: Reading, group: int) -> Table | None:
-    """The joint, or the joints together, that carry a group; None where it is free or nothing fits."""
+    """The joint of a group, which may stand for several in the model; None if the group is free or nothing fits."""
     import mujoco
 
     m, d = reading.model, reading.data
@@ -135,7 +130,7 @@ def _hanging(reading: Reading, group: int) -> Table | None:
                      "child_axis": reading.direction(group, parent_axis if child_axis is None else child_axis)}
         return made
 
-    # three slides and then a ball or three hinges are together no joint at all
+    # three slides followed by a ball or three hinges leave the body free
     six = kinds in ("sssb", "ssshhh") and _independent(axes, slides) and (
         kinds == "sssb" or (together and _independent(axes, turning)))
     if kinds == "f" or (parent == 0 and six):
@@ -168,12 +163,12 @@ def _hanging(reading: Reading, group: int) -> Table | None:
 
 
 def _independent(axes: dict[int, np.ndarray], ids: list[int]) -> bool:
-    """Whether three axes span space, well away from gimbal lock."""
+    """Whether three axes are independent, well away from gimbal lock."""
     return abs(float(np.linalg.det(np.array([axes[j] for j in ids])))) > 1e-3
 
 
 def _dof(reading: Reading, j: int) -> tuple[float, float, float, float]:
-    """Armature, damping, stiffness and rest position of a joint with one coordinate, as far as the flags count them."""
+    """Armature, damping, stiffness and rest position of a joint with one coordinate; zero if the flags disable them."""
     import mujoco
 
     m = reading.model
@@ -185,7 +180,7 @@ def _dof(reading: Reading, j: int) -> tuple[float, float, float, float]:
 
 
 def _one(reading: Reading, parent: int, group: int, j: int) -> Table:
-    """Coordinate, zero, springs and armature of a hinge or slide."""
+    """Coordinates, reference attitude, springs and armature of a hinge or slide."""
     m, d = reading.model, reading.data
     position, velocity = float(d.qpos[m.jnt_qposadr[j]]), float(d.qvel[m.jnt_dofadr[j]])
     relative = reading.attitude(parent).T @ reading.attitude(group)
@@ -201,7 +196,7 @@ def _one(reading: Reading, parent: int, group: int, j: int) -> Table:
 
 
 def _pair(reading: Reading, parent: int, group: int, hinge: int, slide: int) -> Table:
-    """The same of a hinge and a slide along its axis, which are one cylindrical joint."""
+    """The same for a hinge and a slide along its axis, which make one cylindrical joint."""
     m, d = reading.model, reading.data
     made = _one(reading, parent, group, hinge)
     way = 1.0 if d.xaxis[hinge] @ d.xaxis[slide] > 0 else -1.0  # of the slide, along the hinge's axis
@@ -215,7 +210,7 @@ def _pair(reading: Reading, parent: int, group: int, hinge: int, slide: int) -> 
 
 
 def _plain(reading: Reading, ids: list[int], kind: str) -> None:
-    """Several coordinates in one joint have no armature, damping or stiffness of their own here."""
+    """List as lost the armature, damping and stiffness of joints that become part of another joint."""
     import mujoco
 
     m = reading.model

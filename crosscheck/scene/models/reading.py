@@ -1,4 +1,4 @@
-"""From a model file to the tables of a scene file."""
+"""Reads a model file into the tables of a scene file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     if base not in ("fixed", "free"):
         raise ArgumentError(unknown("base", base, ("fixed", "free")))
     model = source.read(Path(path))
-    m = compiling.compiled(model, base)  # which says so where MuJoCo is not installed
+    m = compiling.compiled(model, base)  # raises with advice if MuJoCo is not installed
     import mujoco
 
     reading = read(model, m, _state(model, m, keyframe, qpos, qvel))
@@ -96,7 +96,7 @@ def _state(model: Source, m: Any, keyframe: str | int | None, qpos: Sequence[flo
 
 
 def _urdf_only(model: Source, reading: Reading, joints: list[Table]) -> None:
-    """Mimic joints, which MuJoCo does not read."""
+    """Add the mimics of a URDF, which MuJoCo does not read."""
     by_name = {table["name"]: table for table in joints}
     for joint in model.root.findall("joint"):
         mimic = joint.find("mimic")
@@ -117,7 +117,7 @@ def _name(model: Source) -> str:
 
 
 def _distinct(joints: list[Table]) -> list[Table]:
-    """Joints with names of their own."""
+    """The joints with a number added to every name that occurred before."""
     names: set[str] = set()
     for joint in joints:
         name, count = joint["name"], 1
@@ -129,7 +129,7 @@ def _distinct(joints: list[Table]) -> list[Table]:
 
 
 def _check_against_pinocchio(model: Source, reading: Reading, base: str) -> None:
-    """Raise where the two parsers read different bodies; Pinocchio is asked where it is installed."""
+    """Raise if MuJoCo and Pinocchio, where installed, read different bodies."""
     import importlib.util
 
     if importlib.util.find_spec("pinocchio") is None:
@@ -138,7 +138,7 @@ def _check_against_pinocchio(model: Source, reading: Reading, base: str) -> None
 
     try:
         theirs = second(model, base)
-    except SceneError:  # it may refuse what MuJoCo reads; `inspect` tells
+    except SceneError:  # Pinocchio may refuse what MuJoCo reads; `inspect` reports it
         return
     for body in reading.bodies.values():
         if body.name not in theirs:

@@ -1,4 +1,4 @@
-"""A URDF as Pinocchio reads it: the second opinion on what MuJoCo reads."""
+"""Reads a URDF with Pinocchio, to check what MuJoCo reads."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from crosscheck.scene.models.source import Source
 
 
 def explained(build: Callable[[], Any]) -> Any:
-    """What `build` returns, in silence; raises `ValueError` with its words and the first of those on the error stream.
+    """The result of `build`, without its output; raises `ValueError` with its message and its first line on stderr.
 
-    urdfdom says there what is wrong, and raises only that something is.
+    urdfdom writes the reason of an error to stderr, and its exception does not contain it.
     """
     sys.stderr.flush()
     before = os.dup(2)
@@ -46,7 +46,7 @@ def parsed(model: Source, base: str = "fixed") -> Any:
 
 
 def links(pin_model: Any) -> dict[str, int]:
-    """The joint that moves each link which carries one: the first link in the joint's own frame."""
+    """The joint of each moving link: the first link in the joint's frame."""
     import pinocchio
 
     found: dict[str, int] = {}
@@ -60,7 +60,7 @@ def links(pin_model: Any) -> dict[str, int]:
 
 
 def bodies(model: Source, base: str) -> dict[str, tuple[float, np.ndarray]]:
-    """Mass and principal moments of the moving links, those fixed to them included."""
+    """Mass and principal moments of the moving links, including the links fixed to them."""
     pin_model = parsed(model, base)
     return {name: (float(pin_model.inertias[joint].mass), np.linalg.eigvalsh(pin_model.inertias[joint].inertia))
             for name, joint in links(pin_model).items()}

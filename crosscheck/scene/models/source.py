@@ -1,4 +1,4 @@
-"""The text of a model file before any engine sees it: readable XML, its includes, nothing outside its folder."""
+"""Reads the XML of a model file with its includes, before any engine does, and only from its own folder."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from xml.etree import ElementTree
 from crosscheck.errors import SceneError
 
 LARGEST = 64 * 2**20
-"""Bytes of a model file; the largest robot descriptions have a hundredth of it."""
+"""Largest size of a model file, bytes; large robot descriptions have a hundredth of it."""
 
 MOST_ELEMENTS, DEEPEST = 10**5, 400
-"""Elements of a model once they are replicated, and how deep they are nested; the parsers of the engines end at 500."""
+"""Largest number of elements of a model after replication, and of nested levels; the engines' parsers stop at 500."""
 
 
 @dataclasses.dataclass
@@ -37,7 +37,7 @@ class Source:
 
 
 def read(path: Path) -> Source:
-    """The model in `path`, checked as far as XML goes; raises `SceneError` with one line."""
+    """The model in `path`, with checks of its XML; raises `SceneError` with one line."""
     if path.suffix.lower() == ".xacro":
         raise SceneError(f"{path}: a xacro file is a program that writes a URDF; run it first (xacro {path.name} > "
                          f"{path.stem}.urdf) and give the URDF")
@@ -77,7 +77,7 @@ def _parsed(path: Path) -> ElementTree.Element:
 
 
 def _check_size(path: Path, root: ElementTree.Element) -> None:
-    """Raise where elements are nested too deep, or are too many once <replicate> and the like are expanded."""
+    """Raise if elements are nested too deep, or are too many after <replicate> and the like are expanded."""
     total, level = 0, [(root, 1)]
     for _ in range(DEEPEST):
         total += sum(times for _, times in level)
@@ -91,17 +91,17 @@ def _check_size(path: Path, root: ElementTree.Element) -> None:
 
 
 def _copies(element: ElementTree.Element) -> int:
-    """How often an element stands for its content: what `count` says where MuJoCo repeats it."""
+    """How often MuJoCo repeats the content of an element."""
     found = 1
     for word in element.get("count", "").split() if element.tag in ("replicate", "composite", "flexcomp") else ():
-        found *= int(word[:10]) if word.isdecimal() else 1  # ten digits are too many as they are
+        found *= int(word[:10]) if word.isdecimal() else 1  # a number of ten digits is too large anyway
     return found
 
 
 def files(model: Source) -> Iterator[tuple[ElementTree.Element, str, Path | None]]:
-    """(element, name, path or None where that lies outside the folder of the model) of all files an MJCF refers to.
+    """(element, name, path or None if outside the model's folder) of all files to which a model refers.
 
-    Of a URDF MuJoCo strips the paths, unless the file forbids it.
+    A URDF has none, because MuJoCo strips their paths, unless the file forbids that.
     """
     folder = model.path.parent.resolve()
     compilers = list(model.root.iter("compiler"))
@@ -119,7 +119,7 @@ def files(model: Source) -> Iterator[tuple[ElementTree.Element, str, Path | None
 
 
 def inside(path: Path, folder: Path, name: str) -> Path:
-    """The file that `name` in the model stands for; raises `SceneError` where it lies outside the model's folder."""
+    """The path of the file `name` in a model; raises `SceneError` if it lies outside the model's folder."""
     found = (folder / name).resolve()
     if not found.is_relative_to(folder):
         raise outside(path, name)

@@ -1,4 +1,4 @@
-"""A scene as the tree that model files want: every body on one joint, parents first; loops apart."""
+"""A scene as the tree that model files need: every body on one joint, parents first, and the loop joints."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from crosscheck.scene.model import GROUND, Joint, Scene
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers for an attribute; they keep every bit."""
+    """Numbers as text for an attribute, with every bit."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def refused(scene: Scene, form: str, what: str) -> SceneError:
-    """The error that names what a format cannot hold."""
+    """The error for something that a format cannot hold."""
     return SceneError(f"{scene.name}: {form} cannot hold {what}")
 
 
 def grown(scene: Scene, form: str) -> tuple[list[tuple[int, Joint | None]], list[Joint]]:
-    """((body, the joint it hangs on or None where it is free), parents first; the joints that close loops)."""
+    """((body, its joint or None if it is free), parents first; the joints that close loops)."""
     hung: dict[int, Joint] = {}
     loops = []
     for joint in scene.joints:

@@ -1,4 +1,4 @@
-"""A scene as URDF: the frame of a link sits at its joint, with the axes of the body."""
+"""Writes a scene as URDF: the frame of a link is at its joint, with the axes of the body."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from crosscheck.scene.models.trees import grown, numbers, refused
 WORLD = "world"
 TYPES = {"revolute": "continuous", "prismatic": "prismatic", "fixed": "fixed"}
 FAR = 1e9
-"""m: a prismatic joint of a URDF needs limits."""
+"""m. A prismatic joint of a URDF must have limits."""
 
 
 def urdf(scene: Scene) -> Element:
@@ -24,7 +24,7 @@ def urdf(scene: Scene) -> Element:
         raise refused(scene, "URDF", f"joint {loops[0].name!r}, which closes a loop")
     root = Element("robot", name=scene.name)
     SubElement(root, "link", name=WORLD)
-    origins = {GROUND: np.zeros(3)}  # of the link's frame, from the centre of mass in the body's axes
+    origins = {GROUND: np.zeros(3)}  # of the link frames, from the centre of mass in the body's axes
     for body, joint in order:
         if joint is None:
             raise refused(scene, "URDF", f"the free body {scene.bodies[body].name!r}")
@@ -44,8 +44,9 @@ def _check(scene: Scene) -> None:
     for joint in scene.joints:
         if joint.type not in TYPES:
             raise refused(scene, "URDF", f"joint {joint.name!r} of type {joint.type}")
-        for key in ("armature", "stiffness"):
-            if any(getattr(joint, key)):
+        for key, there in (("armature", any(joint.armature)), ("stiffness", any(joint.stiffness)),
+                           ("drive", joint.drive is not None)):
+            if there:
                 raise refused(scene, "URDF", f"the {key} of joint {joint.name!r}")
     if any(body.name == WORLD for body in scene.bodies):
         raise refused(scene, "URDF", f'a body named "{WORLD}", which is its name for the ground')
@@ -67,7 +68,7 @@ def _joint(scene: Scene, root: Element, joint: Joint, origins: dict[int, np.ndar
     SubElement(made, "parent", link=WORLD if joint.parent == GROUND else scene.bodies[joint.parent].name)
     SubElement(made, "child", link=scene.bodies[joint.child].name)
     relative = zero_attitude(joint)
-    if joint.type != "revolute" and joint.reference is None:  # it keeps the attitude of the start
+    if joint.type != "revolute" and joint.reference is None:  # the joint keeps the initial attitude
         inner = np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]
         relative = inner.T @ scene.R0[joint.child]
     SubElement(made, "origin", xyz=numbers(joint.parent_anchor - origins[joint.parent]),

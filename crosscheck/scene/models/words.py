@@ -1,15 +1,15 @@
-"""Many sentences that say the same of many joints or bodies, as few."""
+"""Shortens lists of sentences that say the same about many joints or bodies."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 MOST_ALIKE, MOST_NAMED = 3, 6
-"""Sentences of one kind that are written out, and names in the one that stands for more of them."""
+"""Largest number of like sentences written out, and of names in the one sentence that replaces more of them."""
 
 
 def together(sentences: Iterable[tuple[str, str]]) -> list[str]:
-    """(sentence, name in it) in turn: where more than a few differ in the name only, the first one names the others."""
+    """Sentences from pairs (sentence, name in it); of many that differ only in the name, the first lists the others."""
     groups: dict[str, list[tuple[str, str]]] = {}
     for sentence, name in sentences:
         groups.setdefault(sentence.replace(name, "\0") if name else sentence, []).append((sentence, name))
@@ -25,6 +25,6 @@ def together(sentences: Iterable[tuple[str, str]]) -> list[str]:
 
 
 def quoted(sentence: str) -> tuple[str, str]:
-    """The sentence with the first name in it that stands between quotes."""
+    """The sentence and the name in quotes in it, '' if it has not exactly one."""
     parts = sentence.split("'")
     return sentence, f"'{parts[1]}'" if len(parts) == 3 else ""

@@ -1,4 +1,4 @@
-"""A scene file's content as TOML text; numbers keep every bit."""
+"""Writes the content of a scene file as TOML; numbers keep every bit."""
 
 from __future__ import annotations
 

@@ -1,11 +1,15 @@
 """Scenes as MJCF and URDF: reading them back gives the scene to rounding, and what has no place is named."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import crosscheck
 from crosscheck.scene.coordinates import at_start
+from crosscheck.scene.functions import sine
 from crosscheck.scene.mechanics import index1
+from crosscheck.scene.model import Force
 from tests.scene.models.model_files import ARM_URDF, ZOO
 from tests.scene.test_coordinates import body, joint, load
 
@@ -150,3 +154,18 @@ def test_a_urdf_holds_no_armature(tmp_path):
         crosscheck.export_model(scene, tmp_path / "robot.urdf")
     crosscheck.export_model(scene, tmp_path / "robot.xml")
     assert crosscheck.import_model(tmp_path / "robot.xml").joints[0].armature == (0.2,)
+
+
+@pytest.mark.parametrize("ending", [".xml", ".urdf"])
+@pytest.mark.parametrize("given", ["drive", "rest_angle"])
+def test_functions_of_time_are_refused(given, ending, tmp_path):
+    scene = crosscheck.load_scene("driven_double_pendulum")
+    turning = sine([(0.1, 2.0, 0.0)])
+    if given == "drive":
+        driven = dataclasses.replace(scene.joints[0], drive=turning)
+        scene = scene.replace(forces=(), joints=(driven, *scene.joints[1:]))
+    else:
+        spring = {"stiffness": 1.0, "damping": 0.0, "rest_angle": turning}
+        scene = scene.replace(forces=(Force("torsional_spring", None, None, scene.joints[0].name, spring),))
+    with pytest.raises(crosscheck.SceneError, match=r"cannot hold (the drive|forces)"):
+        crosscheck.export_model(scene, tmp_path / f"robot{ending}")

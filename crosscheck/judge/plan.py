@@ -40,7 +40,7 @@ STUDY_SAMPLES = 6
 PLANS = {
     "single_pendulum": Plan(1.0, {1: 1e-4, 2: 1e-3}, {
         1: EULER_LADDER, 4: halved(2e-2), 5: halved(4e-2), 6: parts(0.2, 4, 6, 8, 10), 8: parts(0.2, 1, 2, 3, 4)}),
-    "double_pendulum": Plan(1.0, {1: 4e-5, 2: 1e-3}, {
+    "double_pendulum": Plan(1.0, {1: 3.5e-5, 2: 1e-3}, {
         1: EULER_LADDER, 4: halved(5e-3), 5: parts(0.2, 10, 15, 20, 30), 8: parts(0.2, 10, 12, 14, 16)}),
     "triple_pendulum": Plan(2.0, {1: 1e-4, 2: 1e-3}, {
         1: EULER_LADDER, 4: halved(2e-2), 5: halved(1e-2), 6: parts(0.4, 12, 16, 20, 24),

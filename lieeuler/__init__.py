@@ -6,6 +6,7 @@ from lieeuler.forces import ConstantLoad, LinearSpring, SlideForce, TorsionalSpr
 from lieeuler.functions import TimeFunction
 from lieeuler.integrate import integrate
 from lieeuler.joints import (
+    Contact,
     Dot,
     Drive,
     Joint,
@@ -13,11 +14,14 @@ from lieeuler.joints import (
     cylindrical_joint,
     distance_joint,
     fixed_joint,
+    knife_edge_joint,
     planar_joint,
     point_on_line_joint,
     point_on_plane_joint,
     prismatic_joint,
     revolute_joint,
+    rolling_disk_joint,
+    rolling_sphere_joint,
     spherical_joint,
     universal_joint,
 )
@@ -32,6 +36,7 @@ __all__ = [
     "ArgumentError",
     "Body",
     "ConstantLoad",
+    "Contact",
     "Dot",
     "Drive",
     "EnsembleSolution",
@@ -54,11 +59,14 @@ __all__ = [
     "fixed_joint",
     "integrate",
     "integrate_ensemble",
+    "knife_edge_joint",
     "planar_joint",
     "point_on_line_joint",
     "point_on_plane_joint",
     "prismatic_joint",
     "revolute_joint",
+    "rolling_disk_joint",
+    "rolling_sphere_joint",
     "spherical_joint",
     "universal_joint",
 ]

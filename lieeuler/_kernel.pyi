@@ -11,6 +11,11 @@ class Carrier(enum.Enum):
     parent = 1
     child = 2
 
+class ContactKind(enum.Enum):
+    edge = 0
+    disk = 1
+    sphere = 2
+
 class CoordinateMap(enum.Enum):
     exp = 0
     cayley = 1
@@ -43,6 +48,8 @@ class System:
                   scales: Sequence[float], /) -> None: ...
     def add_rotor(self, joint: int, inertia: float, turns: bool, parent_axis: np.ndarray, child_axis: np.ndarray,
                   normal: np.ndarray, second_normal: np.ndarray, pointer: np.ndarray, /) -> None: ...
+    def add_contact(self, kind: ContactKind, normal: np.ndarray, axis: np.ndarray, radius: float,
+                    across: Sequence[np.ndarray], /) -> None: ...
     def drive_joint(self, turns: bool, parent_axis: np.ndarray, child_axis: np.ndarray, normal: np.ndarray,
                     second_normal: np.ndarray, pointer: np.ndarray, drive: TimeFunction, /) -> None: ...
     def add_linear_spring(self, parent: int, child: int, parent_point: np.ndarray, child_point: np.ndarray,

@@ -15,7 +15,13 @@ fixed                  6  d = 0; e1 . f2 = 0, e2 . f3 = 0, e3 . f1 = 0
 distance               1  (d . d - c^2) / (2 c) = 0
 point_on_line          2  n1 . d = 0, n2 . d = 0
 point_on_plane         1  parent_axis . d = 0
+knife_edge             2  parent_axis . d = 0; (parent_axis x child_axis) . s = 0
+rolling_disk           3  height of the centre; n1 . s = 0, n2 . s = 0
+rolling_sphere         3  parent_axis . d - radius = 0; n1 . s = 0, n2 . s = 0
 ==================  ====  ==========================================================================================
+
+s is the velocity of the body's point that touches the plane. Its rows hold velocities alone, A(q) u = 0: no position is
+closed to them. The height of a disk's centre is parent_axis . d - radius sqrt(1 - (parent_axis . child_axis)^2).
 
 Anchors are measured from the centre of mass in the body's frame; those of the ground (index -1) are world coordinates.
 Axes are given in the body's frame and are normalised here.
@@ -32,7 +38,7 @@ from lieeuler import _kernel
 from lieeuler.checks import Frozen, body_index, normals, number, positive, rotation, unit, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.functions import TimeFunction
-from lieeuler.types import ArrayLike
+from lieeuler.types import GROUND, ArrayLike
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,6 +125,42 @@ class Rotor(Frozen):
 
 
 @dataclasses.dataclass(frozen=True)
+class Contact(Frozen):
+    """One point of a body touches a plane of the ground, and does not slip: across a blade, or at all.
+
+    Parameters
+    ----------
+    kind : "edge" | "disk" | "sphere"
+    normal : (3,)
+        Of the plane, towards the body, world axes.
+    axis : (3,)
+        Of the blade or of the disk, in the body's frame; that of a sphere is not looked at.
+    radius : float
+        m; 0 of an edge.
+    """
+
+    kind: str
+    normal: np.ndarray
+    axis: np.ndarray
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("edge", "disk", "sphere"):
+            raise ArgumentError(f"kind must be 'edge', 'disk' or 'sphere', not {self.kind!r}")
+        for name in ("normal", "axis"):
+            object.__setattr__(self, name, unit(name, getattr(self, name)))
+        if self.kind == "edge":
+            object.__setattr__(self, "radius", 0.0)
+        else:
+            object.__setattr__(self, "radius", positive("radius", self.radius))
+
+    @property
+    def across(self) -> tuple[np.ndarray, ...]:
+        """Directions of the plane in which nothing slips; of an edge one that stands for that across its blade."""
+        return normals(self.normal)[:1] if self.kind == "edge" else normals(self.normal)
+
+
+@dataclasses.dataclass(frozen=True)
 class Joint(Frozen):
     """Basic constraints between two bodies, or a body and the ground (index -1).
 
@@ -136,6 +178,8 @@ class Joint(Frozen):
         The last row: a coordinate as a function of time.
     rotors : tuple of Rotor
         Inertias of the joint's coordinates; they constrain nothing and have no row in lam.
+    contact : Contact, optional
+        With a plane of the ground through the parent's anchor: rows of its height and of its slip.
     """
 
     parent: int
@@ -146,6 +190,7 @@ class Joint(Frozen):
     dots: tuple[Dot, ...] = ()
     drive: Drive | None = None
     rotors: tuple[Rotor, ...] = ()
+    contact: Contact | None = None
 
     def __post_init__(self) -> None:
         for name in ("parent", "child"):
@@ -160,11 +205,14 @@ class Joint(Frozen):
                 raise ArgumentError(f"{name} must be a tuple of {kind.__name__}, not {values!r}")
         if not self.rows:
             raise ArgumentError("a joint needs at least one constraint row")
+        if self.contact is not None and (self.parent != GROUND or self.rows > 1 + len(self.contact.across)):
+            raise ArgumentError("a contact is with the ground, and the only thing in its joint")
 
     @property
     def rows(self) -> int:
         """Number of constraint rows."""
-        return 3 * self.spherical + len(self.dots) + (self.drive is not None)
+        touching = 0 if self.contact is None else 1 + len(self.contact.across)
+        return 3 * self.spherical + len(self.dots) + (self.drive is not None) + touching
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this joint to the compiled system."""
@@ -172,6 +220,9 @@ class Joint(Frozen):
                          [_kernel.Carrier[carrier] for dot in self.dots for carrier in (dot.a, dot.b)],
                          [axis for dot in self.dots for axis in (dot.a_axis, dot.b_axis)],
                          [dot.constant for dot in self.dots], [dot.scale for dot in self.dots])
+        if self.contact is not None:
+            system.add_contact(_kernel.ContactKind[self.contact.kind], self.contact.normal, self.contact.axis,
+                               self.contact.radius, self.contact.across)
         if self.drive is not None:
             n1, n2 = normals(self.drive.parent_axis)
             pointer = n1 if self.drive.relative is None else self.drive.relative @ n1
@@ -282,3 +333,27 @@ def point_on_plane_joint(parent: int, child: int, parent_anchor: ArrayLike, chil
     """The child's anchor stays in the plane normal to the axis through the parent's anchor."""
     dots = _across(unit("parent_axis", parent_axis))
     return Joint(parent, child, parent_anchor, child_anchor, False, dots)
+
+
+def knife_edge_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
+                     parent_axis: ArrayLike, child_axis: ArrayLike) -> Joint:
+    """A blade along child_axis touches the plane normal to parent_axis at the child's anchor: it does not slip across
+    the blade. The parent is the ground."""
+    contact = Contact("edge", unit("parent_axis", parent_axis), unit("child_axis", child_axis))
+    return Joint(parent, child, parent_anchor, child_anchor, False, contact=contact)
+
+
+def rolling_disk_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
+                       parent_axis: ArrayLike, child_axis: ArrayLike, radius: float) -> Joint:
+    """The rim of a disk about child_axis, its centre at the child's anchor, rolls on the plane normal to parent_axis.
+    The parent is the ground."""
+    contact = Contact("disk", unit("parent_axis", parent_axis), unit("child_axis", child_axis), radius)
+    return Joint(parent, child, parent_anchor, child_anchor, False, contact=contact)
+
+
+def rolling_sphere_joint(parent: int, child: int, parent_anchor: ArrayLike, child_anchor: ArrayLike,
+                         parent_axis: ArrayLike, radius: float) -> Joint:
+    """A sphere, its centre at the child's anchor, rolls on the plane normal to parent_axis. The parent is the
+    ground."""
+    axis = unit("parent_axis", parent_axis)
+    return Joint(parent, child, parent_anchor, child_anchor, False, contact=Contact("sphere", axis, axis, radius))

@@ -230,6 +230,8 @@ def _refused(problem: Problem, joint: Joint) -> tuple[np.ndarray, np.ndarray]:
     """World directions (k, 3) along which a joint's anchors do not move apart, and about which its bodies do not turn
     relative to each other, at the start; the drive is left out."""
     R = {"child": problem.R[joint.child], "parent": np.eye(3) if joint.parent == GROUND else problem.R[joint.parent]}
+    if joint.contact is not None:
+        raise NotPlanar("a body rolls")
     across, turns = list(np.eye(3)) if joint.spherical else [], []
     for dot in joint.dots:
         if (dot.a, dot.b) == ("parent", "difference") and dot.constant == 0:

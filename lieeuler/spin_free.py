@@ -127,7 +127,7 @@ def _attached(problem: Problem) -> dict[int, list[np.ndarray]]:
             found[body].append(anchor / length)
             found[body] += [axis for dot in joint.dots
                             for carrier, axis in ((dot.a, dot.a_axis), (dot.b, dot.b_axis)) if carrier == side]
-        if joint.drive is not None or joint.rotors:
+        if joint.drive is not None or joint.rotors or joint.contact is not None:
             turned |= {joint.parent, joint.child}
     for force in problem.forces:
         if isinstance(force, TorsionalSpring | SlideForce):

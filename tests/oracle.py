@@ -47,7 +47,12 @@ def right_tangent(coordinate_map, theta):
 
 
 class Bodies:
-    """Bodies under gravity (masses, inertias, gravity); a state is q = (x, R) and u = (v, w) of every body in turn."""
+    """Bodies under gravity (masses, inertias, gravity); a state is q = (x, R) and u = (v, w) of every body in turn.
+
+    `slips` says of each row whether it holds velocities alone.
+    """
+
+    slips = False
 
     @property
     def n(self):
@@ -158,7 +163,8 @@ def lagrange_step(system, level, q0, u0, h, coordinate_map, guess, gains=(0.0, 0
         q, u, lam = unpack(z)
         G, phi = system.G(q), system.phi(q)
         a = (u - u0) / h
-        rows = {"position": [phi / h], "velocity": [G @ u], "stabilised": [G @ u, phi / h],
+        rows = {"position": [np.where(system.slips, G @ u, phi / h)], "velocity": [G @ u],
+                "stabilised": [G @ u, np.where(system.slips, z[nu + m:] if level == "stabilised" else 0, phi / h)],
                 "acceleration": [h * (G @ a + system.gamma(q, u) + 2 * gains[0] * G @ u + gains[1]**2 * phi)]}[level]
         return np.concatenate([system.M @ (u - u0) - h * system.force(u) + h * G.T @ lam, *rows])
 
@@ -177,7 +183,8 @@ def hamilton_step(system, level, q0, u0, h, coordinate_map, guess):
 
     def residual(z):
         q, u, lam, y = unpack(z)
-        rows = system.G(q) @ u if level == "velocity" else system.phi(q) / h
+        rates = system.G(q) @ u
+        rows = rates if level == "velocity" else np.where(system.slips, rates, system.phi(q) / h)
         return np.r_[y - system.M @ u0 - h * (system.applied() - G0.T @ lam), rows]
 
     z = newton(residual, guess)
@@ -205,6 +212,28 @@ def integrate(system, method, q, u, h, steps, coordinate_map="exp", gains=(0.0, 
     else:
         a = np.linalg.solve(system.M, system.force(u) - system.G(q).T @ lam)
     return q, u, a, lam
+
+
+def rattle_step(system, q0, u0, h, guess):
+    """One step of RATTLE; returns q, u and the solution as the next guess.
+
+    Rows of slip hold the velocity of the step in the mean of its two configurations.
+    """
+    nu, G0 = 6 * system.n, system.G(q0)
+
+    def residual(z):
+        xi, lam = z[:nu], z[nu:]
+        q = system.move(q0, h, xi)
+        rows = np.where(system.slips, (G0 + system.G(q)) @ xi / 2, system.phi(q) / h)
+        impulse = h / 2 * (system.applied() - G0.T @ lam)
+        return np.r_[system.momenta(h, xi, exp_series)[0] - system.M @ u0 - impulse, rows]
+
+    z = newton(residual, guess)
+    xi = z[:nu]
+    q = system.move(q0, h, xi)
+    u = np.linalg.solve(system.M, system.momenta(h, xi, exp_series)[1] + h / 2 * system.applied())
+    G = system.G(q)
+    return q, u - np.linalg.solve(system.M, G.T @ np.linalg.solve(G @ np.linalg.solve(system.M, G.T), G @ u)), z
 
 
 def additive_steps(system, q, u, h):
@@ -252,7 +281,8 @@ def alpha_step(system, radius, q0, u0, a0, A0, h, guess):
     def residual(z):
         q, u, a, _, lam = unpack(z)
         G = system.G(q)
-        return np.concatenate([h * (system.M @ a - system.force(u) + G.T @ lam), G @ u, system.phi(q) / h])
+        closing = np.where(system.slips, z[nu + m:], system.phi(q) / h)
+        return np.concatenate([h * (system.M @ a - system.force(u) + G.T @ lam), G @ u, closing])
 
     z = newton(residual, guess)
     return (*unpack(z), z)

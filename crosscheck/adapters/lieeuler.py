@@ -106,7 +106,7 @@ class LieEuler:
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why lieeuler cannot run this, or None; it models all joints and forces except mimic."""
-        if reason := scene.beyond(("armature", "drive", "joint_torque", "function")):
+        if reason := scene.beyond(("armature", "drive", "slip", "joint_torque", "function")):
             return reason
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"

@@ -41,7 +41,7 @@ def truth(scene: Scene) -> Reference:
     """
     from crosscheck.references import cache
 
-    if reason := scene.beyond(("armature", "drive", "joint_torque", "function")):
+    if reason := scene.beyond(("armature", "drive", "slip", "joint_torque", "function")):
         raise Unsupported(f"truth of {scene.name!r}: {reason}")
     if geared := _geared_closures(scene):
         raise Unsupported(f"truth of {scene.name!r}: armature of joint {geared[0]!r} is not built where every joint of "

@@ -87,7 +87,8 @@ def _all_directions(integrator: Taylor, length: float) -> np.ndarray:
         change = integrator.closure(_moved(integrator, unit)) - integrator.closure(_moved(integrator, -unit))
         rows.append(change / (2 * CLOSURE_STEP))
     _, _, V = np.linalg.svd(np.array(rows).T)
-    found: np.ndarray = V[2 * integrator.rank:] * units
+    slips = sum(cut.slips for cut in integrator.cuts)  # rows without values
+    found: np.ndarray = V[2 * integrator.rank - slips:] * units
     return found
 
 

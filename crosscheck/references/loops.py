@@ -25,6 +25,7 @@ from crosscheck.references.generic import (
     solve_factored,
 )
 from crosscheck.references.joint_motion import ZERO, Tree
+from crosscheck.references.rolling import ROLLING, directions, terms
 from crosscheck.references.tree import FREE
 from crosscheck.references.tree_loads import Loads
 from crosscheck.scene.model import GROUND, Joint, Scene
@@ -39,12 +40,14 @@ ONE_POINT = ("spherical", "universal", "revolute", "fixed")
 class Cut:
     """One row of a joint: d . direction = 0, two perpendicular directions, or the length of a rod.
 
-    `direction` is fixed in the parent; `other`, of a pair, in the child. A rod has neither.
+    `direction` is fixed in the parent; `other`, of a pair, in the child. A rod has neither. Rows that `slips` hold only
+    velocities.
     """
 
     joint: Joint
     direction: list[Any] | None = None
     other: list[Any] | None = None
+    slips: bool = False
 
 
 @dataclasses.dataclass
@@ -64,9 +67,14 @@ def cuts(scene: Scene, joints: tuple[Joint, ...]) -> list[Cut]:
     """All rows of the joints, dependent ones included."""
     found = []
     for joint in joints:
+        if joint.type in ROLLING:
+            found += [Cut(joint, None if way is None else way.tolist(), slips=k > 0)
+                      for k, way in enumerate(directions(joint))]
+            continue
         frames = [np.eye(3) if body == GROUND else scene.R0[body] for body in (joint.parent, joint.child)]
-        found += [Cut(joint, *(None if vector is None else np.asarray(vector).tolist() for vector in vectors))
-                  for vectors in _vectors(joint, frames[1].T @ frames[0])]
+        for vectors in _vectors(joint, frames[1].T @ frames[0]):
+            direction, other = (None if vector is None else np.asarray(vector).tolist() for vector in vectors)
+            found.append(Cut(joint, direction, other))
     return found
 
 
@@ -98,6 +106,8 @@ def _vectors(joint: Joint, relative: np.ndarray) -> list[tuple[Any, ...]]:
 def row(cut: Cut, loads: Loads) -> Row:
     """A cut's row at the state of `loads`."""
     joint = cut.joint
+    if joint.type in ROLLING:
+        return Row(joint, *terms(joint, cut.direction, not cut.slips, loads))
     i, j = joint.parent, joint.child
     place, velocity = loads.point(j, joint.child_anchor.tolist())
     anchor, _ = loads.point(i, joint.parent_anchor.tolist())

@@ -17,6 +17,7 @@ TURNS = {"prismatic": 0, "fixed": 0, "revolute": 1, "cylindrical": 1, "planar": 
 SHIFTS = {"cylindrical": "line", "prismatic": "line", "point_on_line": "line", "planar": "plane",
           "point_on_plane": "plane", "distance": "sphere"}  # else none
 FREE = 3
+CONTACTS = ("knife_edge", "rolling_disk", "rolling_sphere")  # rows of velocities, which no coordinates stand for
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Link:
 def unfold(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
     """The links of a scene, inner bodies before outer ones, and the joints that close loops."""
     links: dict[int, Link] = {}
-    unused = list(scene.joints)
+    unused = [joint for joint in scene.joints if joint.type not in CONTACTS]
     _grow(scene, GROUND, links, unused)
     for body in range(scene.n):
         if body not in links:
@@ -58,7 +59,7 @@ def unfold(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
             links[body] = Link(body, GROUND, float(record.mass), record.inertia.tolist(), [0.0] * 3, [0.0] * 3, FREE,
                                (), "free", False, (), 1.0, None)
             _grow(scene, body, links, unused)
-    return tuple(links.values()), tuple(unused)
+    return tuple(links.values()), (*unused, *(joint for joint in scene.joints if joint.type in CONTACTS))
 
 
 def _grow(scene: Scene, start: int, links: dict[int, Link], unused: list[Joint]) -> None:

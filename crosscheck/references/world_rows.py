@@ -15,6 +15,7 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.world import HAT, Motion, back, centripetal, cross, dots, rotation, turned
+from crosscheck.references.world_contacts import ROLLING, Contacts
 from crosscheck.scene.model import Joint, Scene
 
 
@@ -225,11 +226,16 @@ POINTED = ("spherical", "universal", "revolute", "fixed")  # joints whose anchor
 def kinds(scene: Scene) -> list[Any]:
     """The rows of all joints of a scene, one record a kind that occurs."""
     uses: dict[type, list[Row]] = {kind: [] for kind in KINDS}
+    rolling = [joint for joint in scene.joints if joint.type in ROLLING]
     for joint in scene.joints:
+        if joint in rolling:
+            continue
         relative = np.eye(3) if joint.child < 0 else scene.R0[joint.child].T
         _add(joint, relative @ scene.R0[joint.parent] if joint.parent >= 0 else relative, uses)
     driven = [joint for joint in scene.joints if joint.drive is not None]
-    return [kind(uses[kind], scene.n) for kind in KINDS if uses[kind]] + ([Driven(driven, scene.n)] if driven else [])
+    found: list[Any] = [kind(uses[kind], scene.n) for kind in KINDS if uses[kind]]
+    found += [Driven(driven, scene.n)] if driven else []
+    return found + ([Contacts(rolling, scene.n)] if rolling else [])
 
 
 def _add(joint: Joint, relative: np.ndarray, uses: dict[type, list[Row]]) -> None:

@@ -111,7 +111,8 @@ def minimal_scenes() -> tuple[Minimal, ...]:
     """
     found = [Minimal("joint to the ground", kind, _closed([_joint(kind, GROUND, 0, "joint")])) for kind in JOINTS]
     found += [Minimal("joint between bodies", kind, _closed([_joint("spherical", GROUND, 0, "base"),
-                                                             _joint(kind, 0, 1, "joint")])) for kind in JOINTS]
+                                                             _joint(kind, 0, 1, "joint")]))
+              for kind in JOINTS if not JOINT_TYPES[kind].slips]
     found += [Minimal("force", kind, _closed(
         [_joint(NEEDS.get(kind, "spherical"), GROUND, 0, "joint")], [_force(kind)])) for kind in FORCES]
     found += [Minimal("force", f"{kind} between bodies", _closed(
@@ -134,14 +135,15 @@ def _body(k: int) -> Body:
 
 
 def _joint(kind: str, parent: int, child: int, name: str) -> Joint:
-    """A joint whose axes coincide (universal: are at right angles) in the given attitudes of its bodies."""
+    """A joint whose axes coincide (universal, blade, disk: at right angles) in the given attitudes of its bodies."""
     axis, other, needs = np.array([0.6, 0.0, 0.8]), None, JOINT_TYPES[kind].needs
     if needs["child_axis"]:
         inner, outer = (np.eye(3) if k == GROUND else rotation_from_quaternion(_body(k).attitude)
                         for k in (parent, child))
-        other = outer.T @ inner @ (np.array([-0.8, 0.0, 0.6]) if JOINT_TYPES[kind].axes == "perpendicular" else axis)
+        other = outer.T @ inner @ (axis if JOINT_TYPES[kind].axes == "parallel" else np.array([-0.8, 0.0, 0.6]))
     return Joint(name, kind, parent, child, np.array([0.2, -0.1, 0.3]), np.array([0.1, 0.2, 0.5]),
-                 axis if needs["parent_axis"] else None, other, 0.7 if needs["length"] else None)
+                 axis if needs["parent_axis"] else None, other, 0.7 if needs["length"] else None,
+                 0.7 if needs["radius"] else None)
 
 
 def _force(kind: str, parent: int = GROUND, child: int = 0) -> Force:

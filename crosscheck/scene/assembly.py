@@ -26,6 +26,7 @@ from crosscheck.scene.vectors import cross
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+_UPRIGHT = 1 - 1e-9  # of the axis against the normal: 4e-5 rad, where derivatives of the lowest point are 1e5
 _LARGE = 100  # bodies from which the algebra is sparse; dense, its time grows as their number cubed
 _ITERATIONS = 400
 _DIFFERENCE = 1e-5  # step in the weighted displacement: gives the Hessian to about 1e-10, enough to guide Newton
@@ -52,6 +53,11 @@ def completed(draft: Draft) -> Scene:
     state, shifts = starts.attitudes(draft, state)
     scene = scene.replace(bodies=bodies_at(scene, state))
     draft = dataclasses.replace(draft, scene=scene)
+    for index, joint in enumerate(scene.joints):
+        if joint.type == "rolling_disk" and abs(
+                joint.parent_axis @ scene.R0[joint.child] @ joint.child_axis) > _UPRIGHT:
+            raise EntryError(f'joints[{index}] "{joint.name}"', "the disk lies flat on its plane, so that no point of "
+                             "its rim is the lowest", f'tilt the attitude of "{scene.bodies[joint.child].name}"')
     constraints = Constraints(scene)  # before any correction: prismatic and fixed joints keep this relative attitude
     state = _tree_positions(draft, state, shifts)
     if not draft.assemble:
@@ -254,6 +260,7 @@ def _linearised(constraints: Constraints, guess: Configuration, unweighted: np.n
     x, R = moved.x, moved.R
     G = constraints.jacobian(x, R).reshape(len(z), -1, n, 6)
     G[..., 3:] = np.einsum("kmni,knij->kmnj", G[..., 3:], _right_tangents(displacements[..., 3:]))
+    G[:, constraints.slips] = 0.0  # rows without positions
     return constraints.position(x, R), G.reshape(len(z), -1, 6 * n) @ unweighted
 
 

@@ -183,17 +183,20 @@ def _joint(scene: SceneEntry, bodies: Mapping[str, int], index: int, joint: Join
         raise EntryError(f"{entry}: child", f'joins the body "{joint.child}" to itself', "name two different bodies")
     for key, needed in JOINT_TYPES[joint.type].needs.items():
         value = getattr(joint, key)
-        example = "1.0 (m)" if key == "length" else "[0.0, 0.0, 1.0]"
+        example = "1.0 (m)" if key in ("length", "radius") else "[0.0, 0.0, 1.0]"
         if needed and value is None:
             raise EntryError(f"{entry}: {key}", f"missing, a {joint.type} joint needs it", f"add {key} = {example}")
         if not needed and value is not None:
             raise EntryError(f"{entry}: {key}", f"a {joint.type} joint has none", "remove it, or change the type")
-    if joint.length is not None and joint.length <= 0:
-        raise EntryError(f"{entry}: length", f"{joint.length:g} m is not positive",
-                         "write a number of m > 0, or use a spherical joint")
-    if joint.length is not None and joint.length < SMALLEST:
-        raise EntryError(f"{entry}: length", f"{joint.length:g} m is out of range",
-                         f"write a number above {SMALLEST:g}")
+    for key, instead in (("length", ", or use a spherical joint"), ("radius", "")):
+        size = getattr(joint, key)
+        if size is not None and size <= 0:
+            raise EntryError(f"{entry}: {key}", f"{size:g} m is not positive", f"write a number of m > 0{instead}")
+        if size is not None and size < SMALLEST:
+            raise EntryError(f"{entry}: {key}", f"{size:g} m is out of range", f"write a number above {SMALLEST:g}")
+    if JOINT_TYPES[joint.type].slips and parent != GROUND:
+        raise EntryError(f"{entry}: parent", f'the plane of a {joint.type} lies in the ground, not in "{joint.parent}"',
+                         'write parent = "ground"')
     parent_axis, child_axis = (None if axis is None else _unit(f"{entry}: {key}", axis, "write the axis's direction")
                                for key, axis in (("parent_axis", joint.parent_axis), ("child_axis", joint.child_axis)))
     joint_options.check_types(entry, joint)
@@ -203,7 +206,8 @@ def _joint(scene: SceneEntry, bodies: Mapping[str, int], index: int, joint: Join
     elastic = {key: joint_options.elastic(entry, joint, key)
                for key in ("armature", "damping", "stiffness", "rest_position")}
     return Joint(joint.name, joint.type, parent, child, np.array(joint.parent_anchor), np.array(joint.child_anchor),
-                 parent_axis, child_axis, joint.length, reference, joint_options.start(entry, joint, scene.duration)[0],
+                 parent_axis, child_axis, joint.length, joint.radius, reference,
+                 joint_options.start(entry, joint, scene.duration)[0],
                  mimic=joint_options.mimic(entry, joint, scene.joints), **elastic,
                  drive=joint_options.drive(entry, joint, scene.duration))
 

@@ -10,7 +10,8 @@ points s and axes a in body axes, d = x_j + R_j s_j - x_i - R_i s_i:
 - prismatic adds the dot-1 row n1 . b, with b fixed in the child: n2 at the start, made normal to child_axis;
 - fixed takes f, fixed in the child, as the parent's coordinate axes e at the start: rows e1.f2, e2.f3, e3.f1;
 - distance is (d . d - c^2) / (2 c);
-- a drive adds coordinate - function of time, last: the angle of a hinge, or axis . d of a slide.
+- a drive adds coordinate - function of time, last: the angle of a hinge, or axis . d of a slide;
+- contacts with a plane, whose rows of slip hold velocities alone, are those of `crosscheck.scene.contacts`.
 
 Rows: joints in file order, and within a joint positions before dot-1 for spherical, universal, revolute and fixed
 (3 + 0, 1, 2, 3 rows); dot-1 before dot-2 for cylindrical (2 + 2) and planar (2 + 1); prismatic is cylindrical + dot-1.
@@ -24,6 +25,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from crosscheck.scene.contacts import CONTACTS, KnifeEdge
 from crosscheck.scene.joints import JOINT_TYPES, Row
 from crosscheck.scene.model import Joint, Scene, rotation_from_quaternion
 from crosscheck.scene.vectors import cross, dot, normal_references, shortest_rotation
@@ -71,20 +73,17 @@ class Separation:
 
     def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
         """d."""
-        found: np.ndarray = (x[:, self.child.body] + self.child.value(x, R)
-                - x[:, self.parent.body] - self.parent.value(x, R))
-        return found
+        there = x[:, self.child.body] + self.child.value(x, R)
+        return np.asarray(there - x[:, self.parent.body] - self.parent.value(x, R))
 
     def rate(self, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Its time derivative."""
-        found: np.ndarray = (v[:, self.child.body] + self.child.rate(R, v, w)
-                - v[:, self.parent.body] - self.parent.rate(R, v, w))
-        return found
+        there = v[:, self.child.body] + self.child.rate(R, v, w)
+        return np.asarray(there - v[:, self.parent.body] - self.parent.rate(R, v, w))
 
     def centripetal(self, R: np.ndarray, w: np.ndarray) -> np.ndarray:
         """The part of its second derivative that is quadratic in w."""
-        found: np.ndarray = self.child.centripetal(R, w) - self.parent.centripetal(R, w)
-        return found
+        return np.asarray(self.child.centripetal(R, w) - self.parent.centripetal(R, w))
 
     def blocks(self, R: np.ndarray, directions: np.ndarray) -> Iterator[Block]:
         """As with `BodyVector`."""
@@ -119,10 +118,7 @@ class Basic:
     def value(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
         """Its rows of Phi, (T, K, rows)."""
         q = self.right.value(x, R)
-        if self.left is None:
-            return q
-        rows: np.ndarray = (dot(self.left.value(x, R), q) - self.offset) / self.unit
-        return rows
+        return q if self.left is None else np.asarray((dot(self.left.value(x, R), q) - self.offset) / self.unit)
 
     def rate(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Its rows of G u, (T, K, rows)."""
@@ -195,6 +191,7 @@ class Angle:
             yield body, None, np.broadcast_to(axis[:, None], (len(x), len(axis), 1, 3))
 
 
+AnyBasic = Basic | Angle | KnifeEdge
 Block = tuple[Any, "np.ndarray | None", np.ndarray]
 """Bodies (K,), the derivatives (T, K, r, 3) by their velocities in the world (None: zero) and by their angular ones."""
 
@@ -202,10 +199,9 @@ Block = tuple[Any, "np.ndarray | None", np.ndarray]
 def _stacked(items: Sequence[Any]) -> Any:
     """K vectors, separations or basic constraints of one kind stacked into one object."""
     first = items[0]
-    if isinstance(first, Angle):
-        return Angle(*(np.array([getattr(item, field.name) for item in items]) for field in dataclasses.fields(Angle)))
-    if isinstance(first, BodyVector):
-        return BodyVector(np.array([item.body for item in items]), np.array([item.s for item in items]))
+    if isinstance(first, Angle | BodyVector | KnifeEdge):
+        return type(first)(*(np.array([getattr(item, field.name) for item in items])
+                             for field in dataclasses.fields(first)))
     if isinstance(first, Separation):
         return Separation(_stacked([item.parent for item in items]), _stacked([item.child for item in items]))
     left = None if first.left is None else _stacked([item.left for item in items])
@@ -219,7 +215,7 @@ def _turned(R: np.ndarray, s: np.ndarray) -> np.ndarray:
     return found
 
 
-def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray) -> list[Basic | Angle]:
+def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray) -> list[AnyBasic]:
     """The basic constraints of a joint in row order, not yet stacked.
 
     `parent_attitude` and `child_attitude` (3, 3), body to world, are the initial ones: prismatic and fixed joints
@@ -228,6 +224,8 @@ def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray
     d = Separation(BodyVector(joint.parent, joint.parent_anchor), BodyVector(joint.child, joint.child_anchor))
     relative = child_attitude.T @ parent_attitude
 
+    if JOINT_TYPES[joint.type].slips:
+        return [CONTACTS[joint.type].of(joint)]
     inner = dict(zip(("e1", "e2", "e3"), np.eye(3), strict=True))
     outer = dict(zip(("f1", "f2", "f3"), relative.T, strict=True))
     if joint.parent_axis is not None:
@@ -246,10 +244,10 @@ def basics(joint: Joint, parent_attitude: np.ndarray, child_attitude: np.ndarray
                 return Basic(d, d, joint.length**2, 2 * joint.length)
             case "dot1":
                 return Basic(BodyVector(joint.parent, inner[row.parent]), BodyVector(joint.child, outer[row.child]))
-            case "dot2":
+            case _:
                 return Basic(BodyVector(joint.parent, inner[row.parent]), d)
 
-    found: list[Basic | Angle] = [basic(row) for row in JOINT_TYPES[joint.type].rows]
+    found: list[AnyBasic] = [basic(row) for row in JOINT_TYPES[joint.type].rows]
     if joint.drive is not None:
         if joint.type == "prismatic":
             found.append(Basic(BodyVector(joint.parent, joint.parent_axis), d))
@@ -272,6 +270,7 @@ class Constraints:
     m : number of rows.
     rows : the rows of each joint, by its name.
     dimensionless : (m,) true for the dot-1 rows.
+    slips : (m,) true for the rows that hold velocities and no positions.
     drives : (row, function of time, whether it is an angle) of each prescribed coordinate.
     """
 
@@ -280,7 +279,7 @@ class Constraints:
         attitudes = np.concatenate([scene.R0, np.eye(3)[None]])  # the ground is index -1, the last
         self.rows: dict[str, slice] = {}
         self.m = 0
-        kinds: dict[Any, tuple[list[Basic | Angle], list[int]]] = {}
+        kinds: dict[Any, tuple[list[AnyBasic], list[int]]] = {}
         for joint in scene.joints:
             first = self.m
             for basic in basics(joint, attitudes[joint.parent], attitudes[joint.child]):
@@ -291,11 +290,12 @@ class Constraints:
             self.rows[joint.name] = slice(first, self.m)
         self.drives = [(rows.stop - 1, joint.drive, joint.type == "revolute") for joint, rows in
                         zip(scene.joints, self.rows.values(), strict=True) if joint.drive is not None]
-        self._basics: list[tuple[np.ndarray, Basic | Angle]] = [  # rows (K, rows of each)
+        self._basics: list[tuple[np.ndarray, AnyBasic]] = [  # rows (K, rows of each)
             (np.array(starts)[:, None] + np.arange(alike[0].rows), _stacked(alike)) for alike, starts in kinds.values()]
-        self.dimensionless = np.zeros(self.m, dtype=bool)
+        self.dimensionless, self.slips = np.zeros((2, self.m), dtype=bool)
         for rows, basic in self._basics:
             self.dimensionless[rows] = basic.dimensionless
+            self.slips[rows[:, 1:]] = isinstance(basic, KnifeEdge)
 
     def rows_without(self, body: int | None) -> np.ndarray:
         """Indices of the rows of all joints except those at one body."""
@@ -343,8 +343,7 @@ class Constraints:
     def acceleration(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, a: np.ndarray,
                      alpha: np.ndarray, t: np.ndarray | float = 0.0) -> np.ndarray:
         """G du/dt + gamma at times t, (T, m), with du/dt = (a world, alpha body axes)."""
-        found: np.ndarray = self._evaluated("rate", x, R, a, alpha) + self.gamma(x, R, v, w, t)
-        return found
+        return np.asarray(self._evaluated("rate", x, R, a, alpha) + self.gamma(x, R, v, w, t))
 
     def jacobian(self, x: np.ndarray, R: np.ndarray) -> np.ndarray:
         """G, (T, m, 6n): per body in order three columns for v (world) and three for w (body axes)."""

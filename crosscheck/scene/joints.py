@@ -5,7 +5,8 @@ have their own, so that a wrong entry here does not make them wrong in the same 
 
 Rows, with d the vector from the parent's anchor to the child's, a the parent's axis and n1, n2 its reference vectors:
 `Row("point")` is d = 0, `Row("distance")` is (d . d - c^2) / (2 c), `Row("dot1", p, c)` is the product of a vector of
-the parent with one of the child, `Row("dot2", p)` is the product of a vector of the parent with d.
+the parent with one of the child, `Row("dot2", p)` is the product of a vector of the parent with d,
+`Row("contact")` is the height of a contact with a plane, `Row("slip")` holds a velocity there and no position.
 `crosscheck.scene.constraints` builds the vectors from their names.
 """
 
@@ -21,7 +22,7 @@ Zero = Literal["identity", "axes", "start"]
 class Row:
     """A basic constraint of a joint; its vectors are given by name."""
 
-    kind: Literal["point", "dot1", "dot2", "distance"]
+    kind: Literal["point", "dot1", "dot2", "distance", "contact", "slip"]
     parent: str = ""
     child: str = ""
 
@@ -37,24 +38,25 @@ class JointType:
         "slide n2" (along the references of the axis), "turn parent", "turn child" (about the axis of that body),
         "ball", "rod" (two turns of a rod's direction and a ball at its end).
     coordinates : the words of `motion` whose values a scene may give, in the order in which it gives them.
-    axes : which axes it needs and how they lie in the world: "parallel" and "perpendicular" need both.
+    axes : which axes it needs and how they lie in the world: "parallel", "perpendicular" and "any" need both.
     zero : the attitude of the child in the parent at zero coordinates: "axes" is the shortest rotation that takes the
         child's axis to the parent's, "start" that of the initial state.
-    length : whether it needs a length.
+    length, radius : whether it needs one.
     """
 
     rows: tuple[Row, ...]
     motion: tuple[str, ...] = ()
     coordinates: tuple[str, ...] = ()
-    axes: Literal["none", "parent", "parallel", "perpendicular"] = "none"
+    axes: Literal["none", "parent", "parallel", "perpendicular", "any"] = "none"
     zero: Zero = "identity"
     length: bool = False
+    radius: bool = False
 
     @property
     def needs(self) -> dict[str, bool]:
         """For each optional key of a scene file, whether the type needs it."""
-        return {"parent_axis": self.axes != "none", "child_axis": self.axes in ("parallel", "perpendicular"),
-                "length": self.length}
+        return {"parent_axis": self.axes != "none", "child_axis": self.axes not in ("none", "parent"),
+                "length": self.length, "radius": self.radius}
 
     @property
     def positions(self) -> int:
@@ -70,6 +72,11 @@ class JointType:
     def anchors_coincide(self) -> bool:
         """Whether it holds the two anchors together."""
         return self.rows[0].kind == "point"
+
+    @property
+    def slips(self) -> bool:
+        """Whether it has rows that hold velocities and no positions; its parent is the ground then."""
+        return any(row.kind == "slip" for row in self.rows)
 
     @property
     def keeps_attitude(self) -> bool:
@@ -88,6 +95,7 @@ _ON_LINE = (Row("dot2", "n1"), Row("dot2", "n2"))
 _NO_TURN = Row("dot1", "n1", "b")
 _ON_PLANE = Row("dot2", "axis")
 _ALL_AXES = (Row("dot1", "e1", "f2"), Row("dot1", "e2", "f3"), Row("dot1", "e3", "f1"))
+_ROLLING = (Row("contact"), Row("slip"), Row("slip"))
 _PLANE = ("slide n1", "slide n2")
 _TWO_AXES = ("turn parent", "turn child")
 
@@ -102,5 +110,8 @@ JOINT_TYPES: dict[str, JointType] = {
     "distance": JointType((Row("distance"),), ("rod",), length=True),
     "point_on_line": JointType(_ON_LINE, ("slide", "ball"), axes="parent"),
     "point_on_plane": JointType((_ON_PLANE,), (*_PLANE, "ball"), axes="parent"),
+    "knife_edge": JointType(_ROLLING[:2], (*_PLANE, "ball"), axes="any"),
+    "rolling_disk": JointType(_ROLLING, (*_PLANE, "ball"), axes="any", radius=True),
+    "rolling_sphere": JointType(_ROLLING, (*_PLANE, "ball"), axes="parent", radius=True),
 }
 """The types by their names in scene files, in the order in which messages list them."""

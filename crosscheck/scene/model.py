@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from crosscheck.scene.functions import TimeFunction
+from crosscheck.scene.joints import JOINT_TYPES
 
 GROUND = -1
 """Body index of the ground."""
 
-ELEMENTS = ("armature", "mimic", "drive", "joint_torque", "function")
+ELEMENTS = ("armature", "mimic", "drive", "slip", "joint_torque", "function")
 """Elements of scenes that an engine must declare if it can model them."""
 
 
@@ -102,6 +103,7 @@ class Joint:
     parent_axis: Any = None  # (3,) unit, parent's frame; None for types without one
     child_axis: Any = None  # (3,) unit, child's frame; None for types without one
     length: Any = None  # m, distance joints only
+    radius: Any = None  # m, of a rolling disk or sphere
     reference: Any = None  # (4,) quaternion of the child in the parent at zero coordinates; None: the type's default
     start: tuple[float, ...] | None = None  # coordinates at the start; they give the full turns of angles
     armature: tuple[float, ...] = ()  # kg m^2 or kg per coordinate; adds only the energy 1/2 armature rate^2
@@ -210,6 +212,9 @@ class Scene:
                                    ("drive", joint.drive is not None)):
                 if there and element not in known:
                     return f"joint {joint.name!r} has the key {element}, which is not built here"
+            if JOINT_TYPES[joint.type].slips and "slip" not in known:
+                return (f"joint {joint.name!r} is a {joint.type}, whose rows against slip hold velocities alone; "
+                        "such rows are not built here")
         for index, force in enumerate(self.forces):
             if force.type.startswith("joint_") and "joint_torque" not in known:
                 return f"forces[{index}] is a {force.type}, a type that is not built here"
@@ -275,10 +280,10 @@ def _plain(record: Any) -> dict[str, object]:
     """A dataclass as JSON values; floats keep every bit."""
     fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)
               if field.name not in _NOT_HASHED}
-    for name in ("armature", "mimic", "drive"):  # scenes without them keep the hash from before these keys existed
+    for name in ("armature", "mimic", "drive", "radius"):  # scenes without them keep their old hash
         if not fields.get(name):
             fields.pop(name, None)
-        elif name != "armature":
+        elif name not in ("armature", "radius"):
             fields[name] = dataclasses.astuple(fields[name])
     if "parameters" in fields:
         fields["parameters"] = {key: dataclasses.astuple(value) if isinstance(value, TimeFunction) else value

@@ -16,10 +16,11 @@ VERSIONS = (1, 2)
 """The versions of the scene format this package reads."""
 
 SECOND = {"joints": ("reference_attitude", "position", "velocity", "armature", "damping", "stiffness", "rest_position",
-                     "mimic", "drive"), "": ("left_out",)}
+                     "mimic", "drive", "radius"), "": ("left_out",)}
 """Keys that need version 2 of the format, by table."""
 
-VERSION_2_FORCES = ("joint_torque", "joint_force")
+VERSION_2_TYPES = {"forces": ("joint_torque", "joint_force"),
+                   "joints": tuple(name for name, kind in JOINT_TYPES.items() if kind.slips)}
 
 LARGEST = 1e100
 """Largest magnitude of a number in a scene: a product of three such numbers is still a finite double."""
@@ -100,6 +101,7 @@ class JointEntry(msgspec.Struct, frozen=True):
     parent_axis: Vector | None = None
     child_axis: Vector | None = None
     length: float | None = None
+    radius: float | None = None
     reference_attitude: Quaternion | None = None
     position: float | list[float] | None = None
     velocity: float | list[float] | None = None
@@ -198,7 +200,8 @@ _EXPECTED = {
     "type": "one of the types this table can have", "parent": '"ground" or the name of a body',
     "child": "the name of a body", "parent_anchor": _VECTOR_METRES, "child_anchor": _VECTOR_METRES,
     "parent_axis": "three numbers, not all zero", "child_axis": "three numbers, not all zero",
-    "length": "a number of m > 0", "parent_point": _VECTOR_METRES, "child_point": _VECTOR_METRES,
+    "length": "a number of m > 0", "radius": "a number of m > 0",
+    "parent_point": _VECTOR_METRES, "child_point": _VECTOR_METRES,
     "stiffness": "a number >= 0 in N/m (N m/rad for a torsional spring)", "damping": "a number >= 0 in SI units",
     "free_length": "a number of m >= 0", "rest_angle": "a number or a function of time in rad",
     "joint": "the name of a joint",
@@ -264,13 +267,15 @@ def _check_version(data: Content) -> None:
         raise EntryError("schema", f"version {data['schema']!r} is not known here", "write schema = 1")
     if data["schema"] >= 2:
         return
-    forces = data.get("forces", [])
-    for index, force in enumerate(forces if isinstance(forces, list) else []):
-        for key, value in force.items() if isinstance(force, dict) else ():
-            parts = value if isinstance(value, list) else [value]
-            if (key == "type" and value in VERSION_2_FORCES) or any(isinstance(part, dict) for part in parts):
-                raise EntryError(entry_name(data, ("forces", index, key)), "is of version 2", "write schema = 2 at the "
-                                 "top")
+    for group, types in VERSION_2_TYPES.items():
+        tables = data.get(group, [])
+        for index, table in enumerate(tables if isinstance(tables, list) else []):
+            for key, value in table.items() if isinstance(table, dict) else ():
+                timed = group == "forces" and any(isinstance(part, dict) for part in (
+                    value if isinstance(value, list) else [value]))
+                if (key == "type" and value in types) or timed:
+                    raise EntryError(entry_name(data, (group, index, key)), "is of version 2",
+                                     "write schema = 2 at the top")
     for group, keys in SECOND.items():
         tables = data.get(group, []) if group else [data]
         for index, table in enumerate(tables if isinstance(tables, list) else []):

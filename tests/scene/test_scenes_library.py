@@ -8,10 +8,10 @@ import pytest
 import crosscheck
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.file import load_scene, scene_names
+from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import RANK_TOLERANCE
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.schema import FORCE_ENTRIES
-from tests.scene_making import JOINT_TYPES
 
 EPS = np.finfo(float).eps
 NAMES = scene_names()

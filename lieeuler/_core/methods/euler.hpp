@@ -212,8 +212,10 @@ class EulerStepper {
     for (double* block : padding_[k])
       for (int r = part_of(k).rows(); r < 3; ++r) block[(kColumn + 1) * r] = 1;
   }
-  // Puts in the compliance of rotors, which have no second multiplier.
-  void pad_rotors() {
+  // Puts in the compliance of rotors. Rotors and the rows of slip have no second multiplier.
+  void pad_single() {
+    for (int k : plan_.slips)
+      for (int r = 0; columns_.doubled() && r < part_of(k).rows(); ++r) padding_[k][1][(kColumn + 1) * r] = 1;
     for (int k : plan_.rotors) padding_[k][1][0] = 1, padding_[k][0][0] = -part_of(k).compliance;
   }
 

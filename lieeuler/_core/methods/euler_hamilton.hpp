@@ -8,8 +8,11 @@
 //   velocity      G M^-1 p = 0                                                        DAE2H_LE
 //   stabilised    Phi(q) = 0, then p <- p - G^T mu with G M^-1 p = 0                  DAE2H_LSE, DAE1H_LSE
 //
+// Rows of slip, A u = 0 alone, are A M^-1 p = 0 at every level.
+//
 // RATTLE is half a step of the last one followed by half a step of its adjoint. This replaces h before f_app (and in
-// Lam) by h/2, and adds p <- p + h/2 f_app(q, xi) before the projection. It is symmetric and of second order.
+// Lam) by h/2, and adds p <- p + h/2 f_app(q, xi) before the projection. It is symmetric and of second order. For the
+// rows of slip it takes (A(q_n) + A(q)) xi = 0, and A M^-1 p = 0 after the projection.
 //
 // Unknowns: xi of each body, Lam of each joint.
 #pragma once
@@ -34,7 +37,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
         rotations_(system_.n() + 1),
         slopes_(system_.n()),
         tangents_(slopes_),
-        velocity_slopes_(level == Level::velocity ? system_.n() : 0),
+        velocity_slopes_(level == Level::velocity || (!rattle_ && !plan.slips.empty()) ? system_.n() : 0),
         momentum_(system_.n() + 1),
         impulse_(system_.n() + 1),
         change_(rattle_ ? system_.n() + 1 : 0),
@@ -57,13 +60,15 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       const Body& body = system_.bodies[b];
       const Vec3 y = maps_[b].momentum(angular_momentum(body, xi_[b].w));
       store(Twist{body.mass * xi_[b].v - impulse_[b].v, y - impulse_[b].w}, &r[3 * nodes_.v(b)]);
-      if (by_velocity())
+      if (!velocity_slopes_.empty())
         state_.u[b] = {xi_[b].v, times(body.inertia_inverse, transposed_times(rotations_[b], y) - body.spin)};
     }
     for (int k = 0; k < nodes_.parts(); ++k)
       store(by_velocity() ? this->velocity_rows(k, state_, this->here(k))
                           : Vec3(this->here(k).position(this->part_of(k)) / h_),
             &r[3 * nodes_.lam(k)]);
+    for (int k : plan_.slips)
+      if (!by_velocity()) store(slip_rows(k), &r[3 * nodes_.lam(k)]);
     for (size_t i = 0; i < rates_.size(); ++i) {
       const int at = 3 * nodes_.lam(plan_.rotors[i]);
       r[at] = (by_velocity() ? r[at] : way_of(plan_.rotors[i]) / h_) -
@@ -82,7 +87,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       const Body& body = system_.bodies[b];
       slopes_[b] = maps_[b].momentum_slope(xi_[b].w, angular_momentum(body, xi_[b].w), body.inertia, h_);
       tangents_[b] = maps_[b].left_tangent();
-      if (by_velocity()) velocity_slopes_[b] = velocity_slope(b);
+      if (!velocity_slopes_.empty()) velocity_slopes_[b] = velocity_slope(b);
     }
     return (this->core_ ? fill_core() : fill_matrix()) && this->factor_matrix();
   }
@@ -128,6 +133,15 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     for (int k = 0; k < nodes_.parts(); ++k)
       this->subtract_reaction(k, this->before(k), load3(&z[3 * nodes_.lam(k)]), impulse_);
     return true;
+  }
+
+  // Rows of slip where others are those of position: of the velocity after the step; of RATTLE in the mean of the two
+  // configurations of the step, by the velocity that leads from one to the other, which is symmetric in them.
+  Vec3 slip_rows(int k) const {
+    if (!rattle_) return this->velocity_rows(k, state_, this->here(k));
+    const Twist &parent = xi_[this->body_of(k, kParent)], &child = xi_[this->body_of(k, kChild)];
+    return 0.5 * (this->before(k).velocity(this->part_of(k), parent, child) +
+                  this->here(k).velocity(this->part_of(k), parent, child));
   }
 
   // How far a rotor turns, or slides, in the step; the joint's angle alone gives it only up to whole turns.
@@ -187,7 +201,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
         blocks.put_rows(slope.v, slope.w);
       }
     }
-    this->pad_rotors();
+    this->pad_single();
     return true;
   }
 
@@ -197,9 +211,14 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     const int b = this->body_of(k, side);
     const Mat3& T = tangents_[b];
     const Rows G = this->here(k).jacobian(part, side);
-    if (!by_velocity()) return {G.v, G.w * T};
-    const Rows N = this->here(k).velocity_slope(part, side, state_.u[this->body_of(k, kParent)],
-                                                state_.u[this->body_of(k, kChild)], false);
+    if (!by_velocity() && !part.slips) return {G.v, G.w * T};
+    const std::vector<Twist>& u = part.slips && rattle_ ? xi_ : state_.u;
+    const Rows N =
+        this->here(k).velocity_slope(part, side, u[this->body_of(k, kParent)], u[this->body_of(k, kChild)], false);
+    if (part.slips && rattle_) {
+      const Rows G_n = this->before(k).jacobian(part, side);
+      return {0.5 * (G.v + G_n.v + h_ * N.v), 0.5 * (G.w + G_n.w + h_ * N.w * T)};
+    }
     return {G.v + h_ * N.v, G.w * velocity_slopes_[b] + h_ * N.w * T};
   }
   // The same for a spherical part, with respect to rotations.

@@ -3,12 +3,14 @@
 //
 //   M (u - u_n) = h f(q, u) - G^T Lam,   Lam = h lam,   q = q_n * (h xi)
 //
-//   position      Phi(q) = 0                                    xi = u                    DAE3L_LE
+//   position      Phi(q) = 0, of slips as velocity              xi = u                    DAE3L_LE
 //   velocity      G u = 0                                       xi = u                    DAE2L_LE
 //   stabilised    Phi(q) = 0, G u = 0                           M xi = M u - G_n^T mu     DAE2L_LSE, DAE1L_LSE
 //   acceleration  G a + gamma + 2 alpha G u + beta^2 Phi = 0    xi = u, a = (u - u_n)/h   INDEX1_LE, BAUMGARTE_LE
 //
-// and the stabilised generalized-alpha method, which has other numbers in the equations of the first and third column
+// Rows of slip, A u = 0 alone, have no mu (docs/theory.md, section 18).
+//
+// And the stabilised generalized-alpha method, which has other numbers in the equations of the first and third column
 // (methods/generalized_alpha.hpp).
 //
 // Unknowns: u of each body, Lam of each joint; when stabilised also xi and mu.
@@ -111,6 +113,8 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
       r[3 * nodes_.lam(k)] = rotor_gain(k) - this->part_of(k).compliance * z[3 * nodes_.lam(k)];
       if (stabilised()) r[3 * nodes_.mu(k)] = z[3 * nodes_.mu(k)];
     }
+    for (int k : plan_.slips)
+      if (stabilised()) store(load3(&z[3 * nodes_.mu(k)]), &r[3 * nodes_.mu(k)]);
     return Status::success;
   }
 
@@ -218,7 +222,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   // The rows that belong to Lam; positions are divided by h.
   Vec3 constraint_residual(int k) const {
     const Part& part = this->part_of(k);
-    if (level_ == Level::position) return this->here(k).position(part) / h_;
+    if (level_ == Level::position && !part.slips) return this->here(k).position(part) / h_;
     const Vec3 rate = this->velocity_rows(k, state_, this->here(k));
     if (level_ != Level::acceleration) return rate;
     const Twist &parent = state_.u[this->body_of(k, kParent)], &child = state_.u[this->body_of(k, kChild)];
@@ -310,7 +314,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     for (int k : plan_.rotors)
       for (Side side : kSides)
         if (this->body_of(k, side) != system_.n()) rotor_blocks(k, side);
-    this->pad_rotors();
+    this->pad_single();
     return true;
   }
 
@@ -363,7 +367,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     const SideBlocks& blocks = this->blocks_[2 * k + side];
     const Rows G = this->here(k).jacobian(this->part_of(k), side);
     blocks.put_columns(G);
-    if (level_ == Level::position || split_) {
+    if ((level_ == Level::position && !this->part_of(k).slips) || split_) {
       if (split_ && !this->part_of(k).spherical) split_->slope(k, side) = rate_slope(k, side, G, T);
       return blocks.put_rows(G.v, G.w * T);
     }

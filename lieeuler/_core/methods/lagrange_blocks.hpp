@@ -35,9 +35,9 @@ struct LagrangeBlocks {
       for (int b : {joint.parent, joint.child}) {
         const bool none = !columns.doubled() || b == n;
         rates.push_back(none ? SideBlocks{} : SideBlocks::of(lu, columns.lam(k), columns.xi_v(b), columns.xi_w(b)));
-        const bool rotor = plan.part(k).compliance > 0;
-        drifts.push_back(none || rotor ? SideBlocks{}
-                                       : SideBlocks::of(lu, columns.mu(k), columns.xi_v(b), columns.xi_w(b)));
+        const bool single = plan.part(k).compliance > 0 || plan.part(k).slips;  // no second multiplier
+        drifts.push_back(none || single ? SideBlocks{}
+                                        : SideBlocks::of(lu, columns.mu(k), columns.xi_v(b), columns.xi_w(b)));
       }
     }
     for (const Force& force : system.forces)

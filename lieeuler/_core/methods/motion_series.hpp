@@ -6,7 +6,7 @@
 // V in world axes, and products of carried vectors for dot rows.
 #pragma once
 
-#include "methods/term_series.hpp"
+#include "methods/contact_series.hpp"
 #include "solve/saddle_solver.hpp"
 
 namespace lieeuler {
@@ -32,6 +32,7 @@ class MotionSeries {
     for (SpringSeries& spring : springs_) spring.start();
     for (size_t k = 0; k < torsions_.size(); ++k) torsions_[k].start(state);
     for (DriveSeries& drive : drives_) drive.start(state.frames.time);
+    for (ContactSeries& contact : contacts_) contact.start();
     for (RowDrive& drive : row_drives_) {
       drive.series.resize(kMostOrder + 3);
       drive.function->expand(state.frames.time, kMostOrder + 3, drive.series.data());
@@ -58,9 +59,11 @@ class MotionSeries {
     for (PartSeries& part : parts_) subtract_gamma(part, k);
     for (const RowDrive& drive : row_drives_)
       rows_[parts_[drive.part].index][0] += (k + 1) * (k + 2) * drive.series[k + 2];
+    for (ContactSeries& contact : contacts_) rows_[contact.index] = contact.begin(body_, k, force_[contact.body]);
     saddle.solve(force_, rows_, k < kLowOrders);
     for (int b = 0; b < system_.n(); ++b) body_.extend(b, k, turned_[b], force_[b]);
     for (PartSeries& part : parts_) part.finish(carried_, k, rows_[part.index]);
+    for (ContactSeries& contact : contacts_) contact.finish(k, rows_[contact.index]);
     for (CarriedSeries& z : carried_) z.extend(body_, k + 2);
     return true;
   }
@@ -97,6 +100,7 @@ class MotionSeries {
   void plan_part(int k) {
     const Joint& joint = plan_.joint(k);
     const Part& part = plan_.part(k);
+    if (part.contact) return void(contacts_.emplace_back(joint, part, k, points_));
     parts_.emplace_back(joint, part, k, points_);
     PartSeries& series = parts_.back();
     if (part.drive) row_drives_.push_back({static_cast<int>(parts_.size()) - 1, &*part.drive, {}});
@@ -254,6 +258,7 @@ class MotionSeries {
   std::vector<SpringSeries> springs_;
   std::vector<TorsionSeries> torsions_;
   std::vector<DriveSeries> drives_;
+  std::vector<ContactSeries> contacts_;
   struct RowDrive {
     int part;
     const TimeFunction* function;

@@ -8,21 +8,9 @@
 #include <numbers>
 #include <utility>
 
-#include "model/system.hpp"
+#include "model/contact.hpp"
 
 namespace lieeuler {
-
-enum Side { kParent = 0, kChild = 1 };
-inline constexpr Side kSides[2] = {kParent, kChild};
-
-// Three rows with respect to the quasi-velocities of one body.
-struct Rows {
-  Mat3 v = Mat3::Zero(), w = Mat3::Zero();
-};
-// A block of second derivatives: rows (v, w) of one body, columns of another.
-struct Stiffness {
-  Mat3 vv = Mat3::Zero(), vw = Mat3::Zero(), wv = Mat3::Zero(), ww = Mat3::Zero();
-};
 
 class JointState {
  public:
@@ -41,6 +29,7 @@ class JointState {
   Vec3 position(const Part& part) const {
     if (part.spherical) return d_;
     if (part.turn) return {angle_gap(part), 0, 0};
+    if (part.contact) return contact(part).gap(d_);
     Vec3 phi = Vec3::Zero();
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
@@ -57,6 +46,7 @@ class JointState {
     Vec3 sizes = Vec3::Constant(part.spherical ? ends : 0.0);
     if (part.drive) sizes[0] += std::abs((*part.drive)(time_));
     if (part.turn) return sizes + Vec3::Constant(std::numbers::pi);
+    if (part.contact) return Vec3::Constant(ends + part.contact->radius);
     for (size_t r = 0; r < part.dots.size(); ++r) {
       const DotRow& dot = part.dots[r];
       const double first = dot.a == Carrier::difference ? ends : a(dot).value.norm();
@@ -117,6 +107,7 @@ class JointState {
       G.w.row(0) = side == kChild ? part.turn->child_axis : -part.turn->parent_axis;
       return G;
     }
+    if (part.contact) return side == kChild ? contact(part).jacobian() : G;
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const Carried A = a(dot), B = b(dot);
@@ -132,6 +123,7 @@ class JointState {
     Vec3 out = Vec3::Zero();
     if (part.drive) out[0] = -part.drive->derivative(time_, 2);
     if (part.turn) return out;
+    if (part.contact) return contact(part).gamma(child);
     const Rates u(*this, parent, child);
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
@@ -153,6 +145,7 @@ class JointState {
       return N;
     }
     if (part.turn) return N;
+    if (part.contact) return side == kChild ? contact(part).velocity_slope(child, both_orders) : N;
     const Rates u(*this, parent, child);
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
@@ -199,6 +192,7 @@ class JointState {
     if (part.spherical) return anchor_stiffness(side, lam);
     Mat3 K = Mat3::Zero();
     if (part.turn) return K;  // the torques are constant in both bodies
+    if (part.contact) return side == kChild ? contact(part).stiffness(lam).ww : K;
     const Mat3& R = frame_[side]->R;
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
@@ -221,6 +215,7 @@ class JointState {
       return K;
     }
     if (part.turn) return K;  // the torques are constant in both bodies
+    if (part.contact) return row == kChild && column == kChild ? contact(part).stiffness(lam) : K;
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const double l = dot.scale * lam[r];
@@ -241,6 +236,7 @@ class JointState {
   // Not inlined: velocity() of a spherical part would save and restore the registers that this needs.
   [[gnu::noinline]] Vec3 dot_velocity(const Part& part, const Twist& parent, const Twist& child) const {
     if (part.turn) return {part.turn->child_axis.dot(child.w) - part.turn->parent_axis.dot(parent.w), 0, 0};
+    if (part.contact) return contact(part).velocity(child);
     const Rates u(*this, parent, child);
     Vec3 rate = Vec3::Zero();
     for (int r = 0; r < part.rows(); ++r) {
@@ -259,6 +255,7 @@ class JointState {
       child.w -= lam[0] * part.turn->child_axis, parent.w += lam[0] * part.turn->parent_axis;
       return;
     }
+    if (part.contact) return contact(part).subtract_reaction(lam, child);
     Vec3 force[2] = {Vec3::Zero(), Vec3::Zero()}, torque[2] = {Vec3::Zero(), Vec3::Zero()};
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
@@ -340,6 +337,8 @@ class JointState {
     if (both_orders) slope -= hat(w) * hat(s);
     return slope;
   }
+
+  ContactState contact(const Part& part) const { return {part, frame_[kChild]->R, arm_[kChild]}; }
 
   // The angle minus the prescribed one, in [-pi, pi].
   double angle_gap(const Part& part) const {

@@ -38,7 +38,8 @@ class Plan {
   explicit Plan(System given)
       : system(std::move(given)),
         parts(number_parts(system)),
-        rotors(find_rotors(parts)),
+        rotors(find_parts([](const Part& part) { return part.compliance > 0; })),
+        slips(find_parts([](const Part& part) { return part.slips; })),
         order(elimination_order(system)),
         loops(find_loops(system, order)),
         hinges(system),
@@ -53,7 +54,7 @@ class Plan {
 
   const System system;
   const std::vector<PlacedPart> parts;
-  const std::vector<int> rotors;  // among the parts
+  const std::vector<int> rotors, slips;  // among the parts
   const EliminationOrder order;
   const std::vector<Loop> loops;
   const HingeTree hinges;
@@ -97,10 +98,11 @@ class Plan {
         all.push_back({j, {system.joints[j].parent, system.joints[j].child}, &part});
     return all;
   }
-  static std::vector<int> find_rotors(const std::vector<PlacedPart>& parts) {
+  template <class Is>
+  std::vector<int> find_parts(const Is& is) const {
     std::vector<int> found;
-    for (int k = 0; k < static_cast<int>(parts.size()); ++k)
-      if (parts[k].part->compliance > 0) found.push_back(k);
+    for (int k = 0; k < count(); ++k)
+      if (is(part(k))) found.push_back(k);
     return found;
   }
   Elimination for_any_rows() const { return independent ? Elimination::independent : Elimination::complete; }

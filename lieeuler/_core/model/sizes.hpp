@@ -18,13 +18,15 @@ inline void measure(System& system, const Body& body) {
 // A joint: how far its anchors lie from the centres of mass, and how far apart it keeps them.
 inline void measure(System& system, const Joint& joint) {
   for (const Vec3& anchor : {joint.parent_anchor, joint.child_anchor}) enlarge(system.length, anchor.norm());
-  for (const Part& part : joint.parts)
+  for (const Part& part : joint.parts) {
+    if (part.contact) enlarge(system.length, part.contact->radius);
     for (const DotRow& dot : part.dots) {
       const int differences = (dot.a == Carrier::difference) + (dot.b == Carrier::difference);
       const double product = dot.scale == 0 ? 0 : std::abs(dot.constant / dot.scale);
       if (differences == 1) enlarge(system.length, product);
       if (differences == 2) enlarge(system.length, std::sqrt(product));
     }
+  }
 }
 
 // A force: where it acts, and the rates and accelerations that it gives its bodies.

@@ -84,8 +84,16 @@ struct Turn {
   Vec3 parent_axis, child_axis, normal, second_normal, pointer;
 };
 
+// Where a body touches a plane of the ground: a blade's point, the lowest of a disk's rim, or that of a sphere.
+struct Contact {
+  enum class Kind { edge, disk, sphere } kind;
+  Vec3 normal, axis;  // of the plane, world; of the blade or the disk, in the body
+  double radius;      // 0 of a blade
+};
+
 // Up to three rows of a joint that are evaluated and solved for together: a spherical constraint, dot rows, or a single
-// row for an angle or a slide. That single row is coordinate - drive(t) = 0, or the row of a rotor.
+// row for an angle or a slide. That single row is coordinate - drive(t) = 0, or the row of a rotor. A contact has a part
+// for its height and one for its slip, whose rows hold velocities only: A(q) u = 0.
 //
 // A rotor adds I rate^2 / 2 to the kinetic energy and constrains nothing. Take its rate s u as an unknown r of mass I
 // with the row s u - r = 0, and eliminate r: the multiplier m = I dr/dt acts on the bodies as -s^T m, and the row reads
@@ -97,6 +105,8 @@ struct Part {
   std::optional<Turn> turn = {};
   std::optional<TimeFunction> drive = {};
   double compliance = 0;  // 1 / I of a rotor, 0 of a constraint
+  std::optional<Contact> contact = {};  // a_local of its dots are the directions of its rows
+  bool slips = false;                   // Phi says nothing about them
   int rows() const { return spherical ? 3 : static_cast<int>(dots.size()); }
   // Whether a row, or any row, depends on the positions of the bodies and not only on their attitudes.
   bool translational(int row) const {

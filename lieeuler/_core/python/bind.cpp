@@ -73,6 +73,23 @@ void drive_joint(System& system, bool turns, const Vec3& parent_axis, const Vec3
   joint.parts.push_back(part), joint.driven = true;
 }
 
+// The height and the slip of a contact with a plane of the ground, for the joint added last.
+void add_contact(System& system, Contact::Kind kind, const Vec3& normal, const Vec3& axis, double radius,
+                 const std::vector<Vec3>& across) {
+  require(!system.joints.empty() && system.joints.back().parent == system.n(), "a contact is one with the ground");
+  require(!across.empty() && across.size() <= 3, "a contact needs directions of slip");
+  Joint& joint = system.joints.back();
+  for (const std::vector<Vec3>& directions : {std::vector<Vec3>{normal}, across}) {
+    Part part{false, {}, system.rows()};
+    for (const Vec3& direction : directions)
+      part.dots.push_back({Carrier::parent_axis, Carrier::difference, direction});
+    part.contact = Contact{kind, normal, axis, radius};
+    part.slips = !joint.parts.empty();
+    joint.parts.push_back(part);
+  }
+  measure(system, joint);
+}
+
 // Adds a rotor on a joint's angle or slide; call it after all joints are added.
 void add_rotor(System& system, int joint, double inertia, bool turns, const Vec3& parent_axis, const Vec3& child_axis,
                const Vec3& normal, const Vec3& second_normal, const Vec3& pointer) {
@@ -305,6 +322,10 @@ NB_MODULE(_kernel, m) {
       .value("difference", Carrier::difference)
       .value("parent", Carrier::parent_axis)
       .value("child", Carrier::child_axis);
+  nb::enum_<Contact::Kind>(m, "ContactKind")
+      .value("edge", Contact::Kind::edge)
+      .value("disk", Contact::Kind::disk)
+      .value("sphere", Contact::Kind::sphere);
   nb::enum_<CoordinateMap>(m, "CoordinateMap")
       .value("exp", CoordinateMap::exp)
       .value("cayley", CoordinateMap::cayley)
@@ -362,6 +383,7 @@ NB_MODULE(_kernel, m) {
            })
       .def("add_joint", &add_joint)
       .def("drive_joint", &drive_joint)
+      .def("add_contact", &add_contact)
       .def("add_rotor", &add_rotor)
       .def("add_linear_spring", &add_linear_spring)
       .def("add_torsional_spring", &add_torsional_spring, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(),

@@ -93,13 +93,15 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
 def work(scene: Scene, states: Motion) -> np.ndarray:
     """Work of loads, dampers and drives since the first time, (T,) in J: the integral of `power`.
 
-    Its error is that of a cubic spline through the power at the given times, of order four in their distance.
+    Its error is that of a spline through the power at the given times: of order eight in their distance, or four where
+    a function of time has breaks, across which no spline is smoother.
     """
     if not scene.worked_on or len(states.t) < 2:
         return np.zeros(len(states.t))
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import make_interp_spline
 
-    found: np.ndarray = CubicSpline(states.t, power(scene, states)).antiderivative()(states.t)
+    degree = min(3 if scene.breaks else 7, len(states.t) - 1)
+    found: np.ndarray = make_interp_spline(states.t, power(scene, states), degree).antiderivative()(states.t)
     return found
 
 

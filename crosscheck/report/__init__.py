@@ -20,8 +20,8 @@ from crosscheck.files import put
 from crosscheck.report import data, exports, names, pages, schema, sites
 from crosscheck.report.badge import badge
 
-STATIC = ("report.css", "theme.js", "site.js", "tables.js", "decision.js", "plots.js", "study.js", "scene.js",
-          "pens.js", "playback.js")
+STATIC = ("report.css", "theme.js", "site.js", "tables.js", "decision.js", "emphasis.js", "plots.js",
+          "study.js", "scene.js", "pens.js", "geometry.js", "playback.js")
 
 
 def write_report(document: Document, folder: Path) -> None:

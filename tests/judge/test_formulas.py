@@ -245,6 +245,12 @@ def test_a_bound_says_nothing_once_it_exceeds_the_size(scene, truth, kind, monke
     assert empty(size * (1 + 1e-9)) == {kind}
 
 
+@pytest.mark.parametrize(("name", "roundings"), [
+    ("single_pendulum", 50.0), ("light_heavy", 1e6 + 1), ("needle", 1e6)])
+def test_light_bodies_and_thin_ones_are_allowed_more_roundings(name, roundings):
+    assert tolerances.grading(load_scene(name)) == pytest.approx(roundings, rel=1e-9)
+
+
 def test_bounds_of_orthogonality():
     assert tolerances.orthogonality(True, 10**6).value == pytest.approx(1e-13, **SAME)
     assert tolerances.orthogonality(True, 10**6, 2 * EPS).value == pytest.approx(2e-13, **SAME)

@@ -39,8 +39,8 @@ def test_every_file_is_there(folder):
     assert found == {"index.html", "scene-single_pendulum.html", "scene-single_pendulum.js", "engine-fake.html",
                      "study-convergence.html", "study-speed.html", "study-conservation.html", "runs.js", "report.css",
                      "theme.js", "site.js", "sites.js", "tables.js", "decision.js", "plots.js", "study.js", "scene.js",
-                     "pens.js", "playback.js", "plotly.min.js", "summary.md", "results.csv", "results.parquet",
-                     "junit.xml", "badge.svg", "results.json"}
+                     "emphasis.js", "pens.js", "geometry.js", "playback.js", "plotly.min.js", "summary.md",
+                     "results.csv", "results.parquet", "junit.xml", "badge.svg", "results.json"}
     assert all(report.is_file_of_report(path) for path in folder.iterdir())
 
 

@@ -5,18 +5,8 @@ window.Playback = (function () {
   const TRAIL = 0.12;  // share of the duration that a short trail shows
   const FRONT = {turn: -0.9, tilt: 0.3, zoom: 1};
   const MOST_VIEWS = 4;
+  const {add, blend, place, direction, opening} = window.Geometry;
   const NOISE = 8 / 65533;  // of the error of a run, in the poses that it is packed with
-  // Of joints that slide: the way that is free, along the axis or across it.
-  const SLIDING = {cylindrical: "along", prismatic: "along", point_on_line: "along", planar: "across", point_on_plane: "across"};
-  const dot3 = (p, q) => p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
-  const add = (p, q) => [p[0] + q[0], p[1] + q[1], p[2] + q[2]];
-  const blend = (p, q, share) => p.map((value, k) => value + share * (q[k] - value));
-
-  function turned(q, p) {
-    const [w, x, y, z] = q;
-    const u = [2 * (y * p[2] - z * p[1]), 2 * (z * p[0] - x * p[2]), 2 * (x * p[1] - y * p[0])];
-    return [p[0] + w * u[0] + y * u[2] - z * u[1], p[1] + w * u[1] + z * u[0] - x * u[2], p[2] + w * u[2] + x * u[1] - y * u[0]];
-  }
 
   // `moved` is told the time at every picture, and whether the time is to stay.
   function start(drawing, t, actors, shown, moved) {
@@ -79,9 +69,6 @@ window.Playback = (function () {
       const size = Math.hypot(...q);
       return size > 0 && Number.isFinite(size + x[0]) ? {x, q: q.map((value) => value / size)} : null;
     }
-    const place = (poses, body, point) => (body < 0 ? point : poses[body] && add(poses[body].x, turned(poses[body].q, point)));
-    const direction = (poses, body, axis) => (body < 0 ? axis : turned(poses[body].q, axis));
-
     function boxes(poses, colour, opacity) {
       // Pixels along the line of sight too, as light needs them.
       const seen = (point) => { const at = project(point); return [at[0], at[1], at[2] * state.scale]; };
@@ -89,19 +76,6 @@ window.Playback = (function () {
         corners: body.corners.map((corner) => seen(place(poses, index, corner)))}] : [])), colour, opacity);
     }
 
-    // How far (m) a joint is open where it may not be: by how much more than in truth, which cancels what packing rounds.
-    function opening(joint, poses, exact) {
-      const gapOf = (each) => {
-        const from = place(each, joint.parent, joint.parent_anchor), to = place(each, joint.child, joint.child_anchor);
-        return from && to ? from.map((value, k) => to[k] - value) : [NaN, NaN, NaN];
-      };
-      const own = gapOf(poses), close = exact ? gapOf(exact) : [0, 0, 0];
-      if (joint.type === "distance") return exact ? Math.abs(Math.hypot(...own) - Math.hypot(...close)) : 0;
-      const apart = own.map((value, k) => value - close[k]), free = SLIDING[joint.type];
-      if (!free || !joint.parent_axis) return Math.hypot(...apart);
-      const along = dot3(direction(exact ?? poses, joint.parent, joint.parent_axis), apart);
-      return free === "along" ? Math.sqrt(Math.max(0, dot3(apart, apart) - along * along)) : Math.abs(along);
-    }
     // Red from 1e-9 of the picture on, 1e-3 where there is no truth to compare with; full at a hundredth. Gaps below
     // `noise` are what packing makes of the error of the run.
     function redden(joint, poses, exact, at, noise) {

@@ -16,6 +16,7 @@ def truth(
     csv_file: Annotated[str | None, typer.Option("--csv", help="write the states here; - for the terminal")] = None,
     drop: Drop = False,
     keyframe: Keyframe = None,
+    floor: Annotated[bool, typer.Option("--floor", help="say what rounding leaves in double precision")] = False,
 ) -> None:
     """The independent truth of a scene: where it comes from, how far to trust it, the end state."""
     from crosscheck.references import Chaotic
@@ -40,5 +41,10 @@ def truth(
         say(f"outvoted: {reference.outvoted}")
     say(f"a perturbation grows {reference.amplification:.3g}-fold over {found.duration:g} s; "
         f"runs are compared with truth up to {reference.horizon:g} s")
+    if floor:
+        from crosscheck.references import conditioning
+
+        left, when = conditioning.floor(found)
+        say(f"floor of double precision: {left:.1e} of the length, radians; a rounding at {when:g} s grows most")
     for body, position in zip(found.bodies, reference.states.x[-1], strict=True):
         say(f"{body.name}: x({found.duration:g} s) = ({', '.join(f'{value:.15g}' for value in position)}) m")

@@ -10,6 +10,7 @@ import numpy as np
 from crosscheck.references.generic import quaternion_product
 from crosscheck.references.taylor import Taylor
 from crosscheck.references.tree import FREE, scene_length
+from crosscheck.scene.model import Scene
 
 PERTURBATION = 1e-8  # the growth is linear and applies to 1e-14 too, where rounding of the run would hide it
 SMALL_PERTURBATION = 1e-11  # used if PERTURBATION grows until the motion is no longer linear in it
@@ -18,6 +19,7 @@ HORIZON_GROWTH = 1e-10 / 1e-15
 INSTANTS = 401  # growth oscillates; this grid makes it independent of the scene's number of samples
 RESOLVED = 40  # a horizon within this many instants of the start is searched again on a finer grid
 CLOSURE_STEP = 1e-5  # step of central differences of loop rows; their error, its square, times PERTURBATION is 1e-18
+STARTS = 16  # times of a motion from which `floor` follows perturbations
 MANY, SAMPLES = 36, 12  # with more directions, this many random combinations are followed; accurate to about a fifth
 
 
@@ -51,6 +53,23 @@ def measure(integrator: Taylor) -> Conditioning:
         over = np.flatnonzero(growth >= HORIZON_GROWTH)
     last = max(over[0] - 1, 0) if len(over) else INSTANTS - 1
     return Conditioning(amplification, float(np.max(growth[:last + 1])), float(t[last]))
+
+
+def floor(scene: Scene) -> tuple[float, float]:
+    """What rounding leaves of a scene in double precision, and the time at which it does most.
+
+    eps times the growth of the worst small perturbation between any of STARTS times and any later one, of |dx| / length
+    and |dR|_F: a perturbation may grow more in the middle of a motion, as where a body flips, than from its start.
+    """
+    integrator = Taylor(scene)
+    starts = np.linspace(0.0, scene.duration, STARTS + 1)
+    growths = []
+    for start, state in zip(starts[:-1], integrator.run(times=starts)[:-1], strict=True):
+        integrator.initial = state
+        later = np.linspace(start, scene.duration, INSTANTS)
+        growths.append(float(np.max(_growth(integrator, later, PERTURBATION))))
+    worst = int(np.argmax(growths))
+    return float(np.finfo(float).eps * growths[worst]), float(starts[worst])
 
 
 def _growth(integrator: Taylor, t: np.ndarray, size: float) -> np.ndarray:

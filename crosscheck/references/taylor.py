@@ -199,18 +199,18 @@ class Taylor:
 
     def run(self, initial: np.ndarray | None = None, times: np.ndarray | None = None,
             coefficients: list[Any] | None = None) -> np.ndarray:
-        """State vectors (T, dimension) at `times`, by default the scene's output times, from the scene's start.
+        """State vectors (T, dimension) at `times`, by default the scene's output times, from `initial` at the first.
 
         `coefficients` collects, for each step, (step length, Taylor coefficients (dimension, order + 1)).
         """
         integrator = self._integrator
-        integrator.time = 0.0
-        integrator.state[:] = self.initial if initial is None else initial
         times = self.scene.t if times is None else times
+        integrator.time = times[0]
+        integrator.state[:] = self.initial if initial is None else initial
         states = np.empty((len(times), len(self.initial)))
-        states[0] = integrator.state  # times start at 0
+        states[0] = integrator.state
         breaks = np.array([*(t for t in self.scene.breaks if t < times[-1]), times[-1]])
-        self._set_pieces(0.0)
+        self._set_pieces(times[0])
         while integrator.time < times[-1]:
             reached = int(np.searchsorted(times, integrator.time, side="right"))
             stop = breaks[np.searchsorted(breaks, integrator.time, side="right")]

@@ -1,5 +1,6 @@
 """`truth`: the built-in scenes, seeded defects, conditioning, and errors that say what went wrong."""
 
+import dataclasses
 import re
 
 import numpy as np
@@ -191,3 +192,17 @@ def test_horizon_before_the_first_output_is_refused(build):
     with pytest.raises(Chaotic, match="ask for a shorter duration or more samples") as raised:
         compute(scene)
     assert 1.0 < raised.value.horizon < 10.0
+
+
+def test_the_floor_counts_roundings_in_the_middle_of_a_motion():
+    """A body that turns over about its middle axis magnifies them by millions, those of its start by ten thousands."""
+    scene = load_scene("axis_flip")
+    book = dataclasses.replace(scene.bodies[0], inertia=np.diag([1.0, 2.0, 3.0]), velocity=np.zeros(3),
+                               angular_velocity=np.array([0.001, 2.0, 0.001]))
+    scene = scene.replace(bodies=(book,), duration=30.0)
+    left, when = conditioning.floor(scene)
+    from_start = conditioning.measure(Taylor(scene)).amplification
+    eps = np.finfo(float).eps
+    assert 0 < when < 30
+    assert 1e3 < from_start < 1e5
+    assert 1e6 < left / eps < 1e8

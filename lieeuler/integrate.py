@@ -34,7 +34,8 @@ RTOL_RANGE = (1e-14, 0.1)
 def integrate(problem: Problem, method: str, step: float | None = None, t_eval: ArrayLike | None = None, *,
               rtol: float | None = None, coordinate_map: str = "exp", alpha: float | None = None,
               beta: float | None = None, spectral_radius: float | None = None, spin_free: bool | None = None,
-              reduce: str | None = None, polish: bool = True, monitor: bool = True) -> Solution:
+              reduce: str | None = None, conserve: bool = False, polish: bool = True,
+              monitor: bool = True) -> Solution:
     """Integrate a problem with a fixed step, or with steps that follow a tolerance.
 
     One line of level INFO goes to the logger "lieeuler".
@@ -63,6 +64,10 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
         Integrate a mechanism in its plane, or about fixed axes (`lieeuler.planar`); the multipliers are then those of
         the index-1 system. Default: wherever this applies, except with the Euler methods; `solution.stats.reduce` says
         what was done.
+    conserve : bool
+        End every step with the energy and angular momentum that free bodies had at the start, in twice the digits: a
+        body that turns over about its middle axis then keeps three to five digits more. For taylor, rkmk54 and
+        rkmk853 with `rtol`; for a single body it adds 15, 21 and 11 % to their time.
     polish : bool
         Make attitudes rotations again after every step (docs/theory.md, section 3). Only the Euler methods take False.
     monitor : bool
@@ -82,7 +87,7 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
         The run failed, or was interrupted by Ctrl-C; the error holds the trajectory so far.
     """
     plan = plan_run(problem, method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, spin_free,
-                    monitor, polish)
+                    monitor, polish, conserve)
     plane = plane_for(problem, METHODS[method], reduce)
     within = problem if plane is None else plane.problem
     frames = spin_free_frames(within) if plan.spin_free else None
@@ -132,11 +137,11 @@ class Plan:
 
 def plan_run(problem: Problem, method: str, step: float | None, rtol: float | None, t_eval: ArrayLike | None,
              coordinate_map: str, alpha: float | None, beta: float | None, spectral_radius: float | None,
-             spin_free: bool | None, monitor: bool, polish: bool = True) -> Plan:
+             spin_free: bool | None, monitor: bool, polish: bool = True, conserve: bool = False) -> Plan:
     """Check the arguments of a run, which `integrate` describes, and make the kernel's run of them."""
     if not isinstance(problem, Problem):
         raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
-    for name, value in (("spin_free", spin_free), ("polish", polish), ("monitor", monitor)):
+    for name, value in (("spin_free", spin_free), ("conserve", conserve), ("polish", polish), ("monitor", monitor)):
         if not (isinstance(value, bool) or (value is None and name == "spin_free")):
             raise ArgumentError(f"{name} must be True or False, not {value!r}")
     record = _method(method)
@@ -149,11 +154,14 @@ def plan_run(problem: Problem, method: str, step: float | None, rtol: float | No
     gains, radius = _options(record, alpha, beta, spectral_radius)
     t = _output_times(t_eval)
     tolerance = _tolerance(record, step, rtol)
+    if conserve and (tolerance is None or not record.conserves):
+        able = ", ".join(name for name, other in METHODS.items() if other.conserves)
+        raise ArgumentError(f"conserve=True is for {able} with rtol; leave it out")
     spins = ("rtol" in record.controls or record.order != 1) if spin_free is None else spin_free
     if tolerance is not None:
-        times = (t - t[0]).tolist()
-        run = (_kernel.adaptive_runge_kutta(record.tableau.kernel, times, tolerance, monitor) if record.tableau else
-               getattr(_kernel, method)(times, tolerance, monitor))
+        arguments = [(t - t[0]).tolist(), tolerance, monitor, *([conserve] if record.conserves else [])]
+        run = (_kernel.adaptive_runge_kutta(record.tableau.kernel, *arguments) if record.tableau else
+               getattr(_kernel, method)(*arguments))
         run.begin = float(t[0])
         return Plan(run, t, None, spins)
     assert step is not None  # _tolerance raises without step and rtol

@@ -55,6 +55,8 @@ class Method:
         The coefficients of an explicit Runge-Kutta method.
     controls : tuple of "step", "rtol"
         How the user sets the accuracy: a fixed step (s), a relative tolerance, or either.
+    conserves : bool
+        Whether steps that follow a tolerance can keep energy and angular momentum of free bodies in twice the digits.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Method:
     spectral_radius: float | None = None
     tableau: Tableau | None = None
     controls: tuple[str, ...] = ("step",)
+    conserves: bool = False
 
     def refused_map(self, coordinate_map: str) -> str | None:
         """Why the method does not work with this map of `COORDINATE_MAPS`, or None if it does."""
@@ -122,7 +125,7 @@ def _rattle(name: str, order: int, weights: tuple[float, ...], source: str) -> M
 def _runge_kutta(name: str, tableau: Tableau, source: str) -> Method:
     controls = ("step", "rtol") if tableau.errors else ("step",)
     return Method(name, "index1", "stabilised", True, _ALL, tableau.order, f"{_MK}, {source}", tableau=tableau,
-                  controls=controls)
+                  controls=controls, conserves="rtol" in controls)
 
 
 METHODS: dict[str, Method] = {
@@ -151,7 +154,7 @@ METHODS: dict[str, Method] = {
         Method("seulex", "index1", "stabilised", True, _ALL, None,
                f"{_P1}; extrapolated, doi:10.1007/978-3-642-05221-7", controls=("rtol",)),
         Method("taylor", "index1", "stabilised", True, _ALL, None, "doi:10.1080/10586458.2005.10128904",
-               controls=("rtol",)),
+               controls=("rtol",), conserves=True),
     )
 }  # fmt: skip
 """All methods by name, in the order in which tables list them."""

@@ -10,6 +10,7 @@
 #include <numeric>
 
 #include "run/adaptive_steps.hpp"
+#include "solve/free_bodies.hpp"
 
 namespace lieeuler {
 
@@ -24,9 +25,10 @@ struct Tableau {
 // Attempts single steps, which the caller accepts or not.
 class MuntheKaas {
  public:
-  MuntheKaas(const Plan& plan, const Tableau& tableau)
+  MuntheKaas(const Plan& plan, const Tableau& tableau, bool conserves)
       : system_(plan.system),
         projection_(plan),
+        free_(plan.system, conserves),
         state_(system_),
         next_(system_),
         trial_(system_),
@@ -48,6 +50,7 @@ class MuntheKaas {
     state_ = state, slowest_ = slowest;
     update_angles(system_, state_.frames, state_.u, state_.angles);
     if (const Status status = projection_.start(state_); status != Status::success) return status;
+    free_.start(state_);
     scales_ = Scales::of(system_, state_, slowest_);
     rank_confirmed_ = projection_.redundant_rows() == 0;
     return projection_.settle(state_, scales_.length, counters);
@@ -67,6 +70,7 @@ class MuntheKaas {
     if (!configure(step_.data(), state_, next_, slope(end()))) return Status::map_domain;
     if (const Status status = projection_.settle(next_, scales_.length, counters); status != Status::success)
       return status;
+    free_.restore(next_);
     put_accelerations(next_, slope(end()));
     return Status::success;
   }
@@ -227,6 +231,7 @@ class MuntheKaas {
 
   const System& system_;
   Projection projection_;
+  FreeBodies free_;
   State state_, next_, trial_;  // after a step next_ is its start
   Scales scales_;
   const size_t size_;
@@ -242,7 +247,7 @@ class MuntheKaas {
 // Steps of fixed size, for `run`.
 class FixedMuntheKaas : public MuntheKaas {
  public:
-  using MuntheKaas::MuntheKaas;
+  FixedMuntheKaas(const Plan& plan, const Tableau& tableau) : MuntheKaas(plan, tableau, false) {}
 
   Status start(const State& state, double h) {
     h_ = h;
@@ -262,7 +267,8 @@ class FixedMuntheKaas : public MuntheKaas {
 // Steps chosen by the error estimate.
 class ControlledMuntheKaas : public MuntheKaas {
  public:
-  ControlledMuntheKaas(const Plan& plan, const Tableau& tableau) : MuntheKaas(plan, tableau), order_(tableau.order) {}
+  ControlledMuntheKaas(const Plan& plan, const Tableau& tableau, bool conserves = false)
+      : MuntheKaas(plan, tableau, conserves), order_(tableau.order) {}
 
   Status start(const State& initial, double rtol, double slowest, Counters& counters) {
     rtol_ = rtol;

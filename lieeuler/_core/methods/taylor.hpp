@@ -3,6 +3,7 @@
 
 #include "methods/motion_series.hpp"
 #include "run/watch.hpp"
+#include "solve/free_bodies.hpp"
 #include "solve/projection.hpp"
 #include "solve/step_control.hpp"
 
@@ -10,12 +11,13 @@ namespace lieeuler {
 
 class TaylorStepper {
  public:
-  explicit TaylorStepper(const Plan& plan)
+  explicit TaylorStepper(const Plan& plan, bool conserves = false)
       : system_(plan.system),
         tree_(plan.hinges),
         points_(plan, plan.expands_by == Elimination::small && plan.forest),
         state_(system_),
         projection_(plan),
+        free_(plan.system, conserves),
         saddle_(plan, plan.expands_by),
         series_(plan, points_) {}
   TaylorStepper(const TaylorStepper&) = delete;  // members refer to each other
@@ -29,6 +31,7 @@ class TaylorStepper {
     rank_confirmed_ = accelerated_ = false;
     update_angles(system_, state_.frames, state_.u, state_.angles);
     if (const Status status = projection_.start(state_); status != Status::success) return status;
+    free_.start(state_);
     if (!saddle_.find_redundancy(projection_.joints())) return Status::singular_matrix;
     return factor();
   }
@@ -116,6 +119,7 @@ class TaylorStepper {
     if (!rank_confirmed_)
       if (const Status status = projection_.confirm_rank(); status != Status::success) return status;
     rank_confirmed_ = true;
+    free_.restore(state_);
     return factor();
   }
   Status factor() {
@@ -159,6 +163,7 @@ class TaylorStepper {
   const ReferencePoints points_;
   State state_;
   Projection projection_;
+  FreeBodies free_;
   SaddleSolver saddle_;
   MotionSeries series_;
   Scales scales_;

@@ -308,8 +308,9 @@ Run adaptive(const std::vector<double>& t_eval, double rtol, bool monitored, con
           t_eval.size()};
 }
 
-Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double>& t_eval, double rtol, bool monitored) {
-  return adaptive<AdaptiveMuntheKaas>(t_eval, rtol, monitored, tableau);
+Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double>& t_eval, double rtol, bool monitored,
+                         bool conserves) {
+  return adaptive<AdaptiveMuntheKaas>(t_eval, rtol, monitored, tableau, conserves);
 }
 
 }  // namespace
@@ -412,7 +413,7 @@ NB_MODULE(_kernel, m) {
   m.def("runge_kutta", &runge_kutta);
   m.def("adaptive_runge_kutta", &adaptive_runge_kutta);
   m.def("seulex", &adaptive<AdaptiveExtrapolation>);
-  m.def("taylor", &adaptive<TaylorStepper>);
+  m.def("taylor", &adaptive<TaylorStepper, bool>);
   m.def("integrate", &integrate);
   m.def("integrate_ensemble", &integrate_ensemble);
   m.def("taylor_coefficients", &taylor_coefficients);

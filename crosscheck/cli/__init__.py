@@ -1,1 +1,1 @@
-"""The command line: `app` is the command, and every subcommand has a file of its own."""
+"""The command line: `app` is the command; every subcommand has its own file."""

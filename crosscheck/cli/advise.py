@@ -1,4 +1,4 @@
-"""`crosscheck advise`: which method of an engine to take for an error, at which step."""
+"""`crosscheck advise`: the method of an engine, and its step, for a wanted error."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def advise(
     error: Annotated[float, typer.Option(help="m; largest |component of x - truth| over bodies and output times")],
     as_json: Annotated[bool, typer.Option("--json", help="print everything as JSON")] = False,
 ) -> None:
-    """The cheapest method of an engine for an error, its largest step, and where it breaks; by runs against truth.
+    """Find the cheapest method of an engine for an error, its largest step, and the step at which it fails.
 
-    The first call for a scene and engine makes these runs, in half a minute at most; later ones read what it found.
-    Exit code 0: a method reaches the error; 1: none does.
+    The first call for a scene and engine compares runs with truth, in half a minute at most; later calls read the
+    results. Exit code 0: a method reaches the error; 1: none does.
     """
     import msgspec
 
@@ -38,7 +38,7 @@ def advise(
 
 
 def tell(found: Advice) -> None:
-    """Print an advice; the command stays whole, to be copied."""
+    """Print an advice; the line of the command is not folded, so that it can be copied."""
     for line in words(found):
         if line.startswith("command "):
             print(line)
@@ -47,7 +47,7 @@ def tell(found: Advice) -> None:
 
 
 def words(found: Advice) -> list[str]:
-    """The lines that tell an advice."""
+    """The lines of an advice."""
     asked = f"{found.scene} with {found.engine}, position error at most {found.wanted:g} m up to {found.until:g} s"
     if found.method is None:
         least = "no run ended" if found.least is None else f"the least error found is {found.least:.1e} m"

@@ -1,4 +1,4 @@
-"""The command `crosscheck`: its subcommands, and what becomes of their errors."""
+"""The command `crosscheck`: its subcommands and the handling of their errors."""
 
 from __future__ import annotations
 
@@ -62,15 +62,15 @@ app.add_typer(study)
 
 
 def main() -> None:
-    """Entry point: whatever goes wrong ends in one clear line, exit code 2; 1 is left to verdicts that fail."""
-    for stream in (sys.stdout, sys.stderr):  # words of engines may hold what no encoding takes
+    """Entry point: every error prints one clear line and gives exit code 2; exit code 1 means a failed verdict."""
+    for stream in (sys.stdout, sys.stderr):  # messages of engines may hold characters that cannot be encoded
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
         app()
     except SystemExit as end:
         if isinstance(end.__context__, BrokenPipeError):
-            raise SystemExit(2) from None  # the reader, `head` say, has seen enough
+            raise SystemExit(2) from None  # the reader of the output, such as `head`, has closed it
         if end.code == INTERRUPTED:
             complain(interrupted())
         raise

@@ -1,4 +1,4 @@
-"""The terminal: its width, the progress of a job, complaints."""
+"""The terminal: its width, progress of a job, error messages."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 Progress = Callable[[int, int | None, str], None]
-"""Called with the number of tasks done, that of all tasks or None, and what is at work."""
+"""Called with the number of finished tasks, the number of all tasks or None, and the label of a task."""
 
 UNIT = re.compile(r"(?<=[\d)]) (?=(?:m|rad|s|us|ms)\b)")
-"""The space between a figure and its unit, which stay on one line."""
+"""The space between a number and its unit, at which no line is broken."""
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it: 128 and the number of the signal."""
+"""Exit code after Ctrl-C, the same as in shells: 128 plus the number of the signal."""
 
 PAUSE = 10.0
-"""s between two lines of progress where the error stream is no terminal."""
+"""Time between two lines of progress if stderr is not a terminal, s."""
 
 
 def console(width: int) -> Console:
-    """The terminal. Where there is none, it has COLUMNS columns, or `width`: Rich would fold tables at 80."""
+    """The terminal. Without one the width is COLUMNS, or `width`, because Rich would fold tables at 80 columns."""
     from rich.console import Console
 
     piped = not sys.stdout.isatty() and not os.environ.get("COLUMNS")
@@ -38,10 +38,10 @@ def console(width: int) -> Console:
 
 
 def say(text: str, indent: int = 0, hang: int = 4) -> None:
-    """Print a sentence, in a terminal folded at spaces, so that no figure is cut at its edge.
+    """Print a sentence, folded at spaces in a terminal, so that no number is cut.
 
-    Elsewhere it stays one line, which can be searched, unless COLUMNS says how wide that is. What is to be copied, a
-    path or a command, is no sentence.
+    In a file or pipe it stays one line, for searching, unless COLUMNS gives a width. Do not use it for paths and
+    commands, which users copy.
     """
     line = " " * indent + text
     if sys.stdout.isatty() or os.environ.get("COLUMNS"):
@@ -53,7 +53,7 @@ def say(text: str, indent: int = 0, hang: int = 4) -> None:
 
 @contextlib.contextmanager
 def progress_bar() -> Iterator[Progress]:
-    """Progress on the error stream: a bar in a terminal, elsewhere a plain line now and then."""
+    """Progress on stderr: a bar in a terminal, otherwise a plain line every `PAUSE` seconds."""
     if not sys.stderr.isatty():
         yield _Lines()
         return
@@ -73,7 +73,7 @@ def progress_bar() -> Iterator[Progress]:
 
 
 class _Lines:
-    """Progress in plain lines, the first once `PAUSE` is over, so that a short job prints none; failures at once."""
+    """Progress in plain lines, the first after `PAUSE` seconds; failures are printed at once."""
 
     def __init__(self) -> None:
         self._began = self._printed = time.monotonic()
@@ -89,12 +89,12 @@ class _Lines:
 
 
 def complain(message: str) -> None:
-    """One line on the error stream."""
+    """Print one line on stderr."""
     print(f"crosscheck: {' '.join(message.split())}", file=sys.stderr)
 
 
 def interrupted() -> str:
-    """What an interrupted command leaves behind, in one line."""
+    """One line that says what an interrupted command has kept."""
     goes_on = "the same command goes on from here"
     kept = {"nightly": goes_on, "sweep": goes_on, "study": "what was finished is in the folder of --out"}
     return f"interrupted; {kept.get(' '.join(sys.argv[1:2]), 'nothing was written')}"

@@ -26,7 +26,7 @@ def explain(
     drop: Drop = False,
     keyframe: Keyframe = None,
 ) -> None:
-    """Name the likely cause where an engine differs from truth, with the evidence.
+    """Name the likely cause of an engine's difference from truth, with the evidence.
 
     Exit code 0: no difference; 1: a cause is named; 2: it differs, and the cause is unknown.
     """
@@ -42,7 +42,7 @@ def explain(
 
 
 def _print(answer: Any) -> None:
-    """The page: verdict, what was seen, evidence, what to change."""
+    """Print the verdict, the measured difference, the evidence, and what to change."""
     mark = {"agrees": "✓", "named": "✗", "unknown": "?"}[answer.outcome]
     say(f"{mark} {answer.sentence}")
     say(f"difference from truth as steps vanish: {answer.deviation:.1e}, which is known to {answer.noise:.1e} (the "

@@ -1,4 +1,4 @@
-"""`crosscheck history`: the runs in the store, what changed between two of them, how a figure went through them."""
+"""`crosscheck history`: the runs in the store, changes between two of them, and the trend of a figure."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EMPTY = ("the store has no run yet: `crosscheck nightly` makes one, `crosscheck 
          "one of `crosscheck verify`")
 
 OUTCOME = "outcome"
-"""Not a figure, but a column of `show` all the same: `trend` tells where it changed."""
+"""A column of `show` that is not a number; `trend` prints where it changed."""
 
 Store = Annotated[str | None, typer.Option("--store", help="an SQLite file or postgresql://...; default: "
                                            "CROSSCHECK_STORE, else reports/history.sqlite")]
@@ -85,7 +85,7 @@ def show(run: Run = "latest", store: Store = None,
 
 @app.command()
 def compare(before: Run, after: Run = "latest", store: Store = None) -> None:
-    """What changed from one run to another; exit code 1 where something became worse."""
+    """Print what changed from one run to another; exit code 1 if something became worse."""
     from crosscheck.history import changes
     from crosscheck.history.store import find, load
 
@@ -113,7 +113,7 @@ def trend(
     page: Annotated[Path | None, typer.Option(help="also write a page with the curve")] = None,
     store: Store = None,
 ) -> None:
-    """One figure through the runs, its change points marked ◆."""
+    """Print one figure over all runs, with its change points marked ◆."""
     from crosscheck.history import changes
     from crosscheck.history.page import write_page
     from crosscheck.history.store import figure_names, outcomes, series
@@ -161,7 +161,7 @@ def page(out: Annotated[Path, typer.Option(help="folder of the page; beside repo
 
 @app.command()
 def add(folder: Annotated[Path, typer.Argument(help="a report, or its results.json")], store: Store = None) -> None:
-    """Put a run of `crosscheck verify` into the store; good where all its verdicts pass."""
+    """Add a run of `crosscheck verify` to the store; it counts as good if all its verdicts pass."""
     from crosscheck.history.store import run_from_document, save
     from crosscheck.report.schema import read_document
 
@@ -175,7 +175,7 @@ def add(folder: Annotated[Path, typer.Argument(help="a report, or its results.js
 
 @app.command()
 def accept(run: Run = "latest", store: Store = None) -> None:
-    """From now on compare with this run, whatever it found: its changes are wanted."""
+    """Compare later runs with this one, even if its verdicts changed, because the changes are intended."""
     from crosscheck.history.store import find, set_good
 
     with _opened(store) as opened:

@@ -1,4 +1,4 @@
-"""`crosscheck import` and `crosscheck export`: model files of others as scene files, and back."""
+"""`crosscheck import` and `crosscheck export`: from model files to scene files, and back."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def import_(
     duration: Annotated[float, typer.Option(help="s, of the scene")] = 2.0,
     samples: Annotated[int, typer.Option(help="number of output times of the scene")] = 101,
 ) -> None:
-    """Write a model of MuJoCo or a URDF as a scene file; refuse what a scene cannot hold, or drop and list it.
+    """Convert an MJCF or URDF model to a scene file; refuse what a scene cannot hold, or drop and list it.
 
     Exit code 0: written; 2: refused, and nothing is written.
     """
@@ -41,7 +41,7 @@ def export(
     scene: SceneName,
     out: Annotated[Path, typer.Option("--out", "-o", help="the file: .xml (MJCF), .urdf, or .py, which runs Exudyn")],
 ) -> None:
-    """Write a scene as a model of MuJoCo, a URDF or a script for Exudyn; refuse by name what the format cannot hold."""
+    """Convert a scene to MJCF, URDF or a script for Exudyn; refuse, by name, what the format cannot hold."""
     from crosscheck.adapters.export import export_model
 
     export_model(scene, out)

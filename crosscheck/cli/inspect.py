@@ -1,4 +1,4 @@
-"""`crosscheck inspect`: what engines say of a scene before any stepping, beside independent truth."""
+"""`crosscheck inspect`: compares the engines' models of a scene with independent truth, before any stepping."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def inspect(
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: every form an engine has")] = None,
     states: Annotated[int, typer.Option(help="random admissible states beside the start", min=0, max=1000)] = 3,
     seed: Annotated[int, typer.Option(help="of the random states", min=0)] = 0,
-    against: Annotated[str | None, typer.Option(help="of a model file: compare with this one in place of itself")
+    against: Annotated[str | None, typer.Option(help="a model file to compare with, in place of the given one")
                        ] = None,
 ) -> None:
     """Static cross-check of the engines' models: masses, energies, mass matrix, forces, accelerations, reactions.
 
-    Of a model file, .xml or .urdf: every engine loads it by itself, and what it reads differently is named.
+    A model file, .xml or .urdf, is loaded by every engine itself, and what an engine reads differently is named.
 
     Exit code 0: all agree with truth; 1: one does not; 2: the check itself failed.
     """
@@ -85,7 +85,7 @@ def _print(found: Inspection) -> None:
 
 
 def _cell(deviation: Deviation | None) -> str:
-    """A relative deviation; one beyond its bound is marked."""
+    """A relative deviation, with a mark if it exceeds its bound."""
     if deviation is None:
         return "-"
     text = f"{deviation.relative:.1e}"

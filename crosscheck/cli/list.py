@@ -8,7 +8,7 @@ from crosscheck.cli.tables import figures, key, print_table, words
 
 
 def list_(engine: EngineNames = None) -> None:
-    """The engines with their versions and methods, and the scenes."""
+    """List the engines with their versions and methods, and the scenes."""
     from crosscheck import adapters
     from crosscheck.running.provenance import NOT_INSTALLED, engine_version
     from crosscheck.scene.file import load_scene, scene_names
@@ -18,7 +18,7 @@ def list_(engine: EngineNames = None) -> None:
     for name in engine or adapters.names():
         try:
             rows.append((name, engine_version(name), " ".join(adapters.methods(name))))
-        except ImportError:  # its adapter cannot even name them
+        except ImportError:  # the adapter itself cannot be imported
             rows.append((name, NOT_INSTALLED, ""))
     print_table(terminal, [key("engine"), *figures("version"), words("methods")], rows)
     terminal.print()

@@ -1,4 +1,4 @@
-"""`crosscheck nightly`: everything, compared with the last good run, with a summary for a chat message."""
+"""`crosscheck nightly`: runs everything, compares with the last good run, and prints a summary for a chat message."""
 
 from __future__ import annotations
 
@@ -23,14 +23,16 @@ def nightly(
     scheduler: options.Scheduler = None,
     time_limit: Annotated[float, typer.Option(help="s for one run and its order study")] = 1800.0,
     memory_limit: Annotated[float, typer.Option(help="GB resident of one worker process")] = 4.0,
-    out: Annotated[Path, typer.Option(help="folder of the nights: a folder per run, and the link latest")] = Path(
+    out: Annotated[Path, typer.Option(help="folder with a subfolder per run, and the link latest")] = Path(
         "reports/nightly"),
     store: Annotated[str | None, typer.Option(help="history: an SQLite file or postgresql://...; default: "
-                                              "CROSSCHECK_STORE, else history.sqlite beside the folder of the nights"
+                                              "CROSSCHECK_STORE, else history.sqlite beside the folder --out"
                                               )] = None,
-    keep: Annotated[int, typer.Option(help="reports that are kept; the history forgets no run")] = 14,
+    keep: Annotated[int, typer.Option(help="number of reports to keep; the history keeps all runs")] = 14,
 ) -> None:
-    """Run everything, compare with the last good run, keep the history, write the report; goes on after a kill.
+    """Run everything, compare with the last good run, store the result and write the report.
+
+    A run that was killed continues when the command is repeated.
 
     Exit code 0: all within tolerance and no finding; 1: a verdict failed or something became worse; 2: the run failed.
     """

@@ -1,4 +1,4 @@
-"""Options that several commands share, and figures in their tables."""
+"""Options shared by several commands, and numbers in their tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from crosscheck.scene.model import Scene
 
 def _known_map(given: str | Sequence[str] | None) -> Any:
-    """The map or maps of an option; `ArgumentError` for an unknown one."""
+    """The map or maps of an option; raises `ArgumentError` for an unknown one."""
     from crosscheck.adapters.base import CHOICES
 
     for name in (given,) if isinstance(given, str) else given or ():
@@ -25,13 +25,13 @@ def _known_map(given: str | Sequence[str] | None) -> Any:
 
 
 CoordinateMap = Annotated[str | None, typer.Option("--map", callback=_known_map, help=(
-    "exp, cayley or ccsk: from turning vectors to rotations (lieeuler); default: exp"))]
+    "exp, cayley or ccsk: the map from rotation vectors to rotations (lieeuler); default: exp"))]
 CoordinateMaps = Annotated[list[str] | None, typer.Option("--map", callback=_known_map, help=(
     "exp, cayley or ccsk; may be repeated: tables have all, figures the first; default: exp"))]
 Step = Annotated[float | None, typer.Option(min=1e-9, help="s, of fixed-step methods; default: one that suits the scene"
                                             )]
-Scheduler = Annotated[str | None, typer.Option(help="in place of processes here: tcp://host:port of a Dask scheduler, "
-                                               "or module:factory of another executor")]
+Scheduler = Annotated[str | None, typer.Option(help="use a Dask scheduler, tcp://host:port, or another executor, "
+                                               "module:factory; default: processes on this machine")]
 Duration = Annotated[float | None, typer.Option(min=1e-6, help="s; default: the scene's")]
 
 SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]
@@ -47,7 +47,7 @@ SceneName = Annotated[str, typer.Argument(help="a built-in name, a path to .toml
 
 
 def loaded(name: str, drop: bool, keyframe: str | None) -> Scene:
-    """The scene that a name, a scene file or a model file stands for; what is left out of a model is printed."""
+    """The scene of a name, a scene file or a model file; prints what is left out of a model."""
     from crosscheck.scene.file import load_scene
     from crosscheck.scene.models import import_model, is_model
 
@@ -62,7 +62,7 @@ def loaded(name: str, drop: bool, keyframe: str | None) -> Scene:
 
 
 def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None) -> list[str] | None:
-    """The same names with every model file replaced by that of its scene, which is kept in the cache folder."""
+    """The names, with every model file replaced by its scene file, which is written to the cache folder."""
     if names is None:
         return None
     import hashlib
@@ -86,30 +86,30 @@ def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None) -
 
 
 def scenes(default: str) -> Any:
-    """The argument for scenes; `default` names those that are taken without it."""
+    """The argument for scenes; `default` describes the default."""
     return typer.Argument(help=f"names or paths; default: {default}")
 
 
 def methods(default: str) -> Any:
-    """The option for methods; `default` names those that are taken without it."""
+    """The option for methods; `default` describes the default."""
     return typer.Option("--method", help=f"may be repeated; default: {default}")
 
 
 def time_limit(consequence: str) -> Any:
-    """The limit of one run; `consequence` says what becomes of longer ones."""
+    """The time limit of one run; `consequence` says what happens to longer ones."""
     return typer.Option(min=1e-3, help=f"s of one run; {consequence}")
 
 
 def chosen(names: Iterable[str] | None) -> tuple[str, ...] | None:
-    """Names as a study takes them: None for all."""
+    """Names in the form that studies take; None means all."""
     return tuple(names) if names else None
 
 
 def figure(value: float | None, missing: str = "", digits: str = ".3g") -> str:
-    """Three digits of a number, or as many as a format says."""
+    """A number with three digits, or in the given format."""
     return missing if value is None else format(value, digits)
 
 
 def figures(values: Iterable[float | None], missing: str = "", digits: str = ".3g") -> Iterator[str]:
-    """`figure` of each of some numbers."""
+    """`figure` of each number."""
     return (figure(value, missing, digits) for value in values)

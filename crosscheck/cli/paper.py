@@ -1,4 +1,4 @@
-"""`crosscheck paper`: figures and tables of the papers' kinds for any scene."""
+"""`crosscheck paper`: figures and tables like those in the papers, for any scene."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ def paper(
     out: Annotated[Path, typer.Option("--out", "-o", help="folder of figures, tables, data")] = Path("reports/paper"),
     method: Annotated[list[str] | None, options.methods("the eight Euler methods")] = None,
     coordinate_map: options.CoordinateMaps = None,
-    shown: Annotated[str, typer.Option("--show", help="the method of figures that show one")] = "DAE1L_LSE",
+    shown: Annotated[str, typer.Option("--show", help="the method in figures of a single method")] = "DAE1L_LSE",
     step: options.Step = None,
     duration: options.Duration = None,
     formats: Annotated[list[str] | None, typer.Option("--format", help="pdf or svg; may be repeated; default: both")
                        ] = None,
 ) -> None:
-    """Write figures and tables of the papers' kinds for any scenes: vector graphics, LaTeX, BibTeX and the data."""
+    """Write figures and tables like those in the papers for any scenes: vector graphics, LaTeX, BibTeX and the data."""
     from crosscheck import adapters
     from crosscheck.scene.file import load_scene
     from crosscheck.studies.paper import bundle

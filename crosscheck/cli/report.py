@@ -1,4 +1,4 @@
-"""`crosscheck report`: the pages of a finished run anew, or its report as PDF or its plots as SVG."""
+"""`crosscheck report`: writes the pages of a finished run again, or its report as PDF, or its plots as SVG."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ FORMATS = ("html", "pdf", "svg")
 def report(
     run: Annotated[Path, typer.Argument(help="folder of a report, or its results.json")] = Path("reports/latest"),
     format_: Annotated[str, typer.Option("--format", help=(
-        "html: the pages anew; pdf: a summary and the overview in report.pdf, printed by Chromium; svg: the main plots "
-        "in figures/"))] = "html",
-    appendix: Annotated[bool, typer.Option("--appendix", help="of the PDF: every scene, study and engine too")] = False,
+        "html: write the pages again; pdf: a summary and the overview in report.pdf, printed by Chromium; svg: the "
+        "main plots in figures/"))] = "html",
+    appendix: Annotated[bool, typer.Option("--appendix", help="pdf: add all other pages")] = False,
 ) -> None:
     """Render a finished run again from its results.json, without running anything."""
     from crosscheck import report as site

@@ -25,8 +25,8 @@ def run(
                       ] = None,
     step: Annotated[float | None, typer.Option(help="fixed step, s")] = None,
     rtol: Annotated[float | None, typer.Option(help="relative tolerance of an adaptive method")] = None,
-    csv_file: Annotated[str | None, typer.Option("--csv", help="write the trajectory here; - for the terminal")] = None,
-    form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the best that fits")] = None,
+    csv_file: Annotated[str | None, typer.Option("--csv", help="file for the trajectory; - for the terminal")] = None,
+    form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the best for the scene")] = None,
     coordinate_map: CoordinateMap = None,
     softness: Annotated[str | None, typer.Option(help="tight or default: MuJoCo's equality constraints")] = None,
     node: Annotated[str | None, typer.Option(help="lie or euler_parameters: Exudyn's rigid bodies")] = None,
@@ -68,7 +68,7 @@ def run(
 
 def _judged(name: str, traj: Trajectory, engine: str, step: float | None, rtol: float | None,
             options: Mapping[str, Any]) -> Judged | None:
-    """The verdict; None where neither a step nor a tolerance was given to judge by."""
+    """The verdict; None if there is neither a step nor a tolerance by which to judge."""
     from crosscheck import adapters
     from crosscheck.adapters.base import RunSpec
     from crosscheck.running.provenance import engine_version
@@ -89,7 +89,7 @@ def _print_verdict(judged: Judged | None, traj: Trajectory) -> None:
     from crosscheck.judge.verdict import word, worst
 
     if judged is None:
-        say("verdict: none, for it is by the step or by --rtol that a run is judged")
+        say("verdict: none, because bounds follow from --step or --rtol and neither was given")
         return
     for name, error in judged.errors.items():
         bound = "no bound at this step" if error.bound is None else f"bound {error.bound:.1e} {error.unit}"
@@ -97,7 +97,7 @@ def _print_verdict(judged: Judged | None, traj: Trajectory) -> None:
             f"; up to {judged.judged_until:g} s {error.judged:.1e} {error.unit}")
         say(f"{name} error against truth {error.max:.1e} {error.unit}{until}, {bound}")
     if judged.energy_error is not None:
-        where = "less the work done, at the output times" if traj.scene.worked_on else "every step"
+        where = "minus the work done, at the output times" if traj.scene.worked_on else "every step"
         start = ("" if judged.energy_error_by_start is None else
                  f" ({judged.energy_error_by_start:.1e} of |E(0)|)")
         say(f"energy error {judged.energy_error:.1e} of the largest kinetic energy{start}, {where}")
@@ -114,8 +114,8 @@ def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: floa
                + (f" of {used:.6g} s" if used else "") + f", {traj.wall_time:.3g} s of stepping, "
                f"{1e6 * traj.wall_time / max(1, traj.steps):.3g} us per step")
     if asked and used and used < asked * (1 - 1e-9):
-        say(f"the step asked for, {asked:g} s, does not divide the {traj.t[1] - traj.t[0]:g} s between two "
-                   "output times: it was shortened to the next that does")
+        say(f"the step {asked:g} s does not divide the {traj.t[1] - traj.t[0]:g} s between two output times, and was "
+            "shortened to the next one that does")
     for body, position in zip(scene.bodies, traj.x[-1], strict=True):
         say(f"{body.name}: x({traj.t[-1]:g} s) = ({', '.join(f'{value:.12g}' for value in position)}) m")
     levels = [(name, getattr(traj, f"constraint_{name}"), unit)
@@ -123,6 +123,6 @@ def _print_run(scene: Scene, traj: Trajectory, csv_file: str | None, asked: floa
     shown = ", ".join(f"{name} {abs(series).max():.1e} {unit}" for name, series, unit in levels if series is not None)
     say(f"constraints, at the samples: {shown}; orthogonality {traj.orthogonality.max():.1e}")
     if redundant := traj.stats.get("redundant_rows"):
-        say(f"{redundant} constraint rows depend on the others; multipliers are those of least norm")
+        say(f"{redundant} constraint rows depend on the others; the multipliers have least norm")
     if csv_file is not None:
         typer.echo(f"written: {csv_file}")

@@ -14,7 +14,7 @@ from crosscheck.files import replacing
 
 
 def write_csv(scene: Any, states: Any, target: str) -> None:
-    """States as CSV, one line per output time, full precision."""
+    """Write states as CSV, one line per output time, in full precision; `target` is a path, or - for the terminal."""
     header = ["t [s]"]
     for body in scene.bodies:
         header += [f"{body.name} x_{axis} [m]" for axis in "xyz"]
@@ -38,7 +38,7 @@ def write_csv(scene: Any, states: Any, target: str) -> None:
 
 @contextlib.contextmanager
 def _stream(target: str) -> Iterator[IO[str]]:
-    """The terminal, or a file that is there once it is whole; a pipe or a device as it is."""
+    """The terminal, a file that appears when it is complete, or an existing pipe or device."""
     if target == "-":
         yield sys.stdout
         return

@@ -1,4 +1,4 @@
-"""`crosscheck study`: measurements over many runs that answer one question each."""
+"""`crosscheck study`: measurements over many runs, each for one question."""
 
 from __future__ import annotations
 
@@ -24,16 +24,15 @@ app = typer.Typer(name="study", no_args_is_help=True,
                   help="Work against precision, drift over long runs, largest usable steps, chaos.")
 
 SHOWN = (1, 4, 7)
-"""Levels of the table of all methods, among those of `crosscheck.studies.frontier.LEVELS`."""
+"""Indices of the error levels in the table of all methods, see `crosscheck.studies.frontier.LEVELS`."""
 
 Names = list[str] | None
-Step = Annotated[float, typer.Option(min=1e-9, help="s; a power of 2, as the default is, keeps clocks that add it up "
-                                                    "exact")]
+Step = Annotated[float, typer.Option(min=1e-9, help="s; powers of 2, such as the default, add up without rounding")]
 Out = Annotated[Path, typer.Option(help="folder of the page, JSON and CSV")]
 
 
 def _conduct(study: Study[Asked, Any, Doc], ask: Asked, out: Path) -> Doc:
-    """The document of a study, which shows its progress."""
+    """Run a study with a progress bar; returns its document."""
     from crosscheck.studies.study import conduct
 
     with progress_bar() as progress:
@@ -56,7 +55,7 @@ def work_precision(
     duration: options.Duration = None,
     out: Out = Path("reports/work-precision"),
 ) -> None:
-    """Errors against stepping time and force evaluations, and who leads at 1e-2 ... 1e-11."""
+    """Measure errors against stepping time and force evaluations, and the fastest runs at errors 1e-2 ... 1e-11."""
     from crosscheck.studies.work_precision import WorkPrecision, WorkPrecisionAsk
 
     ask = WorkPrecisionAsk(chosen(scene), chosen(engine), chosen(method), time_limit, repeats, bound, duration,
@@ -97,7 +96,7 @@ def drift(
     coordinate_map: options.CoordinateMap = None,
     out: Out = Path("reports/drift"),
 ) -> None:
-    """Long runs: is the energy error a band, does the momentum hold, do constraints and attitudes?"""
+    """Measure the drift of energy, momentum, constraints and attitudes over long runs."""
     from crosscheck.studies.drift import DriftAsk, DriftStudy
 
     ask = DriftAsk(chosen(scene), chosen(engine), chosen(method), time_limit, step, steps,
@@ -130,9 +129,9 @@ def stability(
     duration: options.Duration = None,
     out: Out = Path("reports/stability"),
 ) -> None:
-    """Largest usable step (end error below 10 %), the error at a common step, and how runs fail beyond.
+    """Find the largest usable step (end error below 10 %), the error at a common step, and how larger steps fail.
 
-    A study that was killed goes on where it was when it is started again with the same arguments.
+    A study that was killed continues when it is started again with the same arguments.
     """
     from crosscheck.studies.stability import Stability, StabilityAsk
 
@@ -154,8 +153,8 @@ def stability(
          figure(line.any_h_max), line.any, figure(line.ratio_any))
         for line in document.scenes])
     left = sum(row.outcome == "unsupported" for row in document.rows)
-    terminal.print(f"{len(document.rows)} ways, {left} of them unsupported by their engine (reasons in the table), "
-                  f"{document.meta.seconds:.0f} s with {jobs} worker processes")
+    terminal.print(f"{len(document.rows)} combinations, {left} of them unsupported by their engine (reasons on the "
+                   f"page), {document.meta.seconds:.0f} s with {jobs} worker processes")
     _tell_page(out)
 
 
@@ -170,7 +169,7 @@ def chaos(
     coordinate_map: options.CoordinateMap = None,
     out: Out = Path("reports/chaos"),
 ) -> None:
-    """Do methods and engines agree on energies and heights of chaotic scenes, past the time where trajectories can?
+    """Compare distributions of energies and heights in chaotic scenes, beyond the time up to which trajectories agree.
 
     Exit code 0: no distribution differs; 1: one does.
     """
@@ -186,7 +185,7 @@ def chaos(
         (run.scene, run.label, *shown((run.horizon, run.duration, run.energy_error, run.momentum_error)), run.worst,
          *shown((run.distance, run.effective, run.p)), run.verdict or f"{run.status}: {run.reason}")
         for run in document.runs])
-    terminal.print(f"One false alarm in {1 / document.false_alarm:.0f} studies: the smallest p of a way counts "
-                  "against that over the number of all comparisons.")
+    terminal.print(f"One false alarm is expected in {1 / document.false_alarm:.0f} studies: the smallest p of a run is "
+                   f"compared with {document.false_alarm:g} over the number of all comparisons.")
     _tell_page(out)
     raise typer.Exit(int(any(run.verdict == "differs" for run in document.runs)))

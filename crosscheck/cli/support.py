@@ -1,4 +1,4 @@
-"""`crosscheck support`: which joints, forces and systems the engines can model, in which form, and why not the rest."""
+"""`crosscheck support`: the joints, forces and systems that the engines can model, and why not the others."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ def support(
     engine: Annotated[list[str] | None, typer.Option("--engine", help="a name; may be repeated; default: all")] = None,
     reasons: Annotated[bool, typer.Option(help="give the reasons for what is missing")] = True,
 ) -> None:
-    """Which joints, forces and systems each engine can model, in which form, and why not the rest."""
+    """Print the joints, forces and systems that each engine can model, in which form, and why not the others."""
     from crosscheck import adapters
     from crosscheck.running.support import matrix
 
     found = matrix(engine or None)
     columns = list(dict.fromkeys((entry.engine, entry.form) for entry in found))
     cells = {(entry.engine, entry.form, entry.kind, entry.item): entry for entry in found}
-    notes: dict[tuple[str, str], int] = {}  # numbers of the footnotes: one for every engine, form and reason
+    notes: dict[tuple[str, str], int] = {}  # footnote numbers, by engine with form and reason
     for entry in found:
         if entry.reason is not None:
             notes.setdefault(_note(entry), len(notes) + 1)

@@ -1,4 +1,4 @@
-"""`crosscheck sweep`: many scenes, parameters, members, engines and steps; on one machine or a cluster."""
+"""`crosscheck sweep`: runs over many scenes, parameters, members, engines and steps, on one machine or a cluster."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from crosscheck.cli.tables import figures, key, print_table
 
 def sweep(
     file: Annotated[Path, typer.Argument(help="TOML file: scenes, engines, steps and/or rtols, parameters, perturb")],
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="folder of results and page; cells in it are kept")
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="folder of results and page; finished cells are kept")
                    ] = None,
     workers: Annotated[int, typer.Option(min=1, help="processes of this machine")] = 2,
     scheduler: options.Scheduler = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="say how many cells and how long, and stop")] = False,
-    cell: Annotated[str | None, typer.Option(help="run this cell alone, again, and print its row")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="only print the number of cells and the time")] = False,
+    cell: Annotated[str | None, typer.Option(help="run only this cell again, and print its row")] = None,
 ) -> None:
-    """Run a sweep; finished cells are never computed twice, and an interrupted sweep goes on by the same command."""
+    """Run a sweep. Finished cells are not computed again, so the same command continues an interrupted sweep."""
     import msgspec
 
     from crosscheck.sweeps import job

@@ -1,7 +1,7 @@
-"""Tables for terminals of any width: no figure is ever cut.
+"""Tables for terminals of any width, without cutting numbers.
 
-Where the columns do not fit, words are folded at spaces; where the figures alone do not fit, the table is printed in
-blocks, each of which begins with the columns that name its rows.
+If the columns do not fit, words are folded at spaces. If the numbers alone do not fit, the table is printed in blocks,
+each of which begins with the columns that name its rows.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 GAP = 2
-"""Columns between two cells."""
+"""Spaces between two cells."""
 
 SHARE = 3
-"""Columns that name rows are folded where together they would take more than one part in so many of the width."""
+"""The columns that name rows are folded if together they would take more than 1 / SHARE of the width."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Column:
-    """A column; `words` may be folded, figures not. A `key` names its row in every block."""
+    """A column. `words` can be folded, numbers cannot; a `key` names its row and is in every block."""
 
     title: str
     words: bool = False
@@ -35,18 +35,18 @@ def words(title: str) -> Column:
 
 
 def key(title: str) -> Column:
-    """A column of words that names its row."""
+    """A column of words that names the rows."""
     return Column(title, words=True, key=True)
 
 
 def figures(*titles: str) -> list[Column]:
-    """Columns of figures."""
+    """Columns of numbers."""
     return [Column(title) for title in titles]
 
 
 def print_table(terminal: Console, columns: Sequence[Column], rows: Sequence[Sequence[str]], title: str = "",
                 styles: Sequence[str] = ()) -> None:
-    """Print a table in as many blocks as the terminal needs; `styles` of the rows, as Rich names them."""
+    """Print a table in as many blocks as the terminal needs; `styles` are Rich styles of the rows."""
     if title:
         terminal.print(title, style="italic", markup=False)
     for block in _blocks(columns, rows, terminal.width):
@@ -73,7 +73,7 @@ def _blocks(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int
 
 
 def _least(column: Column, cells: Sequence[str], share: int = 0) -> int:
-    """The narrowest a column may become: its figures, or its longest word and, of a key, a share of the width."""
+    """The least width of a column: its longest number or word; for a key also up to `share`, if its cells need it."""
     longest = max((len(line) for cell in cells for line in cell.splitlines()), default=0)
     parts = [column.title, *cells] if column.words else [column.title]
     word = max((len(each) for part in parts for each in part.split()), default=0)
@@ -81,7 +81,7 @@ def _least(column: Column, cells: Sequence[str], share: int = 0) -> int:
 
 
 def _widths(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int) -> list[int]:
-    """Widths of the columns of a block: what each needs at least; what is left goes to words, then to titles."""
+    """Widths of the columns of a block: the least width of each; the rest goes to words, then to titles."""
     keys = max(1, sum(column.key for column in columns))
     cells = [[row[k] for row in rows] for k in range(len(columns))]
     found = [_least(column, cells[k], width // (SHARE * keys) if column.key else 0)

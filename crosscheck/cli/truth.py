@@ -13,12 +13,12 @@ from crosscheck.cli.states_csv import write_csv
 
 def truth(
     scene: SceneName,
-    csv_file: Annotated[str | None, typer.Option("--csv", help="write the states here; - for the terminal")] = None,
+    csv_file: Annotated[str | None, typer.Option("--csv", help="file for the states; - for the terminal")] = None,
     drop: Drop = False,
     keyframe: Keyframe = None,
     floor: Annotated[bool, typer.Option("--floor", help="say what rounding leaves in double precision")] = False,
 ) -> None:
-    """The independent truth of a scene: where it comes from, how far to trust it, the end state."""
+    """Print the independent truth of a scene: its sources, its error, the end state."""
     from crosscheck.references import Chaotic
     from crosscheck.references import truth as truth_of
 
@@ -26,7 +26,7 @@ def truth(
     try:
         reference = truth_of(found)
     except Chaotic as error:
-        typer.echo(f"{error}. What follows is the truth up to there.", err=True)
+        typer.echo(f"{error}. The following is the truth up to that time.", err=True)
         found = found.replace(duration=float(f"{error.horizon:.2e}") * 0.99, samples=min(found.samples, 51))
         reference = truth_of(found)
     if csv_file is not None:
@@ -36,7 +36,7 @@ def truth(
     say(f"{found.name}: {reference.source}")
     say(f"checked against: {reference.second_source}")
     say(f"error of this truth: at most {reference.error:.1e} of the scene's length; the two differ by "
-        f"{reference.disagreement:.1e}, rounding may move them apart by {reference.allowed:.1e}")
+        f"{reference.disagreement:.1e}, of which rounding explains {reference.allowed:.1e}")
     if reference.outvoted:
         say(f"outvoted: {reference.outvoted}")
     say(f"a perturbation grows {reference.amplification:.3g}-fold over {found.duration:g} s; "

@@ -1,4 +1,4 @@
-"""What `crosscheck verify` prints: the table of verdicts, what is wrong, what to trust, and the headline."""
+"""The output of `crosscheck verify`: the table of verdicts, what is wrong, what to trust, and the headline."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STYLES = {"fail": "bold red", "error": "bold red", "known": "yellow", "unsupport
 
 
 def print_verdicts(document: Document, page: Path) -> None:
-    """Passes by engine and scene, every other run, what is wrong and what to trust, the headline, the page."""
+    """Print passes by engine and scene, every other run, what is wrong and what to trust, the headline, the page."""
     say("engines: " + ", ".join(f"{name} {version}" for name, version in document.meta.engines.items()))
     terminal = console(160)
     passing: dict[tuple[str, str], list[Record]] = {}
@@ -54,7 +54,7 @@ def print_verdicts(document: Document, page: Path) -> None:
 
 
 def _print_passes(scene: str, engine: str, passing: Sequence[Record]) -> None:
-    """One line for all runs of an engine on a scene that pass; the page has each of them."""
+    """Print one line for all passing runs of an engine on a scene; the page lists each of them."""
     part = [record for record in passing if state(record) == "partly"]
     best = min(passing, key=lambda record: record.judged_error)
     line = f"✓ {scene}, {engine}: {len(passing)} run{' passes' if len(passing) == 1 else 's pass'}"

@@ -1,4 +1,4 @@
-"""`crosscheck verify`: every method and engine over the scenes, judged, and the report."""
+"""`crosscheck verify`: runs every method and engine over the scenes, judges the runs, and writes the report."""
 
 from __future__ import annotations
 
@@ -28,16 +28,17 @@ def verify(
     scheduler: options.Scheduler = None,
     time_limit: Annotated[float, typer.Option(help="s for one run and its order study")] = 1800.0,
     memory_limit: Annotated[float, typer.Option(help="GB resident of one worker process")] = 4.0,
-    tolerance_file: Annotated[Path | None, typer.Option("--tolerances", help="TOML file of your own bounds")] = None,
-    tol: Annotated[list[str] | None, typer.Option(help="a bound of your own, quantity=value; may be repeated")] = None,
+    tolerance_file: Annotated[Path | None, typer.Option("--tolerances", help="TOML file with your own bounds")] = None,
+    tol: Annotated[list[str] | None, typer.Option(help="your own bound, as quantity=value; may be repeated")] = None,
     out: Annotated[Path, typer.Option(help="folder of the report")] = Path("reports/latest"),
     as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
     drop: Drop = False,
     keyframe: Keyframe = None,
 ) -> None:
-    """Run every method and engine over the scenes, judge them, write the report; goes on after a kill.
+    """Run every method and engine over the scenes, judge the runs, and write the report.
 
-    Exit code 0: all within tolerance; 1: a verdict failed; 2: the run itself failed.
+    A run that was killed continues when the command is repeated. Exit code 0: all within tolerance; 1: a verdict
+    failed; 2: the run itself failed.
     """
     from crosscheck.cli.verdicts import print_verdicts
     from crosscheck.document import Asked

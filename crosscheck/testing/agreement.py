@@ -1,4 +1,4 @@
-"""Assertions for tests: engines agree with truth, and with each other, within bounds that have reasons."""
+"""Assertions for tests: engines agree with truth, and with each other, within justified bounds."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Entry = str | Sequence[Any]
 Run = Callable[..., Any]
 
 MOST_STEPS = 1e6
-"""Of a run whose step a test leaves open: seconds with any engine. No user would start more knowingly."""
+"""Most steps of a run whose step the test does not give; with any engine they take seconds."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Contender:
 
     @property
     def label(self) -> str:
-        """How a message names it."""
+        """Its name in messages."""
         given = ", ".join(f"{key}={value!r}" for key, value in self.options)
         return f"{self.engine} {self.method}" + (f" ({given})" if given else "")
 
@@ -50,15 +50,15 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
     Parameters
     ----------
     scene : a Scene, a built-in name or a path
-    engines : one or several, each a name, "engine:method", or a tuple or list (engine, method) or (engine, method,
-        options), options a dictionary of arguments of `crosscheck.run`, say {"step": 1e-3, "form": "tree"}. Without a
-        method: the engine's last of the highest documented order. Several are a list or a tuple; text is one.
+    engines : one or several (in a list or tuple), each a name, "engine:method", or a tuple or list (engine, method) or
+        (engine, method, options), where options is a dictionary of arguments of `crosscheck.run`, such as
+        {"step": 1e-3, "form": "tree"}. Without a method the engine's last one of the highest documented order is used.
     tol : a number or Tol for every quantity in its SI unit, or a mapping from quantities ("position", "attitude",
-        "velocity", "angular velocity") to numbers or Tol, the others then not compared. None takes the bounds of
-        `crosscheck.judge.tolerances`, A T h^p max|y^(p+1)| with p documented, per engine. Two engines may differ by the
-        larger of their bounds: the principal error constants of two methods differ by less than one.
-    step, rtol : for engines whose options give neither; without any of them a step is chosen such that the bounds judge
-    run, truth : what runs and what knows the truth; the fixtures of the pytest plugin, to run each engine only once
+        "velocity", "angular velocity") to numbers or Tol; quantities not in it are not compared. By default the bounds
+        of `crosscheck.judge.tolerances` apply, A T h^p max|y^(p+1)| with the documented order p of each engine. Two
+        engines may differ by the larger of their bounds: the error constants of two methods differ by less than one.
+    step, rtol : for engines whose options give neither; by default a step is chosen with which the bounds can judge
+    run, truth : replace `crosscheck.run` and `crosscheck.truth`, for example by fixtures that run each engine only once
 
     Raises
     ------
@@ -67,7 +67,7 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
     ArgumentError, SceneError, Unsupported, EngineError, TruthError
         As `crosscheck.run` and `crosscheck.truth`.
     """
-    __tracebackhide__ = True  # pytest then shows the line of the test
+    __tracebackhide__ = True  # so that pytest shows the line of the test
     from crosscheck import references
     from crosscheck.running.run import run as run_scene
     from crosscheck.scene import file as scene_file
@@ -89,14 +89,14 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
         _compare(loaded, f"{each.label} and truth", traj, reference.states, allowed, keep)
     for i in range(len(contenders)):
         for j in range(i):
-            # Not the sum: that would follow from the comparisons with truth and could never fail.
+            # Not the sum of both bounds: the comparisons with truth imply that one, so it could never fail.
             larger = {name: max(bounds[i][name], bounds[j][name], key=lambda tol: tol.value) for name in bounds[i]}
             _compare(loaded, f"{contenders[j].label} and {contenders[i].label}", trajectories[j], trajectories[i],
                      larger, keep)
 
 
 def _checked(tol: Any) -> dict[str, Tol] | None:
-    """`tol` as a bound per quantity, None for the documented ones."""
+    """`tol` as a bound per quantity; None for the documented bounds."""
     if tol is None:
         return None
     if isinstance(tol, Mapping):
@@ -120,9 +120,14 @@ def _bound(name: str, value: Any) -> Tol:
 
 def contender(entry: Entry, scene: Scene, truth: Reference, step: float | None = None,
               rtol: float | None = None) -> Contender:
-    """An entry of `assert_agree` with everything it leaves open chosen: the method, and a step such that bounds judge.
+    """An entry of `assert_agree`, completed by a method and by a step with which the bounds can judge.
 
-    Raises `ArgumentError` for an entry that is none, `Unsupported` where no method of the engine can run the scene.
+    Raises
+    ------
+    ArgumentError
+        The entry is not understood, or its step would be too small.
+    Unsupported
+        No method of the engine can run the scene.
     """
     from crosscheck import adapters
     from crosscheck.adapters.base import RunSpec

@@ -1,7 +1,7 @@
-"""pytest plugin: runs and truths as fixtures, computed once a session; engines and profile as options.
+"""pytest plugin: runs and truths as fixtures, computed once per session; engines and profile as options.
 
-A test says what it runs by arguments of `crosscheck_run`, or by the marker `crosscheck`, whose keywords stand for those
-it leaves out; a marked test that names no engine runs once per engine. Nothing is imported before a test asks for it.
+A test gives the arguments of a run to `crosscheck_run`, or as keywords of the marker `crosscheck`, which are used for
+arguments that the call leaves out. A marked test without an engine runs once per engine. Imports happen on first use.
 """
 
 from __future__ import annotations
@@ -11,24 +11,24 @@ from typing import Any
 
 import pytest
 
-MARKER = ("crosscheck(scene=, engine=, method=, step=, rtol=, **options): what crosscheck_run and crosscheck_truth "
-          "take where a test leaves their arguments out; without an engine the test runs once per engine")
+MARKER = ("crosscheck(scene=, engine=, method=, step=, rtol=, **options): default arguments of crosscheck_run and "
+          "crosscheck_truth in this test; without an engine the test runs once per engine")
 
 GIVEN: pytest.StashKey[dict[str, Any] | None] = pytest.StashKey()
-"""What the marker and the parameters of the running test say; None where it has no marker."""
+"""The keywords of the running test's marker, with its engine; None without a marker."""
 
 OPEN: pytest.StashKey[str | None] = pytest.StashKey()
-"""The engine that was chosen for the running test because it leaves it open."""
+"""The engine chosen for the running test because the test does not name one."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """The options of the command line."""
     group = parser.getgroup("crosscheck")
     group.addoption("--crosscheck-engine", action="append", metavar="NAME",
-                    help="engine of the tests that leave it open: a name, name==version, module:Class or "
+                    help="engine for tests that do not name one: a name, name==version, module:Class or "
                          "path/file.py:Class; may be repeated; default: all")
     group.addoption("--crosscheck-profile", default="default", metavar="PROFILE",
-                    help="default, or smoke: only the first seconds of scenes whose duration a test leaves open")
+                    help="default, or smoke: only the first seconds of scenes whose duration a test does not give")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -37,7 +37,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """One test per engine where the marker leaves the engine open, or the test asks for `crosscheck_engine`."""
+    """Make one test per engine if the marker names no engine, or if the test uses `crosscheck_engine`."""
     marker = metafunc.definition.get_closest_marker("crosscheck")
     asked = "crosscheck_engine" in metafunc.fixturenames
     if not asked and (marker is None or "engine" in marker.kwargs):
@@ -55,7 +55,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Let the fixtures of the session know which test asks."""
+    """Tell the session's fixtures the marker and the engine of the running test."""
     marker = item.get_closest_marker("crosscheck")
     call = getattr(item, "callspec", None)
     engine = call.params.get("crosscheck_engine") if call is not None else None
@@ -65,7 +65,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.fixture
 def crosscheck_engine(request: pytest.FixtureRequest) -> str:
-    """Name of an engine: that of the marker, else each one of --crosscheck-engine, else each one there is."""
+    """Name of an engine: that of the marker, else each one of --crosscheck-engine, else each known one."""
     return str(request.param)
 
 
@@ -79,13 +79,14 @@ def _crosscheck_session(request: pytest.FixtureRequest) -> Any:
 
 @pytest.fixture(scope="session")
 def crosscheck_run(_crosscheck_session: Any, request: pytest.FixtureRequest) -> Callable[..., Any]:
-    """`crosscheck.run` that remembers: the same arguments a second time return the same trajectory at once.
+    """`crosscheck.run` with a memory: the same arguments return the same trajectory without running again.
 
-    Called with a Scene, a built-in name or a path, then as `crosscheck.run`. What is left out comes from the marker;
-    left out there too, the method is the engine's last of the highest documented order, and in a marked test the step
-    or rtol such that documented bounds judge. Where a test leaves the engine open, one that cannot run it, or that is
-    not installed and that no option asked for, skips the test with its reason. Failed runs are not remembered. The
-    arrays of a trajectory are shared between tests: they are read-only.
+    The scene is a Scene, a built-in name or a path; the other arguments are those of `crosscheck.run`. Arguments that
+    are left out come from the marker. Without a method in either, the engine's last one of the highest documented order
+    is used, and in a marked test a step or rtol with which the documented bounds can judge. If the test names no
+    engine, it is skipped, with the reason, for engines that cannot run it, and for engines that are neither installed
+    nor requested by an option. Failed runs are not remembered. The arrays of a trajectory are read-only, because tests
+    share them.
     """
     stash = request.config.stash
 
@@ -108,9 +109,9 @@ def crosscheck_run(_crosscheck_session: Any, request: pytest.FixtureRequest) -> 
 
 @pytest.fixture(scope="session")
 def crosscheck_truth(_crosscheck_session: Any) -> Callable[..., Any]:
-    """`crosscheck.truth` that remembers within the session, on top of its cache on disk; the arrays are read-only.
+    """`crosscheck.truth` with a memory for the session, besides its cache on disk; the arrays are read-only.
 
-    Takes a trajectory too, which stands for its scene; without an argument: the scene of the marker.
+    It also takes a trajectory, for its scene; without an argument it takes the scene of the marker.
     """
     def truth(*arguments: Any, **options: Any) -> Any:
         return _crosscheck_session.truth(*arguments, **options)

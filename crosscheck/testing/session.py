@@ -1,4 +1,4 @@
-"""What the fixtures of the pytest plugin share within one test session: runs and truths, each computed once."""
+"""Runs and truths of one test session, each computed once, for the fixtures of the pytest plugin."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Session:
 
     Parameters
     ----------
-    profile : name of a profile of `crosscheck verify`; one that does not run whole scenes shortens those whose duration
-        a test leaves open to the first seconds that the order studies look at
-    given : called for the keywords that the running test's marker gives, None where it has no marker
+    profile : name of a profile of `crosscheck verify`; a profile that does not run whole scenes shortens scenes whose
+        duration a test does not give to the first seconds, those of the order studies
+    given : returns the keywords of the running test's marker, None without a marker
     """
 
     def __init__(self, profile: str, given: Callable[[], Mapping[str, Any] | None]) -> None:
@@ -42,11 +42,11 @@ class Session:
 
             chosen = contender((engine, method, options), _with(loaded, options), self.truth(_with(loaded, options)))
             method, options = chosen.method, dict(chosen.options)
-        # The hash leaves out the name, which a trajectory carries along.
+        # The name is not part of the hash, but of a trajectory.
         key = (loaded.hash, loaded.name, engine, method, tuple(sorted(options.items())))
         try:
             hash(key)
-        except TypeError:  # a list or an array among the arguments: let `crosscheck.run` say what is wrong with it
+        except TypeError:  # a list or an array among the arguments, which `crosscheck.run` will refuse
             return self._kept(run(loaded, engine, method, **options), options)
         if key not in self._runs:
             self._runs[key] = self._kept(run(loaded, engine, method, **options), options)
@@ -56,7 +56,7 @@ class Session:
         """A reference; see the fixture `crosscheck_truth`."""
         from crosscheck.references import truth as truth_of
 
-        if hasattr(scene, "scene"):  # a trajectory stands for its scene
+        if hasattr(scene, "scene"):  # a trajectory
             scene = scene.scene
         if scene is None:
             scene, _, _, options = _merged(None, None, None, {}, self._given() or {})
@@ -100,7 +100,7 @@ class Session:
 
 def _merged(scene: Any, engine: Any, method: Any, options: dict[str, Any],
             marked: Mapping[str, Any]) -> tuple[Any, ...]:
-    """The arguments of a call, completed from the marker; a step or rtol of the call replaces both of the marker."""
+    """The arguments of a call, completed from the marker; a step or rtol in the call replaces both in the marker."""
     kept = {key: value for key, value in marked.items() if key not in ("scene", "engine", "method")}
     if {"step", "rtol"} & set(options):
         kept = {key: value for key, value in kept.items() if key not in ("step", "rtol")}
@@ -110,13 +110,13 @@ def _merged(scene: Any, engine: Any, method: Any, options: dict[str, Any],
 
 
 def _with(scene: Scene, options: Mapping[str, Any]) -> Scene:
-    """The scene with the duration and the samples among the options of a run."""
+    """The scene with the duration and the samples from the options of a run."""
     changes = {key: options[key] for key in ("duration", "samples") if options.get(key) is not None}
     return scene.replace(**changes) if changes else scene
 
 
 def _frozen(record: Any) -> Any:
-    """Make every array of a record read-only, so that no test changes what the next one sees."""
+    """Make every array of a record read-only, so that a test cannot change it for the next one."""
     import dataclasses
 
     import numpy as np

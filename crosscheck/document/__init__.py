@@ -1,8 +1,9 @@
-"""The document of a run: one set of types from the journal to the page.
+"""The types of the results: the journal, results.json and the pages all use them.
 
-A run is a `Run`, then `Measured`, then `Judged`, then `Timed`: each stage returns a new value of its own type, which
-has the fields of the stages before, and nothing is changed in place. `Document` is results.json; its JSON Schema is
-made from these types (`crosscheck.report.schema`). SI units, angles in rad; None where there is no figure.
+A run passes through four stages: `Run`, `Measured`, `Judged`, `Timed`. Each stage returns a new value of its own type,
+with all fields of the stage before. Nothing is changed in place. `Document` is the content of results.json, and its
+JSON Schema is made from these types (`crosscheck.report.schema`). Units are SI, angles are in rad, and None means that
+there is no value.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from crosscheck.document.part import Part as Part
 from crosscheck.document.part import extended as extended
 
 SCHEMA = 1
-"""Version of results.json: raised where a key changes its meaning or goes; new keys alone do not raise it."""
+"""Version of results.json. It rises if a key is removed or changes its meaning. New keys do not raise it."""
 
 EULER = ("DAE3L_LE", "DAE2L_LE", "DAE2L_LSE", "DAE1L_LSE", "DAE3H_LE", "DAE2H_LE", "DAE2H_LSE", "DAE1H_LSE")
 """The eight Lie group Euler methods of [P1], in the order of its tables (doi:10.1177/1687814019842406)."""
@@ -36,44 +37,45 @@ Outcome = Literal["pass", "partly", "known", "fail", "error", "unjudged", "unsup
 Status = Literal["ok", "fail", "known", "unjudged"]
 
 PASSING = ("pass", "partly", "known", "unsupported", "unjudged")
-"""Outcomes that leave the exit code at 0."""
+"""Outcomes with exit code 0."""
 
 
 # --- scenes
 
 
 class Truth(Part, frozen=True, kw_only=True):
-    """Where the truth of a scene comes from, and how far to trust it."""
+    """Where the truth of a scene comes from, and how accurate it is."""
 
     source: str
     second_source: str
     disagreement: float
     allowed: float
     amplification: float
-    error: float | None = None  # how wrong it may be, over the length of the scene
-    horizon: float  # s
-    outvoted: str = ""  # which formulation two others outvoted, and by how much
+    error: float | None = None  # estimated error, over the length of the scene
+    horizon: float  # s, the time up to which it can be used
+    outvoted: str = ""  # the formulation that differs from two others which agree, and by how much
 
 
 class Plan(Part, frozen=True):
-    """Steps for one scene.
+    """The steps that methods use on one scene.
 
-    `steps` maps a documented order to the step (s) of the main run over the whole scene, `ladders` to the steps of the
-    order study over the first `window` seconds, coarse to fine. Orders that are not listed use the next lower one.
+    `steps` maps a documented order to the step (s) of the main run over the whole scene. `ladders` maps it to the
+    steps (s) of the order study over the first `window` seconds, from coarse to fine. An order that is not listed uses
+    the next lower one.
     """
 
     window: float
     steps: dict[int, float]
     ladders: dict[int, tuple[float, ...]]
     rtol: float = 1e-9
-    practical: float | None = None  # s; first-order methods also run at this step, for what a user meets who starts so
-    samples: int = 251  # output times of the main run: smooth curves on a screen, and no more
-    duration: float | None = None  # s; main runs end here where the scene itself is longer
-    budgeted: bool = False  # a budget of steps or the user decided, so that no bound may be able to judge a run
+    practical: float | None = None  # s; first-order methods also run at this coarse step, as a new user might
+    samples: int = 251  # output times of the main run, enough for smooth curves on a screen
+    duration: float | None = None  # s; main runs end here if the scene is longer
+    budgeted: bool = False  # a limit on the cost or the user set the steps; they may be too coarse for any bound
 
     @property
     def most_steps(self) -> float:
-        """Steps of the finest run of the order studies, over the window."""
+        """Number of steps of the finest run of all order studies."""
         return max((self.window / ladder[-1] for ladder in self.ladders.values()), default=0.0)
 
     def step(self, order: int) -> float:
@@ -81,52 +83,53 @@ class Plan(Part, frozen=True):
         return self.steps[max(key for key in self.steps if key <= order)]
 
     def ladder(self, order: int, rungs: int | None = None) -> tuple[float, ...]:
-        """Steps (s) of the order study; where `rungs` asks for fewer, those that show the order best.
+        """Steps (s) of the order study: all of them, or the `rungs` that show the order best.
 
-        Low orders show it in their finest steps, high ones in their coarsest, above the rounding plateau.
+        Methods of low order show it best at their finest steps. Those of high order show it best at their coarsest
+        steps, because rounding limits the errors at fine ones.
         """
         steps = self.ladders[max(key for key in self.ladders if key <= order)]
         return steps if rungs is None else steps[-rungs:] if order <= 2 else steps[:rungs]
 
 
 class Scales(Part, frozen=True, kw_only=True):
-    """Sizes of a scene that turn errors of states into errors of everything else; from the scene and its truth."""
+    """Typical sizes of a scene, from the scene and its truth. With them, bounds of all quantities follow from one."""
 
     length: float  # m, the longest lever from a centre of mass to a joint
     speed: float  # m/s, largest speed of a centre of mass
-    rate: float  # rad/s, W': largest angular speed, or the rate of falling through the length where that is larger
-    unit_rate: float  # rad/s, W: the same at the start; the unit in which truth perturbs velocities
-    reach: float  # m, farthest centre of mass from the origin
+    rate: float  # rad/s, W': the largest angular speed, or sqrt(g / length) if that is larger
+    unit_rate: float  # rad/s, W: the same at the start; the unit of the velocities that truth perturbs
+    reach: float  # m, largest distance of a centre of mass from the origin
     kinetic: float  # J, largest kinetic energy
-    momentum: float  # kg m^2/s, what the angular momentum could be at these speeds
+    momentum: float  # kg m^2/s, largest angular momentum that is possible at these speeds
 
     @property
     def units(self) -> dict[str, float]:
-        """What an error of one in the state y is in each compared quantity, see `crosscheck.judge.tolerances`."""
+        """The error of each compared quantity if the error of the state y is one, see `crosscheck.judge.tolerances`."""
         return {"position": self.length, "attitude": 1.0, "velocity": self.length * self.rate,
                 "angular velocity": self.rate}
 
     def of(self, quantity: str) -> float:
-        """Size of a compared quantity, in its unit: an error beyond this says nothing any more."""
+        """Size of a compared quantity, in its unit. A run with a larger error has nothing to do with the motion."""
         return {"position": max(self.length, self.reach), "attitude": 1.0, "velocity": self.speed,
                 "angular velocity": self.rate}[quantity]
 
 
 class Recommended(Part, frozen=True, kw_only=True):
-    """Which runs to trust, the fastest first, with the figures of the first."""
+    """The runs to trust, the fastest first. All numbers are of the first."""
 
     runs: list[str]
     step: float | None
     rtol: float | None
     error: float  # m, the largest judged position error
-    until: float | None  # s, judged up to
+    until: float | None  # s, the end of the judged time
     seconds: float | None  # of stepping per simulated second
     why: str
-    share: float = 1.0  # of its time, over which the motion of the first was judged
+    share: float = 1.0  # the part of its time over which its motion was judged
 
 
 class EngineTrust(Part, frozen=True, kw_only=True):
-    """What to trust of one engine on a scene, by the runs that were made."""
+    """The runs to trust of one engine on a scene."""
 
     engine: str
     runs: int
@@ -136,7 +139,7 @@ class EngineTrust(Part, frozen=True, kw_only=True):
 
 
 class SceneTruth(Part, frozen=True, kw_only=True, omit_defaults=True):
-    """A scene, its plan and its truth; what is wrong with it where it has none."""
+    """A scene, its plan and its truth, or why there is none."""
 
     name: str
     title: str
@@ -149,15 +152,15 @@ class SceneTruth(Part, frozen=True, kw_only=True, omit_defaults=True):
     truth: Truth | None
     scales: Scales | None
     rounding: dict[str, tuple[float, float]] | None = None  # see `crosscheck.judge.tolerances.rounding_levels`
-    no_truth: str = ""  # why there is none
-    disputed: bool = False  # two formulations of the truth disagreed
+    no_truth: str = ""  # why there is no truth
+    disputed: bool = False  # two formulations of the truth disagree
     failure: str = ""  # why the scene could not be prepared at all
-    details: str = ""  # of the failure
+    details: str = ""  # more about the failure
     curves: SceneCurves = SceneCurves()
 
 
 class Scene(SceneTruth, frozen=True, kw_only=True, omit_defaults=True):
-    """A scene as the document has it: also which of its runs to trust."""
+    """A scene, its truth, and which of its runs to trust."""
 
     trust: str
     recommended: Recommended | None
@@ -168,7 +171,7 @@ class Scene(SceneTruth, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Finding(Part, frozen=True):
-    """One judged figure of a run."""
+    """One judged value of a run."""
 
     kind: str  # quantity of metrics, "energy", "momentum", "level position", "orthogonality", "order position", "run"
     status: Status
@@ -176,27 +179,27 @@ class Finding(Part, frozen=True):
     bound: float | None
     unit: str
     why: str
-    detail: str = ""  # where and when, or what is known about it
+    detail: str = ""  # where and when it happens, or what is known about it
 
     @property
     def severity(self) -> float:
-        """log10 of the value over its bound, infinite for what is not finite; of orders, tenths below the bound."""
+        """log10 of value / bound, infinite if the value is not finite. Of an order: 10 times the lack to its bound."""
         if self.value is None or self.bound is None or not math.isfinite(self.value):
             return math.inf if self.status in ("fail", "known") else -math.inf
         if self.kind.startswith("order"):
             return 10.0 * (self.bound - self.value)
         if self.value == 0:
-            return -math.inf  # nothing of it at all, also where the bound is 0
+            return -math.inf  # also if the bound is 0
         return math.log10(max(self.value, 1e-300) / max(self.bound, 1e-300))
 
 
 class Errors(Part, frozen=True, kw_only=True):
-    """Errors of one quantity against truth, the worst body."""
+    """Errors of one quantity against truth, of the body with the largest ones."""
 
     unit: str
     end: float | None
     max: float | None
-    time: float | None  # s, of the largest
+    time: float | None  # s, of the largest error
     body: str
     judged: float | None = None
     bound: float | None = None
@@ -204,7 +207,7 @@ class Errors(Part, frozen=True, kw_only=True):
 
 
 class Level(Part, frozen=True, kw_only=True):
-    """Largest constraint row at one level, and whether the method holds this level by construction."""
+    """Largest constraint residual at one level, and whether the method satisfies this level by construction."""
 
     max: float | None
     held: bool
@@ -212,34 +215,37 @@ class Level(Part, frozen=True, kw_only=True):
 
 
 class Order(Part, frozen=True, kw_only=True):
-    """Order fitted to errors at several steps."""
+    """The convergence order, fitted to the errors at several steps.
 
-    observed: float | None  # None where fewer than three steps lie above the rounding plateau
+    At fine steps rounding keeps the errors from falling: this is the rounding plateau.
+    """
+
+    observed: float | None  # None if fewer than three steps lie above the rounding plateau
     documented: int
-    used: int  # steps that took part
-    pairs: tuple[float | None, ...]  # orders between neighbouring steps, all of them, coarse to fine
+    used: int  # number of steps in the fit
+    pairs: tuple[float | None, ...]  # orders between all neighbouring steps, coarse to fine
     note: str = ""
     settled: bool = True  # the last three orders between neighbouring steps above the plateau agree
-    exhausted: bool = False  # the finest step lies on the plateau, a finer one would show nothing but rounding
-    finest: float | None = None  # order between the two finest steps above the plateau, where orders rise towards it
-    rounding: float = 0.0  # largest error at the finer steps at which errors fall no more
+    exhausted: bool = False  # the finest step lies on the plateau, so that finer ones would show rounding only
+    finest: float | None = None  # order between the two finest steps above the plateau, if orders rise towards it
+    rounding: float = 0.0  # largest error on the plateau
 
 
 class Rung(Part, frozen=True, kw_only=True):
-    """One step, or tolerance, of the order study."""
+    """One step or tolerance of the order study."""
 
     step: float | None  # s
     rtol: float | None
-    errors: dict[str, float | None] = {}  # largest of the window
-    end: dict[str, float | None] = {}  # at its end
+    errors: dict[str, float | None] = {}  # the largest in the window
+    end: dict[str, float | None] = {}  # at the end of the window
     wall_time: float | None = None  # s
     steps: int | None = None
-    guide: float | None = None  # m, the documented slope through the coarsest rung
-    message: str = ""  # why there is no figure
+    guide: float | None = None  # m, on the line of documented slope through the error at the coarsest step
+    message: str = ""  # why there are no errors
 
 
 class Point(Part, frozen=True, kw_only=True):
-    """One step, or tolerance, of the timing study."""
+    """One step or tolerance of the timing study."""
 
     step: float | None  # s
     rtol: float | None
@@ -253,7 +259,8 @@ class Point(Part, frozen=True, kw_only=True):
 
 
 class Speed(Part, frozen=True, kw_only=True):
-    """Time per step of a run. `ratio` is that over the time of the calibration kernel beside it."""
+    """Time per step of a run. `ratio` is this time over that of the calibration kernel, measured just before or after.
+    """
 
     us_per_step: float
     us_deviation: float  # median absolute deviation over the repeats
@@ -264,7 +271,7 @@ class Speed(Part, frozen=True, kw_only=True):
 
 
 class Run(Part, frozen=True, kw_only=True):
-    """Which run this is."""
+    """The identity of a run: scene, engine, method and options."""
 
     scene: str
     engine: str
@@ -274,22 +281,22 @@ class Run(Part, frozen=True, kw_only=True):
     step: float | None = None  # s
     rtol: float | None = None
     documented_order: int | None = None
-    coordinate_map: str | None = None  # None: the method's own
+    coordinate_map: str | None = None  # None: the default of the method
     command: str = ""  # reproduces the run
     practical: bool = False  # at a step too coarse for bounds of states, see `crosscheck.judge.verdict.judge_practical`
-    own_environment: bool = False  # another version, in an environment of its own: its times compare with no other
+    own_environment: bool = False  # another version in its own environment, so that its times are not comparable
 
 
 class Measured(Run, frozen=True, kw_only=True):
-    """A run and its figures."""
+    """A run and what was measured of it."""
 
-    status: str = ""  # the engine's word
+    status: str = ""  # as the engine says
     duration: float | None = None  # s, of the main run
     errors: dict[str, Errors] = {}  # by quantity
     levels: dict[str, Level] = {}
-    energy_error: float | None = None  # over the largest kinetic energy, every step; less work done, at the samples
-    energy_error_by_start: float | None = None  # the same over |E(0)|, the potential zero at the origin
-    momentum_error: float | None = None  # kg m^2/s, samples
+    energy_error: float | None = None  # over the largest kinetic energy: of every step, or of samples if work is done
+    energy_error_by_start: float | None = None  # the same over |E(0)|, where the potential is zero at the origin
+    momentum_error: float | None = None  # kg m^2/s, at the samples
     orthogonality: float | None = None
     steps: int | None = None
     wall_time: float | None = None  # s
@@ -297,12 +304,12 @@ class Measured(Run, frozen=True, kw_only=True):
     seconds_per_second: float | None = None  # of stepping per simulated second, at the judged step
     orders: dict[str, Order] = {}
     ladder: list[Rung] = []
-    ladder_cut: str = ""  # why the order study has fewer steps than planned, where the bound of its time cut it
+    ladder_cut: str = ""  # why the order study has fewer steps than planned, if its time limit cut it
     curves: RunCurves = RunCurves()
 
     @property
     def judged_error(self) -> float:
-        """The largest position error (m) over the judged time; infinite where it was not judged."""
+        """The largest position error (m) over the judged time; infinite if it was not judged."""
         error = self.errors.get("position")
         return math.inf if error is None or error.judged is None else error.judged
 
@@ -317,23 +324,23 @@ class Judged(Measured, frozen=True, kw_only=True):
 
 
 class Timed(Judged, frozen=True, kw_only=True):
-    """A run as the document has it: named beside the others, and timed."""
+    """A judged run with its label and its times."""
 
-    label: str = ""  # engine and method, and the form where a method ran in more than one
-    default_form: bool = True  # the form is the engine's own choice, not one that the plan named
-    seconds_deviation: float | None = None  # median absolute deviation of its repeats; None: timed only once
+    label: str = ""  # engine and method, and the form if the method ran in more than one
+    default_form: bool = True  # whether the engine, not the plan, chose the form
+    seconds_deviation: float | None = None  # median absolute deviation of the repeats; None: timed only once
     speed: Speed | None = None
     timing: list[Point] = []
-    word: str = ""  # the outcome in words that claim no more than was judged
-    partly: bool = False  # the bounds of the motion judge only its beginning
-    worst: Finding | None = None  # to name first, see `crosscheck.judge.verdict.worst`
+    word: str = ""  # the outcome in words that say how much of the motion was judged
+    partly: bool = False  # only the beginning of the motion could be judged
+    worst: Finding | None = None  # the most important finding, see `crosscheck.judge.verdict.worst`
 
 
 Record = Timed
 
 
 class Change(Part, frozen=True, kw_only=True):
-    """What differs from the run before; empty texts where it is about more than one scene, engine or method."""
+    """One difference from the run before. A name is empty if the change concerns several scenes, engines or methods."""
 
     kind: str  # one of `crosscheck.history.changes.KINDS`
     scene: str
@@ -342,8 +349,8 @@ class Change(Part, frozen=True, kw_only=True):
     quantity: str
     before: float | str | None
     after: float | str | None
-    text: str  # one clause, with its units
-    bad: bool = False  # whether it is a finding, or only worth knowing
+    text: str  # one clause, with units
+    bad: bool = False  # whether it is a finding, or only information
 
     @property
     def who(self) -> str:
@@ -357,30 +364,30 @@ class Support(Part, frozen=True, kw_only=True):
     scene: str
     engine: str
     form: str | None
-    reason: str | None  # why those that cannot do not; None where all can
-    methods: list[str] = []  # those that can
+    reason: str | None  # why the other methods cannot; None if all can
+    methods: list[str] = []  # the methods that can
 
 
 class Advice(Part, frozen=True, kw_only=True):
-    """What to run for an error. Where no method reaches it, `method` and all that belongs to it are None."""
+    """The run that reaches a wanted error. If no method reaches it, `method` and all that follows it are None."""
 
     scene: str
     engine: str
-    wanted: float  # m, the error asked for
-    until: float  # s, up to where truth is comparable
-    least: float | None  # m, the least error that any run had
+    wanted: float  # m, the wanted error
+    until: float  # s, the time up to which runs can be compared with truth
+    least: float | None  # m, the smallest error of all runs
     method: str | None = None
-    form: str | None = None  # the engine's own choice
-    step: float | None = None  # s, the largest that was found; None for an adaptive method
+    form: str | None = None  # as the engine chose it
+    step: float | None = None  # s, the largest that reaches the error; None for an adaptive method
     rtol: float | None = None
     error: float | None = None  # m, measured: the largest |component of x - truth| over bodies and samples
     cost: float | None = None  # s of stepping
-    breaks_at: float | None = None  # step (s) or rtol of the finest coarser run that fails or says nothing
+    breaks_at: float | None = None  # step (s) or rtol of the finest of the coarser runs that fail or cannot be judged
     command: str | None = None
 
 
 class Document(Part, frozen=True, kw_only=True):
-    """results.json: all that a report needs, and all it may use."""
+    """The content of results.json. Reports are made from it alone."""
 
     schema: int = SCHEMA
     meta: Meta
@@ -389,11 +396,11 @@ class Document(Part, frozen=True, kw_only=True):
     exit_code: int  # 0: every verdict passes; 1: one does not; 2: the run is incomplete
     changes: list[Change] | None = None
     support: list[Support] | None = None
-    advice: list[Advice] | None = None  # of the scenes and engines whose methods have been walked through
+    advice: list[Advice] | None = None  # of those scenes and engines for which it was asked
 
 
 def exit_code(scenes: list[Scene], records: list[Record]) -> int:
-    """0: every verdict passes; 1: one does not; 2: the run itself failed (a scene without truth, nothing ran)."""
+    """0: every verdict passes; 1: one does not; 2: the run itself failed, because truth is missing or nothing ran."""
     if any(scene.failure or scene.disputed for scene in scenes) or not records:
         return 2
     return int(any(record.outcome not in PASSING for record in records))

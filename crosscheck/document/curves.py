@@ -1,4 +1,4 @@
-"""The curves of scenes and runs, packed for the pages; `crosscheck.verification.curves` makes them."""
+"""The curves of scenes and runs in the packed form of the pages. `crosscheck.verification.curves` makes them."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import msgspec
 from crosscheck.document.part import Part
 
 PACKED_STEPS, PACKED_MISSING = 65533, 65535
-"""Of a packed curve: number of equal spaces between its lowest and highest value; what stands for no finite value."""
+"""Of a packed curve: the largest integer for a value, and the integer for a value that is not finite."""
 
 
 class Packed(Part, frozen=True, omit_defaults=True):
-    """One curve. `q` holds little-endian 16-bit integers in base64, of which 1 to `PACKED_STEPS` stand for equally
-    spaced values from `lo` to `hi`, and `PACKED_MISSING` for a value that is not finite. With `log`, `lo` and `hi` are
-    decimal logarithms and 0 stands for zero. A curve of equal values has `n`, their number, in place of `q`. With
-    `over` the values are differences from the true curve, which then are as exact as errors need.
+    """One curve. `q` holds little-endian 16-bit integers in base64: 1 to `PACKED_STEPS` stand for equally spaced
+    values from `lo` to `hi`, and `PACKED_MISSING` for a value that is not finite. With `log`, `lo` and `hi` are decimal
+    logarithms, and 0 stands for zero. A curve of equal values has their number `n` instead of `q`. With `over`, the
+    values are differences from the true curve, which keeps small differences exact.
     """
 
     lo: float
@@ -28,18 +28,18 @@ class Packed(Part, frozen=True, omit_defaults=True):
 
 
 Curve = Packed | Literal["truth"] | None
-"""The word "truth" says: the true curve, to within two spaces of that one. None: there is no such curve."""
+"""The word "truth" stands for the true curve, if the two differ by two integers or less. None: there is no curve."""
 
 
 class Reaction(Part, frozen=True, omit_defaults=True):
-    """What a joint carries: three components each, N and N m; no torque where it is rounding."""
+    """Force (N) and torque (N m) of a joint, three components each. A torque that is only rounding is left out."""
 
     force: list[Curve]
     torque: list[Curve] | None = None
 
 
 class Motion(Part, frozen=True, kw_only=True, omit_defaults=True):
-    """The motion at the output times. Without curves, all are None."""
+    """The motion at the output times. If no curves are kept, all fields are None."""
 
     x: list[list[Curve]] | None = None  # m, per body three components
     q: list[list[Curve]] | None = None  # per body a quaternion w, x, y, z
@@ -51,15 +51,15 @@ class Motion(Part, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def drawn(self) -> bool:
-        """Whether there are any."""
+        """Whether there are curves."""
         return self.x is not None
 
 
 class RunCurves(Motion, frozen=True, kw_only=True, omit_defaults=True):
-    """The curves of a run: also its errors, on a logarithmic scale."""
+    """The curves of a run and of its errors. Errors have a logarithmic scale."""
 
     errors: dict[str, Curve] = {}  # by quantity
-    energy: Curve = None  # over the largest kinetic energy
+    energy: Curve = None  # its error over the largest kinetic energy
     momentum_error: Curve = msgspec.field(default=None, name="momentum error")  # kg m^2/s
     orthogonality: Curve = None
     constraint_position: Curve = msgspec.field(default=None, name="constraint position")  # m
@@ -72,11 +72,11 @@ class DrawnBody(Part, frozen=True):
 
     name: str
     mass: float
-    corners: list[list[float]]  # m, body axes; bit k of a corner's number tells its side of axis k
+    corners: list[list[float]]  # m, body axes; bit k of a corner's index tells on which side of axis k it is
 
 
 class DrawnJoint(Part, frozen=True):
-    """A joint; anchors in m, all in the frames of the scene file."""
+    """A joint. Anchors are in m, and all vectors in the frames of the scene file."""
 
     name: str
     type: str
@@ -89,9 +89,9 @@ class DrawnJoint(Part, frozen=True):
 
 
 class Drawing(Part, frozen=True):
-    """Geometry for a picture. A force also has its parameters by their names in the scene file.
+    """Geometry for a picture. A force also has its parameters under their names in the scene file.
 
-    `turn` is the largest angle (rad) that a body turns between two output times; pi and more no playback can show.
+    `turn` is the largest angle (rad) that a body turns between two output times. From pi on, playback cannot show it.
     """
 
     gravity: list[float]  # m/s^2
@@ -103,7 +103,7 @@ class Drawing(Part, frozen=True):
 
 
 class SceneCurves(Motion, frozen=True, kw_only=True, omit_defaults=True):
-    """Output times, geometry and, where there is truth, its motion."""
+    """Output times, geometry, and the true motion if there is truth."""
 
     t: list[float] = []  # s
     drawing: Drawing | None = None

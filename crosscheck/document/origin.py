@@ -1,4 +1,4 @@
-"""Where the results of a document come from."""
+"""What the results of a document were made with."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from crosscheck.document.part import Part
 
 
 class Machine(Part, frozen=True, kw_only=True):
-    """The machine a run was made on."""
+    """The machine that a run was made on."""
 
     system: str
     processor: str
@@ -14,7 +14,7 @@ class Machine(Part, frozen=True, kw_only=True):
 
 
 class Calibration(Part, frozen=True, kw_only=True):
-    """The fixed work that speeds are compared with."""
+    """A fixed piece of work. The times of runs are compared with its time."""
 
     what: str
     us: float | None  # median
@@ -22,7 +22,7 @@ class Calibration(Part, frozen=True, kw_only=True):
 
 
 class Origin(Part, frozen=True, kw_only=True):
-    """What figures were made with, as `crosscheck.running.provenance.describe` tells it."""
+    """What results were made with, from `crosscheck.running.provenance.describe`."""
 
     time: str  # UTC
     engines: dict[str, str]  # name to version
@@ -33,15 +33,15 @@ class Origin(Part, frozen=True, kw_only=True):
 
 
 class Asked(Part, frozen=True, kw_only=True, omit_defaults=True):
-    """What main runs take in place of what the plan says; None: as planned."""
+    """Options that the user asked for in main runs instead of those of the plan; None: as planned."""
 
-    coordinate_map: str | None = None  # also of the order studies, with the engines that have this option
+    coordinate_map: str | None = None  # also in order studies, of the engines that have this option
     step: float | None = None  # s, of methods with a fixed step
     duration: float | None = None  # s
 
     @property
     def words(self) -> list[str]:
-        """The options of a command that asks for it."""
+        """The command-line options that ask for the same."""
         given = (("--map", self.coordinate_map), ("--step", self.step), ("--duration", self.duration))
         return [word for option, value in given if value is not None for word in (option, str(value))]
 
@@ -50,13 +50,13 @@ AS_PLANNED = Asked()
 
 
 class Meta(Origin, frozen=True, kw_only=True):
-    """Where the results of `crosscheck verify` come from."""
+    """What the results of `crosscheck verify` were made with."""
 
     profile: str
     jobs: int
     command: str
     seconds: float  # of the whole run
     calibration: Calibration | None = None
-    started: str | None = None  # UTC, ISO 8601; of a nightly run
-    compared_with: str | None = None  # name of the run that `changes` are about
+    started: str | None = None  # UTC, ISO 8601; only of a nightly run
+    compared_with: str | None = None  # name of the earlier run that `changes` compare with
     asked: Asked = AS_PLANNED

@@ -8,12 +8,12 @@ import msgspec
 
 
 class Part(msgspec.Struct, frozen=True):
-    """A part of the document. It is never changed: `msgspec.structs.replace` makes another one."""
+    """A part of the document. It cannot be changed; `msgspec.structs.replace` makes a changed copy."""
 
 
 P = TypeVar("P", bound=Part)
 
 
 def extended(kind: type[P], part: Part, **more: Any) -> P:
-    """What the next stage returns: the fields of `part`, and more."""
+    """A value of the next stage's type, with the fields of `part` and `more`."""
     return kind(**{**msgspec.structs.asdict(part), **more})

@@ -1,7 +1,8 @@
-"""Independent tasks in worker processes. One that raises, crashes, hangs or eats memory becomes a `Crash`, not an end.
+"""Run independent tasks in worker processes. A task that raises, crashes, hangs or takes too much memory gives a
+`Crash` as its result, and the others go on.
 
-`concurrent.futures.ProcessPoolExecutor` will not do: one dead worker breaks its whole pool, and a task that hangs
-cannot be stopped. Here an executor only keeps as many threads waiting as there are workers; the workers are ours.
+`concurrent.futures.ProcessPoolExecutor` is not used, because one dead worker breaks its whole pool, and a task that
+hangs cannot be stopped. Here the executor has one thread per worker process, which waits for that process.
 """
 
 from __future__ import annotations
@@ -27,21 +28,21 @@ def run_tasks(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int = 
     ----------
     function, tasks : picklable; the function must be importable by name
     jobs : number of worker processes, each of which runs one task after the other
-    done : called in this thread with (index, result) as each task ends
-    limits : time and resident memory of one task
-    executor : what runs the tasks instead of `jobs` threads here, say `dask.distributed.Client(address)
-        .get_executor()`; each of its workers keeps a worker process of ours beside it
-    again : run a task once more whose process was killed from outside
+    done : called in this thread with (index, result) as soon as a task ends
+    limits : most time and resident memory of one task
+    executor : runs the tasks instead of `jobs` threads of this process, for example `dask.distributed.Client(address)
+        .get_executor()`; each of its workers starts one worker process
+    again : run a task once more if its process was killed from outside
 
     Returns
     -------
     list
-        One result per task; a `Crash` where the task raised, went beyond its limits or its process died.
+        One result per task. It is a `Crash` if the task raised or exceeded its limits, or if its process died.
 
     Raises
     ------
     CrosscheckError
-        The scheduler behind `executor` was lost.
+        The connection to the scheduler behind `executor` was lost.
     """
     waiting = list(enumerate(tasks))
     results: list[Any] = [None] * len(waiting)
@@ -57,8 +58,8 @@ def run_tasks(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int = 
         for future in concurrent.futures.as_completed(flying):
             index = flying[future]
             if future.cancelled() or type(failure := future.exception()).__name__ == "FutureCancelledError":
-                raise CrosscheckError("the scheduler was lost; what ended before is kept where there is a journal, and "
-                                      "the same command goes on from there")
+                raise CrosscheckError("the scheduler was lost; the results in the journal are kept, and the same "
+                                      "command continues from there")
             results[index] = future.result() if failure is None else Crash(f"{type(failure).__name__}: {failure}")
             if done is not None:
                 done(index, results[index])

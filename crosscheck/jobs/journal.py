@@ -1,7 +1,7 @@
-"""The journal of a run under way: each result is on the disk before the run goes on, and survives a kill.
+"""The journal of a run in progress: every result is written to the disk before the run continues.
 
-One JSON line a result, written and synced as the result comes in. A line that a kill cut short is the last one; it is
-dropped when the journal is opened again, and its task runs anew.
+Each result is one line of JSON, written and synced at once. If the process is killed while it writes, only the last
+line is incomplete. That line is dropped when the journal is opened again, and its task runs again.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ class Journal:
 
     Parameters
     ----------
-    path : the file; made where it is not there
-    types : type of the results of each stage, to which `msgspec` converts what it reads
+    path : the file; created if it does not exist
+    types : the type of the results of each stage, to which `msgspec` converts the JSON it reads
     """
 
     def __init__(self, path: Path, types: Mapping[str, object]) -> None:
         self._types = types
-        self._found: dict[tuple[str, str], Any] = {}  # what earlier sessions left
-        self._spent: dict[int, float] = {}  # s, of each of them
+        self._found: dict[tuple[str, str], Any] = {}  # results of earlier sessions
+        self._spent: dict[int, float] = {}  # s, length of each earlier session
         self._opened = time.perf_counter()
         try:
             self._read(path)
@@ -43,7 +43,7 @@ class Journal:
             raise ArgumentError(f"{path}: {error.strerror or error}") from None
 
     def _read(self, path: Path) -> None:
-        """Take in the whole lines and cut the file behind them."""
+        """Read the complete lines and cut off an incomplete last one."""
         content = path.read_bytes() if path.exists() else b""
         whole = content[:content.rfind(b"\n") + 1]
         for number, line in enumerate(whole.splitlines(), 1):
@@ -59,25 +59,25 @@ class Journal:
             os.truncate(path, len(whole))
 
     def __len__(self) -> int:
-        """How many results earlier sessions left."""
+        """Number of results that earlier sessions left."""
         return len(self._found)
 
     @property
     def seconds(self) -> float:
-        """Time spent on the run so far, in this session and in those that were killed."""
+        """Time (s) spent on the run so far, in this session and in the earlier ones that were killed."""
         return sum(self._spent.values()) + time.perf_counter() - self._opened
 
     def get(self, stage: str, key: str) -> Any:
-        """What a task ended with in an earlier session, or None where it did not end."""
+        """The result of a task in an earlier session, or None if it did not end."""
         if (stage, key) not in self._found:
             return None
         return self._typed(stage, self._found[stage, key])
 
     def put(self, stage: str, key: str, result: Any) -> Any:
-        """Write a result and return it as `get` will: a resumed run sees the same values as one that was not killed."""
+        """Write a result and return it as `get` will return it, so that a resumed run sees the same values."""
         import msgspec
 
-        if isinstance(result, Crash):  # its texts: the exception itself belongs to the process that met it
+        if isinstance(result, Crash):  # only its texts: an exception cannot always be written
             plain = {CRASH: {name: text for name, text in vars(result).items() if isinstance(text, str)}}
         else:
             plain = msgspec.to_builtins(result, str_keys=True, enc_hook=scalar)
@@ -94,7 +94,7 @@ class Journal:
         return self._typed(stage, json.loads(json.dumps(plain)))
 
     def close(self) -> None:
-        """Close the file; what is in it stays."""
+        """Close the file."""
         self._file.close()
 
     def _typed(self, stage: str, plain: Any) -> Any:
@@ -107,20 +107,20 @@ class Journal:
 
 @dataclasses.dataclass
 class Stages:
-    """Stages of a run: many tasks of one kind, without those that the journal holds already."""
+    """Run the stages of a run. A stage is many tasks of one kind; those with a result in the journal are not run."""
 
     jobs: int
     journal: Journal | None
     count: Callable[[str], None]  # called as each task ends
-    executor: concurrent.futures.Executor | None = None  # in place of `jobs` processes here
+    executor: concurrent.futures.Executor | None = None  # instead of `jobs` processes on this machine
 
     def run(self, stage: str, function: Callable[[Any], Any], tasks: Sequence[Any], keys: Sequence[str],
             labels: Sequence[str], limits: Limits | None = None, again: bool = False,
             failure: Callable[[Any], str] | None = None) -> list[Any]:
-        """Results of one stage, in order; `keys` name the tasks in the journal, `labels` in the progress bar.
+        """Results of one stage, in order. `keys` name the tasks in the journal, `labels` in the progress bar.
 
-        With `again`, a task whose process was killed from outside runs once more. `failure` says what is wrong with a
-        result, or nothing; its label then begins with `FAILED` and ends with that.
+        With `again`, a task whose process was killed from outside runs once more. `failure` returns what is wrong with
+        a result, or "". If something is wrong, the label begins with `FAILED` and ends with that text.
         """
         results = [self.journal.get(stage, key) if self.journal is not None else None for key in keys]
         missing = [index for index, result in enumerate(results) if result is None]

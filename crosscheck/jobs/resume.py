@@ -1,4 +1,4 @@
-"""Resuming: a run of the same identity continues what a killed run has left beside its result."""
+"""Resume a killed run: the next run with the same identity continues with the results that were kept."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from crosscheck.jobs.journal import Journal
 
 @dataclasses.dataclass(frozen=True)
 class Kept:
-    """The journal of a run, and how many results of an earlier one it began with."""
+    """The journal of a run, and the number of results of an earlier run that were in it at the start."""
 
     journal: Journal | None
     results: int
@@ -26,10 +26,10 @@ class Kept:
 
 @contextlib.contextmanager
 def resumable(out: Path, identity: str, types: Mapping[str, object]) -> Iterator[Kept]:
-    """The journal of a run whose result will be `out`, in a hidden folder beside that.
+    """The journal of a run that will write `out`. It is kept in a hidden folder next to `out`.
 
-    The folder goes when the run ends or is interrupted; a kill or an error leaves it for the next run of the same
-    `identity`. While another run holds the folder there is no journal.
+    The folder is removed when the run ends or is interrupted by Ctrl-C. A kill or an error leaves it for the next run
+    with the same `identity`. The journal is None while another run uses the folder.
 
     Raises
     ------
@@ -76,6 +76,6 @@ def _opened(folder: Path, identity: str, types: Mapping[str, object]) -> Journal
 def _end(journal: Journal, folder: Path) -> None:
     journal.close()
     aside = folder.with_name(f"{folder.name}.{os.getpid()}")
-    with contextlib.suppress(OSError):  # the result is written; a folder that stays does no harm
+    with contextlib.suppress(OSError):  # a folder that cannot be removed does no harm
         folder.rename(aside)
         shutil.rmtree(aside)

@@ -1,4 +1,4 @@
-"""The arguments of a run: names and numbers checked, and made one request. Numbers are Python's or NumPy's."""
+"""Check the arguments of a run and make one request of them. Numbers may be Python's or NumPy's."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SCENE_OPTIONS = ("samples", "duration")
 OPTIONS = (*SCENE_OPTIONS, "monitor", *ENGINE_OPTIONS)
 
 MOST_STEPS = 1e10
-"""Of one run; the fastest engine here needs an hour for them, and a longer run is a misprint of the step."""
+"""Most steps of one run. The fastest engine needs an hour for as many, so that more are taken for a mistyped step."""
 
 
 def request(engine: str, adapter: Engine, method: str, step: float | None, rtol: float | None,
@@ -57,7 +57,7 @@ def request(engine: str, adapter: Engine, method: str, step: float | None, rtol:
     flag = options.get("monitor")
     monitor = flag is None or bool(flag)
     spec = RunSpec(method, _positive("step", step), _positive("rtol", rtol), monitor=monitor, **given)
-    adaptive = getattr(adapter, "adaptive_methods", None)  # an adapter without them answers for itself
+    adaptive = getattr(adapter, "adaptive_methods", None)  # an adapter without them checks step and rtol itself
     if adaptive is not None and method not in adaptive:
         if spec.rtol is not None:
             raise ArgumentError(f"rtol: {engine} {method} runs with a fixed step here; give step= (s) instead")
@@ -70,7 +70,7 @@ def request(engine: str, adapter: Engine, method: str, step: float | None, rtol:
 
 
 def overridden(scene: Scene, options: Mapping[str, Any]) -> Scene:
-    """The scene with the options' own samples and duration."""
+    """The scene with the samples and the duration that the options ask for."""
     samples, duration = scene.samples, scene.duration
     if options.get("samples") is not None:
         given = _scalar(options["samples"])
@@ -94,9 +94,9 @@ def _positive(name: str, value: Any) -> float | None:
 
 
 def _number(name: str, value: Any, lowest: float) -> float:
-    """`value` as a double: the one nearest to the decimals it is written with, where it has fewer bits.
+    """`value` as a double. A NumPy number with fewer bits is read by its printed decimals.
 
-    `np.float32(0.01)` is meant as 0.01; taken bit by bit it is smaller, and one step more would fit into an interval.
+    `np.float32(0.01)` is meant as 0.01. Its exact value is smaller, so that an interval would take one step more.
     """
     given = _scalar(value)
     try:
@@ -111,12 +111,12 @@ def _number(name: str, value: Any, lowest: float) -> float:
 
 
 def _scalar(value: Any) -> Any:
-    """The scalar in an array without axes; anything else as it is."""
+    """The scalar inside an array without axes. Any other value is returned unchanged."""
     return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
 
 
 def _brief(value: Any) -> str:
-    """A wrong value for a message, in one line that stays readable whatever was given."""
+    """A wrong value as one short line for an error message."""
     try:
         text = repr(value)
     except ValueError:  # Python refuses to print integers of thousands of digits
@@ -125,7 +125,7 @@ def _brief(value: Any) -> str:
 
 
 def check_length(scene: Scene, spec: RunSpec) -> None:
-    """Steps beyond counting would end in an overflow or never."""
+    """Raise `ArgumentError` where the run needs more than `MOST_STEPS` steps: it would overflow or never end."""
     if spec.step is not None and not max(scene.duration / spec.step, scene.samples) <= MOST_STEPS:
         raise ArgumentError(f"step: {spec.step:g} s cuts {scene.duration:g} s with {scene.samples} samples into more "
                             f"than {MOST_STEPS:g} steps; give a larger step or a shorter duration")

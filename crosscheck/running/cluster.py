@@ -1,4 +1,4 @@
-"""Other machines: a Dask cluster by its address, or any executor from a factory."""
+"""Run tasks on other machines: on a Dask cluster by its address, or on any executor that a factory function makes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from crosscheck.errors import ArgumentError, CrosscheckError, install
 from crosscheck.running import versions
 
 CONNECT = 10.0
-"""s to wait for a scheduler."""
+"""Time to wait for a scheduler to answer, s."""
 
 
 @dataclasses.dataclass
 class Cluster:
-    """An executor that is not ours, how many tasks it runs at once, and what lets go of it."""
+    """An executor from outside, the number of tasks it runs at once, and the function that disconnects from it."""
 
     executor: concurrent.futures.Executor
     workers: int
@@ -25,14 +25,16 @@ class Cluster:
 
 
 def connect(scheduler: str, engines: tuple[str, ...]) -> Cluster:
-    """A Dask cluster at tcp://host:port whose workers have our versions, or the executor that module:factory makes.
+    """Connect to a Dask cluster at "tcp://host:port", or call the factory "module:function" for an executor.
+
+    All workers of a Dask cluster must have the same versions of `engines` and libraries as this machine.
 
     Raises
     ------
     ArgumentError
-        Nothing answers there, it has no workers, or the extra `cluster` is missing.
+        Nothing answers at the address, the cluster has no workers, or the extra `cluster` is not installed.
     CrosscheckError
-        A worker has other versions; the difference.
+        A worker has other versions; the message says which.
     """
     if "://" not in scheduler:
         return _made(scheduler)
@@ -68,7 +70,7 @@ def _made(name: str) -> Cluster:
     module, colon, factory = name.partition(":")
     try:
         executor = getattr(importlib.import_module(module), factory)()
-    except Exception as error:  # whatever a factory of the user's raises
+    except Exception as error:  # the user's factory may raise anything
         raise ArgumentError(f"--scheduler {name}: {type(error).__name__}: {error}; give tcp://host:port, or "
                             "module:factory of a function that returns a concurrent.futures executor") from None
     if not colon or not hasattr(executor, "submit"):

@@ -1,4 +1,4 @@
-"""Trajectories in other people's tools: pandas, xarray, matplotlib, the rerun viewer, and a notebook's HTML."""
+"""Trajectories for other tools: pandas, xarray, matplotlib, the rerun viewer, and HTML for a notebook."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Trajectory = Any
-"""A `crosscheck.Trajectory`, which has these functions for methods and is not imported here for that reason."""
+"""A `crosscheck.Trajectory`. Not imported here: its methods call these functions, so that it imports this module."""
 
 VECTORS = {"x": "m", "v": "m/s", "w": "rad/s", "a": "m/s^2", "alpha": "rad/s^2"}
 SERIES = {"energy": "J", "kinetic_energy": "J", "momentum_vertical": "kg m^2/s", "orthogonality": "1",
@@ -24,7 +24,11 @@ SERIES = {"energy": "J", "kinetic_energy": "J", "momentum_vertical": "kg m^2/s",
 
 
 def frame(traj: Trajectory) -> pd.DataFrame:
-    """One row an output time, indexed by `t` (s): "BODY.x_x" ... "BODY.R_33", "BODY.w_z", then energies and levels."""
+    """One row per output time, indexed by `t` (s).
+
+    The columns are "BODY.x_x" ... "BODY.R_33" ... "BODY.w_z" for every body, then energies, constraint levels and
+    multipliers, all in SI units.
+    """
     try:
         import pandas as pd
     except ImportError as error:
@@ -48,7 +52,7 @@ def frame(traj: Trajectory) -> pd.DataFrame:
 
 
 def dataset(traj: Trajectory) -> xr.Dataset:
-    """Arrays over t, body and axis, with units; the same numbers as the trajectory's."""
+    """The trajectory's arrays over t, body and axis, with their units as attributes."""
     try:
         import xarray as xr
     except ImportError as error:
@@ -68,7 +72,7 @@ def dataset(traj: Trajectory) -> xr.Dataset:
 
 
 def figure(traj: Trajectory) -> Figure:
-    """Heights, speeds, change of energy, and constraint levels over time."""
+    """Plot heights, angular speeds, change of energy and constraint levels over time."""
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
@@ -95,9 +99,9 @@ def figure(traj: Trajectory) -> Figure:
 
 
 def record(traj: Trajectory, path: str | os.PathLike[str]) -> None:
-    """Write a recording (.rrd): moving bodies, paths of their centres of mass, energies and levels over the time `t`.
+    """Write a recording (.rrd): moving bodies, paths of their mass centres, energies and constraint levels over `t`.
 
-    A body is drawn as the ellipsoid that has its principal moments of inertia.
+    A body is drawn as the ellipsoid of uniform density that has its mass and principal moments of inertia.
     """
     try:
         import rerun as rr
@@ -112,9 +116,10 @@ def record(traj: Trajectory, path: str | os.PathLike[str]) -> None:
     times = [rr.TimeColumn("t", duration=traj.t)]
     for k, body in enumerate(traj.scene.bodies):
         moments, axes = np.linalg.eigh(traj.scene.inertias[k])
-        # Of semi-axes a, b, c the moments are m (b^2 + c^2) / 5 and alike, so that a^2 = 5 (sum / 2 - moment) / m.
+        # An ellipsoid with semi-axes a, b, c has the moments m (b^2 + c^2) / 5 and so on.
+        # Hence a^2 = 5 (sum of the moments / 2 - its own moment) / m.
         half = np.sqrt(np.maximum(2.5 * (moments.sum() - 2 * moments), 0.0) / body.mass)
-        axes[:, 0] *= np.linalg.det(axes)  # a rotation, no reflection
+        axes[:, 0] *= np.linalg.det(axes)  # a rotation, not a reflection
         recording.send_columns(f"bodies/{body.name}", times, rr.Transform3D.columns(
             translation=traj.x[:, k], mat3x3=traj.R[:, k]))
         recording.log(f"bodies/{body.name}/shape", rr.Transform3D(mat3x3=axes), rr.Ellipsoids3D(
@@ -127,7 +132,7 @@ def record(traj: Trajectory, path: str | os.PathLike[str]) -> None:
 
 
 def table(traj: Trajectory) -> str:
-    """HTML of a few figures, for a notebook."""
+    """A small HTML table of the run's main figures, for a notebook."""
     rows = {"scene": traj.scene.name, "engine": f"{traj.engine} {traj.method}", "form": traj.form or "",
             "status": traj.status, "until": f"{traj.t[-1]:g} s" if len(traj.t) else "", "steps": str(traj.steps),
             "stepping": f"{1e3 * traj.wall_time:.3g} ms",

@@ -1,4 +1,4 @@
-"""Which method of an engine to take where the user names none."""
+"""The method of an engine that is used when the user names none."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from crosscheck.scene.model import Scene
 
 
 def best_method(adapter: Any, scene: Scene) -> str:
-    """The last method of the highest documented order that the engine can run on this scene."""
+    """The method with the highest documented order among those that can run this scene; the last of equal ones.
+
+    Raises `Unsupported` where the engine cannot run the scene with any method.
+    """
     specs = [RunSpec(method, step=1e-3) for method in adapter.methods]
     usable = [(adapter.documented_order(scene, spec) or 0, index) for index, spec in enumerate(specs)
               if adapter.unsupported(scene, spec) is None]

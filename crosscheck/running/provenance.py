@@ -1,4 +1,4 @@
-"""Where results come from: versions, machine, commit."""
+"""What results were made with: versions, machine and commit."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from crosscheck.running.versions import engine_version as engine_version
 
 PACKAGES = ("lieeuler-crosscheck", "numpy", "scipy", "heyoka")
 
+
 class Machine(TypedDict):
-    """The machine of a run."""
+    """The machine that a run was made on."""
 
     system: str
     processor: str
@@ -28,7 +29,7 @@ class Machine(TypedDict):
 
 
 class Provenance(TypedDict):
-    """Where results come from, ready for JSON; the first fields of `crosscheck.document.Meta`."""
+    """What results were made with, ready for JSON; the first fields of `crosscheck.document.Meta`."""
 
     time: str
     engines: dict[str, str]
@@ -39,7 +40,7 @@ class Provenance(TypedDict):
 
 
 def describe(engine_names: Iterable[str]) -> Provenance:
-    """Versions of everything that takes part, the machine, the time (UTC) and, in a git checkout, the commit."""
+    """Versions of engines, packages and Python, the machine, the time (UTC) and, in a git checkout, the commit."""
     processor = platform.processor() or "unknown"
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
@@ -56,9 +57,9 @@ def describe(engine_names: Iterable[str]) -> Provenance:
 
 
 def code_digest(engine_names: Iterable[str], more: Any) -> str:
-    """Digest of all that results depend on: versions, machine, our code and kernel, and `more` that JSON knows.
+    """Digest of all that results depend on: versions, machine, the code of this project with its kernel, and `more`.
 
-    Results of one study have to come from one state of all these.
+    `more` must be a value that can be written as JSON. Results of one study must all have the same digest.
     """
     names = tuple(engine_names)
     versions = {key: value for key, value in describe(names).items()
@@ -75,7 +76,7 @@ def _commit(folder: Path) -> str | None:
         return None
     def git(*words: str) -> str | None:
         try:
-            # `status` would refresh the index, and on a full disk leave its lock behind
+            # Without this option, `git status` rewrites the index, and on a full disk leaves its lock file behind.
             done = subprocess.run(["git", "--no-optional-locks", "-C", str(folder), *words], capture_output=True,
                                   text=True, timeout=10)
         except (OSError, subprocess.TimeoutExpired):

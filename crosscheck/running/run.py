@@ -1,7 +1,4 @@
-"""Running one scene on one engine, with one kind of error whatever the engine did.
-
-Scenes are given as such, by name or by path.
-"""
+"""Run one scene on one engine. Whatever an engine raises becomes an `EngineError`."""
 
 from __future__ import annotations
 
@@ -22,6 +19,7 @@ if TYPE_CHECKING:
     from crosscheck.references.base import Reference
     from crosscheck.running.trajectory import Trajectory
 
+
 def run(scene: Scene | str | os.PathLike[str], engine: str, method: str, step: float | None = None,
         rtol: float | None = None, **options: Any) -> Trajectory:
     """Integrate `scene` with one method of one engine and return its `Trajectory`.
@@ -29,31 +27,33 @@ def run(scene: Scene | str | os.PathLike[str], engine: str, method: str, step: f
     Parameters
     ----------
     scene : Scene, str or path
-        From `crosscheck.load_scene`, or what it takes.
+        A scene from `crosscheck.load_scene`, the name of a bundled scene, or the path of a scene file.
     engine, method : str
-        Names from `crosscheck.engines()` and `crosscheck.methods(engine)`. An engine is also "module:Class" or
-        "path/file.py:Class", one of your own, or "mujoco==3.3.7", another version, in an environment of its own.
+        Names from `crosscheck.engines()` and `crosscheck.methods(engine)`. To run your own engine, write
+        "module:Class" or "path/file.py:Class". To run another version of an engine, write "mujoco==3.3.7": it gets
+        its own Python environment.
     step : float, optional
-        Fixed step, s; shortened to the nearest one that divides the sample interval.
+        Fixed step, s. It is shortened to the nearest step that divides the sample interval.
     rtol : float, optional
         Relative tolerance of an adaptive method; not together with `step`.
     **options
-        samples, duration (s) override the scene's; monitor (default True) evaluates the maxima over every step; form,
-        coordinate_map, spin_free, reduce, polish, alpha, beta, spectral_radius, softness, node go to the engines
-        that know them. spin_free=False is what every engine does by itself.
+        `samples` and `duration` (s) replace those of the scene. `monitor` (default True) evaluates the maxima over
+        every step. `form`, `coordinate_map`, `spin_free`, `reduce`, `polish`, `alpha`, `beta`, `spectral_radius`,
+        `softness` and `node` are options of some engines; an engine that lacks the option refuses it. Only
+        spin_free=False is allowed for every engine: it is the default.
 
     Raises
     ------
     ArgumentError
-        A wrong argument, with its name and what is allowed.
+        An argument is wrong. The message names it and says what is allowed.
     SceneError
         The scene is unknown, unreadable or wrong.
     Unsupported
-        The engine cannot model this scene, or not in this form, with this method or with spin_free=True.
+        The engine cannot model this scene at all, or not with this form, method or spin_free=True.
     EngineError
-        The engine failed or the run diverged; what it said.
+        The engine failed or the run diverged. The message repeats what the engine said.
     lieeuler.IntegrationError
-        A run of lieeuler ended early; it carries status, advice and the trajectory so far.
+        A run of lieeuler ended early. The error holds the status, some advice and the trajectory so far.
     """
     scene = scene_file.as_scene(scene)
     adapter = adapters.get(engine)
@@ -78,16 +78,16 @@ def run(scene: Scene | str | os.PathLike[str], engine: str, method: str, step: f
 
 
 def truth(scene: Scene | str | os.PathLike[str]) -> Reference:
-    """Independent truth of a scene (a Scene, a name or a path), from the cache where it is there.
+    """The independent truth of a scene (a Scene, a name or a path), read from the cache if it is in it.
 
     Raises
     ------
     ArgumentError, SceneError
-        As `crosscheck.run`.
+        As in `crosscheck.run`.
     Unsupported
-        The scene is outside the reference equations; the message says why.
+        The reference equations do not cover the scene. The message says why.
     TruthError
-        The two formulations disagree beyond what the scene's conditioning explains.
+        The two formulations of the truth disagree by more than the conditioning of the scene explains.
     """
     loaded = scene_file.as_scene(scene)
     from crosscheck import references

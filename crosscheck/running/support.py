@@ -1,4 +1,4 @@
-"""What the engines can model: engine x form x joint, force and loop, asked from the adapters on minimal scenes.
+"""What each engine can model in each form: joints, forces and loops. The adapters are asked about minimal scenes.
 
     for entry in matrix(["mujoco"]):
         print(entry.form, entry.item, entry.methods, entry.reason)
@@ -23,14 +23,14 @@ from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene, rotation_f
 JOINTS = tuple(JOINT_TYPES)
 FORCES = ("linear_spring", "torsional_spring", "constant_force", "constant_torque", "joint_torque", "joint_force")
 NEEDS = {"torsional_spring": "revolute", "joint_torque": "revolute", "joint_force": "prismatic"}
-"""The joint that a force acts in."""
+"""The type of joint that a force needs to act in."""
 DURATION = 1e-3  # s: long enough for a few steps, short enough that accelerations hardly change
 STEPS = 4
 
 
 @dataclasses.dataclass(frozen=True)
 class Minimal:
-    """A minimal scene that needs one thing."""
+    """A minimal scene that needs one joint, force or kind of system."""
 
     kind: str  # "joint to the ground" | "joint between bodies" | "force" | "system"
     item: str
@@ -39,18 +39,18 @@ class Minimal:
 
 @dataclasses.dataclass(frozen=True)
 class Support:
-    """Whether an engine, in a form, can model an item: by which methods, and why not by the others."""
+    """Which methods of an engine can model an item in one form, and why the others cannot."""
 
     engine: str
     form: str | None
     kind: str
     item: str
     methods: tuple[str, ...]
-    reason: str | None  # of a method that cannot; None where all can
+    reason: str | None  # why one of the other methods cannot; None if all methods can
 
 
 def matrix(names: Iterable[str] | None = None) -> tuple[Support, ...]:
-    """One entry for every engine, form and minimal scene; raises `ArgumentError` for an unknown engine."""
+    """One entry per engine, form and minimal scene. Raises `ArgumentError` for an unknown engine."""
     found = []
     for name in adapters.names() if names is None else names:
         adapter = adapters.get(name)
@@ -60,10 +60,10 @@ def matrix(names: Iterable[str] | None = None) -> tuple[Support, ...]:
 
 
 def of_scenes(scenes: Iterable[str], names: Iterable[str], within: Limits | None = None) -> list[Support]:
-    """Which engine and form can model which scene, the `item` of each entry.
+    """Which engine can model which scene in which form. The scene is the `item` of each entry.
 
-    Engines that are not installed have no entries. Those of the user's own are asked in a worker process; where one
-    fails there, that is the reason.
+    Engines that are not installed have no entries. The user's own engines are asked in a worker process. If one fails
+    there, its entry has the failure as its reason.
     """
     from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 
@@ -90,7 +90,7 @@ def _forms(adapter: Any) -> tuple[str | None, ...]:
 
 
 def spec(adapter: Any, method: str, form: str | None) -> RunSpec:
-    """A request that goes with the method: a fixed step, or a tolerance where it has none."""
+    """A request that suits the method: with a tolerance if the method is adaptive, else with a fixed step."""
     if method in getattr(adapter, "adaptive_methods", ()):
         return RunSpec(method, rtol=1e-6, form=form)
     return RunSpec(method, step=DURATION / STEPS, form=form)
@@ -105,9 +105,9 @@ def _support(adapter: Any, form: str | None, minimal: Minimal) -> Support:
 
 @functools.cache
 def minimal_scenes() -> tuple[Minimal, ...]:
-    """Every joint on the ground and between bodies, every force, free bodies, an open chain of three and closed loops.
+    """One scene for every joint on the ground and between bodies, every force, free bodies and closed loops.
 
-    All bodies move, have full inertias and turned attitudes, and are under gravity.
+    All bodies move, have full inertia matrices and turned attitudes, and are under gravity.
     """
     found = [Minimal("joint to the ground", kind, _closed([_joint(kind, GROUND, 0, "joint")])) for kind in JOINTS]
     found += [Minimal("joint between bodies", kind, _closed([_joint("spherical", GROUND, 0, "base"),
@@ -135,7 +135,7 @@ def _body(k: int) -> Body:
 
 
 def _joint(kind: str, parent: int, child: int, name: str) -> Joint:
-    """A joint whose axes coincide (universal, blade, disk: at right angles) in the given attitudes of its bodies."""
+    """A joint whose axes coincide (universal, blade, disk: are perpendicular) in the attitudes of its bodies."""
     axis, other, needs = np.array([0.6, 0.0, 0.8]), None, JOINT_TYPES[kind].needs
     if needs["child_axis"]:
         inner, outer = (np.eye(3) if k == GROUND else rotation_from_quaternion(_body(k).attitude)
@@ -164,7 +164,7 @@ def _force(kind: str, parent: int = GROUND, child: int = 0) -> Force:
 
 
 def _closed(joints: list[Joint], forces: list[Force] | None = None, count: int | None = None) -> Scene:
-    """The scene of these joints, its state corrected by the least change that closes them."""
+    """The scene with these joints. Its state is corrected by the smallest change that closes them."""
     bodies = tuple(_body(k) for k in range(count or 1 + max(joint.child for joint in joints)))
     return _assembled(Scene("minimal", bodies, tuple(joints), tuple(forces or ()), np.array([0.3, -0.5, -9.81]),
                             DURATION, 2))
@@ -179,7 +179,7 @@ def _assembled(scene: Scene) -> Scene:
 
 
 def _planar_loop() -> Scene:
-    """A planar four-bar on hinges, which are three rows too many in space."""
+    """A planar four-bar linkage with four hinges, which in space have three redundant constraint rows."""
     y = np.array([0.0, 1.0, 0.0])
 
     def hinge(name: str, parent: int, child: int, at: list[float], on: list[float]) -> Joint:

@@ -1,4 +1,4 @@
-"""Trajectories: states of a run and everything derived from them by formulas common to all engines."""
+"""Trajectories: the states of a run, and what follows from them by the same formulas for all engines."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class Trajectory:
-    """A run at its output times, T samples of n bodies; SI units, frames as in `crosscheck.scene.states`.
+    """A run at its output times: T samples of n bodies, in SI units, with the frames of `crosscheck.scene.states`.
 
-    What an engine does not know is None: `a`, `alpha` and `constraint_acceleration` without accelerations, `lam` and
-    `reactions` without multipliers. At t = 0 those are the index-1 values of the initial state.
+    `a`, `alpha` and `constraint_acceleration` are None if the engine gives no accelerations, `lam` and `reactions` if
+    it gives no multipliers. At t = 0 they are computed from the initial state by the index-1 equations.
     """
 
     scene: Scene
@@ -45,7 +45,7 @@ class Trajectory:
     alpha: np.ndarray | None  # (T, n, 3) body axes
     lam: np.ndarray | None  # (T, m)
     energy: np.ndarray  # (T,) J
-    kinetic_energy: np.ndarray  # (T,) J, a part of it
+    kinetic_energy: np.ndarray  # (T,) J, a part of `energy`
     momentum_vertical: np.ndarray  # (T,) kg m^2/s, about the upward vertical through the origin
     orthogonality: np.ndarray  # (T,) max-norm of R^T R - I
     constraint_position: np.ndarray  # (T,) max-norm of Phi
@@ -55,11 +55,11 @@ class Trajectory:
     wall_time: float  # s, stepping only
     steps: int
     status: str
-    stats: Stats  # the run's counters, "step" (s), and its maxima over every step by the keys of MAXIMA
+    stats: Stats  # counters of the run, "step" (s), and the maxima over every step under the keys of MAXIMA
 
     @functools.cached_property
     def work(self) -> np.ndarray:
-        """What loads, dampers and moving rest angles have done since the start, (T,) J; see `mechanics.work`."""
+        """Work of loads, dampers and moving rest angles since the start, (T,) J; see `mechanics.work`."""
         return mechanics.work(self.scene, self)
 
     def __repr__(self) -> str:
@@ -71,42 +71,42 @@ class Trajectory:
         return export.table(self)
 
     def to_frame(self) -> pd.DataFrame:
-        """As a `pandas.DataFrame`: one row an output time, flat names of columns (extra `data`)."""
+        """As a `pandas.DataFrame` with one row per output time (needs the extra `data`)."""
         return export.frame(self)
 
     def to_xarray(self) -> xr.Dataset:
-        """As an `xarray.Dataset` over t, body and axis, with units (extra `data`)."""
+        """As an `xarray.Dataset` over t, body and axis, with units (needs the extra `data`)."""
         return export.dataset(self)
 
     def plot(self) -> Figure:
-        """Heights, speeds, energy and constraint levels over time, as a matplotlib figure (extra `report`)."""
+        """A matplotlib figure of heights, angular speeds, energy and constraint levels (needs the extra `report`)."""
         return export.figure(self)
 
     def to_rerun(self, path: str | os.PathLike[str]) -> None:
-        """Write a recording for the rerun viewer (.rrd), single precision: bodies, paths, energies (extra `rerun`)."""
+        """Write bodies, paths and energies for the rerun viewer (.rrd, single precision; needs the extra `rerun`)."""
         export.record(self, path)
 
     @functools.cached_property
     def joints(self) -> dict[str, JointHistory]:
-        """Coordinates of the joints that have them, by name: `.position` and `.velocity` over time."""
+        """`.position` and `.velocity` over time, by name, of the joints that have coordinates."""
         return histories(self.scene, self)
 
     @property
     def maxima(self) -> dict[str, float]:
-        """The maxima over every step, by the keys of `crosscheck.scene.monitor.MAXIMA`; empty without a monitor."""
+        """The maxima over every step under the keys of `crosscheck.scene.monitor.MAXIMA`; empty if monitor=False."""
         return {key: value for key, value in self.stats.items() if key in MAXIMA and isinstance(value, float | int)}
 
     @property
     def potential_energy(self) -> np.ndarray:
-        """(T,) J: zero where every mass centre is at the origin and every spring at rest."""
+        """(T,) J. It is zero if all mass centres are at the origin and all springs at rest."""
         potential: np.ndarray = self.energy - self.kinetic_energy
         return potential
 
 
 def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
-    """The trajectory of an engine's raw run: energies, constraint levels and reactions from its own states.
+    """The trajectory of an engine's raw run, with energies, constraint levels and reactions computed from its states.
 
-    Accelerations and multipliers, where the engine has them, are replaced at t = 0 by the index-1 values.
+    If the engine gives accelerations or multipliers, their first values are replaced by those of the index-1 equations.
     """
     s = raw.states
     a, alpha, lam = s.a, s.alpha, s.lam

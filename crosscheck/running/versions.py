@@ -1,4 +1,4 @@
-"""What figures depend on besides the scene: versions of engines and libraries, and our own code."""
+"""What results depend on besides the scene: versions of engines and libraries, and the code of this project."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from crosscheck.errors import CrosscheckError, EngineError, install
 NOT_INSTALLED = "not installed"
 LIBRARIES = ("numpy", "scipy", "heyoka")
 ROOMS = ("scene", "references", "adapters", "running", "judge")
-"""Folders of the package whose code makes figures; pages and commands do not."""
+"""Folders of the package whose code affects results. The code of pages and commands does not."""
 
 
 def of(engines: Iterable[str]) -> dict[str, str]:
-    """Versions by name, "code" among them: a digest of our own code and kernel."""
+    """Versions by name. "code" is a digest of this project's code and kernel."""
     found = {name: engine_version(name) for name in sorted(set(engines))}
     found |= {name: of_package(name) for name in LIBRARIES}
     return found | {"python": platform.python_version(), "code": digest(ROOMS).hex()[:12]}
 
 
 def engine_version(name: str) -> str:
-    """Version of an engine, or "not installed" where its package, or a package it needs, is missing."""
+    """Version of an engine, or "not installed" if its package, or one that it needs, is missing."""
     from crosscheck import adapters
 
     try:
@@ -36,14 +36,14 @@ def engine_version(name: str) -> str:
 
 
 def need(engines: Iterable[str]) -> None:
-    """Raise `EngineError` for the first engine whose package is missing, with what brings it."""
+    """Raise `EngineError` for the first engine whose package is missing; the message says how to install it."""
     for name in engines:
         if engine_version(name) == NOT_INSTALLED:
             raise EngineError(f"engine {name} is not installed; {install(name)}")
 
 
 def of_package(name: str) -> str:
-    """Version of a Python package as installed, or "not installed"."""
+    """Version of an installed Python package, or "not installed"."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
@@ -52,9 +52,9 @@ def of_package(name: str) -> str:
 
 @functools.cache
 def digest(folders: tuple[str, ...], more: tuple[Path, ...] = ()) -> bytes:
-    """Digest of folders of crosscheck, of lieeuler with its kernel, and of `more` files.
+    """Digest of folders of crosscheck, of lieeuler with its kernel, and of the files in `more`.
 
-    Of the files as this process found them first: that is what it has imported, whoever edits them later.
+    The result is kept for the life of the process, because later edits of the files do not change the imported code.
     """
     package, read = Path(__file__).parents[1], hashlib.sha256()
     sources = [path for folder in folders for path in sorted((package / folder).rglob("*.py"))]
@@ -69,7 +69,7 @@ def digest(folders: tuple[str, ...], more: tuple[Path, ...] = ()) -> bytes:
 
 
 def refuse_others(planned: dict[str, str], found: dict[str, str], where: str) -> None:
-    """Raise `CrosscheckError` with the difference where versions differ."""
+    """Raise `CrosscheckError` with a list of the differences if any version differs."""
     differ = [f"{name} {found.get(name, 'missing')} instead of {version}" for name, version in planned.items()
               if found.get(name) != version]
     if differ:

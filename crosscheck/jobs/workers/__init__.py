@@ -1,6 +1,5 @@
-"""Engine runs in processes of their own, watched: what crashes, hangs or eats memory there ends as a recorded `Crash`.
+"""Worker processes for engine runs. A run that crashes, hangs or takes too much memory ends as a recorded `Crash`.
 
-`process` holds the parent's side, `child` the worker's, `output` what a worker may ask about its own printing. The same
-protocol serves a worker of this installation and one in another Python environment
-(`crosscheck.adapters.foreign.versions`).
+`process` is the parent's side and `child` the worker's. `output` tells a worker what it has printed. The protocol is
+the same for workers in another Python environment (`crosscheck.adapters.foreign.versions`).
 """

@@ -1,7 +1,8 @@
-"""The worker process: reads requests from its standard input until that ends, answers each on its standard output.
+"""The worker process: it reads requests from its standard input and answers each on its standard output.
 
-Both are taken away from the engines first. What engines print goes to the error stream, which the parent made a file.
-Nothing but the standard library is imported here: this also runs in environments made for one version of an engine.
+Both streams are moved to other descriptors first, so that engines cannot use them. What engines print goes to the
+error stream, which is a file of the parent. Only the standard library is imported here, because this module also runs
+in environments that were made for one version of an engine.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from typing import Any
 from crosscheck.jobs.workers import frames, output
 
 GRACE = 30.0
-"""s beyond the time limit after which a worker whose parent has vanished ends itself, whatever it is at."""
+"""Time (s) after the time limit at which a worker without a parent ends itself, even in the middle of a task."""
 
 GLANCE = 1.0
-"""s between two looks whether the parent still lives."""
+"""Time (s) between two checks that the parent still runs."""
 
 
 class _Lost(Exception):
-    """Nobody sends requests any more, or this is no worker but a fork of one."""
+    """The parent has closed the pipe, or this process is a fork of the worker."""
 
 
 class _Parent:
@@ -37,11 +38,11 @@ class _Parent:
     def __init__(self) -> None:
         self._requests, self._answers = os.dup(0), os.dup(1)
         self._pid, self._own = os.getpid(), self._identities()
-        self._lock = threading.Lock()  # an engine's thread may report where it is while another answers
+        self._lock = threading.Lock()  # one thread may report its progress while another sends the answer
         self.number = 0
 
     def receive(self) -> bytes:
-        """The next request, whatever its number, which the answers to it will bear."""
+        """The next request. The answers to it carry its number."""
         header = self._read(frames.HEADER.size)
         self.number = frames.number_of(header)
         length, checksum = frames.size(header, self.number)
@@ -51,10 +52,10 @@ class _Parent:
 
     def send(self, content: bytes) -> None:
         """Answer the current request."""
-        if os.getpid() != self._pid:  # a fork that returned from the engine's code
+        if os.getpid() != self._pid:  # the engine's code forked and returned in the child, too
             raise _Lost
         if self._identities() != self._own:
-            raise OSError("an engine put something else into the place of the pipe to the parent")
+            raise OSError("an engine has replaced the pipe to the parent by another file")
         left = memoryview(frames.framed(self.number, content))
         with self._lock:
             while left:
@@ -76,7 +77,7 @@ class _Parent:
 
 def main() -> None:
     """Serve one parent; called by the command line of `crosscheck.jobs.workers.process`."""
-    # Ctrl-C at the parent's terminal is answered by the parent, which ends its workers.
+    # On Ctrl-C the parent ends its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent, pid = _Parent(), os.getpid()
     nothing = os.open(os.devnull, os.O_RDONLY)
@@ -93,7 +94,7 @@ def main() -> None:
             sys.path[:] = path
         while True:
             seconds, payload = pickle.loads(parent.receive())
-            # Not the parent's watch, which comes first; this one ends orphans inside a C loop that never returns.
+            # The parent's own time limit comes first. This one ends a worker without a parent in an endless C loop.
             if seconds is not None:
                 faulthandler.dump_traceback_later(min(seconds + GRACE, threading.TIMEOUT_MAX), exit=True)
             answer = _answer(payload, said)
@@ -107,14 +108,14 @@ def main() -> None:
 
 
 def _end_with_parent(parent: int) -> None:
-    """End with the parent, for nobody reads an orphan's answer and it would slow down whatever runs next."""
+    """End this process when the parent has ended: nobody would read its answer."""
     while os.getppid() == parent:
         time.sleep(GLANCE)
     _end_group()
 
 
 def _end_group() -> None:
-    """End this process and the helpers that engines left in its group."""
+    """End this process and all processes that engines started in its group."""
     os.killpg(0, signal.SIGKILL)
 
 
@@ -122,7 +123,7 @@ def _answer(payload: bytes, said: list[str]) -> bytes:
     """The pickled answer to a pickled (function, arguments): ("done", result, warnings) or ("raised", words, ...)."""
     said.clear()
     with warnings.catch_warnings():
-        # The text of a warning is for the person at the terminal; it is no engine's printing.
+        # Warnings are collected apart from what engines print: the parent shows them to the user.
         warnings.showwarning = lambda *shown: said.append(warnings.formatwarning(*shown[:4]))
         try:
             function, arguments = pickle.loads(payload)
@@ -132,7 +133,7 @@ def _answer(payload: bytes, said: list[str]) -> bytes:
     output.flush()
     try:
         return pickle.dumps((*answer, tuple(said)))
-    except Exception as error:  # a result that cannot leave the process
+    except Exception as error:  # the result cannot be pickled
         return pickle.dumps((*_raised(error), tuple(said)))
 
 
@@ -140,5 +141,5 @@ def _raised(error: Exception) -> tuple[Any, ...]:
     words, where = f"{type(error).__name__}: {error}", traceback.format_exc()
     try:
         return "raised", words, where, pickle.loads(pickle.dumps(error))
-    except Exception:  # many exceptions cannot travel; their words can
+    except Exception:  # many exceptions cannot be pickled, but their texts can
         return "raised", words, where, None

@@ -1,4 +1,4 @@
-"""Workers that live on from task to task, for any thread."""
+"""A pool of worker processes that each run many tasks, to be called from any thread."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from crosscheck.jobs.workers.process import Crash, Limits, Worker
 
 
 class Crew:
-    """Workers that live on from task to task: one is started when a task comes and none is idle."""
+    """Workers that each run many tasks. A new one is started when a task arrives and none is idle."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -20,9 +20,10 @@ class Crew:
 
     def call(self, function: Callable[[Any], Any], task: Any, limits: Limits | None = None, again: bool = False
              ) -> Any:
-        """`function(task)` in a worker: its result, or a `Crash`. For any thread.
+        """The result of `function(task)` in a worker, or a `Crash`. May be called from any thread.
 
-        With `again`, a task whose process was killed from outside, as by a system out of memory, runs once more.
+        With `again`, a task runs once more if its process was killed from outside, for example by a system out of
+        memory.
         """
         result = self._call(function, task, limits)
         if again and isinstance(result, Crash) and result.signal == "SIGKILL":
@@ -42,7 +43,7 @@ class Crew:
                 self._all.add(worker)
         result = worker.call(function, (task,), limits)
         most = limits.memory / 2 if limits is not None and limits.memory is not None else None
-        if not worker.alive or (most is not None and worker.memory() > most):  # what earlier tasks left counts too
+        if not worker.alive or (most is not None and worker.memory() > most):  # memory that tasks have not freed
             self._dismiss(worker)
         else:
             with self._lock:
@@ -50,14 +51,14 @@ class Crew:
         return result
 
     def close(self) -> None:
-        """Let every worker end; none may be busy."""
+        """Let every worker end. None may be busy."""
         with self._lock:
             workers, self._all, self._idle = list(self._all), set(), []
         for worker in workers:
             worker.close()
 
     def kill(self) -> None:
-        """End every worker at once, busy or not; no new one is started."""
+        """End every worker at once, even a busy one, and start no new one."""
         with self._lock:
             self._ending = True
             workers = list(self._all)
@@ -74,7 +75,7 @@ _crew: Crew | None = None
 
 
 def isolated(function: Callable[[Any], Any], task: Any, limits: Limits | None = None, again: bool = False) -> Any:
-    """`function(task)` in a worker process beside this one: what an executor on another machine is given to run."""
+    """The result of `function(task)` in a worker process of this machine. Executors on other machines call this."""
     global _crew
     if _crew is None:
         _crew = Crew()

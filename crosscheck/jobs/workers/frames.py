@@ -1,8 +1,8 @@
-"""Frames on the pipes between a worker and its parent: what is received is what was sent, or the pipe is given up.
+"""Frames on the pipes between a worker and its parent: a message arrives unchanged, or the worker is ended.
 
-A frame carries the number of the request that it belongs to and a checksum. An engine that writes to descriptors it
-does not own, or that forks and answers twice, is noticed at the next frame and costs its worker, no other engine's run.
-Only the standard library is imported: the worker's side also runs in environments made for one version of an engine.
+A frame carries the number of its request and a checksum. They show when an engine has written to the pipe, or has
+forked so that two processes answer. The worker is ended then, and only its task is lost. Only the standard library is
+imported, because this module also runs in environments that were made for one version of an engine.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _MARK = b"xchk"
 
 
 class BrokenFrame(Exception):
-    """What came through the pipe is no frame of the request that is being answered."""
+    """The bytes from the pipe are not a frame of the current request."""
 
 
 def framed(number: int, content: bytes) -> bytes:
@@ -24,12 +24,12 @@ def framed(number: int, content: bytes) -> bytes:
 
 
 def number_of(header: bytes) -> int:
-    """The request that a frame belongs to."""
+    """Number of the request that a frame belongs to."""
     return int(HEADER.unpack(header)[1])
 
 
 def size(header: bytes, number: int) -> tuple[int, int]:
-    """(bytes of the content, checksum) that a header announces; `BrokenFrame` where it does not answer `number`."""
+    """(length in bytes, checksum) of the content. Raises `BrokenFrame` if the header is not of request `number`."""
     mark, own, length, checksum = HEADER.unpack(header)
     if mark != _MARK or own != number:
         raise BrokenFrame(f"{header!r} is no header of request {number}")
@@ -37,6 +37,6 @@ def size(header: bytes, number: int) -> tuple[int, int]:
 
 
 def check(content: bytes, checksum: int) -> None:
-    """Raise `BrokenFrame` where the content is not what was sent."""
+    """Raise `BrokenFrame` if the content is not what was sent."""
     if zlib.crc32(content) != checksum:
         raise BrokenFrame("the checksum of the content differs")

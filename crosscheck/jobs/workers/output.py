@@ -1,6 +1,7 @@
-"""What this worker process has printed since its task began; engines print below Python too, from C.
+"""What this worker process has printed since its task began, also from C code.
 
-A worker's standard output and error stream are one file that its parent reads after a crash and empties per task.
+Standard output and error stream of a worker are one file. Its parent empties it before each task and reads it after a
+crash.
 """
 
 from __future__ import annotations
@@ -12,25 +13,25 @@ import sys
 from collections.abc import Callable
 
 MOST_READ = 1 << 16
-"""Bytes of printed text that are looked at; a report needs no more."""
+"""Most bytes of printed text that are read."""
 
 _tell: Callable[[str], None] | None = None
 
 
 def listen(tell: Callable[[str], None]) -> None:
-    """Say that the streams of this process are such a file, and how its parent is told what comes next; once."""
+    """Called once in a worker: from then on `heard` reads the printed text, and `at` calls `tell`."""
     global _tell
     _tell = tell
 
 
 def at(label: str) -> None:
-    """Tell the parent what the running task turns to; should the process die, its `Crash` names this."""
+    """Tell the parent what the task does next. If the process dies, its `Crash` names this label."""
     if _tell is not None:
         _tell(label)
 
 
 def heard() -> str:
-    """The beginning of what was printed; nothing outside a worker process."""
+    """The beginning of what the task has printed; "" outside a worker process."""
     if _tell is None:
         return ""
     flush()
@@ -38,9 +39,9 @@ def heard() -> str:
 
 
 def flush() -> None:
-    """Empty the buffers of Python and of the C library, so that text belongs to the task that printed it."""
+    """Flush the buffers of Python and the C library, so that each text is counted for the task that printed it."""
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError, AttributeError):  # an engine may have closed or replaced them
             stream.flush()
-    with contextlib.suppress(OSError, AttributeError):  # no C library by this name outside POSIX
+    with contextlib.suppress(OSError, AttributeError):  # outside POSIX, None does not name the C library
         ctypes.CDLL(None).fflush(None)

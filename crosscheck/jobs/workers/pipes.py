@@ -1,6 +1,7 @@
-"""The parent's ends of a worker's pipes: no read or write waits for a process that has ended.
+"""The parent's ends of a worker's pipes. Reads and writes never wait for a process that has ended.
 
-The end of a pipe is no sign of that: a helper that an engine forked keeps it open. The process is asked instead.
+A closed pipe is not a safe sign of that end: a process that an engine forked keeps the pipe open. So the state of the
+worker process itself is checked.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import IO
 from crosscheck.jobs.workers import frames
 
 TICK = 0.05
-"""s between two looks at a busy worker: memory fills at a few gigabytes a second at most."""
+"""Time (s) between two checks of a busy worker. Memory fills by a few gigabytes per second at most."""
 
 _CHUNK = 1 << 20
 
@@ -22,7 +23,7 @@ class Ended(Exception):
 
 
 class Pipes:
-    """Requests to and answers from one process. Not for two threads at once."""
+    """Requests to and answers from one process. Only one thread may use it at a time."""
 
     def __init__(self, pid: int, requests: IO[bytes], answers: IO[bytes]) -> None:
         self._pid, self._requests, self._answers = pid, requests, answers
@@ -30,7 +31,7 @@ class Pipes:
             os.set_blocking(stream.fileno(), False)
 
     def send(self, frame: bytes) -> None:
-        """Write a frame; `Ended` where nobody reads it."""
+        """Write a frame. Raises `Ended` if nobody reads it."""
         left = memoryview(frame)
         try:
             while left:
@@ -40,14 +41,14 @@ class Pipes:
             raise Ended from None
 
     def receive(self, number: int) -> bytes:
-        """The content of the next frame; `Ended`, or `frames.BrokenFrame` where it does not answer this request."""
+        """The content of the next frame. Raises `Ended`, or `frames.BrokenFrame` if it is not of this request."""
         length, checksum = frames.size(self._read(frames.HEADER.size), number)
         content = self._read(length)
         frames.check(content, checksum)
         return content
 
     def quiet(self) -> bool:
-        """Whether no bytes wait to be read: between two requests there are none."""
+        """Whether no bytes wait to be read, as it must be between two requests."""
         with selectors.DefaultSelector() as selector:
             selector.register(self._answers, selectors.EVENT_READ)
             return not selector.select(0)
@@ -66,8 +67,8 @@ class Pipes:
         return bytes(content)
 
     def _ready(self, stream: IO[bytes], event: int) -> bool:
-        """Whether the stream can be used now, after waiting a little; `Ended` where it never will."""
-        over = ended(self._pid)  # asked first: what it wrote before it ended is still read
+        """Wait for at most one tick: can the stream be used now? Raises `Ended` if the process has ended."""
+        over = ended(self._pid)  # checked first, so that what it wrote before its end is still read
         with selectors.DefaultSelector() as selector:
             selector.register(stream, event)
             ready = bool(selector.select(0.0 if over else TICK))
@@ -77,7 +78,7 @@ class Pipes:
 
 
 def ended(pid: int) -> bool:
-    """Whether a child has ended. It is not reaped by this, so that its number stays its own."""
+    """Whether a child process has ended. This does not reap it, so that no other process can get its number."""
     try:
         return os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
     except ChildProcessError:  # reaped already

@@ -1,4 +1,4 @@
-"""The parent's side of worker processes: start one, ask it, watch its time and memory, say what became of it."""
+"""The parent's side of worker processes: start one, send it tasks, limit its time and memory, explain its end."""
 
 from __future__ import annotations
 
@@ -23,24 +23,27 @@ from crosscheck.jobs.workers.pipes import TICK, Ended, Pipes, ended
 GIGABYTE = 2**30
 
 MARK = "CROSSCHECK_WORKERS"
-"""Environment variable that names the workers a process descends from: it finds helpers in sessions of their own."""
+"""Environment variable with the marks of the workers that a process descends from.
+
+By it, processes are found that an engine has started in another session or group.
+"""
 
 PATIENCE = 5.0
-"""s that a process may take to end after it closed its pipes."""
+"""Time (s) that a process may take to end after its pipes are closed."""
 
 FAMILY = 20
-"""Ticks between two looks for processes that the worker started; finding them takes milliseconds."""
+"""Ticks between two searches for processes that the worker has started. A search takes milliseconds."""
 
 SIGNALS = {"SIGSEGV": "a crash inside the engine, wrong memory accessed", "SIGABRT": "the engine aborted",
            "SIGBUS": "a crash inside the engine", "SIGFPE": "a crash inside the engine, division by zero",
            "SIGILL": "an instruction this processor does not have",
            "SIGKILL": "killed from outside, as the system does when memory runs out"}
-"""What signals that end a process mean."""
+"""The usual cause of each signal that ends a process."""
 
 MOST_PRINTED = 64 * 2**20
-"""Bytes a task may print before it is stopped: the text is kept on disk until the task ends."""
+"""Bytes that a task may print before it is stopped. The text is on the disk until the task ends."""
 
-# The package by its folder: an environment made for one version of an engine does not have it installed.
+# The package is loaded from its folder, because it is not installed in an environment for one version of an engine.
 BOOT = """
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
@@ -55,7 +58,7 @@ main()
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """What one task may take; None: no limit."""
+    """Limits of one task; None: no limit."""
 
     time: float | None = None  # s
     memory: float | None = None  # bytes resident, of the worker and of the processes it starts
@@ -63,33 +66,33 @@ class Limits:
 
 @dataclasses.dataclass(frozen=True)
 class Crash:
-    """What is left of a task that did not return."""
+    """Why a task has no result."""
 
     message: str  # one line
-    details: str = ""  # traceback, or the last that was printed
+    details: str = ""  # the traceback, or the end of what was printed
     error: Exception | None = dataclasses.field(default=None, compare=False)  # what the task raised
-    at: str = ""  # what it had turned to, see `crosscheck.jobs.workers.output.at`
-    signal: str = ""  # that ended the process from outside our limits: "SIGKILL"
+    at: str = ""  # the last label that it gave to `crosscheck.jobs.workers.output.at`
+    signal: str = ""  # name of the signal that ended the process, for example "SIGKILL"; "" if a limit did
 
 
 class Worker:
-    """One process that runs one task after the other. Not for two threads at once, except `kill`.
+    """One process that runs one task after the other. Only one thread may use it at a time, except for `kill`.
 
     Parameters
     ----------
-    python : another interpreter, with the modules it finds by itself; None: this one, with the `sys.path` of now
+    python : path of another interpreter, which uses its own `sys.path`; None: this interpreter and `sys.path`
     """
 
     def __init__(self, python: str | None = None) -> None:
-        # Appended to, so that it can be emptied between tasks; open as long as the worker.
+        # Opened for appending, so that it can be emptied between tasks.
         self._printed = tempfile.TemporaryFile("a+b")  # noqa: SIM115
         folder = str(Path(__file__).resolve().parents[2])
-        # One thread per worker, so that two workers do not time each other.
+        # One thread per worker, so that workers do not slow each other down while they are timed.
         single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         self._mark = secrets.token_hex(8)
         marks = {MARK: " ".join(filter(None, (os.environ.get(MARK), self._mark)))}
         command = [python or sys.executable, "-P", "-c", BOOT, folder]
-        # A process group of its own, which ends as a whole.
+        # Its own process group, so that all of it can be ended at once.
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._printed,
                                          env={**single, **os.environ, **marks}, process_group=0)
         assert self._process.stdin is not None
@@ -101,10 +104,9 @@ class Worker:
         self._at = ""
 
     def call(self, function: Callable[..., Any], arguments: tuple[Any, ...], limits: Limits | None = None) -> Any:
-        """`function(*arguments)` in the worker: its result, or a `Crash`; after a crash of the process it is not
-        `alive`.
+        """The result of `function(*arguments)` in the worker, or a `Crash`. `alive` is False if the process died.
 
-        The function has to be importable by name there.
+        The worker must be able to import the function by its name.
         """
         limits = limits or Limits()
         try:
@@ -142,11 +144,11 @@ class Worker:
 
     @property
     def alive(self) -> bool:
-        """Whether it can take another task."""
+        """Whether the worker can run another task."""
         return self._reason is None and not ended(self._process.pid) and self._pipes.quiet()
 
     def memory(self) -> int:
-        """Resident bytes of the process alone; 0 where it is gone."""
+        """Resident bytes of the process without its children; 0 if it has ended."""
         import psutil
 
         try:
@@ -155,12 +157,12 @@ class Worker:
             return 0
 
     def printed(self) -> str:
-        """What the last task printed, its end where that is long."""
+        """What the last task printed. Of a long text, only the end."""
         size = os.fstat(self._printed.fileno()).st_size
         return os.pread(self._printed.fileno(), 1 << 16, max(0, size - (1 << 16))).decode("utf-8", "replace")
 
     def close(self) -> None:
-        """Let an idle worker end by itself, and end the helpers that engines left behind; does not wait for it."""
+        """Let an idle worker end, and end the processes that its engines left behind. Returns at once."""
         for stream in (self._process.stdin, self._process.stdout):
             with contextlib.suppress(OSError):
                 stream.close()  # type: ignore[union-attr]
@@ -172,11 +174,11 @@ class Worker:
                 self._process.wait()
             self._printed.close()
 
-        # Not a daemon: this process stays until the worker and its helpers have ended.
+        # Not a daemon thread: the parent stays until the worker and its helpers have ended.
         threading.Thread(target=bury).start()
 
     def kill(self, reason: str = "stopped") -> None:
-        """End it and every process it started, at once."""
+        """End the worker and every process it started, at once."""
         self._reason = self._reason or reason
         self._end_helpers()
 
@@ -187,9 +189,9 @@ class Worker:
             time.sleep(TICK / 5)
 
     def _end_helpers(self) -> None:
-        """End the whole process group, and what left it for a group of its own.
+        """End the whole process group, and processes of the worker that have moved to another group.
 
-        The process must not have been reaped: as long as it is there no other group bears its number.
+        The process must not have been reaped yet: only until then is its number not given to another group.
         """
         import psutil
 
@@ -203,7 +205,7 @@ class Worker:
                     process.kill()
 
     def _exchange(self, request: tuple[float | None, bytes]) -> tuple[Any, ...] | None:
-        """The answer to a request, or None where the process ended instead."""
+        """The answer to a request, or None if the process ended instead."""
         try:
             if not self._number:
                 self._pipes.send(framed(0, pickle.dumps(self._path)))
@@ -222,13 +224,13 @@ class Worker:
         except BrokenFrame:
             self.kill("stopped: something in it wrote to the pipe through which it answers")
             return None
-        except Exception as error:  # what arrived whole cannot be made here: the worker may not have sent it
+        except Exception as error:  # the frame is complete, but cannot be unpickled in this process
             words = f"the result cannot be received: {type(error).__name__}: {error}"
             self.kill(words)
             return "raised", words, "", error, ()
 
     def _watch(self, limits: Limits, over: threading.Event) -> None:
-        """Kill the worker where the running task goes beyond its limits."""
+        """Kill the worker if the running task exceeds its limits."""
         import psutil
 
         began, tick = time.monotonic(), 0
@@ -237,8 +239,8 @@ class Worker:
             if limits.time is not None and time.monotonic() - began > limits.time:
                 return self.kill(f"stopped: it did not end within the time limit of {limits.time:g} s")
             if limits.memory is not None:
-                if tick % FAMILY == 0:  # the processes that it started, and theirs
-                    with contextlib.suppress(psutil.Error):  # gone meanwhile
+                if tick % FAMILY == 0:
+                    with contextlib.suppress(psutil.Error):  # the process has ended meanwhile
                         family = psutil.Process(self._process.pid).children(recursive=True)
                 if self.memory() + sum(_resident(process) for process in family) > limits.memory:
                     return self.kill("stopped: it took more memory than the limit of "
@@ -250,7 +252,7 @@ class Worker:
 
 
 def _resident(process: Any) -> int:
-    """Resident bytes of a process; 0 where it is gone."""
+    """Resident bytes of a process; 0 if it has ended."""
     import psutil
 
     try:

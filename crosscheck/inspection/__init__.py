@@ -1,4 +1,4 @@
-"""Static cross-check: what the engines say of a scene before any stepping, beside independent truth.
+"""Static cross-check: compare what the engines say about a scene, without any stepping, with independent truth.
 
     found = inspect(scene, ["mujoco", "pinocchio"])
     found.agree, found.offenders, found.of("mujoco")
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["Deviation", "Inspection", "Probe", "inspect", "probe"]
 
 _BUILT_IN = tuple(name for name in built_in.ENTRIES if importlib.util.find_spec(f"{__name__}.{name}"))
-"""Engines with a module of their own here."""
+"""Engines that have a module in this package."""
 
 RANDOM_STATES = 3
 
@@ -48,14 +48,23 @@ def inspect(scene: Scene | str | os.PathLike[str], engines: Sequence[Any] | None
             against: str | os.PathLike[str] | None = None) -> Inspection | NativeInspection:
     """Probe engines at the start of a scene and at `count` random admissible states, and compare them with truth.
 
-    Of a model file (.xml, .urdf) this is the native check: every engine loads the file itself and is compared with the
-    scene of the file, or of the file `against`; the result is a `crosscheck.inspection.native.NativeInspection`.
+    For a model file (.xml, .urdf) this is the native check: every engine loads the file itself and is compared with the
+    scene that `crosscheck` makes of the file, or of the file `against`. The result is then a
+    `crosscheck.inspection.native.NativeInspection`.
 
     Parameters
     ----------
-    scene : a Scene, the name of one, a path to one, or a model file
-    engines : names, or adapters, which need a method `probe` unless their name is a built-in one; default: all built in
-    form : one model form; default: every form of the adapter that can model the scene
+    scene : a Scene, the name of a scene, the path of a scene file, or the path of a model file
+    engines : names or adapters; an adapter that is not built in needs a method `probe`; default: all built-in engines
+    form : a model form; default: every form of the adapter that can model the scene
+    count : number of random states besides the start
+    seed : of the random states
+    against : path of another model file to compare with, only for a model file
+
+    Raises
+    ------
+    ArgumentError, SceneError
+        An engine is unknown, or the scene cannot be read. An engine that fails is named in `skipped` instead.
     """
     if not isinstance(scene, Scene):
         if is_model(scene):
@@ -82,9 +91,10 @@ def inspect(scene: Scene | str | os.PathLike[str], engines: Sequence[Any] | None
 
 
 def probe(adapter: Any, scene: Scene, at: States, form: str | None = None) -> Probe:
-    """What one adapter says of `scene` at the states `at`, by its own method `probe` or the one built in here.
+    """What one engine says about `scene` at the states `at`: calls `probe` of the adapter or of this package.
 
-    Raises `Unsupported` where it cannot tell, or cannot model the scene in this form.
+    Raises `Unsupported` if there is no such method or the engine cannot model the scene in this form, and `EngineError`
+    if the engine fails.
     """
     own = getattr(adapter, "probe", None)
     if own is None and adapter.name not in _BUILT_IN:
@@ -92,7 +102,7 @@ def probe(adapter: Any, scene: Scene, at: States, form: str | None = None) -> Pr
     if own is None:
         own = importlib.import_module(f"crosscheck.inspection.{adapter.name}").probe
     reasons = [adapter.unsupported(scene, RunSpec(method, step=1e-3, form=form)) for method in adapter.methods]
-    if None not in reasons:  # some engines have a form for some of their methods only
+    if None not in reasons:  # a form may be available for some methods only
         raise Unsupported(reasons[0])
     try:
         found: Probe = own(scene, at, form)

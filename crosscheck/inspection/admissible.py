@@ -1,6 +1,6 @@
 """Random admissible states of a scene, and bases of its admissible velocities.
 
-Velocities of the system are u = (v world, w body axes) of its bodies in turn, (6n,).
+The velocity u of the system, (6n,), is (v in the world, w in body axes) of one body after the other.
 """
 
 from __future__ import annotations
@@ -14,15 +14,18 @@ from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import States
 
 TURN = 0.1, 0.4
-"""rad, and of the scene's length: how far a random state lies from the start; halved until the joints close there."""
+"""Range of the distance of a random state from the start, in rad and in the scene's length.
 
-_CLOSED = 1e-14  # of the scene's length; Newton's method ends at a few eps
+The distance is halved until the joints can be closed there.
+"""
+
+_CLOSED = 1e-14  # times the scene's length; Newton's method reaches a few eps
 _ITERATIONS = 30
 _HALVINGS = 20
 
 
 def length(scene: Scene) -> float:
-    """The scene's length, m: the largest distance of a centre of mass from the origin, anchor or rod; at least 1e-3."""
+    """The scene's length, m: the largest of 1e-3, the distances of mass centres from the origin, anchors and rods."""
     anchors = [np.linalg.norm(anchor) for joint in scene.joints for anchor in (joint.parent_anchor, joint.child_anchor)]
     rods = [joint.length for joint in scene.joints if joint.length is not None]
     return float(max([1e-3, *np.linalg.norm(scene.x0, axis=1), *anchors, *rods]))
@@ -45,7 +48,7 @@ def basis(scene: Scene, constraints: Constraints, x: np.ndarray, R: np.ndarray) 
 
 
 def states(scene: Scene, count: int, seed: int) -> States:
-    """The start, then `count` random admissible states: displaced along admissible directions and closed again."""
+    """The start, then `count` random states. Each is moved in an admissible direction, and its joints are closed."""
     constraints = Constraints(scene)
     rng = np.random.default_rng(seed)
     poses = [(scene.x0, scene.R0)] + [_pose(scene, constraints, rng) for _ in range(count)]
@@ -63,7 +66,7 @@ def posed(scene: Scene, at: States, k: int) -> Scene:
 
 
 def _pose(scene: Scene, constraints: Constraints, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A closed pose near the start."""
+    """A random pose near the start with closed joints."""
     N = basis(scene, constraints, scene.x0, scene.R0)
     step = (N @ rng.normal(size=N.shape[1])).reshape(-1, 6)
     L = length(scene)
@@ -73,12 +76,12 @@ def _pose(scene: Scene, constraints: Constraints, rng: np.random.Generator) -> t
         if found is not None:
             return found
         step = step / 2
-    return scene.x0, scene.R0  # an isolated position: a structure, not a mechanism
+    return scene.x0, scene.R0  # the bodies cannot move
 
 
 def _close(scene: Scene, constraints: Constraints, x: np.ndarray, R: np.ndarray,
            L: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Newton's method with the least mass-weighted change; None where it does not converge to a pose nearby."""
+    """Close the joints by Newton's method with the least mass-weighted change; None if no pose nearby is found."""
     B = inverse_root_mass(scene)
     for _ in range(_ITERATIONS):
         phi = constraints.position(x[None], R[None])[0]
@@ -93,7 +96,7 @@ def _close(scene: Scene, constraints: Constraints, x: np.ndarray, R: np.ndarray,
 
 
 def _moved(x: np.ndarray, R: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """x + dx, R exp(hat(theta)) for step (n, 6) = (dx, theta), orthogonal to rounding."""
+    """x + dx and R exp(hat(theta)) for step (n, 6) = (dx, theta)."""
     from scipy.spatial.transform import Rotation
 
     turned = Rotation.from_matrix(R) * Rotation.from_rotvec(step[:, 3:])
@@ -102,7 +105,7 @@ def _moved(x: np.ndarray, R: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, 
 
 def _velocity(scene: Scene, constraints: Constraints, rng: np.random.Generator, u: np.ndarray, x: np.ndarray,
               R: np.ndarray) -> np.ndarray:
-    """The start's velocities and random ones of their size, as far as the joints admit them at this pose."""
+    """The start's velocities plus random ones of their size, projected on those that the joints allow at this pose."""
     N = basis(scene, constraints, x, R)
     extra = N @ rng.normal(size=N.shape[1])
     L = length(scene)
@@ -110,8 +113,8 @@ def _velocity(scene: Scene, constraints: Constraints, rng: np.random.Generator, 
     turning, moving = np.abs(extra.reshape(-1, 6)[:, 3:]).max(), np.abs(extra.reshape(-1, 6)[:, :3]).max() / L
     extra *= rng.uniform(0.5, 1.0) * size / max(turning, moving, np.finfo(float).tiny)
     B, M = inverse_root_mass(scene), np.linalg.inv(mechanics.inverse_mass(scene))
-    found: np.ndarray = N @ (N.T @ M @ (u + extra))  # the mass-orthogonal projection on what the joints leave free
-    if constraints.drives:  # and the velocity of least energy that the drives ask for
+    found: np.ndarray = N @ (N.T @ M @ (u + extra))  # mass-orthogonal projection
+    if constraints.drives:  # plus the velocity of least energy that follows the drives
         rest = np.zeros((1, scene.n, 3))
         rate = -constraints.velocity(x[None], R[None], rest, rest)[0]
         scaled = constraints.jacobian(x[None], R[None])[0] @ B

@@ -1,9 +1,9 @@
-"""What an engine says about a scene before any stepping, and how far that is from the truth.
+"""What an engine says about a scene without any stepping, and how far that is from the truth.
 
-An adapter may have a method `probe(scene, states, form=None) -> Probe`; the engines built in have theirs here, one
-module each. Like `run`, it builds the engine's own model and asks the engine; it never computes what the engine should
-have said, and leaves None, with a note, where the engine has no answer. It raises `Unsupported` where the engine cannot
-model the scene in this form, `EngineError` where it fails.
+An adapter may have a method `probe(scene, states, form=None) -> Probe`. Those of the built-in engines are in this
+package, in one module each. Like `run`, a probe builds the engine's own model and asks the engine. It never computes
+the answer itself: where the engine has none, the field is None and a note says why. It raises `Unsupported` if the
+engine cannot model the scene in this form, and `EngineError` if the engine fails.
 """
 
 from __future__ import annotations
@@ -19,26 +19,28 @@ from crosscheck.scene.states import States
 QUANTITIES = ("mass", "inertia", "position", "attitude", "velocity", "angular velocity", "total mass",
               "centre of mass", "kinetic energy", "potential energy", "mass matrix", "gravity force", "applied force",
               "acceleration", "angular acceleration", "reaction force", "reaction torque")
-"""What is compared, causes before effects: the first that is off is the one to look at."""
+"""The compared quantities. Causes come before effects, so that the first wrong quantity shows where to look."""
 
 TOLERANCE = 1e-10
-"""Relative to the size of a quantity's terms in the scene; a wrong datum of six digits shows at 1e-6."""
+"""Bound on a deviation, relative to the size of the quantity's terms. Data rounded to six digits differ by 1e-6."""
 
 ROUNDINGS = 10
-"""Solving for accelerations multiplies rounding by the conditioning of the mass matrix in the engine's coordinates,
-2e7 for joint angles of a chain of 64 bodies. Where that, times so many eps, is above TOLERANCE, it takes its place."""
+"""Solving for accelerations multiplies rounding by the condition number of the mass matrix in the engine's coordinates.
+For joint angles of a chain of 64 bodies it is 2e7. If ROUNDINGS times eps times this number is larger than TOLERANCE,
+it is the bound."""
 
 LOOSEST = 1e-8
-"""The loosest such bound: beyond it a wrong datum could pass."""
+"""The largest bound that conditioning may give. A larger one might let wrong data pass."""
 
 
 @dataclasses.dataclass
 class Probe:
-    """An engine's model of a scene of n bodies, evaluated at K states; SI units, frames as in `States`.
+    """An engine's model of a scene with n bodies, evaluated at K states. SI units, frames as in `States`.
 
-    `x, R, v, w` are where the engine's own kinematics put the bodies once it has been given the states. Its velocities,
-    nv of them, may be any: `jacobian` takes them to (v, w) of the bodies in turn, and the mass matrix and the forces
-    belong to them. Reactions are the force and torque on a joint's child, world axes, at the child's anchor.
+    `x, R, v, w` are the states of the bodies as the engine's own kinematics compute them after it was given the states.
+    The engine may use any nv velocity coordinates. `jacobian` maps them to (v, w) of one body after the other, and
+    mass matrix and forces refer to them. Reactions are the force and torque on a joint's child at the child's anchor,
+    in world axes.
     """
 
     engine: str
@@ -49,19 +51,19 @@ class Probe:
     R: np.ndarray | None = None  # (K, n, 3, 3)
     v: np.ndarray | None = None  # (K, n, 3)
     w: np.ndarray | None = None  # (K, n, 3)
-    total_mass: float | None = None  # kg; left None, the sum of `masses`
-    com: np.ndarray | None = None  # (K, 3) of the whole system; left None, from `masses` and `x`
+    total_mass: float | None = None  # kg; None: the sum of `masses`
+    com: np.ndarray | None = None  # (K, 3) mass centre of the whole system; None: computed from `masses` and `x`
     kinetic: np.ndarray | None = None  # (K,) J
     potential: np.ndarray | None = None  # (K,) J, gravity -m g.x and all springs
     jacobian: np.ndarray | None = None  # (K, 6n, nv)
-    closing: np.ndarray | None = None  # (K, r, nv) Jacobian of the engine's own constraints, where it has any
+    closing: np.ndarray | None = None  # (K, r, nv) Jacobian of the engine's own constraints, if it has any
     mass_matrix: np.ndarray | None = None  # (K, nv, nv)
     gravity_force: np.ndarray | None = None  # (K, nv)
-    applied_force: np.ndarray | None = None  # (K, nv) all but constraints, -w x Jw with it; form maximal only
+    applied_force: np.ndarray | None = None  # (K, nv) all forces but constraints, with -w x Jw; only form maximal
     a: np.ndarray | None = None  # (K, n, 3)
     alpha: np.ndarray | None = None  # (K, n, 3)
     reactions: dict[str, tuple[np.ndarray, np.ndarray]] | None = None  # by joint, (K, 3) each
-    notes: dict[str, str] = dataclasses.field(default_factory=dict)  # by quantity: why the engine does not tell
+    notes: dict[str, str] = dataclasses.field(default_factory=dict)  # by quantity: why the engine has no answer
 
     @property
     def label(self) -> str:
@@ -71,11 +73,11 @@ class Probe:
 
 BY_STATE = ("x", "R", "v", "w", "com", "kinetic", "potential", "jacobian", "closing", "mass_matrix", "gravity_force",
             "applied_force", "a", "alpha")
-"""Fields of a probe with one entry a state."""
+"""Fields of a probe that have one entry per state."""
 
 
 def stacked(probes: Sequence[Probe]) -> Probe:
-    """Probes of one engine, of one state each, as one of all states; the rest is that of the first."""
+    """Join probes of one engine, each of one state, to one probe of all states. Other fields are those of the first."""
     found = dataclasses.replace(probes[0])
     for name in BY_STATE:
         parts = [getattr(one, name) for one in probes]
@@ -89,15 +91,15 @@ def stacked(probes: Sequence[Probe]) -> Probe:
 
 @dataclasses.dataclass(frozen=True)
 class Deviation:
-    """How far one engine is from the truth in one quantity, at its worst."""
+    """The largest deviation of one engine from the truth in one quantity."""
 
     engine: str
     form: str
     quantity: str
-    relative: float  # gap over scale
+    relative: float  # gap / scale
     gap: float  # SI unit of the quantity
     scale: float
-    place: str  # name of the worst body or joint; "" where the quantity belongs to the whole system
+    place: str  # name of the body or joint with the largest deviation; "" if the quantity is of the whole system
     state: int  # 0 is the start
     bound: float = TOLERANCE  # on `relative`
 
@@ -109,10 +111,10 @@ class Deviation:
 
 @dataclasses.dataclass(frozen=True)
 class Inspection:
-    """A static cross-check: data only.
+    """The result of a static cross-check.
 
-    `deviations` holds one entry per engine, form and quantity the engine tells, engines in the order asked, quantities
-    as in `QUANTITIES`; `skipped` says why an engine, in a form, was not probed.
+    `deviations` has one entry per engine, form and quantity for which the engine has an answer: engines in the order
+    asked for, quantities in that of `QUANTITIES`. `skipped` says why an engine was not probed in a form.
     """
 
     scene: Scene
@@ -124,13 +126,13 @@ class Inspection:
 
     @property
     def offenders(self) -> tuple[Deviation, ...]:
-        """Deviations beyond their bounds, causes before effects; what is not finite is beyond."""
+        """Deviations that exceed their bounds or are not finite, causes before effects."""
         beyond = [d for d in self.deviations if not d.relative <= d.bound]
         return tuple(sorted(beyond, key=lambda d: QUANTITIES.index(d.quantity)))
 
     @property
     def agree(self) -> bool:
-        """Whether every engine is within the bounds in everything it tells."""
+        """Whether no engine exceeds a bound."""
         return not self.offenders
 
     def of(self, engine: str, form: str | None = None) -> tuple[Deviation, ...]:

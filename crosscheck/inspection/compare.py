@@ -12,16 +12,19 @@ from crosscheck.scene.model import Scene
 
 SOLVED = ("mass matrix", "gravity force", "applied force", "acceleration", "angular acceleration", "reaction force",
           "reaction torque")
-"""Found by solving in the engine's coordinates, the first three by mapping them to common ones here."""
+"""Quantities that need the solution of a linear system in the engine's coordinates, and so have looser bounds.
+
+The first three are mapped to common coordinates here.
+"""
 
 OF_BODIES = ("mass", "inertia", "position", "attitude", "velocity", "angular velocity", "acceleration",
              "angular acceleration")
 
 
 def deviations(scene: Scene, reference: Reference, probe: Probe) -> tuple[Deviation, ...]:
-    """One deviation for each quantity the probe tells, in the order of `QUANTITIES`."""
+    """One deviation for each quantity in the probe, in the order of `QUANTITIES`."""
     gaps = dict(_gaps(scene, reference, probe))
-    solved = TOLERANCE  # of what it finds by solving with its mass matrix, whose conditioning multiplies rounding
+    solved = TOLERANCE  # the bound of the quantities in SOLVED
     if probe.jacobian is not None and probe.mass_matrix is not None and probe.mass_matrix.size:
         sizes = np.sqrt(np.abs(np.diag(probe.mass_matrix[0])))
         scaled = probe.mass_matrix[0] / np.outer(sizes, sizes)
@@ -41,7 +44,7 @@ def deviations(scene: Scene, reference: Reference, probe: Probe) -> tuple[Deviat
 
 
 def _gaps(scene: Scene, reference: Reference, probe: Probe) -> Iterator[tuple[str, np.ndarray]]:
-    """(quantity, gaps): arrays (K, places), places the bodies, the joints, or one for the whole system."""
+    """(quantity, gaps) with gaps of shape (K, places). Places are bodies, joints, or one for the whole system."""
     truth = reference.probe
     if probe.masses is not None:
         yield "mass", np.abs(probe.masses - scene.masses)[None] / scene.masses
@@ -76,16 +79,16 @@ def _centre(probe: Probe) -> np.ndarray | None:
 
 
 def _projected(reference: Reference, probe: Probe) -> Iterator[tuple[str, np.ndarray]]:
-    """Mass matrix and gravity force in the common basis of admissible velocities, through the engine's Jacobian."""
+    """Mass matrix and forces, mapped by the engine's Jacobian to the common basis of admissible velocities."""
     if probe.jacobian is None:
         return
-    own = []  # the engine's velocities (nv, d) in each state that move the bodies as the columns of N do
+    own = []  # per state the engine's velocities (nv, d) that move the bodies as the columns of N do
     for k, N in enumerate(reference.bases):
         rows, wanted = probe.jacobian[k], N
         if not N.size or not rows.size:
             own.append(np.zeros((rows.shape[1], N.shape[1])))
             continue
-        if probe.closing is not None:  # what moves no body must follow the engine's own constraints
+        if probe.closing is not None:  # velocities that move no body must satisfy the engine's own constraints
             rows = np.concatenate([rows, probe.closing[k]])
             wanted = np.concatenate([N, np.zeros((len(probe.closing[k]), N.shape[1]))])
         own.append(np.linalg.lstsq(rows, wanted, rcond=None)[0])

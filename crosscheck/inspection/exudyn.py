@@ -1,7 +1,7 @@
-"""What Exudyn says of a scene: the mass matrix and right-hand side its solvers assemble, on the adapter's models.
+"""What Exudyn says about a scene: the mass matrix and right-hand side that its solvers assemble.
 
-Joint coordinates (forms `tree` and `pivot`) give accelerations by one solve with these. With constraints they do not:
-Exudyn takes the velocity-dependent part of the constraints from one-sided differences, 1e-7 of the terms.
+In joint coordinates (forms `tree` and `pivot`) one linear solve with these gives the accelerations. With constraints
+it does not: Exudyn computes their velocity-dependent part by one-sided differences, with errors of 1e-7 of the terms.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DIFFERENCES = "Exudyn's constraints take their velocity-dependent part from one-
 
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
-    """The Exudyn model in form "maximal" (Lie-group nodes), "tree" or "pivot"."""
+    """Probe the Exudyn model in form "maximal" (Lie-group nodes), "tree" or "pivot"."""
     chosen = form or "maximal"
     at = {"maximal": _maximal, "pivot": _pivot, "tree": _tree}[chosen]
     found = stacked([at(posed(scene, states, k)) for k in range(len(states.t))])
@@ -89,14 +89,14 @@ def _tree(scene: Scene) -> Probe:
         model = kinematic_tree.kinematic_tree(scene, order)
         return order, model, *_assembled(model.system, method)
 
-    # every order of Cardan angles is the same system; the one farthest from its gimbal lock has the fewest roundings
+    # The order of Cardan angles does not change the system. The one farthest from gimbal lock has the least rounding.
     orders = ["".join(order) for order in itertools.permutations("XYZ")] if kinematic_tree.balls(scene) else ["XYZ"]
     order, model, matrix, right, speeds = min((made(order) for order in orders),
                                               key=lambda found: np.linalg.cond(found[2]))
     size = len(matrix)
     q = np.atleast_1d(model.system.GetSensorValues(model.sensors[0]))
     found = _moving("tree", model.convert(np.zeros(1), [q[None], speeds[None], np.linalg.solve(matrix, right)[None]]))
-    if closed:  # the constraints are not in it
+    if closed:  # the solve above leaves the constraints out
         found.a = found.alpha = None
     unit = model.convert(np.zeros(size), [np.tile(q, (size, 1)), np.eye(size), np.zeros((size, size))])
     jacobian = np.concatenate([unit.v, unit.w], axis=2).reshape(size, -1).T  # velocities are linear in the rates
@@ -118,7 +118,7 @@ def _inertia(entries: Any) -> np.ndarray:
 
 
 def _weight(scene: Scene, build: Any, method: str) -> np.ndarray:
-    """Right-hand side of the scene at rest and without forces: its gravity."""
+    """The gravity force: the right-hand side of the scene at rest without other forces."""
     rest = tuple(dataclasses.replace(body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in scene.bodies)
     bare = scene.replace(bodies=rest, forces=())
     return _assembled(build(bare).system, method)[1]

@@ -1,4 +1,4 @@
-"""What lieeuler's kernel says of a scene: accelerations and multipliers with which a run begins."""
+"""What lieeuler's kernel says about a scene: the accelerations and multipliers at the start of a run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from crosscheck.scene.states import States
 
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
-    """The kernel's `Problem` in maximal coordinates, each state as the start of a run of one step."""
+    """Probe the kernel's `Problem` in maximal coordinates. Each state is the start of a run of one step."""
     from crosscheck.adapters.lieeuler import build_problem, start
 
     starts = []
@@ -32,7 +32,7 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
     notes = dict.fromkeys(("kinetic energy", "potential energy"), "the kernel reports no energies")
     geared = any(joint.rotors for joint in problem.joints)
     if geared:
-        notes["mass matrix"] = "the kernel has rotors in rows of their own"
+        notes["mass matrix"] = "the kernel has extra rows for rotors"
     return Probe("lieeuler", "maximal", masses, inertias, x, R, v, w,
                  jacobian=np.broadcast_to(np.eye(6 * scene.n), (count, *matrix.shape)),
                  mass_matrix=None if geared else np.broadcast_to(matrix, (count, *matrix.shape)),

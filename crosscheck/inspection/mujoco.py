@@ -1,4 +1,4 @@
-"""What MuJoCo says of a scene: mj_forward on the adapter's model, rebuilt at every state, which is its qpos0."""
+"""What MuJoCo says about a scene: `mj_forward` on the adapter's model, which is built anew with each state as qpos0."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from crosscheck.inspection.base import Probe, stacked
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
-MOVED = "a rest angle that moves is an actuator here: MuJoCo counts the energy of a spring about a fixed one"
-SOFT = "equality constraints are soft: MuJoCo solves a regularised problem, whose answer is not the rigid system's"
+MOVED = "a moving rest angle is an actuator here, and MuJoCo computes spring energy only about a fixed rest angle"
+SOFT = "equality constraints are soft: MuJoCo solves a regularised problem, not that of rigid joints"
 
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
-    """The MuJoCo model in form "tree" or "maximal"."""
+    """Probe the MuJoCo model in form "tree" or "maximal"."""
     from crosscheck.adapters import get
     from crosscheck.adapters.base import RunSpec
 
@@ -63,7 +63,7 @@ def _at(scene: Scene, form: str) -> Probe:
         found.applied_force = data.qfrc_smooth[None].copy()
     data.qvel[:] = 0.0
     mujoco.mj_forward(model, data)
-    found.gravity_force = -data.qfrc_bias[None].copy()  # at rest nothing else is in it
+    found.gravity_force = -data.qfrc_bias[None].copy()  # at rest the bias is gravity alone
     return found
 
 
@@ -78,17 +78,17 @@ def _motion(model: Any, data: Any, bodies: list[int]) -> tuple[np.ndarray, np.nd
             function(model, data, mujoco.mjtObj.mjOBJ_BODY, body, column, 0)
             target[k] = column[:, 0]
         mujoco.mj_jacBodyCom(model, data, jacobian[k, 0], jacobian[k, 1], body)
-    rates[:, 3:] += model.opt.gravity  # MuJoCo's accelerations are those an accelerometer reads
+    rates[:, 3:] += model.opt.gravity  # MuJoCo gives accelerations relative to free fall
     return twists, rates, jacobian
 
 
 def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Of the joints of an open tree: the wrench between a body and its inner neighbour, without springs and motors."""
+    """Reactions of the joints of an open tree: the wrench between a body and its parent, less springs and motors."""
     import mujoco
 
     found = {}
     motors = np.zeros(model.njnt)
-    loads = []  # (body, point, force and torque in world axes) of every load: rnePostConstraint leaves them out
+    loads = []  # (body, point, (force, torque) in world axes): mj_rnePostConstraint does not subtract them
     for number in range(model.nu):
         if model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_JOINT:
             motors[model.actuator_trnid[number, 0]] += data.actuator_force[number] * model.actuator_gear[number, 0]
@@ -106,8 +106,7 @@ def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[s
         torque += np.cross(data.subtree_com[model.body_rootid[body]] - point, force)
         first = model.body_jntadr[body]
         for number in range(first, first + model.body_jntnum[body]):
-            # springs, dampers, motors and rotors act through the joint, but are no reaction; a force's line meets the
-            # anchor
+            # Springs, dampers, motors and rotors act in the joint, but do not count as reactions.
             at_v = model.jnt_dofadr[number]
             rotor = -model.dof_armature[at_v] * data.qacc[at_v]
             if model.jnt_type[number] == mujoco.mjtJoint.mjJNT_SLIDE:
@@ -118,7 +117,7 @@ def _reactions(scene: Scene, model: Any, data: Any, bodies: list[int]) -> dict[s
                 own += rotor - model.dof_damping[at_v] * data.qvel[at_v] + motors[number]
                 torque -= data.xaxis[number] * own
         for loaded, at, load in loads:
-            while loaded not in (body, 0):  # until the load hangs on the body, or is found to hang elsewhere
+            while loaded not in (body, 0):  # go up the tree: is the load on this body or its descendants?
                 loaded = model.body_parentid[loaded]
             if loaded == body:
                 force, torque = force - load[:3], torque - load[3:] - np.cross(at - point, load[:3])

@@ -1,4 +1,4 @@
-"""Native check: what every engine loads from a model file by itself, beside the neutral scene, in words."""
+"""Native check: compare what every engine loads from a model file by itself with the neutral scene, in words."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from crosscheck.scene.models.words import quoted, together
 
 @dataclasses.dataclass(frozen=True)
 class NativeInspection:
-    """A native check: data only. `scene` is the neutral one, with `left_out`; `refused` what an engine said instead.
+    """The result of a native check. `refused` says for an engine that does not load the file what it said instead.
 
-    A file that cannot be a scene has None, and says why in `no_scene`; engines are compared with the first then.
+    If the file cannot be made a scene, `scene` is None, `no_scene` says why, and engines are compared with the first.
     """
 
     path: Path
@@ -38,16 +38,16 @@ class NativeInspection:
 
     @property
     def agree(self) -> bool:
-        """Whether every engine that reads the file reads what the scene has."""
+        """Whether all engines load the file and read the same as the scene."""
         return self.scene is not None and not self.differences and not self.refused
 
     def of(self, engine: str) -> tuple[Difference, ...]:
-        """What one engine reads differently."""
+        """The differences between one engine and the scene."""
         return tuple(each for each in self.differences if each.engine == engine)
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The whole in words."""
+        """The result as lines of text."""
         same = any(words.removeprefix("Error: ") in self.no_scene for words in self.refused.values())
         return (*(([] if same else [self.no_scene]) if self.scene is None else
                   [f"left out of the scene: {words}" for words in together(map(quoted, self.scene.left_out))]),
@@ -57,10 +57,10 @@ class NativeInspection:
 
 def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, count: int = 3, seed: int = 0,
             against: str | os.PathLike[str] | None = None) -> NativeInspection:
-    """Let every engine load the file itself and name what it reads otherwise than the scene of `against`, or of `path`.
+    """Let every engine load the file itself, and compare each with the scene of the file `against`, by default `path`.
 
-    Joints with one coordinate are compared at zero, at the reference and at `count` seeded random states. Raises
-    `SceneError` where the file cannot be read at all.
+    Joints with one coordinate are compared at their reference and at `count` random states. Raises `SceneError` if
+    neither crosscheck nor an engine can read the file.
     """
     from crosscheck import adapters
     from crosscheck.adapters import built_in
@@ -88,7 +88,7 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
             read: Callable[[str, JointStates], Native] | None = getattr(adapters.get(name), "native", None)
             if read is None:
                 raise Unsupported(f"{name} reads no model files here")
-            if outside and name.startswith("mujoco"):  # it would read them
+            if outside and name.startswith("mujoco"):  # MuJoCo would read files outside the model's folder
                 raise sources.outside(source, outside[0])
             found = read(str(source), states)
             natives.append(dataclasses.replace(found, engine=f"{name} without meshes" if found.refusal else name))
@@ -114,11 +114,11 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
 
 
 def _rooted(root: Element) -> float:
-    """kg of the links of a URDF that no moving joint carries."""
+    """Total mass (kg) of the links of a URDF that are fixed to its root."""
     held = {each.get("link", ""): joint for joint in root.findall("joint") for each in joint.findall("child")}
 
     def still(link: str) -> bool:
-        for _ in held:  # a circle of joints ends
+        for _ in held:  # so that a circle of joints ends, too
             if link not in held or held[link].get("type") != "fixed":
                 break
             parent = held[link].find("parent")
@@ -130,12 +130,12 @@ def _rooted(root: Element) -> float:
 
 
 def _otherwise_left_out(path: Path, scene: Scene) -> Iterator[Difference]:
-    """What of this file no scene can hold, and `scene` has not left out, or the other way round."""
+    """Contents that a scene cannot hold and that only one of the file and `scene` has left out."""
     from crosscheck.scene.models import import_model
 
     try:
         here = import_model(path, drop=True).left_out
-    except CrosscheckError:  # the engines say more about such a file
+    except CrosscheckError:  # the engines' own errors tell more
         return
     for words in dict.fromkeys((*here, *scene.left_out)):
         if (words in here) != (words in scene.left_out):
@@ -155,7 +155,7 @@ def _neutral(scene: Scene, states: JointStates) -> Native:
                 joint.child_axis, zero_attitude(joint), joint.type, damping, armature, stiffness, rest,
                 joint.mimic.joint if joint.mimic else "")
     found = Native("scene", links, joints, scene.gravity)
-    if len(scene.joints) != scene.n or len(joints) != scene.n:  # coordinates are those of an open tree only
+    if len(scene.joints) != scene.n or len(joints) != scene.n:  # dynamics are compared for open trees only
         return found
     values = [_at(_posed(scene, states, k)) for k in range(len(states.position))]
     mass, bias, acceleration = (np.array(each) for each in zip(*values, strict=True))
@@ -192,6 +192,7 @@ def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         blocks[6 * k:6 * k + 3, 6 * k:6 * k + 3] = body.mass * np.eye(3)
         blocks[6 * k + 3:6 * k + 6, 6 * k + 3:6 * k + 6] = body.inertia
     M = J.T @ blocks @ J + np.diag([(joint.armature or (0.0,))[0] for joint in scene.joints])
+
     def coordinates(one: Scene) -> np.ndarray:
         a, alpha, _ = index1(one, *state)
         found: np.ndarray = S @ np.concatenate([a[0], alpha[0]], axis=1).ravel() + s
@@ -201,7 +202,7 @@ def _at(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def printed(found: NativeInspection, echo: Callable[[str], Any]) -> None:
-    """The check as lines for a terminal."""
+    """Print the result through `echo`."""
     silent = found.scene is not None and any(native.mass_matrix is None for native in found.native)
     read = ", ".join(native.engine for native in found.native) or "no engine"
     if found.scene is not None:

@@ -1,4 +1,4 @@
-"""What one engine reads otherwise from a model file than the neutral scene, in words."""
+"""The differences between what one engine reads from a model file and the neutral scene, in words."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from crosscheck.adapters.common.native import Hinge, Link, Native
 
 TOLERANCE = 1e-7
-"""Relative: files are written with six digits and more, and both parsers read these exactly."""
+"""Relative bound on a difference. It is small, because both parsers read the same digits of the file."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +30,7 @@ Told = Callable[[str, str, str], Difference]
 
 
 def named_alike(neutral: Native, native: Native) -> Native:
-    """With our names for bodies that have none in the file; their joints tell which they are."""
+    """`native` with the scene's names for bodies without a name in the file. They are matched by their joints."""
     ours = {theirs.child: joint.child for name, joint in neutral.joints.items() if (theirs := native.joints.get(name))
             and joint.child.startswith("body ") and theirs.child not in neutral.links}
     if not ours:
@@ -43,7 +43,7 @@ def named_alike(neutral: Native, native: Native) -> Native:
 
 
 def differences(neutral: Native, native: Native, invented: frozenset[str]) -> Iterator[Difference]:
-    """What differs; `invented` are links without an inertial whose mass an engine may make from collision shapes."""
+    """All differences. `invented` are links without inertial data, which an engine may make from collision shapes."""
     def told(quantity: str, place: str, words: str) -> Difference:
         return Difference(native.engine, quantity, place, words)
 
@@ -90,7 +90,8 @@ def _link(name: str, ours: Link, theirs: Link, invented: frozenset[str], told: T
 
 
 def _shifted_centres(neutral: Native, native: Native) -> dict[str, np.ndarray]:
-    """How far the centre of mass of a link is off: all joints of the link are shifted alike, and only at this link."""
+    """Shifts (m) of mass centres. A link has one if all anchors on it shift alike, and those of its neighbours do not.
+    """
     gaps: dict[str, list[np.ndarray]] = {}
     for name, ours in neutral.joints.items():
         theirs = native.joints.get(name)
@@ -139,7 +140,7 @@ def _joint(name: str, ours: Hinge, theirs: Hinge, off: Mapping[str, np.ndarray],
 
 
 def _degrees(ours: np.ndarray, theirs: np.ndarray) -> str:
-    """A hint where the turn is that of degrees read as radians, or of radians read as degrees."""
+    """A hint if the turn comes from degrees read as radians, or radians as degrees; else ""."""
     from scipy.spatial.transform import Rotation
 
     for factor, words in ((180 / np.pi, "radians written as degrees"), (np.pi / 180, "degrees read from radians")):
@@ -151,7 +152,7 @@ def _degrees(ours: np.ndarray, theirs: np.ndarray) -> str:
 
 
 def _dynamics(neutral: Native, native: Native, told: Told) -> Iterator[Difference]:
-    """Mass matrix, bias and accelerations; what the parts above explain already is one line here."""
+    """Differences of mass matrix, bias forces and accelerations."""
     if neutral.mass_matrix is None or native.mass_matrix is None or neutral.order != native.order:
         return
     assert neutral.bias is not None
@@ -172,12 +173,12 @@ def _dynamics(neutral: Native, native: Native, told: Told) -> Iterator[Differenc
         worst = int(np.abs(native.bias - neutral.bias).max(axis=0).argmax())
         yield told("bias", neutral.order[worst], f"bias force of joint {neutral.order[worst]} is off by "
                    f"{np.abs(native.bias - neutral.bias).max():.3g}")
-    # what acts beside the bias: springs and dampers; errors of the mass matrix and the bias have been told
+    # The efforts of springs and dampers. Errors of mass matrix and bias, which are reported above, drop out of them.
     ours = np.einsum("kij,kj->ki", neutral.mass_matrix, neutral.acceleration) + neutral.bias
     theirs = np.einsum("kij,kj->ki", native.mass_matrix, native.acceleration) + native.bias
     scale = max(scale, float(np.abs(ours).max()))
     geared = {each for one in (neutral, native) for name, joint in one.joints.items() if joint.mimic
-              for each in (name, joint.mimic)}  # their constraint force is among the efforts
+              for each in (name, joint.mimic)}  # their efforts contain the constraint force
     for index in np.flatnonzero(np.abs(theirs - ours).max(axis=0) > 10 * TOLERANCE * scale):
         name = neutral.order[int(index)]
         gap = float(np.abs(theirs - ours)[:, index].max())

@@ -1,4 +1,4 @@
-"""What Pinocchio says of a scene: crba, rnea, computeTotalMass and the adapter's dynamics on its model."""
+"""What Pinocchio says about a scene: its algorithms (crba, centerOfMass, ...) and the adapter's dynamics."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from crosscheck.scene.states import States
 if TYPE_CHECKING:
     from crosscheck.adapters.pinocchio.dynamics import Dynamics
 
-SPRINGS = "Pinocchio has no springs: the adapter applies them as forces, and nobody stores their energy"
+SPRINGS = "Pinocchio has no springs: the adapter applies them as forces, so that Pinocchio does not know their energy"
 
 
 def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
-    """The Pinocchio model in form "tree" or "maximal"."""
+    """Probe the Pinocchio model in form "tree" or "maximal"."""
     from crosscheck.adapters.pinocchio import models
     from crosscheck.adapters.pinocchio.dynamics import Dynamics
 
@@ -40,7 +40,7 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
 
 
 def _at(dynamics: Dynamics, form: str, scene: Scene) -> Probe:
-    """The model at the initial state of `scene`, a pose of the scene that the model was built from."""
+    """Probe the model at the initial state of `scene`, which differs from the model's scene in its state only."""
     import pinocchio
 
     model, data, own = dynamics.model.model, dynamics.data, dynamics.model
@@ -58,7 +58,7 @@ def _at(dynamics: Dynamics, form: str, scene: Scene) -> Probe:
     pinocchio.forwardKinematics(model, data, q, v, a)
     masses, inertias, *motion, jacobian = (np.array(column) for column in zip(
         *(_body(model, data, *own.frames[k]) for k in range(scene.n)), strict=True))
-    for part, body in own.parts.items():  # a body cut in two
+    for part, body in own.parts.items():  # a body that the adapter has cut in two
         mass, inertia, *_ = _body(model, data, *own.frames[part])
         masses[body] += mass
         inertias[body] += inertia
@@ -76,7 +76,7 @@ def _at(dynamics: Dynamics, form: str, scene: Scene) -> Probe:
 
 
 def _body(model: Any, data: Any, joint: int, frame: Any) -> tuple[float, np.ndarray, *tuple[np.ndarray, ...]]:
-    """Of a body in a frame on a joint: mass and inertia there, x, R, v, w, a, alpha and the Jacobian (6, nv)."""
+    """Mass, inertia, x, R, v, w, a, alpha and Jacobian (6, nv) of a body, which has this frame on this joint."""
     import pinocchio
 
     placement = data.oMi[joint] * frame

@@ -1,4 +1,4 @@
-"""The truth of a static cross-check: dense NumPy on the scene's own constraint equations, independent of engines."""
+"""The truth of a static cross-check: the scene's own constraint equations, solved with dense NumPy, without engines."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 AT_REST = 1e-12
-"""Kinetic energy below this fraction of what the scene's size suggests is rounding."""
+"""A scene is at rest if its kinetic energy is below this fraction of the energy that its typical speed has."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Reference:
-    """The truth with what a comparison needs beside it.
+    """The truth, and what a comparison with it needs.
 
-    `bases` are the admissible velocities N of every state, N^T M N = I; `unique` names the joints whose reactions are
-    determined at each state, which redundant constraints may leave open; `scales` are the sizes of the terms that make
-    up each quantity.
+    `bases` are the admissible velocities N at every state, with N^T M N = I. `unique` names the joints whose reactions
+    are uniquely determined at each state: with redundant constraints some are not. `scales` are the sizes of the terms
+    of each quantity.
     """
 
     probe: Probe
@@ -34,7 +34,7 @@ class Reference:
 
 
 def reference(scene: Scene, at: States) -> Reference:
-    """The truth of `scene` at the K states `at`, each taken as a start of its own (torsion angles in (-pi, pi])."""
+    """The truth of `scene` at the K states `at`. Each is a separate start, with torsion angles in (-pi, pi]."""
     constraints = Constraints(scene)
     count, n = len(at.t), scene.n
     mass = np.linalg.inv(mechanics.inverse_mass(scene))
@@ -42,7 +42,7 @@ def reference(scene: Scene, at: States) -> Reference:
     rows = [slice(k, k + 1) for k in range(count)]
     angles = [mechanics.torsion_angles(scene, at.R[k]) for k in rows]
     found = [mechanics.index1(scene, at.x[k], at.R[k], at.v[k], at.w[k], angle)
-             for k, angle in zip(rows, angles, strict=True)]  # one by one: the rank may change from state to state
+             for k, angle in zip(rows, angles, strict=True)]  # separately, because states may differ in rank
     a, alpha, lam = (np.concatenate(part) for part in zip(*found, strict=True))
     potential = [mechanics.potential_energy(scene, at.x[k], at.R[k], angle)[0]
                  for k, angle in zip(rows, angles, strict=True)]
@@ -64,7 +64,7 @@ def reference(scene: Scene, at: States) -> Reference:
 
 
 def _unique(constraints: Constraints, x: np.ndarray, R: np.ndarray) -> frozenset[str]:
-    """Joints whose wrench is the same for all multipliers that move the system alike."""
+    """Joints whose wrench is the same for all multipliers that give the same motion."""
     if constraints.m == 0:
         return frozenset()
     G = constraints.jacobian(x, R)[0]
@@ -78,7 +78,8 @@ def _unique(constraints: Constraints, x: np.ndarray, R: np.ndarray) -> frozenset
 
 
 def _scales(scene: Scene, at: States, probe: Probe, applied: np.ndarray, constraint: np.ndarray) -> dict[str, float]:
-    """Size of the terms of each quantity; where a scene has none (no gravity, at rest), of a second's motion in it."""
+    """Size of the terms of each quantity. If it has none (no gravity, at rest), its size in a motion of about 1 rad/s.
+    """
     assert probe.kinetic is not None
     L = max(admissible.length(scene), float(np.abs(at.x).max()))
     total, g = float(scene.masses.sum()), float(np.linalg.norm(scene.gravity))

@@ -1,7 +1,7 @@
-"""The report: pages, figures and tables from the records. It computes nothing.
+"""The report: pages, figures and tables of the records.
 
-Every number on a page stands in a record; the pages only choose, round and draw. They open from disk: one classic
-script of Plotly beside them, data in script files, nothing from a network.
+It computes no results: every number on a page is in a record, and the pages only choose, round and draw. Pages open
+from the disk without a network, because Plotly and the data are script files in the same folder.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ STATIC = ("report.css", "theme.js", "site.js", "tables.js", "decision.js", "emph
 
 
 def write_report(document: Document, folder: Path) -> None:
-    """Write the pages, their data, summary.md, results.csv, .parquet, .json, junit.xml and badge.svg into a new folder.
+    """Write pages, their data, summary.md, results.csv, .parquet and .json, junit.xml and badge.svg into a new folder.
 
-    Without the extra `report` only the files that need no template are written, without the extra `data` no Parquet.
-    `render_again` writes the rest later.
+    Without the extra `report`, only the files that need no template are written; without the extra `data`, no Parquet
+    file. `render_again` can write the missing files later.
 
     Parameters
     ----------
-    document : with its curves
+    document : the results with their curves
     folder : must not exist yet
     """
     folder.mkdir(parents=True)
@@ -53,9 +53,9 @@ def installed(*modules: str) -> bool:
 
 
 def render_again(folder: Path) -> Path:
-    """Write the pages of a report anew from its results.json and curves; every file is replaced as a whole.
+    """Write the pages of a report again, from its results.json and curves. Every file is replaced as a whole.
 
-    Returns the first page. Raises `ArgumentError` where the folder holds no report.
+    Returns the first page. Raises `ArgumentError` if the folder holds no report.
     """
     document = load_report(folder)
     kept = {path.name for path in folder.iterdir()}
@@ -65,7 +65,7 @@ def render_again(folder: Path) -> Path:
             kept.discard(name)
     if installed("pandas", "pyarrow"):
         exports.write_parquet(document, folder / "results.parquet")
-    # Pages of an earlier layout would have dead links.
+    # Remove pages of an earlier version, which would have dead links.
     for name in kept:
         if name.endswith((".html", ".js")) and is_file_of_report(folder / name):
             (folder / name).unlink()
@@ -74,9 +74,9 @@ def render_again(folder: Path) -> Path:
 
 
 def load_report(folder: Path) -> Document:
-    """The document of a report that was written into `folder`, with its curves.
+    """The document of the report in `folder`, with its curves.
 
-    Raises `ArgumentError` where results.json is missing, is no report or has another schema.
+    Raises `ArgumentError` if results.json is missing, is not a report or has another schema.
     """
     document = schema.read_document(folder / "results.json")
     scenes: list[Scene] = []
@@ -98,13 +98,13 @@ def load_report(folder: Path) -> Document:
 
 
 def pages_in_order(folder: Path) -> list[Path]:
-    """The pages of a report as a reader would turn them: overview, scenes, studies, engines."""
+    """The pages of a report in reading order: overview, scenes, studies, engines."""
     return [folder / "index.html", *(page for kind in ("scene", "study", "engine")
                                      for page in sorted(folder.glob(f"{kind}-*.html")))]
 
 
 def _files(document: Document) -> Iterator[tuple[str, str]]:
-    """Name and text of every file of a report but Parquet."""
+    """Name and text of every file of a report except Parquet."""
     import plotly.offline
 
     yield "index.html", pages.index(document)
@@ -125,7 +125,7 @@ def _files(document: Document) -> Iterator[tuple[str, str]]:
 
 
 def _tables(document: Document) -> Iterator[tuple[str, str]]:
-    """The files that are made without templates."""
+    """Name and text of the files that need no template."""
     for scene in document.scenes:
         if not scene.failure:
             yield names.data_file(scene), data.curves_script(document, scene)
@@ -137,13 +137,13 @@ def _tables(document: Document) -> Iterator[tuple[str, str]]:
 
 FILES = frozenset({"index.html", "plotly.min.js", "runs.js", "summary.md", "results.csv", "results.parquet",
                    "junit.xml", "badge.svg", "results.json", "report.pdf", sites.FILE, *STATIC})
-"""What a report may hold, beside the pages and curves of its scenes, engines and studies, and the folder of figures."""
+"""Files of a report, apart from the pages and curves of scenes, engines and studies, and the folder of figures."""
 
 FIGURES = "figures"
 
 
 def is_file_of_report(path: Path) -> bool:
-    """Whether a report writes a file, or the folder of figures, of this name."""
+    """Whether this is a file of a report, or its folder of figures."""
     if path.is_symlink():
         return False
     if path.is_dir():

@@ -1,4 +1,4 @@
-"""Packed curves as arrays, for figures that are not drawn by a page."""
+"""Packed curves as arrays, for figures that are drawn by Python."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from crosscheck.document.curves import PACKED_MISSING, PACKED_STEPS, Curve, Pack
 
 
 def unpack(curve: Curve, exact: Curve = None) -> np.ndarray:
-    """The values (T,) of a curve that `crosscheck.verification.curves.pack` made; NaN where one is missing.
+    """The values (T,) of a curve from `crosscheck.verification.curves.pack`. Missing values are NaN.
 
-    `exact`: the true curve, which the word "truth" stands for and differences are added to.
+    `exact` is the true curve. It replaces the word "truth", and differences are added to it.
     """
     if curve == "truth":
         return unpack(exact)

@@ -1,4 +1,4 @@
-"""A badge for a README: how many runs pass, wholly or partly judged, and fail, as a small SVG that needs no network."""
+"""A badge for a README: a small SVG with the numbers of runs that pass, pass partly and fail."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from crosscheck.document import Document
 from crosscheck.report.headline import state
 
 LETTER = 7
-"""Pixels of a letter; `textLength` fits the words to it in whatever font there is."""
+"""Width of a letter in pixels. `textLength` stretches the text to it, whatever the font."""
 
 COLOURS = {0: "#1a7f37", 1: "#b3261e"}
-"""By the exit code; both carry white letters at a contrast above 4.5."""
+"""Colour by exit code. White letters on both have a contrast above 4.5."""
 
 
 def badge(document: Document) -> str:
-    """The SVG; its title says the same in words."""
+    """The text of the SVG."""
     failing = sum(record.outcome in ("fail", "error") for record in document.records)
     passing = sum(state(record) in ("pass", "known") for record in document.records)
     part = sum(state(record) == "partly" for record in document.records)

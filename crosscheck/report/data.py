@@ -1,4 +1,4 @@
-"""The data of the figures as classic scripts beside the pages: runs.js for all pages, scene-*.js with the curves."""
+"""The data of the figures as script files next to the pages: runs.js for all pages, scene-*.js with the curves."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from crosscheck.document.part import Part
 from crosscheck.report import identity
 
 DIGITS = 5
-"""Significant digits of the figures in runs.js; results.json has them all."""
+"""Significant digits of numbers in runs.js. results.json has all digits."""
 
 RUN_KEYS = ("scene", "engine", "version", "label", "form", "method", "outcome", "word", "step", "rtol",
             "documented_order", "practical", "own_environment", "judged_until", "energy_error", "orthogonality")
@@ -22,16 +22,16 @@ CURVES = "window.CROSSCHECK_CURVES = "
 
 
 class SceneScript(Part, frozen=True):
-    """What scene-*.js holds: the curves of a scene, and of its runs by their labels."""
+    """The content of scene-*.js: the curves of a scene, and those of its runs by label."""
 
     scene: SceneCurves
     runs: dict[str, RunCurves]
 
 
 def runs_script(document: Document) -> str:
-    """runs.js: scenes, the methods of every engine, and runs without curves, for every page that draws.
+    """The text of runs.js: scenes, methods of every engine, and runs without curves, for all pages with figures.
 
-    The runs of a scene are one string of JSON: a browser skims a string, and parses only those of the scene it draws.
+    The runs of a scene are one string of JSON, so that a browser parses only those of the scene that it draws.
     """
     scenes: list[object] = []
     runs: list[str] = []
@@ -45,7 +45,7 @@ def runs_script(document: Document) -> str:
         drawn = [record.engine for record in own if record.ladder or record.errors.get("position")]
         scenes.append({"name": scene.name, "title": scene.title, "bodies": scene.bodies,
                        "engines": list(dict.fromkeys(drawn))})
-        # In single quotes, so that JSON in it keeps its own.
+        # In single quotes, so that the double quotes of JSON need no escape.
         text = f"[{','.join(map(_run, own))}]".replace("\\", "\\\\").replace("'", "\\'")
         runs.append(f"{_compact(scene.name)}:'{text}'")
     looks = identity.looks({engine: list(own) for engine, own in methods.items()})
@@ -55,7 +55,7 @@ def runs_script(document: Document) -> str:
 
 
 def _run(record: Record) -> str:
-    """A run as JSON: ASCII without line breaks."""
+    """A run as JSON in ASCII without line breaks."""
     errors = {name: {"max": error.max, "judged": error.judged, "bound": error.bound}
               for name, error in record.errors.items()}
     orders = {name: order.observed for name, order in record.orders.items()}
@@ -69,14 +69,14 @@ def _run(record: Record) -> str:
 
 
 def curves_script(document: Document, scene: Scene) -> str:
-    """scene-*.js: the curves of truth and of every run of one scene, packed as in `crosscheck.verification.curves`."""
+    """The text of scene-*.js: the packed curves of one scene's truth and runs (see `crosscheck.document.curves`)."""
     runs = {record.label: record.curves for record in document.records
             if record.scene == scene.name and record.curves.drawn}
     return f"{CURVES}{msgspec.json.encode(SceneScript(scene.curves, runs)).decode()};\n"
 
 
 def read_curves(text: str) -> SceneScript:
-    """The content of a script of `curves_script`; `ValueError` where it is none."""
+    """The content of a script that `curves_script` made. Raises `ValueError` if it is another text."""
     if not text.startswith(CURVES):
         raise ValueError("not a script of curves")
     return msgspec.json.decode(text.removeprefix(CURVES).rstrip().removesuffix(";"), type=SceneScript)

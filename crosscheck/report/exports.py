@@ -16,7 +16,7 @@ from crosscheck.report.headline import number, sentence
 
 
 def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
-    """Titles, with units, and readers of a record: the columns of results.csv and results.parquet."""
+    """The columns of results.csv and results.parquet: titles with units, and functions that read a record's value."""
     hashes = {scene.name: scene.hash for scene in document.scenes}
     found: list[tuple[str, Callable[[Record], Any]]] = [
         (name, operator.attrgetter(name))
@@ -44,12 +44,12 @@ def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
 
 
 def _of(part: str, name: str, key: str) -> Callable[[Record], Any]:
-    """Reader of one figure of a part by quantity or level; None where there is none."""
+    """A function that reads `record.PART[NAME].KEY`, or None if the record has no such entry."""
     return lambda record: getattr(getattr(record, part).get(name), key, None)
 
 
 def table(document: Document) -> str:
-    """One line per run, units in the header, full precision; an empty field where there is no figure."""
+    """CSV with one line per run: units in the header, full precision, and an empty field if there is no value."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     read = columns(document)
@@ -62,12 +62,12 @@ def table(document: Document) -> str:
 
 
 def write_parquet(document: Document, path: Path) -> None:
-    """The same table as a Parquet file, replaced as a whole."""
+    """Write the same table as a Parquet file. An existing file is replaced as a whole."""
     import pandas
 
     read = columns(document)
     frame = pandas.DataFrame({title: [value(record) for record in document.records] for title, value in read})
-    # A column without any figure would be one of objects, which has no type of its own in Parquet.
+    # pandas gives a column without any value the type object, which Parquet does not have.
     empty = [title for title in frame if frame[title].isna().all()]
     frame = frame.astype(dict.fromkeys(empty, "float64"))
     with replacing(path) as aside:
@@ -75,7 +75,7 @@ def write_parquet(document: Document, path: Path) -> None:
 
 
 def junit(document: Document) -> str:
-    """JUnit XML: a suite per scene, a case per run. A known defect passes, its reason stands in the case's output."""
+    """JUnit XML: a suite per scene, a case per run. A known defect passes, and the case's output has its reason."""
     root = ElementTree.Element("testsuites", name="crosscheck verify")
     for scene in document.scenes:
         records = [record for record in document.records if record.scene == scene.name]
@@ -83,7 +83,7 @@ def junit(document: Document) -> str:
         for record in records:
             case = ElementTree.SubElement(suite, "testcase", classname=f"crosscheck.{scene.name}",
                                           name=record.label, time=f"{record.wall_time or 0.0:.6f}")
-            # Findings within their bounds stand in results.json; here they would bury the others.
+            # Findings within their bounds are only in results.json.
             lines = [f"{finding.status}: {finding.kind} {number(finding.value)} {finding.unit}, bound "
                      f"{number(finding.bound)}; {finding.why}; {finding.detail}"
                      for finding in record.findings if finding.status in ("fail", "known")]

@@ -1,7 +1,7 @@
-"""The main plots as SVG files for papers, drawn by matplotlib, so that no browser is needed.
+"""The main plots as SVG files for papers. matplotlib draws them, so that no browser is needed.
 
-Text stays text (a paper's fonts replace it), and the same results give the same file. The pages themselves offer every
-figure as it is shown there, by the link SVG below it.
+Text is kept as text, so that a paper can use its own fonts. The same results always give the same file. The pages
+offer each of their figures as SVG, too, by the link below it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from crosscheck.report import identity, names
 from crosscheck.report.arrays import unpack
 
 SMALLEST = 1e-18
-"""Where an exact zero is drawn on a logarithmic axis."""
+"""The value at which an exact zero is drawn on a logarithmic axis."""
 SERIES: dict[str, tuple[str, Callable[[RunCurves], Curve]]] = {
     "position-error": ("position error (m)", lambda curves: curves.errors.get("position")),
     "energy-error": ("energy error (1)", lambda curves: curves.energy),
@@ -28,25 +28,25 @@ SERIES: dict[str, tuple[str, Callable[[RunCurves], Curve]]] = {
     "constraint-velocity": ("velocity level (m/s)", lambda curves: curves.constraint_velocity),
     "constraint-acceleration": ("acceleration level (m/s$^2$)", lambda curves: curves.constraint_acceleration),
     "orthogonality": (r"max $|R^T R - I|$ (1)", lambda curves: curves.orthogonality)}
-"""Figures over time, by the end of the file's name: axis, and reader of a run's packed curves."""
+"""Figures over time by the last part of their file names: title of the axis, and the curve of a run to draw."""
 SHOWN = "DAE1L_LSE"
-"""The method of figures that show one, as on the pages; where it has not run, the first."""
+"""The method in figures of a single run, as on the pages. If it was not run, the first run is drawn."""
 MOST_BODIES = 4
-"""Bodies whose rotation matrices are drawn; of more, the last only."""
+"""Up to this number of bodies, the rotation matrices of all are drawn; beyond it, only that of the last."""
 
 
 def write_figures(document: Document, folder: Path) -> list[Path]:
-    """Write the figures of every scene into `folder`; returns their paths.
+    """Write the figures of every scene into `folder` and return their paths.
 
-    Motion: the run that pages show alone. Over time: the eight Euler methods and the most accurate run of each other
-    engine. Speed and convergence: all runs.
+    Figures of the motion show one run. Figures over time show the eight Lie group Euler methods and the most accurate
+    run of each other engine. Figures of speed and convergence show all runs.
     """
     import matplotlib
 
     matplotlib.use("svg")
     folder.mkdir(exist_ok=True)
     written = []
-    # A fixed salt in place of a random one: the same results give the same file.
+    # A fixed salt instead of a random one, so that the same results give the same file.
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "crosscheck", "font.size": 9,
                                 "axes.grid": True, "grid.color": "#dddddd", "legend.fontsize": 7,
                                 "lines.linewidth": 1.1}):
@@ -61,7 +61,7 @@ def write_figures(document: Document, folder: Path) -> list[Path]:
 
 
 def figures(scene: Scene, runs: Sequence[Record]) -> Iterator[tuple[str, Any]]:
-    """Name's end and figure, for every figure of a scene that has data."""
+    """The last part of the file name, and the figure, for every figure of a scene that has data."""
     places: collections.Counter[str] = collections.Counter()
     looks = {}
     for record in runs:
@@ -88,7 +88,7 @@ def figures(scene: Scene, runs: Sequence[Record]) -> Iterator[tuple[str, Any]]:
 
 
 def _motion(scene: Scene, record: Record) -> Iterator[tuple[str, Any]]:
-    """Paths of the mass centres and of the end, energies, and the nine elements of each rotation matrix, of one run."""
+    """Figures of one run: paths of mass centres and of the last body's end, energies, elements of rotation matrices."""
     from matplotlib.figure import Figure
     from scipy.spatial.transform import Rotation
 
@@ -132,7 +132,7 @@ def _motion(scene: Scene, record: Record) -> Iterator[tuple[str, Any]]:
 
 
 def _history(times: list[float], curve: Curve) -> tuple[list[float], Any]:
-    """Times and values of a curve, which may have every second time only, without the exact start."""
+    """Times and values of a curve without its start, whose error is zero. A curve may have every second time only."""
     values = unpack(curve)
     return times[::(len(times) - 1) // (len(values) - 1)][1:], values[1:]
 

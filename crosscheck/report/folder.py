@@ -1,4 +1,4 @@
-"""The folder of a report: replaced as a whole, and only where it is one of ours."""
+"""The folder of a report. It is replaced as a whole, and only if it holds nothing but a report."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from crosscheck.report import is_file_of_report, sites, write_report
 
 
 def check_out(out: Path) -> None:
-    """Raise `ArgumentError` where a report must not or cannot be written; asked before anything runs.
+    """Raise `ArgumentError` if a report must not or cannot be written to `out`. Called before anything runs.
 
-    A folder is replaced only where it is empty or is a report of ours: its results.json says so.
+    A folder is replaced only if it is empty, or if its results.json and file names show that it is a report.
     """
     try:
         if out.is_symlink() and not out.exists():
@@ -29,7 +29,7 @@ def check_out(out: Path) -> None:
                                 "be replaced; choose an empty folder or one that does not exist yet")
         place = next(folder for folder in out.resolve().parents if folder.exists())
         try:
-            tempfile.TemporaryDirectory(dir=place).cleanup()  # rights alone do not tell: root may write into /proc
+            tempfile.TemporaryDirectory(dir=place).cleanup()  # permissions say too little: root may "write" in /proc
         except OSError:
             raise ArgumentError(f"--out {out}: {place} cannot be written; choose another folder") from None
     except OSError as error:
@@ -37,7 +37,7 @@ def check_out(out: Path) -> None:
 
 
 def _is_report(folder: Path) -> bool:
-    """Whether this folder is a report that `write` made, with nothing else in it."""
+    """Whether this folder holds a report that `write` made, and nothing else."""
     try:
         document = json.loads((folder / "results.json").read_text(encoding="utf-8"))
         ours = str(document["meta"]["command"]).startswith("crosscheck verify")
@@ -47,10 +47,10 @@ def _is_report(folder: Path) -> bool:
 
 
 def write(document: Document, out: Path) -> Path:
-    """Write the report into the folder `out`, replacing an older one only once the new one is complete.
+    """Write the report into the folder `out`. An older report there is replaced when the new one is complete.
 
-    Returns the path of the page to open, of results.json where the extra `report` is missing; raises `ArgumentError`
-    where `check_out` does, and where writing fails.
+    Returns the path of the page to open, or of results.json if the extra `report` is missing. Raises `ArgumentError`
+    as `check_out` does, and if writing fails.
     """
     import psutil
 
@@ -61,7 +61,7 @@ def write(document: Document, out: Path) -> Path:
     for leftover in out.parent.glob(f".{out.name}.*.*"):
         if (left := re.fullmatch(r"\.(\d+)\.(new|old)", leftover.name.removeprefix(f".{out.name}"))) and (
                 not psutil.pid_exists(int(left[1]))):
-            shutil.rmtree(leftover)  # of a process that was killed as it wrote
+            shutil.rmtree(leftover)  # its process was killed while it wrote
     try:
         write_report(document, aside)
         if out.exists():

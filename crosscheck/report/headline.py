@@ -1,4 +1,4 @@
-"""How figures and outcomes are written for a person."""
+"""Numbers and outcomes in words for a reader."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ OUTCOMES = {"pass": ("✓", "pass", "every check within its bound, over the whol
             "unjudged": ("?", "unjudged", "no truth: only energy and constraints were judged"),
             "budgeted": ("◷", "budgeted", "the plan has no step that is fine enough for bounds of the motion"),
             "unsupported": ("–", "n/a", "the engine cannot model this scene")}
-"""Symbol, word and meaning of each state of a run, see `state`."""
+"""Symbol, word and meaning of each state of a run (see `state`)."""
 
 
 def state(record: Record) -> str:
-    """The outcome of a run, refined by how much of it was judged. Runs are coloured and counted by it."""
+    """The outcome of a run, which also says how much of it was judged. Runs are coloured and counted by this state."""
     if record.outcome == "pass" and (record.partly or record.practical):
-        return "partly"  # as files of before have it
+        return "partly"  # older files have the outcome "pass" here
     if record.outcome == "unjudged" and any(found.kind == "step" for found in record.findings):
         return "budgeted"
     return record.outcome
 
 
 def judged_share(records: Sequence[Record]) -> float:
-    """Share of the time of runs over which their motion was judged, on average; those at coarse steps count as 0."""
+    """The average share of the runs' time over which their motion was judged. Runs at coarse steps count as 0."""
     shares = [0.0 if record.practical or not record.judged_until or not record.duration
               else record.judged_until / record.duration for record in records]
     return sum(shares) / len(shares)
 
 
 SPARED = 2
-"""How many failing runs, changes or scenes a headline names; of more it gives the first of these and their number."""
+"""Most failing runs, changes or scenes that a headline names. Of more it only gives the number."""
 
 
 def headline(document: Document) -> str:
-    """What the run came to, in one sentence: what passes and fails, what became worse, what was not judged and why.
+    """The result in one sentence: what passes and fails, what became worse, what was not judged and why.
 
-    The same words open the first page, summary.md and the nightly's summary.
+    The first page, summary.md and the summary of a nightly run begin with this sentence.
     """
     if not document.records:
         return "Nothing was run"
@@ -50,7 +50,7 @@ def headline(document: Document) -> str:
 
 
 def _passing(document: Document) -> str:
-    """Passes, known defects and failures; scenes whose truth failed are told apart."""
+    """The numbers of passes, known defects and failures. Scenes that could not be prepared are left out."""
     lost = {scene.name for scene in document.scenes if scene.failure}
     records = [record for record in document.records if record.scene not in lost]
     count = {outcome: sum(state(record) == outcome for record in records) for outcome in OUTCOMES}
@@ -81,7 +81,7 @@ def _passing(document: Document) -> str:
 
 
 def _worse(changes: Sequence[Change] | None) -> str:
-    """What is new and bad; empty where there was no run to compare with."""
+    """What became worse; "" if there was no run to compare with."""
     if changes is None:
         return ""
     bad = [change for change in changes if change.bad]
@@ -97,7 +97,7 @@ def _worse(changes: Sequence[Change] | None) -> str:
 
 
 def _not_judged(scenes: Sequence[Scene]) -> str:
-    """Scenes without truth, with the reason."""
+    """The scenes without truth, and why."""
     found = [(spoken(scene.title), reason) for scene in scenes if (reason := why_no_truth(scene))]
     if not found:
         return ""
@@ -109,7 +109,7 @@ def _not_judged(scenes: Sequence[Scene]) -> str:
 
 
 def why_no_truth(scene: Scene) -> str:
-    """Why nothing could be measured against truth on a scene, in its first clause; empty where there is truth."""
+    """The first clause of the reason why a scene has no truth; "" if it has."""
     reason = scene.failure or scene.no_truth
     return reason.removeprefix(f"{scene.title!r}: ").partition("; ")[0].rstrip(".")
 
@@ -119,7 +119,7 @@ def _counted(number: int, word: str) -> str:
 
 
 def partly(document: Document) -> str:
-    """How many runs were judged over less than their whole length, or not by their motion; empty where none."""
+    """How many runs were judged over a part of their length only, or not by their motion; "" if none."""
     records = document.records
     short = sum(record.partly and record.outcome in ("pass", "partly", "known") for record in records)
     stable = sum(record.word == "stable" for record in records)
@@ -129,7 +129,7 @@ def partly(document: Document) -> str:
 
 
 def span(record: Record) -> str:
-    """Over what part of its length the motion was judged."""
+    """In words, over what part of its length the motion of a run was judged."""
     if record.practical or record.outcome == "unjudged":
         return "motion not judged"
     if record.judged_until is None or record.duration is None:
@@ -140,7 +140,7 @@ def span(record: Record) -> str:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """A figure with few digits; a dash where there is none."""
+    """A number with few digits; a dash for None."""
     if value is None:
         return "–"
     if value == 0:
@@ -171,10 +171,10 @@ def sentence(record: Record) -> str:
 
 
 def plain_number(value: float | None) -> str:
-    """A figure for a table to sort by; empty where there is none."""
+    """A number by which a table can be sorted; "" for None."""
     return "" if value is None else f"{value:.6g}"
 
 
 def spoken(name: str) -> str:
-    """A name for a heading: without underscores."""
+    """A name with spaces instead of underscores, for headings."""
     return name.replace("_", " ")

@@ -1,8 +1,7 @@
-"""One look for every run, in HTML, SVG, PDF and the terminal: hue by engine; shade, dash and marker by method.
+"""The look of a run, the same in HTML, SVG, PDF and the terminal: hue by engine; shade, dash and marker by method.
 
-Colours are made in OKLCH, in which equal steps of lightness look equal
-(https://bottosson.github.io/posts/oklab). No two runs
-among `SHADES` times `DASHES` of an engine have both colour and dash in common, and markers differ besides.
+Colours are made in OKLCH, in which equal steps of lightness look equal (https://bottosson.github.io/posts/oklab).
+Of the first `SHADES` times `DASHES` runs of an engine, no two have the same colour and dash.
 """
 
 from __future__ import annotations
@@ -15,21 +14,21 @@ from collections.abc import Mapping, Sequence
 
 HUES = {"lieeuler": 250.0, "mujoco": 50.0, "pinocchio": 335.0, "exudyn": 155.0, "drake": 95.0, "dart": 20.0,
         "newton": 200.0, "mjx": 290.0, "heyoka": 0.0}
-"""Degrees; an engine that is not listed gets one by its name."""
+"""Hues in degrees. An engine that is not listed gets one from a hash of its name."""
 
 LIGHT, DARK = (0.40, 0.64, 0.52, 0.58, 0.46), (0.88, 0.62, 0.75, 0.68, 0.82)
-"""Lightness of the shades on a light and on a dark page, neighbours far apart."""
+"""Lightness of the shades on light and on dark pages. Successive shades differ much."""
 
 CHROMA = 0.14
 
 SHADES = len(LIGHT)
 
 DASHES = ("solid", "10px 4px", "2px 3px", "10px 3px 2px 3px", "16px 4px", "6px 2px 2px 2px 2px 2px", "4px 4px")
-"""As Plotly and SVG write them, in pixels."""
+"""Dashes in the notation of Plotly and SVG, in pixels."""
 
 MARKERS = (("circle", "o", "●"), ("square", "s", "■"), ("diamond", "D", "◆"), ("triangle-up", "^", "▲"),
            ("triangle-down", "v", "▼"), ("pentagon", "p", "⬟"), ("hexagram", "*", "✶"), ("cross", "P", "✚"))
-"""Names of Plotly and of Matplotlib, and the sign in a text."""
+"""Markers: name in Plotly, name in Matplotlib, and sign for texts."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,25 +37,25 @@ class Look:
 
     light: str  # colour on a light page, #rrggbb
     dark: str
-    dash: str  # pixels of line and gap, or "solid"
+    dash: str  # lengths of lines and gaps in pixels, or "solid"
     marker: str  # Plotly's name
     matplotlib_marker: str
     sign: str
 
     def pattern(self, width: float = 1.6) -> str | tuple[float, tuple[float, ...]]:
-        """The dash as Matplotlib takes it, in points of a line of this width (pt)."""
+        """The dash in Matplotlib's notation, in points, for a line of this width (pt)."""
         if self.dash == "solid":
             return "solid"
         return 0.0, tuple(float(part.removesuffix("px")) * width / 2.0 for part in self.dash.split())
 
 
 def looks(labels: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Look]]:
-    """Looks by engine and label, of the labels of every engine in the order of its methods."""
+    """Looks by engine and label. `labels` has the labels of every engine, in the order of its methods."""
     return {engine: {label: look(engine, place) for place, label in enumerate(own)} for engine, own in labels.items()}
 
 
 def look(engine: str, place: int) -> Look:
-    """The look of the run at this place among those of its engine; the hue turns a little where shades run out."""
+    """The look of an engine's run number `place`. Beyond `SHADES` times `DASHES` runs the hue changes a little."""
     shade, turn = place % SHADES, place // (SHADES * len(DASHES))
     name, equals, _ = engine.partition("==")
     hue = HUES[name] + (8.0 if equals else 0.0) if name in HUES else int.from_bytes(
@@ -68,18 +67,18 @@ def look(engine: str, place: int) -> Look:
 
 
 def palette(engine: str) -> list[tuple[str, str, str, str, str]]:
-    """Light and dark colour, dash, marker and sign of the first runs of an engine, for the script of a page."""
+    """Light and dark colour, dash, marker and sign of the first runs of an engine, for the scripts of pages."""
     found = [look(engine, place) for place in range(SHADES * len(DASHES))]
     return [(each.light, each.dark, each.dash, each.marker, each.sign) for each in found]
 
 
 def base(label: str) -> str:
-    """The label whose look a run has: a run at the coarse step looks like its method."""
+    """The label that determines the look of a run. A run at the coarse step has the look of its method."""
     return re.sub(r" at [^ ]+ ms$", "", label)
 
 
 def _hex(lightness: float, chroma: float, hue: float) -> str:
-    """#rrggbb of a colour in OKLCH; the chroma is lowered until the screen has it."""
+    """#rrggbb of a colour in OKLCH. The chroma is lowered until the colour is in sRGB."""
     while True:
         channels = _linear(lightness, chroma, hue)
         if all(-1e-4 <= each <= 1.0001 for each in channels) or chroma < 0.01:

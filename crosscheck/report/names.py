@@ -1,4 +1,4 @@
-"""File names and anchors of the pages."""
+"""File names of the pages, and anchors on them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from crosscheck.document import Record, Scene
 
 STUDIES = {"convergence": "Convergence", "speed": "Speed against error", "conservation": "Energy and constraints",
            "coarse": "At a coarse step"}
-"""Studies by the key in their file names; their titles."""
+"""Titles of the studies by the keys in their file names."""
 
 
 def slug(text: str) -> str:
@@ -19,15 +19,15 @@ def slug(text: str) -> str:
 
 
 def anchor(record: Record) -> str:
-    """The place of a run on the page of its scene."""
+    """The anchor of a run on the page of its scene."""
     return slug(f"run {record.label}")
 
 
 def _part(name: str) -> str:
-    """A name as part of a file name, different for every name.
+    """A name as a part of a file name. Different names give different parts.
 
-    Names that lose letters on the way, such as paths, get a piece of their checksum; so do those that a file system
-    which ignores capitals could take for another's.
+    For this, a part of a checksum is added to names that lose letters, such as paths, and to names with capital
+    letters, which some file systems ignore.
     """
     part = slug(Path(name).stem if name.endswith((".toml", ".json")) else name)
     if part == name == name.lower():

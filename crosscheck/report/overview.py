@@ -1,4 +1,4 @@
-"""What stands on the first page: counts, matrices, the worst findings. Chosen and sorted, never computed."""
+"""The content of the first page: counts, matrices and the worst findings. It is chosen and sorted, not computed."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from crosscheck.document import Change, Document, Finding, Record, Scene
 from crosscheck.report.headline import OUTCOMES, judged_share, state
 
 SEVERITY = ("error", "fail", "known", "unjudged", "budgeted", "partly", "pass", "unsupported")
-"""Outcomes, the one that needs attention most first; a group of runs shows its first."""
+"""Outcomes, the most urgent first. A group of runs is shown by the most urgent one in it."""
 
 
 def counted(records: Sequence[Record]) -> dict[str, int]:
-    """How many runs have each outcome, worst first; outcomes that do not occur are left out."""
-    counts = {outcome: sum(state(record) == outcome for record in records) for outcome in SEVERITY}
-    return {outcome: count for outcome, count in counts.items() if count}
+    """Number of runs with each outcome, most urgent first. Outcomes that do not occur are left out."""
+    counts = collections.Counter(map(state, records))
+    return {outcome: counts[outcome] for outcome in SEVERITY if counts[outcome]}
 
 
 def by_scene_and_engine(document: Document) -> dict[str, dict[str, dict[str, int]]]:
-    """`counted` of every scene and engine."""
+    """`counted` for every scene and engine."""
     groups: dict[str, dict[str, list[Record]]] = {scene.name: {} for scene in document.scenes}
     for record in document.records:
         groups.setdefault(record.scene, {}).setdefault(record.engine, []).append(record)
@@ -30,7 +30,7 @@ def by_scene_and_engine(document: Document) -> dict[str, dict[str, dict[str, int
 
 
 def judged_shares(document: Document) -> dict[tuple[str, str], float]:
-    """Of every scene and engine with runs that were judged partly, the share of their time that was."""
+    """For every scene and engine with partly judged runs, the share of their time that was judged."""
     groups: dict[tuple[str, str], list[Record]] = {}
     for record in document.records:
         if state(record) == "partly":
@@ -39,8 +39,10 @@ def judged_shares(document: Document) -> dict[tuple[str, str], float]:
 
 
 def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
-    """Of every scene and engine the run that passed, if only over part of its time, with the smallest judged error of
-    the position, if any did."""
+    """For every scene and engine, the passing run with the smallest judged position error, if one passes.
+
+    Runs that pass over a part of their time count, too.
+    """
     best: dict[str, dict[str, Record]] = {scene.name: {} for scene in document.scenes}
     for record in document.records:
         if record.outcome not in ("pass", "partly") or record.practical or math.isinf(record.judged_error):
@@ -52,7 +54,7 @@ def most_accurate(document: Document) -> dict[str, dict[str, Record]]:
 
 
 def leaders(scenes: Sequence[Scene]) -> dict[str, dict[str, int]]:
-    """Per engine the runs to trust of it, and on how many scenes; many first."""
+    """For every engine, the runs to trust with their numbers of scenes, the most frequent first."""
     found: dict[str, collections.Counter[str]] = {}
     for row in (row for scene in scenes for row in scene.engines):
         if row.recommended is not None:
@@ -62,15 +64,15 @@ def leaders(scenes: Sequence[Scene]) -> dict[str, dict[str, int]]:
 
 @dataclasses.dataclass(frozen=True)
 class Advice:
-    """Scenes on which the same run is recommended for the same reason."""
+    """Scenes for which the same run is recommended for the same reason."""
 
-    run: str | None  # its label; None where no run can be recommended
+    run: str | None  # its label; None if no run can be recommended
     why: str
     scenes: list[Scene]
 
 
 def recommended(scenes: Sequence[Scene]) -> list[Advice]:
-    """Scenes grouped by the run that is recommended and why, the largest group first; then those that have none."""
+    """Scenes grouped by recommended run and reason, the largest group first. Groups without a run come last."""
     groups: dict[tuple[str | None, str], list[Scene]] = {}
     for scene in scenes:
         advice = scene.recommended
@@ -82,7 +84,7 @@ def recommended(scenes: Sequence[Scene]) -> list[Advice]:
 
 
 def by_method(document: Document) -> dict[str, list[tuple[str, dict[str, Record]]]]:
-    """Runs at their judged steps: engine to rows of (label, run of each scene)."""
+    """Runs that are not at coarse steps, by engine: rows of (label, run of each scene)."""
     rows: dict[str, dict[str, Record]] = {}
     for record in document.records:
         if not record.practical:
@@ -95,7 +97,7 @@ def by_method(document: Document) -> dict[str, list[tuple[str, dict[str, Record]
 
 @dataclasses.dataclass(frozen=True)
 class Coarse:
-    """Runs of one scene at one step that is too coarse for a bound of the motion."""
+    """Runs of one scene at one step that is too coarse for bounds of the motion."""
 
     scene: str
     step: float  # s
@@ -103,7 +105,7 @@ class Coarse:
 
 
 def at_coarse_steps(document: Document) -> list[Coarse]:
-    """Runs too coarse for a bound of the motion, grouped by scene and step."""
+    """Runs at steps too coarse for bounds of the motion, grouped by scene and step."""
     found: dict[tuple[str, float], list[Record]] = {}
     for record in document.records:
         if record.practical:
@@ -117,23 +119,23 @@ MATTERS = {"position": "error of the motion beyond its bound", "attitude": "erro
            "energy": "energy error beyond its bound", "momentum": "momentum error beyond its bound",
            "orthogonality": "attitudes that are no rotations",
            "step": "step too coarse to judge the motion", "vanished": "a known defect no longer shows"}
-"""What is wrong, by the kind of a finding; `_matter` tells the rest."""
+"""What is wrong, by kind of finding; `_matter` has the other kinds."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Wrong:
-    """Runs that share what is wrong with them."""
+    """Runs with the same problem."""
 
     outcome: str
-    engine: str  # empty for known defects, which engines share
+    engine: str  # "" for known defects, which several engines may share
     why: str
-    runs: list[tuple[Record, Finding | None]]  # and their worst findings, the worst first
+    runs: list[tuple[Record, Finding | None]]  # with their worst findings, the worst run first
     scenes: int
-    new: int  # runs that became worse since the run of `changes`
+    new: int  # number of runs that became worse since the earlier run that `changes` compare with
 
 
 def worst_first(records: Sequence[Record], changes: Sequence[Change] | None = None) -> list[Wrong]:
-    """Runs that are not fine, grouped by engine and by what is wrong: new ones, other failures, known defects."""
+    """Failed runs and known defects, grouped by engine and problem: new problems first, known defects last."""
     worse = {(change.scene, change.engine, change.method) for change in changes or [] if change.bad}
     bad = [(record, record.worst) for record in records if record.outcome in ("fail", "error", "known")]
     bad.sort(key=lambda pair: -_excess(pair[1]))
@@ -145,12 +147,12 @@ def worst_first(records: Sequence[Record], changes: Sequence[Change] | None = No
                    sum((record.scene, record.engine, record.label.removeprefix(f"{record.engine} ")) in worse
                        for record, _ in runs))
              for (outcome, engine, why), runs in groups.items()]
-    # The order within each of these, that of the worst run of a group, is kept: sorting is stable.
+    # Sorting is stable: otherwise groups stay in the order of their worst runs.
     return sorted(found, key=lambda group: (not group.new, SEVERITY.index(group.outcome)))
 
 
 def _matter(record: Record, finding: Finding | None) -> str:
-    """What is wrong with a run, in words that group it with others; for a known defect its reason."""
+    """What is wrong with a run, in words that are the same for similar runs. For a known defect: its reason."""
     if record.outcome == "error" or finding is None:
         return "did not run"
     if record.outcome == "known":
@@ -167,7 +169,7 @@ def _matter(record: Record, finding: Finding | None) -> str:
 
 
 def _excess(finding: Finding | None) -> float:
-    """How far beyond its bound, as a factor, only to sort by; what is not finite comes first."""
+    """The factor by which a finding exceeds its bound, for sorting. Unknown values count as infinite."""
     if not finding or not finding.value or not finding.bound:
         return float("inf")
     ratio = finding.value / finding.bound
@@ -175,5 +177,6 @@ def _excess(finding: Finding | None) -> float:
 
 
 def summary_counts(records: Sequence[Record]) -> dict[str, int]:
-    """How many runs have each outcome, in the order of `OUTCOMES`."""
-    return {outcome: sum(state(record) == outcome for record in records) for outcome in OUTCOMES}
+    """Number of runs with each outcome, in the order of `OUTCOMES`."""
+    counts = collections.Counter(map(state, records))
+    return {outcome: counts[outcome] for outcome in OUTCOMES}

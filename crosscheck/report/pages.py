@@ -1,4 +1,4 @@
-"""The pages: which records go where. Texts and numbers come from the document as they are."""
+"""The pages: each gets its part of the document. Texts and numbers are shown as the document has them."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from crosscheck.report.names import STUDIES, anchor, data_file, engine_file, sce
 
 HERE = Path(__file__).resolve().parent
 LISTED = 5
-"""Runs of a group of findings that summary.md names."""
+"""Most runs that summary.md names for a group of findings."""
 FORCE_UNITS = {
     "stiffness": {"torsional_spring": "N m/rad", "any": "N/m"},
     "damping": {"torsional_spring": "N m s/rad", "any": "N s/m"},
     "free_length": {"any": "m"}, "rest_angle": {"any": "rad"}, "force": {"any": "N"}, "torque": {"any": "N m"},
     "frame": {"any": "frame"}}
-"""Units of the parameters of forces, where they depend on the type of force by type."""
+"""Units of force parameters by type of force; "any" is for all other types."""
 
 
 def environment() -> Any:
-    """Jinja's environment with the templates, filters and words of the pages."""
+    """The Jinja environment with templates, filters and constants of the pages."""
     import jinja2
 
     made = jinja2.Environment(
@@ -57,7 +57,7 @@ def environment() -> Any:
 
 
 def studies(document: Document) -> dict[str, str]:
-    """Key and title of the studies that this run made."""
+    """Key and title of the studies that this document has data for."""
     records = document.records
     made = {"convergence": any(record.orders for record in records),
             "speed": any(record.ladder or record.timing for record in records),
@@ -69,7 +69,7 @@ def studies(document: Document) -> dict[str, str]:
 def _render(template: str, document: Document, here: str, **more: Any) -> str:
     made = environment()
     if template.endswith(".md.j2"):
-        # Words of engines and scenes as text: no HTML, no code, no further column, no further line.
+        # Texts of engines and scenes must not become HTML, code, table columns or new lines.
         made = made.overlay(finalize=lambda value: re.sub(r"[<`|]", r"\\\g<0>", " ".join(value.split()))
                             if isinstance(value, str) else value)
     return str(made.get_template(template).render(
@@ -79,17 +79,17 @@ def _render(template: str, document: Document, here: str, **more: Any) -> str:
 
 
 def index(document: Document) -> str:
-    """The first page: verdicts, what changed, worst findings, what to trust."""
+    """The first page: verdicts, changes, worst findings, and runs to trust."""
     return _overview("index.html.j2", document)
 
 
 def cover(document: Document) -> str:
-    """The first page of the PDF: all that matters, on one sheet."""
+    """The first page of the PDF: the most important results on one sheet."""
     return _overview("cover.html.j2", document)
 
 
 def summary(document: Document) -> str:
-    """The same in Markdown, for a terminal or a pull request."""
+    """The content of the first page as Markdown, for a terminal or a pull request."""
     return _overview("summary.md.j2", document)
 
 
@@ -109,7 +109,7 @@ def _overview(template: str, document: Document) -> str:
 def scene(document: Document, described: Scene) -> str:
     """The page of one scene."""
     records = [record for record in document.records if record.scene == described.name]
-    # Every reason of a bound, numbered: a page of findings would else say each a hundred times.
+    # The reasons of bounds are numbered, because many findings share one.
     reasons = dict.fromkeys(finding.why for record in records for finding in record.findings if finding.why)
     return _render("scene.html.j2", document, described.name, scene=described, records=records,
                    reasons={why: count for count, why in enumerate(reasons, 1)},
@@ -118,7 +118,7 @@ def scene(document: Document, described: Scene) -> str:
 
 
 def engine(document: Document, name: str) -> str:
-    """The page of one engine: all its runs, its known defects, what it supports."""
+    """The page of one engine: its runs, its known defects, and what it supports."""
     records = [record for record in document.records if record.engine == name]
     titles = {each.name: each.title for each in document.scenes}
     return _render("engine.html.j2", document, f"engine {name}", name=name, records=records, titles=titles,
@@ -136,12 +136,12 @@ def study(document: Document, key: str) -> str:
 
 
 def support_rows(document: Document, described: Scene) -> list[Support]:
-    """Which engine and form can model a scene: what the document's support matrix says of it."""
+    """The entries of the document's support matrix for one scene."""
     return [row for row in document.support or [] if row.scene == described.name]
 
 
 def paper_rows(records: Sequence[Record]) -> list[Record]:
-    """The runs of the paper's table: its eight methods in its order, then every run of the established engines."""
+    """The rows of the table of [P1]: its eight methods in its order, then every run of the other engines."""
     euler = [record for method in EULER for record in records
              if record.engine == "lieeuler" and record.method == method and not record.practical]
     return euler + [record for record in records if record.engine != "lieeuler" and record.errors

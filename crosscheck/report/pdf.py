@@ -1,4 +1,4 @@
-"""The report as one PDF, printed by an installed Chromium or Chrome."""
+"""The report as one PDF. An installed Chromium or Chrome prints it."""
 
 from __future__ import annotations
 
@@ -14,11 +14,14 @@ from crosscheck.files import replacing
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 PATIENCE = 180.0
-"""s that one page may take; the largest take some ten."""
+"""Most time (s) for one page. The largest pages take about 10 s."""
 
 
 def find_browser() -> str:
-    """Path of an installed Chromium or Chrome, `ArgumentError` where there is none; CROSSCHECK_BROWSER goes first."""
+    """Path of the program in CROSSCHECK_BROWSER, or else of an installed Chromium or Chrome.
+
+    Raises `ArgumentError` if there is none.
+    """
     named = os.environ.get("CROSSCHECK_BROWSER")
     if named:
         if shutil.which(named) is None:
@@ -33,7 +36,10 @@ def find_browser() -> str:
 
 
 def write_pdf(pages: Sequence[Path], target: Path, browser: str | None = None, title: str = "crosscheck") -> Path:
-    """Print pages from disk into one PDF, a bookmark for each; the file is replaced as a whole. Returns `target`."""
+    """Print pages from the disk into one PDF with a bookmark for each page, and return `target`.
+
+    An existing file is replaced as a whole.
+    """
     from pypdf import PdfReader, PdfWriter
 
     program = browser or find_browser()
@@ -51,8 +57,8 @@ def write_pdf(pages: Sequence[Path], target: Path, browser: str | None = None, t
 
 
 def _print(program: str, page: Path, target: Path, profile: Path) -> None:
-    # The page draws all its figures at once when its address asks for printing; the budget is page time, not wall time.
-    root = hasattr(os, "geteuid") and os.geteuid() == 0  # Chromium refuses its sandbox to root, as in containers
+    # "?print=1" makes the page draw all its figures at once. The budget (ms) is time in the page, not wall time.
+    root = hasattr(os, "geteuid") and os.geteuid() == 0  # Chromium does not run as root with its sandbox
     command = [program, "--headless", *(["--no-sandbox"] if root else []), "--disable-gpu", "--no-pdf-header-footer",
                f"--user-data-dir={profile}", "--virtual-time-budget=20000", f"--print-to-pdf={target}",
                f"{page.resolve().as_uri()}?print=1"]

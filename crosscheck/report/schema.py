@@ -1,6 +1,6 @@
-"""results.json: written from the types of `crosscheck.document` and read back into them, and its JSON Schema.
+"""Write and read results.json with the types of `crosscheck.document`, and make its JSON Schema of them.
 
-docs/results-schema.md describes it in words. Keys that are not known are passed over: a newer run may have more.
+docs/results-schema.md describes the file in words. Unknown keys are ignored, because a newer version may write more.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from crosscheck.errors import ArgumentError
 
 
 def plain(document: Document) -> dict[str, Any]:
-    """The content of results.json: values that JSON knows, without the curves, which only plots need."""
+    """The content of results.json: only types that JSON has, and no curves, which are in other files."""
     values = files.plain(document)
     for each in (*values["scenes"], *values["records"]):
         each.pop("curves", None)
@@ -25,11 +25,14 @@ def plain(document: Document) -> dict[str, Any]:
 
 
 def from_plain(values: Any) -> Document:
-    """The document that `plain`, or a release before this one, made; `msgspec.ValidationError` names what is wrong."""
+    """The document from values that `plain` of this or an earlier release made.
+
+    Raises `msgspec.ValidationError`, which says what is wrong.
+    """
     if not isinstance(values, dict) or values.get("schema") != SCHEMA:
         found = values.get("schema") if isinstance(values, dict) else None
         raise msgspec.ValidationError(f"schema {found!r} is not {SCHEMA}")
-    # In older documents {} stood for unknown sizes and speeds, and failed scenes had fewer keys.
+    # Older documents have {} for unknown scales and speeds, and fewer keys in failed scenes.
     failed = {"description": "", "source": "", "hash": "", "bodies": [], "duration": 0.0, "truth": None}
     scenes = [{"title": scene.get("name"), **failed, **scene, "scales": scene.get("scales") or None}
               if "failure" in scene else {**scene, "scales": scene.get("scales") or None}
@@ -46,7 +49,7 @@ def _listed(values: dict[str, Any], key: str) -> list[dict[str, Any]]:
 
 
 def read_document(path: Path) -> Document:
-    """The content of a results.json; `ArgumentError` names the file and what is wrong with it."""
+    """The content of a results.json. Raises `ArgumentError`, which names the file and says what is wrong."""
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -62,7 +65,7 @@ def read_document(path: Path) -> Document:
 
 
 def json_schema() -> dict[str, Any]:
-    """The JSON Schema of results.json; the curves are in files of their own."""
+    """The JSON Schema of results.json, without the curves, which are in other files."""
     (document,), definitions = msgspec.json.schema_components([Document], ref_template="#/$defs/{name}")
     for name in ("Scene", "Timed"):
         definitions[name]["properties"].pop("curves")

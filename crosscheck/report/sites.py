@@ -1,6 +1,6 @@
-"""Reports, studies, sweeps and the history side by side: each folder knows the others' pages, for menus and search.
+"""Reports, studies, sweeps and the history in neighbouring folders: each has a list of all pages for menu and search.
 
-`sites.js` stands in every folder, so that a folder that is moved elsewhere lacks no file.
+The list is `sites.js`. Every folder has its own copy, so that it can be moved to another place.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from crosscheck.files import put
 
 FILE = "sites.js"
 ALONE = "window.CROSSCHECK_SITES = [];\n"
-"""What `FILE` holds where nothing is known of other folders."""
+"""The content of `FILE` if no other folders are known."""
 
 KINDS = ("index", "scene", "study", "engine")
-"""Beginnings of the names of pages, in the order of the menus."""
+"""First words of the file names of pages, in the order of the menus."""
 
 HEAD = 700
-"""Characters of a page in which its title stands."""
+"""The title of a page is within this number of characters from its beginning."""
 
 
 def tell(folder: Path) -> None:
-    """Write `FILE` anew into this folder and those beside it. A folder that cannot be written keeps the one it has."""
+    """Write `FILE` into this folder and its neighbours. A folder that cannot be written keeps its old file."""
     found = _around(folder)
     for here in found:
         with contextlib.suppress(OSError):
@@ -34,13 +34,13 @@ def tell(folder: Path) -> None:
 
 
 def script(folder: Path) -> str:
-    """What `FILE` of a folder holds, for a page that carries it itself."""
+    """The content of a folder's `FILE`, for a page that contains it."""
     return _script(_around(folder), folder.absolute())
 
 
 def _around(folder: Path) -> dict[Path, list[tuple[str, str, str]]]:
-    """The folders of pages around a folder and their pages, itself among them where it has a first page."""
-    # A night stands beside other nights, one of which `latest` leads to; what is beside the nights counts.
+    """The neighbouring folders with pages, and their pages. The folder itself is among them if it has a first page."""
+    # Nightly runs share a folder in which `latest` is a link. The neighbours are those of that folder.
     home = folder.absolute().parent
     home = home.parent if (home / "latest").is_symlink() else home
     found = [path for pattern in ("*", "*/latest") for path in sorted(home.glob(pattern))
@@ -58,7 +58,7 @@ def _script(found: dict[Path, list[tuple[str, str, str]]], here: Path) -> str:
 
 
 def _pages(folder: Path) -> list[tuple[str, str, str]]:
-    """Kind, title and file of every page of a folder, the first page first."""
+    """Kind, title and file of every page of a folder. The first page comes first."""
     found = []
     for path in folder.glob("*.html"):
         kind = path.stem.partition("-")[0]

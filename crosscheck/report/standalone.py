@@ -1,4 +1,4 @@
-"""Pages with a folder of their own: studies, sweeps, the history. They share style, theme, menus and search."""
+"""Pages of studies, sweeps and the history, which have their own folders but the style and menus of the report."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ STATIC = ("report.css", "theme.js", "site.js", "tables.js")
 
 
 def write_page(folder: Path, template: str, page: str = "index.html", plots: bool = True, **content: object) -> None:
-    """Write a page and what it needs beside it into a folder; files are replaced as a whole.
+    """Write a page and the files that it needs into a folder. Existing files are replaced as a whole.
 
-    `plots`: whether it needs Plotly.
+    `plots` says whether the page needs Plotly.
     """
     from crosscheck.report.pages import HERE, environment
 
@@ -29,7 +29,7 @@ def write_page(folder: Path, template: str, page: str = "index.html", plots: boo
 
 
 def one_file(path: Path, template: str, **content: object) -> None:
-    """Write a page that carries all it needs. Folders and file are made or replaced."""
+    """Write a page that contains all it needs. Missing folders are made, and an existing file is replaced."""
     from crosscheck.report.pages import HERE, environment
 
     own = {name: (HERE / "static" / name).read_text(encoding="utf-8") for name in STATIC}

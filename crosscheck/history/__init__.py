@@ -1,1 +1,1 @@
-"""Results over time: the store, nightly runs, and what changed since the last good one."""
+"""Results over time: the store, nightly runs, and the changes since the last good run."""

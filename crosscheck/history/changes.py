@@ -1,4 +1,4 @@
-"""What changed between two runs, and when a figure changed through many. Nothing here reads a store or a file."""
+"""The changes between two runs, and the points at which a value changed over many runs. Reads no store and no file."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from crosscheck.history.store.runs import CellKey, StoredResult, StoredRun, Usua
 from crosscheck.verification.trust import NOISE_DEVIATIONS, NOISE_RATIO
 
 KINDS = ("run", "outcome", "accuracy", "speed", "missing", "version", "truth", "scene", "settings", "new", "machine")
-"""Kinds of changes, in the order in which a page lists them."""
+"""Kinds of changes, in the order of the pages."""
 
 RANKS = {"pass": 0, "partly": 0, "known": 0, "unsupported": 1, "unjudged": 1, "fail": 2, "error": 3}
-"""How bad an outcome is: a change to a higher one is a finding."""
+"""Ranks of outcomes. A change to a higher rank is a finding."""
 
 
 def compare(before: StoredRun, after: StoredRun, usual: dict[CellKey, Usual] | None = None) -> list[Change]:
@@ -27,9 +27,9 @@ def compare(before: StoredRun, after: StoredRun, usual: dict[CellKey, Usual] | N
 
     Parameters
     ----------
-    before, after : with their results
-    usual : level and spread of the speed ratio of a cell over runs that did not change, where they are known: one run
-        has strayed itself, so that the level stands in its place
+    before, after : the two runs with their results
+    usual : if known, level and spread of the speed ratio of each cell over several runs without changes; the level
+        then replaces the speed of `before`, which is one noisy measurement
     """
     usual = usual or {}
     before = _at_level(before, usual)
@@ -58,7 +58,7 @@ def compare(before: StoredRun, after: StoredRun, usual: dict[CellKey, Usual] | N
                                      RANKS[new.outcome] > RANKS[old.outcome]))
             changes += _accuracy(old, new)
             changes += _speed(old, new, usual[key].deviation if key in usual else 0.0, common or 1.0)
-    # An edited scene is told once and not for every run of it.
+    # An edited scene is one change, not one for each of its runs.
     edited = {change.scene: replace(change, engine="", method="") for change in changes if change.kind == "scene"}
     changes = [change for change in changes if change.kind != "scene"] + list(edited.values())
     changes += _engine_speeds(before, after, common or 1.0, usual)
@@ -67,7 +67,7 @@ def compare(before: StoredRun, after: StoredRun, usual: dict[CellKey, Usual] | N
 
 
 def _at_level(run: StoredRun, usual: dict[CellKey, Usual]) -> StoredRun:
-    """The run with the usual speeds in place of its own."""
+    """The run with the usual speeds instead of its own."""
     def levelled(key: CellKey, result: StoredResult) -> StoredResult:
         if key not in usual or SPEED not in result.figures:
             return result
@@ -89,7 +89,7 @@ def _general(kind: str, engine: str, quantity: str, before: Any, after: Any, tex
 
 
 def _versions(before: StoredRun, after: StoredRun) -> list[Change]:
-    """Engines, packages, Python, processor."""
+    """Changed versions of engines, packages and Python, and a changed processor."""
     changes = []
     for kind in ("engine", "package"):
         old, new = before.versions.get(kind, {}), after.versions.get(kind, {})
@@ -105,7 +105,7 @@ def _versions(before: StoredRun, after: StoredRun) -> list[Change]:
 
 
 def _accuracy(old: StoredResult, new: StoredResult) -> list[Change]:
-    """The figure that moved most beyond rounding; one change a cell, an error shows in many figures."""
+    """The value of a cell that changed most beyond rounding. It is one change only, as an error affects many values."""
     moved = []
     for name, figure in new.figures.items():
         former = old.figures.get(name)
@@ -148,9 +148,9 @@ def _speed(old: StoredResult, new: StoredResult, usual: float, common: float) ->
 
 
 def beyond_noise(former: Figure, figure: Figure, usual: float = 0.0) -> bool:
-    """More than 10 % in the median ratio, and more than 4 median absolute deviations.
+    """Whether a speed changed by more than 10 % and by more than 4 median absolute deviations.
 
-    The deviations are those of the repeats of either run, and `usual`, between runs, where that is larger.
+    The deviation is the largest of those of the repeats of both runs and `usual`, which is that between runs.
     """
     ratio = figure.value / former.value
     deviation = max(former.deviation or 0.0, figure.deviation or 0.0, usual)
@@ -159,10 +159,10 @@ def beyond_noise(former: Figure, figure: Figure, usual: float = 0.0) -> bool:
 
 
 def _engine_speeds(before: StoredRun, after: StoredRun, common: float, usual: dict[CellKey, Usual]) -> list[Change]:
-    """Engines whose runs became slower or faster together, which shows through noise that hides it in each of them.
+    """Engines whose runs became slower or faster together, even if noise hides it in the single runs.
 
-    The rule is that of a single run: with the deviation of the median of its runs, or between runs that did not change
-    that of a typical one of them, where this is larger: one night may stretch them all alike.
+    The rule is `beyond_noise` with the deviation of the median over the engine's runs. If it is larger, the deviation
+    between nights of a typical run is used instead, because one night may slow down all runs alike.
     """
     changes = []
     for engine, by_cell in _factors(before, after).items():
@@ -179,16 +179,16 @@ def _engine_speeds(before: StoredRun, after: StoredRun, common: float, usual: di
 
 
 MEDIAN_STRAYS = 1.25
-"""A median of n normal draws strays sqrt(pi / 2) / sqrt(n) times as far as one draw."""
+"""sqrt(pi / 2): the median of n normal values has a deviation of sqrt(pi / 2) / sqrt(n) times that of one value."""
 
 FEWEST = 5
-"""Runs of an engine that it takes to speak of all of them."""
+"""Fewest runs of an engine for a statement about the engine."""
 
 
 def machine_factor(before: StoredRun, after: StoredRun) -> float | None:
-    """How much longer most engines took, beside the calibration kernel; None with fewer than three engines.
+    """The factor by which most engines became slower relative to the calibration kernel; None for less than 3 engines.
 
-    Engines are different programs by different people: what slows most of them alike is the machine.
+    Engines are independent programs. If most of them become slower by the same factor, the machine is the cause.
     """
     by_engine = _factors(before, after)
     if len(by_engine) < 3:
@@ -197,7 +197,7 @@ def machine_factor(before: StoredRun, after: StoredRun) -> float | None:
 
 
 def _factors(before: StoredRun, after: StoredRun) -> dict[str, dict[CellKey, float]]:
-    """By engine and cell, the speed ratio after over that before, of the runs that are the same in both."""
+    """Speed ratio after / before by engine and cell, for cells with the same scene, step and tolerance in both runs."""
     by_engine: dict[str, dict[CellKey, float]] = {}
     for key, result in after.results.items():
         old = before.results.get(key)
@@ -210,10 +210,10 @@ def _factors(before: StoredRun, after: StoredRun) -> dict[str, dict[CellKey, flo
 
 
 def change_points(figures: Sequence[Figure]) -> list[int]:
-    """Indices at which a series moved to another level: beyond noise for speeds, beyond rounding for the rest.
+    """Indices at which a series moved to another level: beyond noise for speeds, beyond rounding for other values.
 
-    A point is compared with the median of its level so far. Of a speed the next point has to agree, where there is one:
-    a single slow night is no change. Figures without rounding and other than speeds never change.
+    A point is compared with the median of the points since the last change. For a speed, the next point must agree, if
+    there is one, so that a single slow night is not a change. Values with unknown rounding have no change points.
     """
     found: list[int] = []
     start = 0
@@ -239,7 +239,7 @@ BARS = "▁▂▃▄▅▆▇█"
 
 
 def sparkline(values: Sequence[float]) -> str:
-    """One bar a value, on a log scale where the values are positive and differ more than tenfold."""
+    """One bar per value, on a logarithmic scale if the values are positive and differ by more than a factor of ten."""
     if not values:
         return ""
     if min(values) > 0 and max(values) > 10 * min(values):

@@ -1,7 +1,8 @@
-"""The nightly run: everything, compared with the last good run, its report in place of the last only once complete.
+"""The nightly run: it runs everything, compares with the last good run, and writes a report.
 
-In the folder of the nights: a folder per finished run, `latest`, a link to the newest, `.running` with the journal of a
-run that has not ended, and a lock. A killed run goes on where it was; nothing that ended runs again.
+The folder of the nights contains a folder for every finished run, `latest` (a link to the newest), `.running` (the
+journal of a run that has not ended) and a lock. A killed run continues from its journal. `latest` always leads to a
+complete report.
 """
 
 from __future__ import annotations
@@ -38,14 +39,14 @@ if TYPE_CHECKING:
     from crosscheck.verification.job import Progress
 
 NAME = re.compile(r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ-[0-9a-f]{4}")
-"""Folders that are ours: the time (UTC) a run began, and a few digits in case two machines share a store."""
+"""Names of the folders of runs: the start time (UTC), and random digits in case two machines share a store."""
 
 RUNNING, LATEST, LOCK = ".running", "latest", ".lock"
 ASIDE, ABANDONED = ".new-", ".abandoned-"
-"""Beginnings of the names of what is not whole, and of runs that nothing can go on with."""
+"""Prefixes of the names of incomplete folders, and of runs that cannot be continued."""
 
 CONFIRMATIONS = 2
-"""Times that a suspected change of speed is measured anew, each time in rounds of their own; it has to show always."""
+"""How often a suspected change of speed is measured again. It is reported only if all measurements show it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Night:
 
 @dataclasses.dataclass(frozen=True)
 class Wanted:
-    """What a nightly run is asked for."""
+    """The options of a nightly run."""
 
     profile: str = "full"
     scenes: Sequence[str] | None = None
@@ -73,7 +74,7 @@ class Wanted:
 
     @property
     def command(self) -> str:
-        """The command as typed, without options that do not change results."""
+        """The command line, without options that do not affect results."""
         words = ["crosscheck", "nightly", "--profile", self.profile]
         for option, names in (("--scene", self.scenes), ("--engine", self.engines)):
             for name in names or ():
@@ -83,19 +84,20 @@ class Wanted:
 
 def nightly(out: Path, wanted: Wanted, where: str | Path | None = None, keep: int = 14,
             progress: Progress | None = None) -> Night:
-    """Run, compare, store, report; go on with a run of the same code that was killed.
+    """Run, compare, store and report. If a run of the same code and options was killed, continue it.
 
     Parameters
     ----------
-    out : folder of the nights; made where it is not there
-    wanted : profile, scenes, engines
-    where : the store, as `history.store.open_store` takes it; None: CROSSCHECK_STORE, or history.sqlite beside `out`
-    keep : finished runs whose reports stay; the store forgets none
+    out : folder of the nights; it is made if it does not exist
+    wanted : profile, scenes, engines and other options
+    where : the store, as in `history.store.open_store`; None: CROSSCHECK_STORE, or history.sqlite next to `out`
+    keep : number of finished runs whose reports are kept; the store keeps all runs
+    progress : called as in `crosscheck.verification.job.verify`
 
     Raises
     ------
     ArgumentError
-        A wrong argument, a folder or store that cannot be used, another nightly run at work in the same folder.
+        An argument is wrong, the folder or store cannot be used, or another nightly run uses the same folder.
     """
     if keep < 1:
         raise ArgumentError(f"keep has to be at least 1, not {keep}")
@@ -127,7 +129,7 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
     changes = document.changes or []
     exit_code = max(document.exit_code, int(any(change.bad for change in changes)))
     text = summary(document, heading["name"], before, exit_code, out / LATEST / "index.html")
-    # After a kill between these steps the next start repeats them; each may run twice.
+    # If the process is killed between these steps, the next start repeats them. Each step may run twice.
     store.save(history_store, store.run_from_document(heading["name"], document, good=exit_code == 0))
     folder = _publish(out, heading["name"], document, text)
     _point_latest(out, folder.name)
@@ -153,7 +155,7 @@ def _folder(out: Path) -> Path:
 
 @contextlib.contextmanager
 def _alone(out: Path) -> Iterator[None]:
-    """Hold the lock of the folder; the system releases it however the process ends."""
+    """Hold the lock of the folder. The system releases it in any case when the process ends."""
     import fcntl
 
     with open(out / LOCK, "w", encoding="utf-8") as file:
@@ -166,9 +168,9 @@ def _alone(out: Path) -> Iterator[None]:
 
 
 def _begin(out: Path, wanted: Wanted) -> tuple[dict[str, str], bool]:
-    """The heading of the run, and whether it goes on with one that was killed.
+    """The heading of the run, and whether it continues a killed run.
 
-    A run of other code, engines or scenes cannot go on: its folder is set aside.
+    A killed run with other code, engines or scenes cannot be continued. Its folder is renamed.
     """
     from crosscheck.verification import job
 
@@ -181,7 +183,7 @@ def _begin(out: Path, wanted: Wanted) -> tuple[dict[str, str], bool]:
         if heading["fingerprint"] == fingerprint:
             return heading, True
         (out / RUNNING).rename(out / f"{ABANDONED}{heading['name']}")
-    _discard(out / RUNNING)  # killed before it had a heading: nothing is in it
+    _discard(out / RUNNING)  # a run without a heading has no results
     now = datetime.datetime.now(datetime.UTC)
     heading = {"name": f"{now:%Y-%m-%dT%H-%M-%SZ}-{secrets.token_hex(2)}", "started": now.isoformat(timespec="seconds"),
                "fingerprint": fingerprint}
@@ -195,8 +197,11 @@ def _begin(out: Path, wanted: Wanted) -> tuple[dict[str, str], bool]:
 
 def _compared(results: Document, name: str, history_store: Engine, journal: Journal, limits: Limits | None
               ) -> tuple[Document, store.StoredRun | None]:
-    """The document with the changes since the last good run, and that run. Changes of speed are kept only where every
-    repeat shows them; times are those of the last measurement."""
+    """The document with the changes since the last good run, and that run.
+
+    Suspected changes of speed are measured again and kept only if all measurements show them. The document has the
+    times of the last measurement.
+    """
     run = store.run_from_document(name, results)
     before = store.baseline(history_store, run)
     if before is None:
@@ -215,7 +220,7 @@ def _compared(results: Document, name: str, history_store: Engine, journal: Jour
 
 
 def _cell_of(change: Change) -> tuple[str, str, bool]:
-    """The run a change is about, and whether it became slower: a faster repeat confirms no slowdown."""
+    """Scene and run of a change, and whether it became slower: a slowdown is not confirmed by a faster repeat."""
     return change.scene, change.who, change.bad
 
 
@@ -227,7 +232,7 @@ def _measured_again(results: Document, doubtful: set[tuple[str, str, bool]], nam
     from crosscheck.verification.speed import measure_speed
 
     cells = {(scene, label) for scene, label, _ in doubtful}
-    # A change of a whole engine names no scene.
+    # A change of a whole engine has no scene.
     chosen = [index for index, record in enumerate(results.records)
               if (record.scene, record.label) in cells or ("", record.engine) in cells]
     stages = Stages(1, journal, lambda label: None)
@@ -240,11 +245,11 @@ def _measured_again(results: Document, doubtful: set[tuple[str, str, bool]], nam
 
 
 def _publish(out: Path, name: str, document: Document, text: str) -> Path:
-    """Write the report aside and rename it once it is on the disk."""
+    """Write the report into a temporary folder, and rename that when all is on the disk."""
     from crosscheck.report import write_report
 
     folder, aside = out / name, out / f"{ASIDE}{name}"
-    if folder.exists():  # killed after this point of the same run: it is whole, and `latest` may lead to it
+    if folder.exists():  # complete: an earlier process of this run was killed after the renaming
         return folder
     try:
         write_report(document, aside)
@@ -260,7 +265,7 @@ def _publish(out: Path, name: str, document: Document, text: str) -> Path:
 
 
 def _point_latest(out: Path, name: str) -> None:
-    """Let `latest` lead to this run; at every moment it leads to a complete report."""
+    """Let `latest` lead to this run, without a moment in which there is no `latest`."""
     link = out / f".{LATEST}-{os.getpid()}"
     link.unlink(missing_ok=True)
     link.symlink_to(name, target_is_directory=True)
@@ -269,7 +274,7 @@ def _point_latest(out: Path, name: str) -> None:
 
 
 def _prune(out: Path, keep: int) -> None:
-    """Remove the oldest finished and abandoned runs beyond `keep`, never the one that `latest` leads to."""
+    """Keep the newest `keep` finished and abandoned runs and the one of `latest`; remove the others."""
     for prefix in ("", ABANDONED):
         names = sorted(path.name for path in out.iterdir()
                        if path.name.startswith(prefix) and NAME.fullmatch(path.name.removeprefix(prefix)))
@@ -279,7 +284,7 @@ def _prune(out: Path, keep: int) -> None:
 
 
 def _discard(path: Path) -> None:
-    """Remove a link, a file or a folder; a kill on the way leaves no part of a folder under its own name."""
+    """Remove a link, a file or a folder. A folder is renamed first, so that a kill leaves no incomplete folder."""
     if path.is_symlink() or path.is_file():
         path.unlink()
     elif path.is_dir():

@@ -1,4 +1,4 @@
-"""The page of the history: a sparkline of every scene and engine, and of the figures of every run."""
+"""The page of the history: outcomes of every scene and engine over time, and sparklines of the values of every run."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ if TYPE_CHECKING:
     from sqlalchemy import Engine
 
 METRICS = ("position error", "energy error", SPEED)
-"""Figures that the page draws of every run."""
+"""Values that the page draws for every run."""
 
 NIGHTS = 60
-"""Runs that it goes back."""
+"""Number of nights on the page."""
 
 WIDTH, HEIGHT = 120, 24
-"""Size of a sparkline, in units of the drawing."""
+"""Size of a sparkline in SVG units."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Spark:
-    """One figure of one cell through the runs."""
+    """One value of one cell over the nights."""
 
-    points: str  # as SVG has them
-    marks: list[tuple[float, float]]  # where it moved to another level
+    points: str  # in the notation of SVG
+    marks: list[tuple[float, float]]  # its change points
     last: float
     words: str
 
 
 @dataclasses.dataclass(frozen=True)
 class Bar:
-    """All runs of a scene and engine in one night."""
+    """The outcomes of a scene and engine in one night."""
 
     x: float
     worst: str
@@ -48,7 +48,7 @@ class Bar:
 
 
 def spark(figures: Sequence[Figure | None]) -> Spark | None:
-    """The sparkline of a figure; None where no run has it."""
+    """The sparkline of a value; None if no night has it."""
     known = [(index, figure) for index, figure in enumerate(figures) if figure is not None]
     if not known:
         return None
@@ -64,7 +64,7 @@ def spark(figures: Sequence[Figure | None]) -> Spark | None:
 
 
 def bars(names: Sequence[str], outcomes: Sequence[Sequence[str | None]]) -> list[Bar]:
-    """A bar for each night in which a scene and engine were run; `outcomes` of their cells, night by night."""
+    """A bar for each night in which a scene and engine were run. `outcomes` has a list over the nights per cell."""
     found = []
     for index, name in enumerate(names):
         count = Counter(each[index] for each in outcomes)
@@ -76,9 +76,9 @@ def bars(names: Sequence[str], outcomes: Sequence[Sequence[str | None]]) -> list
 
 
 def write_history(folder: Path, store: Engine) -> Path:
-    """Write the page of the history into a folder, with what it needs beside it; returns its path.
+    """Write the page of the history and the files that it needs into a folder, and return the path of the page.
 
-    Raises `ArgumentError` where the store is empty or the folder cannot be written.
+    Raises `ArgumentError` if the store is empty or the folder cannot be written.
     """
     from crosscheck.report.standalone import write_page
 

@@ -1,4 +1,4 @@
-"""The page of a trend: one figure of one cell through the runs, its change points marked; a single file."""
+"""The page of a trend: one value of one cell over the nights, with its change points, in a single file."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from crosscheck.history.store import StoredRun
 from crosscheck.history.store.figures import SPEED, Figure
 
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM = 900, 360, 80, 30, 320
-"""Size of the plot and of the area of its curve, in units of the drawing."""
+"""Size of the plot and position of its axes in SVG units."""
 
 
 def write_page(path: Path, series: Sequence[tuple[StoredRun, Figure]], scene: str, engine: str, label: str) -> None:
-    """Write the page of a series that is not empty; `label` names engine and method. Replaces a file as a whole."""
+    """Write the page of a series, which must not be empty. `label` is engine and method. An old file is replaced."""
     from crosscheck.report.standalone import one_file
 
     figures = [figure for _, figure in series]
@@ -56,7 +56,7 @@ def write_page(path: Path, series: Sequence[tuple[StoredRun, Figure]], scene: st
 
 
 def heights(values: Sequence[float]) -> list[float]:
-    """Where values stand between the least, 0, and the largest, 1, of them; 0.5 where all are equal."""
+    """Values scaled from 0 for the smallest to 1 for the largest; 0.5 if all are equal."""
     scaled = [_scaled(value, _spans_decades(values)) for value in values]
     low, high = min(scaled), max(scaled)
     return [(value - low) / (high - low) if high > low else 0.5 for value in scaled]

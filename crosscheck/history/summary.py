@@ -1,4 +1,4 @@
-"""The one-page summary of a nightly run, plain text for a chat message: what changed, what failed, where to look."""
+"""The summary of a nightly run as plain text for a chat message: what changed, what failed, where the report is."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from crosscheck.report.headline import headline, sentence
 from crosscheck.report.overview import worst_first
 
 MOST_LINES = 12
-"""Changes and failures that are listed; the report has the rest."""
+"""Most changes and failures that are listed. The report has all."""
 
 LONGEST = 160
-"""Letters of what an engine said of its failure."""
+"""Most characters of an engine's error message."""
 
 VERDICTS = {0: "good", 1: "look at this", 2: "NOT ALL COULD BE JUDGED"}
-"""By the exit code."""
+"""Verdict by exit code."""
 
 
 def summary(document: Document, name: str, before: StoredRun | None, exit_code: int, page: Path) -> str:
-    """About twenty lines. The first, `headline`, is enough for somebody who reads no further."""
+    """The summary in about twenty lines. The first line is the `headline`."""
     meta, changes = document.meta, document.changes or []
     findings = [change for change in changes if change.bad]
     notes = [change for change in changes if not change.bad]
@@ -51,7 +51,7 @@ def _listed(title: str, lines: list[str]) -> list[str]:
 
 
 def grouped(changes: Sequence[Change]) -> list[str]:
-    """One line per kind, engine and method with the scenes it concerns; methods with the same text share one."""
+    """One line per kind, engine and method with its scenes. Methods with the same text share a line."""
     groups: dict[tuple[str, str, str], list[Change]] = {}
     for change in changes:
         groups.setdefault((change.kind, change.engine, change.method), []).append(change)
@@ -70,7 +70,7 @@ def grouped(changes: Sequence[Change]) -> list[str]:
 
 
 def _failures(document: Document) -> list[str]:
-    """One line per scene without the truth it should have, and per engine and sort of failure, new ones first."""
+    """One line per scene with missing or disputed truth, then one per engine and kind of failure, new ones first."""
     broken = [f"{scene.name}: {scene.failure or scene.no_truth}" for scene in document.scenes
               if scene.failure or scene.disputed]
     lost = {scene.name for scene in document.scenes if scene.failure}

@@ -1,5 +1,5 @@
 """Sweeps: many scenes, parameters and perturbed members, each with many engines, on one machine or a cluster.
 
-`plan` reads and checks what is asked for, `members` makes its scenes, `cells` runs them in a worker, `parts` keeps
-results on the disk, `execution` hands out the work, `job` is the sweep itself.
+One run of a sweep is a cell. `plan` reads and checks the request, `members` makes the scenes, `cells` runs them in a
+worker, `parts` keeps results on the disk, `execution` distributes the work, and `job` puts these together.
 """

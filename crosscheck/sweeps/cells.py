@@ -1,4 +1,4 @@
-"""The work of a sweep as a worker does it: one member with all its ways, against one truth."""
+"""The part of a sweep that workers do: run each member with all its ways and compare the runs with one truth."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ ERRORS = {"position": "position_error", "attitude": "attitude_error", "velocity"
 LEVELS = ("energy_error", "constraint_position", "constraint_velocity", "constraint_acceleration", "orthogonality")
 FIGURES = (*ERRORS.values(), *LEVELS)
 KEPT_STRUCTURES = 8
-"""Compiled integrators that a worker keeps."""
+"""Number of compiled integrators that a worker keeps."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Member:
-    """One scene to be run, with the ways that are still missing."""
+    """One scene to run, with the ways that have no result yet."""
 
     scene: Scene
-    structure: Scene  # differs in its initial state at most; members with the same one share a compiled truth
-    name: str  # as the sweep names the scene
+    structure: Scene  # the same except for the initial state; members with the same one share a compiled truth
+    name: str  # of the scene in the request
     index: int
     parameters: tuple[tuple[str, Any], ...]
     ways: tuple[Way, ...]
-    checked: bool  # its truth is compared with the second formulation
+    checked: bool  # whether its truth is compared with the second formulation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Task:
     """Members that are run one after the other in one worker."""
 
     members: tuple[Member, ...]
-    versions: tuple[tuple[str, str], ...]  # of what all runs depend on; a worker with others refuses
+    versions: tuple[tuple[str, str], ...]  # of all that runs depend on; a worker with other versions refuses the task
     timing: bool
 
     @property
@@ -56,15 +56,15 @@ class Task:
         return sum(len(member.ways) for member in self.members)
 
     def split(self) -> list[Task]:
-        """A task for each run alone."""
+        """A separate task for each run."""
         return [dataclasses.replace(self, members=(dataclasses.replace(member, ways=(way,)),))
                 for member in self.members for way in member.ways]
 
 
 class Row(Part, frozen=True, kw_only=True):
-    """A cell as it is kept; its fields are the columns of the table. NaN where there is no figure."""
+    """A cell as it is stored. Its fields are the columns of the table, and NaN means that there is no value."""
 
-    cell: str  # its content key
+    cell: str  # its content key, see `key`
     scene: str
     engine: str
     version: str
@@ -91,7 +91,7 @@ class Row(Part, frozen=True, kw_only=True):
 
 @dataclasses.dataclass(frozen=True)
 class Done:
-    """What a task returns: rows, and how long truth and the rest took (s)."""
+    """The result of a task: its rows, and the times (s) for truth and for runs."""
 
     rows: list[Row]
     truth_seconds: float
@@ -101,18 +101,18 @@ class Done:
 
 
 def key(scene: Scene, way: Way, versions_: tuple[tuple[str, str], ...], timing: bool) -> str:
-    """The content key of a cell: what determines its figures, and nothing else."""
+    """The content key of a cell: a digest of all that determines its values, and of nothing else."""
     content = [scene.hash, way.engine, way.version, way.method, way.step, way.rtol, way.options, versions_, timing]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
 
 
 def run(task: Task) -> Done:
-    """Run all cells of a task; whatever an engine does, a row comes back.
+    """Run all cells of a task. Each gives a row, even if its engine fails.
 
     Raises
     ------
     CrosscheckError
-        This worker has other versions than the sweep was planned with.
+        This worker has other versions than those of the sweep.
     """
     engines = {way.engine: way.version for member in task.members for way in member.ways}
     versions.refuse_others(dict(task.versions) | engines, _own_versions(tuple(sorted(engines))), "this worker")
@@ -144,7 +144,7 @@ def _compiled(content: _Structure) -> Any:
 
 
 class _Structure:
-    """A scene as a key of a cache."""
+    """A scene as a key of a cache; scenes with the same hash are equal."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -157,13 +157,13 @@ class _Structure:
 
 
 def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
-    """States of the truth, or None and why there are none."""
+    """The states of the truth and "", or None and why there is no truth."""
     from crosscheck import references
 
     try:
         try:
             compiled = _compiled(_Structure(member.structure))
-        except ImportError:  # heyoka is an extra; without it two formulations integrate every member
+        except ImportError:  # without the extra heyoka, SciPy integrates two formulations for every member
             reference = references.truth(member.scene)
             checked.append(reference.disagreement)
             return reference.states, ""
@@ -176,7 +176,7 @@ def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
 
 
 def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: bool) -> Row:
-    """The row of a cell with its figures, or with the status of the run that raised: the engine's own word, if any."""
+    """The row of a cell with its values. If the run raises, the row has its status and message instead."""
     from crosscheck.judge.metrics import errors
     from crosscheck.running.run import run as run_scene
 

@@ -1,4 +1,4 @@
-"""Where tasks run: supervised processes here, a Dask cluster by address, or any executor from a factory."""
+"""Where tasks run: in worker processes of this machine, on a Dask cluster, or on any executor from a factory."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from crosscheck.sweeps import cells
 
 LIMITS = Limits(time=3600.0, memory=4 * 2**30)
 TRIES = 5
-"""How often a task whose worker was lost is handed out."""
+"""How often a task is tried if its worker is lost."""
 
 Handle = Callable[[cells.Task, Any], list[cells.Task]]
-"""Takes a task and its `Done` or `Crash`; returns what is to be run instead."""
+"""A function that takes a task and its `Done` or `Crash`, and returns tasks to run in its place."""
 
 
 class Local:
-    """Supervised processes of this machine."""
+    """Worker processes of this machine."""
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
@@ -34,7 +34,7 @@ class Local:
         return self._pool.submit(self._crew.call, cells.run, task, LIMITS, True)
 
     def close(self, at_once: bool) -> None:
-        """End the workers; `at_once`: in the middle of their tasks."""
+        """End the workers; with `at_once`, even in the middle of their tasks."""
         if at_once:
             self._crew.kill()
         self._pool.shutdown(cancel_futures=True)
@@ -42,7 +42,7 @@ class Local:
 
 
 class Foreign:
-    """An executor that is not ours; each of its workers keeps a supervised process beside it."""
+    """An executor from outside. Each of its workers starts one worker process of `crosscheck.jobs.workers`."""
 
     def __init__(self, cluster: Cluster) -> None:
         self.workers, self._cluster = cluster.workers, cluster
@@ -52,17 +52,17 @@ class Foreign:
         return self._cluster.executor.submit(isolated, cells.run, task, LIMITS, True)
 
     def close(self, at_once: bool) -> None:
-        """Release the executor."""
+        """Disconnect from the executor."""
         self._cluster.close()
 
 
 def run(tasks: Iterator[cells.Task], place: Local | Foreign, handle: Handle) -> None:
-    """Keep every worker busy, with few tasks in flight; `handle` is called in this thread as each ends.
+    """Run all tasks, with at most four per worker submitted at a time. `handle` is called in this thread for each.
 
     Raises
     ------
     CrosscheckError
-        The scheduler was lost.
+        The connection to the scheduler was lost, or the scheduler failed.
     """
     flying: dict[concurrent.futures.Future[Any], tuple[cells.Task, int]] = {}
     waiting = iter(tasks)

@@ -1,4 +1,4 @@
-"""`crosscheck.sweep`: many runs, kept as they come, never computed twice."""
+"""`crosscheck.sweep`: many runs, whose results are stored at once and never computed twice."""
 
 from __future__ import annotations
 
@@ -29,47 +29,48 @@ if TYPE_CHECKING:
     import pandas as pd
 
 CELLS_PER_TASK = 24
-"""Cells that a worker is sent at once, at least one member: what the loss of a worker costs."""
+"""Cells in one task, but at least one member. If a worker is lost, so many cells must run again."""
 
 CHECKED = 0.02
-"""Share of the members of a structure whose truth is compared with a second formulation; one at least."""
+"""Share of the members of a start whose truth is compared with a second formulation, but at least one member."""
 
 PER_TASK = 0.05
-"""s of truth and overhead that an estimate counts for every task."""
+"""Time (s) for truth and overhead that an estimate adds for every task."""
 
 Progress = Callable[[int, int | None, str], Any]
 
 
 def sweep(source: Mapping[str, Any] | str | os.PathLike[str], workers: int = 2, scheduler: str | None = None,
           out: str | os.PathLike[str] | None = None, progress: Progress | None = None) -> pd.DataFrame:
-    """Run every scene with every engine, method, step, parameter and member; one row a cell.
+    """Run every scene with every engine, method, step, parameter and member. Each such run is one row, a cell.
 
     Parameters
     ----------
     source : dict or path of a TOML file
-        scenes, engines, steps and/or rtols, samples, duration, parameters, perturb, timing; see docs/sweeps.md.
+        The request with the keys scenes, engines, steps and/or rtols, samples, duration, parameters, perturb and
+        timing; see docs/sweeps.md.
     workers : int
-        Processes of this machine.
+        Number of worker processes on this machine.
     scheduler : str, optional
-        In their place: tcp://host:port of a Dask scheduler, or module:factory of another executor.
+        Where to run instead: "tcp://host:port" of a Dask scheduler, or "module:factory" of another executor.
     out : path, optional
-        Folder of the results. Cells that any sweep has finished there are not computed again; a sweep that was
-        interrupted goes on. Default: a folder that is removed in the end.
+        Folder of the results. Cells that are in it already are not computed again, so that an interrupted sweep
+        continues. Default: a temporary folder.
 
     Returns
     -------
     pandas.DataFrame
-        Columns cell, scene, engine, version, method, form, step, rtol, member, the parameters by their paths, status,
-        errors against truth and constraint levels (largest over the run, SI; NaN where there is no truth), steps,
-        wall_time (s, NaN unless the sweep asks for timing). Failed runs are rows. `frame.attrs["report"]` says what was
-        computed and how long it took.
+        The columns are cell, scene, engine, version, method, form, step, rtol, member, the parameters by their paths,
+        status, errors against truth and constraint levels (largest over the run, SI units), steps, and wall_time (s,
+        only if the request asks for timing). Missing values are NaN. Failed runs have rows, too.
+        `frame.attrs["report"]` says what was computed and how long it took.
 
     Raises
     ------
     ArgumentError, SceneError
-        What is wrong in the sweep, before anything runs.
+        The request is wrong. This is checked before anything runs.
     CrosscheckError
-        The scheduler was lost, or a worker has other versions; what was finished is kept in `out`.
+        The scheduler was lost, or a worker has other versions. Finished cells are kept in `out`.
     """
     needed()
     asked = plan.read(source)
@@ -82,7 +83,7 @@ def sweep(source: Mapping[str, Any] | str | os.PathLike[str], workers: int = 2, 
 
 
 def needed() -> None:
-    """Raise `ArgumentError` where the packages that keep the results are missing."""
+    """Raise `ArgumentError` if the packages that store the results are missing."""
     try:
         import pandas  # noqa: F401
         import pyarrow  # noqa: F401
@@ -117,7 +118,7 @@ def _run(asked: plan.Plan, workers: int, scheduler: str | None, out: Path, progr
 
 
 def _write(out: Path, asked: plan.Plan, frame: pd.DataFrame, report: summary.Report, meta: Origin) -> None:
-    """request.json, sweep.json and, where the extra `report` is there, the page."""
+    """Write request.json, sweep.json and, if the extra `report` is installed, the page."""
     names = [name for name, _ in asked.parameters]
     put(out / "request.json", json.dumps(asked.source, indent=1))
     put(out / "sweep.json", json.dumps(plain({"meta": meta, "report": report, "parameters": names}), indent=1))
@@ -133,12 +134,12 @@ def _write(out: Path, asked: plan.Plan, frame: pd.DataFrame, report: summary.Rep
 
 
 def one(source: Mapping[str, Any] | str | os.PathLike[str], cell: str) -> cells.Row:
-    """Run one cell of a sweep again, whatever is stored, and return its row.
+    """Run one cell of a sweep again, even if its result is stored, and return its row.
 
     Raises
     ------
     ArgumentError
-        The sweep has no such cell, with these versions.
+        The sweep has no such cell with the installed versions.
     """
     asked = plan.read(source)
     own = tuple(versions.of(()).items())
@@ -155,9 +156,9 @@ def one(source: Mapping[str, Any] | str | os.PathLike[str], cell: str) -> cells.
 
 def estimate(source: Mapping[str, Any] | str | os.PathLike[str], out: str | os.PathLike[str] | None,
              workers: int) -> tuple[int, int, float]:
-    """Number of cells, of those not yet computed in `out`, and seconds that they would take.
+    """Number of cells, number of those without a result in `out`, and the time (s) that these would take.
 
-    The time is that of one run for every scene and way, the coarsest of its steps, scaled by the number of steps.
+    For the time, one run is made for every scene and method at its coarsest step, and scaled by the number of steps.
     """
     from crosscheck.running.run import run
 
@@ -178,7 +179,7 @@ def estimate(source: Mapping[str, Any] | str | os.PathLike[str], out: str | os.P
                 if key not in costs:
                     coarse = max((other.step or 1.0 for other in asked.ways if other.method == way.method), default=1.0)
                     began = time.perf_counter()
-                    with contextlib.suppress(Exception):  # a run that fails costs something too
+                    with contextlib.suppress(Exception):  # a failing run takes time, too
                         run(member.scene, way.engine, way.method, step=coarse if way.step else None, rtol=way.rtol,
                             **dict(way.options))
                     costs[key] = time.perf_counter() - began, coarse
@@ -188,7 +189,7 @@ def estimate(source: Mapping[str, Any] | str | os.PathLike[str], out: str | os.P
 
 
 class _Sweep:
-    """A sweep under way: hands out what is missing and keeps what comes back."""
+    """A running sweep: it makes tasks of the missing cells and stores their results."""
 
     def __init__(self, asked: plan.Plan, own: tuple[tuple[str, str], ...], finished: set[str], parts: Parts | None,
                  progress: Progress, workers: int) -> None:
@@ -203,10 +204,10 @@ class _Sweep:
         self._missing = 0
 
     def tasks(self) -> Iterator[cells.Task]:
-        """The missing cells, made as they are asked for."""
+        """Tasks with the missing cells. Each is made when it is needed."""
         size = max(1, CELLS_PER_TASK // len(self.asked.ways))
         for start in members.starts(self.asked):
-            # Drawn by the content of the start, so that every run of a sweep checks the same members.
+            # Drawn by a hash of the start, so that every run of a sweep checks the same members.
             drawn = sorted((hashlib.sha256(f"{start.scene.hash} {index}".encode()).digest(), index)
                            for index in range(self.asked.members))
             checked = {index for _, index in drawn[:max(1, round(CHECKED * len(drawn)))]}
@@ -214,7 +215,7 @@ class _Sweep:
             ready: list[cells.Member] = []
             for index, scene in enumerate(members.of_start(start, self.asked.perturbation)):
                 ways = []
-                for way in self.asked.ways:  # those that no sweep has run in this folder
+                for way in self.asked.ways:  # take those without a result in this folder
                     key = cells.key(scene, way, self.own, self.asked.timing)
                     self.wanted.append(key)
                     if key not in self._taken:
@@ -232,8 +233,8 @@ class _Sweep:
                 yield cells.Task(tuple(ready), self.own, self.asked.timing)
 
     def handle(self, task: cells.Task, result: Any) -> list[cells.Task]:
-        """Keep the rows of a task. One that took its worker with it is run again, each of its runs alone."""
-        assert self.parts is not None  # only an estimate has none
+        """Store the rows of a task. If the task crashed its worker, return its runs as separate tasks."""
+        assert self.parts is not None  # None only in an estimate
         if isinstance(result, Crash):
             if isinstance(result.error, CrosscheckError):
                 raise result.error
@@ -255,7 +256,7 @@ class _Sweep:
         return []
 
     def report(self) -> summary.Report:
-        """What was done so far."""
+        """What has been done so far."""
         seconds = time.perf_counter() - self._began
         idle = max(0.0, seconds * self.workers - self._truth_seconds - self._run_seconds)
         return summary.Report(
@@ -265,7 +266,7 @@ class _Sweep:
 
 
 def structure_of(scene: Scene) -> str:
-    """Digest of all of a scene but its initial state."""
+    """Digest of a scene without its initial state."""
     zero = np.zeros(3)
     fixed = scene.replace(bodies=tuple(
         dataclasses.replace(body, attitude=np.eye(4)[0], angular_velocity=zero, position=zero, velocity=zero)
@@ -274,7 +275,7 @@ def structure_of(scene: Scene) -> str:
 
 
 def _frame(rows: pd.DataFrame, wanted: list[str], asked: plan.Plan) -> pd.DataFrame:
-    """The cells of this sweep in its own order, parameters as columns."""
+    """The cells of this sweep in its order, with the parameters as columns."""
     names = [name for name, _ in asked.parameters]
     frame = rows.set_index("cell").reindex(wanted).reset_index()
     values = [json.loads(text) for text in frame["parameters"]]

@@ -1,4 +1,4 @@
-"""The scenes of a sweep: every start of the grid, and the perturbed members around it."""
+"""The scenes of a sweep: a start for every point of the parameter grid, and perturbed members around each start."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ from crosscheck.sweeps.plan import Origin, Perturbation, Plan, Value
 FREEDOMS = {name: (3, 0) if kind.coordinates == ("ball",) else tuple(
     sum(word.startswith(motion) for word in kind.coordinates) for motion in ("turn", "slide"))
     for name, kind in JOINT_TYPES.items()}
-"""Turns and displacements of each type of joint that `joint_position` and `joint_velocity` perturb."""
+"""For each type of joint, the numbers of turns and of displacements that `joint_position` and `joint_velocity` perturb.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,13 +46,13 @@ def starts(plan: Plan) -> Iterator[Start]:
 
 
 def of_start(start: Start, perturbation: Perturbation | None) -> Iterator[Scene]:
-    """The members of a start; without a perturbation the start itself."""
+    """The members of a start. Without a perturbation this is the start itself."""
     if perturbation is None:
         yield start.scene
         return
     size = sum(_sizes(start, perturbation))
-    # Of one seed: the same for starts of one structure, so that they can be compared.
-    if perturbation.sampling == "normal":  # row by row: more members keep those there were
+    # The same seed for all starts, so that members of different starts can be compared.
+    if perturbation.sampling == "normal":  # drawn row by row, so that a larger count keeps the first members
         normals = np.random.default_rng(perturbation.seed).standard_normal((perturbation.count, size))
     else:
         from scipy.stats import norm, qmc
@@ -65,12 +66,12 @@ def of_start(start: Start, perturbation: Perturbation | None) -> Iterator[Scene]
 def _changed(origin: Origin, values: dict[str, Value]) -> Scene:
     if not values:
         return origin.scene
-    assert origin.data is not None  # `plan` has seen to it
+    assert origin.data is not None  # `plan` has checked it
     return scene_from(paths.replaced(origin.data, values, origin.name), origin.path)
 
 
 def _sizes(start: Start, perturbation: Perturbation) -> list[int]:
-    """How many numbers each perturbed quantity has."""
+    """The number of random numbers that each perturbed quantity needs."""
     scene = start.scene
     freedoms = sum(sum(FREEDOMS[joint.type]) for joint in scene.joints)
     known = {"angular_velocity": 3 * scene.n, "attitude": 3 * scene.n, "joint_position": freedoms,
@@ -80,14 +81,14 @@ def _sizes(start: Start, perturbation: Perturbation) -> list[int]:
 
 
 def _perturbed(start: Start, perturbation: Perturbation, normals: np.ndarray) -> Scene:
-    """One member: numbers by path first, then the state, then its projection onto the joints."""
+    """One member: change numbers of the scene file, then the state, and then project the state onto the joints."""
     parts = np.split(normals, np.cumsum(_sizes(start, perturbation))[:-1])
     drawn = {name: deviation * part for (name, deviation), part in zip(perturbation.deviations, parts, strict=True)}
     scene, data = start.scene, start.origin.data
     changes = {}
     for name, values in drawn.items():
         if "." in name:
-            assert data is not None  # `plan` has seen to it
+            assert data is not None  # `plan` has checked it
             now = start.parameters.get(name, paths.read(data, name, scene.name))
             changes[name] = (np.asarray(now) * (1.0 + values.reshape(np.shape(now)))).tolist()
     if changes:
@@ -108,7 +109,7 @@ def _closed(scene: Scene, moved: Scene) -> Scene:
 
 
 def _moved(scene: Scene, drawn: dict[str, np.ndarray]) -> Scene | None:
-    """The scene with other states of its bodies, joints still open; None where no state is perturbed."""
+    """The scene with perturbed states, before the joints are closed; None if no state is perturbed."""
     x, v, w = scene.x0.copy(), scene.v0.copy(), scene.w0.copy()
     q = np.array([body.attitude for body in scene.bodies])
     R = scene.R0.copy()
@@ -137,7 +138,7 @@ def _moved(scene: Scene, drawn: dict[str, np.ndarray]) -> Scene | None:
 
 
 def _freedom(joint: Joint, R: np.ndarray, values: Iterator[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation vector and displacement in the world that the next drawn numbers stand for."""
+    """Rotation vector and displacement of a joint, in the world, from the next random numbers."""
     turns, slides = FREEDOMS[joint.type]
     angles, shifts = ([next(values) for _ in range(count)] for count in (turns, slides))
     parent = np.eye(3) if joint.parent == GROUND else R[joint.parent]
@@ -155,7 +156,7 @@ def _freedom(joint: Joint, R: np.ndarray, values: Iterator[float]) -> tuple[np.n
 
 
 def _beyond(scene: Scene, joint: Joint) -> list[int]:
-    """The child of a joint and what hangs on it, without passing the joint or the ground."""
+    """The child of a joint and all bodies connected to it by other joints, not through the ground or the parent."""
     found, ready = {joint.child}, [joint.child]
     while ready:
         body = ready.pop()

@@ -1,4 +1,4 @@
-"""Results on the disk: Parquet parts in a folder, each written whole or not at all."""
+"""The results of sweeps on the disk: Parquet files in a folder. Each is written as a whole or not at all."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 COLUMNS = Row.__struct_fields__
 MOST_ROWS = 2000
 PERIOD = 2.0
-"""s after which rows are written at the latest: what a killed client loses."""
+"""Longest time (s) before new rows are written. If the process is killed, the rows of this time are lost."""
 
 
 class Parts:
-    """The parts of a folder: cells that sweeps have finished there, and new rows as they come."""
+    """The finished cells of a folder. New rows can be added."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder / "parts"
@@ -39,17 +39,17 @@ class Parts:
         return set(self._read(["cell"])["cell"])
 
     def frame(self) -> pd.DataFrame:
-        """All rows in the folder, one a cell."""
+        """All rows in the folder, one per cell."""
         return self._read(list(COLUMNS)).drop_duplicates("cell", keep="first")
 
     def add(self, rows: list[Row]) -> None:
-        """Take in rows; write them where enough came together or enough time has passed."""
+        """Add rows. They are written when there are many, or when `PERIOD` has passed."""
         self._waiting += rows
         if len(self._waiting) >= MOST_ROWS or time.monotonic() - self._written > PERIOD:
             self.flush()
 
     def flush(self) -> None:
-        """Write what came since the last part."""
+        """Write all rows that are not on the disk yet."""
         import pandas as pd
 
         self._written = time.monotonic()

@@ -1,4 +1,4 @@
-"""Numbers of a scene by their paths, such as "bodies.upper.mass" or "gravity.2", in the content of its file."""
+"""Read and replace numbers in the content of a scene file by paths such as "bodies.upper.mass" or "gravity.2"."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from crosscheck.scene.schema import Content
 
 
 def read(data: Content, path: str, scene: str) -> Any:
-    """The number, or the list of numbers, that a path names.
+    """The number or list of numbers at a path.
 
     Raises
     ------
     ArgumentError
-        The path leads nowhere, or to no number; the message names the scene and the nearest path.
+        There is nothing at the path, or not a number. The message names the scene and the nearest path.
     """
     value = _walk(data, path, scene)
     if not _numeric(value):
@@ -28,14 +28,14 @@ def read(data: Content, path: str, scene: str) -> Any:
 
 
 def replaced(data: Content, changes: Mapping[str, object], scene: str) -> Content:
-    """A copy of the content with other numbers at some paths."""
+    """A copy of the content with the values of `changes` at their paths."""
     data = copy.deepcopy(data)
     for path, value in changes.items():
         words = path.split(".")
         target = _walk(data, ".".join(words[:-1]), scene) if len(words) > 1 else data
         key = words[-1]
         if isinstance(target, list):
-            _walk(target, key, scene)  # refuses what is not there
+            _walk(target, key, scene)  # raises if there is no such entry
             target[_index(target, key) or 0] = value
         else:
             target[key] = value
@@ -67,7 +67,7 @@ def _walk(data: Any, path: str, scene: str) -> Any:
 
 
 def _index(entries: list[Any], word: str) -> int | None:
-    """Where an entry stands, by its name or its number; None where it does not."""
+    """The index of an entry by its name or number, or None."""
     for k, entry in enumerate(entries):
         if isinstance(entry, dict) and entry.get("name") == word:
             return k

@@ -1,4 +1,4 @@
-"""What a sweep is asked to do: read from TOML or a dict, checked before anything runs."""
+"""The request of a sweep: read it from TOML, JSON or a dict, and check it before anything runs."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ PERTURBED = ("angular_velocity", "attitude", "joint_position", "joint_velocity")
 SAMPLING = ("normal", "latin_hypercube")
 MOST_CELLS = 10_000_000
 Value = float | list[float]
-"""Of a parameter: a number, or a vector as the scene file has it."""
+"""The value of a parameter: a number, or a vector in the notation of the scene file."""
 
 WAY_OPTIONS = ("form", "coordinate_map", "spin_free", "reduce", "alpha", "beta", "softness", "node")
 
 
 @dataclasses.dataclass(frozen=True)
 class Way:
-    """One engine with one method, its options, and one step (s) or rtol."""
+    """A way to run a scene: one engine with one method, its options, and one step (s) or rtol."""
 
     engine: str
     version: str
@@ -41,13 +41,13 @@ class Way:
 
     @property
     def form(self) -> str | None:
-        """The form asked for; None: the engine's own choice."""
+        """The wanted form; None: the engine chooses."""
         return dict(self.options).get("form")
 
 
 @dataclasses.dataclass(frozen=True)
 class Perturbation:
-    """Members around each start: standard deviations by quantity, or by path (relative)."""
+    """Random members around each start. `deviations` are absolute for state quantities and relative for paths."""
 
     deviations: tuple[tuple[str, float], ...]
     count: int
@@ -57,24 +57,24 @@ class Perturbation:
 
 @dataclasses.dataclass(frozen=True)
 class Origin:
-    """A scene of the sweep with the content of its file, in which parameters have their paths."""
+    """A scene of the sweep with the content of its file, to which the paths of parameters refer."""
 
     name: str
     path: str
-    data: Content | None  # None: a scene that came without a file
+    data: Content | None  # None: the scene has no file
     scene: Scene
 
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """A checked sweep."""
+    """The checked request of a sweep."""
 
     origins: tuple[Origin, ...]
     ways: tuple[Way, ...]
     parameters: tuple[tuple[str, tuple[Value, ...]], ...]
     perturbation: Perturbation | None
     timing: bool
-    source: Content  # what was asked for, paths of files absolute
+    source: Content  # the request itself, with absolute paths of files
 
     @property
     def members(self) -> int:
@@ -95,12 +95,12 @@ class Plan:
 
 
 def read(source: Mapping[str, Any] | str | os.PathLike[str]) -> Plan:
-    """Check a sweep, given as a dict or the path of a TOML or JSON file.
+    """Read and check a request, given as a dict or as the path of a TOML or JSON file.
 
     Raises
     ------
     ArgumentError, SceneError
-        What is wrong, what is allowed, in one line; for files with their name.
+        The message says in one line what is wrong and what is allowed. For files it names the file.
     """
     if isinstance(source, Mapping):
         return _checked(source, Path())
@@ -150,7 +150,10 @@ def _checked(data: Mapping[str, Any], folder: Path) -> Plan:
 
 
 def _origin(scene: Any, folder: Path, changes: dict[str, float]) -> Origin:
-    """A scene by name, path or as such, at the sweep's duration and samples; paths count from the sweep's folder."""
+    """A scene by name, by path or as a Scene, with the request's duration and samples.
+
+    Paths are relative to the folder of the request.
+    """
     from crosscheck.scene.file import read_scene, scene_from
 
     if isinstance(scene, Scene):

@@ -1,4 +1,4 @@
-"""What the page of a sweep shows: distributions, worst cells, statistics as members come in; no raw cells."""
+"""The content of a sweep's page: distributions, worst cells and running statistics, but not all cells."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ if TYPE_CHECKING:
 
 WORST = 25
 POINTS = 24
-"""Numbers of members at which running statistics are shown."""
+"""Running statistics are shown for this many counts of members."""
 
 WAY = ["engine", "method", "form", "step", "rtol"]
 
 
 class Report(Part, frozen=True, kw_only=True):
-    """What a sweep did."""
+    """What a sweep did, and how long it took."""
 
     cells: int
     workers: int
     computed: int = 0
     seconds: float = 0.0
-    truth_seconds: float = 0.0  # of all workers together
-    run_seconds: float = 0.0
-    disagreements: tuple[float, ...] = ()  # of the two formulations, for members that were checked
+    truth_seconds: float = 0.0  # sum over all workers
+    run_seconds: float = 0.0  # sum over all workers
+    disagreements: tuple[float, ...] = ()  # between the two formulations, for the checked members
     trouble: tuple[str, ...] = ()  # why some members have no truth
-    overhead: float = 0.0  # s per computed cell that were neither truth nor runs, on one worker
+    overhead: float = 0.0  # s of worker time per computed cell that neither truth nor runs took
 
 
 class Running(Part, frozen=True):
-    """Median and mean of the position error (m) over the first so many members: whether the count is enough."""
+    """Median and mean of the position error (m) over the first `count` members. They show if the members are enough."""
 
     count: list[int]
     median: list[float]
@@ -43,7 +43,7 @@ class Running(Part, frozen=True):
 
     @classmethod
     def of(cls, values: np.ndarray) -> Running:
-        """Of the errors (cells,) in their order; of fewer than four there is none."""
+        """From the errors (cells,) in their order. With fewer than four errors all lists are empty."""
         if len(values) < 4:
             return cls([], [], [])
         counts = np.unique(np.geomspace(2, len(values), POINTS).astype(int))
@@ -52,7 +52,7 @@ class Running(Part, frozen=True):
 
 
 class Map(Part, frozen=True):
-    """Median position error (m) over the first parameter, or `z[y][x]` over the first two, that are numbers."""
+    """Median position error (m): `z[x]` over the first scalar parameter, or `z[y][x]` over the first two."""
 
     x: list[float]
     z: list[float] | list[list[float]]
@@ -60,7 +60,7 @@ class Map(Part, frozen=True):
 
     @classmethod
     def of(cls, good: pd.DataFrame, parameters: list[str]) -> Map | None:
-        """Of the cells that succeeded; None without any, or without a parameter that is a number."""
+        """From the successful cells. None if there are none, or no scalar parameter."""
         scalar = [name for name in parameters if len(good) and np.ndim(good[name].iloc[0]) == 0][:2]
         if not scalar:
             return None
@@ -80,7 +80,7 @@ class WayCells(Part, frozen=True, kw_only=True):
     engine: str
     count: int
     failed: int
-    boxes: dict[str, list[float] | None]  # of each figure the least, the quartiles and the largest finite value
+    boxes: dict[str, list[float] | None]  # for each quantity: smallest finite value, quartiles, largest finite value
     running: Running
     map: Map | None
 
@@ -100,7 +100,7 @@ class Line(Part, frozen=True, kw_only=True):
 
 
 class SweepDocument(Part, frozen=True, kw_only=True):
-    """Everything the page draws, a few kilobytes a way whatever the number of cells."""
+    """All that the page draws. Its size is a few kilobytes per way and does not grow with the number of cells."""
 
     study: str = "sweep"
     meta: Origin
@@ -116,7 +116,7 @@ class SweepDocument(Part, frozen=True, kw_only=True):
 
 
 def document(frame: pd.DataFrame, parameters: list[str], report: Report, meta: Origin, out: str) -> SweepDocument:
-    """What the page shows of the cells of a sweep into the folder `out`."""
+    """The content of the page for a sweep with these cells, written to the folder `out`."""
 
     def line(row: Any) -> Line:
         return Line(
@@ -127,7 +127,7 @@ def document(frame: pd.DataFrame, parameters: list[str], report: Report, meta: O
             command=shlex.join(["crosscheck", "sweep", f"{out}/request.json", "--cell", row["cell"]]))
 
     ways = []
-    frame = frame.assign(form=frame["form"].fillna(""))  # of engines that have one form only; as NaN it would be told
+    frame = frame.assign(form=frame["form"].fillna(""))  # engines with one form only have NaN here
     for (scene, *way), cells in frame.groupby(["scene", *WAY], dropna=False, sort=False):
         good = cells[cells["status"] == "success"]
         finite = {name: good[name].to_numpy()[np.isfinite(good[name].to_numpy())] for name in FIGURES}
@@ -147,6 +147,6 @@ def document(frame: pd.DataFrame, parameters: list[str], report: Report, meta: O
 
 
 def label(engine: str, method: str, form: str, step: float, rtol: float) -> str:
-    """A way in a few words."""
+    """A way in a few words, for tables and legends."""
     control = f"h = {step:g} s" if np.isfinite(step) else f"rtol {rtol:g}"
     return f"{engine} {method}{f' ({form})' if form else ''}, {control}"

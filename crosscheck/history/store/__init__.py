@@ -1,7 +1,7 @@
-"""The history of runs in a database: an SQLite file by default, a PostgreSQL server by its URL.
+"""The history of runs in a database: an SQLite file by default, or a PostgreSQL server.
 
-`connection` opens a store and brings its schema up to date, `figures` turns a run's document into rows, `runs` writes
-and reads them. What a change is, is decided in `crosscheck.history`; nothing here judges.
+`connection` opens a store and updates its schema, `figures` turns a record into rows, `runs` writes and reads runs.
+Changes between runs are found by `crosscheck.history.changes`, not here.
 """
 
 from crosscheck.history.store.connection import DEFAULT, open_store

@@ -1,4 +1,4 @@
-"""Opening a store: its URL, its locks, its schema."""
+"""Open a store: check its URL, connect, and update the schema."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ if TYPE_CHECKING:
     from sqlalchemy import URL, Engine
 
 DEFAULT = Path("reports/history.sqlite")
-"""The store where none is named, below the current folder: beside the reports of the runs it tells about."""
+"""The store if none is named, relative to the current folder."""
 
 POSTGRESQL_OPTIONS = frozenset({"application_name", "connect_timeout", "host", "sslcert", "sslkey", "sslmode",
                                 "sslrootcert", "target_session_attrs"})
-"""What may follow the ? of a URL: none of it is secret."""
+"""Options that may follow the ? of a URL. None of them is secret."""
 
 PATIENCE = 60.0
 """Seconds to wait for another process that writes to the same SQLite file."""
 
 
 def open_store(where: str | Path | None = None) -> Engine:
-    """The store at `where`, made or migrated to the newest schema where that is needed.
+    """Open the store at `where`. If needed, it is made, or updated to the newest schema.
 
     Parameters
     ----------
     where : path of an SQLite file, or a URL: sqlite:///path, postgresql://user:password@host/database.
-        None: the environment variable CROSSCHECK_STORE, else `DEFAULT`.
+        None: the environment variable CROSSCHECK_STORE, or else `DEFAULT`.
 
     Raises
     ------
     ArgumentError
-        The URL is of another kind, the server does not answer, the file is no store of ours.
+        The URL is wrong, the server does not answer, or the file is not a store of crosscheck.
     """
     import sqlalchemy
 
@@ -63,7 +63,7 @@ def open_store(where: str | Path | None = None) -> Engine:
 
 def _reason(error: Exception) -> str:
     first, *_ = str(getattr(error, "orig", None) or error).strip().splitlines() or [type(error).__name__]
-    return first.strip()  # what follows asks whether a server runs, or quotes the statement
+    return first.strip()  # the other lines only repeat the statement or give general advice
 
 
 def _url(where: str | Path | None) -> URL:
@@ -72,7 +72,7 @@ def _url(where: str | Path | None) -> URL:
     import sqlalchemy
 
     given = str(where or os.environ.get("CROSSCHECK_STORE") or DEFAULT)
-    # None of these messages quotes what was given: a password may stand anywhere in it.
+    # The messages do not quote the given URL, because it may contain a password.
     if "://" not in given:
         if re.search(r":[^@]*@|^//", given):
             raise ArgumentError("--store: this looks like a URL without its beginning; write postgresql://user:password"
@@ -80,10 +80,10 @@ def _url(where: str | Path | None) -> URL:
         return sqlalchemy.URL.create("sqlite", database=given)
     try:
         url = sqlalchemy.make_url(given)
-    except (sqlalchemy.exc.ArgumentError, ValueError):  # of no form, or a port that is no number
+    except (sqlalchemy.exc.ArgumentError, ValueError):  # ValueError: the port is not a number
         raise ArgumentError("--store: this URL cannot be read; write postgresql://user:password@host:port/database or "
                             "sqlite:///path") from None
-    backend = "postgresql" if url.get_backend_name() == "postgres" else url.get_backend_name()  # what libpq writes
+    backend = "postgresql" if url.get_backend_name() == "postgres" else url.get_backend_name()  # libpq allows both
     if backend not in ("sqlite", "postgresql"):
         raise ArgumentError(f"--store: {backend} is not supported; allowed: sqlite, postgresql")
     if unknown := set(url.query) - (POSTGRESQL_OPTIONS if backend == "postgresql" else set()):
@@ -111,7 +111,7 @@ def _sqlite(url: URL) -> Engine:
 
     @sqlalchemy.event.listens_for(engine, "connect")
     def settings(connection: Any, _: Any) -> None:
-        # The driver would begin transactions by itself, and too late to keep a second writer waiting from the start.
+        # Otherwise the driver begins transactions itself, and so late that two writers may fail instead of waiting.
         connection.isolation_level = None
         connection.execute("PRAGMA foreign_keys = ON")
 

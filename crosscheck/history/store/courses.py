@@ -1,4 +1,4 @@
-"""How everything went through the last runs: outcomes and figures of every cell, side by side."""
+"""Outcomes and values of every cell over the last runs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class Course:
-    """One cell through the runs; None where a run has not made it, or has no such figure."""
+    """One cell over the runs. An entry is None if that run lacks the cell or the value."""
 
     label: str
     outcomes: list[str | None]
@@ -24,7 +24,7 @@ class Course:
 
 
 def courses(store: Engine, metrics: Sequence[str], limit: int) -> tuple[list[StoredRun], dict[CellKey, Course]]:
-    """The last runs of the profile of the newest one, the oldest first, and every cell through them."""
+    """The last runs with the profile of the newest one, the oldest first, and the course of every cell."""
     import sqlalchemy
 
     t = tables()

@@ -1,4 +1,4 @@
-"""The figures of a run as rows: which ones are kept, their units, and what in them is rounding."""
+"""The values (figures) of a record that are stored, with their units and the changes that rounding may cause."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import NamedTuple
 from crosscheck.document import LEVELS, QUANTITIES, Record, Scene
 
 SPEED = "speed ratio"
-"""Name of the figure that compares speeds: time per step over the time of the calibration kernel beside it."""
+"""Name of the value that compares speeds: time per step over the time of the calibration kernel."""
 
 
 class Figure(NamedTuple):
-    """One figure of one result. `rounding`: how far rounding may move it; None: changes of it are no findings."""
+    """One value of one result. Changes up to `rounding` may come from rounding; None: no change of it is a finding."""
 
     name: str
     unit: str
@@ -23,14 +23,14 @@ class Figure(NamedTuple):
 
 
 def figures(record: Record, scene: Scene) -> list[Figure]:
-    """The finite figures of a record and its scene, both as the document of the run has them."""
+    """The finite values of a record and its scene."""
     steps = record.steps or 1
     rounding = _rounding(scene, steps)
     found: list[Figure] = []
     for quantity, unit in QUANTITIES.items():
         error = record.errors.get(quantity)
         if error is not None:
-            # Of an error larger than the quantity itself the digits are those of another motion.
+            # An error larger than the quantity itself says that the motion is another one. Its value means nothing.
             said = error.max is not None and scene.scales is not None and error.max <= scene.scales.of(quantity)
             level = rounding.get(quantity) if said else None
             found += [Figure(f"{quantity} {name}", unit, value, rounding=level)
@@ -48,20 +48,20 @@ def figures(record: Record, scene: Scene) -> list[Figure]:
         found.append(Figure("momentum error", "kg m^2/s", record.momentum_error, rounding=rounding.get("momentum")))
     found += _levels(record)
     found += _costs(record)
-    # A coarse run is judged by its energy alone, and the motions it shows magnify rounding without bound.
+    # At coarse steps rounding may be magnified without bound, so that changes are no findings.
     free = record.practical
     return [figure._replace(value=float(figure.value), rounding=None if free else figure.rounding)
             for figure in found if math.isfinite(figure.value)]
 
 
 def _rounding(scene: Scene, steps: int) -> dict[str, float]:
-    """What rounding may do to each figure in so many steps, from the scene's truth; see `judge.tolerances`."""
+    """The change of each value that rounding may cause in `steps` steps; see `crosscheck.judge.tolerances`."""
     return {name: fixed + growing * steps**0.6 for name, (fixed, growing) in (scene.rounding or {}).items()}
 
 
 def _order_rounding(record: Record, quantity: str, scene: Scene) -> float | None:
-    """How far rounding in the errors of the order study moves the slope through them."""
-    if record.ladder_cut:  # where it was cut depends on the load of the machine
+    """The change of the order that rounding in the errors of the order study may cause."""
+    if record.ladder_cut:  # the number of its steps depends on the load of the machine
         return None
     share = 0.0
     for rung in record.ladder:
@@ -70,12 +70,12 @@ def _order_rounding(record: Record, quantity: str, scene: Scene) -> float | None
         if not error or level is None:
             return None
         share = max(share, level / error)
-    # The slope is that of log error over log step, and neighbouring steps differ by about two.
+    # The order is the slope of log error over log step, and neighbouring steps differ by a factor of about two.
     return 2.0 * share / math.log(2.0) if share < 0.1 else None
 
 
 def _levels(record: Record) -> list[Figure]:
-    """Constraint levels and orthogonality; where they are held by construction, up to their bound is rounding."""
+    """Constraint levels and orthogonality. If the method satisfies a level, values up to its bound are rounding."""
     found = []
     bounds = {finding.kind: finding.bound for finding in record.findings}
     for level, unit in LEVELS.items():

@@ -1,6 +1,6 @@
-"""Numbered steps that make the schema and bring an old one up to date, in place and under a lock.
+"""Numbered steps that make the schema or update an old one, in place and under a lock.
 
-A released step is never edited, because the next one starts from what it made. So it holds its own statements
+A released step is never edited, because the next step starts from its result. Therefore a step has its own statements
 and does not use `crosscheck.history.store.schema`, which changes.
 """
 
@@ -19,9 +19,9 @@ _LOCK = 0x63726F73
 
 
 def migrate(engine: Engine) -> int:
-    """Bring the store to the newest version and return it; another process that does the same is waited for.
+    """Update the store to the newest version and return the version. Waits for other processes that do the same.
 
-    All steps are one transaction: a kill on the way leaves the old schema. Raises `ArgumentError` for a store that a
+    All steps are one transaction, so that a kill leaves the old schema. Raises `ArgumentError` for a store that a
     newer release has written.
     """
     from sqlalchemy import text
@@ -29,11 +29,11 @@ def migrate(engine: Engine) -> int:
     with engine.connect() as connection:
         if _version(connection) == VERSION:
             return VERSION
-    # On SQLite a writing transaction is the lock.
+    # On SQLite, a writing transaction is the lock.
     with engine.execution_options(writes=True).begin() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
-        found = _version(connection)  # again: another process may have been first
+        found = _version(connection)  # read again, because another process may have updated the store
         if found > VERSION:
             raise ArgumentError(f"--store: its schema has version {found}, this crosscheck knows {VERSION}; "
                                 "install the newer crosscheck that wrote it")
@@ -55,7 +55,7 @@ def step(connection: Connection, number: int) -> None:
 
 
 def _version(connection: Connection) -> int:
-    """Version of the schema that is there; 0: none."""
+    """Version of the schema in the store; 0 if it has none."""
     import sqlalchemy
 
     if not sqlalchemy.inspect(connection).has_table("schema_version"):
@@ -91,7 +91,7 @@ SPEEDS = (
 )
 
 STEPS = {1: RUNS, 2: SPEEDS}
-"""Statements of each step: runs, environments, results and bare figures; then spread of repeats, rounding of figures,
-calibration, and which runs others are compared with."""
+"""Statements of each step. Step 1: runs, environments, results and values. Step 2: spread of repeats, rounding,
+calibration, and the runs that others are compared with."""
 
 VERSION = max(STEPS)

@@ -1,4 +1,4 @@
-"""Writing a run into a store and reading runs back."""
+"""Write runs to a store and read them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sqlalchemy import ColumnElement, Connection, Engine, Row
 
 CellKey = tuple[str, str, str, str, bool]
-"""Scene, engine, method, form (empty: the engine's own choice), whether it ran at the coarse step."""
+"""Scene, engine, method, form ("" if the engine chose it), and whether the step is the coarse one."""
 
 KEY = ("scene", "engine", "method", "form", "practical")
 """Columns of a `CellKey`."""
@@ -39,7 +39,7 @@ class StoredResult:
 
 @dataclasses.dataclass(frozen=True)
 class Environment:
-    """Where a run was made; None where the store does not say."""
+    """Where a run was made. Unknown values are None."""
 
     system: str | None = None
     processor: str | None = None
@@ -50,7 +50,7 @@ class Environment:
 
 @dataclasses.dataclass(frozen=True)
 class StoredRun:
-    """One run; `results` is empty where only its heading was asked for."""
+    """One run. `results` is empty if only the heading was read."""
 
     name: str
     started: str  # UTC, ISO 8601
@@ -67,7 +67,7 @@ class StoredRun:
 
 
 def run_from_document(name: str, document: Document, good: bool = False) -> StoredRun:
-    """The run that a document tells about."""
+    """The run of a document."""
     meta = document.meta
     machine = meta.machine
     scenes = {scene.name: scene for scene in document.scenes}
@@ -89,7 +89,7 @@ def run_from_document(name: str, document: Document, good: bool = False) -> Stor
 
 
 def save(store: Engine, run: StoredRun) -> bool:
-    """Write a whole run in one transaction; False where a run of its name is there already, which stays as it is."""
+    """Write a run in one transaction. Returns False, and changes nothing, if the store has a run of this name."""
     import sqlalchemy
 
     try:
@@ -137,7 +137,7 @@ def _insert(connection: Connection, run: StoredRun) -> None:
 
 
 def recent(store: Engine, limit: int = 20) -> list[StoredRun]:
-    """The last runs without their results, the newest first."""
+    """The headings of the last runs, the newest first."""
     import sqlalchemy
 
     runs = tables().runs
@@ -148,9 +148,9 @@ def recent(store: Engine, limit: int = 20) -> list[StoredRun]:
 
 
 def find(store: Engine, name: str) -> str:
-    """The name of the run meant by `name`: itself, the only one that begins so, or "latest".
+    """The full name of a run, given by its name, by an unambiguous beginning of it, or as "latest".
 
-    Raises `ArgumentError` where there is none or more than one.
+    Raises `ArgumentError` if no run or several runs fit.
     """
     import sqlalchemy
 
@@ -169,7 +169,7 @@ def find(store: Engine, name: str) -> str:
 
 
 def load(store: Engine, name: str) -> StoredRun:
-    """A run with all its results; `ArgumentError` where there is none of this name."""
+    """A run with all its results. Raises `ArgumentError` if there is none of this name."""
     import sqlalchemy
 
     t = tables()
@@ -205,9 +205,9 @@ def _heading(connection: Connection, row: Row[Any]) -> StoredRun:
 
 
 def baseline(store: Engine, run: StoredRun) -> StoredRun | None:
-    """What a run is compared with: the last good run before it of the same profile, scenes and engines.
+    """The run to compare with: the last good run before `run` with the same profile, scenes and engines.
 
-    Where no such run was ever good, the last one that came to its end; None where there is none.
+    If none of these is good, it is the last complete one. None if there is none at all.
     """
     import sqlalchemy
 
@@ -222,20 +222,20 @@ def baseline(store: Engine, run: StoredRun) -> StoredRun | None:
 
 
 def set_good(store: Engine, name: str, good: bool = True) -> None:
-    """Say that later runs are to be compared with this one, or no longer."""
+    """Mark a run as good, so that later runs are compared with it, or as not good."""
     runs = tables().runs
     with store.execution_options(writes=True).begin() as connection:
         connection.execute(runs.update().where(runs.c.name == name).values(good=good))
 
 
 def _is_cell(key: CellKey) -> list[ColumnElement[bool]]:
-    """What rows of results of this cell fulfil."""
+    """The conditions for rows of results of this cell."""
     columns = tables().results.c
     return [columns[name] == value for name, value in zip(KEY, key, strict=True)]
 
 
 def series(store: Engine, metric: str, key: CellKey, limit: int = 200) -> list[tuple[StoredRun, Figure]]:
-    """One figure of one cell through the last runs, the oldest first."""
+    """One value of one cell in the last runs, the oldest first."""
     import sqlalchemy
 
     t = tables()
@@ -252,21 +252,22 @@ def series(store: Engine, metric: str, key: CellKey, limit: int = 200) -> list[t
 
 
 class Usual(NamedTuple):
-    """What a figure of a cell was in the good runs before: its level, and how far runs stray from each other."""
+    """The usual value of a cell in earlier good runs, and its deviation between runs."""
 
     level: float
     deviation: float  # median absolute deviation
 
 
 LEVEL_RUNS = 5
-"""The newest runs whose median is the level: one odd night moves it little, and a better figure is it after three."""
+"""The level is the median of this many of the newest runs. One odd night changes it little; three nights move it."""
 
 
 def usual(store: Engine, run: StoredRun, metric: str, limit: int = 10, fewest: int = 4) -> dict[CellKey, Usual]:
-    """Level and spread of a figure of every cell over the last good runs like this one.
+    """Level and spread of one value of every cell over the last good runs that are comparable with `run`.
 
-    "Like" means the same profile, scenes and engines, and of a cell the same scene file, step and tolerance; cells with
-    fewer than `fewest` figures are left out. A run that was accepted though it had findings begins a new level.
+    Comparable runs have the same profile, scenes and engines; comparable cells have the same scene file, step and
+    tolerance. Cells with fewer than `fewest` values are left out. A run with findings that was marked as good begins a
+    new level: older runs do not count.
     """
     import sqlalchemy
 
@@ -292,7 +293,7 @@ def usual(store: Engine, run: StoredRun, metric: str, limit: int = 10, fewest: i
 
 
 def figure_names(store: Engine, key: CellKey) -> list[str]:
-    """Names of the figures that the store has of a cell."""
+    """Names of the values that the store has of a cell."""
     import sqlalchemy
 
     t = tables()
@@ -303,7 +304,7 @@ def figure_names(store: Engine, key: CellKey) -> list[str]:
 
 
 def outcomes(store: Engine, key: CellKey, limit: int = 200) -> list[tuple[str, str]]:
-    """Name of a run and outcome of one cell in it, through the last runs, the oldest first."""
+    """(name of the run, outcome) of one cell in the last runs, the oldest first."""
     import sqlalchemy
 
     t = tables()

@@ -1,4 +1,4 @@
-"""The tables as they are now, for queries; `crosscheck.history.store.migrations` makes them and upgrades old ones."""
+"""The current tables, for queries. `crosscheck.history.store.migrations` makes them and updates old ones."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class Tables:
-    """Runs; where each was made (one row a run, and its versions); its results; the figures of each result."""
+    """The tables: runs, their environments and versions, their results, and the values (metrics) of each result."""
 
     metadata: MetaData
     schema_version: Table
@@ -41,12 +41,12 @@ def tables() -> Tables:
         Table("runs", metadata,
               Column("id", Integer, primary_key=True),
               needed("name", unique=True),  # also the name of its folder
-              needed("started"),  # UTC, ISO 8601, so that text sorts as time does
+              needed("started"),  # UTC, ISO 8601, which sorts by time
               needed("profile"),
-              needed("selection"),  # scenes, engines and what else was asked for, JSON
+              needed("selection"),  # scenes, engines and other options, JSON
               needed("command"), Column("seconds", Float), needed("exit_code", Integer),
-              needed("good", Boolean),  # others are compared with the last of these
-              Column("calibration", Float)),  # us, median; null where speed was not measured
+              needed("good", Boolean),  # later runs are compared with the last good one
+              Column("calibration", Float)),  # us, median; null if speed was not measured
         Table("environments", metadata,
               owner("run_id", "runs", primary_key=True),
               Column("system", Text), Column("processor", Text), Column("cores", Integer), Column("python", Text),
@@ -59,7 +59,7 @@ def tables() -> Tables:
               Column("id", Integer, primary_key=True),
               owner("run_id", "runs", nullable=False, index=True),
               needed("scene"), needed("scene_hash"), needed("engine"), needed("method"),
-              needed("form"),  # empty: the engine's own choice
+              needed("form"),  # empty if the engine chose it
               needed("practical", Boolean), needed("label"), Column("step", Float), Column("rtol", Float),
               needed("outcome"), needed("message"),
               UniqueConstraint("run_id", "scene", "engine", "method", "form", "practical", name="one_result_a_cell")),
@@ -68,4 +68,4 @@ def tables() -> Tables:
               Column("name", Text, primary_key=True), needed("unit"), needed("value", Float),
               Column("deviation", Float),  # median absolute deviation over the repeats
               Column("repeats", Integer),
-              Column("rounding", Float)))  # changes up to this are rounding; null: no change of it is a finding
+              Column("rounding", Float)))  # changes up to this may be rounding; null: no change is a finding

@@ -36,7 +36,7 @@ def truth(
     say(f"{found.name}: {reference.source}")
     say(f"checked against: {reference.second_source}")
     say(f"error of this truth: at most {reference.error:.1e} of the scene's length; the two differ by "
-        f"{reference.disagreement:.1e}, of which rounding explains {reference.allowed:.1e}")
+        f"{reference.disagreement:.1e} (rounding explains up to {reference.allowed:.1e})")
     if reference.outvoted:
         say(f"outvoted: {reference.outvoted}")
     say(f"a perturbation grows {reference.amplification:.3g}-fold over {found.duration:g} s; "

@@ -108,14 +108,18 @@ class RollingDisk(RollingSphere):
 
     def _share(self, R: np.ndarray) -> np.ndarray:
         a = np.einsum("tkij,kj->tki", R[:, self.child], self.axis)
-        found: np.ndarray = np.sqrt(1 - dot(self.normal, a) ** 2)
-        return found
+        return _sine(dot(self.normal, a))
 
     def _lever(self, a: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         u, du = dot(self.normal, a), dot(self.normal, rate)
         up, rise = self.normal - u * a, -du * a - u * rate
-        height = np.sqrt(1 - u * u)
+        height = _sine(u)
         return -self.radius * up / height, -self.radius * (rise / height + up * u * du / height**3)
+
+
+def _sine(cosine: np.ndarray) -> np.ndarray:
+    """Of an angle that is not zero: a disk that lies flat has no lowest point; rounding may take its cosine past 1."""
+    return np.sqrt(np.maximum(1 - cosine**2, np.finfo(float).eps))
 
 
 CONTACTS = {"knife_edge": KnifeEdge, "rolling_disk": RollingDisk, "rolling_sphere": RollingSphere}

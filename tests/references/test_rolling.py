@@ -1,0 +1,66 @@
+"""Contacts in the two formulations of truth: accelerations of each against the other, and seeded mistakes."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+import crosscheck
+from crosscheck.references import maximal, rolling, world_contacts
+from crosscheck.references.taylor import Taylor
+from crosscheck.scene.functions import at
+
+SCENES = ("chaplygin_sleigh", "rolling_disk", "wobbling_disk", "rolling_ball")
+ROUNDING = 1e-12  # of accelerations of some hundred
+
+
+class Uncompiled(Taylor):
+    """The equations of the series, which floats go through as symbols do."""
+
+    def integrator(self, tolerance=None, **options):
+        return None
+
+
+def accelerations(name):
+    """Angular ones of the scene's body at the start, by both, body axes."""
+    scene = crosscheck.load_scene(name)
+    other = maximal.Maximal(scene)
+    _, second = other.accelerations(*other.motion(other.initial()))
+    series = Uncompiled(scene)
+    _, first, _, _ = series._solved(series.initial.tolist(), functools.partial(at, t=0.0))
+    return np.array(first[0], float), second[0]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_formulations_agree_at_the_start(name):
+    first, second = accelerations(name)
+    np.testing.assert_allclose(first, second, atol=ROUNDING * np.abs(second).max())
+
+
+MISTAKES = {
+    "the contact stays where it is in the body": lambda place, n, t, rest, *levels: (place, n, t, 0.0 * rest, *levels),
+    "the radius is wrong by 1e-3": lambda place, n, t, *rest: (place, n, [1.001 * entry for entry in t], *rest),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_seeded_mistake_in_one_shows(mistake, monkeypatch):
+    monkeypatch.setattr("crosscheck.references.loops.terms",
+                        lambda *arguments: MISTAKES[mistake](*rolling.terms(*arguments)))
+    first, second = accelerations("wobbling_disk")
+    assert np.abs(first - second).max() > 1e6 * ROUNDING * np.abs(second).max()
+
+
+def test_other_directions_of_slip_move_nothing():
+    """A look-alike: the two rows of slip along any two directions of the plane say the same."""
+    scene = crosscheck.load_scene("wobbling_disk")
+    other = maximal.Maximal(scene)
+    motion = other.motion(other.initial())
+    before = np.concatenate(other.accelerations(*motion), axis=1)
+    contacts = next(kind for kind in other.constraints if isinstance(kind, world_contacts.Contacts))
+    c, s = np.cos(0.7), np.sin(0.7)
+    contacts.planes = [np.array([[c, s], [-s, c]]) @ plane for plane in contacts.planes]
+    after = np.concatenate(other.accelerations(*motion), axis=1)
+    np.testing.assert_allclose(after, before, atol=ROUNDING * np.abs(before).max())

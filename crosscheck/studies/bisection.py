@@ -1,8 +1,8 @@
 """The largest step at which a method still gives a usable answer on a scene, by bisection.
 
-Runs have two samples, so that a step is the duration over any whole number of steps. A run is usable where it ends
-with an error against truth below `USABLE`; everything else, whatever name its failure has, is not. The error of one
-run may be small by accident, so a step counts only where slightly shorter steps are usable too.
+Runs have two samples, so that any whole number of steps is possible. A run is usable if it reaches the end with an
+error against truth below `USABLE`. Because the error of one run may be small by accident, a step counts only if
+slightly shorter steps are usable, too.
 """
 
 from __future__ import annotations
@@ -19,38 +19,38 @@ from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 
 USABLE = 0.1
-"""End error, as a share of how far the scene's bodies move or in rad, up to which a run says something."""
+"""Largest end error of a usable run: as a share of the distance that the bodies move, or in rad."""
 
 CLOSE = 1.05
-"""The bisection ends where the step found and the next unusable one differ by less than this factor, or by one step."""
+"""The bisection ends when the usable and the unusable step differ by less than this factor, or by one step."""
 
 FINER = (1.15, 1.35)
-"""The usable step has to be usable at these many times its number of steps as well."""
+"""A step counts as usable only if runs with these multiples of its number of steps are usable, too."""
 
 COMMON = 5
-"""The common step is the time in which the scene turns or falls by a radian, over this."""
+"""The common step is the time in which the scene turns or falls by about a radian, divided by this."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Attempt:
-    """One run: its outcome is "usable", "inaccurate", or the name of its failure."""
+    """One run. `outcome` is "usable", "inaccurate", or the name of its failure."""
 
     steps: int
     outcome: str
     error: float | None  # share of the motion, or rad
-    wall_time: float  # s, of stepping; of the whole run where it failed
+    wall_time: float  # s, of stepping; of the whole run if it failed
     message: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
 class Target:
-    """What runs of one scene are compared with: the true end, and the motion in m that makes position errors shares."""
+    """The true end of one scene, with which its runs are compared, and the size of its motion."""
 
     scene: Scene  # two samples
     x: np.ndarray  # (n, 3) true positions at the end
     R: np.ndarray  # (n, 3, 3) true attitudes at the end
-    moved: float  # how far a body gets from its start at most: of a sleeping top that stays up this is little
-    attitudes: bool  # positions do not depend on attitudes here, so that these count
+    moved: float  # m, largest distance of a body from its start; position errors are divided by it
+    attitudes: bool  # whether positions do not depend on attitudes, so that attitude errors count, too
     coordinate_map: str | None = None  # of the runs
 
 
@@ -67,7 +67,7 @@ class Task:
     duration: float | None = None  # s; None: the scene's
 
     def scene_asked(self) -> Scene:
-        """The scene, over the duration that is asked for."""
+        """The scene with the wanted duration."""
         from crosscheck.scene.file import load_scene
 
         scene = load_scene(self.scene)
@@ -75,13 +75,13 @@ class Task:
 
     @property
     def key(self) -> str:
-        """In the journal and in the progress."""
+        """The name of the task in the journal and in the progress bar."""
         return f"{self.scene} {self.engine} {self.method}"
 
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """What is known of one way; `outcome` is "usable", "none within the limit", "unsupported" or "failed"."""
+    """The result of one task. `outcome` is "usable", "none within the limit", "unsupported" or "failed"."""
 
     scene: str
     engine: str
@@ -89,35 +89,34 @@ class Row:
     outcome: str = ""
     h_max: float | None = None  # s
     steps: int | None = None
-    error: float | None = None  # there
-    milliseconds: float | None = None  # of stepping, there
+    error: float | None = None  # at h_max
+    milliseconds: float | None = None  # of stepping, at h_max
     common_step: float | None = None  # s
     common_outcome: str = ""
     common_error: float | None = None
-    failures: str = ""  # what unusable runs ended with, and how many
+    failures: str = ""  # outcomes of the unusable runs, and the number of each
     reason: str = ""
     runs: tuple[Attempt, ...] = ()
 
 
 def target(scene: Scene, truth: Reference) -> Target:
-    """The true state at the end of a scene, or at the last sample before its horizon, past which truth is not certain.
-    """
+    """The true state at the last sample of a scene that is not past the horizon of its truth."""
     from crosscheck.judge import tolerances
 
     last = int(np.count_nonzero(truth.t <= truth.horizon * (1 + 1e-12))) - 1
     if last < 1:
         raise ArgumentError(f"scene {scene.name!r}: chaotic from its first sample on; give it more samples")
     moved = float(np.linalg.norm(truth.states.x[:last + 1] - truth.states.x[0], axis=-1).max())
-    moved = moved or tolerances.scales(scene, truth).of("position")  # where nothing moves, every motion is an error
+    moved = moved or tolerances.scales(scene, truth).of("position")  # if nothing moves, use the size of the scene
     tied = scene.joints or any(force.type in ("linear_spring", "constant_force") for force in scene.forces)
     short = scene.replace(duration=float(truth.t[last]), samples=2)
     return Target(short, truth.states.x[last], truth.states.R[last], moved, not tied)
 
 
 def attempt(goal: Target, engine: str, method: str, steps: int) -> Attempt:
-    """Run with a number of steps of equal length; every failure of the run is an outcome with a name.
+    """Run with `steps` equal steps. A failure of the run is an outcome, too.
 
-    Raises `Unsupported` where the engine cannot run the scene in this way.
+    Raises `Unsupported` if the engine cannot run the scene with this method.
     """
     from crosscheck.running.run import run
 
@@ -127,7 +126,7 @@ def attempt(goal: Target, engine: str, method: str, steps: int) -> Attempt:
                    coordinate_map=goal.coordinate_map)
     except (Unsupported, ArgumentError):
         raise
-    except Exception as error:  # its user meets whatever a foreign engine raises
+    except Exception as error:  # whatever the engine raises is the outcome
         return Attempt(steps, _failure(error), None, time.perf_counter() - began, said(error)[:200])
     found = end_error(goal, traj.x[-1], traj.R[-1])
     outcome = "usable" if found <= USABLE else "inaccurate"
@@ -135,7 +134,7 @@ def attempt(goal: Target, engine: str, method: str, steps: int) -> Attempt:
 
 
 def _failure(error: Exception) -> str:
-    """A run's failure in one word: the status where it has one."""
+    """A run's failure in one word: its status, if it has one."""
     status = getattr(error, "status", None)
     if status is not None:
         return str(status.value)
@@ -145,7 +144,7 @@ def _failure(error: Exception) -> str:
 
 
 def end_error(goal: Target, x: np.ndarray, R: np.ndarray) -> float:
-    """Largest position error over the motion; where positions do not depend on attitudes, also their angle."""
+    """Largest position error over `moved`, or attitude error (rad) where positions do not depend on attitudes."""
     from crosscheck.judge.metrics import attitude_angle
 
     found = float(np.linalg.norm(x - goal.x, axis=-1).max()) / goal.moved
@@ -155,27 +154,27 @@ def end_error(goal: Target, x: np.ndarray, R: np.ndarray) -> float:
 
 
 class Search:
-    """The bisection for one way; keeps every run."""
+    """The bisection for one engine and method. It keeps every run."""
 
     def __init__(self, goal: Target, engine: str, method: str, time_limit: float) -> None:
         self._goal, self._engine, self._method, self._time_limit = goal, engine, method, time_limit
         self.runs: dict[int, Attempt] = {}
 
     def run(self, steps: int) -> Attempt:
-        """The run with this number of steps, from memory where it was made before."""
+        """The run with this number of steps. It is made only once."""
         if steps not in self.runs:
             self.runs[steps] = attempt(self._goal, self._engine, self._method, steps)
         return self.runs[steps]
 
     def usable(self, steps: int) -> bool:
-        """Whether this number of steps, and somewhat larger ones, are usable."""
+        """Whether runs with this number of steps and with the larger numbers of `FINER` are usable."""
         return all(self.run(math.ceil(factor * steps)).outcome == "usable" for factor in (1.0, *FINER))
 
     def fewest(self) -> int | None:
-        """The fewest usable steps; None where runs get longer than the limit before one is usable."""
+        """The smallest usable number of steps; None if runs reach the time limit before one is usable."""
         steps = 1
         while not self.usable(steps):
-            # Whether twice as many steps would go beyond the limit; tried twice, for the machine may have been busy.
+            # Would twice as many steps take longer than the limit? Timed twice, as the machine may have been busy.
             if 2 * self.runs[steps].wall_time > self._time_limit:
                 again = attempt(self._goal, self._engine, self._method, steps)
                 if 2 * min(again.wall_time, self.runs[steps].wall_time) > self._time_limit:
@@ -189,7 +188,7 @@ class Search:
 
 
 def search(task: Task) -> Row:
-    """The row of one way. An unsupported scene, and a way without a usable step within the limit, are rows too."""
+    """The row of one task, also if the scene is not supported or no step is usable within the time limit."""
     from crosscheck import adapters
     from crosscheck.adapters.base import RunSpec
     from crosscheck.judge.plan import natural_time
@@ -207,9 +206,9 @@ def search(task: Task) -> Row:
         return dataclasses.replace(row, outcome="unsupported", reason=reason)
     hunt = Search(goal, task.engine, task.method, task.time_limit)
     try:
-        shared = hunt.run(common)  # first, for it also loads the engine, which is no part of the time of a run
+        shared = hunt.run(common)  # first, because it also loads the engine, which must not count in a search
         fewest = hunt.fewest()
-    except Unsupported as error:  # some adapters find out while they build
+    except Unsupported as error:  # some adapters notice it only when they build the model
         return dataclasses.replace(row, outcome="unsupported", reason=str(error))
     failures = collections.Counter(run.outcome for run in hunt.runs.values() if run.outcome != "usable")
     worst = next((run.message for run in hunt.runs.values() if run.message), "")

@@ -1,7 +1,7 @@
-"""The bound of the work-precision study: heyoka's Taylor series, compiled for the scene's equations and tolerance.
+"""The bound in the work-precision study: heyoka's Taylor series, compiled for one scene and one tolerance.
 
-They are the reference equations in minimal coordinates (`crosscheck.references.taylor`), general for trees and loops;
-equations written by hand for one scene would run faster still.
+The equations are those of the reference in minimal coordinates (`crosscheck.references.taylor`), which are general for
+trees and loops. Equations written by hand for one scene would be even faster.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from crosscheck.studies.frontier import BOUND
 from crosscheck.studies.rung import Rung, errors_into
 
 TOLERANCES = (1e-3, 1e-6, 1e-9, 1e-12, 1e-15)
-"""Each is an order of its own, and a compilation of seconds."""
+"""Each tolerance has its own order of the series, and takes seconds to compile."""
 
 LARGEST_UNROLLED = 14
-"""States up to which the series is compiled as straight code; it is two to four times as fast as loops, and takes
+"""Up to this number of states the series is compiled as code without loops. It is two to four times as fast, but takes
 minutes to compile for larger systems."""
 
 
@@ -46,10 +46,10 @@ class Bound:
             integrator.time = 0.0
             integrator.state[:] = self._series.initial
             states = integrator.propagate_grid(self._scene.t)[-1]
-            # Loose tolerances leave quaternions off unit length, which is no error of the attitude.
+            # At loose tolerances quaternions do not have unit length, which is not an error of the attitude.
             errors_into(rung, self._scene, self._series.states(self._series.normalised(states)), self._truth,
                         self._scene.samples - 1)
-        except Exception as error:  # as for every engine
+        except Exception as error:  # any failure is a row of the study
             rung.status, rung.reason = "error", said(error)
         return rung
 

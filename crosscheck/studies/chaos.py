@@ -1,10 +1,10 @@
-"""Chaotic scenes past their horizon: no trajectory can be right there, but what a body does on average can be.
+"""Chaotic scenes past their horizon. No trajectory can be correct there, but the averages over time can.
 
-A long run of every way is compared with many runs of the reference integration by the distributions over time of the
-kinetic energy and of the bodies' heights: the statistic of Kolmogorov and Smirnov. Its law holds for independent
-samples; those of one run follow from each other, some of them for minutes, so that a run counts as many as explain how
-much the reference's runs differ among themselves (`Law`). All ways together raise a false alarm in `FALSE_ALARM` of
-studies: each comparison has its share of that (Bonferroni).
+A long run of every engine and method is compared with many runs of the reference integration by the distributions over
+time of the kinetic energy and of the bodies' heights, with the Kolmogorov-Smirnov statistic. The law of this statistic
+holds for independent samples, but the samples of one run are correlated, some for minutes. Therefore a run counts as
+the number of independent samples that explains how much the reference's runs differ from each other (`Law`). The
+probability of a false alarm in a whole study is `FALSE_ALARM`, of which each comparison gets its share (Bonferroni).
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ from crosscheck.studies.results_folder import StudyDocument, StudyMeta
 from crosscheck.studies.study import Ask, Work
 
 FALSE_ALARM = 0.01
-"""Probability that a study without any difference finds one."""
+"""Probability that a study finds a difference although there is none."""
 
 FEWEST = 50
-"""Effective samples without which the law of the statistic for many samples is not used."""
+"""Fewest effective samples for a verdict, because the law of the statistic is that for many samples."""
 
 RUNS = 20
-"""Of the reference, end to end. They tell how much one differs from the next, to a sixth of it."""
+"""Number of reference runs. They give the deviation between runs with an error of about a sixth."""
 
 QUANTILES = np.arange(0.1, 1.0, 0.1)
 
 SPACING = 0.25
-"""s between samples: a good part of the time in which heights lose their correlation, so that little is missed."""
+"""Time (s) between samples. It is a large part of the correlation time of heights; a smaller one gains little."""
 
 
 class Comparison(LongRun, frozen=True, kw_only=True):
-    """One way on one scene, by its worst observable."""
+    """One engine and method on one scene, judged by the observable with the smallest p."""
 
-    horizon: float  # s, until which a perturbation of 1e-15 stays below 1e-10
-    comparisons: int = 1  # of the whole study, which share its false alarms
+    horizon: float  # s, the time up to which a perturbation of 1e-15 stays below 1e-10
+    comparisons: int = 1  # of the whole study
     verdict: str = ""  # "agrees", "differs" or "undecided"
     worst: str = ""  # observable of the smallest p
-    distance: float | None = None  # of Kolmogorov and Smirnov: largest difference of the two distributions
-    effective: float | None = None  # independent samples that the comparison is worth
-    p: float | None = None  # probability of such a distance, or a larger one, by chance
+    distance: float | None = None  # Kolmogorov-Smirnov: largest difference of the two distribution functions
+    effective: float | None = None  # effective number of independent samples
+    p: float | None = None  # probability that chance gives this distance or a larger one
     energy_error: float | None = None  # largest, over the largest kinetic energy
     momentum_error: float | None = None  # about the vertical, largest, over the largest size of its terms
 
@@ -52,14 +52,14 @@ class Comparison(LongRun, frozen=True, kw_only=True):
 class ChaosDocument(StudyDocument, frozen=True, kw_only=True):
     """chaos.json."""
 
-    false_alarm: float  # probability that a study without any difference finds one
+    false_alarm: float  # see `FALSE_ALARM`
     comparisons: int
     runs: list[Comparison]
 
 
 @dataclasses.dataclass(frozen=True)
 class ChaosAsk(Ask):
-    """Also the length of each run and its step. A run that would step longer than `time_limit` (s) is left out."""
+    """Also the length and the step of each run. A run whose stepping would take over `time_limit` (s) is skipped."""
 
     time_limit: float = 120.0
     duration: float = 2000.0  # s
@@ -87,22 +87,25 @@ def momentum_error(scene: Scene, states: States) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Law:
-    """What an observable does over many runs of the reference, and how many independent samples one run is worth."""
+    """The distribution of an observable over many reference runs."""
 
-    values: np.ndarray  # all of them, sorted
-    effective: float
+    values: np.ndarray  # of all runs, sorted
+    effective: float  # number of independent samples that one run counts as
 
     @classmethod
     def of(cls, runs: np.ndarray) -> Law:
-        """From series of equal length, (runs, T). A run counts by how the shares below a decile scatter from one to the
-        next: so many independent samples would scatter as much. The decile that scatters most decides."""
+        """From series of equal length, (runs, T).
+
+        The share of a run's samples below a decile differs from run to run. `effective` is the number of independent
+        samples whose shares would differ as much, for the decile with the largest differences.
+        """
         levels = np.quantile(runs, QUANTILES)
         scatter = np.array([(runs < level).mean(axis=1).var(ddof=1) for level in levels])
         scatter = np.maximum(scatter, QUANTILES * (1.0 - QUANTILES) / runs.shape[1])
         return cls(np.sort(runs, axis=None), float(np.min(QUANTILES * (1.0 - QUANTILES) / scatter)))
 
     def compare(self, series: np.ndarray) -> tuple[float, float, float]:
-        """(distance, effective samples, p) of the series (T,) of a run as long as one of the reference's."""
+        """(distance, effective samples, p) of a series (T,) that is as long as one reference run."""
         from scipy.special import kolmogorov
         from scipy.stats import ks_2samp
 
@@ -130,7 +133,7 @@ def long_scene(scene: Scene, duration: float) -> Scene:
 
 
 def laws(long: Scene) -> dict[str, Law]:
-    """What the observables of a scene do in `RUNS` runs of the reference, one beginning where the one before ends."""
+    """The laws of a scene's observables from `RUNS` reference runs. Each run begins where the one before ends."""
     from crosscheck.references import taylor
 
     each = long.samples - 1
@@ -141,7 +144,7 @@ def laws(long: Scene) -> dict[str, Law]:
 
 
 def compared(row: Comparison, long: Scene, truth: dict[str, Law], time_limit: float) -> Comparison:
-    """The row with the figures of its run, which is compared with the reference."""
+    """Make the run of a row, compare it with the reference, and return the row with the results."""
     from crosscheck.scene.mechanics import kinetic_energy
 
     traj = long_run(row, long, time_limit)
@@ -153,7 +156,7 @@ def compared(row: Comparison, long: Scene, truth: dict[str, Law], time_limit: fl
 
 
 class ChaosStudy:
-    """Do methods and engines agree on energies and heights past the time where trajectories can?"""
+    """Do engines and methods give the same distributions of energies and heights where trajectories cannot agree?"""
 
     name = "chaos"
 
@@ -162,7 +165,7 @@ class ChaosStudy:
         return "thrown_double", "thrown_triple"
 
     def measure(self, work: Work[ChaosAsk, Comparison]) -> None:
-        """Scene after scene, kept after every run. Raises `TruthError` where the reference cannot integrate one."""
+        """Measure scene by scene. Raises `TruthError` if the reference cannot integrate a scene."""
         from crosscheck.references import truth as reference
 
         ask = work.ask
@@ -182,10 +185,10 @@ class ChaosStudy:
             done += run_all(work, rows, done, measured)
 
     def document(self, ask: ChaosAsk, meta: StudyMeta, results: list[Comparison]) -> ChaosDocument:
-        """The comparisons, and how often chance alone makes a study differ."""
+        """The document with all comparisons."""
         return ChaosDocument(study=self.name, meta=meta, false_alarm=FALSE_ALARM, runs=results,
                              comparisons=max((each.comparisons for each in results), default=0))
 
     def rows(self, document: ChaosDocument) -> list[Comparison]:
-        """A line a run."""
+        """One line per run."""
         return document.runs

@@ -1,8 +1,8 @@
 """Drift over long runs: energy, vertical momentum, constraint levels and orthogonality against time.
 
-A symplectic method keeps its energy error in a band; an explicit Runge-Kutta method loses energy at a steady rate.
-The words of the verdict are those of the project's definitions: an error is "without trend" where its slope times the
-run stays below 5 % of its band, and growth is that of round-off where it is at most n^0.6 in the number of steps.
+A symplectic method keeps its energy error in a band, and an explicit Runge-Kutta method loses energy at a steady rate.
+An error is "without trend" if its fitted slope times the duration is below 5 % of its band. Growth with the number of
+steps n is "round-off" if it is at most n^0.6.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from crosscheck.studies.results_folder import StudyDocument, StudyMeta
 from crosscheck.studies.study import Ask, Work
 
 TREND = 0.05
-"""Share of the band that slope times duration may have in an error without trend."""
+"""Largest share of the band that slope times duration may have in an error without trend."""
 
 ROUND_OFF = 0.6
-"""Largest exponent in the number of steps by which accumulated rounding grows: 0.5 for a random walk, and noise."""
+"""Largest growth exponent of accumulated rounding: 0.5 for a random walk, plus noise."""
 
 EPS = float(np.finfo(float).eps)
 WALK = 50.0
-"""Energy errors below so many EPS times the root of the number of steps may be a random walk of roundings."""
+"""Energy errors below WALK * EPS * sqrt(number of steps) may be a random walk of roundings."""
 
 BLOCKS, ABOVE = 500, 1.5
-"""Blocks of a run whose mean errors show how it grows, and by how much a change has to exceed that from one block to
-the next, which is left from oscillations. The exponents of true random walks then scatter by 0.07 about 0.50."""
+"""Number of blocks of a run whose mean errors are compared. A change counts if it exceeds the change between neighbour
+blocks, which comes from oscillations, by the factor ABOVE. The exponents of true random walks are then 0.50 +- 0.07."""
 
 SAMPLES = 10_001
-"""Output times: with some hundred independent ones a slope fitted to a band without trend is below 5 % of it."""
+"""Number of output times. It makes the slope that is fitted to a band without trend smaller than 5 % of the band."""
 
 
 class Drift(LongRun, frozen=True, kw_only=True):
-    """One long run. The energy error is relative to the largest kinetic energy, the momentum's to its largest size."""
+    """One long run. Energy errors are over the largest kinetic energy, momentum errors over the largest momentum."""
 
     steps: int
-    energy_band: float | None = None  # largest less smallest error
+    energy_band: float | None = None  # largest minus smallest error
     energy_slope: float | None = None  # 1/s, by least squares
     energy_trend: float | None = None  # |slope| times duration, over the band
     energy_growth: float | None = None  # exponent of `growth`
@@ -62,10 +62,10 @@ class DriftDocument(StudyDocument, frozen=True, kw_only=True):
 
 
 def growth(values: np.ndarray) -> float:
-    """Exponent p of the rms of the change over n steps ~ n^p, n up to a quarter of the run; 0 where nothing grows.
+    """The exponent p in (rms of the change over n steps) ~ n^p, for n up to a quarter of the run; 0 without growth.
 
-    1/2 for a random walk, 1 for a line: one run shows it, where the growth of the largest value would need many. Means
-    over blocks are compared, because oscillations would hide what grows below them.
+    It is 1/2 for a random walk and 1 for a line. One run is enough for it; the growth of the largest value would need
+    many runs. Means over blocks are compared, because oscillations would hide slow growth.
     """
     blocks = np.array([block.mean() for block in np.array_split(values, min(BLOCKS, len(values)))])
     lags = np.unique(np.geomspace(1, max(1, len(blocks) // 4), 24).astype(int))
@@ -92,7 +92,7 @@ def judge(t: np.ndarray, errors: np.ndarray, steps: int) -> tuple[float, float, 
 
 
 def with_figures(drift: Drift, traj: Any) -> Drift:
-    """The row of a finished run with its figures, from its samples."""
+    """The row of a finished run with the values from its samples."""
     from crosscheck.scene.mechanics import kinetic_energy
     from crosscheck.scene.states import States
 
@@ -114,15 +114,15 @@ def with_figures(drift: Drift, traj: Any) -> Drift:
 
 @dataclasses.dataclass(frozen=True)
 class DriftAsk(Ask):
-    """Also the step and the number of steps of each run, which is rounded up so that samples lie on steps."""
+    """Also the step and the number of steps of each run. The number is rounded up so that samples lie on steps."""
 
     time_limit: float = 120.0  # s of one run
-    step: float = 2.0**-10  # s; an engine that adds up its steps misses sample times by one step where it rounds
+    step: float = 2.0**-10  # s; a power of 2, so that engines that add up their steps have no rounding in the time
     steps: int = 1_000_000
 
 
 class DriftStudy:
-    """What energy, momentum, constraints and attitudes do over very many steps."""
+    """How do energy, momentum, constraints and attitudes behave over very many steps?"""
 
     name = "drift"
 
@@ -131,7 +131,7 @@ class DriftStudy:
         return "single_pendulum", "double_pendulum"
 
     def measure(self, work: Work[DriftAsk, Drift]) -> None:
-        """Scene after scene, kept after every run."""
+        """Measure scene by scene."""
         ask = work.ask
         intervals = min(SAMPLES - 1, ask.steps)
         steps = -(-ask.steps // intervals) * intervals
@@ -147,9 +147,9 @@ class DriftStudy:
             done += run_all(work, rows, done, measured)
 
     def document(self, ask: DriftAsk, meta: StudyMeta, results: list[Drift]) -> DriftDocument:
-        """The runs."""
+        """The document with all runs."""
         return DriftDocument(study=self.name, meta=meta, runs=results)
 
     def rows(self, document: DriftDocument) -> list[Drift]:
-        """A line a run."""
+        """One line per run."""
         return document.runs

@@ -1,6 +1,6 @@
-"""The speed-against-error frontier: what each method pays for an error, and who pays least.
+"""The speed-against-error frontier: the cost of each method for a given error, and the cheapest method.
 
-Times between two neighbouring rungs of a ladder are interpolated log-log; beyond its ends nothing is said.
+Between neighbouring rungs of a ladder the cost is interpolated log-log. Nothing is extrapolated beyond the ends.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from crosscheck.studies.rung import Rung
 
 LEVELS = tuple(10.0**-power for power in range(2, 12))
-"""Errors at which the frontier is read."""
+"""The errors at which costs are compared."""
 
 IN_HOUSE, BOUND = "lieeuler", "heyoka"
-"""The engine that is compared with all others, and the one that only bounds what is possible."""
+"""The engine that is compared with all others, and the one that only shows what is possible."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Curve:
-    """Error and cost of one way to integrate, coarse rungs first; failed rungs are left out."""
+    """Errors and costs of one engine, method and form, coarse rungs first. Failed rungs are left out."""
 
     engine: str
     label: str
@@ -32,7 +32,7 @@ class Curve:
 
 @dataclasses.dataclass(frozen=True)
 class Front:
-    """The frontier at one error. None where no method of that kind reaches it."""
+    """The frontier at one error. Values are None if no method of that kind reaches the error."""
 
     level: float
     winner: str | None  # of all but the bound
@@ -40,28 +40,27 @@ class Front:
     own_cost: float | None
     other: str | None
     other_cost: float | None
-    factor: float | None  # other over own: above 1 where the in-house methods lead
+    factor: float | None  # other_cost / own_cost: above 1 if the in-house method is cheaper
     bound_cost: float | None
-    to_bound: float | None  # own over bound
-    costs: dict[str, float]  # of every way that reaches the level, by label, cheapest first
+    to_bound: float | None  # own_cost / bound_cost
+    costs: dict[str, float]  # of all that reach the level, by label, the cheapest first
 
 
 def confirmed(errors: Sequence[float]) -> list[float]:
-    """Errors of a ladder, each at least as large as that of the next finer rung.
+    """The errors of a ladder. An error smaller than that of the next finer rung is replaced by the latter.
 
-    End errors pass through zero at some steps. A rung that is better than the next finer one is such a coincidence,
-    and no method should win by it.
+    At some steps the end error passes through zero by coincidence. No method should win by that.
     """
     return [max(errors[k:k + 2]) for k in range(len(errors))]
 
 
 def cost_at(errors: Sequence[float], costs: Sequence[float], level: float) -> float | None:
-    """Least cost at which the error is at most `level`; None where no rung reaches it.
+    """The lowest cost for an error of at most `level`; None if no rung reaches it.
 
     Parameters
     ----------
-    errors, costs : of the rungs of one ladder, coarse to fine, finite
-    level : error asked for
+    errors, costs : finite values of the rungs of one ladder, coarse to fine
+    level : the wanted error
     """
     sure = confirmed(errors)
     found = [cost for error, cost in zip(sure, costs, strict=True) if error <= level]
@@ -73,7 +72,7 @@ def cost_at(errors: Sequence[float], costs: Sequence[float], level: float) -> fl
 
 
 def frontier(curves: Sequence[Curve], levels: Sequence[float] = LEVELS) -> list[Front]:
-    """Who is cheapest at each level, and by which factors."""
+    """The cheapest methods at each level, and the factors between their costs."""
     found = []
     for level in levels:
         reached = sorted(((cost, curve) for curve in curves
@@ -91,7 +90,7 @@ def frontier(curves: Sequence[Curve], levels: Sequence[float] = LEVELS) -> list[
 
 
 def curves(rungs: Sequence[Rung], error: str = "end_position", cost: str = "wall_ms") -> list[Curve]:
-    """The ladders of these rungs, in their order; rungs without both figures are left out."""
+    """The curves of these rungs, in their order. Rungs without error or cost are left out."""
     found: dict[str, tuple[str, list[float], list[float]]] = {}
     for rung in rungs:
         e, c = getattr(rung, error), getattr(rung, cost)

@@ -1,4 +1,4 @@
-"""Long runs, one after the other: what the studies of drift and of chaos share."""
+"""Long runs, one after the other, for the studies of drift and of chaos."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from crosscheck.studies.study import Ask, Work
 from crosscheck.verification.ladder import Way, ways
 
 METHODS = ("rattle2", "rattle4", "DAE1L_LSE", "DAE1H_LSE", "RK4", "RK44", "RKMK4")
-"""By default the symmetric methods, the two Euler methods that hold all levels, and explicit Runge-Kutta of order 4."""
+"""The default methods: symmetric ones, the two Euler methods that satisfy all levels, and Runge-Kutta of order 4."""
 
 PROBE = 2000
-"""Steps of the short run that tells whether the long one fits into the limit."""
+"""Steps of a short run, from which the time of the long run is estimated."""
 
 
 class LongRun(Part, frozen=True, kw_only=True):
-    """One way over a long time."""
+    """One long run of an engine and method."""
 
     scene: str
     engine: str
@@ -32,7 +32,7 @@ class LongRun(Part, frozen=True, kw_only=True):
     duration: float  # s
     status: str = "success"  # or "error", "skipped"
     reason: str = ""
-    coordinate_map: str | None = None  # None: the method's own
+    coordinate_map: str | None = None  # None: the default of the method
     wall_time: float | None = None  # s
 
 
@@ -44,7 +44,7 @@ class TooLong(ArgumentError):
 
 
 def long_ways(scene: Scene, engines: Sequence[str], ask: Ask) -> list[Way]:
-    """The ways of long runs: each method with a fixed step in the first form that can model the scene."""
+    """The ways for long runs: every method with a fixed step, in the first form that can model the scene."""
     found: dict[tuple[str, str], Way] = {}
     for way in ways(scene, engines, ask.methods or METHODS, asked_map=ask.coordinate_map)[0]:
         if not way.adaptive:
@@ -53,19 +53,19 @@ def long_ways(scene: Scene, engines: Sequence[str], ask: Ask) -> list[Way]:
 
 
 def begun(kind: type[Row], scene: Scene, way: Way, step: float, **more: Any) -> Row:
-    """What is known of a run over the whole scene before it is made."""
+    """The row of a run over the whole scene, before the run is made."""
     return kind(scene=scene.name, engine=way.engine, method=way.method, form=way.form, label=way.label, step=step,
                 duration=scene.duration, coordinate_map=way.coordinate_map, **more)
 
 
 def run_all(work: Work[Any, Row], rows: Sequence[Row], before: Sequence[Row],
             measured: Callable[[Row], Row]) -> list[Row]:
-    """The rows of a scene with their figures, kept as each ends.
+    """Measure the rows of a scene one by one. After each, all finished rows are given to `work.keep`.
 
     Parameters
     ----------
-    before : finished rows of the scenes before
-    measured : the row with its figures; where it raises, the row says why
+    before : finished rows of earlier scenes
+    measured : returns a row with its values; if it raises, the row gets the reason
     """
     done: list[Row] = []
     for index, start in enumerate(rows):
@@ -82,7 +82,7 @@ def run_all(work: Work[Any, Row], rows: Sequence[Row], before: Sequence[Row],
 
 
 def long_run(row: LongRun, scene: Scene, time_limit: float) -> Any:
-    """The trajectory of a row; `TooLong` where its first steps tell that it would step longer than `time_limit` (s)."""
+    """The trajectory of a row. Raises `TooLong` if a short run predicts more than `time_limit` (s) of stepping."""
     from crosscheck.running.run import run
 
     def over(scene: Scene) -> Any:

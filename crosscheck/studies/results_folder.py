@@ -1,4 +1,4 @@
-"""The folder of a study: JSON, CSV and, where it has one, a page. Files are replaced as a whole, never in part."""
+"""The folder of a study: JSON, CSV and a page. Every file is replaced as a whole."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ if TYPE_CHECKING:
 
 
 class StudyMeta(Origin, frozen=True, kw_only=True, omit_defaults=True):
-    """Where the figures of a study come from."""
+    """What the results of a study were made with."""
 
     command: str
-    seconds: float  # of all its sessions
-    time_limit: float  # s of one run's stepping
-    repeats: int | None = None  # rounds whose medians count
-    jobs: int | None = None  # worker processes
+    seconds: float  # total time of all its sessions
+    time_limit: float  # s of stepping of one run
+    repeats: int | None = None  # number of rounds, of which the medians are taken
+    jobs: int | None = None  # number of worker processes
 
 
 class StudyDocument(Part, frozen=True, kw_only=True):
-    """The JSON file of a study: all that its page shows."""
+    """The content of a study's JSON file. The page shows nothing else."""
 
     study: str
     meta: StudyMeta
 
 
 def check(out: Path, study: str) -> None:
-    """Raise `ArgumentError` unless the folder is new, empty, or holds an earlier run of this study; create it.
+    """Create the folder. Raises `ArgumentError` unless it is new, empty, or holds an earlier run of this study.
 
     Parameters
     ----------
     out : the folder
-    study : name of the study, which is that of its files
+    study : name of the study and of its files
     """
     try:
         if out.is_dir() and not (out / f"{study}.json").is_file() and any(
@@ -57,13 +57,13 @@ def check(out: Path, study: str) -> None:
 
 @contextlib.contextmanager
 def journal(out: Path, study: str, state: str, types: Mapping[str, type]) -> Iterator[Journal]:
-    """The journal of a study under way; one that a kill left is gone on with where its state was the same.
+    """The journal of a running study. If a killed study left a journal with the same state, it is continued.
 
     Parameters
     ----------
     out, study : as in `check`
-    state : digest of all that results depend on; what another state left is removed
-    types : as of `Journal`
+    state : digest of all that results depend on; journals with another state are removed
+    types : as in `Journal`
     """
     from crosscheck.jobs.journal import Journal
 
@@ -80,9 +80,9 @@ def journal(out: Path, study: str, state: str, types: Mapping[str, type]) -> Ite
 
 
 def write(out: Path, document: StudyDocument, rows: Sequence[object]) -> None:
-    """Write <study>.json, <study>.csv of its rows and index.html with what it needs beside it.
+    """Write <study>.json, <study>.csv with the rows, and index.html with the files that it needs.
 
-    Numbers that are not finite become null, and empty cells; lists of a row are left out of the CSV file.
+    Numbers that are not finite become null in JSON and empty in CSV. Lists in a row are left out of the CSV file.
     """
     from crosscheck.report.standalone import write_page
 

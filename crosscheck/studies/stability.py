@@ -1,6 +1,6 @@
-"""The stability map: the largest usable step of every way, scene by scene.
+"""The stability map: the largest usable step of every engine and method on every scene.
 
-Every way is searched in a worker process (`crosscheck.studies.bisection`) and kept in a journal as it ends.
+Every search (`crosscheck.studies.bisection`) runs in a worker process, and its result is written to a journal.
 """
 
 from __future__ import annotations
@@ -24,50 +24,52 @@ from crosscheck.studies.study import Ask, Progress, Work
 
 TAG = "hard"
 ALSO = ("single_pendulum", "double_pendulum", "heavy_top")
-"""What the hard scenes are compared with: everyday ones."""
+"""Ordinary scenes, for comparison with the hard ones."""
 
 OWN = "lieeuler"
 
 ADDED = ("pinocchio",)
-"""Engines without an integrator: their methods are steppers of this package over the engine's dynamics."""
+"""Engines without integrators of their own. Their methods are steppers of this package that use the engine's dynamics.
+"""
 
 WAYS = 60
-"""A way may take this many times the limit of one run; its search makes some forty runs, most of them short."""
+"""Time limit of one search, in time limits of one run. A search makes about forty runs, most of them short."""
 
 PATIENCE = 900.0
-"""s that a way may take in any case: on a crowded machine, loading an engine alone takes a minute."""
+"""Shortest time limit (s) of one search. On a busy machine, loading an engine alone takes a minute."""
 
 TRUTH_LIMIT = 1800.0
-"""s that the truth of one scene may take; that of stiff_damped takes a hundred on a machine that is free."""
+"""Time limit (s) for the truth of one scene. That of stiff_damped takes about 100 s on an idle machine."""
 
 MEMORY = 4.0 * GIGABYTE
 
 SHADES = (0.95, 0.5, 0.1, 0.01)
-"""Shares of the largest step of a scene that bound the shades of the map, the first of which is as good as the best."""
+"""Bounds of the shades of the map, as shares of the largest step on the scene. The first shade is as good as the best.
+"""
 
 TYPES = {"truth": dict[str, str], "way": Row}
 
 
 class Best(Part, frozen=True, kw_only=True):
-    """The largest usable steps (s) on a scene, and which way has each; ratios are in-house over the others."""
+    """The largest usable steps (s) on a scene, with engine and method."""
 
     scene: str
-    own: str
+    own: str  # in-house
     own_h_max: float | None
-    stock: str  # of engines with integrators of their own
+    stock: str  # among other engines with their own integrators
     stock_h_max: float | None
-    ratio: float | None
-    any: str  # of all others, also those with steppers of this package
+    ratio: float | None  # own_h_max / stock_h_max
+    any: str  # among all other engines
     any_h_max: float | None
-    ratio_any: float | None
+    ratio_any: float | None  # own_h_max / any_h_max
 
 
 class Cell(Part, frozen=True, kw_only=True):
-    """A way on a scene, as the map shows it; no outcome where it was not measured."""
+    """A cell of the map: an engine and method on a scene. `outcome` is "" if it was not measured."""
 
     scene: str
     h_max: float | None = None  # s
-    shade: int | None = None  # from 0, the scene's largest step, to `SHADES`
+    shade: int | None = None  # from 0 (as good as the scene's largest step) to len(SHADES)
     common_error: float | None = None
     outcome: str = ""
     reason: str = ""
@@ -84,8 +86,8 @@ class MapLine(Part, frozen=True):
 class StabilityDocument(StudyDocument, frozen=True, kw_only=True):
     """stability.json."""
 
-    usable: float  # share of the motion, or rad
-    common: int  # the common step is the scene's own time over this
+    usable: float  # see `bisection.USABLE`
+    common: int  # see `bisection.COMMON`
     scenes: list[Best]
     map: list[MapLine]
     rows: list[Row]
@@ -93,25 +95,25 @@ class StabilityDocument(StudyDocument, frozen=True, kw_only=True):
 
 @dataclasses.dataclass(frozen=True)
 class StabilityAsk(Ask):
-    """Also the number of worker processes. All scenes: the hard ones and `ALSO`."""
+    """Also the number of worker processes. The default scenes are the hard ones and `ALSO`."""
 
     time_limit: float = 2.0  # s of one run
     jobs: int = 2
-    step: float | None = None  # s, the common one; None: one that suits each scene
+    step: float | None = None  # s, the common step; None: one that suits each scene
     duration: float | None = None  # s; None: the scene's
 
 
 class Stability:
-    """The largest usable steps. A study that was killed goes on where it was."""
+    """How large can steps be? A killed study continues from its journal."""
 
     name = "stability"
 
     def scenes(self) -> tuple[str, ...]:
-        """Everyday scenes, then the hard ones."""
+        """Ordinary scenes, then the hard ones."""
         return (*ALSO, *hard_scenes())
 
     def measure(self, work: Work[StabilityAsk, Row]) -> None:
-        """In worker processes, kept as each way ends."""
+        """Measure in worker processes."""
         from crosscheck.scene.file import load_scene
 
         ask = work.ask
@@ -133,18 +135,18 @@ class Stability:
             _search_all(ways, ask, journal, kept, work.progress)
 
     def document(self, ask: StabilityAsk, meta: StudyMeta, results: list[Row]) -> StabilityDocument:
-        """The map, the largest steps of each scene, and every run."""
+        """The document with the map, the largest steps on each scene, and every run."""
         return StabilityDocument(study=self.name, meta=msgspec.structs.replace(meta, jobs=ask.jobs), usable=USABLE,
                                  common=COMMON, scenes=summary(results), map=shaded(results), rows=results)
 
     def rows(self, document: StabilityDocument) -> list[Row]:
-        """A line a way."""
+        """One line per search."""
         return document.rows
 
 
 def _search_all(ways: list[Task], ask: StabilityAsk, journal: Journal, keep: Callable[[int, Row], None],
                 progress: Progress) -> None:
-    """Hand the row of every way to `keep`, from the journal where it is there."""
+    """Give the row of every way to `keep`. Rows in the journal are not computed again."""
     untrue = _without_truth(list({way.scene: way for way in ways}.values()), ask.jobs, journal, progress)
     open_ways = []
     for index, way in enumerate(ways):
@@ -158,7 +160,7 @@ def _search_all(ways: list[Task], ask: StabilityAsk, journal: Journal, keep: Cal
 
     def done(place: int, row: Any) -> None:
         way = ways[open_ways[place]]
-        if isinstance(row, Crash):  # not into the journal: what a crowded machine stopped may end the next time
+        if isinstance(row, Crash):  # not written to the journal, because the cause may have been a busy machine
             keep(open_ways[place], _failed(way, row.message))
         else:
             keep(open_ways[place], journal.put("way", way.key, row))
@@ -174,7 +176,10 @@ def _failed(way: Task, reason: str) -> Row:
 
 
 def _without_truth(ways: list[Task], jobs: int, journal: Journal, progress: Progress) -> dict[str, str]:
-    """Why some scenes have no truth, of a way for each. That of the others is in the cache then, and costs no time."""
+    """Compute the truth of every scene, so that it is in the cache. Returns the scenes without truth, and why.
+
+    `ways` has one way per scene.
+    """
     kept = {way.scene: journal.get("truth", way.scene) for way in ways}
     missing = [scene for scene, entry in kept.items() if entry is None]
 
@@ -190,7 +195,7 @@ def _without_truth(ways: list[Task], jobs: int, journal: Journal, progress: Prog
 
 
 def prepare(way: Task) -> None:
-    """Put the truth of a way's scene into the cache; raises what `crosscheck.truth` raises."""
+    """Put the truth of a way's scene into the cache. Raises the errors of `crosscheck.truth`."""
     from crosscheck.references import truth
 
     truth(way.scene_asked())
@@ -204,7 +209,7 @@ def hard_scenes() -> tuple[str, ...]:
 
 
 def fixed_step_methods(engine: str) -> tuple[str, ...]:
-    """Methods that take a step and do not change it."""
+    """The methods of an engine that have a fixed step."""
     adapter = all_engines.get(engine)
     fixed = getattr(adapter, "fixed_step_methods", None)
     if fixed is not None:
@@ -213,7 +218,7 @@ def fixed_step_methods(engine: str) -> tuple[str, ...]:
 
 
 def summary(rows: Sequence[Row]) -> list[Best]:
-    """Per scene the largest usable step in-house, among engines with integrators of their own, and among all others."""
+    """For every scene, the largest steps in-house, among engines with their own integrators, and among all others."""
     found = []
     for scene in dict.fromkeys(row.scene for row in rows):
         usable = [(row.h_max, row) for row in rows if row.scene == scene and row.h_max is not None]
@@ -234,7 +239,7 @@ def summary(rows: Sequence[Row]) -> list[Best]:
 
 
 def shaded(rows: Sequence[Row]) -> list[MapLine]:
-    """The map: for every engine and method a cell per scene."""
+    """The map: one line per engine and method, with one cell per scene."""
     scenes = list(dict.fromkeys(row.scene for row in rows))
     largest = {scene: max((row.h_max for row in rows if row.scene == scene and row.h_max), default=0.0)
                for scene in scenes}

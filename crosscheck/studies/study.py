@@ -1,6 +1,6 @@
-"""What all studies share: what is asked for, the shape of a study, and how one is conducted.
+"""The common part of all studies: the request, the interface of a study, and the function that conducts one.
 
-A study is a file with a class of this shape, and the template of its page.
+A study is a file with a class that has the interface `Study`, and a template for its page.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from crosscheck.studies import results_folder
 from crosscheck.studies.results_folder import StudyDocument, StudyMeta
 
 Progress = Callable[[int, int | None, str], Any]
-"""Called with the number of pieces done, that of all or None, and what is at work."""
+"""Called with the number of finished pieces of work, the number of all or None, and the name of the current one."""
 
 SHARE = 0.1
-"""Of the time of a study that may go into writing its folder on the way."""
+"""Largest share of a study's time for writing its folder before the end."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Ask:
-    """What to measure, None for the study's own choice. `time_limit` is in s of one run's stepping."""
+    """What to measure. None means the default of the study. `time_limit` (s) is for the stepping of one run."""
 
     scenes: tuple[str, ...] | None = None
     engines: tuple[str, ...] | None = None
@@ -37,7 +37,7 @@ class Ask:
     coordinate_map: str | None = dataclasses.field(default=None, kw_only=True)  # of engines that have this option
 
     def command(self, study: str) -> str:
-        """The shell command that asks for this; what has its default is left out."""
+        """The shell command with these options. Options with their default values are left out."""
         words = ["crosscheck", "study", study, *(self.scenes or ())]
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
@@ -60,10 +60,10 @@ Doc = TypeVar("Doc", bound=StudyDocument)
 
 @dataclasses.dataclass(frozen=True)
 class Work(Generic[Asked, Result]):
-    """A study under way: what to measure, and whom to tell.
+    """A running study: what to measure, and functions to call while measuring.
 
-    `keep` takes all results so far, after every piece of work; its second value is the time (s) of all sessions, where
-    a study has several.
+    `keep` is called with all results so far after every piece of work. Its second argument is the total time (s) of
+    all sessions, or None for a study that has only one.
     """
 
     ask: Asked
@@ -78,25 +78,25 @@ class Study(Protocol[Asked, Result, Doc]):
     """One question, answered by many runs."""
 
     name: str
-    """Of its files and of the template of its page."""
+    """The name of its files and of the template of its page."""
 
     def scenes(self) -> tuple[str, ...]:
-        """Those of a study that names none."""
+        """The default scenes."""
 
     def measure(self, work: Work[Asked, Result]) -> None:
-        """Measure all; a failed run is a result."""
+        """Measure everything. A failed run is a result, too."""
 
     def document(self, ask: Asked, meta: StudyMeta, results: list[Result]) -> Doc:
-        """What the page shows, from the results so far."""
+        """The content of the page from the results so far."""
 
     def rows(self, document: Doc) -> Sequence[object]:
-        """The lines of the CSV file: structs or dataclasses. Their lists are in the JSON file only."""
+        """The lines of the CSV file: structs or dataclasses. Lists in them are only in the JSON file."""
 
 
 def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: Progress) -> Doc:
-    """Measure, write the folder on the way and at the end, also where the study is interrupted; return the document.
+    """Conduct a study and return its document. The folder is written now and then, and at the end or an interrupt.
 
-    Raises `ArgumentError` for wrong names or a folder that must not be replaced.
+    Raises `ArgumentError` for wrong names, or a folder that must not be replaced.
     """
     from crosscheck import adapters
     from crosscheck.running import provenance, versions
@@ -136,7 +136,7 @@ def conduct(study: Study[Asked, Result, Doc], ask: Asked, out: Path, progress: P
 
 
 def check_names(engines: Sequence[str], methods: Sequence[str] | None) -> None:
-    """Raise `ArgumentError` for an engine whose times compare with no other, or a method that none of them has."""
+    """Raise `ArgumentError` for an engine in its own environment, or a method that none of the engines has."""
     from crosscheck.adapters import has_own_environment
     from crosscheck.adapters import methods as methods_of
     from crosscheck.errors import unknown

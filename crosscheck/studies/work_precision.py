@@ -1,7 +1,7 @@
-"""Work against precision: what every way to integrate a scene pays for its error.
+"""Work against precision: the cost of every way to integrate a scene, and the error that it gives.
 
-A way is an engine, a method and a form. Each walks down a ladder of steps or tolerances; the errors come from a first
-pass with samples, the times from rounds in which all rungs of all ways take turns, with two samples and no monitor.
+A way is an engine, a method and a form. Each has a ladder of steps or tolerances. A first pass with samples gives the
+errors. The times come from rounds in which all rungs of all ways take turns, with two samples and no monitor.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ from crosscheck.verification.speed import spread, undisturbed
 
 FRONTIERS = {"end position": ("end_position", "m"), "end attitude": ("end_attitude", "rad"),
              "largest position": ("max_position", "m"), "largest attitude": ("max_attitude", "rad")}
-"""Errors by which a frontier is drawn: column of a rung, and unit."""
+"""Errors for which a frontier is drawn: field of a rung, and unit."""
 
 GOOD, LEAST_GAIN = 1e-9, 1.3
-"""Below the error `GOOD`, two finer rungs in a row that gain less than this factor end a ladder: round-off rules."""
+"""Below the error GOOD, a ladder ends after two rungs in a row that do not improve by this factor: it is round-off."""
 
 MOST_TRIES, PATIENCE = 6, 0.1
-"""A turn is the fastest of so many tries at most, in about so many seconds: the first finds the caches full of another
-engine's data, which for runs of 50 us doubles the time."""
+"""A turn takes the fastest of at most MOST_TRIES runs, in about PATIENCE seconds. In the first run the caches hold
+another engine's data, which doubles the time of runs of 50 us."""
 
 
 def measure(scene: Scene, chosen: Sequence[Way], truth: Reference, repeats: int, time_limit: float,
             progress: Progress, keep: Callable[[list[Rung]], None], bound: bool = True) -> list[Rung]:
-    """All rungs of all ways, then their times in interleaved rounds.
+    """Measure the errors of all rungs of all ways, then their times in interleaved rounds.
 
     Parameters
     ----------
     truth : with `INTERVALS` intervals over the scene
-    repeats : rounds; the medians count
-    time_limit : s of stepping; a rung that would take longer is left out, with a row that says so
-    keep : called with all rungs after each round, so that a kill loses no more than one
-    bound : also the Taylor series of heyoka
+    repeats : number of rounds, of which the medians are taken
+    time_limit : s of stepping; a rung that would take longer is skipped, and its row says so
+    keep : called with all rungs after each round
+    bound : whether to measure the Taylor series of heyoka, too
     """
     rungs: list[Rung] = []
     runs: list[tuple[Rung, Callable[[], float], list[tuple[float, float]]]] = []
@@ -78,15 +78,15 @@ def measure(scene: Scene, chosen: Sequence[Way], truth: Reference, repeats: int,
 
 
 def _walk(scene: Scene, way: Way, truth: Reference, time_limit: float) -> list[Rung]:
-    """Down the ladder of a way, errors only, until round-off rules or the next rung would take too long."""
+    """Errors of the rungs of a way from coarse to fine, until round-off dominates or a rung would take too long."""
     rungs: list[Rung] = []
-    last, pace = None, 0.0  # the last rung that ran, and what it says about the next: s per step, or s of a run
-    best, stale = math.inf, 0  # least error, and the rungs in a row without gain
+    last, pace = None, 0.0  # the last successful rung, and its prediction for the next: s per step, or s of the run
+    best, stale = math.inf, 0  # smallest error, and number of rungs in a row without improvement
     for count, value in ladder(scene, way):
         rung = Rung.of(scene, way, value)
         rungs.append(rung)
         if last and pace * (count or 1) > time_limit:
-            # one busy moment of the machine must not end a ladder; should it fail now, so will the timed rounds
+            # Time it again, because the machine may have been busy. If this run fails, the timed rounds will report it.
             with contextlib.suppress(Exception):
                 pace = min(pace, undisturbed(_timer(scene, last), MOST_TRIES, PATIENCE)[0] * _share(last))
             if pace * (count or 1) > time_limit:
@@ -107,19 +107,19 @@ def _walk(scene: Scene, way: Way, truth: Reference, time_limit: float) -> list[R
 
 
 def _share(rung: Rung) -> float:
-    """What a rung's seconds are to be multiplied with for those of a step, or for those of the next tolerance."""
+    """The factor from a rung's time to the time of one step, or to that of a run at the next tolerance."""
     return GROWTH if rung.step is None else 1.0 / (rung.steps or 1)
 
 
 MOST_FAILING = 1000.0
-"""A ladder whose rungs still fail at so many steps per natural time of the scene ends."""
+"""A ladder ends if a rung fails that has more than this number of steps per natural time of the scene."""
 
 GROWTH = 1.5
-"""An adaptive run at a tenth of the tolerance takes about this much longer at least, by the order of the methods."""
+"""An adaptive run at a tenth of the tolerance takes at least about this many times as long."""
 
 
 def _explore(scene: Scene, rung: Rung, count: int | None, truth: Reference) -> float:
-    """Fill in the errors of a rung; returns the seconds of its stepping. A failure is written into the rung."""
+    """Run a rung, fill in its errors or its failure, and return its stepping time (s)."""
     intervals = INTERVALS if count is None else min(INTERVALS, count & -count)
     try:
         traj = _run(scene, rung, intervals + 1)
@@ -139,7 +139,7 @@ def _run(scene: Scene, rung: Rung, samples: int) -> Any:
 
 
 def _timer(scene: Scene, rung: Rung) -> Callable[[], float]:
-    """A function that runs the rung with two samples, notes its counters and returns its stepping time, s."""
+    """A function that runs the rung with two samples, sets its counters and returns its stepping time (s)."""
 
     def once() -> float:
         traj = _run(scene, rung, 2)
@@ -152,10 +152,10 @@ def _timer(scene: Scene, rung: Rung) -> Callable[[], float]:
 
 
 def _take(rung: Rung, once: Callable[[], float], times: list[tuple[float, float]]) -> None:
-    """One turn of a rung, beside its seconds of stepping and of set-up in the turns before."""
+    """Time a rung once. `times` has (stepping, set-up) in s of its earlier turns; the rung gets the medians."""
     try:
         times.append(undisturbed(once, MOST_TRIES, PATIENCE))
-    except Exception as error:  # it ran in the first pass, and now does not: that is a finding, too
+    except Exception as error:  # it ran in the first pass, but fails now
         rung.status, rung.reason = "error", f"when timed: {said(error)}"
         return
     walls = [wall for wall, _ in times]
@@ -167,7 +167,7 @@ def _take(rung: Rung, once: Callable[[], float], times: list[tuple[float, float]
 
 @dataclasses.dataclass(frozen=True)
 class WorkPrecisionAsk(Ask):
-    """Also how many rounds, and whether heyoka shows what is possible."""
+    """Also the number of rounds, and whether heyoka is measured as a bound."""
 
     repeats: int = 5
     bound: bool = True
@@ -175,7 +175,7 @@ class WorkPrecisionAsk(Ask):
 
 
 class Known(Part, frozen=True, kw_only=True):
-    """The truth of a scene, and how far it is known."""
+    """The source of a scene's truth, and its accuracy."""
 
     source: str
     disagreement: float
@@ -183,7 +183,7 @@ class Known(Part, frozen=True, kw_only=True):
 
 
 class SceneLadders(Part, frozen=True, kw_only=True):
-    """What is known of one scene: its truth or why there is none, all rungs, and by each error the frontier."""
+    """The results of one scene: its truth or why there is none, all rungs, and a frontier for each kind of error."""
 
     name: str
     description: str
@@ -201,7 +201,7 @@ class WorkPrecisionDocument(StudyDocument, frozen=True, kw_only=True):
 
 
 class WorkPrecision:
-    """What every engine, form and method pays for its error."""
+    """What does an error cost with every engine, form and method?"""
 
     name = "work-precision"
 
@@ -210,7 +210,7 @@ class WorkPrecision:
         return "single_pendulum", "double_pendulum", "heavy_top"
 
     def measure(self, work: Work[WorkPrecisionAsk, SceneLadders]) -> None:
-        """Scene after scene, for only runs that take turns compare in time; kept after every round."""
+        """Measure scene by scene. Runs of one scene take turns, so that their times can be compared."""
         ask = work.ask
         results: list[SceneLadders] = []
         for scene in (each.replace(duration=ask.duration or each.duration) for each in work.scenes):

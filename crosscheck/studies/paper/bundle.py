@@ -1,4 +1,4 @@
-"""The folder: figures, tables as CSV and LaTeX, states, a document that holds them, bibliography and provenance."""
+"""Write the folder: figures, tables as CSV and LaTeX, states, a LaTeX document with them, bibliography, provenance."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from crosscheck.studies.paper.figures import tex
 from crosscheck.studies.paper.runs import Line, Request, Shown, measure
 
 MARK = "paper.json"
-"""The file that says that a folder is ours to replace."""
+"""The file that shows that a folder was written by this study, so that it may be replaced."""
 
 COLUMNS = {"energy_by_start": r"$\frac{|E - E_0|}{|E_0|}$", "energy_by_kinetic": r"$\frac{|E - E_0|}{\max T}$",
            "position": r"$|\Phi|$ (m)", "velocity": r"$|G u|$ (m/s)", "acceleration": r"$|G a + \gamma|$ (m/s$^2$)",
            "orthogonality": r"$|R^T R - I|$", "unpolished": r"without polish"}
-"""Columns of the table of errors, by field of `Line`."""
+"""Columns of the table of errors by field of `Line`."""
 TRUTH = {"error": r"$|x - x_{\mathrm{ref}}|$ (m)", "order": "order"}
 
 BIBLIOGRAPHY = """@article{lie_stabilized_2019,
@@ -69,12 +69,12 @@ PREAMBLE = r"""\documentclass[a4paper]{article}
 
 def write(scenes: Sequence[Scene], out: Path, request: Request, formats: Sequence[str],
           progress: Callable[[str], None]) -> Path:
-    """Measure and write all; returns the LaTeX document.
+    """Measure and write everything. Returns the path of the LaTeX document.
 
     Raises
     ------
     ArgumentError
-        The folder holds something else or cannot be written.
+        The folder holds other files or cannot be written.
     """
     results_folder.check(out, "paper")
     put(out / MARK, "{}\n")
@@ -104,7 +104,7 @@ def write(scenes: Sequence[Scene], out: Path, request: Request, formats: Sequenc
 
 
 def _table(shown: Shown) -> str:
-    """Tables 1 and 2 of P1, one line for a method and map."""
+    """Tables 1 and 2 of [P1], with one line per method and map."""
     several = len({line.coordinate_map for line in shown.lines}) > 1
     columns = COLUMNS | (TRUTH if any(line.error is not None for line in shown.lines) else {})
     head = ["method", *(["map"] if several else []), *columns.values()]
@@ -130,7 +130,7 @@ def _number(value: float | None, plain: bool) -> str:
 
 
 def _write_data(shown: Shown, folder: Path) -> None:
-    """States, energies and levels at the output times, a file for each method; full precision."""
+    """Write states, energies and levels at the output times in full precision, one file per method."""
     for method, traj in shown.runs.items():
         columns: dict[str, np.ndarray] = {"t [s]": traj.t}
         for b, body in enumerate(shown.scene.bodies):

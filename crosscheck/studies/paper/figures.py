@@ -1,7 +1,7 @@
 """The papers' figures, drawn by matplotlib as vector graphics.
 
-Curves that coincide stay visible: of several methods the first is drawn widest and the last thinnest, on top of it, and
-each has its markers where no other method has one.
+Coinciding curves stay visible: the first method has the widest line, the last and topmost the thinnest, and their
+markers are at different places.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
 
 FORMATS = ("pdf", "svg")
 COLOURS = ("#a6cee3", "#fdbf6f", "#b2df8a", "#1f4e9c", "#d55e00", "#7b3f9d", "#e7298a", "#000000")
-"""Light below, dark on top, told apart with and without colour."""
+"""Light colours for the lower curves and dark ones for the upper, distinct also without colour."""
 WIDEST, THINNEST = 3.6, 0.7
 """Line widths, pt."""
 MARKS = 5
-"""Markers on a curve."""
+"""Number of markers on a curve."""
 MARGIN = 0.1
-"""Around a figure, inches."""
+"""Margin around a figure, inches."""
 PEAKS = 50
-"""Parts of a run of which the largest value is drawn where values are noise: every one would hide the others."""
+"""Noisy values are drawn as the largest one in each of this many parts of the run, so that curves stay visible."""
 SMALLEST = 1e-18
-"""Where an exact zero is drawn on a logarithmic axis."""
+"""The value at which an exact zero is drawn on a logarithmic axis."""
 MOST_BODIES = 4
-"""Bodies whose rotation matrices are shown; of more, the first and the last."""
+"""Up to this number of bodies, the rotation matrices of all are shown; else those of the first and the last."""
 LEVELS = (("position", "m", r"position, $|\Phi|$ (m)"), ("velocity", "m/s", r"velocity, $|G u|$ (m/s)"),
           ("acceleration", "m/s^2", r"acceleration, $|G a + \gamma|$ (m/s$^2$)"))
 STYLE: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "crosscheck", "pdf.fonttype": 42, "font.size": 8,
@@ -44,7 +44,7 @@ STYLE: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "crosscheck", "
 
 @dataclasses.dataclass(frozen=True)
 class Drawing:
-    """A figure, the end of its file's name, and its caption in LaTeX."""
+    """A figure, the last part of its file name, and its caption in LaTeX."""
 
     name: str
     figure: Figure
@@ -52,7 +52,7 @@ class Drawing:
 
 
 def write(shown: Shown, method: str, folder: Path, formats: Sequence[str]) -> list[tuple[str, str]]:
-    """Write every figure of a scene; returns (stem of the file, caption) of each."""
+    """Write all figures of a scene. Returns (stem of the file name, caption) of each."""
     import matplotlib
 
     written = []
@@ -60,7 +60,7 @@ def write(shown: Shown, method: str, folder: Path, formats: Sequence[str]) -> li
         for drawing in drawings(shown, method):
             stem = f"{shown.scene.name}-{drawing.name}"
             drawing.figure.draw_without_rendering()
-            drawing.figure.set_layout_engine("none")  # laid out once for every format
+            drawing.figure.set_layout_engine("none")  # keep one layout for all formats
             box = drawing.figure.get_tightbbox().padded(MARGIN)
             for kind in formats:
                 drawing.figure.savefig(folder / f"{stem}.{kind}", format=kind, bbox_inches=box,
@@ -70,7 +70,7 @@ def write(shown: Shown, method: str, folder: Path, formats: Sequence[str]) -> li
 
 
 def drawings(shown: Shown, method: str) -> Iterator[Drawing]:
-    """All figures of a scene; `method` is the one that single-method figures show, the first where it has no run."""
+    """All figures of a scene. Figures of one method show `method`, or the first one if `method` has no run."""
     if not shown.runs:
         return
     method = method if method in shown.runs else next(iter(shown.runs))
@@ -85,7 +85,7 @@ def drawings(shown: Shown, method: str) -> Iterator[Drawing]:
 
 
 def _many(shown: Shown, points: int | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Every method with its style, for so many points; None: all samples."""
+    """Every method with the style of its curve. `points` is the number of points; None: all samples."""
     widths = np.geomspace(WIDEST, THINNEST, max(2, len(shown.runs)))
     for index, method in enumerate(shown.runs):
         apart = max(1, (points or len(shown.runs[method].t)) // MARKS)
@@ -103,9 +103,7 @@ def _sheet(width: float, height: float, rows: int = 1, columns: int = 1, **optio
 
 
 def _legend(figure: Figure, axes: Axes, columns: int) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
-
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
 
 
 def _path(shown: Shown, method: str) -> Drawing:
@@ -188,7 +186,7 @@ def _levels(shown: Shown) -> Drawing:
 
 
 def _peaks(t: np.ndarray, values: np.ndarray) -> tuple[list[float], list[float]]:
-    """Times (s) and largest values of so many parts of a run as `PEAKS` says."""
+    """Mean time (s) and largest value of each of `PEAKS` parts of a run."""
     parts = np.array_split(np.arange(len(t)), min(PEAKS, len(t)))
     return [float(t[part].mean()) for part in parts], [max(float(values[part].max()), SMALLEST) for part in parts]
 

@@ -1,4 +1,4 @@
-"""The runs behind the figures and tables: every method with every map over one scene, and how far it got."""
+"""The runs for figures and tables: every method with every coordinate map on one scene."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
 
 SAMPLES = 1001
-"""Output times at most: smooth curves in print, and files that are still read with pleasure."""
+"""Most output times: enough for smooth curves in print."""
 
 SHARE = 1 / 300
-"""The default step as a share of the time in which a scene falls or turns by about a radian."""
+"""The default step as a share of the time in which the scene falls or turns by about a radian."""
 
 ORDER_STEPS = (1.0, 0.5, 0.25)
-"""Steps of the observed order, as multiples of `suitable_step`."""
+"""Steps for the observed order, as multiples of `suitable_step`."""
 
 ORDER_WINDOW = 3.0
-"""Duration over which the order is observed, in times of the scene: before small differences have grown."""
+"""Duration of the runs for the observed order, in natural times of the scene; short, so that errors stay small."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """What to show. `step` and `duration` are in s, None for a step that suits the scene and the scene's duration."""
+    """What to show. `step` and `duration` are in s. None: a suitable step, and the duration of the scene."""
 
     methods: tuple[str, ...] = EULER
     maps: tuple[str, ...] = ("exp",)
@@ -44,14 +44,14 @@ class Request:
 class Line:
     """One run as a line of the tables: largest values over every step, SI units.
 
-    `energy_by_start` divides by |E(0)|, as we read the "relative errors of the total energy" of [P1], whose formula is
-    lost, and `energy_by_kinetic` by the largest kinetic energy, as verdicts here do. The first depends on where the
-    potential is called zero, the second does not.
+    `energy_by_start` is the error over |E(0)|, our reading of the "relative errors of the total energy" in [P1], whose
+    formula is lost. `energy_by_kinetic` is the error over the largest kinetic energy, as in verdicts. The first
+    depends on where the potential energy is zero; the second does not.
     """
 
     method: str
     coordinate_map: str
-    ended: str  # "" where the run reached its end, otherwise what ended it, with the time
+    ended: str  # "" if the run reached its end; else what ended it, and when
     energy_by_start: float | None = None
     energy_by_kinetic: float | None = None
     position: float | None = None
@@ -60,23 +60,23 @@ class Line:
     orthogonality: float | None = None
     unpolished: float | None = None  # orthogonality of the group update alone
     error: float | None = None  # m, the largest over bodies at the end, against truth
-    order: float | None = None  # observed in that error
+    order: float | None = None  # the observed order of that error
 
 
 @dataclasses.dataclass(frozen=True)
 class Shown:
-    """All runs over one scene."""
+    """All runs of one scene."""
 
     scene: Scene
     step: float  # s
     lines: tuple[Line, ...]
     runs: dict[str, Trajectory]  # of the first map, by method
     unpolished: dict[str, np.ndarray]  # orthogonality (T,) of the group update alone, by method
-    truth: str  # where the errors come from, or why there are none
+    truth: str  # sources of the truth, or why there is none
 
 
 def suitable_step(scene: Scene) -> float:
-    """The next smaller of 1, 2, 5 times a power of ten of a share of the scene's own time, s."""
+    """The largest step (s) of the form 1, 2 or 5 times a power of ten that is at most `SHARE` of the natural time."""
     wanted = SHARE * natural_time(scene)
     power = 10.0 ** math.floor(math.log10(wanted))
     return max(factor * power for factor in (1, 2, 5) if factor * power <= wanted)
@@ -108,7 +108,7 @@ def measure(scene: Scene, request: Request, progress: Callable[[str], None]) -> 
 
 
 def _truth(scene: Scene) -> tuple[np.ndarray | None, str]:
-    """Positions (n, 3) of the bodies at the end, and where they come from."""
+    """True positions (n, 3) of the bodies at the end and their sources, or None and why there is no truth."""
     from crosscheck.references import TruthError, truth
 
     try:
@@ -119,7 +119,7 @@ def _truth(scene: Scene) -> tuple[np.ndarray | None, str]:
 
 
 def _attempt(scene: Scene, method: str, coordinate_map: str, step: float, **options: bool) -> Trajectory | str:
-    """A run, or in a few words what ended it."""
+    """A run, or in a few words what ended it early."""
     from crosscheck.adapters.lieeuler import IntegrationError
 
     try:
@@ -146,7 +146,7 @@ def _error(traj: Trajectory, exact: np.ndarray) -> float:
 
 
 def _order(scene: Scene, method: str, coordinate_map: str) -> float | None:
-    """Slope of the error at the end of a brief run over the step, None without truth or where a run ends early."""
+    """The observed order of the end error of a brief run; None without truth, or if a run ends early."""
     brief = scene.replace(samples=2, duration=min(scene.duration, ORDER_WINDOW * natural_time(scene)))
     exact, _ = _truth(brief)
     runs = [_attempt(brief, method, coordinate_map, factor * suitable_step(scene)) for factor in ORDER_STEPS]
@@ -157,13 +157,12 @@ def _order(scene: Scene, method: str, coordinate_map: str) -> float | None:
 
 
 def ends(scene: Scene) -> dict[int, np.ndarray]:
-    """The end of each body on one joint and with none below it, in its axes: the point opposite the joint, seen from
-    the mass centre."""
+    """For each body that has one joint only: the point opposite the joint, from the mass centre, in body axes."""
     joined = Counter(body for joint in scene.joints for body in (joint.parent, joint.child))
     return {joint.child: -np.asarray(joint.child_anchor) for joint in scene.joints
             if joined[joint.child] == 1 and np.any(joint.child_anchor)}
 
 
 def chosen(names: Sequence[str] | None) -> tuple[str, ...]:
-    """The methods of a request; the eight without names."""
+    """The methods of a request. Without names: the eight Lie group Euler methods."""
     return tuple(dict.fromkeys(names)) if names else EULER

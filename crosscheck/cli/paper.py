@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import Annotated
 
@@ -38,6 +39,7 @@ def paper(
             if name not in allowed:
                 raise ArgumentError(unknown(option, name, allowed))
     scenes = [load_scene(name) for name in scene]
+    importlib.import_module("matplotlib")  # where it is not installed, all runs would be for nothing
     with progress_bar() as progress:
         document = bundle.write(scenes, out, Request(methods, maps, shown, step, duration), kinds,
                                 lambda what: progress(0, None, what))

@@ -119,7 +119,7 @@ class RollingDisk(RollingSphere):
 
 def _sine(cosine: np.ndarray) -> np.ndarray:
     """Of an angle that is not zero: a disk that lies flat has no lowest point; rounding may take its cosine past 1."""
-    return np.sqrt(np.maximum(1 - cosine**2, np.finfo(float).eps))
+    return np.asarray(np.sqrt(np.maximum(1 - cosine**2, np.finfo(float).eps)))
 
 
 CONTACTS = {"knife_edge": KnifeEdge, "rolling_disk": RollingDisk, "rolling_sphere": RollingSphere}

@@ -19,7 +19,9 @@ from crosscheck.adapters.common import stepping, tree
 from crosscheck.adapters.exudyn import kinematic_tree, models, solving
 from crosscheck.adapters.exudyn.solving import IMPLICIT, NEWTON_TOLERANCES, load, solve
 from crosscheck.errors import EngineError
-from crosscheck.scene.model import GROUND, Scene
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.mechanics import redundant_rows
+from crosscheck.scene.model import GROUND, Joint, Scene
 from crosscheck.scene.states import States
 
 __all__ = ["CLEARANCE", "IMPLICIT", "NEWTON_TOLERANCES", "ORDERS", "Exudyn", "cardan_order", "load"]
@@ -53,9 +55,12 @@ class Exudyn:
         return ORDERS[spec.method]
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
-        """All levels in joint coordinates; with constraints, the level of the method's index."""
+        """All levels in joint coordinates; with constraints, the level of the method's index. Rows of rolling disks are
+        of velocity, the height's too."""
         if not scene.joints or not self._constrained(scene, self.form(scene, spec)):
             return tree.LEVELS
+        if _rolling(scene):
+            return frozenset({"velocity"})
         return frozenset({"velocity" if spec.method == "TrapezoidalIndex2" else "position"})
 
     def form(self, scene: Scene, spec: RunSpec) -> str:
@@ -68,13 +73,15 @@ class Exudyn:
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Exudyn cannot run this, or None."""
-        if reason := scene.beyond(("joint_torque", "function")):
+        if reason := scene.beyond(("slip", "joint_torque", "function")):
             return reason
         if any(force.type == "torsional_spring" and force.functions for force in scene.forces):
             return "a rest angle that moves: Exudyn's springs between markers have constant ones"
         form = self.form(scene, spec)
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"
+        if reason := _unrolled(scene, form):
+            return reason
         if form == "pivot" and not _turns_about_ground(scene):
             return "form pivot is for one body on one spherical joint to the ground"
         if form == "tree" and not any(link.dofs for link in kinematic_tree.spanned(scene)[0]):
@@ -170,6 +177,22 @@ def _maxima(scene: Scene, model: models.Model, t: np.ndarray, data: list[np.ndar
 
 def _springs(scene: Scene) -> bool:
     return any(force.type == "linear_spring" for force in scene.forces)
+
+
+def _rolling(scene: Scene) -> list[Joint]:
+    return [joint for joint in scene.joints if JOINT_TYPES[joint.type].slips]
+
+
+def _unrolled(scene: Scene, form: str) -> str | None:
+    """Why Exudyn has no such rows of slip, or None."""
+    for joint in _rolling(scene):
+        if joint.type != "rolling_disk":
+            return f"joint {joint.name!r} is a {joint.type}: of what does not slip Exudyn has disks alone"
+        if form != "maximal":
+            return f"form {form} has no joints that roll; form maximal has disks"
+        if redundant_rows(scene):
+            return f"rows depend on others beside those of {joint.name!r}: this adapter picks no independent ones there"
+    return None
 
 
 def _turns_about_ground(scene: Scene) -> bool:

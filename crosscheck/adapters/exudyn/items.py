@@ -36,7 +36,12 @@ class Carrier:
 
 def add_joint(carrier: Carrier, joint: Joint, left_free: Collection[int] = ()) -> Any:
     """Add the joint as a constraint without the axes in `left_free`; returns the object's index."""
-    from exudyn.itemInterface import ObjectConnectorDistance, ObjectJointGeneric, ObjectJointSpherical
+    from exudyn.itemInterface import (
+        ObjectConnectorDistance,
+        ObjectJointGeneric,
+        ObjectJointRollingDisc,
+        ObjectJointSpherical,
+    )
 
     ends = (joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)
     if joint.type in ("spherical", "distance") and not left_free:
@@ -45,6 +50,11 @@ def add_joint(carrier: Carrier, joint: Joint, left_free: Collection[int] = ()) -
             return carrier.system.AddObject(ObjectJointSpherical(name=joint.name, markerNumbers=markers))
         return carrier.system.AddObject(ObjectConnectorDistance(name=joint.name, markerNumbers=markers,
                                                                 distance=joint.length))
+    if joint.type == "rolling_disk":
+        markers = [carrier.mark(*end, np.column_stack([*normal_references(axis), axis]))
+                   for end, axis in zip(ends, (joint.parent_axis, joint.child_axis), strict=True)]
+        return carrier.system.AddObject(ObjectJointRollingDisc(
+            name=joint.name, markerNumbers=markers, discRadius=joint.radius, discAxis=[0, 0, 1], planeNormal=[0, 0, 1]))
     markers = [carrier.mark(*end, frame) for end, frame in zip(ends, joint_frames(carrier.scene, joint), strict=True)]
     return carrier.system.AddObject(ObjectJointGeneric(
         name=joint.name, markerNumbers=markers,

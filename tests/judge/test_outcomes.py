@@ -43,6 +43,15 @@ def test_the_worst_status_makes_the_outcome(statuses, outcome):
     assert verdict.outcome_of([found("step", "ok"), found("energy", "unjudged")]) == "pass"
 
 
+@pytest.mark.parametrize("status", ["ok", "fail"])
+@pytest.mark.parametrize("kind", ["sub-steps", "rtol"])
+def test_what_only_guards_against_cheats_is_named_where_it_fails(kind, status):
+    """One step where one was asked for is at its bound, and tells a reader nothing."""
+    shown = verdict.worst([found("energy", "ok", 0.1), found(kind, status, 2.0), found("limit", "ok", 2.0)])
+    assert shown is not None
+    assert shown.kind == (kind if status == "fail" else "energy")
+
+
 def settled(findings, entry=None, monkeypatch=None, until=1.0, practical=False):
     if monkeypatch is not None:
         monkeypatch.setattr(known, "KNOWN", () if entry is None else (entry,))

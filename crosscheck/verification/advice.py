@@ -1,6 +1,6 @@
-"""Which method of an engine to take on a scene for an error, at which step, and what that costs; by runs against truth.
+"""Advice: the method and step of an engine that reach an error on a scene at the lowest cost, found by runs.
 
-`crosscheck.verification.walks` makes the runs, once for all errors.
+`crosscheck.verification.walks` makes the runs once for all errors and compares them with truth.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ LEVELS = tuple(10.0**-power for power in range(2, 12))
 def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) -> Advice:
     """The cheapest method of an engine whose error on a scene is at most `error`, with its largest step.
 
-    The first call for a scene and engine runs every method at many steps, for at most half a minute, and keeps what it
-    found; further calls, for any error, read that.
+    The first call for a scene and engine runs every method at many steps, for at most half a minute, and stores the
+    results. Later calls, for any error, read them.
 
     Parameters
     ----------
     scene : Scene, str or path
-        From `crosscheck.load_scene`, or what it takes.
+        A scene from `crosscheck.load_scene`, the name of a bundled scene, or the path of a scene file.
     engine : str
-        As `crosscheck.run` takes it.
+        As in `crosscheck.run`.
     error : float
-        m; the largest `|component of x - truth|` over all bodies and output times that is allowed.
+        The largest allowed `|component of x - truth|` over all bodies and output times, m.
 
     Raises
     ------
     ArgumentError, SceneError
-        As `crosscheck.run`.
+        As in `crosscheck.run`.
     Unsupported
         The engine cannot model the scene, or the scene has no truth.
     TruthError
@@ -63,7 +63,7 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) 
 
 
 def choose(found: Walk, wanted: float, scene: str) -> Advice:
-    """The advice for an error (m) from all runs of an engine; `scene` is its name or path for the command."""
+    """The advice for an error (m) from all runs of an engine. `scene` is the name or path for the command."""
     known = [step.error for step in found.steps if step.error is not None]
     reaching = found.reaching(wanted)
     advice = Advice(scene=found.scene, engine=found.engine, wanted=wanted, until=found.until,
@@ -79,9 +79,9 @@ def choose(found: Walk, wanted: float, scene: str) -> Advice:
 
 
 def breaks_at(found: Walk, best: Step) -> float | None:
-    """Step (s) or rtol of the finest run coarser than `best` that failed or is wrong by a tenth of the scene's size.
+    """Step (s) or rtol of the finest of the useless runs that are coarser than `best`.
 
-    None where none did: then the method still gives a meaningful answer at the coarsest step there is.
+    A run is useless if it failed or if its error exceeds a tenth of the scene's size. None if no run is useless.
     """
     broken = [step for step in found.of(best.method) if step.fineness < best.fineness
               and (step.error is None or step.error > USELESS * found.size)]
@@ -89,18 +89,18 @@ def breaks_at(found: Walk, best: Step) -> float | None:
 
 
 def of_scenes(scenes: Sequence[str], engines: Sequence[str]) -> list[Advice]:
-    """The advice for all `LEVELS` on the scenes (names or paths) and engines whose walks are on the disk."""
+    """The advice for all `LEVELS`, for those scenes (names or paths) and engines whose walks are on the disk."""
     from crosscheck.scene.file import load_scene
     from crosscheck.verification.walks import kept
 
-    # Engines of the user's own may crash as they load, and those in environments of their own are slow to ask.
+    # The user's own engines may crash when they are loaded, and engines in their own environments are slow to start.
     tame = [engine for engine in engines if not (adapters.is_own(engine) or adapters.has_own_environment(engine))]
     walked = [(name, kept(load_scene(name), engine)) for name in scenes for engine in tame]
     return [choose(walk, level, name) for name, walk in walked if walk is not None for level in LEVELS]
 
 
 def prepare(task: tuple[str, str]) -> str:
-    """Walk through the methods of an engine on a scene, unless that was done; why it cannot be, or nothing."""
+    """Make the walk of an engine on a scene unless it is on the disk. Returns why it cannot be made, or ""."""
     from crosscheck.scene.file import load_scene
     from crosscheck.verification.walks import walk
 

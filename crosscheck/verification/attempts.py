@@ -1,4 +1,4 @@
-"""One run for a study, which has to go on whatever the engine does."""
+"""One run for a study. A failure of the engine must not end the study."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class NoRun:
     """Why there is no trajectory, in one line."""
 
     reason: str
-    unsupported: bool = False  # the engine says that it cannot
-    unforeseen: bool = False  # an error of a class that no engine is meant to raise
+    unsupported: bool = False  # the engine does not support the run
+    unforeseen: bool = False  # an error that adapters should not raise
 
 
 def attempt(scene: Scene, engine: str, method: str, form: str | None, step: float | None, rtol: float | None,
@@ -31,5 +31,5 @@ def attempt(scene: Scene, engine: str, method: str, form: str | None, step: floa
     except EngineError as error:
         return NoRun(str(error).partition("\n")[0])
     except Exception as error:
-        # An adapter may meet anything inside a foreign engine; the record keeps it and the verdict fails.
+        # Whatever the engine raises is written to the record, and the verdict fails.
         return NoRun(f"{type(error).__name__}: {error}", unforeseen=True)

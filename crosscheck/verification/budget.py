@@ -1,8 +1,8 @@
-"""Plans that keep to a budget of steps, for scenes without a plan of their own.
+"""Plans within a budget of steps, for scenes that have no plan in `crosscheck.judge.plan`.
 
-The rule of `plan_from_truth` asks for a bound of a hundredth of the scene; that may take millions of steps of a
-first-order method. Within a budget the bound may be wider, as long as it says something, and where it would not
-the motion is judged over a shorter time.
+`plan_from_truth` chooses steps for a bound of a hundredth of the scene's size, which may take millions of steps of a
+first-order method. Within a budget the bound may be wider. If it would be too wide, the motion is judged over a shorter
+time.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from crosscheck.references.rates import fastest
 from crosscheck.scene.model import Scene
 
 WINDOWS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
-"""Lengths (s) of the judged beginning that are tried, the longest first."""
+"""Lengths (s) of the judged beginning. They are tried from the longest on."""
 
 WIDEST = 0.5
-"""A bound may reach this share of the scene's size; beyond the whole size it says nothing."""
+"""Largest bound as a share of the scene's size. A bound beyond the whole size would judge nothing."""
 
 EXTENTS: dict[str, tuple[float, float | None]] = {
     # The rope magnifies a perturbation thirtyfold in its first 0.05 s, and 0.2 s of truth for 64 bodies take over a
@@ -42,11 +42,10 @@ EXTENTS: dict[str, tuple[float, float | None]] = {
 
 
 def plan_within(scene: Scene, name: str, most_steps: int) -> Plan:
-    """The plan of a scene whose main runs take at most `most_steps` steps for one body, at any order; fewer for many.
+    """The plan of a scene whose main runs take at most `most_steps` / sqrt(bodies) steps, at any order.
 
-    The number falls with the root of the number of bodies: a compromise between engines, whose cost of a step grows
-    with the bodies, and the fixed cost around it. Computes
-    the truth of the window it chooses, or finds it in the cache. A scene with a plan of its own keeps it.
+    The root is a compromise: the cost of a step grows with the number of bodies, but a part of it is fixed. The truth
+    of the chosen window is computed or read from the cache. A scene in `PLANS` keeps its plan.
     """
     from crosscheck.references import truth
     from crosscheck.verification.task import windowed
@@ -62,7 +61,7 @@ def plan_within(scene: Scene, name: str, most_steps: int) -> Plan:
     longest = longest_step(scene)
     samples = max(26, 251 // max(1, scene.n // 2))
     affordable = most_steps / math.sqrt(scene.n)
-    # A stiff scene would be stepped through many times by every order study: its ladders end at an eighth of `longest`.
+    # Windows whose order studies would need too many steps are left out: ladders end at an eighth of `longest`.
     lengths = [length for length in WINDOWS if length <= first and 8 * length / longest <= affordable]
     for window in lengths or WINDOWS[-1:]:
         short = windowed(scene, window)
@@ -79,21 +78,21 @@ def plan_within(scene: Scene, name: str, most_steps: int) -> Plan:
 
 
 def longest_step(scene: Scene) -> float:
-    """One over the fastest decay or oscillation (1/s) of a scene with springs, at its start; s.
+    """The inverse (s) of the fastest rate of decay or oscillation of a scene with springs, at its start.
 
-    Much longer steps are unstable with every explicit method, and show the order of no other.
+    Explicit methods are unstable at much longer steps, and no method shows its order there.
     """
     rate = fastest(scene)
-    # Two digits: the step is written into commands.
+    # Two digits, because the step is written into commands.
     return float(f"{1.0 / rate:.1e}") if rate else math.inf
 
 
 def _ladder(order: int, step: float, interval: float, longest: float) -> tuple[float, ...]:
-    """Steps (s) of the order study, from that of the main run, none above `longest`; all have to fit between two output
-    times, `interval`.
+    """Steps (s) of the order study, from the step of the main run. None exceeds `longest` or `interval`, the time (s)
+    between two output times.
 
-    From order 4 on four times the step lies before the asymptotic range: pairs of steps of a Runge-Kutta method show
-    3.5 there, then 3.8 and 3.9. From order 6 on halves are too far apart: four of them end in rounding.
+    From order 4 on, four times the step is too coarse for the asymptotic range: a Runge-Kutta method shows 3.5 there,
+    then 3.8 and 3.9. From order 6 on, halving is too much: the fourth step would be in rounding.
     """
     if order < 4:
         return halved(min(4 * step, interval, longest))

@@ -42,7 +42,7 @@ ENDED = "a run has to reach its end"
 
 
 def run_cell(cell: Cell) -> Judged:
-    """Run and judge one cell. Whatever happens, a verdict comes back."""
+    """Run and judge one cell. A failing run gets a verdict, too."""
     from crosscheck.adapters.base import RunSpec
     from crosscheck.references import truth
     from crosscheck.scene.file import load_scene
@@ -77,7 +77,7 @@ def run_cell(cell: Cell) -> Judged:
         main = _main_run(run, scene, [traj, *more], reference, window, held, cell.plan.budgeted)
     if not cell.study:
         return settle(main.run, override(main.findings, cell.overrides), adapters.turning, main.message, main.until)
-    brief = windowed(load_scene(cell.scene), cell.plan.window)  # whole, also where the main run is shorter
+    brief = windowed(load_scene(cell.scene), cell.plan.window)  # the whole window, even if the main run is shorter
     study = order_study(cell, order, brief, truth(brief), main.findings, isinstance(traj, NoRun))
     measured = replace(main.run, orders=study.orders, ladder=study.ladder, ladder_cut=study.cut)
     if study.refused:
@@ -88,15 +88,15 @@ def run_cell(cell: Cell) -> Judged:
 
 
 FIRST = 1.0
-"""s at the beginning that a single run is judged by where no bound reaches over the whole of it."""
+"""A single run is judged over this time (s) from its start if no bound reaches over its whole length."""
 
 
 def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST,
               **options: Any) -> Judged:
-    """The verdict on one run, without an order study; where its step is too coarse for bounds, also by its energy.
+    """The verdict on one run without an order study. If its step is too coarse for bounds, its energy is judged, too.
 
-    Where no bound reaches over the whole of it, the `first` seconds are judged. `options` are those the engine was run
-    with: it runs at other steps, too.
+    If no bound reaches over the whole run, the `first` seconds are judged. `options` are those of the run: the engine
+    is run with them at other steps, too.
     """
     from crosscheck.references import TruthError, truth
 
@@ -121,7 +121,7 @@ def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], fi
 
 @dataclasses.dataclass(frozen=True)
 class _Main:
-    """A main run: its figures, what was judged of them, and up to when."""
+    """A main run: its measured values, the findings, and the end of the judged time."""
 
     run: Measured
     findings: list[Finding]
@@ -140,9 +140,10 @@ def _no_main_run(run: Run, scene: Scene, why: NoRun) -> _Main:
 
 
 def companions(run: Run, scene: Scene, traj: Trajectory, options: Mapping[str, Any]) -> list[Trajectory]:
-    """The same run at other steps, by which its error is extrapolated to vanishing ones: the coarser the cheaper.
+    """The same run at other steps, from which its error at vanishing steps is extrapolated. Coarser steps are cheaper.
 
-    First order takes two, for the states of such runs are so far apart that their defects differ by it.
+    For order 1 there are two such runs, because the states of first-order runs differ so much that it affects their
+    defects.
     """
     step, order = traj.stats.get("step"), run.documented_order
     if order is None or not step or run.practical or not np.isfinite(traj.x).all():
@@ -156,7 +157,7 @@ def companions(run: Run, scene: Scene, traj: Trajectory, options: Mapping[str, A
 
 def _main_run(run: Run, scene: Scene, trajectories: Sequence[Trajectory], reference: Reference, window: Reference,
               held: frozenset[str], budgeted: bool) -> _Main:
-    """The judgement of the first of the trajectories; the others are at other steps."""
+    """Judge the first trajectory. The others are the same run at other steps."""
     traj = trajectories[0]
     maxima, runs = traj.maxima, list[Defects]()
     if run.practical:
@@ -215,8 +216,10 @@ def _most(series: np.ndarray, every_step: float | None) -> float:
 
 def _energy_error(scene: Scene, traj: Trajectory, reference: Reference | None, size: float,
                   maxima: Mapping[str, float]) -> float:
-    """The largest |E(t) - E(0) - work| over `size`: over every step where nothing does work, else at the samples, the
-    work that of the true motion where there is truth."""
+    """The largest |E(t) - E(0) - work| over `size`: over every step if nothing does work, else at the samples.
+
+    If there is truth, the work is that of the true motion.
+    """
     from crosscheck.scene import mechanics
 
     if not scene.worked_on:
@@ -227,7 +230,7 @@ def _energy_error(scene: Scene, traj: Trajectory, reference: Reference | None, s
 
 def _measured(run: Run, scene: Scene, traj: Trajectory, reference: Reference | None, found: Mapping[str, Error],
               held: frozenset[str], maxima: Mapping[str, float]) -> Measured:
-    """The figures of a run."""
+    """The measured values of a run."""
     from crosscheck.scene import mechanics
 
     size = (float(mechanics.kinetic_energy(scene, traj).max()) or 1.0 if reference is None else

@@ -1,4 +1,4 @@
-"""What the report draws: curves of truth and of runs, packed for a page, and the geometry of a scene."""
+"""The data for the figures of the report: packed curves of truth and of runs, and the geometry of a scene."""
 
 from __future__ import annotations
 
@@ -30,17 +30,20 @@ from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.model import GROUND, Scene
 
 MANY = 150
-"""Curves on a logarithmic scale with more values keep every second time, with the larger of its value and the one
-before: they wander over decades within a dot's width, and what matters is how high they rise."""
+"""Logarithmic curves with more values keep every second time, with the larger one of two values. Such curves vary by
+decades within the width of a dot, and only their height matters."""
 DIGITS = 4
-"""Significant digits of the geometry: a drawing shows no more."""
+"""Significant digits of the geometry, enough for a drawing."""
 DENSE_BODIES = 16
-"""Up to so many bodies the true reactions are drawn too: they come from dense algebra, cubic in the bodies. And poses
-of runs are packed as differences from truth, whose errors a picture can magnify: of more, pages would grow."""
+"""Up to this number of bodies, true reactions are drawn, whose cost is cubic in the bodies, and poses of runs are
+packed as exact differences from truth, so that a picture can magnify errors. Else pages would be too large."""
 
 
 def pack(values: np.ndarray, log: bool = False, truth: np.ndarray | None = None, over: bool = False) -> Curve:
-    """One curve (T,); the word "truth" where it cannot be told from `truth` (T,). `over`: what it differs by."""
+    """One packed curve (T,), or the word "truth" if it looks the same as `truth` (T,).
+
+    With `over`, the differences from `truth` are packed.
+    """
     values = np.asarray(values, dtype=float)
     over = over and truth is not None and truth.shape == values.shape
     if truth is not None and over:
@@ -58,7 +61,7 @@ def pack(values: np.ndarray, log: bool = False, truth: np.ndarray | None = None,
     if not log and good.all() and lo == hi:
         return Packed(lo, hi, n=len(values), over=over)
     codes = np.full(len(values), PACKED_MISSING, dtype="<u2")
-    # Logarithmic curves keep the integer 0 for zero itself.
+    # In logarithmic curves the integer 0 stands for zero.
     codes[good] = np.rint((scaled[good] - lo) / (hi - lo or 1.0) * (PACKED_STEPS - 1)).clip(0, PACKED_STEPS - 1) + 1
     if log:
         codes[values == 0] = 0
@@ -66,18 +69,18 @@ def pack(values: np.ndarray, log: bool = False, truth: np.ndarray | None = None,
 
 
 def scene_curves(scene: Scene, reference: Reference | None) -> SceneCurves:
-    """Output times, geometry and, where there is truth, its motion."""
+    """Output times, geometry, and the true motion if there is truth."""
     motion = Motion() if reference is None else _true_motion(scene, reference).packed()
     return extended(SceneCurves, motion, t=[float(f"{time:.6g}") for time in scene.t],
                     drawing=drawing(scene, reference))
 
 
 def run_curves(scene: Scene, traj: Any, errors: Mapping[str, Error], reference: Reference | None) -> RunCurves:
-    """Curves of one run at the scene's output times; long errors are thinned, see `MANY`."""
+    """Curves of one run at the scene's output times. Long curves of errors are thinned, see `MANY`."""
     exact = traj if reference is None else reference.states
     true = None if reference is None else _true_motion(scene, reference)
-    with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged has such values, and shows them as gaps
-        # Against the true energy and momentum, which loads and dampers change; without truth those of the start.
+    with np.errstate(over="ignore", invalid="ignore"):  # a diverged run has such values; they become gaps
+        # Compare with the true energy and momentum, as loads and dampers change them; without truth with the start.
         energy = traj.energy[:1] if reference is None else mechanics.energy(scene, exact)
         momentum = traj.momentum_vertical[:1] if true is None else true.arrays["momentum"]
         levels = {f"constraint_{level}": None if values is None else _log(values) for level in LEVELS
@@ -113,7 +116,7 @@ def drawing(scene: Scene, reference: Reference | None = None) -> Drawing:
 
 
 def _corners(mass: float, inertia: np.ndarray) -> list[Any]:
-    """The eight corners (m, body axes) of the equivalent box; bit k of a corner's number tells its side of axis k."""
+    """The eight corners (m, body axes) of the equivalent box. Bit k of a corner's index tells its side of axis k."""
     moments, axes = np.linalg.eigh(inertia)
     edges = np.sqrt(np.maximum(6.0 * (moments.sum() - 2.0 * moments) / mass, 0.0))
     signs = np.array([[1.0 if corner >> axis & 1 else -1.0 for axis in range(3)] for corner in range(8)])
@@ -133,7 +136,7 @@ class _Motion:
         """The curves of these states; signs of quaternions are those of the true ones."""
         kinetic, total = mechanics.kinetic_energy(scene, states), mechanics.energy(scene, states)
         q = _quaternions(states.R, None if true is None else true.arrays["q"])
-        # A joint that carries no torque has the rounding of a force times a lever: 1e-12 of it.
+        # A torque below 1e-12 of the force is rounding: the joint carries none.
         carried = {joint: {"force": force.T} | ({"torque": torque.T} if np.abs(torque).max(initial=0.0) > 1e-12
                                                  * np.abs(force).max(initial=0.0) else {})
                    for joint, (force, torque) in (reactions or {}).items()}
@@ -141,7 +144,7 @@ class _Motion:
                     "total": total, "momentum": mechanics.momentum_vertical(scene, states)}, carried or None)
 
     def packed(self, true: _Motion | None = None) -> Motion:
-        """Every curve packed, next to that of truth where it has one."""
+        """All curves packed, relative to those of truth if there are any."""
         near = _Motion({}, None) if true is None else true
         reactions = None if self.reactions is None else {
             joint: Reaction(**{name: _packed(values, (near.reactions or {}).get(joint, {}).get(name))
@@ -152,7 +155,7 @@ class _Motion:
 
 
 def _packed(values: np.ndarray, truth: np.ndarray | None = None, over: bool = False) -> Any:
-    """A curve, or nested lists of those of an array of more dimensions."""
+    """A packed curve, or nested lists of packed curves for arrays with more dimensions."""
     if values.ndim == 1:
         return pack(values, truth=truth, over=over)
     return [_packed(row, None if truth is None else truth[index], over) for index, row in enumerate(values)]
@@ -169,16 +172,16 @@ def _true_motion(scene: Scene, reference: Reference) -> _Motion:
 
 
 def _quaternions(R: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
-    """Quaternions w, x, y, z, (n, 4, T), of attitudes (T, n, 3, 3), their signs such that they do not jump.
+    """Quaternions w, x, y, z, (n, 4, T), of attitudes (T, n, 3, 3), with signs such that they do not jump.
 
-    `near` (n, 4, T): quaternions of truth, which choose the sign at the start.
+    `near` (n, 4, T) are the quaternions of truth. They determine the signs at the start.
     """
     from scipy.spatial.transform import Rotation
 
     shape = R.shape[:2]
     flat = R.reshape(-1, 3, 3)
     good = np.isfinite(flat).all(axis=(1, 2))
-    good[good] = np.linalg.det(flat[good]) > 0  # a matrix that is far from a rotation has no quaternion
+    good[good] = np.linalg.det(flat[good]) > 0  # other matrices have no quaternion
     result = np.full((len(flat), 4), np.nan)
     if good.any():
         result[good] = Rotation.from_matrix(flat[good]).as_quat(scalar_first=True)

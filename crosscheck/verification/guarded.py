@@ -1,4 +1,4 @@
-"""Cells as worker processes run them: what an engine prints, and how its process ends, enter the record."""
+"""Cells in worker processes: limits, loading of the user's own engines, and text that engines print."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
 
 TIME_LIMIT = 1800.0
-"""s of one cell (a main run and its order study); those of the built-in engines take seconds to minutes."""
+"""Time limit (s) of one cell: a main run and its order study. With built-in engines it takes seconds to minutes."""
 
 MEMORY_LIMIT = 4.0
-"""GB resident of one worker process; with every built-in engine loaded and run it has 0.2."""
+"""Limit of resident memory (GB) of one worker process. With all built-in engines loaded it needs 0.2 GB."""
 
 LOADING = 60.0
-"""s that importing an engine of the user's own may take at least, however short a run has to be."""
+"""Shortest time limit (s) for importing the user's own engine, even if that of a run is shorter."""
 
 _LOADED: set[str] = set()
-"""Engines of the user's own that a worker process could load."""
+"""The user's own engines that a worker process has loaded successfully."""
 
 SHOWN = 200
-"""Characters of printed text that a record quotes."""
+"""Most characters of printed text that a record quotes."""
 
 
 def limits(time_limit: float | None = TIME_LIMIT, memory_limit: float | None = MEMORY_LIMIT) -> Limits:
-    """Limits of a cell from the options of the command line: s and GB, None for no limit."""
+    """Limits of a cell from the options of the command line, in s and GB. None means no limit."""
     for name, value in (("time-limit", time_limit), ("memory-limit", memory_limit)):
         if value is not None and not value > 0:
             raise ArgumentError(f"{name}: a positive number is wanted, not {value:g}")
@@ -43,9 +43,9 @@ def limits(time_limit: float | None = TIME_LIMIT, memory_limit: float | None = M
 
 
 def check_engines(names: Sequence[str], within: Limits | None = None) -> None:
-    """Raise `ArgumentError` or `EngineError` for a name that stands for no engine that is installed and can be loaded.
+    """Raise `ArgumentError` or `EngineError` for an engine that is unknown, not installed or cannot be loaded.
 
-    A class of the user's own is loaded in a worker process first, once: its module may crash or hang.
+    The user's own class is first loaded in a worker process, because its module may crash or hang.
     """
     risky = [name for name in names if isinstance(name, str) and adapters.is_own(name) and name not in _LOADED]
     patient = within
@@ -60,7 +60,7 @@ def check_engines(names: Sequence[str], within: Limits | None = None) -> None:
 
 
 def guarded_cell(cell: Cell) -> Judged:
-    """`run_cell`; text that the engine printed fails the run, because its user would miss a warning in it."""
+    """`run_cell`, but a run fails if its engine printed text, because a user would miss a warning in it."""
     judged = run_cell(cell)
     if adapters.has_own_environment(cell.engine):
         judged = replace(judged, own_environment=True, us_per_step=None, seconds_per_second=None,

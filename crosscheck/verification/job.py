@@ -1,4 +1,4 @@
-"""The main job: truths, every cell of the grid, timings, one document that holds it all."""
+"""The main job: truths, every cell of the grid, timings, and the document with all results."""
 
 from __future__ import annotations
 
@@ -50,18 +50,16 @@ from crosscheck.verification.task import Cell, Contents, own_contents, with_scen
 from crosscheck.verification.timing import timed
 
 Progress = Callable[[int, int, str], None]
-"""Called with (tasks done, tasks in all, what ended last)."""
+"""Called with (number of finished tasks, number of all tasks, name of the last finished one)."""
 
-
-JOURNAL_TYPES = {"truth": SceneTruth, "cell": Judged, "speed": list[list[tuple[float, float]]],
-                 "walk": str}
-"""What the results of each stage are, for `crosscheck.jobs.journal`."""
+JOURNAL_TYPES = {"truth": SceneTruth, "cell": Judged, "speed": list[list[tuple[float, float]]], "walk": str}
+"""Types of the results of each stage, for `crosscheck.jobs.journal`."""
 
 
 def select_scenes(names: Sequence[str] | None, every: bool = False) -> list[str]:
-    """Names or paths of the scenes to run; every one is loaded once, so that a bad file ends it here.
+    """Names or paths of the scenes to run. Each is loaded once, so that a bad file is refused before anything runs.
 
-    None: those with a plan of their own, or `every` scene of the library.
+    If `names` is None, these are the scenes in `PLANS` or, with `every`, all of the library.
     """
     from crosscheck.scene.file import load_scene, scene_names
 
@@ -72,7 +70,7 @@ def select_scenes(names: Sequence[str] | None, every: bool = False) -> list[str]
 
 
 def select_engines(names: Sequence[str] | None, within: Limits | None = None) -> list[str]:
-    """Names of the engines to run; `ArgumentError` or `EngineError` for one that is not there or cannot be loaded."""
+    """Names of the engines to run. Raises `ArgumentError` or `EngineError` as `check_engines`."""
     check_engines(names or (), within)
     return list(dict.fromkeys(names or adapters.names()))
 
@@ -87,7 +85,7 @@ def check_methods(names: Sequence[str] | None, engines: Sequence[str]) -> None:
 
 def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, within: Limits | None,
                 *more: Any) -> str:
-    """Digest of all that results depend on: scenes, versions, our code and kernel, `more` that JSON knows."""
+    """Digest of all that results depend on: scenes, versions, the code with its kernel, and `more` (JSON values)."""
     from crosscheck.scene.file import load_scene
 
     names = select_scenes(scenes, profile_called(profile).every_scene)
@@ -99,26 +97,28 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
            jobs: int = 2, progress: Progress | None = None, journal: Journal | None = None,
            limits: Limits | None = None, overrides: Overrides = (), walk: bool = False,
            methods: Sequence[str] | None = None, asked: Asked = AS_PLANNED, scheduler: str | None = None) -> Document:
-    """Run the main job and return its document; nothing is written, except into the journal.
+    """Run the main job and return its document. Nothing is written except the journal.
 
     Parameters
     ----------
     profile : "default", "smoke" or "full"
-    scenes : names or paths; None: those with a plan in `crosscheck.judge.plan`, all with the profile "full"
+    scenes : names or paths; None: those in `crosscheck.judge.plan.PLANS`, or all with the profile "full"
     engines : names; None: all
-    jobs : worker processes
-    journal : gets every result as it comes in; what it holds already is not run again
-    limits : time and resident memory of one cell; None: generous ones
+    jobs : number of worker processes
+    progress : called as tasks end
+    journal : every result is written to it; results that are in it already are not computed again
+    limits : time and resident memory of one cell; None: those of `crosscheck.verification.guarded`
     overrides : bounds set by the user, from `crosscheck.judge.overrides.read`
+    walk : also make the runs for advice, half a minute per scene and engine
     methods : names; None: all
-    asked : map, step and duration of main runs in place of the plan's
-    scheduler : for truth and runs, as `crosscheck.running.cluster.connect` takes it; what is timed runs here
-    walk : also make the runs of new advice, half a minute a scene and engine
+    asked : map, step and duration of main runs instead of those of the plan
+    scheduler : where truths and runs are computed, as in `crosscheck.running.cluster.connect`; timings are always
+        measured on this machine
 
     Raises
     ------
     SceneError, ArgumentError, EngineError
-        Before anything runs.
+        A name or option is wrong. This is checked before anything runs.
     """
     if jobs < 1:
         raise ArgumentError(f"jobs has to be at least 1, not {jobs}")
@@ -159,7 +159,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
 
 def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record],
              rows: list[Support] | None = None) -> Document:
-    """The document of these records, with what to trust by them. Made again after times were measured anew."""
+    """The document with these records and the recommendations that follow from them."""
     records = [replace(record, word=verdict.word(record), partly=verdict.partly(record),
                        worst=verdict.worst(record.findings)) for record in records]
     scenes = []
@@ -168,14 +168,14 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
         told = {"recommended": trust.recommend(scene, own), "trust": trust.sentence(scene, own),
                 "engines": trust.by_engine(scene, own)}
         scenes.append(replace(scene, **told) if isinstance(scene, Scene) else extended(Scene, scene, **told))
-    # JSON has no infinity, and no page shows one.
+    # JSON has no infinity: values that are not finite become None.
     shown = msgspec.convert(plain(records), list[Record], str_keys=True)
     return Document(meta=meta, scenes=scenes, records=shown, exit_code=exit_code(scenes, records), support=rows)
 
 
 def _truths(stages: Stages, names: list[str], settings: Profile, asked: Asked,
             contents: Contents) -> list[SceneTruth]:
-    """What the report says about every scene; of those that could not be prepared, why."""
+    """The truth of every scene, or why it could not be prepared."""
     found = stages.run("truth", functools.partial(with_scenes, contents, functools.partial(prepare_truth, asked=asked)),
                        [(name, settings.whole, settings.most_steps) for name in names], names,
                        [f"truth of {name}" for name in names], again=True)  # every run of the scene needs it
@@ -186,7 +186,7 @@ def _truths(stages: Stages, names: list[str], settings: Profile, asked: Asked,
 
 def _planned(cells: list[Cell], truths: list[SceneTruth], settings: Profile, overrides: Overrides, asked: Asked
              ) -> list[Cell]:
-    """The cells with the plans of their scenes, without those at a coarse step that say nothing."""
+    """The cells with the plans of their scenes. Cells at a coarse step are left out if they cannot be judged."""
     plans = {scene.name: scene.plan for scene in truths if scene.plan is not None}
     without = {scene.name: scene.no_truth for scene in truths if scene.no_truth}
     return [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
@@ -196,7 +196,7 @@ def _planned(cells: list[Cell], truths: list[SceneTruth], settings: Profile, ove
 
 
 def _failure(result: Judged | Crash) -> str:
-    """Why a run fails, in one line; nothing where it does not."""
+    """Why a run fails, in one line; "" if it does not."""
     if isinstance(result, Crash):
         return result.message
     if result.outcome in PASSING:
@@ -209,9 +209,9 @@ def _failure(result: Judged | Crash) -> str:
 
 def _records(stages: Stages, cells: list[Cell], truths: list[SceneTruth], within: Limits,
              contents: Contents) -> list[Record]:
-    """The records of all cells, in their order, also where a worker crashed or a scene could not be prepared."""
+    """The records of all cells, in their order, also if a worker crashed or a scene could not be prepared."""
     scenes = {scene.name: scene for scene in truths}
-    # The longest first, so that no worker is left alone with one at the end.
+    # The longest first, so that all workers end at about the same time.
     ready = sorted((index for index, cell in enumerate(cells) if not scenes[cell.scene].failure),
                    key=lambda index: (-adapters.pace(cells[index].engine), -len(scenes[cells[index].scene].bodies)
                                       * cells[index].plan.most_steps))
@@ -235,7 +235,7 @@ def _records(stages: Stages, cells: list[Cell], truths: list[SceneTruth], within
 
 
 class _Counter:
-    """Counts ended tasks for the progress callback."""
+    """Counts finished tasks for the progress callback."""
 
     def __init__(self, total: int, progress: Progress | None) -> None:
         self.done, self.total, self.progress = 0, total, progress
@@ -247,7 +247,7 @@ class _Counter:
 
 
 def labels(runs: Sequence[Judged]) -> list[str]:
-    """The name of every run; with the form only where the same method ran in more than one, on whatever scene."""
+    """The name of every run. It has the form only if the method was run in more than one form on any scene."""
     forms: dict[tuple[str, str], set[str]] = {}
     for run in runs:
         forms.setdefault((run.engine, run.method), set()).update({run.form} if run.form else ())

@@ -1,6 +1,6 @@
-"""Ladders: the ways to integrate a scene, and the steps or tolerances that each of them walks down.
+"""Ladders: the ways to integrate a scene, and the steps or tolerances of each way from coarse to fine.
 
-A way is an engine, a method and a form. Truth is known at `INTERVALS` + 1 even times, which the steps of a ladder meet.
+A way is an engine, a method and a form. Truth has `INTERVALS` + 1 equally spaced times, which coincide with steps.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 INTERVALS = 64
-"""Of the samples for the largest errors. A power of two, as the step counts of ladders are up to a factor 3."""
+"""Number of sample intervals for the largest errors: a power of two, as step counts of ladders are, up to a factor 3.
+"""
 
 RTOLS = tuple(10.0**-power for power in range(1, 15))
 """Relative tolerances of the adaptive methods."""
@@ -32,7 +33,7 @@ class Way:
     form: str | None
     adaptive: bool
     order: int | None
-    coordinate_map: str | None = None  # None: the method's own
+    coordinate_map: str | None = None  # None: the default of the method
 
     @property
     def label(self) -> str:
@@ -43,14 +44,14 @@ class Way:
 
 def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = None,
          default_form: bool = False, asked_map: str | None = None) -> tuple[list[Way], list[tuple[Way, str]]]:
-    """Every way to integrate the scene, and each combination that does not exist with the reason.
+    """All ways to integrate the scene, and the unsupported combinations with their reasons.
 
     Parameters
     ----------
-    engines : names as `crosscheck.adapters.get` takes them
-    methods : only these; None for all
-    default_form : only the form that the engine chooses by itself, which a way then leaves open
-    asked_map : coordinate map of the engines that have this option
+    engines : names for `crosscheck.adapters.get`
+    methods : only these; None: all
+    default_form : only the form that the engine chooses by itself; the `form` of a way is None then
+    asked_map : coordinate map for the engines that have this option
     """
     from crosscheck.adapters import coordinate_map, get
     from crosscheck.adapters.base import RunSpec
@@ -78,10 +79,10 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
 
 
 def ladder(scene: Scene, way: Way) -> Iterator[tuple[int | None, float]]:
-    """(steps, step in s) of a fixed-step way, coarse to fine without end, or (None, rtol) of an adaptive one.
+    """(number of steps, step in s) of a fixed-step way, coarse to fine without end, or (None, rtol) of an adaptive one.
 
-    The first step is about four natural times of the scene and shrinks by 3/2 and 4/3 in turn. For methods up to order
-    2 it is about one natural time and shrinks by 2, because errors of low order differ less from step to step.
+    The first step is about four natural times of the scene, and is divided by 3/2 and 4/3 in turn. For methods up to
+    order 2 it is about one natural time and is halved, because errors of low order change less from step to step.
     """
     if way.adaptive:
         yield from ((None, rtol) for rtol in RTOLS)
@@ -97,7 +98,7 @@ def ladder(scene: Scene, way: Way) -> Iterator[tuple[int | None, float]]:
 
 
 def reference(scene: Scene) -> tuple[Scene, Reference]:
-    """The scene, ended where its truth stops being comparable, and its truth at `INTERVALS` + 1 times.
+    """The scene, shortened to the horizon of its truth if necessary, and its truth at `INTERVALS` + 1 times.
 
     Raises `crosscheck.references.TruthError` or `Unsupported` for a scene without truth.
     """
@@ -112,6 +113,6 @@ def reference(scene: Scene) -> tuple[Scene, Reference]:
 
 
 def thinned(states: States, intervals: int) -> States:
-    """Evenly spaced states out of these, at `intervals` + 1 times."""
+    """The states at `intervals` + 1 equally spaced times."""
     every = (len(states.t) - 1) // intervals
     return States(states.t[::every], states.x[::every], states.R[::every], states.v[::every], states.w[::every])

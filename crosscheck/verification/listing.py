@@ -1,4 +1,4 @@
-"""Which cells there are: every method and form of the chosen engines on the chosen scenes."""
+"""The list of cells: every method and form of the chosen engines on the chosen scenes."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def all_cells(scene_names: Sequence[str], engine_names: Sequence[str], profile: 
               within: Limits | None = None) -> list[Cell]:
     """The cells of all scenes and engines, scene by scene.
 
-    Engines of the user's own are asked in a worker process. Where one crashes or hangs already at the question what it
-    can run, each of its methods gets one cell, whose run tells the reason.
+    The user's own engines are asked in a worker process. If one crashes or hangs when asked what it can run, each of
+    its methods gets one cell, and the run of that cell shows the reason.
     """
     from crosscheck import adapters
 
@@ -44,7 +44,7 @@ def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
     if provenance.engine_version(engine_name) == provenance.NOT_INSTALLED:
         try:
             methods = adapters.methods(engine_name)
-        except ImportError:  # its adapter cannot even name them
+        except ImportError:  # the adapter needs the engine to know its methods
             methods = ("any method",)
         return [Cell(scene_name, engine_name, method, None, PENDING) for method in methods]
     engine, scene = adapters.get(engine_name), load_scene(scene_name)
@@ -54,7 +54,7 @@ def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
                           profile.whole))
         forms = getattr(engine, "forms", ()) if profile.forms else ()
         usable = [form for form in forms if engine.unsupported(scene, RunSpec(method, step=1e-3, form=form)) is None]
-        # The first usable form is the engine's choice when none is named.
+        # The first usable form is the engine's default, which has a cell already.
         cells += [Cell(scene_name, engine_name, method, form, PENDING, True, profile.rungs, profile.whole, False)
                   for form in usable[1:]]
         plan = PLANS.get(scene_name, PENDING)

@@ -1,4 +1,4 @@
-"""The order study of one cell: errors at ever finer steps over the first window of the scene, in bounded time."""
+"""The order study of one cell: errors at finer and finer steps over the first window of the scene, in limited time."""
 
 from __future__ import annotations
 
@@ -28,33 +28,33 @@ from crosscheck.scene.spanning import spanning_tree
 from crosscheck.verification.attempts import NoRun, attempt
 from crosscheck.verification.task import Cell
 
-clock = time.process_time  # s of this process, which the load of the machine does not change
+clock = time.process_time  # processor time (s), which does not depend on the load of the machine
 
 REFINEMENTS = 4
-"""Steps that an order study adds where an order is low. The next term of the error moves the slope by one at most where
-both are alike in size, and by half of that with every halving: after four by less than the margin of an order."""
+"""Steps that an order study adds if an order is low. The next term of the error changes the slope by at most one, if
+both terms have the same size. Every halving halves this change, so that after four it is below an order's margin."""
 
 FEWEST = 3
-"""Steps that it takes to speak of an order: two always lie on a line."""
+"""Fewest steps for an order, because two errors always lie on a line."""
 
 HOPELESS = 10.0
-"""A main run whose errors all exceed their bounds by this factor fails whatever order finer steps show."""
+"""If all errors of a main run exceed their bounds by this factor, it fails whatever the order: no steps are added."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Study:
-    """What an order study found."""
+    """The result of an order study."""
 
     findings: list[Finding]
     orders: dict[str, Order]
     ladder: list[Rung]
-    cut: str = ""  # why it has fewer steps than planned, where the bound of its time cut it
+    cut: str = ""  # why it has fewer steps than planned, if its time limit cut it
     refused: str = ""  # why the engine does not support the scene at all
-    message: str = ""  # the last error of a class that no engine is meant to raise
+    message: str = ""  # the last error that an adapter should not raise
 
 
 class _Ladder:
-    """The runs of one order study as they are made, coarse to fine."""
+    """The runs of one order study. They are added one by one, coarse to fine."""
 
     def __init__(self, cell: Cell, order: int | None, scene: Scene, reference: Reference) -> None:
         self.cell, self.order, self.scene, self.reference = cell, order, scene, reference
@@ -64,7 +64,7 @@ class _Ladder:
         self._costs: list[float] = []  # s
 
     def add(self, size: float) -> bool:
-        """One more step (s), or rtol; False where the bound of time forbids it."""
+        """Make a run at one more step (s) or rtol. Returns False, without a run, if the time limit forbids it."""
         if not self._affordable(size):
             return False
         step, rtol = (None, size) if self.order is None else (size, None)
@@ -88,14 +88,14 @@ class _Ladder:
         return True
 
     def finer(self) -> float:
-        """The next step (s), in the ratio of the last two."""
+        """The next step (s): the last two steps and this one have equal ratios."""
         coarse, fine = (rung.step or 0.0 for rung in self.rungs[-2:])
         return fine**2 / coarse
 
     def _affordable(self, size: float) -> bool:
-        """Whether one more run keeps to the bound of time, by what the last one took; the coarsest is always run.
+        """Whether one more run fits into the time limit, predicted from the last run. The coarsest run always does.
 
-        Where it does not, `cut` says so. Runs of adaptive methods cost about as much at every tolerance.
+        If it does not, `cut` says so. The cost of adaptive methods is taken as the same at every tolerance.
         """
         most_seconds = self.cell.most_seconds
         if most_seconds is None or not self._costs:
@@ -109,7 +109,7 @@ class _Ladder:
         return False
 
     def study(self, findings: Sequence[Finding] = (), orders: dict[str, Order] | None = None) -> Study:
-        """What was found, with the documented slope through the coarsest rung as a guide in figures."""
+        """The result, with a line of the documented slope through the coarsest rung as a guide for figures."""
         rungs = self.rungs
         if self.order is not None and len(rungs) >= (FEWEST if self.cut else 1):
             start, first = rungs[0].errors.get("position"), rungs[0].step or 1.0
@@ -120,19 +120,19 @@ class _Ladder:
 
 def order_study(cell: Cell, order: int | None, scene: Scene, reference: Reference, judged: Sequence[Finding],
                 failed: bool) -> Study:
-    """Errors at halved steps (or tightened tolerances) over the window, and the orders they show.
+    """Measure errors at finer and finer steps (or tolerances) over the window, and judge the orders that they show.
 
     Parameters
     ----------
     order : the documented one; None for an adaptive method
     judged : findings of the main run
-    failed : the main run did not reach its end
+    failed : whether the main run did not reach its end
     """
     rtols = RTOLS if cell.rungs is None else RTOLS[::2][:cell.rungs]
     sizes = rtols if order is None else cell.plan.ladder(order, cell.rungs)
     ladder = _Ladder(cell, order, scene, reference)
     for size in sizes:
-        # Where neither the main run nor the coarsest reach their end, finer ones tell no more.
+        # If neither the main run nor the coarsest run reach their end, stop.
         if not ladder.add(size) or (failed and not ladder.runs):
             break
     if order is None:
@@ -162,7 +162,7 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
 
 
 def _substeps(ladder: _Ladder, sizes: Sequence[float], order: int) -> list[Finding]:
-    """Of the coarsest run that reached its end."""
+    """Findings about hidden sub-steps, from the coarsest run. There are none if any run failed."""
     scene, runs = ladder.scene, [(size, run) for size, (_, run) in zip(sizes, ladder.runs, strict=False)]
     if not runs or len(ladder.runs) < len(ladder.rungs):
         return []
@@ -171,14 +171,14 @@ def _substeps(ladder: _Ladder, sizes: Sequence[float], order: int) -> list[Findi
 
 
 SMALL = 1e-6
-"""Growth beyond one below which it is none."""
+"""An amplification of less than 1 + SMALL counts as no growth."""
 
 LEAST_SLOPE = 0.5
-"""Of errors over tolerances: codes come to 0.75 to 1.2, and one that does not follow its tolerance to 0."""
+"""Least slope of log error over log tolerance. Codes have 0.75 to 1.2; one that ignores its tolerance has 0."""
 
 
 def judge_tolerances(rungs: Sequence[Rung], floor: float) -> list[Finding]:
-    """Whether the position error falls with the tolerance, over those at which it is above rounding (m)."""
+    """Judge whether the position error falls with the tolerance. Errors (m) near rounding, `floor`, do not count."""
     seen = [(rung.rtol, error) for rung in rungs
             if rung.rtol and (error := rung.errors.get("position")) is not None and PLATEAU * floor < error]
     why = "errors fall as the tolerance does: least squares in the logarithms over the ladder of tolerances"
@@ -191,16 +191,16 @@ def judge_tolerances(rungs: Sequence[Rung], floor: float) -> list[Finding]:
 
 
 FEWEST_COUNTED = 10
-"""Steps of a run whose engine tells of fewer: some do not count theirs, and outputs are interpolated in long ones."""
+"""Fewest steps that are assumed for a run. Some engines do not count theirs; outputs in long steps are interpolated."""
 
 
 def judge_promise(scene: Scene, reference: Reference, rungs: Sequence[Rung], eps: float) -> list[Finding]:
-    """Whether errors are as small as every tolerance of the ladder says: each step below it, and what they grow to.
+    """Judge whether errors are as small as every tolerance says, if each step has an error of that size which grows.
 
-    A perturbation of the start grows by A over the window; those of steps on the way, where it does so at an even pace,
-    by (A - 1) / ln A on average. Over a brief window this is far closer than A at every step, so that an engine whose
-    tolerance is a hundred times that asked for does not hide in the growth; one whose steps are so much better than
-    their estimates may. With stiff springs and closed loops codes differ by their norms, see `NORMS`.
+    A perturbation of the start grows by A over the window. If growth is even, the errors of all steps grow by
+    (A - 1) / ln A on average. Over a brief window this is much less than A. So an engine is noticed whose tolerance is
+    a hundred times the wanted one, unless its steps are a hundred times better than their estimates. With stiff springs
+    and closed loops the norms of codes differ, see `NORMS`.
     """
     most = reference.amplification
     growth = (most - 1.0) / math.log(most) if most > 1.0 + SMALL else 1.0
@@ -223,7 +223,7 @@ def judge_promise(scene: Scene, reference: Reference, rungs: Sequence[Rung], eps
 
 
 def _tell_cut(cut: str, findings: list[Finding], orders: dict[str, Order]) -> list[Finding]:
-    """Where the time limit cut the study, a low order that finer steps may lift is undecided."""
+    """The findings, in which a low order is undecided if the time limit cut the study and finer steps may raise it."""
     if not cut:
         return findings
     told = []

@@ -1,4 +1,4 @@
-"""The truths that the cells of a scene need, its plan, and what the report says about it."""
+"""Prepare a scene: compute the truths that its cells need, choose its plan, and describe it for the report."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from crosscheck.verification.task import load
 
 
 def prepare_truth(task: tuple[str, bool, int], asked: Asked = AS_PLANNED) -> SceneTruth:
-    """Compute (or find in the cache) the truths a scene's cells need, and choose its plan.
+    """Compute the truths that a scene's cells need, or find them in the cache, and choose its plan.
 
-    `task`: name or path, whether main runs cover the whole scene, and how many steps they may take, see
-    `crosscheck.verification.budget`. A scene without truth says why in `no_truth`, and in `disputed` whether two
-    formulations of it disagreed.
+    `task` is the name or path, whether main runs cover the whole scene, and their largest number of steps (see
+    `crosscheck.verification.budget`). If the scene has no truth, `no_truth` says why, and `disputed` whether two
+    formulations disagree.
     """
     from crosscheck.references import TruthError, truth
     from crosscheck.scene.file import load_scene

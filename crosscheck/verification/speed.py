@@ -1,9 +1,8 @@
-"""The speed study: time per step of every run beside a calibration kernel, so that nights and machines compare.
+"""The speed study: time per step of every run relative to a calibration kernel, so that nights and machines compare.
 
-A run's time is divided by that of a fixed piece of work done right before and after it: a slow minute of a shared
-machine, or a slower machine, stretches both. Both are short, and a try in which the process had to wait for the
-processor is repeated. The runs of a scene take turns, a round is a process of its own, and of all turns the median
-counts.
+A run's time is divided by the time of a fixed piece of work just before and after it, because a busy or slow machine
+slows down both. Both are short, and a try is repeated if the process had to wait for the processor. The runs of a scene
+take turns, every round is a new process, and the result is the median of all turns.
 """
 
 from __future__ import annotations
@@ -21,28 +20,27 @@ from crosscheck.jobs.grid import Crash, Limits
 from crosscheck.jobs.journal import Stages
 
 CALIBRATION = "40 times the LU solutions of 20 dense systems of 6 equations (numpy.linalg.solve)"
-"""The calibration kernel: compiled loops over small matrices, as in a multibody step, and no engine's code. A few
-matrices, solved again and again, stay in the innermost cache, as the data of a step does. With 800 at once the ratio
-of one method strayed twice as far between processes on a loaded machine."""
+"""The calibration kernel: compiled loops over small matrices, as in a multibody step, without any engine's code. The
+few matrices stay in the innermost cache, as the data of a step does. With 800 matrices at once, the ratio of a method
+varied twice as much between processes on a loaded machine."""
 
 REPEATS = 3
-"""Times that each run of a scene has its turn in one round."""
+"""Number of turns of each run in one round."""
 
 STEPS, FEWEST = 100, 8
-"""Steps of a timed run of one body, and of a run of many bodies at least: from a tenth of a millisecond to ten."""
+"""Steps of a timed run of one body, and least steps of a run of many bodies. They take 0.1 to 10 ms."""
 
 TRIES, PATIENCE = 3, 12
-"""A turn is the fastest of so many undisturbed tries, out of so many tries at most."""
+"""A turn is the fastest of TRIES undisturbed tries, out of at most PATIENCE tries."""
 
 LONG = 0.01
-"""Time (s), with the making of models, after which one undisturbed try is enough: it averages over what is short."""
+"""After this time (s, with the building of models) one undisturbed try is enough, as long runs average noise out."""
 
 ONCE = 0.1
-"""Runs that take longer (s, with the making of models) have one turn a round: beside it, what the first turn loads is
-little."""
+"""Runs that take longer (s, with the building of models) have only one turn per round and no turn to warm up."""
 
 WAITED = 0.03
-"""Share of a try that the process may have waited; beyond it the try was disturbed."""
+"""Largest share of waiting in an undisturbed try."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,12 +52,12 @@ class Burst:
     form: str | None
     step: float | None  # s
     rtol: float | None
-    duration: float | None = None  # s, of an adaptive run: as long as `STEPS` steps are, None: the whole scene
+    duration: float | None = None  # s, of an adaptive run: the time of about `STEPS` steps; None: the whole scene
     coordinate_map: str | None = None
 
     @classmethod
     def of(cls, record: Record) -> Burst:
-        """What the main run of a record would do in a short time."""
+        """A short version of the main run of a record."""
         share = None if record.rtol is None or not record.steps else STEPS / record.steps
         return cls(record.engine, record.method, None if record.default_form else record.form, record.step, record.rtol,
                    None if share is None or record.duration is None else share * record.duration,
@@ -68,7 +66,7 @@ class Burst:
 
 @dataclasses.dataclass(frozen=True)
 class Round:
-    """The runs of one scene (a name or a path) that take turns, and how often."""
+    """The runs of one scene (a name or a path) that take turns, and the number of turns."""
 
     scene: str
     bursts: tuple[Burst, ...]
@@ -76,7 +74,7 @@ class Round:
 
 
 def time_round(task: Round) -> list[list[tuple[float, float]]]:
-    """Per burst the pairs (s per step, s of the calibration kernel); none for a run that fails."""
+    """For each burst, pairs (s per step, s of the calibration kernel). The list is empty for a run that fails."""
     from crosscheck.jobs.workers import output
     from crosscheck.scene.file import load_scene
 
@@ -104,7 +102,7 @@ def time_round(task: Round) -> list[list[tuple[float, float]]]:
 
 
 def _seconds_per_step(scene: Any, burst: Burst, warming: bool) -> float | None:
-    """Seconds per step in an undisturbed run of `STEPS` steps, or `warming` in any; None where the run fails."""
+    """Seconds per step of an undisturbed run, or with `warming` of any run; None if the run fails."""
     from crosscheck.running.run import run
 
     wanted = burst.duration if burst.step is None else burst.step * max(FEWEST, STEPS // scene.n)
@@ -120,14 +118,14 @@ def _seconds_per_step(scene: Any, burst: Burst, warming: bool) -> float | None:
 
     try:
         return (once() if warming else undisturbed(once)[0]) / steps
-    except Exception:  # whatever an engine raises: the main run of the same cell is where failures are recorded
+    except Exception:  # failures are recorded by the main run of the same cell
         return None
 
 
 def undisturbed(once: Callable[[], float], most: int = PATIENCE, long: float = LONG) -> tuple[float, float]:
-    """The seconds that `once` returns, and those it took besides, in the fastest try with hardly any waiting.
+    """The seconds that `once` returns and the other seconds that it took, in the fastest undisturbed try.
 
-    Ends after TRIES such tries, after `most` of any kind, or with the first such one beyond `long` (s).
+    Ends after TRIES undisturbed tries, after `most` tries in all, or after an undisturbed one when `long` (s) is over.
     """
     clean: list[tuple[float, float]] = []
     others: list[tuple[float, float]] = []
@@ -144,11 +142,11 @@ def undisturbed(once: Callable[[], float], most: int = PATIENCE, long: float = L
 
 
 def calibration_kernel() -> Callable[[], float]:
-    """A function that does the fixed work and returns the seconds it took, undisturbed."""
+    """A function that does the fixed work and returns its time (s) in an undisturbed try."""
     import numpy as np
 
     generator = np.random.default_rng(6)
-    # Diagonally dominant: pivoting takes the same path everywhere.
+    # Diagonally dominant matrices, so that pivoting is the same on all machines.
     matrices = generator.uniform(-1.0, 1.0, (20, 6, 6)) + 6.0 * np.eye(6)
     right = generator.uniform(-1.0, 1.0, (20, 6, 1))
 
@@ -162,7 +160,7 @@ def calibration_kernel() -> Callable[[], float]:
 
 
 def summarise(samples: list[tuple[float, float]]) -> Speed | None:
-    """Medians and their spread of the pairs of all rounds; None where there are none."""
+    """Medians and deviations of the pairs of all rounds; None if there are no pairs."""
     if not samples:
         return None
     times = [1e6 * seconds for seconds, _ in samples]
@@ -180,15 +178,15 @@ def spread(values: list[float]) -> float:
 
 def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within: Limits | None = None,
                   name: str = "round") -> tuple[list[Record], Calibration]:
-    """The records with the times of their main runs beside the calibration kernel, and the kernel.
+    """The records with the times of their main runs relative to the calibration kernel, and the kernel's time.
 
     Parameters
     ----------
-    records : of any scenes; those that did not run, or in an environment of their own, stay as they are
-    rounds : processes one after the other, in each of which every run has several turns
+    records : of any scenes; records of failed runs and of engines in their own environments are not changed
+    rounds : number of processes, one after the other; every run has several turns in each
     stages : with one job, so that nothing else runs
     within : limits of one run
-    name : of these rounds in the journal
+    name : name of these rounds in the journal
     """
     chosen: dict[str, list[int]] = {}
     for index, record in enumerate(records):
@@ -207,7 +205,7 @@ def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within
 
 
 def _round(stages: Stages, tasks: list[Round], name: str, within: Limits | None) -> list[Any]:
-    """Per task and burst its pairs; a run that ends its process is left out of a second attempt, once a scene."""
+    """The pairs of each burst of each task. If a run crashes its process, the task is tried once more without it."""
     whole = None if within is None or within.time is None else dataclasses.replace(
         within, time=within.time * max((len(task.bursts) for task in tasks), default=1))
     keys = [f"{name} {task.scene}" for task in tasks]

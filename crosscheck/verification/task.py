@@ -1,4 +1,4 @@
-"""What a worker process is asked for: one cell of the grid, or the timing of many; and the scenes they run."""
+"""The tasks of worker processes (one cell of the grid, or the timing of several), and the loading of their scenes."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ class Cell:
     method: str
     form: str | None
     plan: Plan
-    study: bool = True  # also the order study
-    rungs: int | None = None  # how many of its steps; None: all
-    whole: bool = True  # the main run covers the whole scene, not only its first window
+    study: bool = True  # whether to make the order study, too
+    rungs: int | None = None  # number of its steps; None: all
+    whole: bool = True  # whether the main run covers the whole scene or only its first window
     default_form: bool = True
-    no_truth: str = ""  # why the scene has none; then only what needs none is judged
-    practical: bool = False  # runs at the plan's practical step, far too coarse for bounds of states
-    coordinate_map: str | None = None  # None: the method's own
+    no_truth: str = ""  # why the scene has no truth; then only findings without truth are made
+    practical: bool = False  # runs at the plan's practical step, which is too coarse for bounds of states
+    coordinate_map: str | None = None  # None: the default of the method
     overrides: tuple[tuple[str, float, str], ...] = ()  # bounds set by the user, see `crosscheck.judge.overrides`
-    most_seconds: float | None = None  # of processor time that the order study may take
+    most_seconds: float | None = None  # limit of processor time (s) of the order study
 
     @property
     def label(self) -> str:
-        """Engine, method and, where it is not the engine's default, form."""
+        """Engine, method and, if it is not the engine's default, form."""
         return f"{self.engine} {self.method}" + ("" if self.default_form or not self.form else f" ({self.form})")
 
     def command(self, step: float | None, rtol: float | None) -> str:
@@ -50,12 +50,12 @@ class Cell:
 
 @dataclasses.dataclass(frozen=True)
 class Timing:
-    """The cells of one scene that a timing study compares, and how often at most."""
+    """The cells of one scene in a timing study, and the largest number of repeats."""
 
     cells: tuple[Cell, ...]
     orders: tuple[int | None, ...]
     repeats: int
-    main: tuple[float, ...] = ()  # step (s) or rtol of each cell's main run, timed like the others
+    main: tuple[float, ...] = ()  # step (s) or rtol of each cell's main run, which is timed, too
 
 
 def load(name: str, plan: Plan, whole: bool = True) -> Scene:
@@ -68,18 +68,18 @@ def load(name: str, plan: Plan, whole: bool = True) -> Scene:
 
 
 Contents = Mapping[str, Content]
-"""What is in scene files, by the names of the scenes."""
+"""Contents of scene files by the names of the scenes."""
 
 
 def own_contents(names: Sequence[str]) -> Contents:
-    """The contents of the scenes that do not come with the package."""
+    """The contents of those scenes that are not bundled with the package."""
     from crosscheck.scene.file import read_scene, scene_names
 
     return {name: read_scene(name)[1] for name in names if name not in scene_names()}
 
 
 def with_scenes(contents: Contents, function: Callable[[Any], Any], task: Any) -> Any:
-    """`function(task)` where scenes by these names have these contents: no file of theirs need be on this machine."""
+    """`function(task)`, in which these names stand for these contents. The files need not be on this machine."""
     from crosscheck.scene.file import carry
 
     carry(contents)

@@ -1,4 +1,4 @@
-"""The timing study: stepping time against end error of the cells of a scene, in one worker process of its own."""
+"""The timing study: stepping time against end error of all cells of a scene, in one worker process."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from crosscheck.verification.attempts import NoRun, attempt
 from crosscheck.verification.task import Cell, Timing, windowed
 
 ENOUGH = 0.1
-"""Stepping time (s) of two runs after which there is no third: they average over what is short."""
+"""If two runs take more stepping time (s) than this, there is no third: long runs average noise out."""
 
 MAIN_STEPS = 2000
-"""Steps of the runs that time the step of the main run: enough for the time per step, which is all they are for."""
+"""Most steps of the runs at the step of the main run. They are enough to measure the time per step."""
 
 
 def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, count: Callable[[str], None],
           within: Limits) -> list[Record]:
     """The records with stepping times, one scene after the other in a single worker, with nothing else running.
 
-    Engines in environments of their own are left out: their times compare with no other.
+    Engines in their own environments are left out, because their times are not comparable with others.
     """
     found = list(records)
     for scene in dict.fromkeys(cell.scene for cell in cells):
@@ -60,10 +60,10 @@ def _filled_in(record: Record, points: list[Point], reason: str | None) -> Recor
 
 
 def guarded_timing(task: Timing, within: Limits | None = None) -> tuple[list[list[Point]], dict[int, str]]:
-    """The timings of `time_cells`, all of them in one worker process, and why there is none of some cells.
+    """The points of `time_cells`, made in one worker process, and for some cells the reason why they have none.
 
-    A cell that ends the process or does not come to an end is left out of a second attempt, and so on; the limit of
-    time is that of all cells together.
+    If a cell crashes the process or exceeds the limits, all others are timed again without it. The time limit is that
+    of all cells together.
     """
     left = list(range(len(task.cells)))
     reasons: dict[int, str] = {}
@@ -78,7 +78,7 @@ def guarded_timing(task: Timing, within: Limits | None = None) -> tuple[list[lis
             points = dict(zip(left, found, strict=True))
             return [points.get(index, []) for index in range(len(task.cells))], reasons
         culprit = int(found.at) if found.at else None
-        # Without a culprit it was none of the engines: another attempt would end alike.
+        # If no cell was running, no engine is the cause, and another attempt would fail, too.
         for index in left if culprit is None else [left[culprit]]:
             reasons[index] = found.message
         left = [] if culprit is None else left[:culprit] + left[culprit + 1:]
@@ -86,10 +86,11 @@ def guarded_timing(task: Timing, within: Limits | None = None) -> tuple[list[lis
 
 
 def time_cells(timing: Timing) -> list[list[Point]]:
-    """Stepping time against end error of every cell, all in this one process, serially and interleaved.
+    """Stepping time against end error of every cell. The runs of all cells take turns in this process.
 
-    Two samples only, so that no engine pays for output; medians over the repeats. A run that fails gives no point.
-    The last point of a cell, "main", is at the step of its main run and stops after `MAIN_STEPS`; it has no error.
+    Runs have two samples only, so that no engine spends time on output. Times are medians over the repeats. A failing
+    run gives no point. The last point of a cell ("main") is at the step of its main run. Its runs stop after
+    `MAIN_STEPS`, and it has no error.
     """
     from crosscheck.references import truth
     from crosscheck.scene.file import load_scene
@@ -127,7 +128,7 @@ def time_cells(timing: Timing) -> list[list[Point]]:
 
 
 def _point(scene: Scene, size: float, order: int | None, trajs: list[Trajectory], end: States | None) -> Point:
-    """One point, that of the main run where there is no truth `end` for the time at which the runs stop."""
+    """One point. Without `end`, the truth at the end of the runs, it is the point of the main run."""
     walls = [traj.wall_time for traj in trajs]
     wall, simulated = statistics.median(walls), float(trajs[0].t[-1])
     return Point(step=size if order is not None else None, rtol=size if order is None else None, wall_time=wall,

@@ -1,7 +1,7 @@
-"""Which engine and method to trust on a scene, and why; from the records and nothing else.
+"""Which engine and method to trust on a scene, and why. This follows from the records alone.
 
-Only runs that passed are recommended, with the step, the error, the time and the judged share of the run that was
-judged. Every engine has a row of its own, in the same words.
+Only runs that passed are recommended, with their step, error, time and the share of the motion that was judged. Every
+engine has a row with its own recommendation.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from collections.abc import Sequence
 from crosscheck.document import EngineTrust, Recommended, Record, SceneTruth
 
 TARGETS = (1e-6, 1e-3)
-"""Errors over the scene's length that the recommendation asks for: the first that any passing run reaches."""
+"""Wanted errors over the scene's length. The recommendation is for the first one that a passing run reaches."""
 
 NOISE_RATIO, NOISE_DEVIATIONS = 1.1, 4.0
-"""Two times differ beyond noise when their medians do by more than this ratio and this many median deviations."""
+"""Two times differ beyond noise if their medians differ by more than this ratio and this many median deviations."""
 
 
 def recommend(scene: SceneTruth, records: Sequence[Record]) -> Recommended | None:
-    """The recommendation for one scene: the fastest passing run of those accurate enough, and its equals.
+    """The recommendation for one scene: the fastest of the accurate passing runs, and those equally fast within noise.
 
-    None where nothing can be recommended.
+    None if nothing can be recommended.
     """
     passing = [record for record in records if record.outcome in ("pass", "partly") and not record.practical
                and math.isfinite(record.judged_error)]
@@ -55,9 +55,9 @@ def _seconds(record: Record) -> float:
 
 
 def _slower(record: Record, best: Record) -> bool:
-    """Whether its time exceeds the best one beyond noise, each deviation taken as a share of its own median.
+    """Whether a run is slower than the best one beyond noise. Deviations are taken relative to their own medians.
 
-    A deviation in seconds would hide any difference between a slow run and a fast one.
+    The deviation of a slow run in seconds would hide its difference from a fast one.
     """
     ratio = _seconds(record) / _seconds(best) if math.isfinite(_seconds(best)) else 1.0
     shares = ((each.seconds_deviation or 0.0) / _seconds(each) for each in (record, best))
@@ -77,7 +77,7 @@ def sentence(scene: SceneTruth, records: Sequence[Record]) -> str:
 
 
 def by_engine(scene: SceneTruth, records: Sequence[Record]) -> list[EngineTrust]:
-    """What to trust of each engine, from the runs that were made; in the order in which they were."""
+    """The recommendation for each engine, in the order of the records."""
     rows = []
     for engine in dict.fromkeys(record.engine for record in records):
         own = [record for record in records if record.engine == engine]

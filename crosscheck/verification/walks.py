@@ -1,9 +1,9 @@
-"""What every method of one engine reaches on one scene, and for what time: runs at ever finer steps, kept on disk.
+"""Walks: the errors and times of every method of one engine on one scene at finer and finer steps, stored on the disk.
 
-All ways of the engine, in its default form, walk down at once, the cheapest next run first, by halved steps or by
-tolerances half a power of ten apart. Then the steps between two halves are searched around the errors of `LEVELS`, and
-the cheapest runs take turns for their times. An engine gets `BUDGET` seconds on a scene, the loading of its package and
-the truth apart. Steps divide the interval between two output times, as those of `crosscheck.run` do.
+First all methods, in the default form, are run with halved steps, or with tolerances that fall by half a power of ten.
+The cheapest next run always comes first. Then steps between two halvings are searched for the errors of `LEVELS`, and
+the cheapest runs take turns to measure their times. An engine gets `BUDGET` seconds on a scene, without the time to
+load its package and to compute the truth. Steps divide the interval between two output times, as in `crosscheck.run`.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from crosscheck.running.trajectory import Trajectory
 
 BUDGET = 30.0
-"""s of all runs of one engine on one scene."""
+"""Time (s) for all runs of one engine on one scene."""
 
 WALK, SEARCH = 0.6, 0.85
-"""Shares of the budget after which the walk ends, and the search between halves; the rest is for times."""
+"""Shares of the budget after which halving ends, and the search between halvings. The rest is for measuring times."""
 
 LEVELS = tuple(10.0**-power for power in (2, 4, 6, 8, 10, 3, 5, 7, 9, 11, 1))
 """Largest position errors, m, around which steps are searched, in this order."""
@@ -45,25 +45,25 @@ RTOLS = tuple(10.0 ** (-half / 2) for half in range(2, 29))
 """Relative tolerances of adaptive methods."""
 
 CLOSE = 1.12
-"""The search ends where the number of steps found and the next that is too inaccurate differ by less."""
+"""The search ends if the accurate and the inaccurate number of steps differ by less than this factor."""
 
 ROUND_OFF = 1e-9
-"""m; errors below it that do not fall any more are rounding."""
+"""Errors (m) below this that fall no more are rounding."""
 
 GAIN = 0.7
-"""A run with half the step, or a third of the tolerance, has an error below this share of the other's."""
+"""An error falls if a run with half the step, or a third of the tolerance, has less than this share of it."""
 
 NEAR = 1.6
-"""Ways that pay at most so many times the least for an error take turns with the cheapest."""
+"""Methods whose cost for an error is at most this multiple of the lowest one are timed in turns with the cheapest."""
 
 ROUNDS = 5
-"""Turns of each of them; the medians count."""
+"""Number of turns of each of them, of which the medians are taken."""
 
 TRIES, SHORT = 3, 0.02
-"""A turn is the fastest of so many runs, of as many as begin within so many s."""
+"""A turn is the fastest of at most TRIES runs. No run begins after SHORT (s)."""
 
 LOST = 4.0
-"""A way whose error another one of no lower order beats at this share of its cost walks on no further."""
+"""A method gets no finer runs if another one, of no lower order, has LOST times smaller cost and error."""
 
 USELESS = 0.1
 """A run whose error exceeds this share of the scene's size is useless."""
@@ -79,7 +79,7 @@ class Step:
     step: float | None  # s
     rtol: float | None
     steps: int
-    error: float | None = None  # m; None where the run failed
+    error: float | None = None  # m; None if the run failed
     cost: float | None = None  # s of stepping
     reason: str = ""  # of the failure
     repeats: int = 1
@@ -96,9 +96,9 @@ class Walk:
 
     scene: str
     engine: str
-    size: float  # m, how large the scene is
-    until: float  # s, the last sample that counts: past the horizon no truth is comparable
-    seconds: float = 0.0  # spent
+    size: float  # m, size of the scene
+    until: float  # s, the last sample that counts, which is not past the horizon of truth
+    seconds: float = 0.0  # total time
     steps: list[Step] = dataclasses.field(default_factory=list)
 
     def of(self, method: str) -> list[Step]:
@@ -106,7 +106,7 @@ class Walk:
         return sorted((step for step in self.steps if step.method == method), key=lambda step: step.fineness)
 
     def reaching(self, error: float) -> list[Step]:
-        """Per method its coarsest run with at most this error, the cheapest method first."""
+        """The coarsest run of each method with at most this error, the cheapest method first."""
         found: dict[str, Step] = {}
         for step in self.steps:
             if step.error is not None and step.error <= error:
@@ -117,9 +117,9 @@ class Walk:
 
 
 def walk(scene: Scene, engine: str, again: bool = False) -> Walk:
-    """The walk of an engine, from the disk where it is there, unless `again`.
+    """The walk of an engine. It is read from the disk if it is there, unless `again` is given.
 
-    Raises `Unsupported` where the engine cannot model the scene, `TruthError` and `Unsupported` where it has no truth.
+    Raises `Unsupported` if the engine cannot model the scene, and `TruthError` or `Unsupported` if it has no truth.
     """
     found = None if again else kept(scene, engine)
     if found is None:
@@ -138,7 +138,7 @@ def walk(scene: Scene, engine: str, again: bool = False) -> Walk:
 
 
 def kept(scene: Scene, engine: str) -> Walk | None:
-    """The walk of an engine on the disk, made by this code and these versions; None where there is none."""
+    """The walk of an engine on the disk that was made by this code and these versions; None if there is none."""
     try:
         return msgspec.json.decode(_path(scene, engine).read_bytes(), type=Walk)
     except (OSError, msgspec.DecodeError):
@@ -154,7 +154,7 @@ def _path(scene: Scene, engine: str) -> Path:
 
 
 class _Walker:
-    """One walk under way."""
+    """Makes one walk."""
 
     def __init__(self, scene: Scene, engine: str, truth: Reference) -> None:
         from crosscheck.judge import tolerances
@@ -167,12 +167,12 @@ class _Walker:
         self._began = time.perf_counter()
 
     def go(self, chosen: Sequence[Way]) -> Walk:
-        """Walk, search, take times."""
-        # Imports the engine and fills caches, which is no part of the budget.
+        """Run with halved steps, search between them, and measure times."""
+        # The first run imports the engine and fills caches, which does not count in the budget.
         self._run(chosen[0], 1e-1 if chosen[0].adaptive else self._interval)
         self._began = time.perf_counter()
         self._walk(chosen)
-        for level in LEVELS:  # fewer steps than the walk's, in the brackets that may be the cheapest
+        for level in LEVELS:
             if self._found.reaching(level):
                 for way in chosen:
                     if not way.adaptive:
@@ -185,13 +185,13 @@ class _Walker:
         return share * BUDGET - (time.perf_counter() - self._began)
 
     def _run(self, way: Way, value: float) -> tuple[Step, float]:
-        """One run, and the seconds that it took in all. A failure is in its `reason`."""
+        """One run, and its whole time (s). If it fails, `reason` says why."""
         fixed, varied = (None, value) if way.adaptive else (value, None)
         step = Step(way.method, way.form, way.order, fixed, varied, 0)
         start = time.perf_counter()
         try:
             traj, step.cost = self._timed(step)
-        except Exception as error:  # whatever an engine raises is where its method breaks
+        except Exception as error:  # whatever the engine raises is the result of this step
             step.reason = said(error)
             return step, time.perf_counter() - start
         wall = time.perf_counter() - start
@@ -203,7 +203,7 @@ class _Walker:
         return step, wall
 
     def _timed(self, step: Step) -> tuple[Trajectory, float]:
-        """A run at this step or tolerance and its stepping time (s), for a short run the least of a few."""
+        """A run at this step or tolerance and its stepping time (s). For a short run it is the least of a few."""
         from crosscheck.running.run import run
 
         began, costs = time.perf_counter(), []
@@ -214,7 +214,7 @@ class _Walker:
                 return traj, min(costs)
 
     def _walk(self, chosen: Sequence[Way]) -> None:
-        """All ways by halves or tolerances, the cheapest next run first."""
+        """Run all ways at halved steps or at tolerances, always the one with the cheapest next run."""
         order = itertools.count()
         heap = [(0.0, next(order), way, iter(
             RTOLS if way.adaptive else [self._interval / 2**power for power in range(31)]), 0.0) for way in chosen]
@@ -232,7 +232,7 @@ class _Walker:
                 heapq.heappush(heap, (grown * max(wall, 0.5 * last), next(order), way, values, wall))
 
     def _done(self, way: Way, step: Step) -> bool:
-        """Whether finer runs of this way are of no use: rounding rules, or another way is far ahead."""
+        """Whether finer runs of this way are useless, because of rounding or because another way is much better."""
         own = [each.error for each in self._found.of(way.method) if each.error is not None]
         if len(own) > 1 and own[-2] < ROUND_OFF and own[-1] > GAIN * own[-2]:
             return True
@@ -248,7 +248,7 @@ class _Walker:
         while True:
             steps = self._found.of(way.method)
             good = next((k for k, step in enumerate(steps) if step.error is not None and step.error <= level), None)
-            if not good:  # the level is not reached, or by the coarsest run
+            if not good:  # no run reaches the level, or even the coarsest one does
                 return
             coarse, fine = (max(1, round(self._interval / (step.step or self._interval))) for step in
                             (steps[good - 1], steps[good]))
@@ -261,7 +261,7 @@ class _Walker:
             self._found.steps.append(self._run(way, self._interval / middle)[0])
 
     def _turns(self) -> None:
-        """Times of the cheapest runs, in turns."""
+        """Measure the times of the cheapest runs in turns."""
         rivals: list[Step] = []
         for level in LEVELS:
             found = self._found.reaching(level)
@@ -271,7 +271,7 @@ class _Walker:
         for _ in range(ROUNDS):
             for own, step in zip(times, rivals, strict=True):
                 if TRIES * (step.cost or 0.0) < self._left():
-                    with contextlib.suppress(Exception):  # it ran before: the time that is known stays
+                    with contextlib.suppress(Exception):  # a failure leaves the time that is known
                         own.append(self._timed(step)[1])
         for own, step in zip(times, rivals, strict=True):
             if own:

@@ -1,6 +1,6 @@
-"""Runs at a few steps, extrapolated to vanishing ones in every sample interval.
+"""Runs at a few steps, extrapolated to vanishing steps in every sample interval.
 
-The leading term of a method's error goes, and what another model does, or noise, stays.
+This removes the leading term of a method's error. Errors of the model, and noise, remain.
 """
 
 from __future__ import annotations
@@ -15,29 +15,29 @@ from crosscheck.judge.flow import around
 from crosscheck.judge.tolerances import CONSTANTS, USUAL
 
 Limit = dict[str, tuple[np.ndarray, np.ndarray]]
-"""By quantity the size (I,) of what is left and its bound."""
+"""By quantity the size (I,) of what remains, and its bound."""
 
 FOLLOWING = 1000.0
-"""Methods of one order differ in the constants of their errors, most in accelerations of thin bodies: where errors
-follow the documented order from step to step they are a method's own, and may be so many times what the derivatives of
-the motion give, and more where light bodies carry heavy ones. Those of another model do not fall, and are held against
-the limit of vanishing steps."""
+"""Methods of one order differ in the constants of their errors, most of all in accelerations of thin bodies. If errors
+follow the documented order from step to step, they come from the method. They may then be this many times what the
+derivatives of the motion give, and more if light bodies carry heavy ones. Errors of the model do not fall; they are
+judged in the limit of vanishing steps."""
 
 FALLS = 4.0
-"""Times the factor between two terms of an error, by which the next one may be larger than that factor says."""
+"""The next term of an error may be this many times larger than the ratio of the two terms before it predicts."""
 
 NEAR = 9
-"""Intervals in which the largest value of a term is sought."""
+"""Number of neighbouring intervals over which the largest value of a term is taken."""
 
 BEGUN = 50
-"""Steps after which the start is forgotten: soft constraints settle in two steps a factor of e."""
+"""Steps after which the start has no more effect. Soft constraints decay by a factor of e in two steps."""
 
 APART = 0.5
-"""Runs in states that differ by this share of themselves have no terms in common."""
+"""If the states of two runs differ by this share, the runs have no error terms in common."""
 
 
 def following(values: Sequence[np.ndarray], runs: Sequence[Defects], order: int) -> np.ndarray:
-    """(I,) factor of the bounds of errors (I,) of some runs: `FOLLOWING` where they fall with the step, else one."""
+    """(I,) the factor of bounds of errors (I,) of some runs: `FOLLOWING` where errors fall with the step, else one."""
     if len(runs) < 2:
         return np.ones(len(values[0]))
     pairs = sorted(zip(runs, values, strict=True), key=lambda pair: pair[0].claim.step or 0.0)
@@ -46,7 +46,7 @@ def following(values: Sequence[np.ndarray], runs: Sequence[Defects], order: int)
 
 
 def falls(some: np.ndarray, more: np.ndarray, runs: Sequence[Defects], order: int) -> np.ndarray:
-    """(I,) whether errors (I,) of the first of two runs and `more` of the second, coarser one follow an order."""
+    """(I,) whether errors (I,) follow an order: `some` of the first run and `more` of the second, coarser one."""
     fine, coarse = runs
     ratio = (coarse.claim.step or 1.0) / (fine.claim.step or 1.0)
     close = shares(runs, fine.claim.order or 1)[1] < APART
@@ -75,7 +75,7 @@ def limits(runs: Sequence[Defects]) -> Limit:
         gap[level] = np.minimum(gap[level], fine.at_ends(rest))
     bounds = with_slack(pose, rate, gap, fine.flow.tau, fine.scale)
     usable = np.all([_within(run) & run.flow.regular for run in runs[1:]], axis=0)
-    # What a start of its own does, as that of soft constraints, follows no power of h.
+    # Effects of the start, as with soft constraints, follow no power of h.
     usable &= (fine.flow.index > 0) & (fine.flow.begin.t >= BEGUN * (runs[-1].claim.step or 0.0))
     found = {}
     for name in QUANTITIES:
@@ -86,7 +86,7 @@ def limits(runs: Sequence[Defects]) -> Limit:
 
 
 def _left(runs: Sequence[Defects], name: str, weights: np.ndarray) -> np.ndarray:
-    """(I,) size of the weighted sum of what runs miss."""
+    """(I,) size of the weighted sum of the defects of the runs."""
     total = np.sum([weight * run.vectors[name] for weight, run in zip(weights, runs, strict=True)], axis=0)
     return np.asarray(np.linalg.norm(total, axis=-1).max(axis=1))
 
@@ -106,14 +106,14 @@ def _next(runs: Sequence[Defects], name: str, order: int) -> np.ndarray:
 
 
 def _within(run: Defects) -> np.ndarray:
-    """(I,) where a run keeps its own bounds: beyond them a coarse step may be unstable, and has no terms to cancel."""
+    """(I,) where a run is within its own bounds. Beyond them a coarse step may be unstable, without terms to cancel."""
     bounds = run.bounds
     return np.asarray(np.all([np.linalg.norm(run.vectors[name], axis=-1).max(axis=1) <= bounds[name]
                               for name in QUANTITIES], axis=0))
 
 
 def finest_first(runs: Sequence[Defects]) -> list[Defects]:
-    """By their steps."""
+    """The runs, sorted by their steps."""
     return sorted(runs, key=lambda run: run.claim.step or 0.0)
 
 
@@ -128,7 +128,10 @@ def extrapolation(runs: Sequence[Defects], order: int) -> tuple[np.ndarray, floa
 
 
 def shares(runs: Sequence[Defects], order: int) -> list[np.ndarray]:
-    """(I,) per run how much its leading term may differ, for its state, from what the weights cancel; at most 1."""
+    """(I,) per run: the share by which its leading term may differ, because of its state, from what the weights cancel.
+
+    It is at most 1.
+    """
     fine = runs[0].flow
     apart = [[run.flow.begin.x - fine.begin.x, turn(fine.begin.R, run.flow.begin.R), run.flow.begin.v - fine.begin.v,
               run.flow.begin.w - fine.begin.w] for run in runs]  # where the intervals begin

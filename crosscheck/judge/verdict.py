@@ -1,10 +1,9 @@
-"""The verdict on one run: findings against bounds with reasons, and one outcome. Knows no engine's inside.
+"""The verdict on one run: findings that compare values with bounds and their reasons, and one outcome.
 
-Outcomes: "pass", "partly" (as "pass", but no bound of the motion against truth reaches over the whole run), "known"
-(only defects listed in `judge.known`; passes), "fail", "error" (it did not run to its end in an unforeseen way),
-"unsupported" (the engine cannot model the scene; passes, with the reason), "unjudged"
-(the scene has no truth, or the step is too coarse for bounds of the motion: only the rest was judged, and nothing of
-that failed).
+The outcomes are "pass"; "partly" (as "pass", but no bound of the motion reaches over the whole run); "known" (only
+defects that are listed in `judge.known`); "fail"; "error" (the run ended in an unforeseen way); "unsupported" (the
+engine cannot model the scene); and "unjudged" (the scene has no truth, or the step is too coarse for bounds of the
+motion; all else was judged, and nothing failed).
 """
 
 from __future__ import annotations
@@ -39,28 +38,28 @@ from crosscheck.scene.model import Scene
 
 @dataclasses.dataclass(frozen=True)
 class Bounds:
-    """Bounds of the states of one run, and how far they reach."""
+    """Bounds of the states of one run, and the time up to which they judge it."""
 
     states: dict[str, Tol]
-    invariants: dict[str, Tol]  # the same as energy and momentum see them
-    empty: frozenset[str]  # kinds of findings for which the bound says nothing
+    invariants: dict[str, Tol]  # bounds of the states, from which those of energy and momentum follow
+    empty: frozenset[str]  # kinds of findings whose bound is too large to judge anything
     until: float  # s
 
 
 def _judged(kind: str, value: float, tol: Tol, unit: str, detail: str = "", empty: bool = False) -> Finding:
-    """A finding; `empty`: the bound exceeds the size of the quantity, so that passing it would mean nothing."""
+    """A finding. With `empty`, the bound exceeds the size of the quantity, so that the value is not judged."""
     if empty and np.isfinite(value):
         return Finding(kind, "unjudged", float(value), None, unit,
                        f"at this step the bound, {tol.value:.2g}, exceeds the size of the quantity itself", detail)
-    # a NaN fails
+    # A NaN fails.
     return Finding(kind, "ok" if value <= tol.value else "fail", float(value), tol.value, unit, tol.why, detail)
 
 
 def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, claim: Claim, budgeted: bool = False
                  ) -> tuple[list[Finding], dict[str, Error], Bounds]:
-    """Errors against truth over the longest time a bound can judge: the whole run, or else its first window.
+    """Judge errors against truth over the longest time that bounds can judge: the whole run, or else its first window.
 
-    Where the step is too coarse even for that, the plan is to blame, or the run stays unjudged if it was `budgeted`.
+    If the step is too coarse even for the window, the plan has failed, or with `budgeted` the run is unjudged.
     Returns the findings, the errors over the whole run, and the bounds that were used.
     """
     def bounds_for(reference: Reference, growth: float | None = None) -> dict[str, Tol]:
@@ -88,18 +87,18 @@ def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, c
 
 
 def _conservative(scene: Scene, truth: Reference) -> bool:
-    """Whether the true motion keeps energy and vertical momentum, to the doubt of truth itself."""
+    """Whether the true motion conserves energy and vertical momentum, within the error of truth."""
     from crosscheck.scene import mechanics
 
     scale = tolerances.scales(scene, truth)
     pairs = [(mechanics.energy(scene, truth.states), scale.kinetic),
              (mechanics.momentum_vertical(scene, truth.states), scale.momentum)]
-    # Energies of the size of the kinetic energy, errors of states up to `error`, some ten terms.
+    # Energies have the size of the kinetic energy, states have errors up to `error`, and there are about ten terms.
     return all(np.abs(values - values[0]).max() <= 10 * truth.error * size for values, size in pairs)
 
 
 def judge_invariants(scene: Scene, traj: Any, truth: Reference, bounds: Bounds) -> list[Finding]:
-    """Energy and vertical angular momentum against those of truth, as far as the bounds of the states reach."""
+    """Judge energy and vertical angular momentum against those of truth, up to the time that the bounds judge."""
     from crosscheck.scene import mechanics
 
     keep, where = truth.t <= bounds.until * (1 + 1e-12), f"up to {bounds.until:g} s"
@@ -113,15 +112,15 @@ def judge_invariants(scene: Scene, traj: Any, truth: Reference, bounds: Bounds) 
 
 
 def judge_practical(scene: Scene, traj: Any, truth: Reference) -> Finding:
-    """Energy of a run at a coarse step: it may not change by more than lifting all bodies from bottom to top takes.
+    """Judge the energy of a run at a coarse step: its error must not exceed the energy to lift all bodies to the top.
 
-    Where other forces or drives act, what the true kinetic energy gains and loses comes on top: without gravity all of
-    it is theirs. Beyond that the run shows another motion than the scene's, whatever its order of accuracy.
+    If other forces or drives act, the range of the true kinetic energy is added, which without gravity comes from them
+    alone. A run with a larger error shows another motion than that of the scene.
     """
     from crosscheck.scene import mechanics
 
     scale = tolerances.scales(scene, truth)
-    # A constant energy is known for ever, one that loads and dampers change only as far as the motion is.
+    # A constant energy is known for all times, one that loads and dampers change only up to the horizon.
     keep = slice(None) if _conservative(scene, truth) else truth.t <= truth.horizon * (1 + 1e-12)
     change = np.abs(traj.energy - mechanics.energy(scene, truth.states))[keep].max() / scale.kinetic
     lift = scene.masses.sum() * np.linalg.norm(scene.gravity) * 2 * scale.reach / scale.kinetic
@@ -133,7 +132,7 @@ def judge_practical(scene: Scene, traj: Any, truth: Reference) -> Finding:
 
 
 def judge_without_truth(scene: Scene, traj: Any) -> Finding:
-    """Energy of a run where there is no truth: as `judge_practical`, for scenes whose energy is conserved."""
+    """Judge the energy of a run without truth: as `judge_practical`, for scenes that conserve energy."""
     change = float(np.abs(traj.energy - traj.energy[0]).max())
     if scene.forces:
         return Finding("energy", "unjudged", change, None, "J", "forces may change the energy, and no truth tells how")
@@ -148,8 +147,11 @@ def judge_without_truth(scene: Scene, traj: Any) -> Finding:
 
 def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bounds | None, held: frozenset[str],
                  maxima: dict[str, float], eps: float = tolerances.EPS, run: Defects | None = None) -> list[Finding]:
-    """Constraint levels: every step where the method holds them, elsewhere samples against the states' bounds, or
-    against what a method of its order may leave open by then where `run` was measured and that is less."""
+    """Judge the constraint levels. Levels that the method satisfies by construction are judged at every step.
+
+    Others are judged at the samples, against what follows from the bounds of the states or, with `run`, against what
+    the errors of a method of this order may add up to by then, if that is less.
+    """
     findings = []
     for level, unit in LEVELS.items():
         kind, series = f"level {level}", getattr(traj, f"constraint_{level}")
@@ -176,7 +178,7 @@ def judge_levels(scene: Scene, traj: Any, truth: Reference | None, bounds: Bound
 
 
 def _drifted(run: Defects, level: str, series: np.ndarray, judged: Finding, t: np.ndarray) -> Finding:
-    """What is left open against what the errors of all intervals before add up to, where that says something."""
+    """Judge a level against the sum of the allowed errors of all intervals before, unless that is too large."""
     allowed = run.allowed[0][level]
     size = run.scale.length * (1.0 if level == "position" else run.scale.rate)
     at = int(np.argmax(series / allowed))
@@ -189,11 +191,11 @@ def _drifted(run: Defects, level: str, series: np.ndarray, judged: Finding, t: n
 
 def judge_orders(order: int, ladder: Sequence[Rung], plateaus: Mapping[str, Plateau], rungs: int | None = None,
                  final: bool = False) -> tuple[list[Finding], dict[str, Order]]:
-    """Observed order of every quantity against the documented one; a higher one is no fault.
+    """Judge the observed order of every quantity against the documented one. A higher order passes.
 
-    An order is a property of vanishing steps: where that of the first `rungs` steps (None: of all) is low, the same
-    number of finest ones above the rounding plateau decides. Where it has not settled and no finer step can tell, since
-    rounding has set in or there is none (`final`), it is known to the nearest whole number only, which orders are.
+    An order is a property of vanishing steps. If the order of the first `rungs` steps (None: of all) is low, the same
+    number of finest steps above the rounding plateau decides. If the order has not settled, and finer steps cannot help
+    because of rounding or because there are none (`final`), only the nearest whole number counts.
     """
     findings, orders = [], {}
     steps = [rung.step or 0.0 for rung in ladder]
@@ -226,7 +228,7 @@ def _order_finding(kind: str, values: list[float], result: Order, lowest: float,
 
 
 def undecided(findings: list[Finding], orders: dict[str, Order]) -> bool:
-    """Whether finer steps may lift an order that is low so far, see `judge_orders`."""
+    """Whether finer steps may raise an order that is too low, see `judge_orders`."""
     low = {finding.kind.removeprefix("order ") for finding in findings
            if finding.status == "fail" and finding.value is not None}
     return any(not orders[quantity].settled and not orders[quantity].exhausted for quantity in low)
@@ -234,10 +236,9 @@ def undecided(findings: list[Finding], orders: dict[str, Order]) -> bool:
 
 def settle(run: Measured, findings: list[Finding], turning: known.Turning, message: str = "",
            judged_until: float | None = None) -> Judged:
-    """The verdict on a run: known defects marked, vanished ones noticed, one outcome.
+    """The verdict on a run: mark known defects, notice those that no longer show, and determine the outcome.
 
-    `turning` is `crosscheck.adapters.turning`. A bound the user set is his: no known defect excuses what exceeds it,
-    and what keeps it has not vanished.
+    `turning` is `crosscheck.adapters.turning`. Bounds that the user set are not affected by known defects.
     """
     for entry in known.entries(run.engine, run.method, run.scene, run.form, turning, run.practical):
         seen = [finding for finding in findings if finding.kind in entry.kinds and finding.status != "unjudged"
@@ -245,7 +246,7 @@ def settle(run: Measured, findings: list[Finding], turning: known.Turning, messa
         failing = [finding for finding in seen if finding.status == "fail" and entry.excuses(finding)]
         findings = [replace(each, status="known", detail=entry.reason) if each in failing else each
                     for each in findings]
-        # Vanished means looked for and not found: a profile without an order study says nothing about orders.
+        # A defect has vanished only if it was looked for: without an order study, nothing is known about orders.
         if entry.always and not failing and set(entry.kinds) <= {finding.kind for finding in seen} | {"run"}:
             findings.append(Finding("vanished", "fail", None, None, "", f"a known defect no longer shows: "
                                     f"{entry.reason}", "if the engine was mended, remove the entry"))
@@ -262,7 +263,7 @@ def settle(run: Measured, findings: list[Finding], turning: known.Turning, messa
 
 
 def outcome_of(findings: Sequence[Finding]) -> Outcome:
-    """The outcome that findings make."""
+    """The outcome that follows from findings."""
     statuses = {finding.status for finding in findings}
     blind = any(finding.kind == "step" and finding.status == "unjudged" for finding in findings)
     return "fail" if "fail" in statuses else "known" if "known" in statuses else "unjudged" if blind else "pass"
@@ -272,20 +273,22 @@ J = TypeVar("J", bound=Judged)
 
 
 def beyond(run: J, finding: Finding, message: str = "") -> J:
-    """The run with one more finding, one that fails."""
+    """The run with one more finding, which fails."""
     return replace(run, findings=[*run.findings, finding], outcome="fail",
                    message="; ".join(filter(None, (run.message, message))))
 
 
 FIRST = (("run", "step", "vanished"), (*QUANTITIES, "order", "energy"),
          ("momentum", "level", "acceleration", "orthogonality", "limit", "rtol", "sub-steps"))
-"""Kinds of findings, or how their names begin, in the order in which `worst` names them; others are plausibility checks
-and come last: they say little more than that a motion looks like one."""
+"""Kinds of findings, or the first words of their names, in the order of `worst`. All others are plausibility checks,
+which say little about accuracy and come last."""
 
 
 def worst(findings: Sequence[Finding]) -> Finding | None:
-    """The finding to name first: of those that fail, else are known, else pass, the most telling kind that says how far
-    it is beyond or within its bound, and of that the farthest beyond or nearest to it."""
+    """The finding to name first: a failing one, else a known one, else a passing one.
+
+    Among these the order of kinds in `FIRST` decides, then how far the value is beyond its bound or how close to it.
+    """
     def place(finding: Finding) -> tuple[int, bool, int, float]:
         group = next((index for index, kinds in enumerate(FIRST)
                       if finding.kind in kinds or finding.kind.partition(" ")[0] in kinds), len(FIRST))
@@ -296,17 +299,17 @@ def worst(findings: Sequence[Finding]) -> Finding | None:
 
 
 def partly(run: Judged) -> bool:
-    """Whether the bounds of the motion judge only its beginning, see `judge_states`."""
+    """Whether only the beginning of the motion could be judged, see `judge_states`."""
     return _share(run.judged_until, run.duration) < 1
 
 
 def _share(until: float | None, duration: float | None) -> float:
-    """Of its time, over which the motion of a run was judged; 1 where that is not known."""
+    """The share of a run's time over which its motion was judged; 1 if that is unknown."""
     return 1.0 if not until or not duration or until >= duration * (1 - 1e-9) else until / duration
 
 
 def word(run: Judged) -> str:
-    """The outcome in words that claim no more than was judged."""
+    """The outcome in words, with the time up to which the motion was judged if that is not the whole run."""
     if run.outcome in ("pass", "partly") and run.practical:
         return "stable"
     said = {"unsupported": "n/a", "partly": "pass"}.get(run.outcome, run.outcome)

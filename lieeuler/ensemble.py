@@ -79,9 +79,8 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
                        spin_free: bool | None = None, threads: int = 0) -> EnsembleSolution:
     """Integrate many members of one problem: each has its own state, parameters, steps and status.
 
-    A member's trajectory does not depend on the other members or on the number of threads, to the last bit. Where
-    bodies are symmetric (`lieeuler.spin_free`) or parameters are given, each member gets a compiled system of its own,
-    which takes 0.3 ms; `spin_free=False` avoids it for symmetric bodies.
+    A member's trajectory does not depend on the other members or on the number of threads, to the last bit. If bodies
+    are symmetric and `spin_free` is not False, or if parameters are given, compiling each member takes 0.3 ms.
 
     Parameters
     ----------
@@ -95,7 +94,7 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
         Such as "bodies.0.mass" (N,), "bodies.0.inertia" (N, 3, 3), "joints.1.child_anchor" (N, 3),
         "forces.0.stiffness" (N,), "gravity" (N, 3); a last index names one component, as in "gravity.2" (N,).
     threads : int
-        0 takes one thread for each processor that the process may use.
+        0: one thread for each processor that the process may use.
 
     Raises
     ------

@@ -58,8 +58,7 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     spectral_radius : float, optional
         Of generalized_alpha, default 0.8: 0 damps motions much faster than the step away, 1 keeps them.
     spin_free : bool, optional
-        Integrate symmetric bodies in frames without their spin (`lieeuler.spin_free`). Default: yes, except with the
-        Euler methods.
+        Integrate symmetric bodies in frames without their spin (`lieeuler.spin_free`). Euler methods do not by default.
     reduce : "planar" | "axis" | "off", optional
         Integrate a mechanism in its plane, or about fixed axes (`lieeuler.planar`); the multipliers are then those of
         the index-1 system. Default: wherever this applies, except with the Euler methods; `solution.stats.reduce` says
@@ -71,8 +70,7 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     polish : bool
         Make attitudes rotations again after every step (docs/theory.md, section 3). Only the Euler methods take False.
     monitor : bool
-        Evaluate energy, constraint levels and orthogonality after every step (`stats.maxima`). If False, only the
-        last state is checked.
+        Evaluate energy, constraint levels and orthogonality after every step (`stats.maxima`), not only at the end.
 
     Returns
     -------

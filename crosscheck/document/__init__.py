@@ -1,9 +1,8 @@
 """The types of the results: the journal, results.json and the pages all use them.
 
-A run passes through four stages: `Run`, `Measured`, `Judged`, `Timed`. Each stage returns a new value of its own type,
-with all fields of the stage before. Nothing is changed in place. `Document` is the content of results.json, and its
-JSON Schema is made from these types (`crosscheck.report.schema`). Units are SI, angles are in rad, and None means that
-there is no value.
+A run passes through four stages: `Run`, `Measured`, `Judged`, `Timed`. Each returns a new value of its own type, with
+all fields of the stage before. `Document` is the content of results.json, and its JSON Schema is made from these types
+(`crosscheck.report.schema`). Units are SI, angles are in rad, and None means that there is no value.
 """
 
 from __future__ import annotations
@@ -59,9 +58,8 @@ class Truth(Part, frozen=True, kw_only=True):
 class Plan(Part, frozen=True):
     """The steps that methods use on one scene.
 
-    `steps` maps a documented order to the step (s) of the main run over the whole scene. `ladders` maps it to the
-    steps (s) of the order study over the first `window` seconds, from coarse to fine. An order that is not listed uses
-    the next lower one.
+    `steps` maps a documented order to the step (s) of the main run, `ladders` to the steps (s) of the order study over
+    the first `window` seconds, from coarse to fine. An order that is not listed uses the next lower one.
     """
 
     window: float
@@ -85,8 +83,7 @@ class Plan(Part, frozen=True):
     def ladder(self, order: int, rungs: int | None = None) -> tuple[float, ...]:
         """Steps (s) of the order study: all of them, or the `rungs` that show the order best.
 
-        Methods of low order show it best at their finest steps. Those of high order show it best at their coarsest
-        steps, because rounding limits the errors at fine ones.
+        Low orders show best at the finest steps, high ones at the coarsest, because of rounding at fine ones.
         """
         steps = self.ladders[max(key for key in self.ladders if key <= order)]
         return steps if rungs is None else steps[-rungs:] if order <= 2 else steps[:rungs]
@@ -215,10 +212,7 @@ class Level(Part, frozen=True, kw_only=True):
 
 
 class Order(Part, frozen=True, kw_only=True):
-    """The convergence order, fitted to the errors at several steps.
-
-    At fine steps rounding keeps the errors from falling: this is the rounding plateau.
-    """
+    """The convergence order, fitted to the errors at several steps. On the rounding plateau errors fall no more."""
 
     observed: float | None  # None if fewer than three steps lie above the rounding plateau
     documented: int
@@ -259,8 +253,7 @@ class Point(Part, frozen=True, kw_only=True):
 
 
 class Speed(Part, frozen=True, kw_only=True):
-    """Time per step of a run. `ratio` is this time over that of the calibration kernel, measured just before or after.
-    """
+    """Time per step of a run. `ratio` is this time over that of the calibration kernel, timed just before and after."""
 
     us_per_step: float
     us_deviation: float  # median absolute deviation over the repeats

@@ -103,22 +103,20 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     ----------
     profile : "default", "smoke" or "full"
     scenes : names or paths; None: those in `crosscheck.judge.plan.PLANS`, or all with the profile "full"
-    engines : names; None: all
+    engines, methods : names; None: all
     jobs : number of worker processes
     progress : called as tasks end
     journal : every result is written to it; results that are in it already are not computed again
-    limits : time and resident memory of one cell; None: those of `crosscheck.verification.guarded`
+    limits : of one cell; None: those of `crosscheck.verification.guarded`
     overrides : bounds set by the user, from `crosscheck.judge.overrides.read`
     walk : also make the runs for advice, half a minute per scene and engine
-    methods : names; None: all
     asked : map, step and duration of main runs instead of those of the plan
-    scheduler : where truths and runs are computed, as in `crosscheck.running.cluster.connect`; timings are always
-        measured on this machine
+    scheduler : where truths and runs are computed, for `crosscheck.running.cluster.connect`; timings are made here
 
     Raises
     ------
     SceneError, ArgumentError, EngineError
-        A name or option is wrong. This is checked before anything runs.
+        A name or option is wrong. This is checked first.
     """
     if jobs < 1:
         raise ArgumentError(f"jobs has to be at least 1, not {jobs}")

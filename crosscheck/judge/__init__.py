@@ -1,1 +1,1 @@
-"""Metrics, tolerances and verdicts. Nothing here knows the inside of an engine."""
+"""Metrics, tolerances and verdicts. They do not depend on how an engine works."""

@@ -1,7 +1,7 @@
-"""Reported accelerations and multipliers against the index-1 system at the run's own states.
+"""Judge reported accelerations and multipliers against the index-1 equations at the run's own states.
 
-Whatever the states are worth, accelerations and multipliers have to belong to them: a method takes them from somewhere
-in the step, so that they may differ by what they change within one step.
+Accelerations and multipliers must fit the states, however accurate these are. A method evaluates them somewhere in a
+step, so that they may differ by their change within one step.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
 
 WITHIN = 16.0
-"""Steps whose changes a reported acceleration may show: methods of index 3, and those that start an acceleration of
-their own (generalised alpha), miss it by up to nine."""
+"""A reported acceleration may differ by its change in this many steps. Methods of index 3, and methods that integrate
+an acceleration of their own (generalised alpha), need up to nine."""
 
 SETTLED = 200
-"""Steps after which what an acceleration of its own brought from the start has gone: 0.9 a step is 1e-9 by then."""
+"""Steps after which the start no longer affects such an acceleration: a factor of 0.9 per step is 1e-9 by then."""
 
 SOFT = 1.5
-"""Least order by which openings of soft constraints fall with the step: 2, and that of drift at first order is 1."""
+"""Openings that fall with this order or more come from soft constraints (order 2), others from drift (order 1)."""
 
 UNITS = {"acceleration": "m/s^2", "angular acceleration": "rad/s^2", "reaction": "m/s^2",
          "reaction torque": "rad/s^2"}
@@ -38,10 +38,10 @@ UNITS = {"acceleration": "m/s^2", "angular acceleration": "rad/s^2", "reaction":
 
 
 def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequence[Defects]) -> list[Finding]:
-    """Findings for what the engine reports of a, alpha and lam; none for what it does not report.
+    """Findings for those of a, alpha and lam that the engine reports.
 
-    The first of the runs is judged; the others are at other steps, and an error that does not vanish with them is that
-    of another model.
+    The first run is judged. The others are at other steps: an error that does not vanish with the step is one of the
+    model.
     """
     traj, claim = trajectories[0], runs[0].claim
     if traj.a is None and traj.lam is None:
@@ -85,9 +85,9 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
 
 
 def _staying(runs: Sequence[Defects], sizes: Sequence[np.ndarray]) -> np.ndarray:
-    """(I,) factor of the bound of the finest of three runs: `WORTH` where errors are alike at all steps, else infinite.
+    """(I,) factor of the bound of the finest of three runs: `WORTH` if errors are alike at all steps, else infinite.
 
-    Nothing is said of soft constraints, whose forces are, nor while accelerations settle.
+    It is also infinite for soft constraints, whose forces are alike at all steps, and while accelerations settle.
     """
     near = [around(size, NEAR) for size in sizes]
     alike = np.max(near, axis=0) < np.min(near, axis=0) * (1 + ALIKE)
@@ -97,18 +97,20 @@ def _staying(runs: Sequence[Defects], sizes: Sequence[np.ndarray]) -> np.ndarray
 
 
 def _soft(runs: Sequence[Defects]) -> bool:
-    """Whether openings fall faster than drift: forces of soft constraints follow their opening over h^2, which is about
-    the same at any step."""
+    """Whether openings fall faster than drift, as those of soft constraints do.
+
+    The forces of soft constraints are proportional to opening / h^2, which is about the same at any step.
+    """
     opened = [float(run.opening["position"].max()) for run in runs[:2]]
     return bool(opened[1] > opened[0] * ((runs[1].claim.step or 1.0) / (runs[0].claim.step or 1.0)) ** SOFT)
 
 
 def _limit(scene: Scene, runs: Sequence[Defects], sizes: Sequence[np.ndarray], power: int
            ) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of runs, the finest first, that extrapolate to vanishing steps, and the bound (I,) of what is left.
+    """Weights of runs, the finest first, that extrapolate to vanishing steps, and the bound (I,) of what remains.
 
-    The runs are in states that differ by a share, by which the leading term does; one that is beyond its own bound has
-    no terms to cancel.
+    The states of the runs differ by some share, and their leading terms by the same share. The bound is infinite if a
+    coarser run exceeds its own bound, because it has no terms to cancel.
     """
     weights, left = extrapolation(runs, power)
     bound = _bound(scene, runs[0], power, len(runs) - 1, left)
@@ -123,13 +125,13 @@ def _limit(scene: Scene, runs: Sequence[Defects], sizes: Sequence[np.ndarray], p
 
 
 def _sizes(vectors: np.ndarray) -> np.ndarray:
-    """(I,) the largest of any body; of what is not finite, infinite."""
+    """(I,) the largest norm of all bodies; infinite if one is not finite."""
     values = np.linalg.norm(vectors, axis=-1)
     return np.asarray(np.where(np.isfinite(values), values, np.inf).max(axis=1))
 
 
 def _gaps(scene: Scene, traj: Any, at: np.ndarray) -> dict[str, np.ndarray]:
-    """(I, n, 3) by what is reported: its difference from the index-1 system at the output times `at`."""
+    """(I, n, 3) for each reported quantity: the difference from the index-1 equations at the output times `at`."""
     angles = {name: values[at] for name, values in mechanics.torsion_angles(scene, traj.R, traj.w, traj.t).items()}
     a, alpha, lam = mechanics.index1(scene, traj.x[at], traj.R[at], traj.v[at], traj.w[at], angles, traj.t[at])
     found = {}
@@ -148,7 +150,7 @@ def _gaps(scene: Scene, traj: Any, at: np.ndarray) -> dict[str, np.ndarray]:
 def _bound(scene: Scene, run: Defects, power: int, more: int = 0, times: float = 1.0) -> np.ndarray:
     """Bound (I,) of accelerations (m/s^2) and, over the length, of angular ones, at the ends of the intervals.
 
-    What changes in `WITHIN` steps: its leading term, or, `times`, the one `more` orders up.
+    The bound is the change in `WITHIN` steps: its leading term or, `times`, the term that is `more` orders higher.
     """
     scale, found = run.scale, run.flow
     if run.claim.step and run.claim.fixed:

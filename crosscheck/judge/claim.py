@@ -1,4 +1,4 @@
-"""What a run claims about its own accuracy: all that bounds know of the engine that made it."""
+"""The accuracy that a run claims to have. Bounds depend on the engine through this claim alone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Claim:
     rtol: float | None
     eps: float = 2.0**-52  # spacing of the engine's numbers
     steps: float = 0.0  # in a sample interval
-    newton: float = 0.0  # residual that the engine's own iteration leaves
+    newton: float = 0.0  # residual at which the engine's Newton iteration ends
 
     def __post_init__(self) -> None:
         if self.rtol is None and (self.order is None or self.step is None):
@@ -29,5 +29,5 @@ class Claim:
 
     @property
     def said(self) -> str:
-        """In words."""
+        """The claim in words."""
         return f"order {self.order}, h = {self.step:.3g} s" if self.fixed else f"rtol = {self.rtol:.1e}"

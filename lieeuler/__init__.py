@@ -7,9 +7,11 @@ from lieeuler.functions import TimeFunction
 from lieeuler.integrate import integrate
 from lieeuler.joints import (
     Contact,
+    Coordinate,
     Dot,
     Drive,
     Joint,
+    Mimic,
     Rotor,
     cylindrical_joint,
     distance_joint,
@@ -37,6 +39,7 @@ __all__ = [
     "Body",
     "ConstantLoad",
     "Contact",
+    "Coordinate",
     "Dot",
     "Drive",
     "EnsembleSolution",
@@ -46,6 +49,7 @@ __all__ = [
     "LieEulerError",
     "LinearSpring",
     "Method",
+    "Mimic",
     "Problem",
     "Rotor",
     "SlideForce",

@@ -67,31 +67,78 @@ class Dot(Frozen):
 
 
 @dataclasses.dataclass(frozen=True)
-class Drive(Frozen):
-    """The angle of a hinge, or the slide of a prismatic joint, as a function of time.
+class Coordinate(Frozen):
+    """The angle of a hinge, or the slide of a prismatic joint.
 
     Parameters
     ----------
-    function : TimeFunction
-        rad or m.
     parent_axis, child_axis : (3,)
         The joint's axes, each in its body's frame.
     relative : (3, 3), optional
-        R_child^T R_parent where the angle is zero; None drives the slide, which is parent_axis . d.
+        R_child^T R_parent where the angle is zero; None means the slide, which is parent_axis . d.
     """
 
-    function: TimeFunction
     parent_axis: np.ndarray
     child_axis: np.ndarray
     relative: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.function, TimeFunction):
-            raise ArgumentError(f"function must be a lieeuler.TimeFunction, not {self.function!r}")
         for name in ("parent_axis", "child_axis"):
             object.__setattr__(self, name, unit(name, getattr(self, name)))
         if self.relative is not None:
             object.__setattr__(self, "relative", rotation("relative", self.relative))
+
+    @property
+    def measured(self) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """As the kernel takes it: whether it turns, both axes, two normals of the parent's, the first one as the child
+        sees it at zero."""
+        n1, n2 = normals(self.parent_axis)
+        turns = self.relative is not None
+        return turns, self.parent_axis, self.child_axis, n1, n2, n1 if self.relative is None else self.relative @ n1
+
+
+@dataclasses.dataclass(frozen=True)
+class Drive(Frozen):
+    """A coordinate of a joint as a function of time, rad or m."""
+
+    function: TimeFunction
+    coordinate: Coordinate
+
+    def __post_init__(self) -> None:
+        for name, kind in (("function", TimeFunction), ("coordinate", Coordinate)):
+            if not isinstance(getattr(self, name), kind):
+                raise ArgumentError(f"{name} must be a lieeuler.{kind.__name__}, not {getattr(self, name)!r}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Mimic(Frozen):
+    """A coordinate follows one of another joint: coordinate = ratio * leader + offset.
+
+    An angle of the leader counts from (-pi, pi] at the start, and is continuous from then on.
+
+    Parameters
+    ----------
+    joint : int
+        Index of the leader's joint.
+    coordinate, leader : Coordinate
+        Of the joint itself, and of the other.
+    ratio, offset : float
+        Units follow from the two coordinates: rad, m.
+    """
+
+    joint: int
+    coordinate: Coordinate
+    leader: Coordinate
+    ratio: float
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joint", body_index("joint", self.joint))
+        for name in ("coordinate", "leader"):
+            if not isinstance(getattr(self, name), Coordinate):
+                raise ArgumentError(f"{name} must be a lieeuler.Coordinate, not {getattr(self, name)!r}")
+        for name in ("ratio", "offset"):
+            object.__setattr__(self, name, number(name, getattr(self, name)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -176,6 +223,8 @@ class Joint(Frozen):
         Further rows.
     drive : Drive, optional
         The last row: a coordinate as a function of time.
+    mimic : Mimic, optional
+        The last row: a coordinate follows one of another joint.
     rotors : tuple of Rotor
         Inertias of the joint's coordinates; they constrain nothing and have no row in lam.
     contact : Contact, optional
@@ -191,6 +240,7 @@ class Joint(Frozen):
     drive: Drive | None = None
     rotors: tuple[Rotor, ...] = ()
     contact: Contact | None = None
+    mimic: Mimic | None = None
 
     def __post_init__(self) -> None:
         for name in ("parent", "child"):
@@ -212,7 +262,7 @@ class Joint(Frozen):
     def rows(self) -> int:
         """Number of constraint rows."""
         touching = 0 if self.contact is None else 1 + len(self.contact.across)
-        return 3 * self.spherical + len(self.dots) + (self.drive is not None) + touching
+        return 3 * self.spherical + len(self.dots) + (self.drive is not None) + touching + (self.mimic is not None)
 
     def add_to(self, system: _kernel.System) -> None:
         """Add this joint to the compiled system."""
@@ -224,10 +274,9 @@ class Joint(Frozen):
             system.add_contact(_kernel.ContactKind[self.contact.kind], self.contact.normal, self.contact.axis,
                                self.contact.radius, self.contact.across)
         if self.drive is not None:
-            n1, n2 = normals(self.drive.parent_axis)
-            pointer = n1 if self.drive.relative is None else self.drive.relative @ n1
-            system.drive_joint(self.drive.relative is not None, self.drive.parent_axis, self.drive.child_axis, n1, n2,
-                               pointer, self.drive.function.kernel)
+            system.drive_joint(*self.drive.coordinate.measured, self.drive.function.kernel)
+        if self.mimic is not None:
+            system.follow(*self.mimic.coordinate.measured, self.mimic.ratio, self.mimic.offset)
 
     def add_rotors_to(self, system: _kernel.System, index: int) -> None:
         """Add the rotor inertias of this joint, the system's `index`-th."""
@@ -239,6 +288,10 @@ class Joint(Frozen):
     def driven(self, drive: Drive) -> Joint:
         """The same joint with its coordinate prescribed."""
         return dataclasses.replace(self, drive=drive)
+
+    def following(self, mimic: Mimic) -> Joint:
+        """The joint with a coordinate that follows one of another joint."""
+        return dataclasses.replace(self, mimic=mimic)
 
     def geared(self, *rotors: Rotor) -> Joint:
         """The same joint with rotor inertias on its coordinates."""

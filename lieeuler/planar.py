@@ -23,7 +23,7 @@ from lieeuler.checks import normals
 from lieeuler.errors import ArgumentError
 from lieeuler.forces import ConstantLoad, Force, LinearSpring, SlideForce, TorsionalSpring
 from lieeuler.functions import TimeFunction
-from lieeuler.joints import Dot, Drive, Joint, Rotor
+from lieeuler.joints import Coordinate, Dot, Drive, Joint, Rotor
 from lieeuler.methods import Method
 from lieeuler.problem import Body, Problem
 from lieeuler.solution import Solution, Status
@@ -133,6 +133,8 @@ def plane_of(problem: Problem, pins: bool) -> Plane:
     NotPlanar
         The mechanism does not stay in a plane.
     """
+    if any(joint.mimic is not None for joint in problem.joints):
+        raise NotPlanar("a joint follows another one")
     view = _View(problem, _normal(problem))
     _check(problem, view.e)
     within = [_within(view, k) for k in range(len(problem.joints))]
@@ -295,15 +297,16 @@ def _joint(view: _View, joint: Joint, rows: _Within, point: bool) -> Joint:
 
 
 def _drive(view: _View, joint: Joint, drive: Drive) -> Drive:
-    turn = view.axis if drive.relative is not None else view.direction
-    parent_axis = turn("a drive", joint.parent, drive.parent_axis)
-    child_axis = turn("a drive", joint.child, drive.child_axis)
+    given = drive.coordinate
+    turn = view.axis if given.relative is not None else view.direction
+    parent_axis = turn("a drive", joint.parent, given.parent_axis)
+    child_axis = turn("a drive", joint.child, given.child_axis)
     relative = None
-    if drive.relative is not None:
-        x, y, _ = view.axes(joint.child) @ drive.relative @ view.axes(joint.parent)[0]
+    if given.relative is not None:
+        x, y, _ = view.axes(joint.child) @ given.relative @ view.axes(joint.parent)[0]
         relative = np.array([[x, -y, 0.0], [y, x, 0.0], Z])
         relative[:2] /= np.hypot(x, y)
-    return Drive(drive.function, parent_axis, child_axis, relative)
+    return Drive(drive.function, Coordinate(parent_axis, child_axis, relative))
 
 
 def _force(view: _View, index: int) -> Force:

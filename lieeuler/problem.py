@@ -102,6 +102,9 @@ class Problem(Frozen):
                 if not (0 <= item.child < n and GROUND <= item.parent < n and item.parent != item.child):
                     raise ArgumentError(f"{group}[{k}]: parent {item.parent} and child {item.child} must be two of the "
                                         f"bodies 0 .. {n - 1}, the parent may be the ground ({GROUND})")
+        for k, joint in enumerate(self.joints):
+            if joint.mimic is not None and not 0 <= joint.mimic.joint < len(self.joints):
+                raise ArgumentError(f"joints[{k}]: there is no joint {joint.mimic.joint} to follow")
         if not self.joints:
             return
         levels = _kernel.constraint_levels(self.kernel, self.x, self.R, self.v, self.w, 0.0)[0]
@@ -134,6 +137,10 @@ class Problem(Frozen):
                                 self.gravity)
         for item in (*self.joints, *self.forces):
             item.add_to(system)
-        for index, joint in enumerate(self.joints):  # after all constraints: rotors come last among the multipliers
+        # Multipliers of leaders and rotors come after those of all constraints.
+        mimics = [joint.mimic for joint in self.joints if joint.mimic is not None]
+        for number, mimic in enumerate(mimics):
+            system.add_leader(number, mimic.joint, *mimic.leader.measured)
+        for index, joint in enumerate(self.joints):
             joint.add_rotors_to(system, index)
         return system

@@ -121,13 +121,14 @@ def _attached(problem: Problem) -> dict[int, list[np.ndarray]]:
     found: dict[int, list[np.ndarray]] = {body: [] for body in range(GROUND, problem.n)}
     turned = {GROUND}
     length = problem.kernel.length
-    for joint in problem.joints:
+    leaders = {joint.mimic.joint for joint in problem.joints if joint.mimic is not None}
+    for index, joint in enumerate(problem.joints):
         for body, side, anchor in ((joint.parent, "parent", joint.parent_anchor),
                                    (joint.child, "child", joint.child_anchor)):
             found[body].append(anchor / length)
             found[body] += [axis for dot in joint.dots
                             for carrier, axis in ((dot.a, dot.a_axis), (dot.b, dot.b_axis)) if carrier == side]
-        if joint.drive is not None or joint.rotors or joint.contact is not None:
+        if any((joint.drive, joint.mimic, joint.contact, joint.rotors)) or index in leaders:
             turned |= {joint.parent, joint.child}
     for force in problem.forces:
         if isinstance(force, TorsionalSpring | SlideForce):

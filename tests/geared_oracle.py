@@ -39,11 +39,11 @@ class Geared(Bodies):
 
     def s(self, q):
         """Rates of the rotors, one row each."""
-        return np.array([S[0] for _, S, _ in rotors(self.scene, *self.state(q))])
+        return np.array([S[0] for _, S, _ in rotors(self.scene, *self.state(q))]).reshape(-1, 6 * self.n)
 
     def drift(self, q, u):
         """ds/dt u"""
-        return np.array([bias[0] for _, _, bias in rotors(self.scene, *self.state(q, u))])
+        return np.array([bias[0] for _, _, bias in rotors(self.scene, *self.state(q, u))]).reshape(-1)
 
     def mass(self, q):
         s = self.s(q)

@@ -10,10 +10,10 @@ import numpy as np
 import lieeuler
 from crosscheck.adapters.base import RawRun, RunSpec, Stats
 from crosscheck.errors import ArgumentError, CrosscheckError
-from crosscheck.scene.coordinates import zero_attitude
+from crosscheck.scene.coordinates import offset_from_half_turn, zero_attitude
 from crosscheck.scene.functions import TimeFunction, Value
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import GROUND, Force, Joint, Scene
+from crosscheck.scene.model import ELEMENTS, GROUND, Force, Joint, Scene
 from crosscheck.scene.states import States
 
 
@@ -41,10 +41,19 @@ def _joint(scene: Scene, joint: Joint) -> lieeuler.Joint:
         joint.parent, joint.child, joint.parent_anchor, joint.child_anchor, *parameters)
     made = made.geared(*(lieeuler.Rotor(inertia, joint.parent_axis, joint.child_axis, word == "turn")
                          for inertia, word in zip(joint.armature, kind.coordinates, strict=False) if inertia))
-    if joint.drive is None:
+    if joint.drive is not None:
+        return made.driven(lieeuler.Drive(_value(joint.drive), _coordinate(joint)))
+    if joint.mimic is None:
         return made
-    relative = zero_attitude(joint).T if joint.type == "revolute" else None
-    return made.driven(lieeuler.Drive(_value(joint.drive), joint.parent_axis, joint.child_axis, relative))
+    names = [each.name for each in scene.joints]
+    leader = names.index(joint.mimic.joint)
+    return made.following(lieeuler.Mimic(leader, _coordinate(joint), _coordinate(scene.joints[leader]),
+                                         joint.mimic.ratio, offset_from_half_turn(scene, joint)))
+
+
+def _coordinate(joint: Joint) -> lieeuler.Coordinate:
+    return lieeuler.Coordinate(joint.parent_axis, joint.child_axis,
+                               zero_attitude(joint).T if joint.type == "revolute" else None)
 
 
 def _force(scene: Scene, force: Force) -> lieeuler.forces.Force:
@@ -105,8 +114,8 @@ class LieEuler:
         return frozenset(lieeuler.METHODS[spec.method].held)
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
-        """Why lieeuler cannot run this, or None; it models all joints and forces except mimic."""
-        if reason := scene.beyond(("armature", "drive", "slip", "joint_torque", "function")):
+        """All joints and forces are modelled, redundant constraints included."""
+        if reason := scene.beyond(ELEMENTS):
             return reason
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"

@@ -16,7 +16,7 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import Chaotic, Reference, TruthError
-from crosscheck.scene.model import Scene
+from crosscheck.scene.model import ELEMENTS, Scene
 
 if TYPE_CHECKING:
     from crosscheck.references.agreement import Agreement, Solved
@@ -41,11 +41,11 @@ def truth(scene: Scene) -> Reference:
     """
     from crosscheck.references import cache
 
-    if reason := scene.beyond(("armature", "drive", "slip", "joint_torque", "function")):
+    if reason := scene.beyond(ELEMENTS):
         raise Unsupported(f"truth of {scene.name!r}: {reason}")
-    if geared := _geared_closures(scene):
-        raise Unsupported(f"truth of {scene.name!r}: armature of joint {geared[0]!r} is not built where every joint of "
-                          "a loop has some")
+    if bound := _bound_closures(scene):
+        raise Unsupported(f"truth of {scene.name!r}: armature and mimics of joint {bound[0]!r} are not built where "
+                          "every joint of a loop has some")
     stored = cache.load(scene)
     if stored is not None:
         return stored
@@ -54,12 +54,12 @@ def truth(scene: Scene) -> Reference:
     return reference
 
 
-def _geared_closures(scene: Scene) -> list[str]:
-    if not any(any(joint.armature) for joint in scene.joints):
-        return []
-    from crosscheck.references.tree import unfold
+def _bound_closures(scene: Scene) -> list[str]:
+    from crosscheck.references.tree import bound, unfold
 
-    return [joint.name for joint in unfold(scene)[1] if any(joint.armature)]
+    if not any(bound(scene, joint) for joint in scene.joints):
+        return []
+    return [joint.name for joint in unfold(scene)[1] if bound(scene, joint)]
 
 
 def compute(scene: Scene) -> Reference:

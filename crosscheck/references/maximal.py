@@ -21,7 +21,7 @@ from crosscheck.references.base import TruthError
 from crosscheck.references.rotors import rotors
 from crosscheck.references.world import Motion, cross, rotation, turned
 from crosscheck.references.world_loads import ConstantLoad, JointLoad, LinearSpring, TorsionalSpring
-from crosscheck.references.world_rows import Driven, Relations, kinds
+from crosscheck.references.world_rows import Coupled, Driven, Relations, kinds
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -70,7 +70,10 @@ class Maximal:
         self.root = np.linalg.cholesky(self.inverse_inertia)  # J^-1 = root root^T
         self.force = weight(scene.masses, scene.gravity)
         self.relations: Relations | None = None
-        self.rank: int | None = None  # rank of the rows if some are dependent; None allows a faster solve
+        self.coupled: Coupled | None = None
+        if any(joint.mimic is not None for joint in scene.joints):
+            self._couple()
+        self.rank: int | None = None  # of the rows where some depend on others; None is quicker
         if self.constraints:
             self._find_rank()
         self.graded = self._graded()
@@ -79,6 +82,13 @@ class Maximal:
             self.integrator = stiffness.integrator(stiffness.eigenvalues(self.rates, self.initial()), scene.duration,
                                                    self.integrator[1])
         self.source = f"{self.integrator[0].__name__} (SciPy), maximal coordinates"
+
+    def _couple(self) -> None:
+        """Rows of mimics, from where the scene starts."""
+        coupled = Coupled(self.scene)
+        coupled.begun = coupled.values(self.motion(self.initial())[0])[0]
+        self.coupled = coupled
+        self.constraints.append(coupled)
 
     def _graded(self) -> np.ndarray | None:
         """Matrix of `_together`, with M over the largest mass, if masses differ too much for a faster solve."""
@@ -102,7 +112,8 @@ class Maximal:
         if rank == len(scaled):
             return
         self.rank = rank
-        if rank < scaled.shape[1] and all(joint.type == "revolute" for joint in self.scene.joints):
+        if rank < scaled.shape[1] and all(
+                joint.type == "revolute" and joint.mimic is None for joint in self.scene.joints):
             self._relate_hinges(motion, V[rank:])
 
     def _relate_hinges(self, motion: Motion, free: np.ndarray) -> None:
@@ -265,6 +276,8 @@ class Maximal:
         turning = [spring.rate(motion) for spring in self.torsions]
         if self.relations is not None:
             turning.extend(self.relations.rates(motion))
+        if self.coupled is not None:
+            turning.extend(self.coupled.rates(motion))
         return np.concatenate([y[7 * n:10 * n], rate.ravel(), a.ravel(), alpha.ravel(), turning])
 
     def initial(self) -> np.ndarray:
@@ -274,6 +287,8 @@ class Maximal:
         angles = [spring.start for spring in self.torsions]
         if self.relations is not None:
             angles += [0.0] * len(scene.joints)
+        if self.coupled is not None:
+            angles += self.coupled.begun[:len(self.coupled.turns)].tolist()
         return np.concatenate([scene.x0.ravel(), q.ravel(), scene.v0.ravel(), scene.w0.ravel(), angles])
 
     def run(self, times: np.ndarray | None = None) -> States:

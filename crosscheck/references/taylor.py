@@ -25,7 +25,7 @@ from crosscheck.references.series import ORDERS, Series, safe_step, shifted
 from crosscheck.references.tree import FREE, unfold
 from crosscheck.references.tree_loads import Loads, angle_rate, start_angle, tree_angle
 from crosscheck.scene.functions import TimeFunction, Value, at
-from crosscheck.scene.model import Scene, rotation_from_quaternion
+from crosscheck.scene.model import Joint, Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
 
 SOURCE = "Taylor series (heyoka), minimal coordinates"
@@ -60,7 +60,7 @@ class Taylor:
         self.functions = [*(function for force in scene.forces for function in force.functions),
                           *self.driven.values()]
         self.rank, self.shift = 0, 0.0
-        self.relations: np.ndarray | None = None
+        self.ties = [self._tie(joint) for joint in scene.joints if joint.mimic is not None]
         self._analyse_loops()
         self._integrator = self.integrator(compact_mode=True, high_accuracy=True)
         self._fine = (heyoka.taylor_outcome.success, heyoka.taylor_outcome.time_limit)
@@ -75,14 +75,30 @@ class Taylor:
         given = {} if tolerance is None else {"tol": tolerance}
         return heyoka.taylor_adaptive(list(zip(symbols, rates, strict=True)), self.initial.tolist(), **given, **options)
 
+    def _tie(self, joint: Joint) -> dict[int, list[float]]:
+        """Factors of the coordinates, by body, whose sum a mimic keeps."""
+        assert joint.mimic is not None
+        factors = {joint.name: 1.0, joint.mimic.joint: -joint.mimic.ratio}
+        tie = {}
+        for link in self.tree.links:
+            if link.joint is not None and link.joint.name in factors:
+                # a slide of the parent from the child is minus that of the child from the parent
+                back = link.joint.child != link.body and link.joint.type == "prismatic"
+                tie[link.body] = [-factors[link.joint.name] if back else factors[link.joint.name]]
+        if len(tie) < 2:
+            raise Unsupported(f"{SOURCE}: joint {joint.name!r} or the one that it follows closes a loop")
+        return tie
+
     def _analyse_loops(self) -> None:
-        """Find linear relations that replace the loops, or else the number of independent loop rows."""
+        """Relations that stand for the loops where they are linear; else how many of their rows are independent."""
+        self.rank = len(self.ties)
         if not self.cuts:
             return
-        if not self.driven:
-            self.relations = loops.linear_relations(self.tree, self._gaps, self.initial)
-        if self.relations is not None:
-            self.cuts, self.rank = [], len(self.relations)
+        relations = None if self.driven or self.ties else loops.linear_relations(self.tree, self._gaps, self.initial)
+        if relations is not None:
+            self.cuts, self.rank = [], len(relations)
+            self.ties = [{link.body: relation[self.tree.coordinates[link.body]].tolist() for link in self.tree.links}
+                         for relation in relations]
             return
         _, S = self._loop_terms(*self._columns(self.initial.tolist(), functools.partial(at, t=0.0)))
         self.rank = loops.rank(np.array(S))
@@ -125,10 +141,11 @@ class Taylor:
         rows = [loops.row(cut, loads) for cut in self.cuts]
         units = [loops.unit_wrenches(found, loads) for found in rows]
         efforts = None
-        if self.relations is not None:
-            units = [{link.body: (ZERO, ZERO) for link in tree.links} for _ in self.relations]
-            efforts = {link.body: [[0.0] * link.scalars, *self.relations[:, tree.coordinates[link.body]].tolist()]
-                       for link in tree.links}
+        if self.ties:
+            still = {link.body: [0.0] * link.scalars for link in tree.links}
+            efforts = {body: [none] * (1 + len(units)) + [tie.get(body, none) for tie in self.ties]
+                       for body, none in still.items()}
+            units += [{link.body: (ZERO, ZERO) for link in tree.links} for _ in self.ties]
         wrenches = {link.body: [loads.wrenches[link.body], *(unit[link.body] for unit in units)]
                     for link in tree.links}
         driven = {body: value(function) for body, function in self.driven.items()}
@@ -136,15 +153,15 @@ class Taylor:
 
     def _loop_terms(self, loads: Loads, rows: list[Any], alpha: ByBody, A: ByBody,
                     speeding: ByBody) -> tuple[Any, ...]:
-        """Right-hand side and matrix of the multipliers' equations."""
-        if self.relations is None:
-            free = [-1.0 * (loops.acceleration(found, loads, alpha, A, 0) + found.rest) for found in rows]
-            return free, loops.response(rows, loads, alpha, A)
-        columns = [[rate for link in self.tree.by_body for rate in speeding[link.body][k]]
-                   for k in range(self.rank + 1)]
-        along = [[sum((factor * rate for factor, rate in zip(relation, column, strict=True)), 0.0)
-                  for column in columns] for relation in self.relations.tolist()]
-        return [-1.0 * line[0] for line in along], [line[1:] for line in along]
+        """Right side and response of the multipliers' equations."""
+        free = [-1.0 * (loops.acceleration(found, loads, alpha, A, 0) + found.rest) for found in rows]
+        S = loops.response(rows, loads, alpha, A)
+        along = [[sum((factor * rate for body, factors in tie.items()
+                       for factor, rate in zip(factors, speeding[body][k], strict=True)), 0.0)
+                  for k in range(1 + len(rows) + len(self.ties))] for tie in self.ties]
+        across = [[line[1 + k] for line in along] for k in range(len(rows))]  # S is symmetric
+        return (free + [-1.0 * line[0] for line in along],
+                [[*line, *more] for line, more in zip(S, across, strict=True)] + [line[1:] for line in along])
 
     def _angle(self, name: str | None, state: Sequence[Any]) -> Any:
         """Angle of the joint of that name; None if `name` is None."""
@@ -175,12 +192,12 @@ class Taylor:
         return rates or [0.0]
 
     def closure(self, state: np.ndarray) -> np.ndarray:
-        """Values and rates of the loop rows or relations, of rank 2 `rank`."""
-        if self.relations is not None:
-            half = self.tree.size // 2
-            return np.concatenate([self.relations @ (state - self.initial)[part]
-                                   for part in (slice(0, half), slice(half, 2 * half))])
-        return np.concatenate(self._gaps(state))
+        """Values and rates of what closes the loops, of rank 2 `rank`."""
+        change = state - self.initial
+        tied = [[sum(float(np.dot(factors, change[table[body]])) for body, factors in tie.items()) for tie in self.ties]
+                for table in (self.tree.coordinates, self.tree.speeds)]
+        return np.concatenate([part for gaps, ties in zip(self._gaps(state), tied, strict=True)
+                               for part in (gaps, ties)])
 
     def _gaps(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values and rates of the rows of loops."""

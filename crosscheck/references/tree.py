@@ -62,9 +62,15 @@ def unfold(scene: Scene) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
     return tuple(links.values()), (*unused, *(joint for joint in scene.joints if joint.type in CONTACTS))
 
 
+def bound(scene: Scene, joint: Joint) -> bool:
+    """Whether the joint has to be one of the tree: its coordinate has inertia, follows another one or leads it."""
+    return (any(joint.armature) or joint.mimic is not None
+            or any(each.mimic is not None and each.mimic.joint == joint.name for each in scene.joints))
+
+
 def _grow(scene: Scene, start: int, links: dict[int, Link], unused: list[Joint]) -> None:
-    """Attach all bodies connected to `start`, nearest first; a joint may name its bodies in either order."""
-    if any(any(joint.armature) for joint in unused):
+    """Attach everything that hangs on `start`, nearest first; a joint may name its bodies in either order."""
+    if any(bound(scene, joint) for joint in unused):
         return _grow_geared(scene, start, links, unused)
     front = [start]
     while front:
@@ -79,10 +85,10 @@ def _grow(scene: Scene, start: int, links: dict[int, Link], unused: list[Joint])
 
 
 def _grow_geared(scene: Scene, start: int, links: dict[int, Link], unused: list[Joint]) -> None:
-    """The same with joints with rotors first, because a joint that closes a loop cannot have a rotor here."""
+    """The same with joints first that cannot close a loop here."""
     reached = {start}
     while joints := [joint for joint in unused if (joint.parent in reached) != (joint.child in reached)]:
-        joint = max(joints, key=lambda joint: any(joint.armature))  # the first in the file among equals
+        joint = max(joints, key=lambda joint: bound(scene, joint))  # the first in the file among equals
         inner, outer = (joint.parent, joint.child) if joint.parent in reached else (joint.child, joint.parent)
         links[outer] = _link(scene, joint, inner, outer)
         unused.remove(joint)

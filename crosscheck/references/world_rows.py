@@ -168,8 +168,8 @@ class Relations:
         return self.C @ self.angles(motion), np.tensordot(self.C, self.jacobian(motion), 1), self.C @ drift
 
 
-class Driven:
-    """coordinate = function of time, one row a driven joint: the angle of a hinge, or n . d of a slide."""
+class Coordinates:
+    """Angles of hinges, in (-pi, pi], then slides n . d, one row each; `joints` are in this order."""
 
     def __init__(self, joints: list[Joint], n: int) -> None:
         self.turns = [joint for joint in joints if joint.type == "revolute"]
@@ -178,13 +178,9 @@ class Driven:
         self.shape = len(self.turns), n + 1, 6
         self.zeros = [zero_turn(joint) for joint in self.turns]
         self.normals = [np.linalg.svd(joint.parent_axis[None])[2][1] for joint in self.turns]
-        self.drives = [joint.drive for joint in (*self.turns, *self.slides) if joint.drive is not None]
+        self.joints = [*self.turns, *self.slides]
 
-    def speeds(self, t: float) -> np.ndarray:
-        """Rates of the functions."""
-        return np.array([drive(t, 1) for drive in self.drives])
-
-    def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def values(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
         values, drifts, G = [], [], np.zeros(self.shape)
         for row, (joint, zero, normal) in enumerate(zip(self.turns, self.zeros, self.normals, strict=True)):
@@ -196,10 +192,57 @@ class Driven:
         if self.across is not None:
             value, jacobian, drift = self.across.terms(motion)
             values, drifts, G = [*values, *value], [*drifts, *drift], np.concatenate([G, jacobian])
-        gaps = np.array(values) - [drive(motion.t) for drive in self.drives]
-        count = len(self.turns)
-        gaps[:count] -= 2 * np.pi * np.round(gaps[:count] / (2 * np.pi))
-        return gaps, G, np.array(drifts) - [drive(motion.t, 2) for drive in self.drives]
+        return np.array(values), G, np.array(drifts)
+
+
+class Driven(Coordinates):
+    """coordinate = function of time, one row a driven joint."""
+
+    def __init__(self, joints: list[Joint], n: int) -> None:
+        super().__init__(joints, n)
+        self.drives = [joint.drive for joint in self.joints if joint.drive is not None]
+
+    def speeds(self, t: float) -> np.ndarray:
+        """Rates of the functions."""
+        return np.array([drive(t, 1) for drive in self.drives])
+
+    def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
+        gaps, G, drifts = self.values(motion)
+        gaps = gaps - [drive(motion.t) for drive in self.drives]
+        gaps[:len(self.turns)] -= 2 * np.pi * np.round(gaps[:len(self.turns)] / (2 * np.pi))
+        return gaps, G, drifts - [drive(motion.t, 2) for drive in self.drives]
+
+
+class Coupled(Coordinates):
+    """coordinate - ratio (coordinate of another joint) stays what it is at the start, one row a mimic.
+
+    Angles are on the turn of the integrated ones, `motion.hinges`.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        named = {joint.name: joint for joint in scene.joints}
+        pairs = [(joint, named[joint.mimic.joint], joint.mimic.ratio) for joint in scene.joints
+                 if joint.mimic is not None]
+        super().__init__([joint for joint in scene.joints
+                          if any(joint in (follower, leader) for follower, leader, _ in pairs)], scene.n)
+        place = {joint.name: k for k, joint in enumerate(self.joints)}
+        self.C = np.zeros((len(pairs), len(self.joints)))
+        for row, (follower, leader, ratio) in enumerate(pairs):
+            self.C[row, place[follower.name]], self.C[row, place[leader.name]] = 1.0, -ratio
+        self.begun = np.zeros(len(self.joints))
+
+    def rates(self, motion: Motion) -> list[float]:
+        """Of the angles."""
+        return [float(joint.child_axis @ motion.w[joint.child] - joint.parent_axis @ motion.w[joint.parent])
+                for joint in self.turns]
+
+    def terms(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values (k), Jacobian (k, n + 1, 6), second derivatives at zero accelerations (k)."""
+        values, G, drifts = self.values(motion)
+        turns = slice(len(self.turns))
+        values[turns] -= 2 * np.pi * np.round((values[turns] - motion.hinges) / (2 * np.pi))
+        return self.C @ (values - self.begun), np.tensordot(self.C, G, 1), self.C @ drifts
 
 
 def zero_turn(joint: Joint) -> np.ndarray:

@@ -116,7 +116,8 @@ def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
             start = mechanics.index1(scene, s.x[:1], s.R[:1], s.v[:1], s.w[:1], t=s.t[:1])
             a, alpha, lam = (None if values is None else np.concatenate([first, values[1:]])
                              for values, first in zip((a, alpha, lam), start, strict=True))
-        levels = level_norms(constraints, s.x, s.R, s.v, s.w, a, alpha, s.t)
+        levels = level_norms(constraints, s.x, s.R, s.v, s.w, a, alpha, s.t,
+                             constraints.leaders_at(s.x, s.R, s.v, s.w, s.t))
         return Trajectory(
             scene=scene, engine=engine, method=method, form=raw.form, t=s.t, x=s.x, R=s.R, v=s.v, w=s.w,
             a=a, alpha=alpha, lam=lam, energy=mechanics.energy(scene, s),

@@ -78,7 +78,7 @@ def draft(entry: SceneEntry) -> Draft:
                      for made in _forces(bodies, types, i, force, entry.duration)),
         left_out=tuple(entry.left_out),
     )
-    starts = (Start(i, *joint_options.start(f'joints[{i}] "{joint.name}"', joint, entry.duration))
+    starts = (Start(i, *joint_options.start(f'joints[{i}] "{joint.name}"', joint, entry.joints, entry.duration))
               for i, joint in enumerate(entry.joints))
     held = {i for i, joint in enumerate(entry.joints)
             if joint.reference_attitude is not None and JOINT_TYPES[joint.type].keeps_attitude}
@@ -207,7 +207,7 @@ def _joint(scene: SceneEntry, bodies: Mapping[str, int], index: int, joint: Join
                for key in ("armature", "damping", "stiffness", "rest_position")}
     return Joint(joint.name, joint.type, parent, child, np.array(joint.parent_anchor), np.array(joint.child_anchor),
                  parent_axis, child_axis, joint.length, joint.radius, reference,
-                 joint_options.start(entry, joint, scene.duration)[0],
+                 joint_options.start(entry, joint, scene.joints, scene.duration)[0],
                  mimic=joint_options.mimic(entry, joint, scene.joints), **elastic,
                  drive=joint_options.drive(entry, joint, scene.duration))
 

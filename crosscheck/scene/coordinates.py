@@ -15,14 +15,14 @@ Angles start in (-pi, pi], or at the value that the scene gives, and are continu
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.mechanics import continuous
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.states import Motion, States
-from crosscheck.scene.vectors import cross, normal_references, shortest_rotation, slide_direction
+from crosscheck.scene.vectors import continuous, cross, normal_references, shortest_rotation, slide_direction
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,6 +91,15 @@ def histories(scene: Scene, states: Motion) -> dict[str, JointHistory]:
     """Coordinates of every joint that has them, over the times of `states`."""
     return {joint.name: _history(joint, states) for joint in scene.joints
             if JOINT_TYPES[joint.type].coordinates}
+
+
+def offset_from_half_turn(scene: Scene, joint: Joint) -> float:
+    """Offset of the joint's mimic where the angle of the other joint counts from (-pi, pi] at the start."""
+    assert joint.mimic is not None
+    position, _ = at_start(scene)[joint.mimic.joint]
+    leader = next(each for each in scene.joints if each.name == joint.mimic.joint)
+    turns = round(float(position[0]) / math.tau) if leader.type == "revolute" else 0
+    return joint.mimic.offset + joint.mimic.ratio * math.tau * turns
 
 
 def at_start(scene: Scene) -> dict[str, tuple[np.ndarray, np.ndarray]]:

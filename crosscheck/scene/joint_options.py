@@ -31,11 +31,16 @@ from crosscheck.scene.schema import (
 Values = float | list[float] | None
 
 
-def start(entry: str, joint: JointEntry,
+def start(entry: str, joint: JointEntry, joints: Sequence[JointEntry],
           duration: float) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
-    """The coordinates and rates at the start, from the file or from the joint's drive, checked; None if not given."""
+    """The coordinates and their rates that the file gives, or the joint's drive or that of its mimic, checked."""
     if (driven := drive(entry, joint, duration)) is not None:
         return (float(driven(0.0)),), (float(driven(0.0, 1)),)
+    if joint.position is None and joint.velocity is None and (follows := mimic(entry, joint, joints)) is not None:
+        leader = next(each for each in joints if each.name == follows.joint)
+        position, velocity = start(entry, leader, joints, duration)
+        return (None if position is None else (follows.ratio * position[0] + follows.offset,),
+                None if velocity is None else (follows.ratio * velocity[0],))
     found: list[tuple[float, ...] | None] = []
     for key, given in (("position", joint.position), ("velocity", joint.velocity)):
         if given is None:
@@ -87,6 +92,16 @@ def mimic(entry: str, joint: JointEntry, joints: Sequence[JointEntry]) -> Mimic 
     if motor not in one or motor == joint.name:
         raise EntryError(f"{entry}: mimic", f'no other revolute or prismatic joint is named "{motor}"',
                          f"{nearest(motor, one)}write one of {listed(set(one) - {joint.name}) or '(there is none)'}")
+    if joint.drive is not None:
+        raise EntryError(f"{entry}: mimic", "the drive of the joint says all of its motion", "remove one of the two")
+    leads = {each.name: each.mimic.joint for each in joints if each.mimic is not None}
+    chain = [motor]
+    while chain[-1] in leads and len(chain) <= len(leads):
+        chain.append(leads[chain[-1]])
+    if chain[-1] in leads:
+        ring = " follows ".join((joint.name, *chain[:len(leads)]))
+        raise EntryError(f"{entry}: mimic", f"{ring}: none of them moves by itself",
+                         "remove the mimic of the one that leads")
     return Mimic(motor, joint.mimic.ratio, joint.mimic.offset)
 
 

@@ -17,7 +17,7 @@ from crosscheck.scene.functions import at
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import Motion, States
-from crosscheck.scene.vectors import cross, normal_references, shortest_rotation
+from crosscheck.scene.vectors import continuous, cross, normal_references, shortest_rotation
 
 RANK_TOLERANCE = 1e-9
 """Singular values of G M^-1/2 below this fraction of the largest count as redundant rows. Rounding leaves those near
@@ -142,21 +142,6 @@ def torsion_angles(scene: Scene, R: np.ndarray, w: np.ndarray | None = None, t: 
         angles[joint.name] = continuous(np.arctan2(sine, cosine), None if previous is None else previous[joint.name],
                                         rate, t)
     return angles
-
-
-def continuous(wrapped: np.ndarray, start: float | None, rate: np.ndarray | None = None,
-               t: np.ndarray | None = None) -> np.ndarray:
-    """Angles (T,) without jumps: each is the one nearest to the prediction from the previous one.
-
-    The prediction uses the rates at times t if they are given, else the previous angle itself. The first angle is the
-    one nearest to `start`, or unchanged without `start`.
-    """
-    steps = np.zeros(len(wrapped))
-    if rate is not None and t is not None:
-        steps[1:] = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
-    gaps = np.diff(wrapped, prepend=wrapped[0] if start is None else start) - steps
-    found: np.ndarray = wrapped - 2 * np.pi * np.cumsum(np.round(gaps / (2 * np.pi)))
-    return found
 
 
 def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,

@@ -25,6 +25,7 @@ class Monitor:
         self._scene = scene
         self._constraints = Constraints(scene)
         self._angles: dict[str, float] | None = None
+        self._leaders: np.ndarray | None = None
         self._kinetic, self._gap = 0.0, 0.0
         self._maxima: dict[str, float] = {}
         self._energy = 0.0
@@ -39,7 +40,11 @@ class Monitor:
         with np.errstate(over="ignore", invalid="ignore"):
             energies = self._energies(x, R, v, w)
             self._gap = float(np.maximum(self._gap, np.abs(energies - self._energy).max()))
-            levels = level_norms(self._constraints, x, R, v, w, a, alpha)
+            leaders = None
+            if self._constraints.followers:
+                leaders = self._constraints.leaders_at(x, R, before=self._leaders)
+                self._leaders = leaders[-1]
+            levels = level_norms(self._constraints, x, R, v, w, a, alpha, leaders=leaders)
             for key, values in (*levels.items(), ("orthogonality", mechanics.orthogonality(R))):
                 if isinstance(values, np.ndarray):
                     self._maxima[key] = float(np.maximum(self._maxima.get(key, 0.0), values.max()))
@@ -69,8 +74,10 @@ class Levels(TypedDict):
 
 
 def level_norms(constraints: Constraints, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
-                a: np.ndarray | None, alpha: np.ndarray | None, t: np.ndarray | float = 0.0) -> Levels:
-    """Max-norms (T,) of the constraint levels at times t, by their names in `Trajectory`."""
+                a: np.ndarray | None, alpha: np.ndarray | None, t: np.ndarray | float = 0.0,
+                leaders: np.ndarray | None = None) -> Levels:
+    """Max-norms (T,) of the constraint levels at times t by their names in `Trajectory`; `leaders` as in
+    `Constraints.position`."""
     def norm(rows: np.ndarray) -> np.ndarray:
         found: np.ndarray = np.abs(rows).max(axis=1, initial=0.0)
         return found
@@ -78,5 +85,5 @@ def level_norms(constraints: Constraints, x: np.ndarray, R: np.ndarray, v: np.nd
     acceleration = None
     if a is not None and alpha is not None:
         acceleration = norm(constraints.acceleration(x, R, v, w, a, alpha, t))
-    return {"constraint_position": norm(constraints.position(x, R, t)),
+    return {"constraint_position": norm(constraints.position(x, R, t, leaders)),
             "constraint_velocity": norm(constraints.velocity(x, R, v, w, t)), "constraint_acceleration": acceleration}

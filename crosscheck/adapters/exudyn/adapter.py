@@ -67,17 +67,23 @@ class Exudyn:
         """The form used: the requested one, else maximal for implicit methods or free bodies, else pivot or tree."""
         if spec.form is not None:
             return spec.form
+        if _by_coordinates(scene):
+            return "tree"
         if spec.method in IMPLICIT or not scene.joints:
             return "maximal"
         return "pivot" if _turns_about_ground(scene) and not _springs(scene) else "tree"
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Exudyn cannot run this, or None."""
-        if reason := scene.beyond(("slip", "joint_torque", "function")):
-            return reason
+        form = self.form(scene, spec)
+        by_coordinates = ("armature", "mimic") if form == "tree" else ()
+        if reason := scene.beyond(("slip", "joint_torque", "function", *by_coordinates)):
+            return f"{reason} in form {form}" if _by_coordinates(scene) else reason
+        if form == "tree" and (closing := _by_coordinates(scene) & {
+                joint.name for joint in kinematic_tree.spanned(scene)[1]}):
+            return f"joint {min(closing)!r} closes a loop, and armature and mimics need a coordinate of the tree"
         if any(force.type == "torsional_spring" and force.functions for force in scene.forces):
             return "a rest angle that moves: Exudyn's springs between markers have constant ones"
-        form = self.form(scene, spec)
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"
         if reason := _unrolled(scene, form):
@@ -104,7 +110,8 @@ class Exudyn:
         """Whether joints of the scene are constraints of the model; a pivot is eliminated and does not count."""
         if form == "maximal":
             return bool(scene.joints)
-        return form == "tree" and bool(kinematic_tree.spanned(scene)[1])
+        return form == "tree" and (bool(kinematic_tree.spanned(scene)[1])
+                                   or any(joint.mimic is not None for joint in scene.joints))
 
     def linear_solver(self, scene: Scene, spec: RunSpec, form: str) -> str | None:
         """The linear solver for a model with constraints; None for Exudyn's default."""
@@ -193,6 +200,12 @@ def _unrolled(scene: Scene, form: str) -> str | None:
         if redundant_rows(scene):
             return f"rows depend on others beside those of {joint.name!r}: this adapter picks no independent ones there"
     return None
+
+
+def _by_coordinates(scene: Scene) -> set[str]:
+    """Joints with armature, that follow or that lead: rigid bodies on joints have no coordinates for it."""
+    found = {joint.name for joint in scene.joints if any(joint.armature) or joint.mimic is not None}
+    return found | {joint.mimic.joint for joint in scene.joints if joint.mimic is not None}
 
 
 def _turns_about_ground(scene: Scene) -> bool:

@@ -124,6 +124,7 @@ def kinematic_tree(scene: Scene, order: str) -> Model:
         linkParents=joints.parents, gravity=scene.gravity, linkMasses=joints.masses,
         jointTransformations=matrices(joints.turns), jointOffsets=vectors(joints.offsets),
         linkCOMs=vectors(joints.centres), linkInertiasCOM=matrices(joints.inertias), **springs))
+    _couple(scene, system, node, carried, q)
     _attach(scene, system, body, seats, closing)
     slots = np.cumsum([0, *(link.dofs for link in chain)])
 
@@ -134,6 +135,32 @@ def kinematic_tree(scene: Scene, order: str) -> Model:
 
     outputs = ("Coordinates", "Coordinates_t", "Coordinates_tt")
     return Model(container, system, watch(system, functools.partial(SensorNode, nodeNumber=node), outputs), convert)
+
+
+def _couple(scene: Scene, system: Any, node: Any, carried: tuple[Link, ...], q: np.ndarray) -> None:
+    """Armature as a further mass matrix on the node, mimics as constraints between its coordinates."""
+    from exudyn.itemInterface import CoordinateConstraint, MarkerNodeCoordinate, ObjectGenericODE2
+
+    joints = {joint.name: joint for joint in scene.joints}
+    first = np.cumsum([0, *(link.dofs for link in carried)])
+    inertia, places = np.zeros(len(q)), {}
+    for link, at in zip(carried, first, strict=False):
+        if link.joint is None:
+            continue
+        values = joints[link.joint].armature
+        if values:  # a cylindrical joint is a slide and then a turn
+            inertia[at:at + link.dofs] = values[::-1] if len(values) == 2 else values
+        places[link.joint] = int(at), 1.0 if link.outward else -1.0
+    if inertia.any():
+        system.AddObject(ObjectGenericODE2(nodeNumbers=[node], massMatrix=np.diag(inertia)))
+    for joint in scene.joints:
+        if joint.mimic is None:
+            continue
+        (follower, sign), (leader, other) = places[joint.name], places[joint.mimic.joint]
+        ratio = joint.mimic.ratio * sign * other
+        markers = [system.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=at)) for at in (follower, leader)]
+        system.AddObject(CoordinateConstraint(markerNumbers=markers, factor1=ratio,
+                                              offset=ratio * q[leader] - q[follower]))
 
 
 def middle_angles(scene: Scene) -> list[int]:

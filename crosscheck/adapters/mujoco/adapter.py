@@ -58,13 +58,11 @@ class MuJoCo:
         """
         if spec.method != "RK4":
             return 1
-        _, closing = models.closures(scene, self.form(scene, spec))
-        return 1 if closing and spec.softness != "default" else 4
+        return 1 if models.softened(scene, self.form(scene, spec)) and spec.softness != "default" else 4
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """All three if there are only joint coordinates; equality constraints are soft and hold none."""
-        _, closing = models.closures(scene, self.form(scene, spec))
-        return frozenset() if closing else tree.LEVELS
+        return frozenset() if models.softened(scene, self.form(scene, spec)) else tree.LEVELS
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why MuJoCo cannot run this, or None."""

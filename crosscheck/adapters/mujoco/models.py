@@ -44,16 +44,24 @@ def closures(scene: Scene, form: str) -> tuple[list[Branch], list[Joint]]:
     return spanning_tree(scene, lambda joint: 20 if joint.name in sprung else PREFERENCE.get(joint.type, 10))
 
 
+def softened(scene: Scene, form: str) -> bool:
+    """Whether the model has equality constraints."""
+    return bool(closures(scene, form)[1]) or any(joint.mimic is not None for joint in scene.joints)
+
+
 def obstacle(scene: Scene, form: str) -> str | None:
     """Why MuJoCo cannot model `scene` in `form`, or None."""
-    if reason := scene.beyond(("armature", "joint_torque", "function") if form == "tree" else ("function",)):
+    if reason := scene.beyond(("armature", "mimic", "joint_torque", "function") if form == "tree" else ("function",)):
         return reason
     branches, closing = closures(scene, form)
     sprung = _sprung(scene)
     motors = {force.joint for force in scene.forces if force.type.startswith("joint_")}
+    coupled = {name for joint in scene.joints if joint.mimic is not None for name in (joint.name, joint.mimic.joint)}
     for joint in closing:
         if any(joint.armature):
             return f"the armature of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
+        if joint.name in coupled:
+            return f"the mimic of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
         if joint.name in motors:
             return f"the motor of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
         if joint.name in sprung:
@@ -75,6 +83,8 @@ def _sprung(scene: Scene) -> dict[str, Force]:
     return {force.joint: force for force in scene.forces if force.type == "torsional_spring"}
 
 
+EQUALITY_DATA = 12
+"""Numbers that MuJoCo has for every equality constraint; one between coordinates is a polynomial of the first five."""
 OBSERVED = (("POS", 3), ("QUAT", 4), ("LINVEL", 3), ("ANGVEL", 3), ("LINACC", 3), ("ANGACC", 3))
 """Sensors of a body's frame and their lengths, in world axes; their accelerations include minus gravity."""
 
@@ -109,13 +119,18 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     builder = _Constraints(scene, spec, frames, [] if softness == "default" else [2 * step, 1.0])
     for joint in closing:
         builder.close(joint)
+    on = {branch.joint.name: branch for branch in branches if branch.joint is not None}
+    for joint in scene.joints:
+        if joint.mimic is not None:
+            follower, leader = (_coordinate_of(scene, on[name]) for name in (joint.name, joint.mimic.joint))
+            builder.follow(joint.name, follower, leader, joint.mimic.ratio)
     for index, force in enumerate(scene.forces):
         if force.joint is None:
             _add_force(spec, frames, index, force)
         elif force.type != "torsional_spring" or force.functions:  # other springs are in their hinges
             branch = next(branch for branch in branches
                           if branch.joint is not None and branch.joint.name == force.joint)
-            name, direction = _coordinate_of(scene, branch, force)
+            name, direction = _coordinate_of(scene, branch, force.type == "joint_force")
             _add_actuator(spec, index, force, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name,
                           gear=[direction, 0.0, 0.0, 0.0, 0.0, 0.0])
     for k in range(scene.n if observed else 0):
@@ -206,6 +221,13 @@ class _Constraints:
             else:  # perpendicular axes through one point: the distance of their tips is constant
                 self._hold_distance(f"{joint.name}, axes", tips)
 
+    def follow(self, name: str, follower: tuple[str, float], leader: tuple[str, float], ratio: float) -> None:
+        """One coordinate, with its sign, follows another one, both by the way from their references at the start."""
+        import mujoco
+
+        self._add(name=f"{name}, mimic", type=mujoco.mjtEq.mjEQ_JOINT, name1=follower[0], name2=leader[0],
+                  data=np.pad([0.0, ratio * follower[1] * leader[1]], (0, EQUALITY_DATA - 2)))
+
     def _sites(self, name: str, ends: list[tuple[int, np.ndarray]], attitudes: Any = None) -> list[str]:
         sites = []
         for number, (body, point) in enumerate(ends):
@@ -293,10 +315,11 @@ def controls(scene: Scene) -> Callable[[Any, Any], None] | None:
     return control
 
 
-def _coordinate_of(scene: Scene, branch: Branch, force: Force) -> tuple[str, float]:
-    """The joint coordinate on which a force along the joint of a branch acts, and 1 or, for opposite signs, -1."""
-    joint, wanted = branch.joint, "mjJNT_SLIDE" if force.type == "joint_force" else "mjJNT_HINGE"
+def _coordinate_of(scene: Scene, branch: Branch, slides: bool | None = None) -> tuple[str, float]:
+    """The coordinate along the joint of a branch, by default its only one, and 1 or, for opposite signs, -1."""
+    joint = branch.joint
     assert joint is not None
+    wanted = "mjJNT_SLIDE" if (joint.type == "prismatic" if slides is None else slides) else "mjJNT_HINGE"
     own = joint.child_axis if branch.body == joint.child else -joint.parent_axis
     return next((f"{branch.body}.{number}", 1.0 if axis @ own > 0 else -1.0)
                 for number, (kind, _, axis) in enumerate(_coordinates(scene, branch)) if kind == wanted)

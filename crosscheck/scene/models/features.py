@@ -159,6 +159,20 @@ def _compensation(reading: Reading) -> list[Table]:
     return made
 
 
+def coupled_joints(m: Any) -> list[tuple[int, int, float, float]]:
+    """(follower, leader, ratio, offset) of the equalities between two joints that are linear and active."""
+    import mujoco
+
+    found = []
+    for e in np.flatnonzero((m.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (m.eq_active0 != 0) & (m.eq_obj2id >= 0)):
+        if not np.any(m.eq_data[e, 2:5]):
+            follower, leader = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
+            zero = [float(m.qpos0[m.jnt_qposadr[j]]) for j in (follower, leader)]
+            offset, ratio = (float(value) for value in m.eq_data[e, :2])
+            found.append((follower, leader, ratio, offset + zero[0] - ratio * zero[1]))
+    return found
+
+
 def _equalities(reading: Reading, joints: list[Table]) -> list[Table]:
     """Connect and weld constraints as joints, coupled joint coordinates as mimics."""
     import mujoco
@@ -180,13 +194,12 @@ def _equalities(reading: Reading, joints: list[Table]) -> list[Table]:
             follower, motor = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
             labels = [m.jnt(j).name for j in (follower, motor) if j >= 0]
             known = {table["name"]: table for table in reversed(joints) if table["name"] and "position" in table}
-            if len(labels) < 2 or not known.keys() >= set(labels) or np.any(m.eq_data[e, 2:5]):
+            coupled = {each[:2]: each[2:] for each in coupled_joints(m)}
+            if not known.keys() >= set(labels) or (follower, motor) not in coupled:
                 reading.lost.append(f"equality {name!r} of joint {labels[0]!r}")
                 continue
-            zero = [float(m.qpos0[m.jnt_qposadr[j]]) for j in (follower, motor)]
-            offset, ratio = (float(value) for value in m.eq_data[e, :2])
-            known[labels[0]]["mimic"] = {"joint": labels[1], "ratio": ratio,
-                                         "offset": offset + zero[0] - ratio * zero[1]}
+            ratio, offset = coupled[follower, motor]
+            known[labels[0]]["mimic"] = {"joint": labels[1], "ratio": ratio, "offset": offset}
         else:
             reading.lost.append(f"equality {name!r}")
     return made

@@ -42,8 +42,9 @@ def mjcf(scene: Scene) -> Element:
         if joint.drive is not None:
             raise refused(scene, "MJCF", f"the drive of joint {joint.name!r}")
         if joint.mimic is not None:
+            # of the ways from the references, which are the start
             SubElement(equality, "joint", joint1=joint.name, joint2=joint.mimic.joint, polycoef=numbers(
-                (joint.mimic.offset, joint.mimic.ratio, 0.0, 0.0, 0.0)))
+                (0.0, joint.mimic.ratio, 0.0, 0.0, 0.0)))
     if len(equality):
         root.append(equality)
     for number, force in enumerate(scene.forces):

@@ -92,20 +92,36 @@ def _state(model: Source, m: Any, keyframe: str | int | None, qpos: Sequence[flo
             raise ArgumentError(f"{name}: {target.size} finite numbers are wanted, joints in file order, not "
                                 f"{values.size}")
         target[:] = values
+    if qpos is None:  # a joint that follows another one has no position of its own
+        followers = _followers(model, m)
+        for follower, leader, ratio, offset in followers * len(followers):  # as often as one may lead the next
+            q[m.jnt_qposadr[follower]] = ratio * q[m.jnt_qposadr[leader]] + offset
+            v[m.jnt_dofadr[follower]] = ratio * v[m.jnt_dofadr[leader]] if qvel is None else v[m.jnt_dofadr[follower]]
     return q, v, ctrl
+
+
+def _followers(model: Source, m: Any) -> list[tuple[int, int, float, float]]:
+    """(follower, leader, ratio, offset) of joints whose coordinates are coupled, by their numbers in MuJoCo."""
+    if model.is_urdf:
+        numbers = {m.jnt(j).name: j for j in range(m.njnt)}
+        return [(numbers[name], numbers[mimic["joint"]], mimic["ratio"], mimic["offset"])
+                for name, mimic in _mimics(model) if {name, mimic["joint"]} <= numbers.keys()]
+    return features.coupled_joints(m)
+
+
+def _mimics(model: Source) -> list[tuple[str, Table]]:
+    """Joints of a URDF that follow others, and whom; MuJoCo does not read it."""
+    found = ((joint.get("name", ""), joint.find("mimic")) for joint in model.root.findall("joint"))
+    return [(name, {"joint": mimic.get("joint", ""), "ratio": float(mimic.get("multiplier", 1.0)),
+                    "offset": float(mimic.get("offset", 0.0))}) for name, mimic in found if mimic is not None]
 
 
 def _urdf_only(model: Source, reading: Reading, joints: list[Table]) -> None:
     """Add the mimics of a URDF, which MuJoCo does not read."""
     by_name = {table["name"]: table for table in joints}
-    for joint in model.root.findall("joint"):
-        mimic = joint.find("mimic")
-        if mimic is None:
-            continue
-        name, motor = joint.get("name", ""), mimic.get("joint", "")
-        if name in by_name and motor in by_name:
-            by_name[name]["mimic"] = {"joint": motor, "ratio": float(mimic.get("multiplier", 1.0)),
-                                      "offset": float(mimic.get("offset", 0.0))}
+    for name, mimic in _mimics(model):
+        if name in by_name and mimic["joint"] in by_name:
+            by_name[name]["mimic"] = mimic
         else:
             reading.lost.append(f"mimic of joint {name!r}")
 

@@ -87,6 +87,7 @@ class EulerStepper {
     }
     if (status == Status::newton_failed && lu_.smallest_tail_pivot() < kNearlySingular) return Status::singular_matrix;
     if (status != Status::success) return status;
+    forget_rates();
     predictor.push(z_);
     if (const Status end = equations().finish(); end != Status::success) return end;
     if (core_ && saddle_.sparse().choice() != choice_) {
@@ -177,7 +178,7 @@ class EulerStepper {
     core_.reset();
     columns_ = Nodes(plan_, doubled);
     lu_.follow(columns_.blocks(second_order_));
-    padding_.clear(), blocks_.clear(), force_blocks_.clear();
+    padding_.clear(), blocks_.clear(), force_blocks_.clear(), mimic_blocks_.clear();
     for (int k = 0; k < columns_.parts(); ++k) {
       padding_.push_back({lu_.block(columns_.lam(k), columns_.lam(k)), lu_.block(columns_.mu(k), columns_.mu(k))});
       for (Side side : kSides) {
@@ -186,6 +187,10 @@ class EulerStepper {
                               ? SideBlocks{}
                               : SideBlocks::of(lu_, columns_.lam(k), columns_.v(body), columns_.w(body)));
       }
+    }
+    for (const PlacedMimic& mimic : plan_.mimics) {
+      mimic_blocks_.emplace_back(mimic, [&](int i, int j) { return lu_.block(columns_.lam(i), columns_.lam(j)); });
+      mimic_blocks_.emplace_back(mimic, [&](int i, int j) { return lu_.block(columns_.mu(i), columns_.mu(j)); });
     }
     for (const Force& force : system_.forces)
       for (int row : {force.parent, force.child})
@@ -212,11 +217,21 @@ class EulerStepper {
     for (double* block : padding_[k])
       for (int r = part_of(k).rows(); r < 3; ++r) block[(kColumn + 1) * r] = 1;
   }
-  // Puts in the compliance of rotors. Rotors and the rows of slip have no second multiplier.
-  void pad_single() {
+  // Puts in the compliance of rotors and the coupling of mimics. Rotors and rows of slip have no second multiplier.
+  void pad_others() {
+    for (const MimicBlocks& blocks : mimic_blocks_) blocks.put();
     for (int k : plan_.slips)
       for (int r = 0; columns_.doubled() && r < part_of(k).rows(); ++r) padding_[k][1][(kColumn + 1) * r] = 1;
     for (int k : plan_.rotors) padding_[k][1][0] = 1, padding_[k][0][0] = -part_of(k).compliance;
+  }
+
+  // Combines the rows of followers and leaders; z: the multipliers of the same parts.
+  void unite_rows(const double* z, double* r, bool positions) const {
+    combine(plan_, r);
+    for (const PlacedMimic& mimic : plan_.mimics) {
+      if (positions) r[3 * mimic.follower] = gap(plan_, mimic, joints_, start_.angles) / h_;
+      r[3 * mimic.leader + 1] = -(mimic.ratio * z[3 * mimic.follower] + z[3 * mimic.leader]);
+    }
   }
 
   // q = q_n * (h xi); false outside the map's domain.
@@ -271,6 +286,7 @@ class EulerStepper {
   std::optional<Delassus> core_;                 // in place of lu_
   std::vector<SideBlocks> blocks_;               // of lam and (v, w), per part and side
   std::vector<std::array<double*, 2>> padding_;  // diagonal blocks of lam and mu, per part
+  std::vector<MimicBlocks> mimic_blocks_;        // of lam, then mu
   std::vector<PairBlocks> force_blocks_;         // columns of (v, w), per force, row side, column side
 
   // The wanted error of h u, rounding level unless set otherwise: relative to the configuration, or to the velocity if
@@ -286,6 +302,12 @@ class EulerStepper {
 
  private:
   Equations& equations() { return static_cast<Equations&>(*this); }
+
+  // Sets the rates of leaders to zero: no residual depends on them, so that their guesses would grow.
+  void forget_rates() {
+    for (const PlacedMimic& mimic : plan_.mimics)
+      z_[3 * nodes_.lam(mimic.leader) + 1] = z_[3 * nodes_.mu(mimic.leader) + 1] = 0;
+  }
 
   // Guesses from the start of the step, after an attempt has changed z_.
   void guess_afresh() {

@@ -41,7 +41,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
         momentum_(system_.n() + 1),
         impulse_(system_.n() + 1),
         change_(rattle_ ? system_.n() + 1 : 0),
-        mu_(system_.rows() + plan.rotors.size(), 0.0),
+        mu_(system_.rows() + system_.others(), 0.0),
         rates_(plan.rotors.size(), 0.0),
         rotor_momenta_(rates_) {
     if (!this->core_) find_blocks();
@@ -69,6 +69,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
             &r[3 * nodes_.lam(k)]);
     for (int k : plan_.slips)
       if (!by_velocity()) store(slip_rows(k), &r[3 * nodes_.lam(k)]);
+    this->unite_rows(&z[3 * nodes_.lam(0)], &r[3 * nodes_.lam(0)], !by_velocity());
     for (size_t i = 0; i < rates_.size(); ++i) {
       const int at = 3 * nodes_.lam(plan_.rotors[i]);
       r[at] = (by_velocity() ? r[at] : way_of(plan_.rotors[i]) / h_) -
@@ -169,7 +170,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
   // Whether only rows of joints couple bodies: there are no dampers, and no loops whose dependent rows must be kept.
   static bool eliminates(const Plan& plan, Level level) {
     const std::vector<Force>& forces = plan.system.forces;
-    return plan.rotors.empty() && (plan.forest || (level != Level::velocity && plan.independent)) &&
+    return plan.plain() && (plan.forest || (level != Level::velocity && plan.independent)) &&
            std::all_of(forces.begin(), forces.end(), [](const Force& f) { return f.damping == 0; });
   }
 
@@ -201,7 +202,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
         blocks.put_rows(slope.v, slope.w);
       }
     }
-    this->pad_single();
+    this->pad_others();
     return true;
   }
 

@@ -109,6 +109,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
       store(balance_[b], &r[3 * nodes_.v(b)]);
       if (stabilised()) store(drift_[b], &r[3 * nodes_.xi_v(b)]);
     }
+    if (!plan_.mimics.empty()) unite(z, r);
     for (int k : plan_.rotors) {
       r[3 * nodes_.lam(k)] = rotor_gain(k) - this->part_of(k).compliance * z[3 * nodes_.lam(k)];
       if (stabilised()) r[3 * nodes_.mu(k)] = z[3 * nodes_.mu(k)];
@@ -231,6 +232,19 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
                                    gains_.beta * gains_.beta * this->here(k).position(part));
   }
 
+  // Combines the rows of followers and leaders. Angles differ by whole turns, which beta must not feel.
+  void unite(const std::vector<double>& z, std::vector<double>& r) const {
+    const double restoring = level_ == Level::acceleration ? h_ * gains_.beta * gains_.beta : 0;
+    for (const PlacedMimic& mimic : plan_.mimics) {
+      const auto coordinate = [&](int k) { return this->here(k).position(this->part_of(k))[0]; };
+      r[3 * nodes_.lam(mimic.follower)] +=
+          restoring * (gap(plan_, mimic, joints_, start_.angles) - coordinate(mimic.follower) +
+                       mimic.ratio * coordinate(mimic.leader));
+    }
+    this->unite_rows(&z[3 * nodes_.lam(0)], &r[3 * nodes_.lam(0)], level_ == Level::position);
+    if (stabilised()) this->unite_rows(&z[3 * nodes_.mu(0)], &r[3 * nodes_.mu(0)], true);
+  }
+
   // The change of a rotor's rate in the step: s (u - u_n) + h (ds/dt) u if the method takes accelerations at the new
   // state, else the difference of the rates at the two states.
   bool gains_by_derivative() const { return level_ == Level::acceleration || alpha_; }
@@ -253,7 +267,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     // With independent rows this is not exact; Newton's iteration corrects the coupling of bodies that is left out.
     if (plan.independent && level == Level::position) return StabilisedSolve::suits(plan);
     if (plan.independent) return splits(plan, level);
-    return level != Level::acceleration && system.forces.empty() && plan.rotors.empty() && plan.forest &&
+    return level != Level::acceleration && system.forces.empty() && plan.plain() && plan.forest &&
            std::all_of(system.joints.begin(), system.joints.end(), [](const Joint& joint) {
              return std::all_of(joint.parts.begin(), joint.parts.end(),
                                 [](const Part& part) { return part.spherical; });
@@ -314,7 +328,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     for (int k : plan_.rotors)
       for (Side side : kSides)
         if (this->body_of(k, side) != system_.n()) rotor_blocks(k, side);
-    this->pad_single();
+    this->pad_others();
     return true;
   }
 

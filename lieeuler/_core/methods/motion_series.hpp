@@ -60,6 +60,7 @@ class MotionSeries {
     for (const RowDrive& drive : row_drives_)
       rows_[parts_[drive.part].index][0] += (k + 1) * (k + 2) * drive.series[k + 2];
     for (ContactSeries& contact : contacts_) rows_[contact.index] = contact.begin(body_, k, force_[contact.body]);
+    combine(plan_, rows_.data()->data());
     saddle.solve(force_, rows_, k < kLowOrders);
     for (int b = 0; b < system_.n(); ++b) body_.extend(b, k, turned_[b], force_[b]);
     for (PartSeries& part : parts_) part.finish(carried_, k, rows_[part.index]);

@@ -29,9 +29,7 @@ class ContactState {
   }
 
   // Phi; d from the point of the plane to the point of the blade or the centre.
-  Vec3 gap(const Vec3& d) const {
-    return {part_.slips ? 0 : contact_.normal.dot(d) - contact_.radius * height_, 0, 0};
-  }
+  Vec3 gap(const Vec3& d) const { return {part_.slips ? 0 : contact_.normal.dot(d) - contact_.radius * height_, 0, 0}; }
   Vec3 velocity(const Twist& u) const {
     const Vec3 speed = u.v + (R_ * u.w).cross(c_);
     return by_row([&](const Vec3& t) { return t.dot(speed); });

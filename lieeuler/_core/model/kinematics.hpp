@@ -9,14 +9,14 @@ namespace lieeuler {
 struct State {
   Configuration frames;
   std::vector<Twist> u, a;
-  std::vector<double> lam;     // of the constraints, then of the rotors
+  std::vector<double> lam;     // of the constraints, then of rotors and leaders
   std::vector<double> angles;  // of the torsional springs, one place per force
 
   explicit State(const System& system)
       : frames(system.n() + 1),
         u(system.n() + 1),
         a(system.n() + 1),
-        lam(system.rows() + system.rotors(), 0.0),
+        lam(system.rows() + system.others(), 0.0),
         angles(system.forces.size(), 0.0) {}
 };
 

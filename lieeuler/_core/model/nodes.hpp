@@ -53,6 +53,10 @@ class Nodes {
       }
       if (second_order) stiffness_entries(joint, part, found);
     }
+    for (const PlacedMimic& mimic : plan_->mimics) {
+      both(lam(mimic.follower), lam(mimic.leader));
+      both(mu(mimic.follower), mu(mimic.leader));
+    }
     for (const Force& force : plan_->system.forces) force_entries(force, found);
     std::erase_if(found, [](const BlockPlan::Entry& entry) { return entry.first == entry.second; });
     return found;

@@ -16,6 +16,11 @@ struct PlacedPart {
   const Part* part;
 };
 
+// A mimic by its parts.
+struct PlacedMimic : Mimic {
+  int follower, leader;
+};
+
 // How the saddle point [M G^T; G 0] is eliminated (solve/saddle_solver.hpp).
 enum class Elimination {
   tree,         // bodies first, spherical rows in the axes of their child; no loops
@@ -40,6 +45,7 @@ class Plan {
         parts(number_parts(system)),
         rotors(find_parts([](const Part& part) { return part.compliance > 0; })),
         slips(find_parts([](const Part& part) { return part.slips; })),
+        mimics(find_mimics(system, parts)),
         order(elimination_order(system)),
         loops(find_loops(system, order)),
         hinges(system),
@@ -47,7 +53,7 @@ class Plan {
         graded(system.graded()),
         thin(system.thin()),
         whole(fits_whole()),
-        independent(!forest && !whole),
+        independent(!forest && !whole && mimics.empty()),
         projects_by(fits_tree() ? Elimination::tree : for_any_rows()),
         expands_by(fits_small() ? Elimination::small : for_any_rows()) {}
   Plan(const Plan&) = delete;  // its members hold pointers into it
@@ -55,6 +61,7 @@ class Plan {
   const System system;
   const std::vector<PlacedPart> parts;
   const std::vector<int> rotors, slips;  // among the parts
+  const std::vector<PlacedMimic> mimics;
   const EliminationOrder order;
   const std::vector<Loop> loops;
   const HingeTree hinges;
@@ -64,6 +71,8 @@ class Plan {
   const bool independent;  // loops are solved with independent rows
   const Elimination projects_by, expands_by;  // for projections, for series
 
+  // Every row is a constraint of the two bodies of its joint.
+  bool plain() const { return rotors.empty() && mimics.empty(); }
   const Joint& joint(int k) const { return system.joints[parts[k].joint]; }
   const Part& part(int k) const { return *parts[k].part; }
   int count() const { return static_cast<int>(parts.size()); }
@@ -105,12 +114,19 @@ class Plan {
       if (is(part(k))) found.push_back(k);
     return found;
   }
+  static std::vector<PlacedMimic> find_mimics(const System& system, const std::vector<PlacedPart>& parts) {
+    std::vector<PlacedMimic> found;
+    for (const Mimic& mimic : system.mimics) found.push_back({mimic, -1, -1});
+    for (int k = 0; k < static_cast<int>(parts.size()); ++k)
+      if (const Part& part = *parts[k].part; part.mimic >= 0)
+        (part.row < system.rows() ? found[part.mimic].follower : found[part.mimic].leader) = k;
+    return found;
+  }
   Elimination for_any_rows() const { return independent ? Elimination::independent : Elimination::complete; }
   bool fits_whole() const {
     constexpr double kThin = 1e5, kGraded = 1e6;
     constexpr int kMostUnknowns = 96;
-    return rotors.empty() && (system.thin(kThin) || system.graded(kGraded)) &&
-           6 * system.n() + system.rows() <= kMostUnknowns;
+    return plain() && (system.thin(kThin) || system.graded(kGraded)) && 6 * system.n() + system.rows() <= kMostUnknowns;
   }
   // Without loops no row can be redundant. A body with many parts would fill S, and with very different masses or
   // moments S alone loses digits.
@@ -120,13 +136,13 @@ class Plan {
     for (const Joint& joint : system.joints)
       for (int body : {joint.parent, joint.child}) on[body] += static_cast<int>(joint.parts.size());
     on[system.n()] = 0;
-    return rotors.empty() && forest && !graded && !thin && *std::max_element(on.begin(), on.end()) <= kMostParts;
+    return plain() && forest && !graded && !thin && *std::max_element(on.begin(), on.end()) <= kMostParts;
   }
   // Trees of few rows, those of pins on the ground not counted, if refinement can correct the Schur complement.
   bool fits_small() const {
     const auto pins = std::count_if(hinges.hinges.begin(), hinges.hinges.end(),
                                     [this](const Hinge& hinge) { return hinge.base == system.n(); });
-    return rotors.empty() && forest && !whole && count() - pins <= kMostSmallParts;
+    return plain() && forest && !whole && count() - pins <= kMostSmallParts;
   }
 
   mutable std::mutex guard_;

@@ -92,8 +92,8 @@ struct Contact {
 };
 
 // Up to three rows of a joint that are evaluated and solved for together: a spherical constraint, dot rows, or a single
-// row for an angle or a slide. That single row is coordinate - drive(t) = 0, or the row of a rotor. A contact has a part
-// for its height and one for its slip, whose rows hold velocities only: A(q) u = 0.
+// row for an angle or a slide. That single row is coordinate - drive(t) = 0, or the row of a rotor. A contact has a
+// part for its height and one for its slip, whose rows hold velocities only: A(q) u = 0.
 //
 // A rotor adds I rate^2 / 2 to the kinetic energy and constrains nothing. Take its rate s u as an unknown r of mass I
 // with the row s u - r = 0, and eliminate r: the multiplier m = I dr/dt acts on the bodies as -s^T m, and the row reads
@@ -104,9 +104,10 @@ struct Part {
   int row;                   // index of the first row in lam
   std::optional<Turn> turn = {};
   std::optional<TimeFunction> drive = {};
-  double compliance = 0;  // 1 / I of a rotor, 0 of a constraint
+  double compliance = 0;                // 1 / I of a rotor, 0 of a constraint
   std::optional<Contact> contact = {};  // a_local of its dots are the directions of its rows
   bool slips = false;                   // Phi says nothing about them
+  int mimic = -1;                       // among those of the system, of a follower and its leader
   int rows() const { return spherical ? 3 : static_cast<int>(dots.size()); }
   // Whether a row, or any row, depends on the positions of the bodies and not only on their attitudes.
   bool translational(int row) const {
@@ -119,15 +120,28 @@ struct Part {
   }
 };
 
+// One coordinate follows another: row of the follower - ratio row of the leader - offset = 0.
+//
+// A part has two bodies, so that a mimic takes two parts. With the leader's rate s as one more unknown their rows are
+// s_f u - ratio s = 0 and s_l u - s = 0, and the multipliers obey ratio lam_f + lam_l = 0. s and the last equation have
+// the second place of the leader's node. Residuals hold the whole gap in the follower's row and zero in the leader's; s
+// is then only a correction, which no residual depends on.
+struct Mimic {
+  double ratio, offset;
+  bool turns;      // the follower does
+  int angle = -1;  // force without stiffness whose angle is the leader's, unwrapped; none of a slide
+};
+
 struct Joint {
   int parent, child;  // parent == number of bodies: the ground
   Vec3 parent_anchor, child_anchor;
   std::vector<Part> parts;
-  bool driven = false;  // its last constraint has a drive
-  int rotors = 0;       // among its parts, the last ones
+  bool driven = false;   // its last constraint has a drive
+  int others = 0;        // followers, leaders and rotors among its parts, the last ones
+  bool follows = false;  // one of these is a follower, whose row is the last of the joint
 
-  std::span<const Part> constraints() const { return {parts.data(), parts.size() - rotors}; }
-  std::span<const Part> rotors_of() const { return std::span(parts).last(rotors); }
+  std::span<const Part> constraints() const { return {parts.data(), parts.size() - others}; }
+  std::span<const Part> others_of() const { return std::span(parts).last(others); }
 };
 
 // A spring-damper or a load. parent == number of bodies: the ground.
@@ -151,22 +165,25 @@ struct System {
   std::vector<Joint> joints;
   std::vector<Force> forces;
   Vec3 gravity;
+  std::vector<Mimic> mimics = {};
   // Sizes, computed by `measure` from bodies, joints and forces.
   double length = 0;                                  // m
   double acceleration = 0, angular_acceleration = 0;  // by loads
   double frequency = 0;                               // of the fastest spring or damper, 1/s
 
   int n() const { return static_cast<int>(bodies.size()); }
-  // Number of constraint rows; the multipliers of rotors come after theirs.
+  // Number of constraint rows; the multipliers of rotors and leaders come after theirs.
   int rows() const {
     int total = 0;
-    for (const Joint& joint : joints)
+    for (const Joint& joint : joints) {
+      total += joint.follows;
       for (const Part& part : joint.constraints()) total += part.rows();
+    }
     return total;
   }
-  int rotors() const {
+  int others() const {
     int total = 0;
-    for (const Joint& joint : joints) total += joint.rotors;
+    for (const Joint& joint : joints) total += joint.others - joint.follows;
     return total;
   }
   int parts() const {

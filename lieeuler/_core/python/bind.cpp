@@ -90,15 +90,45 @@ void add_contact(System& system, Contact::Kind kind, const Vec3& normal, const V
   measure(system, joint);
 }
 
+// Makes the angle or the slide of the joint added last follow that of another joint, which add_leader() names.
+void follow(System& system, bool turns, const Vec3& parent_axis, const Vec3& child_axis, const Vec3& normal,
+            const Vec3& second_normal, const Vec3& pointer, double ratio, double offset) {
+  require(!system.joints.empty() && !system.joints.back().follows, "there is no joint to follow another");
+  Joint& joint = system.joints.back();
+  Part part = coordinate_part(turns, parent_axis, child_axis, normal, second_normal, pointer, system.rows());
+  part.mimic = static_cast<int>(system.mimics.size());
+  system.mimics.push_back({ratio, offset, turns});
+  joint.parts.push_back(part), ++joint.others, joint.follows = true;
+}
+
+// Names the angle or slide that the mimic follows; call it after all joints and forces are added.
+void add_leader(System& system, int mimic, int joint, bool turns, const Vec3& parent_axis, const Vec3& child_axis,
+                const Vec3& normal, const Vec3& second_normal, const Vec3& pointer) {
+  require(0 <= mimic && mimic < static_cast<int>(system.mimics.size()) && 0 <= joint &&
+              joint < static_cast<int>(system.joints.size()),
+          "a leader needs a joint and a follower");
+  Part part =
+      coordinate_part(turns, parent_axis, child_axis, normal, second_normal, pointer, system.rows() + system.others());
+  part.mimic = mimic;
+  Joint& leader = system.joints[joint];
+  leader.parts.push_back(part), ++leader.others;
+  if (!turns) return;
+  Force watched{Force::Kind::torsional_spring, leader.parent, leader.child};
+  watched.axis = parent_axis, watched.normal = normal, watched.second_normal = second_normal;
+  watched.pointer = pointer;
+  system.mimics[mimic].angle = static_cast<int>(system.forces.size());
+  system.forces.push_back(watched);
+}
+
 // Adds a rotor on a joint's angle or slide; call it after all joints are added.
 void add_rotor(System& system, int joint, double inertia, bool turns, const Vec3& parent_axis, const Vec3& child_axis,
                const Vec3& normal, const Vec3& second_normal, const Vec3& pointer) {
   require(0 <= joint && joint < static_cast<int>(system.joints.size()) && inertia > 0,
           "a rotor needs a joint and mass");
   Part part =
-      coordinate_part(turns, parent_axis, child_axis, normal, second_normal, pointer, system.rows() + system.rotors());
+      coordinate_part(turns, parent_axis, child_axis, normal, second_normal, pointer, system.rows() + system.others());
   part.compliance = 1 / inertia;
-  system.joints[joint].parts.push_back(part), ++system.joints[joint].rotors;
+  system.joints[joint].parts.push_back(part), ++system.joints[joint].others;
 }
 
 void add_force(System& system, const Force& force) {
@@ -385,6 +415,8 @@ NB_MODULE(_kernel, m) {
       .def("add_joint", &add_joint)
       .def("drive_joint", &drive_joint)
       .def("add_contact", &add_contact)
+      .def("follow", &follow)
+      .def("add_leader", &add_leader)
       .def("add_rotor", &add_rotor)
       .def("add_linear_spring", &add_linear_spring)
       .def("add_torsional_spring", &add_torsional_spring, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(),

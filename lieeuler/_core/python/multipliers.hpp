@@ -30,7 +30,8 @@ inline nb::tuple multipliers(const Plan& plan, const Array& times, const Array& 
       if (!solve(there, state, true))
         std::fill(state.lam.begin(), state.lam.end(), std::numeric_limits<double>::quiet_NaN());
     }
-    lam.insert(lam.end(), state.lam.begin(), state.lam.begin() + static_cast<long>(m));  // not those of rotors
+    lam.insert(lam.end(), state.lam.begin(),
+               state.lam.begin() + static_cast<long>(m));  // not those of rotors and leaders
   }
   return nb::make_tuple(make_array(std::move(lam), {N, m}), projection.redundant_rows());
 }

@@ -61,7 +61,7 @@ inline nb::dict constraints(const Plan& plan, const Array& x, const Array& R, co
                             const Array& lam) {
   const System& system = plan.system;
   const State state = make_state(system, x, R, v, w);
-  const size_t m = system.rows() + system.rotors(), columns = 6 * system.n();
+  const size_t m = system.rows() + system.others(), columns = 6 * system.n();
   require(lam.size() == m, "lam must be that of the system's rows");
   std::vector<double> phi(m), gamma(m), G(m * columns), slope(m * columns), gamma_slope(m * columns),
       K(columns * columns);

@@ -26,7 +26,7 @@ Outcome run_adaptive(Stepper& stepper, const Plan& plan, const State& initial, c
   const FlushDenormals flush;
   const System& system = plan.system;
   Outcome outcome;
-  Monitor monitor(system, monitored);
+  Monitor monitor(plan, monitored);
   std::optional<Projection> projection;  // of samples between steps
   State sample(system);
   LeastNorm least_norm(plan);

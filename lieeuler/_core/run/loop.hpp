@@ -29,9 +29,9 @@ void raise(double& maximum, const Eigen::MatrixBase<Values>& values) {
 
 class Monitor {
  public:
-  Monitor(const System& system, bool enabled) : system_(system), enabled_(enabled) {
-    for (size_t j = 0; j < system.joints.size(); ++j)
-      if (system.joints[j].rotors > 0) rotors_.push_back(static_cast<int>(j));
+  Monitor(const Plan& plan, bool enabled) : plan_(plan), system_(plan.system), enabled_(enabled) {
+    for (size_t j = 0; j < system_.joints.size(); ++j)
+      if (system_.joints[j].others > 0) rotors_.push_back(static_cast<int>(j));
   }
 
   void start(const State& state, const Constraints& joints) {
@@ -56,6 +56,7 @@ class Monitor {
               here.velocity(part, state.a[joint.parent], state.a[joint.child]) + here.gamma(part, parent, child));
       }
     }
+    for (const PlacedMimic& mimic : plan_.mimics) watch(mimic, state, joints);
     for (int b = 0; b < system_.n(); ++b) {
       const Mat3& R = state.frames[b].R;
       raise(maxima.orthogonality, Mat3(R.transpose() * R - Mat3::Identity()));
@@ -81,18 +82,31 @@ class Monitor {
     return kinetic + potential;
   }
 
+  void watch(const PlacedMimic& mimic, const State& state, const Constraints& joints) {
+    raise(maxima.position, std::abs(gap(plan_, mimic, joints, state.angles)));
+    raise(maxima.velocity, std::abs(mimic_rate(plan_, mimic, joints, state.u)));
+    const auto gamma = [&](int k) {
+      return joints[plan_.parts[k].joint].gamma(plan_.part(k), state.u[plan_.body(k, kParent)],
+                                                state.u[plan_.body(k, kChild)])[0];
+    };
+    raise(maxima.acceleration, std::abs(mimic_rate(plan_, mimic, joints, state.a) + gamma(mimic.follower) -
+                                        mimic.ratio * gamma(mimic.leader)));
+  }
+
   double rotor_energy(int j, const State& state) const {
     const Joint& joint = system_.joints[j];
     JointState here;
     here.update(joint, state.frames);
     double kinetic = 0;
-    for (const Part& part : joint.rotors_of()) {
+    for (const Part& part : joint.others_of()) {
+      if (part.compliance == 0) continue;
       const double rate = here.velocity(part, state.u[joint.parent], state.u[joint.child])[0];
       kinetic += 0.5 * rate * rate / part.compliance;
     }
     return kinetic;
   }
 
+  const Plan& plan_;
   const System& system_;
   bool enabled_;
   std::vector<int> rotors_;  // indices of the joints with rotors
@@ -177,7 +191,7 @@ Outcome run(Stepper& stepper, const Plan& plan, const State& initial, const std:
             const Interrupted& interrupted) {
   const FlushDenormals flush;
   Outcome outcome;
-  Monitor monitor(plan.system, monitored);
+  Monitor monitor(plan, monitored);
   double t = 0, h = 0;
   Watch watch(interrupted, plan.system);
   LeastNorm least_norm(plan);

@@ -8,7 +8,7 @@
 // independent rows no body is kept; dependent rows are dropped and the others eliminated in the order of least fill.
 #pragma once
 
-#include "model/kinematics.hpp"
+#include "model/mimic.hpp"
 #include "model/nodes.hpp"
 
 namespace lieeuler {
@@ -44,6 +44,8 @@ class Delassus {
     lu_.follow(plan.blocks({Pattern::Matrix::mobility, independent}, [&] { return eliminate_nodes(places_at); }));
     for (const std::vector<Place>& places : places_at) add_body(places);
     for (int k = 0; k < parts(); ++k) padding_.push_back(lu_.block(k, k));
+    for (const PlacedMimic& mimic : plan.mimics)
+      mimics_.emplace_back(mimic, [this](int i, int j) { return lu_.block(i, j); });
     for (Hub& hub : hubs_) {
       const int node = hub_[hub.body];
       hub.v = lu_.block(node, node), hub.w = lu_.block(node + 1, node + 1);
@@ -275,6 +277,8 @@ class Delassus {
         else
           for (const Place& column : places_at[b]) entries.insert({row.part, column.part});
       }
+    for (const PlacedMimic& mimic : plan_.mimics)
+      entries.insert({mimic.follower, mimic.leader}), entries.insert({mimic.leader, mimic.follower});
     std::erase_if(entries, [](const BlockPlan::Entry& entry) { return entry.first == entry.second; });
     if (independent_) return BlockPlan(minimum_degree_order(parts(), entries), 0, entries);
     const std::vector<std::vector<int>> parts_of = plan_.parts_of_joints();
@@ -297,6 +301,7 @@ class Delassus {
     for (int k = 0; k < parts(); ++k)
       for (int r = plan_.part(k).rows(); r < 3; ++r) padding_[k][(kColumn + 1) * r] = 1;
     for (int k : plan_.rotors) padding_[k][0] = -plan_.part(k).compliance;
+    for (const MimicBlocks& mimic : mimics_) mimic.put();
     for (End& end : ends_) {
       const Mobility& body = bodies_[end.body];
       if (end.part_data->spherical) {
@@ -347,6 +352,7 @@ class Delassus {
   std::vector<int> dropped_;  // places of rows, three a part
   std::vector<Cut> cuts_;
   std::vector<double*> padding_;
+  std::vector<MimicBlocks> mimics_;
   std::vector<double> rhs_;
 };
 

@@ -14,7 +14,11 @@ namespace lieeuler {
 class Projection {
  public:
   explicit Projection(const Plan& plan)
-      : system_(plan.system), joints_(system_), saddle_(plan, plan.projects_by), change_(system_.n() + 1) {}
+      : plan_(plan),
+        system_(plan.system),
+        joints_(system_),
+        saddle_(plan, plan.projects_by),
+        change_(system_.n() + 1) {}
   Projection(const Projection&) = delete;
 
   // Counts the redundant rows at the start of a run and factors the matrix there.
@@ -89,7 +93,7 @@ class Projection {
     double last = 1;  // sizes are parts of the length and radians: a first correction of 1e-8 leaves 1e-16
     for (int k = 0; k < kMostIterations; ++k) {
       move_to(state);
-      saddle_.displace(joints_, change_);
+      saddle_.displace(joints_, state.angles, change_);
       double size = 0, sum = 0;
       for (int b = 0; b < system_.n(); ++b) {
         size = std::max({size, change_[b].v.cwiseAbs().maxCoeff() / length, change_[b].w.cwiseAbs().maxCoeff()});
@@ -97,7 +101,7 @@ class Projection {
       }
       if (!std::isfinite(sum)) return Status::non_finite;  // max() above would hide a NaN
       if (k > 0 && size > kNoise && size > 0.5 * last) {
-        if (!closed()) return Status::newton_failed;
+        if (!closed(state)) return Status::newton_failed;
         break;  // near a singular position the correction is the magnified rounding error of Phi
       }
       apply(state);
@@ -109,7 +113,9 @@ class Projection {
     return Status::success;
   }
   // Whether Phi is the rounding error of its positions and axes.
-  bool closed() const {
+  bool closed(const State& state) const {
+    for (const PlacedMimic& mimic : plan_.mimics)
+      if (std::abs(gap(plan_, mimic, joints_, state.angles)) > kNoisyTerms * kEps * std::numbers::pi) return false;
     for (size_t j = 0; j < system_.joints.size(); ++j) {
       const JointState& here = joints_[static_cast<int>(j)];
       for (const Part& part : system_.joints[j].constraints())
@@ -126,6 +132,7 @@ class Projection {
     }
   }
 
+  const Plan& plan_;
   const System& system_;
   Constraints joints_;
   SaddleSolver saddle_;

@@ -64,12 +64,14 @@ class SaddleSolver {
     std::get<SparseSaddle>(by_).solve(f, rows, to_rounding);
   }
 
-  // The least displacement that closes the joints to first order: M d + G^T mu = 0, G d = -Phi.
-  void displace(const Constraints& joints, std::vector<Twist>& d) {
+  // The least displacement that closes the joints to first order: M d + G^T mu = 0, G d = -Phi. angles: of forces.
+  void displace(const Constraints& joints, const std::vector<double>& angles, std::vector<Twist>& d) {
     std::fill(d.begin(), d.end(), Twist{});
     each([&](auto& by) {
       for (int k = 0; k < plan_.count(); ++k) rows_[k] = by.own(k, -at(joints, k).position(plan_.part(k)));
       for (int k : plan_.rotors) rows_[k].setZero();
+      combine(plan_, rows_.data()->data());
+      for (const PlacedMimic& mimic : plan_.mimics) rows_[mimic.follower][0] = -gap(plan_, mimic, joints, angles);
       by.correct(d, rows_, false);  // the caller iterates, so the lost digits do not matter
     });
   }
@@ -100,6 +102,7 @@ class SaddleSolver {
     generalized_forces(system_, state.frames, state.u, state.angles, state.a);
     each([&](auto& by) {
       for (int k = 0; k < plan_.count(); ++k) rows_[k] = -by.gamma(k, joints, state.u);
+      combine(plan_, rows_.data()->data());
       by.solve(state.a, rows_, true);
       put_multipliers(by, state.lam.data());
     });

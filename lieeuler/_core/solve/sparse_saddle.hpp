@@ -59,6 +59,7 @@ class SparseSaddle : public WorldRows {
       mobility[0] += plan_.part(k).compliance;
       for (int r = 0; r < plan_.part(k).rows(); ++r) scales[3 * k + r] = 1 / std::sqrt(mobility[r]);
     }
+    for (const PlacedMimic& mimic : plan_.mimics) scales[3 * mimic.leader + 1] = 1 / scales[3 * mimic.leader];
     return scales;
   }
 
@@ -130,8 +131,7 @@ class SparseSaddle : public WorldRows {
   // different masses lose digits of the rows in the first pass, thin bodies also digits of the balance of forces; the
   // residual is then solved for again. to_rounding: do so for redundant rows too.
   void solve(std::vector<Twist>& y, std::vector<Vec3>& rows, bool to_rounding) {
-    const bool again =
-        plan_.graded || thin_ || !plan_.rotors.empty() || (to_rounding && (redundant_ > 0 || independent_));
+    const bool again = plan_.graded || thin_ || !plan_.plain() || (to_rounding && (redundant_ > 0 || independent_));
     if (again) wanted_ = rows;
     if (thin_) forces_ = y;
     solve_once(y, rows);
@@ -209,6 +209,7 @@ class SparseSaddle : public WorldRows {
     for (int k = 0; !independent_ && k < plan_.count(); ++k)
       rows_[k] = wanted_[k] - joints[plan_.parts[k].joint].velocity(plan_.part(k), y[plan_.body(k, kParent)],
                                                                     y[plan_.body(k, kChild)]);
+    combine(plan_, rows_.data()->data());
     for (int k : plan_.rotors) rows_[k][0] += plan_.part(k).compliance * rows[k][0];
     solve_once(correction_, rows_);
     const Scales scales{system_.length};

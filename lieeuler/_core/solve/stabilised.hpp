@@ -47,7 +47,7 @@ class StabilisedSolve {
   // Whether the sweeps converge by construction: without damping, and without loops unless dependent rows are dropped.
   static bool suits(const Plan& plan) {
     const std::vector<Force>& forces = plan.system.forces;
-    return plan.rotors.empty() && plan.slips.empty() && (plan.forest || plan.independent) &&
+    return plan.plain() && plan.slips.empty() && (plan.forest || plan.independent) &&
            std::all_of(forces.begin(), forces.end(), [](const Force& f) { return f.damping == 0; });
   }
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import crosscheck
+from crosscheck.scene.coordinates import at_start
 from tests.scene.models.model_files import ARM_MJCF, ARM_URDF, ZOO
 
 
@@ -252,15 +253,14 @@ def test_the_command_writes_a_scene_that_is_the_model(tmp_path, monkeypatch):
     assert CliRunner().invoke(app, ["run", "arm.urdf", "--drop", "--duration", "0.1"]).exit_code == 0
 
 
-def test_the_command_says_what_lieeuler_cannot_run(tmp_path):
-    from typer.testing import CliRunner
-
-    from crosscheck.cli.app import app
-
-    follows = ARM_URDF.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="elbow"/>')
-    path = written(tmp_path, follows, "arm.urdf")
-    told = CliRunner().invoke(app, ["import", str(path), "-o", str(tmp_path / "arm.toml"), "--drop"])
-    assert "lieeuler cannot run it: joint 'shoulder' has the key mimic" in told.output
+def test_a_mimic_of_a_urdf_starts_where_its_leader_puts_it_and_runs(tmp_path):
+    follows = ARM_URDF.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="elbow" offset="0.3"/>')
+    scene = crosscheck.import_model(written(tmp_path, follows, "arm.urdf"), drop=True, duration=0.1, samples=3)
+    assert at_start(scene)["shoulder"][0] == pytest.approx([0.3], abs=1e-15)
+    joints = crosscheck.run(scene, engine="lieeuler", method="taylor", rtol=1e-10).joints
+    gap = joints["shoulder"].position - joints["elbow"].position - 0.3
+    assert np.abs(gap).max() < 1e-14
+    assert np.ptp(joints["elbow"].position) > 1e-3
 
 
 def test_links_that_no_body_could_be_are_merged_along_fixed_joints(tmp_path):

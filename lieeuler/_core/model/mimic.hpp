@@ -1,0 +1,58 @@
+// Where one coordinate follows another: the row of both, and the two rows of Newton's matrix that stand for it.
+#pragma once
+
+#include <numbers>
+
+#include "model/kinematics.hpp"
+#include "model/plan.hpp"
+
+namespace lieeuler {
+
+// follower - ratio leader - offset, rad or m; `angles` are those of forces, to unwrap the leader's against.
+inline double gap(const Plan& plan, const PlacedMimic& mimic, const Constraints& joints,
+                  const std::vector<double>& angles) {
+  const auto wrapped = [](double angle) { return std::remainder(angle, 2 * std::numbers::pi); };
+  const auto coordinate = [&](int k) { return joints[plan.parts[k].joint].position(plan.part(k))[0]; };
+  double leader = coordinate(mimic.leader);
+  if (mimic.angle >= 0) leader = angles[mimic.angle] + wrapped(leader - angles[mimic.angle]);
+  const double found = coordinate(mimic.follower) - mimic.ratio * leader - mimic.offset;
+  return mimic.turns ? wrapped(found) : found;
+}
+
+// Its rate where `u` are velocities.
+inline double mimic_rate(const Plan& plan, const PlacedMimic& mimic, const Constraints& joints,
+                         const std::vector<Twist>& u) {
+  const auto rate = [&](int k) {
+    return joints[plan.parts[k].joint].velocity(plan.part(k), u[plan.body(k, kParent)], u[plan.body(k, kChild)])[0];
+  };
+  return rate(mimic.follower) - mimic.ratio * rate(mimic.leader);
+}
+
+// Of rows of both, three values a part, those of the leader into the follower's place.
+inline void combine(const Plan& plan, double* rows) {
+  for (const PlacedMimic& mimic : plan.mimics) {
+    double* const leader = rows + 3 * mimic.leader;
+    rows[3 * mimic.follower] -= mimic.ratio * leader[0];
+    leader[0] = leader[1] = leader[2] = 0;
+  }
+}
+
+// Blocks of a follower and a leader in a matrix that has [M G^T; G 0] in it.
+struct MimicBlocks {
+  double ratio;
+  double *across, *back, *own;  // (follower, leader), (leader, follower), (leader, leader)
+
+  template <class BlockOf>
+  MimicBlocks(const PlacedMimic& mimic, const BlockOf& block)
+      : ratio(mimic.ratio),
+        across(block(mimic.follower, mimic.leader)),
+        back(block(mimic.leader, mimic.follower)),
+        own(block(mimic.leader, mimic.leader)) {}
+
+  void put() const {
+    across[kColumn] = back[1] = -ratio;
+    own[kColumn] = own[1] = -1, own[kColumn + 1] = 0;
+  }
+};
+
+}  // namespace lieeuler

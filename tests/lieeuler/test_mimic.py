@@ -1,0 +1,123 @@
+"""Coordinates that follow others: the kernel against dense algebra, orders against truth, loops."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import crosscheck
+import lieeuler
+from crosscheck.adapters.lieeuler import build_problem
+from crosscheck.scene import mechanics
+from crosscheck.scene.coordinates import at_start
+from crosscheck.scene.model import Mimic
+from tests.lieeuler.accuracy import EPS, slopes
+from tests.lieeuler.test_armature import FIRST_ORDER, LADDERS, compared
+
+
+def coupled_arm(**changes):
+    """The scene of the library for a second."""
+    return crosscheck.load_scene("coupled_arm").replace(**{"duration": 1.0, "samples": 5} | changes)
+
+
+@pytest.mark.parametrize("method", ["DAE2L_LSE", "DAE2H_LE", "rattle2"])
+def test_kernel_agrees_with_dense_algebra(method):
+    compared(coupled_arm(), method, 2e-2, 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [*FIRST_ORDER, "rattle2", "generalized_alpha"])
+def test_kernel_agrees_with_dense_algebra_in_every_method(method):
+    compared(coupled_arm(), method, 1e-2, 5)
+
+
+def test_accelerations_are_those_of_the_dense_equations():
+    scene = coupled_arm()
+    run = lieeuler.integrate(build_problem(scene), "INDEX1_LE", 1e-6, [0, 1e-6])
+    a, alpha, lam = mechanics.index1(scene, scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+    bound = 200 * EPS * max(np.abs(a).max(), np.abs(alpha).max())
+    assert max(np.abs(run.a[0] - a[0]).max(), np.abs(run.alpha[0] - alpha[0]).max()) < bound
+    assert run.lam.shape == (2, build_problem(scene).rows)
+    assert np.abs(run.lam[0] - lam[0]).max() < 1e-12 * np.abs(lam).max()
+
+
+def order_of(method, steps):
+    scene = coupled_arm()
+    truth = crosscheck.truth(scene).states
+    found = []
+    for h in steps:
+        run = lieeuler.integrate(build_problem(scene), method, h, scene.t, monitor=False)
+        found.append([np.abs(getattr(run, name) - getattr(truth, name)).max() for name in "xRvw"])
+    return slopes(steps, found)
+
+
+@pytest.mark.parametrize(("method", "steps"), [("DAE2L_LE", (4e-3, 2e-3, 1e-3)), ("rattle4", (2e-2, 1e-2, 5e-3))])
+def test_order(method, steps):
+    order = lieeuler.METHODS[method].order
+    assert np.abs(order_of(method, steps) - order).max() < (0.1 if order == 1 else 0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", [name for name, method in lieeuler.METHODS.items() if "step" in method.controls])
+def test_order_of_every_method(method):
+    order = lieeuler.METHODS[method].order
+    found = order_of(method, LADDERS[order])
+    assert np.abs(found - order).max() < (0.1 if order == 1 else 0.15), found
+
+
+@pytest.mark.parametrize("method", ["taylor", "rkmk853", "rkmk54", "seulex"])
+def test_adaptive_methods_end_at_the_truth(method):
+    scene = coupled_arm()
+    truth = crosscheck.truth(scene).states
+    run = lieeuler.integrate(build_problem(scene), method, None, scene.t, rtol=1e-12)
+    bound = 1e-9 if method == "seulex" else 1e-11  # seulex magnifies rounding by what its table does, some 1e6
+    assert max(np.abs(getattr(run, name) - getattr(truth, name)).max() for name in "xRvw") < bound
+
+
+def followed(scene, follower, leader, ratio):
+    """The scene at rest with a mimic that holds at its start."""
+    still = [dataclasses.replace(body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in scene.bodies]
+    scene = scene.replace(bodies=tuple(still))
+    here = {name: float(position[0]) for name, (position, _) in at_start(scene).items()}
+    mimic = Mimic(leader, ratio, here[follower] - ratio * here[leader])
+    return scene.replace(joints=tuple(dataclasses.replace(joint, mimic=mimic) if joint.name == follower else joint
+                                      for joint in scene.joints))
+
+
+@pytest.mark.parametrize("method", ["DAE1L_LSE", "DAE2H_LSE", "rattle2", "taylor"])
+def test_a_row_that_a_loop_holds_already_changes_nothing(method):
+    """Opposite hinges of a parallelogram turn alike: the mimic's row depends on the loop's."""
+    loop = crosscheck.load_scene("parallelogram")
+    alone = followed(loop, loop.joints[1].name, loop.joints[0].name, -1.0).replace(duration=0.5, samples=3)
+    plain = alone.replace(joints=tuple(dataclasses.replace(joint, mimic=None) for joint in alone.joints))
+    control = {"rtol": 1e-12} if method == "taylor" else {"step": 1e-2}
+    runs = [crosscheck.run(scene, engine="lieeuler", method=method, **control) for scene in (alone, plain)]
+    assert np.abs(runs[0].x - runs[1].x).max() < 1e-12
+    assert runs[0].stats["redundant_rows"] == runs[1].stats["redundant_rows"] + 1
+
+
+def test_many_turns_of_the_leader_are_counted():
+    """Whatever the ratio: the follower would jump where the leader's angle is read up to whole turns."""
+    whole = coupled_arm(gravity=np.zeros(3), duration=20.0, samples=81)
+    scene = whole.replace(bodies=whole.bodies[:2], joints=whole.joints[:2])  # one freedom, which nothing stops
+    run = crosscheck.run(scene, engine="lieeuler", method="taylor", rtol=1e-10)
+    base, elbow = (run.joints[name].position for name in ("base", "elbow"))
+    assert np.ptp(base) > 4 * np.pi
+    assert np.abs(elbow + 2.5 * base - 0.4).max() < 1e-11
+    assert run.stats["constraint_position"] < 1e-12
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"joint": 7}, "no joint 7"), ({"ratio": float("nan")}, "ratio"), ({"leader": 1}, "leader")])
+def test_a_wrong_mimic_is_named(change, words):
+    problem = build_problem(coupled_arm())
+
+    def changed():
+        mimic = dataclasses.replace(problem.joints[1].mimic, **change)
+        follower = problem.joints[1].following(mimic)
+        return dataclasses.replace(problem, joints=(problem.joints[0], follower, *problem.joints[2:]))
+
+    with pytest.raises(lieeuler.ArgumentError, match=words):
+        changed()

@@ -1,6 +1,6 @@
-"""Jumps a motion cannot make: findings about a trajectory as such, whatever its accuracy.
+"""Jumps that no motion makes: findings about a trajectory that do not depend on its accuracy.
 
-Engines have been seen to reset a diverged state silently to the initial one and go on.
+Some engines silently reset a diverged state to the initial one and go on.
 """
 
 from __future__ import annotations
@@ -17,34 +17,31 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.model import Scene
 
 SAME = 1e-9
-"""Normalised distance from the initial state within which a state is that state: no engine comes back so exactly, and a
-conversion of coordinates loses some 1e-15."""
+"""A state within this normalised distance from the initial state counts as the same. A motion does not return so
+exactly, and a conversion of coordinates changes about 1e-15."""
 
 ELSEWHERE = 1e-3
-"""Normalised distance of truth from the initial state that is no return."""
-
+"""The true motion is not at its initial state if its normalised distance from it is larger than this."""
 
 CALM = 1e-6
-"""What moves so much more slowly than the scene's fastest body does not jump, whatever it does between two samples."""
-
+"""Speeds below this share of the scene's largest speed do not count as jumps."""
 
 WOBBLE = 0.01
-"""Share by which a run's own speed may exceed between two output times what it is at both: errors oscillate."""
+"""Between two output times, oscillating errors may raise the speed by this share above the speeds at both times."""
 
 
 def judge_continuity(scene: Scene, traj: Any, truth: Reference) -> list[Finding]:
-    """Whether positions and attitudes move no faster than the run's own speeds allow, and the run was not reset; up to
-    the horizon of the scene."""
+    """Judge, up to the horizon, whether poses move no faster than the run's own speeds, and whether it was reset."""
     return [_continuity(scene, traj, truth), _reset(scene, traj, truth)]
 
 
 def _continuity(scene: Scene, traj: Any, truth: Reference) -> Finding:
-    """The step between output times farthest beyond, or nearest to, what speeds allow.
+    """The pair of neighbouring output times whose motion exceeds what speeds allow the most, or comes closest to it.
 
-    In a time dt a body moves by no more than dt times its speed, which between two output times exceeds the larger one
-    at the ends by dt / 2 times the largest acceleration at most: that of the true motion, times the excess of the
-    run's kinetic energy, since accelerations grow as the square of speeds; and by the shares `WOBBLE` of itself and
-    `CALM` of the fastest.
+    In a time dt a body moves by at most dt times its largest speed. Between two output times this speed exceeds the
+    larger one at the ends by at most dt / 2 times the largest acceleration, plus the shares `WOBBLE` of itself and
+    `CALM` of the fastest. The acceleration is the largest of the true motion, times the excess of the run's kinetic
+    energy, because accelerations grow with the square of speeds.
     """
     count = _judged_times(truth)
     x, R, v, w = (getattr(traj, name)[:count] for name in "xRvw")
@@ -71,12 +68,12 @@ def _continuity(scene: Scene, traj: Any, truth: Reference) -> Finding:
 
 
 def _judged_times(truth: Reference) -> int:
-    """Number of output times up to the horizon, two at least."""
+    """Number of output times up to the horizon, at least two."""
     return max(2, int(np.count_nonzero(truth.t <= truth.horizon * (1 + 1e-12))))
 
 
 def _reset(scene: Scene, traj: Any, truth: Reference) -> Finding:
-    """How many output times show the initial state where truth is elsewhere."""
+    """Count the output times at which the run is at its initial state but truth is not."""
     scale = tolerances.scales(scene, truth)
 
     def distance(states: Any) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Whether attitudes stay rotations."""
+"""Judge whether attitudes stay rotation matrices."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from crosscheck.judge import tolerances
 
 
 def judge_orthogonality(trajectories: Sequence[Any], on_group: bool, eps: float, order: int | None) -> Finding:
-    """max |R^T R - I| of the first of the runs against rounding, or, off the group, against its method's order.
+    """Judge max |R^T R - I| of the first run against rounding.
 
-    Attitudes that an engine integrates as matrices or quaternions without making rotations of them are as wrong as its
-    steps are long. Such a drift falls with the step, as one other run shows; a factor that was forgotten does not.
+    If an engine integrates matrices or quaternions and does not make rotations of them, they drift off the group. Such
+    a drift passes if it falls with the step by the order of the method, which another run shows. A wrong factor in
+    the attitudes does not fall.
     """
     traj, *others = trajectories
     tol = tolerances.orthogonality(on_group, traj.steps, eps)

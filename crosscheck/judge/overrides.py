@@ -1,4 +1,4 @@
-"""Bounds set by the user in place of the computed ones: from a TOML file, or as quantity=value."""
+"""Bounds that the user sets instead of the computed ones: in a TOML file, or as quantity=value."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ Overrides = tuple[tuple[str, float, str], ...]
 
 
 def read(path: str | os.PathLike[str] | None, options: Sequence[str] = ()) -> Overrides:
-    """Bounds of a file and of options "quantity=value", which go before those of the file.
+    """Bounds from a file and from options "quantity=value". Options replace bounds of the file.
 
     Raises
     ------
     ArgumentError
-        Names the file or option, the entry and the mend.
+        The message names the file or option and the entry, and says how to correct it.
     """
     found: dict[str, tuple[float, str]] = {}
     if path is not None:
@@ -75,10 +75,10 @@ def _bound(where: str, value: Any) -> tuple[float, str]:
 
 
 def override(findings: Sequence[Finding], overrides: Overrides) -> list[Finding]:
-    """The findings of a run, judged by the user's bounds where he set some.
+    """The findings of a run, judged by the user's bounds if there are any.
 
-    Figures without a bound of their own are judged too. A plan's step that is too coarse for the computed bounds of
-    positions and attitudes is no fault where the user set both.
+    Values without a computed bound are judged, too. If the user set bounds of position and attitude, the finding that
+    the step is too coarse for the computed bounds is removed.
     """
     bounds = {name: (value, why) for name, value, why in overrides}
     if {"position", "attitude"} <= set(bounds):

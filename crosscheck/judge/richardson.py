@@ -1,4 +1,4 @@
-"""The limit of a run for vanishing steps against truth: it separates a wrong model from a coarse step."""
+"""Judge the limit of runs for vanishing steps against truth. This separates a wrong model from a coarse step."""
 
 from __future__ import annotations
 
@@ -17,19 +17,21 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 LEAST = 0.75
-"""Errors that fall more slowly than this power of the step do not fall: nothing to extrapolate by."""
+"""Errors that fall more slowly than this power of the step count as not falling, and are not used to extrapolate."""
 
 
 def extrapolated(coarse: States, fine: States, ratio: float, order: int) -> States:
-    """fine + (fine - coarse) / (ratio^order - 1), ratio the coarser step over the finer one; attitudes entry by entry,
-    which leaves them as orthogonal as the extrapolation is exact."""
+    """fine + (fine - coarse) / (ratio^order - 1), where ratio is the coarser step over the finer one.
+
+    Attitudes are extrapolated entry by entry, which leaves them as orthogonal as the extrapolation is exact.
+    """
     weight = 1.0 / (ratio**order - 1.0)
     parts = [getattr(fine, name) + weight * (getattr(fine, name) - getattr(coarse, name)) for name in "xRvw"]
     return States(fine.t, *parts)
 
 
 def extrapolation_order(documented: int, observed: Order, failed: bool) -> int:
-    """The documented order, or the observed one where that is another."""
+    """The order for extrapolation: the documented one, or the observed one if the documented one failed."""
     if not failed or observed.observed is None or observed.observed < LEAST:
         return documented
     return max(1, round(observed.observed))
@@ -37,12 +39,13 @@ def extrapolation_order(documented: int, observed: Order, failed: bool) -> int:
 
 def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Reference, order: int,
                 orders: Mapping[str, Order], failing: frozenset[str], eps: float = tolerances.EPS) -> list[Finding]:
-    """The limit of the two finest runs against truth, per quantity.
+    """Judge the limit of the two finest runs against truth, for each quantity.
 
     Parameters
     ----------
-    runs : (step used (s), trajectory) at the output times of `truth`
-    order : the documented one; extrapolation takes the observed one for the quantities in `failing`
+    runs : (step (s), trajectory) at the output times of `truth`
+    order : the documented order
+    orders : the observed orders, which are used for the quantities in `failing`
     """
     if len(runs) < 2:
         return [Finding(f"limit {name}", "unjudged", None, None, unit, "a limit needs two runs that reach their end")
@@ -56,7 +59,7 @@ def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Referenc
         limit = extrapolated(coarse, fine, coarse_step / fine_step, used)
         error = errors(scene, limit, truth.states, truth.horizon)[name]
         tol = tolerances.limit(scene, truth, used, coarse_step, eps)[name]
-        if rounding := orders[name].rounding:  # where the errors of both runs are as small, and fall no more
+        if rounding := orders[name].rounding:  # errors on the rounding plateau, which fall no more
             tol = Tol(tol.value + 2 * rounding, f"{tol.why}; rounding of both runs, {rounding:.1e}")
         where = f"body {error.body}, t = {error.time:.4g} s, extrapolated with order {used}"
         if tol.value > scale.of(name) and np.isfinite(error.max):

@@ -1,8 +1,8 @@
-"""Whether a run with a fixed step took more steps than it was asked for.
+"""Judge whether a run with a fixed step took more steps than it was asked for.
 
-Its own count may say so. Else the states may: up to the first output time plain methods are stepped with the step asked
-for and with parts of it. Errors that are as small as those of shorter steps may be a method's own; a run that comes out
-where a plain method does in k parts of a step, and not in one, is that method.
+The engine's own count may show it, or else the states. Up to the first output time, plain methods are run with the
+wanted step and with parts of it. Small errors alone prove nothing, because the method may just be better. But a run
+whose states are those of a plain method with k parts of a step is that method with hidden sub-steps.
 """
 
 from __future__ import annotations
@@ -26,33 +26,33 @@ TABLEAUX: dict[int, tuple[tuple[tuple[tuple[float, ...], ...], tuple[float, ...]
     2: ((((), (0.5,)), (0.0, 1.0)), (((), (1.0,)), (0.5, 0.5))),
     4: ((((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 1 / 3, 1 / 3, 1 / 6)),),
 }
-"""Stages and weights of plain methods by order."""
+"""Coefficients and weights of the stages of plain methods by order."""
 
 MORE = 1.01
-"""Times the steps asked for that a count may be: some engines count the first step twice."""
+"""Largest allowed ratio of counted to wanted steps. Some engines count the first step twice."""
 
 NEAR, FEWEST, MOST = 1.2, 1.5, 40.0
-"""Parts of a step: from the first number to the last one plain methods are tried, from the second on it is said."""
+"""Numbers of parts of a step. Plain methods are tried from NEAR to MOST parts, and reported from FEWEST on."""
 
 ALIKE = 5e-3
-"""Of its error by which a run may differ from the plain method that it is: roundings, and maps to the rotations. A
-method that has the leading term of k parts in common, as one with the weights 0.45 and 0.55 has that of ten parts of
-Euler's, differs by the next, a share h W."""
+"""A run and a plain method are the same if they differ by less than this share of the error. Rounding and maps to the
+rotations cause small differences. A method with the same leading term (weights 0.45 and 0.55 have that of ten parts of
+an Euler step) differs in the next term, by a share h W."""
 
 ASKEW, DEAREST = 0.3, 4000
-"""Of its error, by which a run may point elsewhere than the plain method to be compared with it in parts; and the plain
-steps up to which it is, since they are taken in Python."""
+"""A plain method is run with parts of a step only if the direction of its error differs by less than the share ASKEW,
+and if it takes less than DEAREST steps, which are made in Python."""
 
 SEEN = 1e-10
-"""Errors of y below it are not compared."""
+"""Errors of y below this are not compared."""
 
 Stepper = Callable[[Scene, np.ndarray, State, np.ndarray], State]
 
 
 def judge_substeps(scene: Scene, traj: Any, truth: Reference, order: int, asked: int) -> list[Finding]:
-    """The finding on a run of `asked` steps; nothing where it is not finite.
+    """The finding about a run of which `asked` steps were wanted; none if the run is not finite.
 
-    A count that says less than the states is not believed.
+    If the states show more steps than the engine counts, the states decide.
     """
     if not np.isfinite(traj.x).all():
         return []
@@ -72,7 +72,8 @@ def judge_substeps(scene: Scene, traj: Any, truth: Reference, order: int, asked:
 
 
 def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tuple[float, bool]:
-    """In how many parts of a step a plain method has errors of the run's size, and whether it comes out there."""
+    """The number of parts of a step with which a plain method has errors of the run's size, and whether it is the same.
+    """
     scale, tau = scales(scene, truth), traj.t[1:2] - traj.t[:1]
     start: State = [scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]]
     own, true = ([part[1:2] for part in (states.x, states.R, states.v, states.w)] for states in (traj, truth.states))
@@ -87,7 +88,7 @@ def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tu
     if not SEEN < size < 1.0:
         return 0.0, False
     likest = 0.0
-    for stepper in _plain(order):  # the first one tells whether it is worth while
+    for stepper in _plain(order):  # ends at the first one if the sizes of errors do not fit
         def at(parts: int, stepper: Stepper = stepper) -> np.ndarray:
             h, state = tau / (per * parts), start
             for k in range(per * parts):
@@ -99,7 +100,7 @@ def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tu
         likest = max(likest, guess) if math.isfinite(guess) else likest
         if not NEAR <= guess <= MOST:
             break
-        # Parts of a step leave an error of the same direction, but for the next term.
+        # With parts of a step, the error has the same direction except for the next term.
         along = plain * (float(np.vdot(plain, error)) / float(np.vdot(plain, plain)))
         if float(np.linalg.norm(error - along)) > ASKEW * size or per * guess > DEAREST:
             continue
@@ -114,7 +115,7 @@ def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tu
 
 
 def _plain(order: int) -> Iterator[Stepper]:
-    """Plain methods of an order, attitudes by exponentials and as matrices that are made rotations after every step."""
+    """Plain methods of an order: with exponentials, and with matrices that are made rotations after every step."""
     for stages, weights in TABLEAUX.get(order, ()):
         for turned in (_exponential, _additive):
             def step(scene: Scene, t: np.ndarray, state: State, h: np.ndarray,
@@ -135,7 +136,7 @@ def _semi_implicit(scene: Scene, t: np.ndarray, state: State, h: np.ndarray) -> 
 
 
 def _exponential(scene: Scene, t: np.ndarray, state: State, h: np.ndarray, stages: Any, weights: Any) -> State:
-    """Runge-Kutta-Munthe-Kaas: rotation vectors from the start of the step, whose rate is dexp^-1 of w."""
+    """Runge-Kutta-Munthe-Kaas: integrates the rotation vector since the start of the step, with the rate dexp^-1 w."""
     x, R, v, w = state
     found: list[State] = []
 

@@ -117,8 +117,13 @@ def test_tree_model_is_the_scene_and_nothing_else(name: str) -> None:
     for key in ("jointForceVector", "jointVelocityOffsetVector"):
         assert not np.any(tree[key])
     springs = [force for force in scene.forces if force.type == "linear_spring"]
-    kinds = [*(CONNECTORS.get(joint.type, "JointGeneric") for joint in closing),
+    geared = any(any(joint.armature) for joint in scene.joints)
+    ratios = [joint.mimic.ratio for joint in scene.joints if joint.mimic is not None]
+    kinds = [*["GenericODE2"] * geared, *["ConnectorCoordinate"] * len(ratios),
+             *(CONNECTORS.get(joint.type, "JointGeneric") for joint in closing),
              *[CONNECTORS["linear_spring"]] * len(springs)]
+    assert sorted(abs(item["factor1"]) for item in others if item["objectType"] == "ConnectorCoordinate") == sorted(
+        map(abs, ratios))
     assert [item["objectType"] for item in others if item["objectType"] != "Ground"] == kinds
     assert len(_loads(system)) == _load_count(scene)
 

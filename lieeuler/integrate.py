@@ -86,6 +86,11 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     """
     plan = plan_run(problem, method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, spin_free,
                     monitor, polish, conserve)
+    return _ended(problem, _solved(problem, method, plan, reduce, monitor), coordinate_map)
+
+
+def _solved(problem: Problem, method: str, plan: Plan, reduce: str | None, monitor: bool) -> Solution:
+    """The solution of the kernel: in the problem's plane and in spin-free frames where they serve, and back."""
     plane = plane_for(problem, METHODS[method], reduce)
     within = problem if plane is None else plane.problem
     frames = spin_free_frames(within) if plan.spin_free else None
@@ -98,7 +103,7 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     if plane is not None:
         plane.restore(solution, result["angles"])
         solution.stats.reduce = plane.word if reduce is None else reduce
-    return _ended(problem, solution, coordinate_map)
+    return solution
 
 
 def _ended(problem: Problem, solution: Solution, coordinate_map: str) -> Solution:

@@ -208,6 +208,11 @@ def levels_of(scene, truth, bounds, held=(), maxima=None, run=None, **series):
         scene, traj, truth, bounds, frozenset(held), maxima or {}, run=run)}
 
 
+def test_held_levels_of_an_engine_that_tells_only_samples_are_judged_by_these(scene):
+    levels = levels_of(scene, truth_of(scene), None, held=LEVELS)
+    assert {level: (each.status, each.value) for level, each in levels.items()} == dict.fromkeys(LEVELS, ("ok", 0.0))
+
+
 def test_held_levels_are_judged_at_every_step_and_the_others_at_samples(scene, monkeypatch):
     truth = truth_of(scene)
     monkeypatch.setattr(tolerances, "held_level", lambda *_: Tol(1e-12, "held"))

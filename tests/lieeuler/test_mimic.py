@@ -60,10 +60,11 @@ def test_order(method, steps):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", [name for name, method in lieeuler.METHODS.items() if "step" in method.controls])
-def test_order_of_every_method(method):
+@pytest.mark.parametrize("method", [*FIRST_ORDER, "rattle2", "generalized_alpha", "rattle4", "rkmk54", "rattle6"])
+def test_order_of_other_methods(method):
     order = lieeuler.METHODS[method].order
-    found = order_of(method, LADDERS[order])
+    steps = {4: (1 / 80, 1 / 160, 1 / 320), 6: (1 / 40, 1 / 60, 1 / 80)}.get(order, LADDERS[order])
+    found = order_of(method, steps)
     assert np.abs(found - order).max() < (0.1 if order == 1 else 0.15), found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
@@ -167,7 +168,8 @@ def add(folder: Annotated[Path, typer.Argument(help="a report, or its results.js
 
     path = folder if folder.suffix == ".json" else folder / "results.json"
     document = read_document(path)
-    name = f"{document.meta.time.removesuffix(' UTC').replace(' ', 'T').replace(':', '-')}-{_digest(path)}"
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:4]
+    name = f"{document.meta.time.removesuffix(' UTC').replace(' ', 'T').replace(':', '-')}-{digest}"
     with _opened(store) as opened:
         new = save(opened, run_from_document(name, document, good=document.exit_code == 0))
     typer.echo(f"{'added' if new else 'already there'}: {name}")
@@ -182,12 +184,6 @@ def accept(run: Run = "latest", store: Store = None) -> None:
         name = find(opened, run)
         set_good(opened, name)
     typer.echo(f"accepted: {name}")
-
-
-def _digest(path: Path) -> str:
-    import hashlib
-
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:4]
 
 
 def _no(what: str, name: str, known: list[str]) -> str:

@@ -163,14 +163,14 @@ def _neutral(scene: Scene, states: JointStates) -> Native:
 
 
 def _posed(scene: Scene, states: JointStates, k: int) -> Scene:
-    """The scene with its joints in the k-th state."""
+    """The scene with its joints in the k-th state, without springs in joints and without mimics."""
     from crosscheck.scene import assembly
     from crosscheck.scene.checks import Draft, Start
 
     never = (False,) * scene.n
     starts = tuple(Start(index, (float(states.position[k, index]),), (float(states.velocity[k, index]),))
                    for index in range(len(scene.joints)))
-    joints = tuple(dataclasses.replace(joint, reference=quaternion_from_rotation(zero_attitude(joint)))
+    joints = tuple(dataclasses.replace(joint, reference=quaternion_from_rotation(zero_attitude(joint)), mimic=None)
                    for joint in scene.joints)
     bare = scene.replace(joints=joints, forces=tuple(force for force in scene.forces if not force.of_joint))
     return assembly.completed(Draft(bare, never, never, False, starts, never, never))

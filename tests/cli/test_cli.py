@@ -110,7 +110,7 @@ def test_truth_is_printed_up_to_a_horizon_before_the_first_output(monkeypatch):
     monkeypatch.setattr(references, "truth", chaotic)
     done = CliRunner().invoke(app, ["truth", "heavy_top"])
     assert done.exit_code == 0
-    assert "it ends at 1.5 s. What follows" in done.output
+    assert "it ends at 1.5 s. The following" in done.output
     assert 1.4 < asked[1].duration < 1.5
 
 

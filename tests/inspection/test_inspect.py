@@ -70,7 +70,7 @@ def test_every_joint_and_force(engine: str) -> None:
     for minimal in minimal_scenes():
         found = inspect(minimal.scene, [engine], count=0)
         assert found.agree, f"{minimal.kind} {minimal.item}: {found.offenders[0]}"
-        assert found.probes
+        assert bool(found.probes) != minimal.item.startswith(("knife", "rolling"))  # which these engines refuse
 
 
 @pytest.mark.parametrize(("kind", "motor"), [

@@ -56,7 +56,7 @@ def test_closed_pipes_cost_their_own_task():
 
 
 def test_replaced_pipes_cost_their_own_task(tmp_path):
-    assert "into the place of the pipe" in after(tasks.replace_pipes, tmp_path / "file").message
+    assert "replaced the pipe" in after(tasks.replace_pipes, tmp_path / "file").message
 
 
 def test_a_fork_answers_nothing():

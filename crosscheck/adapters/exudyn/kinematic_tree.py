@@ -145,7 +145,7 @@ def _couple(scene: Scene, system: Any, node: Any, carried: tuple[Link, ...], q: 
     first = np.cumsum([0, *(link.dofs for link in carried)])
     inertia, places = np.zeros(len(q)), {}
     for link, at in zip(carried, first, strict=False):
-        if link.joint is None:
+        if not link.joint:  # a free body
             continue
         values = joints[link.joint].armature
         if values:  # a cylindrical joint is a slide and then a turn

@@ -41,7 +41,7 @@ class MotionSeries {
 
   // Computes order k of accelerations and multipliers, k + 1 of velocities, k + 2 of configurations. False if a force
   // has no series.
-  bool extend(int k, SaddleSolver& saddle) {
+  [[gnu::flatten]] bool extend(int k, SaddleSolver& saddle) {
     for (int b = 0; b < system_.n(); ++b) {
       const Columns* const R = body_.R[b].data();
       turned_[b] = turned(R, body_.w[b].data(), k);

@@ -52,7 +52,7 @@ class TreeSchur {
     for (int b = 0; b < system_.n(); ++b) f[b] = velocity(system_.bodies[b], f[b]);
     correct(f, rows);
   }
-  void correct(std::vector<Twist>& y, std::vector<Vec3>& rows, bool = false) {
+  [[gnu::flatten]] void correct(std::vector<Twist>& y, std::vector<Vec3>& rows, bool = false) {
     for (const End& end : ends_) {
       const Twist& t = y[end.body];
       Vec3& sum = rows[end.part];

@@ -124,7 +124,8 @@ def _tree_positions(draft: Draft, state: Configuration, shifts: Mapping[str, np.
     """Place the bodies without a position, outwards from the ground and from bodies that have one.
 
     If the joint does not fix the anchors to each other they are placed together too, which is the least distance it
-    allows. On a distance joint the child's anchor hangs below the parent's, along gravity (along -z without gravity).
+    allows. On a distance joint the child's anchor hangs below the parent's, along gravity (along -z without gravity);
+    the centre of a rolling disk or sphere is above its plane.
     """
     scene = draft.scene
     x, R = np.vstack([state.x, np.zeros(3)]), np.concatenate([state.R, np.eye(3)[None]])
@@ -139,6 +140,10 @@ def _tree_positions(draft: Draft, state: Configuration, shifts: Mapping[str, np.
         gap = R[joint.parent] @ joint.parent_anchor - R[joint.child] @ joint.child_anchor
         if joint.length is not None:
             gap = gap + joint.length * down
+        if joint.radius is not None:
+            across = 1.0 if joint.child_axis is None else np.linalg.norm(np.cross(R[joint.child] @ joint.child_axis,
+                                                                                  joint.parent_axis))
+            gap = gap + joint.radius * across * joint.parent_axis
         if joint.name in shifts:
             gap = gap + R[joint.parent] @ shifts[joint.name]
         x[body] = x[joint.parent] + gap if body == joint.child else x[joint.child] - gap

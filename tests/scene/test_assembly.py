@@ -278,3 +278,11 @@ def test_assembly_keeps_the_relative_attitude_of_a_fixed_joint():
     guess = jointed_pair(rng, "fixed")
     found = closed(guess)
     np.testing.assert_allclose(found.R0[0].T @ found.R0[1], guess.R0[0].T @ guess.R0[1], rtol=0, atol=50 * EPS)
+
+
+@pytest.mark.parametrize("name", ["rolling_disk", "wobbling_disk", "rolling_ball"])
+def test_what_rolls_stands_on_its_plane(name):
+    scene = load_scene(name)
+    bodies = tuple(dataclasses.replace(body, position=np.zeros(3)) for body in scene.bodies)
+    draft = Draft(scene.replace(bodies=bodies), (False,), (True,), False)
+    assert assembly.completed(draft).x0[0, 2] == pytest.approx(scene.x0[0, 2], abs=1e-14)

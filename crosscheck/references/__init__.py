@@ -40,11 +40,13 @@ def truth(scene: Scene) -> Reference:
         The scene has elements that the references do not model.
     """
     from crosscheck.references import cache
+    from crosscheck.references.tree import bound, unfold
 
     if reason := scene.beyond(ELEMENTS):
         raise Unsupported(f"truth of {scene.name!r}: {reason}")
-    if bound := _bound_closures(scene):
-        raise Unsupported(f"truth of {scene.name!r}: armature and mimics of joint {bound[0]!r} are not built where "
+    refused = [joint for joint in scene.joints if bound(scene, joint)]
+    if refused and (closing := [joint.name for joint in unfold(scene)[1] if joint in refused]):
+        raise Unsupported(f"truth of {scene.name!r}: armature and mimics of joint {closing[0]!r} are not built where "
                           "every joint of a loop has some")
     stored = cache.load(scene)
     if stored is not None:
@@ -52,14 +54,6 @@ def truth(scene: Scene) -> Reference:
     reference = compute(scene)
     cache.store(scene, reference)
     return reference
-
-
-def _bound_closures(scene: Scene) -> list[str]:
-    from crosscheck.references.tree import bound, unfold
-
-    if not any(bound(scene, joint) for joint in scene.joints):
-        return []
-    return [joint.name for joint in unfold(scene)[1] if bound(scene, joint)]
 
 
 def compute(scene: Scene) -> Reference:

@@ -119,7 +119,9 @@ class Constraints:
         values = self._driven(self._evaluated("value", x, R), 0, t)
         if self.followers:
             values[:, self.m:] = self.leaders_at(x, R) if leaders is None else leaders
-            values = self._folded(values) - self._offsets
+            values = self._folded(values)
+            for follower in self.followers:
+                values[:, follower.row] -= follower.mimic.offset
         for row, turns in (*((row, turns) for row, _, turns in self.drives),
                            *((follower.row, follower.turns) for follower in self.followers)):
             if turns:
@@ -141,13 +143,6 @@ class Constraints:
                 begin = before[k] if before is not None else None if start is None else start[0]
                 values[:, k] = continuous(values[:, k], begin, None if rates is None else rates[:, k], t)
         return values
-
-    @property
-    def _offsets(self) -> np.ndarray:
-        found = np.zeros(self.m)
-        for follower in self.followers:
-            found[follower.row] = follower.mimic.offset
-        return found
 
     def _folded(self, values: np.ndarray) -> np.ndarray:
         """Rows (T, m, ...) of (T, m and leaders, ...)."""

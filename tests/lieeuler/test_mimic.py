@@ -14,7 +14,7 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.model import Mimic
 from tests.lieeuler.accuracy import EPS, slopes
-from tests.lieeuler.test_armature import FIRST_ORDER, LADDERS, compared
+from tests.lieeuler.test_armature import FIRST_ORDER, LADDERS, compared, ends_at_the_truth
 
 
 def coupled_arm(**changes):
@@ -70,11 +70,7 @@ def test_order_of_other_methods(method):
 
 @pytest.mark.parametrize("method", ["taylor", "rkmk853", "rkmk54", "seulex"])
 def test_adaptive_methods_end_at_the_truth(method):
-    scene = coupled_arm()
-    truth = crosscheck.truth(scene).states
-    run = lieeuler.integrate(build_problem(scene), method, None, scene.t, rtol=1e-12)
-    bound = 1e-9 if method == "seulex" else 1e-11  # seulex magnifies rounding by what its table does, some 1e6
-    assert max(np.abs(getattr(run, name) - getattr(truth, name)).max() for name in "xRvw") < bound
+    ends_at_the_truth(coupled_arm(), method)
 
 
 def followed(scene, follower, leader, ratio):

@@ -82,7 +82,7 @@ def _maximal(scene: Scene) -> Probe:
 def _tree(scene: Scene) -> Probe:
     from crosscheck.adapters.exudyn import kinematic_tree
 
-    closed = bool(kinematic_tree.spanned(scene)[1])
+    closed = bool(kinematic_tree.spanned(scene)[1]) or any(joint.mimic is not None for joint in scene.joints)
     method = "GeneralizedAlpha" if closed else "RK44"  # explicit solvers refuse constraints
 
     def made(order: str) -> tuple[str, Any, np.ndarray, np.ndarray, np.ndarray]:

@@ -34,6 +34,9 @@ def probe(scene: Scene, states: States, form: str | None = None) -> Probe:
                                      "Pinocchio leaves bodies fixed to the ground out of its sums")
     if np.any(dynamics.model.model.armature):
         found.kinetic, found.notes["kinetic energy"] = None, "Pinocchio leaves rotors out of its kinetic energy"
+    if dynamics.model.mimics is not None:
+        found.notes |= dict.fromkeys(("kinetic energy", "potential energy"),
+                                     "Pinocchio does not compute energies of models with mimic joints")
     if any(force.type.endswith("spring") for force in scene.forces):
         found.potential, found.notes["potential energy"] = None, SPRINGS
     return found
@@ -48,10 +51,10 @@ def _at(dynamics: Dynamics, form: str, scene: Scene) -> Probe:
     a = dynamics(q, v)
     reactions = {joint: (force[None], torque[None]) for joint, (force, torque) in dynamics.reactions(q, v).items()}
     applied = dynamics.applied(q, v)
-    pinocchio.computeAllTerms(model, data, q, v)
     pinocchio.forwardKinematics(model, data, q, v, a)
-    kinetic = np.array([pinocchio.computeKineticEnergy(model, data, q, v)])
-    potential = np.array([pinocchio.computePotentialEnergy(model, data, q)])
+    kinetic, potential = (None, None) if own.mimics else (
+        np.array([pinocchio.computeKineticEnergy(model, data, q, v)]),
+        np.array([pinocchio.computePotentialEnergy(model, data, q)]))
     upper = np.triu(pinocchio.crba(model, data, q))
     gravity = -pinocchio.computeGeneralizedGravity(model, data, q).copy()
     pinocchio.computeJointJacobians(model, data, q)

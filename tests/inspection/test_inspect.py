@@ -87,7 +87,7 @@ def test_a_motor_is_no_reaction_of_its_joint(kind: str, motor: Force, inward: bo
     assert told == ["lieeuler maximal", "mujoco tree", "pinocchio tree", "pinocchio maximal"]
 
 
-@pytest.mark.parametrize("name", ["driven_cart", "driven_slider_crank", "geared_arm"])
+@pytest.mark.parametrize("name", ["driven_cart", "driven_slider_crank", "geared_arm", "coupled_arm"])
 def test_driven_and_geared_scenes_agree_with_truth(name: str) -> None:
     found = inspect(crosscheck.load_scene(name), ENGINES)
     assert found.agree, "; ".join(map(str, found.offenders))

@@ -14,7 +14,7 @@ import numpy as np
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import lie_steppers, stepping, tree
 from crosscheck.adapters.common.native import JointStates, Native
-from crosscheck.adapters.pinocchio import models
+from crosscheck.adapters.pinocchio import mimics, models
 from crosscheck.adapters.pinocchio.dynamics import Dynamics
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -53,11 +53,14 @@ class Pinocchio:
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Pinocchio cannot run this, or None."""
         form = spec.form or "tree"
-        if reason := scene.beyond(("joint_torque", "function", *(("armature",) if form == "tree" else ()))):
+        if reason := scene.beyond(("joint_torque", "function", *(("armature", "mimic") if form == "tree" else ()))):
             return reason
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"
-        if (spec.alpha or spec.beta) and not any(models.decompose(scene, form)[1:]):
+        closed = any(models.decompose(scene, form)[1:])
+        if reason := mimics.unsupported(scene, closed):
+            return reason
+        if (spec.alpha or spec.beta) and not closed:
             return "alpha, beta: joint coordinates hold every joint of this scene, there is nothing to stabilise"
         return None
 

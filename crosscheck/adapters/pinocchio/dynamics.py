@@ -43,8 +43,8 @@ class Dynamics:
         self._turns = [(force, *self._turn(joint)) for force, joint in springs]
         self.closure = closure(model, self.data, alpha, beta) if (model.cut or model.parts) and closed else None
         self._reactions: _Reactions | None = None
-        self.factorizes = False
-        if self.closure is None and closed:  # check the accelerations of aba by inverse dynamics
+        self.factorizes = model.mimics is not None
+        if self.closure is None and closed and not self.factorizes:  # check what aba finds by inverse dynamics
             q, v = model.initial_state()
             torque, _ = self._applied(0.0, q, v)
             found = pinocchio.aba(self._model, self.data, q, v, torque).copy()
@@ -59,6 +59,8 @@ class Dynamics:
         """The algorithm in use, by Pinocchio's name."""
         if self.closure is not None:
             return "least norm" if self.closure.redundant else "constraintDynamics"
+        if self.model.mimics is not None:
+            return "crba of mimic joints"
         return "crba, Cholesky" if self.factorizes else "aba"
 
     def _turn(self, joint: Joint) -> tuple[int, int, float]:
@@ -79,7 +81,9 @@ class Dynamics:
                 found = pin.aba(self._model, self.data, q, v, torque, *external).copy()
                 return found
             bias = pin.rnea(self._model, self.data, q, v, np.zeros(self._model.nv), *external).copy()
-            pin.crba(self._model, self.data, q)
+            M = pin.crba(self._model, self.data, q)
+            if self.model.mimics is not None:
+                return np.linalg.solve(np.triu(M) + np.triu(M, 1).T, torque - bias)
             pin.cholesky.decompose(self._model, self.data)
             found = pin.cholesky.solve(self._model, self.data, torque - bias)
             return found
@@ -108,14 +112,17 @@ class Dynamics:
 
     def _applied(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, Any]:
         """(joint torques, external forces on all joints in their frames or None if there are none)."""
-        torque = np.zeros(self._model.nv)
+        positions, rates = self.model.positions(q), self.model.rates(v)
+        torque = np.zeros(len(rates))
         for force, at_q, at_v, sign in self._turns:
             p = force.parameters
             if force.type == "torsional_spring":
-                torque[at_v] -= sign * (p["stiffness"] * (sign * q[at_q] - value_at(p["rest_angle"], t))
-                                        + p["damping"] * sign * v[at_v])
+                torque[at_v] -= sign * (p["stiffness"] * (sign * positions[at_q] - value_at(p["rest_angle"], t))
+                                        + p["damping"] * sign * rates[at_v])
             else:
                 torque[at_v] += sign * value_at(p["torque" if force.type == "joint_torque" else "force"], t)
+        if self.model.mimics is not None:
+            torque = torque @ self.model.mimics.V
         if not self._forces:
             return torque, None
         self._pin.forwardKinematics(self._model, self.data, q, v)
@@ -208,7 +215,8 @@ class _Reactions:
     def find(self, q: np.ndarray, v: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """See `Dynamics.reactions`."""
         d, twin, pin = self._dynamics, self._twin, self._pin
-        a = d(q, v)
+        a = d.model.rates(d(q, v))
+        q, v = d.model.positions(q), d.model.rates(v)
         own, rates = twin.model.initial_state()
         rates, accelerations = 0 * rates, 0 * rates
         for link, mine, its in zip(d.model.links, d.model.slots, twin.model.slots, strict=True):
@@ -222,7 +230,7 @@ class _Reactions:
         found = self._constrained(wrenches)
         pin.rnea(twin.model.model, twin.data, own, rates, accelerations, wrenches)
         own_sizes = {at_v: torque[at_v] for _, _, at_v, _ in twin._turns}
-        rotors = -d.model.model.armature * a
+        rotors = -d.model.armature * a
         for link, (_, at_v), (_, own_v) in zip(twin.model.links, twin.model.slots, d.model.slots, strict=True):
             if link.joint:
                 carrier, _ = twin.model.frames[link.body]

@@ -20,6 +20,7 @@ import numpy as np
 from crosscheck.adapters.common import links as links_module
 from crosscheck.adapters.common import tree
 from crosscheck.adapters.common.links import Link, Part, free, unfold
+from crosscheck.adapters.pinocchio import mimics
 from crosscheck.scene.model import GROUND, Joint, Scene, rotation_from_quaternion
 from crosscheck.scene.states import States
 
@@ -32,8 +33,9 @@ class Model:
     """A `pinocchio.Model` and its relation to the scene.
 
     `frames[body]` is the joint that carries a body, and the placement of the body's frame (centre of mass, its axes) in
-    it; `slots` are the slices of each link's coordinates in q and v; `balls` the slices of v of balls. Second parts of
-    bodies are numbered after the bodies: link.body >= n is a part of `parts[link.body]`.
+    it; `slots` are the slices of each link's coordinates in q and v, `armature` (nv,) goes with them; `balls` are the
+    slices of v of balls. Second parts of bodies are numbered after the bodies: link.body >= n is a part of
+    `parts[link.body]`. Where joints follow others, `model` and `balls` have the independent coordinates only.
     """
 
     scene: Scene
@@ -44,18 +46,29 @@ class Model:
     frames: dict[int, tuple[int, Any]]
     slots: list[tuple[slice, slice]]
     balls: list[slice]
+    armature: np.ndarray
+    mimics: mimics.Mimics | None = None
+
+    def positions(self, q: np.ndarray) -> np.ndarray:
+        """Position coordinates (..., nq) of all joints from those of `model`."""
+        return q if self.mimics is None else q @ self.mimics.Q.T + self.mimics.offset
+
+    def rates(self, v: np.ndarray) -> np.ndarray:
+        """Velocities or accelerations (..., nv) of all joints from those of `model`."""
+        return v if self.mimics is None else v @ self.mimics.V.T
 
     def initial_state(self, scene: Scene | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(q, v) of the scene at t = 0, or of the same scene in another state; quaternions x, y, z, w."""
-        q, v = np.zeros(self.model.nq), np.zeros(self.model.nv)
+        q, v = np.zeros(self.slots[-1][0].stop), np.zeros(self.slots[-1][1].stop)
         for link, (at_q, at_v) in zip(self.links, self.slots, strict=True):
             scalar_first, v[at_v] = tree.initial_coordinates(
                 scene or self.scene, dataclasses.replace(link, body=self.parts.get(link.body, link.body)))
             q[at_q] = _rolled(link, scalar_first[None], -1)[0]
-        return q, v
+        return (q, v) if self.mimics is None else (q[self.mimics.kept[0]], v[self.mimics.kept[1]])
 
     def states(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:
         """States of the bodies from histories (T, nq), (T, nv), (T, nv)."""
+        q, v, a = self.positions(q), self.rates(v), None if a is None else self.rates(a)
         motions = [tree.motion(link, _rolled(link, q[:, at_q], 1), v[:, at_v], None if a is None else a[:, at_v])
                    for link, (at_q, at_v) in zip(self.links, self.slots, strict=True)]
         found, n = tree.forward(self.links, motions, t, a is not None), self.scene.n
@@ -78,7 +91,13 @@ def decompose(scene: Scene, form: str) -> tuple[tuple[Link, ...], dict[int, int]
 
 def build(scene: Scene, form: str = "tree") -> Model:
     """The model of a scene in form "tree" or "maximal", with joint frames at the outer bodies' anchors and axes."""
-    return assemble(scene, *decompose(scene, form))
+    made = assemble(scene, *decompose(scene, form))
+    if all(joint.mimic is None for joint in scene.joints):
+        return made
+    found, coupling = mimics.coupled(scene, made.model, made.links, made.slots, made.initial_state()[0])
+    firsts = np.searchsorted(coupling.kept[1], [ball.start for ball in made.balls])
+    balls = [slice(first, first + 3) for first in firsts]
+    return dataclasses.replace(made, model=found, mimics=coupling, balls=balls)
 
 
 def with_movable_joints(model: Model) -> Model:
@@ -122,7 +141,7 @@ def assemble(scene: Scene, links: tuple[Link, ...], parts: dict[int, int], cut: 
                 balls.append(slice(v, v + part.dofs))
             v += part.dofs
     model.armature = armature
-    return Model(scene, links, parts, cut, model, frames, slots, balls)
+    return Model(scene, links, parts, cut, model, frames, slots, balls, armature)
 
 
 def _joint_model(link: Link) -> Any:

@@ -59,7 +59,7 @@ class Model:
 
     def initial_state(self, scene: Scene | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(q, v) of the scene at t = 0, or of the same scene in another state; quaternions x, y, z, w."""
-        q, v = np.zeros(self.slots[-1][0].stop), np.zeros(self.slots[-1][1].stop)
+        q, v = (np.zeros(max((slot.stop for slot in each), default=0)) for each in zip(*self.slots, strict=True))
         for link, (at_q, at_v) in zip(self.links, self.slots, strict=True):
             scalar_first, v[at_v] = tree.initial_coordinates(
                 scene or self.scene, dataclasses.replace(link, body=self.parts.get(link.body, link.body)))

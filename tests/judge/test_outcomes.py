@@ -283,6 +283,12 @@ def test_states_are_judged_over_the_window_where_the_whole_run_is_too_long(scene
         assert errors["position"].max == pytest.approx(1e-3)
         assert [growth for *_, growth in seen] == [None, 1.0] * (len(seen) // 2)
         assert [whole for whole, *_ in seen] == [True, True, *([False, False] if too_long else [])]
+    for too_long, short in ((False, truth_of(scene, horizon=1.2)), (True, truth)):  # what lies beyond a horizon is free
+        monkeypatch.setattr(tolerances, "vacuous", lambda *given, long=too_long: frozenset(
+            {"position"} if long and given[1] is truth else ()))
+        early = truth_of(scene.replace(duration=1.0, samples=3), horizon=0.7)
+        findings, _, bounds = verdict.judge_states(scene, run, short, early, claim)
+        assert (findings[0].status, bounds.until) == ("ok", 0.7 if too_long else 1.2)
     monkeypatch.setattr(tolerances, "vacuous", vacuous(True, frozenset({"attitude"})))
     assert verdict.judge_states(scene, run, truth, window, claim)[0][-1].status == "fail"
     assert verdict.judge_states(scene, run, truth, window, claim, budgeted=True)[0][-1].status == "unjudged"

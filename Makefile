@@ -2,12 +2,16 @@
 PYTHON ?= python3
 VENV   := .venv
 PY     := $(VENV)/bin/python
-STAMP  := $(VENV)/.setup
+TOOLS  := $(VENV)/.build-tools
 DEPS   := $(VENV)/.dependencies
+DEV    := $(VENV)/.development
+STAMP  := $(VENV)/.setup
 JOBS   ?= auto
+# Modules are compiled when they are first imported: most of what is installed never is.
+INSTALL = $(PY) -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 KERNEL := $(wildcard lieeuler/_core/*/*)
 
-.PHONY: help setup verify smoke sample docs test sanitize coverage lint benchmark clean
+.PHONY: help ready setup verify smoke sample docs test sanitize coverage lint benchmark clean
 
 help:
 	@echo "make verify     run every method and engine over the scenes, write reports/latest/index.html"
@@ -20,9 +24,14 @@ help:
 	@echo "make lint       ruff, mypy, codespell, clang-format, the rule of imports"
 	@echo "make benchmark  microseconds per step beside MuJoCo"
 
-setup: $(STAMP)
+# What a run needs. Dependencies are downloaded while the kernel compiles: neither waits for the other.
+ready: $(TOOLS)
+	@$(MAKE) -s -j2 $(DEPS) $(STAMP)
 
-$(DEPS): pyproject.toml constraints.txt
+# What tests, documents and lint need besides.
+setup: ready $(DEV)
+
+$(TOOLS): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
 	  || { echo "lieeuler needs Python 3.11 or newer as '$(PYTHON)'; name another with: make PYTHON=python3.12 ..."; exit 1; }
 	@command -v $${CXX:-c++} >/dev/null 2>&1 \
@@ -31,26 +40,35 @@ $(DEPS): pyproject.toml constraints.txt
 	  || { echo "lieeuler needs Python's venv module: install it (Debian, Ubuntu: apt-get install python3-venv) and run make again"; exit 1; }
 	@test -x $(PY) || $(PYTHON) -m venv $(VENV)
 	@echo "setting up .venv (a minute or two, once)"
-	@$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt $$($(PYTHON) tools/requirements.py)
+	@$(INSTALL) $$($(PYTHON) tools/requirements.py build)
+	@touch $@
+
+$(DEPS): pyproject.toml constraints.txt | $(TOOLS)
+	@$(INSTALL) $$($(PYTHON) tools/requirements.py all)
+	@touch $@
+
+$(DEV): pyproject.toml constraints.txt | ready
+	@echo "installing what tests, documents and lint need"
+	@$(INSTALL) $$($(PYTHON) tools/requirements.py docs dev)
 	@touch $@
 
 # Build tools live in .venv, so that an edit of the kernel is rebuilt in seconds and not in a fresh isolated environment.
-$(STAMP): $(DEPS) CMakeLists.txt $(KERNEL)
+$(STAMP): CMakeLists.txt $(KERNEL) | $(TOOLS)
 	@echo "building the kernel"
 	@$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .
 	@touch $@
 
-verify: setup
+verify: ready
 	@$(VENV)/bin/crosscheck verify
 
-smoke: setup
+smoke: ready
 	@$(VENV)/bin/crosscheck verify --profile smoke
 
 # Exit code 1, a verdict that fails, is a report too.
 docs: setup
 	@$(PY) -m sphinx -q -W --keep-going docs build/docs && echo "documents: build/docs/index.html"
 
-sample: setup
+sample: ready
 	@$(VENV)/bin/crosscheck verify --profile smoke --scene single_pendulum --scene double_pendulum --scene heavy_top --out reports/sample || test $$? -eq 1
 
 test: setup

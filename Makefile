@@ -52,7 +52,7 @@ $(DEV): pyproject.toml constraints.txt | ready
 	@$(INSTALL) $$($(PYTHON) tools/requirements.py docs dev)
 	@touch $@
 
-# Build tools live in .venv, so that an edit of the kernel is rebuilt in seconds and not in a fresh isolated environment.
+# Build tools live in .venv, so that an edit of the kernel needs no fresh isolated environment.
 $(STAMP): CMakeLists.txt $(KERNEL) | $(TOOLS)
 	@echo "building the kernel"
 	@$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .

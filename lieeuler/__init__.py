@@ -5,14 +5,9 @@ from lieeuler.errors import ArgumentError, IntegrationError, Interrupted, LieEul
 from lieeuler.forces import ConstantLoad, LinearSpring, SlideForce, TorsionalSpring
 from lieeuler.functions import TimeFunction
 from lieeuler.integrate import integrate
+from lieeuler.joint_parts import Contact, Coordinate, Dot, Drive, Mimic, Rotor
 from lieeuler.joints import (
-    Contact,
-    Coordinate,
-    Dot,
-    Drive,
     Joint,
-    Mimic,
-    Rotor,
     cylindrical_joint,
     distance_joint,
     fixed_joint,

@@ -160,4 +160,4 @@ METHODS: dict[str, Method] = {
 """All methods by name, in the order in which tables list them."""
 
 EULER_METHODS = ("DAE3L_LE", "DAE2L_LE", "DAE2L_LSE", "DAE1L_LSE", "DAE3H_LE", "DAE2H_LE", "DAE2H_LSE", "DAE1H_LSE")
-"""The eight methods of [P1], reconstructed: equations (4.1) to (4.3) of docs/theory.md."""
+"""The eight methods of [P1], reconstructed: equations (4.1), (4.2) and (4.4) of docs/theory.md."""

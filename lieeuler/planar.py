@@ -23,7 +23,8 @@ from lieeuler.checks import normals
 from lieeuler.errors import ArgumentError
 from lieeuler.forces import ConstantLoad, Force, LinearSpring, SlideForce, TorsionalSpring
 from lieeuler.functions import TimeFunction
-from lieeuler.joints import Coordinate, Dot, Drive, Joint, Rotor
+from lieeuler.joint_parts import Coordinate, Dot, Drive, Rotor
+from lieeuler.joints import Joint
 from lieeuler.methods import Method
 from lieeuler.problem import Body, Problem
 from lieeuler.solution import Solution, Status

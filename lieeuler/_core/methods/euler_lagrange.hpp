@@ -16,24 +16,17 @@
 // Unknowns: u of each body, Lam of each joint; when stabilised also xi and mu.
 #pragma once
 
-#include <optional>
-
-#include "methods/euler.hpp"
-#include "methods/generalized_alpha.hpp"
 #include "methods/increments.hpp"
 #include "methods/lagrange_blocks.hpp"
+#include "methods/lagrange_rows.hpp"
 #include "solve/stabilised.hpp"
 
 namespace lieeuler {
 
-struct Gains {
-  double alpha = 0, beta = 0;  // 1/s
-};
-
 template <class Map>
-class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
-  using Base = EulerStepper<LagrangeStepper<Map>, Map>;
-  friend Base;
+class LagrangeStepper : public LagrangeRows<Map> {
+  using Base = LagrangeRows<Map>;
+  friend EulerStepper<LagrangeStepper, Map>;
 
  public:
   LagrangeStepper(const Plan& plan, Level level, bool index1_output, Gains gains)
@@ -102,16 +95,16 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     for (int k = 0; k < nodes_.parts(); ++k) {
       this->subtract_reaction(k, this->here(k), -load3(&z[3 * nodes_.lam(k)]), balance_);
       if (stabilised()) this->subtract_reaction(k, this->before(k), -load3(&z[3 * nodes_.mu(k)]), drift_);
-      store(constraint_residual(k), &r[3 * nodes_.lam(k)]);
+      store(this->constraint_residual(k), &r[3 * nodes_.lam(k)]);
       if (stabilised()) store(Vec3(this->here(k).position(this->part_of(k)) / h_), &r[3 * nodes_.mu(k)]);
     }
     for (int b = 0; b < system_.n(); ++b) {
       store(balance_[b], &r[3 * nodes_.v(b)]);
       if (stabilised()) store(drift_[b], &r[3 * nodes_.xi_v(b)]);
     }
-    if (!plan_.mimics.empty()) unite(z, r);
+    if (!plan_.mimics.empty()) this->unite(z, r);
     for (int k : plan_.rotors) {
-      r[3 * nodes_.lam(k)] = rotor_gain(k) - this->part_of(k).compliance * z[3 * nodes_.lam(k)];
+      r[3 * nodes_.lam(k)] = this->rotor_gain(k) - this->part_of(k).compliance * z[3 * nodes_.lam(k)];
       if (stabilised()) r[3 * nodes_.mu(k)] = z[3 * nodes_.mu(k)];
     }
     for (int k : plan_.slips)
@@ -126,13 +119,10 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
   }
 
  private:
-  LagrangeStepper(const Plan& plan, Level level, bool index1_output, Gains gains, std::optional<GeneralizedAlpha> alpha)
-      : Base(plan, level, index1_output, layout(plan, level, alpha.has_value())),
-        gains_(gains),
+  LagrangeStepper(const Plan& plan, Level level, bool index1_output, Gains gains,
+                  const std::optional<GeneralizedAlpha>& alpha)
+      : Base(plan, level, index1_output, layout(plan, level, alpha.has_value()), gains, alpha),
         increments_(system_),
-        alpha_(std::move(alpha)),
-        force_share_(alpha_ ? alpha_->force_share() : 1),
-        velocity_share_(alpha_ ? alpha_->velocity_share() : 1),
         tangents_(system_.n() + 1),
         stiffness_of_(system_.n() + 1),
         balance_(system_.n() + 1),
@@ -148,15 +138,13 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
             .eliminates = !alpha && eliminates(plan, level)};
   }
 
-  using Base::columns_, Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_, Base::start_,
-      Base::state_;
-  using Base::system_, Base::xi_, Base::z_, Base::force_, Base::plan_;
+  using Base::alpha_, Base::columns_, Base::force_, Base::force_time, Base::h_, Base::joints_, Base::level_, Base::lu_,
+      Base::maps_, Base::nodes_, Base::plan_;
+  using Base::stabilised, Base::start_, Base::state_, Base::system_, Base::velocity_share_, Base::xi_, Base::z_;
 
   static bool splits(const Plan& plan, Level level) {
     return level == Level::stabilised && StabilisedSolve::suits(plan);
   }
-  // theta: the time for which a force acts in a step.
-  double force_time() const { return force_share_ * h_; }
   // u - u_n
   Twist gain_of(int b, const std::vector<double>& z) const {
     const Twist u = increments_.kept() ? load(&z[3 * nodes_.v(b)]) : state_.u[b];
@@ -170,9 +158,6 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     const Twist carry = alpha_->carry(b);
     return {xi.v - velocity_share_ * u.v - carry.v, xi.w - velocity_share_ * u.w - carry.w};
   }
-  bool stabilised() const { return level_ == Level::stabilised; }
-  bool doubled() const { return columns_.doubled(); }
-
   Status begin() {
     if (split_) split_->forget();
     if (increments_.kept()) increments_.begin(state_);
@@ -220,46 +205,6 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     }
     return true;
   }
-  // The rows that belong to Lam; positions are divided by h.
-  Vec3 constraint_residual(int k) const {
-    const Part& part = this->part_of(k);
-    if (level_ == Level::position && !part.slips) return this->here(k).position(part) / h_;
-    const Vec3 rate = this->velocity_rows(k, state_, this->here(k));
-    if (level_ != Level::acceleration) return rate;
-    const Twist &parent = state_.u[this->body_of(k, kParent)], &child = state_.u[this->body_of(k, kChild)];
-    const Vec3 before = this->velocity_rows(k, start_, this->here(k));
-    return (rate - before) + h_ * (this->here(k).gamma(part, parent, child) + 2 * gains_.alpha * rate +
-                                   gains_.beta * gains_.beta * this->here(k).position(part));
-  }
-
-  // Combines the rows of followers and leaders. Angles differ by whole turns, which beta must not feel.
-  void unite(const std::vector<double>& z, std::vector<double>& r) const {
-    const double restoring = level_ == Level::acceleration ? h_ * gains_.beta * gains_.beta : 0;
-    for (const PlacedMimic& mimic : plan_.mimics) {
-      const auto coordinate = [&](int k) { return this->here(k).position(this->part_of(k))[0]; };
-      r[3 * nodes_.lam(mimic.follower)] +=
-          restoring * (gap(plan_, mimic, joints_, start_.angles) - coordinate(mimic.follower) +
-                       mimic.ratio * coordinate(mimic.leader));
-    }
-    this->unite_rows(&z[3 * nodes_.lam(0)], &r[3 * nodes_.lam(0)], level_ == Level::position);
-    if (stabilised()) this->unite_rows(&z[3 * nodes_.mu(0)], &r[3 * nodes_.mu(0)], true);
-  }
-
-  // The change of a rotor's rate in the step: s (u - u_n) + h (ds/dt) u if the method takes accelerations at the new
-  // state, else the difference of the rates at the two states.
-  bool gains_by_derivative() const { return level_ == Level::acceleration || alpha_; }
-  double rotor_gain(int k) const {
-    const int i = this->body_of(k, kParent), j = this->body_of(k, kChild);
-    const Part& part = this->part_of(k);
-    const double rate = this->here(k).velocity(part, state_.u[i], state_.u[j])[0];
-    if (!gains_by_derivative()) return rate - this->before(k).velocity(part, start_.u[i], start_.u[j])[0];
-    const Twist parent = from(i), child = from(j);
-    return rate - this->here(k).velocity(part, parent, child)[0] +
-           force_time() * this->here(k).gamma(part, state_.u[i], state_.u[j])[0];
-  }
-  // The velocity from which u changes: u_n, or that of generalized-alpha; zero for the ground.
-  Twist from(int b) const { return alpha_ ? (b == system_.n() ? Twist{} : alpha_->from(b)) : start_.u[b]; }
-
   // Whether second derivatives of joints and forces act on one body each, so that bodies can be eliminated: trees of
   // spherical joints without forces, except for the rows of the acceleration level.
   static bool eliminates(const Plan& plan, Level level) {
@@ -303,7 +248,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     const Part& part = this->part_of(k);
     if (split_)
       split_->slope(k, side) =
-          rate_slope(k, side, this->here(k).jacobian(part, side), tangents_[this->body_of(k, side)]);
+          this->rate_slope(k, side, this->here(k).jacobian(part, side), tangents_[this->body_of(k, side)]);
     return this->here(k).own_stiffness(part, side, impulse);
   }
   // Derivative of a spherical part's rows with respect to the rotational xi: position rows, or velocity rows at that
@@ -344,7 +289,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     const LagrangeBlocks::Body& blocks = matrix_.bodies[b];
     put_diagonal(blocks.v, body.mass);
     put(blocks.w, inertia_block(b));
-    if (!doubled()) return;
+    if (!columns_.doubled()) return;
     put_diagonal(blocks.xi_v, body.mass), put_diagonal(blocks.xi_v_v, -velocity_share_ * body.mass);
     put(blocks.xi_w, body.inertia), put(blocks.xi_w_w, -velocity_share_ * body.inertia);
   }
@@ -382,10 +327,10 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     const Rows G = this->here(k).jacobian(this->part_of(k), side);
     blocks.put_columns(G);
     if ((level_ == Level::position && !this->part_of(k).slips) || split_) {
-      if (split_ && !this->part_of(k).spherical) split_->slope(k, side) = rate_slope(k, side, G, T);
+      if (split_ && !this->part_of(k).spherical) split_->slope(k, side) = this->rate_slope(k, side, G, T);
       return blocks.put_rows(G.v, G.w * T);
     }
-    const Rows slope = rate_slope(k, side, G, T);
+    const Rows slope = this->rate_slope(k, side, G, T);
     if (!stabilised()) return blocks.put_rows(G.v + slope.v, G.w + slope.w);
     blocks.put_rows(G.v, G.w);
     matrix_.rates[2 * k + side].put_rows(slope.v, slope.w);
@@ -393,38 +338,12 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     matrix_.drifts[2 * k + side].put_columns(this->before(k).jacobian(this->part_of(k), side));
   }
 
-  // Derivatives of rotor_gain(); with accelerations, second derivatives of s are left out.
   void rotor_blocks(int k, Side side) {
-    const Twist &parent = state_.u[this->body_of(k, kParent)], &child = state_.u[this->body_of(k, kChild)];
-    const JointState& joint = this->here(k);
-    const Part& part = this->part_of(k);
-    const Mat3& T = tangents_[this->body_of(k, side)];
-    Rows by_u = joint.jacobian(part, side), by_xi;
-    const Rows N = joint.velocity_slope(part, side, parent, child, gains_by_derivative());
-    if (gains_by_derivative())
-      by_u.v += force_time() * N.v, by_u.w += force_time() * N.w;
-    else
-      by_xi = {h_ * N.v, h_ * N.w * T};
-    if (!doubled()) return this->blocks_[2 * k + side].put_rows(by_u.v + by_xi.v, by_u.w + by_xi.w);
-    this->blocks_[2 * k + side].put_rows(by_u.v, by_u.w);
+    const auto [by_u, by_xi] = this->rotor_slopes(k, side, tangents_[this->body_of(k, side)]);
+    const SideBlocks& blocks = this->blocks_[2 * k + side];
+    if (!columns_.doubled()) return blocks.put_rows(by_u.v + by_xi.v, by_u.w + by_xi.w);
+    blocks.put_rows(by_u.v, by_u.w);
     matrix_.rates[2 * k + side].put_rows(by_xi.v, by_xi.w);
-  }
-
-  // Derivative of the velocity or acceleration rows with respect to xi, without G itself. At the acceleration level the
-  // third derivatives of Phi are left out: they are O(h^2), and the iteration still solves the exact equations.
-  Rows rate_slope(int k, Side side, const Rows& G, const Mat3& T) const {
-    const int i = this->body_of(k, kParent), j = this->body_of(k, kChild);
-    const JointState& joint = this->here(k);
-    const Part& part = this->part_of(k);
-    if (level_ != Level::acceleration) {
-      const Rows N = joint.velocity_slope(part, side, state_.u[i], state_.u[j], false);
-      return {h_ * N.v, h_ * N.w * T};
-    }
-    auto change = [&](int b) { return Twist{state_.u[b].v - start_.u[b].v, state_.u[b].w - start_.u[b].w}; };
-    const Rows first = joint.velocity_slope(part, side, change(i), change(j), false);  // d(G h a)/dq
-    const Rows second = joint.velocity_slope(part, side, state_.u[i], state_.u[j], true);
-    const double feedback = 2 * gains_.alpha + h_ * gains_.beta * gains_.beta;
-    return {h_ * (first.v + second.v + feedback * G.v), h_ * (first.w + second.w + feedback * G.w)};
   }
 
   Status finish() {
@@ -444,10 +363,7 @@ class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
     return Status::success;
   }
 
-  Gains gains_;
   Increments increments_;  // if kept, z holds u and xi minus their values at the start
-  std::optional<GeneralizedAlpha> alpha_;
-  const double force_share_, velocity_share_;  // theta / h and rho; 1 for implicit Euler
   std::optional<StabilisedSolve> split_;
   std::vector<Mat3> tangents_, stiffness_of_;
   std::vector<Twist> balance_, drift_;  // residuals of the dynamics and of M xi = M u - G_n^T mu

@@ -1,12 +1,12 @@
-"""Advice against reality: how often what `crosscheck.advise` says is met, and is it the cheapest?
+"""How often the advice of `crosscheck.advise` meets the error, and whether it is the cheapest way.
 
     python -m benchmarks.advice [--scene NAME ...] [--engine NAME ...] [--limit SECONDS]
 
-For every scene, engine and error the advised run is made and its error measured. Brute force then tries every method of
-the engine at numbers of steps that grow by a fifth, and at tolerances a quarter power of ten apart, as long as a run is
-no dearer than the advised one; the cheapest that meet the error take turns with it, and the medians are compared. Where
-the cheapest is the advised run itself, the ratio is one.
-Cells whose advised run takes longer than the limit are only checked for their error.
+For every scene, engine and error, makes the advised run and measures its error. Brute force then tries every method of
+the engine at numbers of steps that grow by a fifth, and at tolerances a quarter power of ten apart, while a run costs
+no more than the advised one. The cheapest that meet the error take turns with the advised run, and the medians are
+compared. The ratio is one where the cheapest is the advised run itself. Cells whose advised run takes longer than the
+limit are only checked for their error.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def rivals(scene: Scene, engine: str, found: Advice) -> list[tuple[str, dict[str
 def ratio(scene: Scene, engine: str, found: Advice) -> float:
     """Cost of the advised run over that of the cheapest of brute force, medians of turns."""
     mine = {"step": found.step} if found.step else {"rtol": found.rtol}
-    # A rival that is the advised run itself says nothing but how restless the clock is.
+    # A rival that is the advised run itself would show only the noise of the clock.
     runs = [(found.method, mine), *((method, size) for method, size, _ in rivals(scene, engine, found)
                                     if method != found.method or not math.isclose(*size.values(), *mine.values()))]
     if len(runs) == 1:

@@ -1,7 +1,7 @@
 """An engine for `crosscheck verify`: methods of lieeuler on a scene with one wrong number, from the start or late.
 
-Its methods are named after the method, the number, the share by which that is wrong, and the part of the run after
-which it is: "DAE1L_LSE gravity 0.001 0.5".
+A method is named after that of lieeuler, the number, the share by which it is wrong, and the part of the run after
+which it is wrong: "DAE1L_LSE gravity 0.001 0.5".
 """
 
 from __future__ import annotations

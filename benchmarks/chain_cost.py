@@ -3,9 +3,9 @@
 Run with `python -m benchmarks.chain_cost`; `--json` prints the figures for a program to read.
 
 Wall time: stepping alone (`wall_time`), samples = 2, no monitor, all contenders of a size in turn in one process,
-medians over the rounds. Where valgrind is installed also instructions of one Newton iteration, counted by callgrind on
-tests/core/chain_driver.cpp (totals of a long run less those of a short one): these do not depend on what else the
-machine does. Exponents are fitted over sizes from 16 up.
+medians over the rounds. With valgrind also the instructions of one Newton iteration, counted by callgrind on
+tests/core/chain_driver.cpp (totals of a long run less those of a short one): these do not depend on the load of the
+machine. Exponents are fitted over sizes from 16 up.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ COUNTED = (16, 64, 256, 1024)
 BESIDE = (8, 32, 128)
 ENGINES = (("mujoco", "Euler"), ("exudyn", "TrapezoidalIndex2"))
 STEP = 1e-3  # s
-FEWEST = 200  # steps of a run: what its start costs, planning included, is spread over as many
+FEWEST = 200  # steps of a run, over which the cost of its start, planning included, is spread
 
 
 def chain(n: int) -> Scene:
@@ -69,7 +69,7 @@ def wall_times(n: int, rounds: int) -> dict[str, float]:
             stats = lieeuler.integrate(problem, method, STEP, [0, steps * STEP], monitor=False).stats
             times.setdefault(f"lieeuler {method}", []).append(1e6 * stats.wall_time / stats.steps)
         for engine, method in ENGINES if n in BESIDE else ():
-            # The adapter alone: what crosscheck.run derives from a trajectory costs n^3, and is no part of a step.
+            # The adapter alone: what crosscheck.run derives from a trajectory costs n^3 and belongs to no step.
             brief = scene.replace(duration=few * STEP, samples=2)
             raw = adapters.get(engine).run(brief, RunSpec(method, step=STEP, monitor=False))
             times.setdefault(f"{engine} {method}", []).append(1e6 * raw.wall_time / raw.steps)

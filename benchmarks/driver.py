@@ -1,4 +1,4 @@
-"""The kernel without Python, tests/core/chain_driver.cpp, under callgrind: counts that no other load moves."""
+"""Counts of the kernel without Python (tests/core/chain_driver.cpp) by callgrind: they do not depend on the load."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 python -m benchmarks.explain_study --seeds 100..140                 one and two causes at once, a line each, then tables
 python -m benchmarks.explain_study --mistakes 7                     every mistake of the tests' suite, by this seed
 python -m benchmarks.explain_study --correct                        correct engines over all scenes: false alarms
---keep FILE appends every result to FILE (JSON lines) and leaves out what is in there already; tables cover all of it.
+--keep FILE appends every result to FILE (JSON lines) and skips the cases already in it; tables cover all of them.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def drawn(seed: int, count: int):
 
 
 def _same(one: str, other: str) -> bool:
-    """Causes that alter one and the same thing."""
+    """Whether two causes alter the same thing."""
     groups = (("gravity size", "gravity sign", "gravity axis"), ("quaternion order", "quaternion conjugated"),
               ("spring stiffness", "spring free length", "missing spring", "missing damper"))
     return any(one in group and other in group for group in groups)
@@ -143,7 +143,7 @@ def table(results: list[dict]) -> str:
 def mistakes(seed: int, keep: Path | None, most: float, scenes: list[str]) -> None:
     """Score the suite of tests/diagnosis/mistakes.py, a line each that is not named, then a table by mistake.
 
-    On `scenes` in place of those of each mistake where they are given, in random order, where it shows there.
+    On `scenes`, if given, in random order, instead of those of each mistake; on the first where it shows.
     """
     results, began = read(keep), time.perf_counter()
     done = {(result["mistake"], result["scene"], result["seed"]) for result in results}

@@ -3,8 +3,8 @@
     python -m benchmarks.floors [SCENE ...]
 
 The floor is eps times the growth of the worst small perturbation between any two times (`crosscheck truth --floor`).
-Errors are those of x over the scene's length and of R, against truth, at the smallest rtol. Chaotic
-scenes are compared only as far as truth reaches.
+Errors are those of x over the scene's length and of R, against truth, at the smallest rtol. Chaotic scenes are compared
+only as far as truth reaches.
 """
 
 from __future__ import annotations

@@ -29,13 +29,13 @@ PATIENCE = 0.2
 
 
 def fuzz(answer: Callable[[Random], str], count: int, seed: int, seconds: float) -> tuple[Counter[str], int | None]:
-    """Numbers of the answers; and the first input that was answered by anything else, None where all were in order."""
+    """How many of each answer there were, and the first input with any other answer; None if there was none."""
     answers: Counter[str] = Counter()
     end = time.monotonic() + seconds
     for number in range(seed, seed + count):
         try:
             answers[answer(Random(number))] += 1
-        except BaseException:  # the finding itself, whatever it is
+        except BaseException:  # any exception is a finding
             traceback.print_exc()
             return answers, number
         if time.monotonic() > end:
@@ -66,7 +66,7 @@ def kernel_answer() -> Callable[[Random], str]:
 
 
 def patiently(answer: Callable[[Random], str]) -> Callable[[Random], str]:
-    """The answer, or that it was not waited for."""
+    """The answer, or that it took too long to wait for."""
     from tests.kernel_mutations import patience
 
     def asked(random: Random) -> str:

@@ -1,4 +1,4 @@
-"""Instructions of one step of every method, by callgrind: what no other load on the machine moves.
+"""Instructions of one step of every method, by callgrind, whose counts do not depend on the load of the machine.
 
 Totals of a long run less those of a short one, on chains and on the four-bar linkage (tests/core/chain_driver.cpp).
 `--json FILE` keeps the counts, `--against FILE` prints how they have changed since.

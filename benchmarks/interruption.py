@@ -2,9 +2,9 @@
 
     python -m benchmarks.interruption [--method seulex] [--bodies 1024] [--closed] [--interval 0.01] [--repeats 5]
 
-Prints for each method the seconds from the signal to the exception, the least and the most of the repeats, and the
-seconds of computing in the longest of them: other work on the machine adds to the former alone. Tests read the samples
-only: times belong to the machine.
+Prints for each method the least and the most seconds from the signal to the exception, and the seconds of computing in
+the longest repeat: other work on the machine adds to the former alone. Tests read only the samples: times belong to the
+machine.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def interrupted(problem: lieeuler.Problem, arguments: dict[str, object], delay: 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--method", choices=sorted(lieeuler.METHODS), help="all of them without it")
+    parser.add_argument("--method", choices=sorted(lieeuler.METHODS), help="default: all methods")
     parser.add_argument("--bodies", type=int, default=1)
     parser.add_argument("--closed", action="store_true", help="both ends of the chain on joints")
     parser.add_argument("--interval", type=float, default=1000.0, help="s between samples")

@@ -22,7 +22,7 @@ Y = (0.0, 1.0, 0.0)
 
 
 def ladder(loops: int) -> lieeuler.Problem:
-    """The ladder at rest, every level leaning another way."""
+    """The ladder at rest, with levels that lean to alternate sides."""
     angles = 0.4 * np.sin(np.arange(1, loops + 1))
     R_rail = [np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]]) for a in angles]
     bodies, joints, x, R = [], [], [], []

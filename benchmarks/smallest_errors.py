@@ -2,8 +2,8 @@
 
     python -m benchmarks.smallest_errors [SCENE ...]
 
-An error is caught where the main run fails and the right run does not; the order study could only add to that. Where
-`AIM` is not caught, the reason follows: the finding that comes nearest to its bound, and the bound.
+An error is caught if the main run fails and the right run does not; the order study could only catch more. If an error
+of `AIM` is not caught, the reason follows: the finding that comes nearest to its bound, and the bound.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
 Run with `python -m benchmarks.step_cost` or `make benchmark`; `--json` prints the figures for a program to read.
 
 What is timed: the stepping alone (`wall_time` of a run: no model building, no sampling, no monitor), exponential map,
-two samples, one thread. How: all contenders take turns in one process, so that a slow spell of the machine hits every
-one of them; medians over the rounds, spread as the median absolute deviation, and the ratio to MuJoCo's Euler as the
-median of the ratios within a round, in which such spells cancel. What it does not say: how accurate a step is. MuJoCo
+two samples, one thread. How: all contenders take turns in one process, so that a slow spell of the machine hits
+each of them; medians over the rounds, spread as the median absolute deviation, and the ratio to MuJoCo's Euler as the
+median of the ratios within a round, in which such spells cancel. It does not tell how accurate a step is. MuJoCo
 steps joint coordinates, the methods here step bodies with multipliers and solve each step to rounding level.
 """
 

@@ -1,7 +1,7 @@
-"""Sweeps whose workers, scheduler or client are killed at random moments: every one ends with the bits of a quiet run.
+"""Sweeps whose workers, scheduler or client are killed at random end with the bits of an undisturbed run.
 
 Run with `python -m benchmarks.sweep_kills`; `--rounds` kills of each kind. Clients and workers of this machine are
-killed by SIGKILL, then the same command runs again where it has to; a Dask scheduler is killed, started anew at its
+killed by SIGKILL, then the same command runs again if it has to; a Dask scheduler is killed and started again at its
 address, and the same command goes on.
 """
 

@@ -1,6 +1,6 @@
 """The step of DAE2H_LE on ball joints, for many trial solutions at once: dense Newton and continuation on long chains.
 
-The same equation (4.3) as `tests.oracle.hamilton_step`, whose solutions solve it, as a test asserts. Like that one it
+The same equation (4.4) as `tests.oracle.hamilton_step`, whose solutions solve it, as a test asserts. Like that one it
 shares nothing with the kernel; its exponential and its D* are closed forms over arrays (K, n, 3).
 """
 

@@ -1,6 +1,6 @@
 """A short dense NumPy version of each Euler step: the check on the compiled core.
 
-Written from equations (4.1) to (4.4) of docs/theory.md with nothing in common with the kernel: dense matrices, the
+Written from equations (4.1) to (4.5) of docs/theory.md with nothing in common with the kernel: dense matrices, the
 coordinate maps by their defining series, their tangents by the complex step, Newton's matrix by central differences.
 """
 

@@ -1,10 +1,11 @@
 """Contacts with a plane of the ground as rows of a tree: the velocity where a body touches it vanishes.
 
-With r from the point of a blade, or the centre of a disk or sphere, to the point of contact, all of it follows from
+Let r lead from the point of a blade, or the centre of a disk or sphere, to the point of contact, and u be the velocity
+of where it starts. All rows follow from
 
     d/dt (u + w x r) = u' + w' x r + w x r'
 
-along the directions of the rows: the normal of the plane, whose row is that of the height as well, and those of slip.
+along the normal of the plane, whose row is also that of the height, and along the directions of slip.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ ROLLING = ("knife_edge", "rolling_disk", "rolling_sphere")
 
 
 def directions(joint: Joint) -> list[np.ndarray | None]:
-    """Of the rows, world: the normal first; None is across the blade."""
+    """Directions of the rows, world: the normal first; None stands for the one across the blade."""
     normal = joint.parent_axis
     if joint.type == "knife_edge":
         return [normal, None]

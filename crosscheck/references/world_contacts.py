@@ -1,7 +1,7 @@
 """Rows of contacts with a plane of the ground in the maximal formulation, body by body.
 
-The velocity of a body's point p (body axes) at the contact is v + R (w x p); rows are its components along directions
-d, all seen from the body: d . v = (R d) . v, and d . (w x p) = (p x d) . w.
+The velocity of a body's point p (body axes) at the contact is v + R (w x p). Rows are its components along directions
+d, in body axes too: (R d) . v + (p x d) . w.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ ROLLING = ("knife_edge", "rolling_disk", "rolling_sphere")
 
 
 class Contacts:
-    """Height, and slip, whose values are zero: rows of all joints that roll or slide on a blade."""
+    """Rows of all joints that roll or slide on a blade: height, and slip, whose values are zero."""
 
     def __init__(self, joints: list[Joint], n: int) -> None:
         self.joints, self.n = joints, n
@@ -26,7 +26,7 @@ class Contacts:
         values, rows, drifts = [], [], []
         for joint, plane in zip(self.joints, self.planes, strict=True):
             R, v, w = motion.R[joint.child], motion.v[joint.child], motion.w[joint.child]
-            up = R.T @ joint.parent_axis  # what is fixed in the world turns by -w in the body
+            up = R.T @ joint.parent_axis  # a vector fixed in the world turns with -w in body axes
             sinking = -np.cross(w, up)
             point, moving, height = joint.child_anchor, np.zeros(3), 0.0
             if joint.type == "rolling_sphere":

@@ -1,8 +1,9 @@
 """Bodies that touch a plane of the ground at one point: a knife edge, a rolling disk, a rolling sphere.
 
 With c from the centre of mass to the point of contact and n the normal of the plane, a row is t . (v + w x c) = 0, all
-in world axes. The first is the height's, t = n, the derivative of Phi. The others are of slip and hold velocities
-alone: t across the blade, n x child_axis, or the two references of n; in Phi they are zero.
+in world axes. The first row is that of the height: t = n, the derivative of Phi. The other rows are those of slip,
+which constrain velocities alone and are zero in Phi: t is n x child_axis, across the blade, or one of the two
+references of n.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ class KnifeEdge:
 
     @classmethod
     def of(cls, joint: Joint) -> KnifeEdge:
-        """The contact that a joint is; a sphere has no axis, any will do."""
+        """The contact of one joint, not yet stacked; a sphere has no axis, so that any one serves."""
         axis = joint.parent_axis if joint.child_axis is None else joint.child_axis
         return cls(joint.child, joint.child_anchor, joint.parent_anchor, joint.parent_axis, axis,
                    np.array([joint.radius or 0.0]))
@@ -49,7 +50,7 @@ class KnifeEdge:
         return np.zeros_like(a), np.zeros_like(a)
 
     def _directions(self, a: np.ndarray) -> np.ndarray:
-        """Of all rows, (T, K, rows, 3); the derivative by `a` of all but the first is linear in it."""
+        """Directions t of all rows, (T, K, rows, 3); they are affine in the axis `a`."""
         return np.stack([np.broadcast_to(self.normal, a.shape), cross(self.normal, a)], axis=2)
 
     def _contact(self, R: np.ndarray, w: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
@@ -118,7 +119,7 @@ class RollingDisk(RollingSphere):
 
 
 def _sine(cosine: np.ndarray) -> np.ndarray:
-    """Of an angle that is not zero: a disk that lies flat has no lowest point; rounding may take its cosine past 1."""
+    """Of an angle that is not zero, as a flat disk has no lowest point; rounding may take the cosine past 1."""
     return np.asarray(np.sqrt(np.maximum(1 - cosine**2, np.finfo(float).eps)))
 
 

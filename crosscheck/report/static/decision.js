@@ -1,4 +1,4 @@
-// The first page's answer to: which method of my engine, at which step? It reads what the document says, and the address.
+// The first page's answer to: which method of my engine, at which step? It reads the rows of the page and its address.
 "use strict";
 (function () {
   const rows = window.CROSSCHECK_ADVICE;
@@ -54,7 +54,7 @@
       return line;
     }));
   }
-  // Pages from disk may not rewrite their address but for what follows "#".
+  // A page from disk may change only what follows "#" in its address.
   function remember() {
     window.location.replace("#decide=" + [scene, error, engine].map((each) => encodeURIComponent(each.value)).join(","));
   }

@@ -1,7 +1,7 @@
-// One run that stands out of all figures of a page, and the legend that chooses it.
+// Makes one run stand out in all figures of a page, and the legend that chooses it.
 "use strict";
 window.Emphasis = (function () {
-  // One run stands out: what the pointer or the keyboard is at, or what was clicked, until the next click or Escape.
+  // The run at the pointer or the keyboard focus stands out, or those clicked, until the next click or Escape.
   let pointed = null;
   const isolated = new Set();
   function emphasise() {

@@ -1,7 +1,7 @@
 // Points and directions of bodies in their poses {x, q}, and how far joints are open.
 "use strict";
 window.Geometry = (function () {
-  // Of joints that slide: the way that is free, along the axis or across it.
+  // The free direction of joints that slide: along the axis or across it.
   const SLIDING = {cylindrical: "along", prismatic: "along", point_on_line: "along", planar: "across", point_on_plane: "across"};
   const dot3 = (p, q) => p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
   const add = (p, q) => [p[0] + q[0], p[1] + q[1], p[2] + q[2]];
@@ -16,7 +16,7 @@ window.Geometry = (function () {
   const place = (poses, body, point) => (body < 0 ? point : poses[body] && add(poses[body].x, turned(poses[body].q, point)));
   const direction = (poses, body, axis) => (body < 0 ? axis : turned(poses[body].q, axis));
 
-  // How far (m) a joint is open where it may not be: by how much more than in truth, which cancels what packing rounds.
+  // How far (m) a joint is open in the directions that it closes. Truth is subtracted, which cancels the rounding of packing.
   function opening(joint, poses, exact) {
     const gapOf = (each) => {
       const from = place(each, joint.parent, joint.parent_anchor), to = place(each, joint.child, joint.child_anchor);

@@ -1,4 +1,4 @@
-// What a picture on a canvas is drawn with: lines, dots, words, arrows and the signs of ground and springs.
+// Draws on a canvas: lines, dots, words, arrows, and the signs of ground and springs.
 "use strict";
 window.pens = function (context, style) {
   const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];  // of corners
@@ -52,7 +52,8 @@ window.pens = function (context, style) {
     const angle = Math.atan2(to[1] - from[1], to[0] - from[0]);
     [2.6, -2.6].forEach((side) => stroke([to, [to[0] + 8 * Math.cos(angle + side), to[1] + 8 * Math.sin(angle + side)]],
       colour, 2));
-  }  function zigzag(a, b, colour) {
+  }
+  function zigzag(a, b, colour) {
     const dx = b[0] - a[0], dy = b[1] - a[1], length = Math.hypot(dx, dy) || 1;
     const nx = -dy / length * 6, ny = dx / length * 6;
     const points = [a];

@@ -1,14 +1,14 @@
 // The system in motion on a plain canvas: truth and any runs together. It interpolates between output times only to draw.
 "use strict";
 window.Playback = (function () {
-  const MAX_TURN = Math.PI / 2;  // rad between output times; beyond it the way between them is a guess
+  const MAX_TURN = Math.PI / 2;  // rad between output times; beyond it the motion between them is a guess
   const TRAIL = 0.12;  // share of the duration that a short trail shows
   const FRONT = {turn: -0.9, tilt: 0.3, zoom: 1};
   const MOST_VIEWS = 4;
   const {add, blend, place, direction, opening} = window.Geometry;
-  const NOISE = 8 / 65533;  // of the error of a run, in the poses that it is packed with
+  const NOISE = 8 / 65533;  // share of a run's error that packing its poses may add
 
-  // `moved` is told the time at every picture, and whether the time is to stay.
+  // Calls `moved` with the time at every picture, and with true once the view has come to rest.
   function start(drawing, t, actors, shown, moved) {
     const id = (name) => document.getElementById(name);
     const canvas = id("stage"), context = canvas.getContext("2d");
@@ -28,7 +28,7 @@ window.Playback = (function () {
     const {stroke, dot, word, ground, spiral, arrow, zigzag, lit} = window.pens(context, style);
     const truth = actors.find((actor) => !actor.colour);
 
-    // Where everything ever is, to choose the window once: every centre with the corners' reach, and the fixed points.
+    // The extent of the whole motion, so that the window is chosen once: centres with the reach of corners, and fixed points.
     function extent() {
       const points = [];
       const first = actors[0] && motion(actors[0]);
@@ -70,14 +70,14 @@ window.Playback = (function () {
       return size > 0 && Number.isFinite(size + x[0]) ? {x, q: q.map((value) => value / size)} : null;
     }
     function boxes(poses, colour, opacity) {
-      // Pixels along the line of sight too, as light needs them.
+      // In pixels along the line of sight too: the light needs this.
       const seen = (point) => { const at = project(point); return [at[0], at[1], at[2] * state.scale]; };
       lit(drawing.bodies.flatMap((body, index) => (poses[index] ? [{middle: seen(poses[index].x),
         corners: body.corners.map((corner) => seen(place(poses, index, corner)))}] : [])), colour, opacity);
     }
 
-    // Red from 1e-9 of the picture on, 1e-3 where there is no truth to compare with; full at a hundredth. Gaps below
-    // `noise` are what packing makes of the error of the run.
+    // Reddens from 1e-9 of the picture on, or 1e-3 without truth to compare with; fully red at a hundredth. Gaps below
+    // `noise` may come from packing alone.
     function redden(joint, poses, exact, at, noise) {
       const found = opening(joint, poses, exact), open = found > noise ? found : 0, least = exact ? -9 : -3;
       const red = open > 0 ? Math.min(1, Math.max(0, (Math.log10(open / state.radius) - least) / (-2 - least))) : 0;

@@ -124,7 +124,7 @@ window.Figures = (function () {
       });
       return last < 0 ? null : {trace, x: scaled("xaxis", trace.x[last]), y: scaled("yaxis", trace.y[last])};
     }).filter(Boolean).sort((one, other) => one.y - other.y);
-    // Of all traces, for a bound far above the others stretches the axis.
+    // All traces count: a bound far above the others stretches the axis.
     const all = figure.traces.flatMap((trace) => trace.y).filter((value) => value !== null)
       .map((value) => scaled("yaxis", value)).filter(Number.isFinite);
     const low = Math.min(...all), high = Math.max(...all);
@@ -140,7 +140,7 @@ window.Figures = (function () {
     figure.layout.margin = {...figure.layout.margin, r: 14 + 5.6 * longest};
   }
 
-  // Whole decades on a logarithmic axis, not too many of them; digits between only where there is hardly one.
+  // Marks whole decades on a logarithmic axis, but not too many; digits between them only where there is hardly one.
   function ticks(figure, side) {
     const axis = figure.layout[side + "axis"];
     if (axis.type !== "log" || axis.dtick) return;
@@ -209,7 +209,7 @@ window.Figures = (function () {
     if (element.classList.contains("plot")) links.append(link("SVG", nameOf(element) + ".svg", () => svg(element)));
     caption.append(" ", links);
   }
-  // In the light colours, whatever the page has: it is for paper.
+  // Always in the light colours: it is for paper.
   async function svg(element) {
     await library();
     const root = document.documentElement;
@@ -277,7 +277,7 @@ window.Figures = (function () {
     return refresh;
   }
 
-  // Speed and convergence stand on pages of scenes, engines and studies alike.
+  // Pages of scenes, engines and studies all have speed and convergence.
   function speed(runs) {
     const traces = runs.map((run) => [run, run.timing.length ? run.timing : run.own_environment ? []
       : run.ladder.filter((rung) => rung.wall_time !== null).map((rung) => ({...rung, error: rung.end}))])
@@ -293,7 +293,7 @@ window.Figures = (function () {
     return {traces, columns: ["stepping time (ms)", "position error at the end (m)"],
       layout: layout(log("stepping time (ms)"), log("position error at the end (m)"))};
   }
-  // What nobody beats in both, from left to right.
+  // The points that no other beats in both, from left to right.
   function pareto(traces) {
     const points = traces.flatMap((trace) => trace.x.map((x, index) => [x, trace.y[index]]))
       .filter(([x, y]) => x !== null && y !== null).sort((one, other) => one[0] - other[0]);
@@ -326,7 +326,7 @@ window.Figures = (function () {
       layout: layout(log("step (s)"), log("largest " + quantity + " error (" + unit + ")"),
         {annotations: apart(notes), margin: {l: 10, r: 40, t: 12, b: 10}})};
   }
-  // Notes that would cover each other are left out; hovering still tells them.
+  // Leaves out notes that would cover each other; hovering still shows them.
   function apart(notes) {
     const kept = [];
     notes.sort((one, other) => one.y - other.y).forEach((note) => {

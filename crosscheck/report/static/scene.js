@@ -1,4 +1,4 @@
-// Figures of a scene page, from the packed curves beside it (crosscheck/document/curves.py tells their form).
+// Figures of a scene page, from the packed curves beside it (crosscheck/document/curves.py describes their form).
 "use strict";
 (function () {
   const STEPS = 65533, MISSING = 65535;
@@ -10,7 +10,7 @@
   const hasTruth = Boolean(truth.x);
 
   const unpacked = new Map(), summed = new Map();
-  // A curve of differences is added to the true one.
+  // Curves stored as differences are added to the true one.
   function unpack(curve, exact) {
     if (curve === null || curve === undefined) return null;
     if (curve === "truth") return unpack(exact);
@@ -200,7 +200,7 @@
     if (settled) remember();
   });
 
-  // The state of the page stands in its address; of a page from disk, only what follows "#" may change.
+  // The address holds the state of the page, after "#": a page from disk may change nothing else.
   const choices = {run: runSelect, compared: groupSelect, body: bodySelect, joint: jointSelect, quantity: quantitySelect};
   const given = Object.entries(choices).filter(([, each]) => each?.options.length);
   const address = () => "#" + new URLSearchParams([["view", ""],

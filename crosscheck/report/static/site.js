@@ -1,6 +1,6 @@
-// Menus and search over the pages of this folder and of those beside it, as sites.js names them.
+// Menus and search over the pages of this folder and of the folders beside it, which sites.js lists.
 "use strict";
-// Plotly is most of what a page loads: it comes once the rest can be read. The promise is the same for all that ask.
+// Plotly is most of what a page loads, so it comes once the rest can be read. All callers share one promise.
 window.library = (function () {
   let asked = null;
   return () => (asked ??= new Promise((done, failed) => {
@@ -10,7 +10,7 @@ window.library = (function () {
   }));
 })();
 (function () {
-  const MOST = 12;  // results that are listed
+  const MOST = 12;  // results listed
   const sites = window.CROSSCHECK_SITES ?? [];
   const nav = document.querySelector("header nav"), others = document.getElementById("sites");
   const spoken = (text) => text.replaceAll("_", " ");
@@ -22,7 +22,7 @@ window.library = (function () {
   };
   const order = [...sites].sort((one, other) => other.report - one.report);
 
-  // The menus of a report stand in its pages; the pages of a study take those of the report beside them.
+  // Pages of a report have its menus; pages of a study take those of the report beside them.
   const report = order.find((site) => site.report);
   const own = Boolean(nav.querySelector("[data-own]"));
   if (report && !own) {

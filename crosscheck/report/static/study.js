@@ -8,7 +8,7 @@
 
   const usable = (scene) => (engine ? scene.engines.includes(engine) : scene.engines.length);
   window.CROSSCHECK_RUNS.scenes.filter(usable).forEach((scene) => sceneSelect.add(new Option(scene.title.replaceAll("_", " "), scene.name)));
-  // Of many scenes the first in the alphabet is no better than another; this one everybody knows.
+  // Starts with a scene that everybody knows instead of the first in the alphabet.
   if ([...sceneSelect.options].some((option) => option.value === "double_pendulum")) sceneSelect.value = "double_pendulum";
   if (quantitySelect) Object.keys(Figures.UNITS).forEach((name) => quantitySelect.add(new Option(name, name)));
   const ofScene = () => Figures.runsOf(sceneSelect.value).filter((run) => !engine || run.engine === engine);

@@ -1,11 +1,11 @@
 // Tables that sort by a click on a heading and filter by words and verdict.
 "use strict";
 (function () {
-  // Other spellings of a method in the papers behind lieeuler, doi:10.1177/1687814019842406.
+  // Spellings of a method in the papers behind lieeuler, doi:10.1177/1687814019842406.
   const SPELLINGS = {dae1_iels: "dae1l_lse", dae1l_les: "dae1l_lse"};
   const OUTCOMES = ["error", "fail", "known", "unjudged", "budgeted", "partly", "pass", "unsupported"];
 
-  const FIRST = 8;  // rows of a long table that a phone shows before it is asked for all
+  const FIRST = 8;  // rows of a long table that a phone shows at first
   const phone = window.matchMedia("(max-width: 760px)");
 
   const value = (row, column) => {
@@ -17,7 +17,7 @@
   };
   const isNumber = (text) => text !== "" && Number.isFinite(Number(text));
 
-  // Numbers before words before nothing, whichever way the column is sorted.
+  // Numbers come before words and words before empty cells, whichever way the column is sorted.
   function compare(one, other, down) {
     const rank = (text) => (isNumber(text) ? 0 : text === "" || text === "–" ? 2 : 1);
     if (rank(one) !== rank(other)) return rank(one) - rank(other);
@@ -45,8 +45,8 @@
 
   function filterable(table) {
     const rows = [...table.tBodies[0].rows];
-    // Where the page shows one scene at a time, so does the table; all of them would be thousands of rows.
-    // An engine that draws nothing has no scene to choose.
+    // If the page shows one scene at a time, so does the table: all scenes would be thousands of rows.
+    // The page of an engine without figures has no scene to choose.
     const scene = rows[0]?.dataset.scene === undefined ? null : document.querySelector('[data-choose="scene"]');
     if (rows.length < 6 && !scene) return;
     const bar = document.createElement("div");
@@ -105,7 +105,7 @@
     if (!scene) apply();
   }
 
-  // On a phone the rows of some tables stand one below the other, each figure with the words of its heading.
+  // On a phone the cells of some rows stand one below the other, each with the words of its heading.
   function stackable(table) {
     const heads = [...table.tHead.rows[0].cells].map((head) => head.textContent.trim());
     [...table.tBodies[0].rows].forEach((row) => [...row.cells].forEach((cell, index) => {
@@ -119,7 +119,7 @@
   document.querySelectorAll("table.sortable").forEach(sortable);
   document.querySelectorAll("table[data-filter]").forEach(filterable);
 
-  // What scrolls sideways and holds nothing to step to is itself a stop of the keyboard.
+  // A box that scrolls sideways and holds no link or control can itself take the keyboard focus.
   document.querySelectorAll(".scroll").forEach((box) => { if (!box.querySelector("a, button, input, summary")) box.tabIndex = 0; });
 
   // A link to a run opens its findings.

@@ -1,4 +1,4 @@
-// Light or dark, as the system has it or as the reader chose; set before anything is drawn. Printing is always light.
+// Light or dark, as the system or the reader chooses; set before anything is drawn. Printing is always light.
 "use strict";
 (function () {
   const root = document.documentElement;
@@ -32,7 +32,7 @@
   }
   apply();
   system.addEventListener("change", apply);
-  // Paper has nothing to click at: what is folded away on the first page is opened.
+  // Nothing can be clicked on paper, so printing opens what is folded on the first page.
   const unfold = () => document.querySelectorAll("details.card, #reasons").forEach((each) => { each.open = true; });
   window.addEventListener("beforeprint", () => { root.classList.add("printed"); show("light"); unfold(); });
   window.addEventListener("afterprint", () => { root.classList.toggle("printed", printed); apply(); });

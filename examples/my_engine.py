@@ -1,4 +1,4 @@
-"""An engine of one's own: the classical Runge-Kutta method for a body that turns about a fixed point.
+"""An engine of your own: the classical Runge-Kutta method for a body that turns about a fixed point.
 
 crosscheck verify --engine examples/my_engine.py:PivotRK4 --engine mujoco --scene single_pendulum
 """
@@ -18,7 +18,7 @@ class PivotRK4:
     orders = {"RK4": 4}  # noqa: RUF012  what theory claims, not what was measured
 
     def unsupported(self, scene, spec):
-        """Why this engine cannot run the scene; None where it can."""
+        """Why this engine cannot run the scene; None if it can."""
         if [(joint.type, joint.parent, joint.child) for joint in scene.joints] != [("spherical", GROUND, 0)]:
             return "it knows one body on a ball joint with the ground"
         return "it knows no force but gravity" if scene.forces else None

@@ -1,10 +1,10 @@
 // Munthe-Kaas Runge-Kutta and symplectic Euler steps over Pinocchio's `aba`, compiled: trees of ball joints.
 //
-// q holds a quaternion (x, y, z, w) per joint, v an angular velocity in body axes; SI units. pinocchio_compiled.py builds
-// this and calls it.
+// q holds a quaternion (x, y, z, w) per joint, v an angular velocity in body axes; SI units. pinocchio_compiled.py
+// builds this and calls it.
 #include <cmath>
-#include <pinocchio/multibody.hpp>
 #include <pinocchio/algorithm/aba.hpp>
+#include <pinocchio/multibody.hpp>
 #include <vector>
 
 namespace {
@@ -17,11 +17,13 @@ struct Tree {
   VectorXd no_torque;
 };
 
-// From sin(angle / 2) / angle on, the half-angle formulas; below the limit three terms of the series are exact to rounding.
+// From sin(angle / 2) / angle on, the half-angle formulas; below the limit three terms of the series are exact to
+// rounding.
 Quaterniond exponential(const Vector3d& theta) {
   const double square = theta.squaredNorm();
   if (square < 1e-4) {
-    const double s = 0.5 - square * (1. / 48 - square / 3840), c = 1 - square * (1. / 8 - square * (1. / 384 - square / 46080));
+    const double s = 0.5 - square * (1. / 48 - square / 3840),
+                 c = 1 - square * (1. / 8 - square * (1. / 384 - square / 46080));
     return {c, s * theta.x(), s * theta.y(), s * theta.z()};
   }
   const double angle = std::sqrt(square), s = std::sin(0.5 * angle) / angle;
@@ -53,17 +55,20 @@ void move(const VectorXd& q, const VectorXd& theta, VectorXd& out) {
 
 extern "C" {
 
-// Ball joints 0 .. n-1, parents first (-1: the world); placements in the parent's joint frame, R by rows; inertias about the
-// centres of mass at `lever`, axes of the joint frame.
+// Ball joints 0 .. n-1, parents first (-1: the world); placements in the parent's joint frame, R by rows; inertias
+// about the centres of mass at `lever`, axes of the joint frame.
 void* tree_new(int n, const int* parents, const double* rotations, const double* translations, const double* masses,
                const double* levers, const double* inertias, const double* gravity) {
   using RowMatrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
   pinocchio::Model model;
   model.gravity.linear(Eigen::Map<const Vector3d>(gravity));
   for (int b = 0; b < n; ++b) {
-    const pinocchio::SE3 placement(Eigen::Map<const RowMatrix>(rotations + 9 * b), Eigen::Map<const Vector3d>(translations + 3 * b));
-    const auto joint = model.addJoint(parents[b] + 1, pinocchio::JointModelSpherical(), placement, "ball_" + std::to_string(b));
-    const pinocchio::Inertia inertia(masses[b], Eigen::Map<const Vector3d>(levers + 3 * b), Eigen::Map<const RowMatrix>(inertias + 9 * b));
+    const pinocchio::SE3 placement(Eigen::Map<const RowMatrix>(rotations + 9 * b),
+                                   Eigen::Map<const Vector3d>(translations + 3 * b));
+    const auto joint =
+        model.addJoint(parents[b] + 1, pinocchio::JointModelSpherical(), placement, "ball_" + std::to_string(b));
+    const pinocchio::Inertia inertia(masses[b], Eigen::Map<const Vector3d>(levers + 3 * b),
+                                     Eigen::Map<const RowMatrix>(inertias + 9 * b));
     model.appendBodyToJoint(joint, inertia, pinocchio::SE3::Identity());
   }
   return new Tree{model, pinocchio::Data(model), VectorXd::Zero(3 * n)};
@@ -79,7 +84,8 @@ void tree_accelerate(void* handle, const double* q, const double* v, double* a) 
 // v += h a(q, v), q moves by h v.
 void tree_euler(void* handle, double h, int steps, double* q, double* v) {
   Tree& tree = *static_cast<Tree*>(handle);
-  VectorXd at = Eigen::Map<VectorXd>(q, tree.model.nq), rate = Eigen::Map<VectorXd>(v, tree.model.nv), moved(at), turn(rate);
+  VectorXd at = Eigen::Map<VectorXd>(q, tree.model.nq), rate = Eigen::Map<VectorXd>(v, tree.model.nv), moved(at),
+           turn(rate);
   for (int k = 0; k < steps; ++k) {
     rate += h * pinocchio::aba(tree.model, tree.data, at, rate, tree.no_torque);
     turn = h * rate;
@@ -90,10 +96,12 @@ void tree_euler(void* handle, double h, int steps, double* q, double* v) {
 }
 
 // An explicit tableau: `rows` is the strict lower triangle, row by row.
-void tree_munthe_kaas(void* handle, int stages, const double* rows, const double* weights, double h, int steps, double* q, double* v) {
+void tree_munthe_kaas(void* handle, int stages, const double* rows, const double* weights, double h, int steps,
+                      double* q, double* v) {
   Tree& tree = *static_cast<Tree*>(handle);
   const Eigen::Index size = tree.model.nv;
-  VectorXd at = Eigen::Map<VectorXd>(q, tree.model.nq), rate = Eigen::Map<VectorXd>(v, size), moved(at), theta(size), u(size);
+  VectorXd at = Eigen::Map<VectorXd>(q, tree.model.nq), rate = Eigen::Map<VectorXd>(v, size), moved(at), theta(size),
+           u(size);
   std::vector<VectorXd> turns(stages, VectorXd(size)), accelerations(turns);
   const auto combine = [&](int count, const double* factors) {
     theta.setZero(), u = rate;

@@ -39,17 +39,17 @@ class Compiled:
         return importlib.metadata.version("pin")
 
     def held_levels(self, scene, spec):
-        """All three: joint coordinates."""
+        """All three, because it uses joint coordinates."""
         return tree.LEVELS
 
     def unsupported(self, scene, spec):
-        """Why it cannot run the scene; None where it can."""
+        """Why it cannot run the scene; None if it can."""
         if scene.forces or any(joint.type != "spherical" for joint in scene.joints):
             return "it is compiled for ball joints and no force but gravity"
         return "it is compiled for trees" if models.decompose(scene, "tree")[2] else None
 
     def run(self, scene, spec):
-        """Integrate by fixed steps; raises `EngineError` where the driver cannot be built or the run diverges."""
+        """Integrate by fixed steps; raises `EngineError` if the driver cannot be built or the run diverges."""
         model = models.build(scene, "tree")
         driver = Driver(model)
         h = stepping.fixed_step(scene, spec)[1]

@@ -68,7 +68,7 @@ class System:
                  factor: TimeFunction | None, /) -> None: ...
 
 class Plan:
-    """A system, with what is found once for all its runs."""
+    """A system, and what its structure decides for all its runs."""
 
     def __init__(self, system: System, /) -> None: ...
     @property

@@ -18,7 +18,6 @@ class Resting:
     methods = ("Rest",)
 
     def unsupported(self, scene, spec):
-        """Takes any scene."""
         return None
 
     def run(self, scene, spec):
@@ -28,15 +27,14 @@ class Resting:
 
 
 class Killed(Resting):
-    """Its worker is killed in the midst of the run, as by a system out of memory."""
+    """Its worker is killed during the run, as by a system out of memory."""
 
     def run(self, scene, spec):
-        """Never returns."""
         os.kill(os.getpid(), signal.SIGKILL)
 
 
 class Hanging(Resting):
-    """Never comes to an end, and lets no Python thread run meanwhile."""
+    """Never ends, and lets no Python thread run meanwhile."""
 
     def run(self, scene, spec):
         """Sleeps in C with the interpreter locked."""
@@ -47,17 +45,15 @@ class NotANumber(Resting):
     """Returns NaN from the fourth sample on."""
 
     def run(self, scene, spec):
-        """The resting states, spoilt."""
         states = super().run(scene, spec)
         states.x[3:] = np.nan
         return states
 
 
 class Segfaulting(Resting):
-    """Reads where nothing is."""
+    """Reads from an invalid address."""
 
     def run(self, scene, spec):
-        """Never returns."""
         ctypes.string_at(0)
 
 
@@ -75,7 +71,6 @@ class HungryChild(Resting):
     """Lets a process that it starts allocate without end."""
 
     def run(self, scene, spec):
-        """Waits for that process."""
         code = "import time\nkept = []\nwhile True:\n    kept.append(bytearray(200_000_000))\n    time.sleep(.1)"
         subprocess.run([sys.executable, "-c", code], check=True)
 
@@ -84,17 +79,15 @@ class Chatting(Resting):
     """Prints garbage on both streams, below Python too."""
 
     def run(self, scene, spec):
-        """The resting states."""
         print("Traceback (most recent call last): \x00\x1b[31m{")
         os.write(2, b"\xff\xfe<script>\n")
         return super().run(scene, spec)
 
 
 class Exiting(Resting):
-    """Ends the process as if all were well."""
+    """Ends the process with exit code 0."""
 
     def run(self, scene, spec):
-        """Never returns."""
         os._exit(0)
 
 
@@ -102,7 +95,6 @@ class Odd(Resting):
     """Returns something else than states."""
 
     def run(self, scene, spec):
-        """Returns a list."""
         return [1.0, 2.0]
 
 
@@ -110,17 +102,15 @@ class Raising(Resting):
     """Raises what cannot be pickled."""
 
     def run(self, scene, spec):
-        """Raises."""
         raise type("Local", (Exception,), {})("no such luck")
 
 
 class Moody(Resting):
-    """Crashes at the question whether it can run a scene, which its forms bring up early."""
+    """Crashes when asked whether it can run a scene, which happens early because it has forms."""
 
     forms = ("tree", "maximal")
 
     def unsupported(self, scene, spec):
-        """Never returns."""
         ctypes.string_at(0)
 
 

@@ -63,7 +63,7 @@ def newton(rows, z):
 
 
 def turning_point(system, q0, u0, h):
-    """How far the solutions that come from vanishing steps reach, as a share of h: 1 where the step has one of them."""
+    """How far the solution followed from vanishing steps reaches, as a share of h; 1 if it reaches the step."""
     z, reached, pace = np.r_[u0, system.index1(q0, u0)[1]], 0.0, 0.1
     before = None
     while reached < 1 and pace > 1e-3:

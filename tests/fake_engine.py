@@ -1,4 +1,4 @@
-"""An engine for tests: truth plus an error of chosen order, so that every verdict can be provoked at will."""
+"""An engine for tests: truth plus an error of a chosen order, which can provoke every verdict."""
 
 from __future__ import annotations
 
@@ -27,19 +27,15 @@ class FakeEngine:
     methods = ("Plain", "Broken", "Unable")
 
     def version(self):
-        """Version."""
         return "1.2.3"
 
     def documented_order(self, scene, spec):
-        """The claimed order."""
         return self.claimed_order
 
     def held_levels(self, scene, spec):
-        """The claimed levels."""
         return self.held
 
     def unsupported(self, scene, spec):
-        """The reason given at construction."""
         return self.refuses
 
     def run(self, scene, spec):
@@ -63,7 +59,7 @@ class FakeEngine:
 
 
 def install(monkeypatch, engine):
-    """Put the engine in the place of all others."""
+    """Make the engine the only one."""
     from crosscheck import adapters
 
     monkeypatch.setattr(adapters, "get", lambda name: engine)

@@ -34,7 +34,7 @@ def sleep_for(seconds: float) -> float:
 
 
 def tell_and_sleep(path: Path) -> None:
-    """Writes which process this is, and is busy for long."""
+    """Writes its process id and is busy for long."""
     path.write_text(str(os.getpid()))
     time.sleep(600)
 
@@ -59,7 +59,7 @@ def helper_left(path: Path) -> int:
 
 
 def scribble(content: bytes) -> int:
-    """Writes into every pipe of the process that it can find, which it does not own."""
+    """Writes into every pipe of the process that it can find and does not own."""
     written = 0
     for descriptor in range(3, 64):
         with contextlib.suppress(OSError):

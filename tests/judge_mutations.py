@@ -28,7 +28,7 @@ from tests import ROOT
 
 MODULES = ("metrics", "tolerances", "verdict")
 TESTS = ("test_metrics.py", "test_formulas.py", "test_outcomes.py", "test_known.py", "test_verdict.py")
-"""Those that take longest stand last: most mutants do not live to see them."""
+"""The slowest stand last: most mutants are killed before them."""
 OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult,
              ast.MatMult: ast.Mult, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
              ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -36,7 +36,7 @@ OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast
              ast.Or: ast.And}
 NAMES = {"max": "min", "min": "max", "any": "all", "all": "any", "argmax": "argmin"}
 SECONDS = 300
-"""After which a mutant counts as killed: its tests run for ever."""
+"""Time (s) after which a mutant counts as killed: its tests run for ever."""
 
 
 class Mutant(NamedTuple):
@@ -51,7 +51,6 @@ class Mutant(NamedTuple):
 
     @property
     def tree(self) -> ast.Module:
-        """The module with it."""
         tree = ast.parse(path_of(self.module).read_text(encoding="utf-8"))
         setattr(next(itertools.islice(ast.walk(tree), self.place, None)), self.field, self.after)
         return tree
@@ -70,7 +69,7 @@ def mutants() -> list[Mutant]:
 
 
 def changes(node: ast.AST) -> Iterator[tuple[str, object, object]]:
-    """What can be made wrong in a node: field, content, and another content."""
+    """The possible changes of a node: field, content, and another content."""
     if isinstance(node, ast.BinOp | ast.BoolOp) and type(node.op) in OPERATORS and not joins_types(node):
         yield "op", node.op, OPERATORS[type(node.op)]()
     elif isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in OPERATORS:
@@ -108,11 +107,9 @@ class Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         self.file = str(path_of(mutant.module))
 
     def find_spec(self, fullname, path=None, target=None):
-        """Of that module only."""
         return importlib.util.spec_from_loader(fullname, self, origin=self.file) if fullname == self.name else None
 
     def exec_module(self, module: ModuleType) -> None:
-        """From the tree."""
         module.__file__ = self.file
         exec(compile(ast.fix_missing_locations(self.tree), self.file, "exec"), module.__dict__)
 

@@ -49,10 +49,10 @@ def judged(make: Callable[[], lieeuler.Problem], **options: Any) -> lieeuler.Sol
 def patience(seconds: float) -> Iterator[None]:
     """After so much computing a call is interrupted: odd numbers may ask for any number of steps.
 
-    Not after so long by the clock: a busy machine may let that pass before the call has begun.
+    Not by the clock: on a busy machine that time may pass before the call has begun.
     """
     before = signal.signal(signal.SIGPROF, signal.default_int_handler)
-    signal.setitimer(signal.ITIMER_PROF, seconds, seconds)  # again, where the first is lost in a callback
+    signal.setitimer(signal.ITIMER_PROF, seconds, seconds)  # again, in case the first is lost in a callback
     try:
         yield
     except KeyboardInterrupt:  # before or after the run, which answers with its solution
@@ -63,7 +63,7 @@ def patience(seconds: float) -> Iterator[None]:
 
 
 def case(random: Random) -> tuple[Callable[[], lieeuler.Problem], dict[str, Any]]:
-    """What makes a problem, for its making may be refused, and the arguments of `integrate`."""
+    """A function that makes a problem, which may be refused, and the arguments of `integrate`."""
     problem = random.choice(PROBLEMS)
     fields = {name: functools.partial(getattr, problem, name)
               for name in ("bodies", "joints", "gravity", "x", "R", "v", "w", "forces")}
@@ -89,7 +89,7 @@ def layouts(values: np.ndarray) -> tuple[Any, ...]:
 
 
 def number(random: Random) -> float:
-    """Mostly of a size a user may have; now and then any double."""
+    """Mostly of a usual size; now and then any double."""
     return random.choice(EXTREME) if random.random() < 0.2 else random.gauss(0, 1) * 10.0 ** random.randint(-8, 8)
 
 
@@ -112,7 +112,7 @@ def _change_body(random: Random, problem: lieeuler.Problem, fields: dict, option
 
 
 def _arguments(function: Callable[..., Any], random: Random, known: dict[str, Any]) -> dict[str, Any]:
-    """One value for every parameter: what is known, something of the kind its name tells, or anything."""
+    """One value for every parameter: a known one, one of the kind that its name tells, or anything."""
     def value(name: str) -> Any:
         if random.random() < 0.05:
             return random.choice(ODD)

@@ -49,7 +49,7 @@ def right_tangent(coordinate_map, theta):
 class Bodies:
     """Bodies under gravity (masses, inertias, gravity); a state is q = (x, R) and u = (v, w) of every body in turn.
 
-    `slips` says of each row whether it holds velocities alone.
+    `slips` tells for each row whether it constrains velocities alone.
     """
 
     slips = False
@@ -81,7 +81,7 @@ class Bodies:
         return x, R
 
     def momenta(self, h, xi, coordinate_map):
-        """Of a symplectic Euler step: those before it without its forces, and those after it."""
+        """Momenta of a symplectic Euler step: at its start, without its forces, and at its end."""
         before = self.M @ xi
         after = before.copy()
         for b in range(self.n):
@@ -237,7 +237,7 @@ def rattle_step(system, q0, u0, h, guess):
 
 
 def additive_steps(system, q, u, h):
-    """Comparator: the rotation matrix is added to, R + h R hat(w), as a vector would be; no group, no polish.
+    """Comparator: adds to the rotation matrix, R + h R hat(w), as if it were a vector; no group, no polish.
 
     Explicit in the accelerations of the index-1 system, so that a step is cheap. The centres of mass follow from the
     attitudes and the velocities are projected, so that both constraint levels hold and only the update differs. Joints

@@ -21,8 +21,8 @@ JOINTS = ("spherical", "universal", "revolute", "cylindrical", "prismatic", "pla
 FLAT = ("revolute", "prismatic", "planar", "fixed")
 METHODS = tuple(sorted(lieeuler.METHODS))
 LOOSE = 1e-5
-"""Of the sizes of the system, for the last state of a success: a thousand times what a run may open, for a run is held
-against its largest speed and length."""
+"""Bound on the last state of a success, over the sizes of the system: a thousand times what a run may open, for a run
+is held against its largest speed and length."""
 
 
 def decades(random: Random, most: float) -> float:
@@ -40,7 +40,7 @@ def axes(random: Random) -> np.ndarray:
 
 
 def body(random: Random, size: float) -> lieeuler.Body:
-    """Of any mass, and moments that a body can have: round, thin or small."""
+    """A body of any mass and of possible moments: round, thin or small."""
     mass = decades(random, 8)
     least = 10.0 ** -random.choice((0, 0, 0, 2, 6, 10))
     moments = np.array([least, 1.0, 1.0 + least * random.random()])
@@ -76,7 +76,7 @@ def joint(random: Random, kind: str, parent: int, child: int, x: np.ndarray, R: 
 
 
 def mechanism(random: Random, flat: bool = False) -> lieeuler.Problem:
-    """One to six bodies on a tree, with up to two more joints between any of them; flat: that stay in their planes."""
+    """One to six bodies on a tree, with up to two more joints between any of them; flat: all move in planes."""
     n, size = random.randint(1, 6), decades(random, 3)
     x, R = np.array([vector(random, size) for _ in range(n)]), np.array([axes(random) for _ in range(n)])
     normal = axes(random)[0] if flat else None
@@ -104,7 +104,7 @@ def mechanism(random: Random, flat: bool = False) -> lieeuler.Problem:
 
 
 def case(random: Random, flat: bool = False) -> tuple[Callable[[], lieeuler.Problem], dict[str, Any]]:
-    """What makes a problem, and the arguments of `integrate`."""
+    """A function that makes a problem, and the arguments of `integrate`."""
     draw = random.getrandbits(64)
     method = random.choice(METHODS)
     controls = lieeuler.METHODS[method].controls

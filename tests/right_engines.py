@@ -1,5 +1,5 @@
 """Right engines of our own that share only equations with the judge: orders 1 to 8, adaptive, other units, projected,
-attitudes that nobody normalises, and numbers of 32 bits that are declared as such."""
+attitudes without normalisation, and declared numbers of 32 bits."""
 
 from __future__ import annotations
 
@@ -49,25 +49,21 @@ TABLEAUX[7] = extrapolated(6)
 
 
 class Matrices:
-    """Runge-Kutta on x, R, v, w as plain numbers: attitudes are matrices that nobody makes orthogonal."""
+    """Runge-Kutta on x, R, v, w as plain numbers: nothing makes the attitudes orthogonal."""
 
     name = "right"
     methods = tuple(f"RK{order}" for order in TABLEAUX)
 
     def unsupported(self, scene, spec):
-        """Takes any scene that it is given."""
         return None
 
     def version(self):
-        """Of no package."""
         return "1"
 
     def documented_order(self, scene, spec):
-        """By the method's name."""
         return int(spec.method[2:])
 
     def held_levels(self, scene, spec):
-        """None is enforced."""
         return frozenset()
 
     def run(self, scene, spec):
@@ -93,12 +89,10 @@ class Matrices:
         return scene
 
     def rates(self, scene, t, x, R, v, w):
-        """Derivatives of a state."""
         a, alpha, _ = mechanics.index1(scene, x, R, v, w, t=np.array([t]))
         return v, R @ np.cross(np.eye(3), w[..., None, :]), a, alpha
 
     def step(self, scene, t, state, h, stages, weights):
-        """One step."""
         return self.moved(state, h, weights, self.stages(scene, t, state, h, stages))
 
     def stages(self, scene, t, state, h, stages):
@@ -115,7 +109,7 @@ class Matrices:
                 for k, part in enumerate(state)]
 
     def after(self, scene, state):
-        """The state that is gone on with."""
+        """The state from which the next step starts."""
         return state
 
 
@@ -123,7 +117,6 @@ class Rotations(Matrices):
     """The same, and the nearest rotation after every step."""
 
     def after(self, scene, state):
-        """R to the nearest rotation."""
         U, _, V = np.linalg.svd(state[1])
         return [state[0], U @ V, *state[2:]]
 
@@ -132,7 +125,6 @@ class Projected(Rotations):
     """The same, and states that satisfy positions and velocities of the joints after every step."""
 
     def held_levels(self, scene, spec):
-        """Positions and velocities."""
         return frozenset({"position", "velocity"})
 
     def after(self, scene, state):
@@ -156,7 +148,6 @@ class Millimetres(Rotations):
     """Lengths in mm, masses in g, times in ms."""
 
     def run(self, scene, spec):
-        """In these units, and the results in SI."""
         length, mass, time = 1e3, 1e3, 1e3
         bodies = tuple(dataclasses.replace(
             body, mass=body.mass * mass, inertia=np.asarray(body.inertia) * mass * length**2,
@@ -180,7 +171,6 @@ class Floats(Rotations):
     eps = 2.0**-23
 
     def after(self, scene, state):
-        """Rounded."""
         return [part.astype(np.float32).astype(float) for part in super().after(scene, state)]
 
 
@@ -190,7 +180,6 @@ class Adaptive(Rotations):
     methods = ("DP5",)
 
     def documented_order(self, scene, spec):
-        """Adaptive."""
         return None
 
     def run(self, scene, spec):

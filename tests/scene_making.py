@@ -61,7 +61,7 @@ def closed(scene: Scene) -> Scene:
 
 
 def drawn(draw: Callable[[], Scene]) -> Scene:
-    """The first scene of `draw()` that closes; from some states a joint closes with its axes opposite: no scene."""
+    """The first scene of `draw()` that closes; from some states a joint closes with opposite axes: no scene."""
     while True:
         try:
             return closed(draw())

@@ -36,7 +36,7 @@ TOKENS = ("=", "[", "]", "{", "}", '"', "'''", "#", "\n", ",", ".", "[[", "]]", 
 
 
 def judged(folder: Path, suffix: str, content: bytes) -> Scene | None:
-    """The scene of a file, None where it is refused; neither must break a rule."""
+    """The scene of a file, None if it is refused; neither may break a rule."""
     path = folder / f"fuzzed{suffix}"
     path.write_bytes(content)
     try:

@@ -1,4 +1,4 @@
-"""The steps of action.yml and of the workflows, run here as a runner would run them."""
+"""The steps of action.yml and of the workflows, run as by a runner."""
 
 from __future__ import annotations
 

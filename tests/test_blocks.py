@@ -1,6 +1,6 @@
 """Every code block of every document does what it says, each by itself: Python runs, files are read, commands run.
 
-What a block alone does not say stands in a comment of the document directly above it:
+A comment of the document directly above a block gives the context that it needs:
 
     <!-- run: as top.toml -->          the block is this file beside the document's other blocks
     <!-- run: after import crosscheck -->
@@ -39,7 +39,7 @@ from tests.scene.models.model_files import ARM_URDF
 BLOCK = re.compile(r"(?:<!-- run: (?P<how>[^\n]+) -->\n)?^```(?P<language>[\w{}-]*)[^\n]*\n(?P<text>.*?)^```$",
                    re.DOTALL | re.MULTILINE)
 SHOWN = {"math", "{toctree}", "{eval-rst}", "{code-cell}", "text"}
-"""What a reader looks at: formulas, the parts of the site, cells that run when it is built, output."""
+"""Blocks that are only read: formulas, parts of the site, cells that run when it is built, output."""
 QUICK = {"list", "import", "history"}
 SMOKE = "--profile smoke --jobs 1 --out out"
 SHORTER = {
@@ -65,7 +65,7 @@ class Block:
     how: str
 
     def told(self, word: str) -> str:
-        """What follows a word of the comment."""
+        """The text after a word of the comment."""
         return self.how.removeprefix(f"{word} ") if self.how.startswith(f"{word} ") else ""
 
     @property
@@ -103,7 +103,7 @@ def words_of(command: str) -> list[str]:
 
 
 def desk(block: Block, place, report=None) -> None:
-    """A folder with what the commands of a document speak of: its own files, the reader's, a report, a history."""
+    """A folder with the files that the commands of a document name: its own, the reader's, a report, a history."""
     for other in BLOCKS:
         if other.document == block.document and other.told("as"):
             (place / other.told("as")).write_text(other.text, "utf-8")
@@ -130,7 +130,7 @@ def desk(block: Block, place, report=None) -> None:
 
 
 def shortened(words: list[str]) -> list[str]:
-    """A command that asks for less of the same."""
+    """A shortened command."""
     line = " ".join(words)
     more = next((added for start, added in SHORTER.items() if line.startswith(start)), "")
     if words[0] == "verify" and "--scene" not in words:
@@ -193,7 +193,7 @@ def test_a_command_runs(block, command, report, tmp_path, monkeypatch):
 
 
 def assert_runs(words: list[str]) -> None:
-    """The command comes to its end; that it finds something to tell, exit code 1, is no fault."""
+    """The command ends; exit code 1, for findings, is no fault."""
     done = CliRunner().invoke(app, shortened(words[1:]))
     assert isinstance(done.exception, SystemExit | None), (done.output, done.exception)
     assert done.exit_code in (0, 1), done.output

@@ -15,7 +15,7 @@ from tests import ROOT
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 PACKAGES = ("lieeuler", "crosscheck")
 FOLDERS = (ROOT, ROOT / "docs", ROOT / "lieeuler" / "_core", ROOT / "crosscheck", ROOT / "lieeuler")
-"""Where a path in a document may start."""
+"""Folders in which a path in a document may start."""
 WRITTEN = ("reports/", "results/", "build/", ".venv/", ".github/", "my_")
 """Paths that a run, a build or the reader makes."""
 CODE = re.compile(r"`([^`\n]+)`")
@@ -38,7 +38,7 @@ def spans(document: Path, pattern: re.Pattern[str]) -> set[str]:
 
 @functools.cache
 def sources() -> str:
-    """All code of the checkout that a document may speak of."""
+    """All code of the checkout that a document may mention."""
     files = [file for folder in (*PACKAGES, "tests", "benchmarks", "examples", "tools", "scenarios")
              for kind in ("py", "pyi", "hpp", "cpp", "toml", "js") for file in (ROOT / folder).rglob(f"*.{kind}")
              if file.name != "test_docs.py"]
@@ -80,7 +80,7 @@ def test_what_a_document_names_exists(document):
 
 
 def test_what_is_missing_is_found(tmp_path):
-    """A seeded document: what does not exist is named, its neighbours that do are not."""
+    """A seeded document: missing things are named, existing ones are not."""
     (tmp_path / "there.md").touch()
     document = tmp_path / "wrong.md"
     document.write_text("`tests/nowhere.py` `tests/oracle.py` `nowhere.hpp` `model/joints.hpp` [a](gone.md)\n"

@@ -1,4 +1,4 @@
-"""What is installed: extras that hold together, files that go with the packages."""
+"""The installation: consistent extras, and the files that belong to the packages."""
 
 from __future__ import annotations
 

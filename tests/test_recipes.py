@@ -42,7 +42,7 @@ def inserted(path, before, text):
 
 @pytest.fixture(scope="module")
 def said(tmp_path_factory):
-    """Exit code, output and complaints of each command in a copy of the packages that has followed the recipes."""
+    """Exit code, output and errors of each command in a copy of the packages after the recipes."""
     copy = tmp_path_factory.mktemp("copy")
     for name in ("crosscheck", "scenarios"):
         shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
@@ -94,7 +94,7 @@ def test_the_recipe_of_a_joint_names_every_file():
 
 
 def test_the_steps_of_a_release(tmp_path, monkeypatch):
-    """The heading of the changelog has the version; an sdist of this checkout holds what a stranger builds from."""
+    """The heading of the changelog has the version; an sdist of this checkout has all files that a build needs."""
     version = importlib.metadata.version("lieeuler-crosscheck")
     assert re.findall(r"^## \[([^]]+)\] - (?:unreleased|20\d\d-\d\d-\d\d)$", (ROOT / "CHANGELOG.md").read_text("utf-8"),
                       re.MULTILINE)[0] == version

@@ -1,4 +1,4 @@
-"""Every command where no extra is installed: it works, or one line names the extra that it lacks."""
+"""Every command without extras: it works, or one line names the missing extra."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ LACK = {  # and what
 
 @pytest.fixture(scope="module")
 def ended(tmp_path_factory):
-    """Exit code, output and complaints of each command."""
+    """Exit code, output and errors of each command."""
     folder, site = tmp_path_factory.mktemp("here"), tmp_path_factory.mktemp("site")
     (site / "sitecustomize.py").write_text(HIDE.format(hidden=set(errors.EXTRAS)))
     text = (ROOT / "scenarios" / "single_pendulum.toml").read_text()

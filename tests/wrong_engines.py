@@ -1,4 +1,4 @@
-"""Engines with one deliberate mistake each: a right Munthe-Kaas stepper of our own, and what is done to its run.
+"""Engines with one deliberate mistake each: a right Munthe-Kaas stepper of our own, and changes of its run.
 
 The stepper solves the index-1 equations by dense algebra and projects; it shares nothing with lieeuler. A mistake is
 made from a scene, a generator and a size, so that seeds vary where and when it shows.
@@ -37,19 +37,15 @@ class Right:
     methods = ("RKMK1", "RKMK2", "RKMK4")
 
     def unsupported(self, scene, spec):
-        """Takes any scene."""
         return None
 
     def version(self):
-        """Of no package."""
         return "1"
 
     def documented_order(self, scene, spec):
-        """By the method's name."""
         return int(spec.method[-1])
 
     def held_levels(self, scene, spec):
-        """None is enforced."""
         return frozenset()
 
     def scene_at(self, scene, t):
@@ -57,7 +53,7 @@ class Right:
         return scene
 
     def run(self, scene, spec):
-        """Steps, reports, and what a mistake makes of both."""
+        """Makes the steps and the report; a mistake changes either."""
         per, h = steps_per_sample(scene, spec.step)
         stages, weights = TABLEAUX[int(spec.method[-1])]
         state = [scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]]
@@ -96,22 +92,18 @@ class Right:
         return [h * sum(weight * rate[part] for weight, rate in zip(row, rates, strict=True)) for part in range(4)]
 
     def accelerations(self, scene, x, R, v, w):
-        """Of the index-1 system."""
         return mechanics.index1(scene, x, R, v, w)[:2]
 
     def after(self, scene, t, state):
-        """The state that is gone on with after a step from t."""
+        """The state from which the next step starts, after a step from t."""
         return state
 
     def reported(self, scene, states):
-        """What is given away."""
         return states
 
 
 @dataclasses.dataclass(frozen=True)
 class Mistake:
-    """A class of wrong engines."""
-
     name: str
     make: Callable[[np.random.Generator], Right]
     orders: tuple[int, ...] = (4,)  # at which it can be seen
@@ -132,10 +124,7 @@ def late(name, factor):
         begin = random.uniform(0.1, 0.8)
 
         class Late(Right):
-            """See `late`."""
-
             def scene_at(self, scene, t):
-                """As the base, until it begins."""
                 return _changed(scene, **{name: factor}) if t > begin * scene.duration else scene
         return Late()
     return make
@@ -145,10 +134,7 @@ def reporting(change):
     """A run whose report is changed: `change(states, random)` returns the fields that differ."""
     def make(random):
         class Reporting(Right):
-            """See `reporting`."""
-
             def reported(self, scene, states):
-                """As the base, changed."""
                 return dataclasses.replace(states, **change(states, random))
         return Reporting()
     return make
@@ -160,10 +146,7 @@ def stepping(change):
         at = random.uniform(0.2, 0.8)
 
         class Stepping(Right):
-            """See `stepping`."""
-
             def after(self, scene, t, state):
-                """As the base, changed."""
                 return change(scene, t, state, at)
         return Stepping()
     return make
@@ -173,10 +156,7 @@ def accelerating(change):
     """Other equations: `change(scene, a, alpha, x, R, v, w)` returns a and alpha."""
     def make(random):
         class Accelerating(Right):
-            """See `accelerating`."""
-
             def accelerations(self, scene, x, R, v, w):
-                """As the base, changed."""
                 return change(scene, *super().accelerations(scene, x, R, v, w), x, R, v, w)
         return Accelerating()
     return make
@@ -191,7 +171,7 @@ def _turned(R, angle):
 
 
 def _shifted(states, share):
-    """Every field a share of an output interval late."""
+    """Every field late by a share of an output interval."""
     return {name: np.concatenate([part[:1], (1 - share) * part[1:] + share * part[:-1]])
             for name, part in (("x", states.x), ("v", states.v), ("w", states.w))}
 

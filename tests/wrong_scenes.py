@@ -1,4 +1,4 @@
-"""A scene with every kind of entry, and all the ways of getting it wrong, with the words they must be answered in."""
+"""A scene with every kind of entry, and every mistake in it with the words of its error."""
 
 from __future__ import annotations
 

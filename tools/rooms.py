@@ -31,7 +31,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "running": BASE | {"scene", "jobs", "references", "adapters"},
     "judge": BASE | {"scene", "document", "references"},
     "inspection": RUNS,
-    "diagnosis": JUDGED | {"verification"},  # what it has no objection to, the verdict has none to either
+    "diagnosis": JUDGED | {"verification"},  # accuses nothing that the verdict accepts
     "testing": JUDGED,
     "verification": JUDGED,
     "report": BASE | {"document"},

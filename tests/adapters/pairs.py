@@ -32,7 +32,7 @@ def torsion() -> Force:
 def loaded_pair(kind: str, inward: bool = False, spring: bool = True) -> Scene:
     """A body on a ball joint to the ground and a second one on a joint of type `kind`, moving and loaded.
 
-    `inward`: the joint calls the outer body its parent. `spring`: with a torsional spring where the type takes one.
+    `inward`: the outer body is the joint's parent. `spring`: adds a torsional spring if the joint type takes one.
     """
     rng = np.random.default_rng(100 + JOINT_TYPES.index(kind))
     ends = (1, 0) if inward else (0, 1)

@@ -19,10 +19,10 @@ def full_inertia() -> np.ndarray:
 def mixed_tree() -> Scene:
     """Ground, ball, hinge, then side by side a slider and (written from the outer to the inner body) a ball, moving.
 
-    States come from joint coordinates by formulas written out here, not by the code under test.
+    States come from joint coordinates by formulas of this file, not by the code under test.
     """
     axis, anchor = _unit([1.0, 2.0, -1.0]), np.array([0.1, -0.2, 0.5])
-    turn = np.eye(3)[:, [1, 2, 0]]  # the hinge's axis reads differently in its child: its zero is not the identity
+    turn = np.eye(3)[:, [1, 2, 0]]  # its components differ in the child: its zero is not the identity
     joints = (
         Joint("ball", "spherical", -1, 0, [0.3, 0.1, 0.0], anchor),
         Joint("hinge", "revolute", 0, 1, [0.0, 0.1, -0.4], [0.2, 0.0, 0.3], axis, turn.T @ axis),

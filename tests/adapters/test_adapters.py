@@ -87,7 +87,7 @@ def test_accelerations_are_those_of_the_scene(name: str, engine: str, method: st
     scene = _short(_with_full_inertia(crosscheck.load_scene(name)))
     states = _raw(scene, engine, method, form).states
     a, alpha, _ = mechanics.index1(scene, states.x, states.R, states.v, states.w)
-    first = 1 if engine == "exudyn" else 0  # its explicit solvers have none at the start
+    first = 1 if engine == "exudyn" else 0  # Exudyn's explicit solvers give none at the start
     assert np.isnan(states.a[:first]).all()
     # 1e-10: conditioning of two different eliminations of the same system
     assert _relative(states.a[first:], a[first:]) < 1e-10
@@ -150,7 +150,7 @@ def test_two_engines_agree_on_hinges_and_sliders() -> None:
     first = crosscheck.run(scene, "mujoco", "RK4", step=1e-3, monitor=False)
     second = crosscheck.run(scene, "pinocchio", "RKMK8", step=1e-2, monitor=False)
     finer = crosscheck.run(scene, "mujoco", "RK4", step=5e-4, monitor=False)
-    # an order-4 run is off by 16/15 of what halving its step changes; twice that covers the higher terms
+    # the error of an order-4 run is 16/15 of the change when its step is halved; twice that covers the higher terms
     assert np.abs(first.x - second.x).max() < 2 * np.abs(first.x - finer.x).max()
 
 
@@ -210,7 +210,7 @@ def test_held_levels_are_held() -> None:
 def test_cardan_order_stays_clear_of_gimbal_lock() -> None:
     runs = {name: _raw(crosscheck.load_scene(name), "exudyn", "RK44", "tree") for name in NAMES}
     chosen = {name: run.stats["cardan_order"] for name, run in runs.items()}
-    assert chosen["heavy_top"] == "XZY"  # XYZ passes within 2 degrees of the lock there
+    assert chosen["heavy_top"] == "XZY"  # there the angles XYZ pass within 2 degrees of gimbal lock
     assert {chosen[name] for name in NAMES if name != "heavy_top"} == {"XYZ"}
     assert all(run.stats["gimbal_clearance"] > exudyn_adapter.CLEARANCE for run in runs.values())
 
@@ -242,7 +242,7 @@ def test_newton_failure_carries_the_engine_words() -> None:
 
 
 def test_newton_tolerance_yields_to_rounding_near_rest() -> None:
-    """At rest the residual is small from the start, so it cannot drop by 1e-13; the run says what it took."""
+    """At rest the residual is small from the start and cannot drop by 1e-13; the run tells which tolerance it took."""
     moving = crosscheck.load_scene("double_pendulum")
     resting = moving.replace(bodies=tuple(
         dataclasses.replace(body, velocity=np.zeros(3), angular_velocity=np.zeros(3)) for body in moving.bodies))

@@ -60,7 +60,7 @@ def test_exudyn_index_2_holds_velocities_alone(node: str) -> None:
 
 @pytest.mark.parametrize("method", ["DAE1L_LSE", "DAE1H_LSE"])
 def test_ours_hold_all_three_levels_at_rounding(method: str) -> None:
-    """No row above does: of each at least one level is millions of roundings off."""
+    """No run above holds all levels: at least one level of each is millions of roundings off."""
     levels = _levels("lieeuler", method, 1e-3, form=None)
     print(f"lieeuler {method}:", levels)
     assert (levels < [tolerances.HELD[level] for level in LEVELS]).all()

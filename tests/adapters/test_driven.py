@@ -1,4 +1,4 @@
-"""Engines on scenes that depend on time: their documented orders, and reasons where they cannot."""
+"""Engines on scenes that depend on time: their documented orders, and their reasons if they cannot run them."""
 
 import dataclasses
 
@@ -16,7 +16,7 @@ CASES = [("mujoco", "RK4", 1e-2), ("mujoco", "implicitfast", 2e-3), ("pinocchio"
 
 @pytest.mark.parametrize(("engine", "method", "step"), CASES)
 def test_documented_order_on_a_driven_pendulum(engine, method, step):
-    """A force held over a step, or taken at its wrong end, leaves order one."""
+    """A force that is held over a step, or taken at the wrong end of it, reduces the order to one."""
     scene = crosscheck.load_scene("driven_double_pendulum").replace(duration=0.5, samples=6)
     exact = references.truth(scene).states
     errors = [np.abs(crosscheck.run(scene, engine=engine, method=method, step=h).x - exact.x).max()

@@ -1,4 +1,4 @@
-"""The end-error table of the engine notes: an adapter that misses a row has built another system.
+"""The end-error table of the engine notes: an adapter that misses a figure has built another system.
 
 End error: max over bodies of |x - x_ref| at the end, m. Figures of two digits, hence 10 %; below 1e-10 round-off of
 the run and of the truth enters, hence a factor of 2.

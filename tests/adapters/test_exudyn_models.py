@@ -57,14 +57,14 @@ def _loads(system: Any) -> list[dict[str, Any]]:
 
 
 def _load_count(scene: Scene) -> int:
-    """Loads of Exudyn: one each, but for a motor one on either body that its joint has."""
+    """Number of Exudyn's loads: one for each force, and one on each body of a motor's joint."""
     bodies = {joint.name: (joint.parent, joint.child) for joint in scene.joints}
     return sum(1 if force.joint is None else sum(body != GROUND for body in bodies[force.joint])
                for force in scene.forces if force.type not in NO_LOADS)
 
 
 def _check_springs(scene: Scene, objects: list[dict[str, Any]]) -> None:
-    """Each spring has its own stiffness and damping, nothing else that Exudyn's springs could have."""
+    """Each spring has its own stiffness and damping, and none of the other properties of Exudyn's springs."""
     for force, found in zip((f for f in scene.forces if f.type in NO_LOADS), objects, strict=True):
         p = force.parameters
         assert (found["stiffness"], found["damping"]) == (p["stiffness"], p["damping"])
@@ -185,11 +185,11 @@ def test_redundant_loops_converge_to_truth(name: str, form: str, node: str | Non
         run = crosscheck.run(scene, "exudyn", "GeneralizedAlpha", step=step, form=form, node=node)
         errors.append([np.abs(getattr(run, field) - getattr(truth, field)).max() for field in ("x", "R", "v", "w")])
     assert np.log2(np.divide(*errors)).min() > 2 - 0.15  # the house band
-    assert run.stats["constraint_position"] < 1e-11  # of all rows, those left out too
+    assert run.stats["constraint_position"] < 1e-11  # of all rows, including those left out
 
 
 def test_index_2_on_a_redundant_spatial_loop_is_of_its_order() -> None:
-    """With all its rows Exudyn ended here: positions drift, and dependent rows of velocities contradict each other."""
+    """With all rows Exudyn fails here: positions drift, and dependent velocity rows contradict each other."""
     scene = crosscheck.load_scene("bricard").replace(duration=1.0, samples=3)
     truth = crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-12)
     coarse, fine = (np.abs(crosscheck.run(scene, "exudyn", "TrapezoidalIndex2", step=h).x - truth.x).max()
@@ -217,7 +217,7 @@ def test_loops_have_independent_rows(name: str) -> None:
 @pytest.mark.parametrize("form", ["maximal", "tree"])
 @pytest.mark.parametrize("method", ["GeneralizedAlpha", "TrapezoidalIndex2"])
 def test_the_squeezer_runs(method: str, form: str) -> None:
-    """Nine of its fifty rows depend on others; with all of them Exudyn ends in its first step."""
+    """Nine of its fifty rows depend on others; with all of them Exudyn fails in its first step."""
     scene = crosscheck.load_scene("squeezer").replace(duration=1e-3, samples=6)
     run = crosscheck.run(scene, "exudyn", method, step=1e-5, form=form)
     assert np.abs(run.x - crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-12).x).max() < 2e-9
@@ -232,7 +232,7 @@ def test_torsional_springs_count_full_turns(method: str, form: str, node: str | 
     angle = mechanics.torsion_angles(scene, truth.states.R, truth.states.w, scene.t)["hinge"]
     assert np.ptp(angle) > 4 * np.pi
     run = crosscheck.run(scene, "exudyn", method, step=step, form=form, node=node)
-    # an angle off by one turn is a torque off by 3.8 N m: after seconds of it nothing is right any more
+    # an angle off by one turn is a torque off by 3.8 N m, which ruins the motion within seconds
     assert np.abs(run.x - truth.states.x).max() < 1e-3
     assert np.abs(run.R - truth.states.R).max() < 1e-2
 

@@ -13,7 +13,7 @@ from tests.scene.test_coordinates import body, joint, load
 
 STEP = 1e-3
 NEWTON = {"x": 1e-11, "R": 1e-10, "v": 1e-9, "w": 1e-8}
-"""Both stop Newton's method at the same residual; the optimised build, which the adapter takes, rounds otherwise, and a
+"""Both stop Newton's method at the same residual, but the optimised build of the adapter rounds differently, and a
 change of a position is one of velocity over the step. The largest seen on the library: 5e-13, 3e-11, 2e-10, 2e-9."""
 
 FAST = ("driven_double_pendulum", "slider_crank")

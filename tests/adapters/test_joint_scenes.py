@@ -42,8 +42,8 @@ def test_first_order_against_truth(name, method, windows):
             found.append(np.abs(getattr(traj, quantity) - getattr(states, quantity)[:count + 1]).max())
     orders = {}
     for quantity, found in errors.items():
-        if max(found) < 1e-12:  # this quantity does not change in the scene, or the method has it exactly
+        if max(found) < 1e-12:  # the scene does not change this quantity, or the method computes it exactly
             continue
         orders[quantity] = np.polyfit(np.log(STEPS), np.log(found), 1)[0]
-    assert min(orders.values()) > 0.9, orders  # one quantity may do better where symmetry cancels its first-order term
+    assert min(orders.values()) > 0.9, orders  # symmetry may cancel the first-order term of one quantity
     assert sum(order < 1.1 for order in orders.values()) >= 2, orders

@@ -62,7 +62,7 @@ def test_forces_are_the_common_ones_and_their_derivatives_hold(parent, seed):
     from crosscheck.adapters.lieeuler import _force
 
     rng = np.random.default_rng(seed)
-    aligned = aligned_pair(rng, parent)  # the angle of a torsional spring is meant for axes that coincide
+    aligned = aligned_pair(rng, parent)  # the angle of a torsional spring is defined for axes that coincide
     scene = make_scene(list(aligned.bodies), list(aligned.joints), [
         *springs(rng, parent, damping=0.7, loads=True), *driven(rng)])
     system = _kernel.System(list(scene.masses), list(scene.inertias), scene.gravity)

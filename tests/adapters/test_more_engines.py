@@ -1,4 +1,4 @@
-"""Drake and DART, where they are installed: joints, orders, error control, levels; what is said where they are not."""
+"""Drake and DART, where they are installed: joints, orders, error control, levels; and the message if they are not."""
 
 import importlib.metadata
 import importlib.util
@@ -77,7 +77,7 @@ def test_joint_coordinates_hold_all_levels(engine):
                                               ("universal_pendulum", "type universal is not built")])
 def test_what_they_cannot_model_has_a_reason(engine, name, reason):
     scene = crosscheck.load_scene(name)
-    adapter = adapters.get(engine)  # to say so takes no package
+    adapter = adapters.get(engine)  # the refusal needs no package
     assert reason in adapter.unsupported(scene, RunSpec(adapter.methods[0], step=1e-3))
 
 

@@ -161,7 +161,7 @@ def test_tight_constraints_converge_to_truth(name: str, form: str, method: str) 
         run = crosscheck.run(scene, "mujoco", method, step=step, form=form, monitor=False)
         errors.append([np.abs(getattr(run, field) - getattr(truth, field)).max() for field in ("x", "R", "v", "w")])
     orders = np.log2(np.divide(*errors))
-    # the house bands; from above, where the first term is not alone yet
+    # the usual bands; from above, as higher terms still contribute
     assert orders.min() > 1 - 0.1
     if method == "RK4":
         assert orders[:2].min() > 2 - 0.15
@@ -212,7 +212,7 @@ def test_what_cannot_be_modelled_is_said() -> None:
     guides = [dataclasses.replace(joint, type="prismatic", parent_axis=np.eye(3)[0], child_axis=np.eye(3)[0])
               for joint in crank.joints]
     assert "closes a loop" in (_reason(crank.replace(joints=tuple(guides)), "tree") or "")
-    # both hinges of a loop's last body sprung: one of them is no coordinate
+    # both hinges of a loop's last body have springs, but one of them is no coordinate
     bar = crosscheck.load_scene("four_bar")
     sprung = tuple(Force("torsional_spring", None, None, joint.name,
                          {"stiffness": 1.0, "rest_angle": 0.0, "damping": 0.0}) for joint in bar.joints)
@@ -223,7 +223,7 @@ def test_what_cannot_be_modelled_is_said() -> None:
 @pytest.mark.parametrize(("name", "form"), [("heavy_top", "maximal"), ("slider_crank", "tree")])
 @pytest.mark.parametrize("monitor", [True, False])
 def test_divergence_under_constraints_is_an_engine_error(name: str, form: str, monitor: bool) -> None:
-    """With a step of half a second every stage is far outside the region of stability; nothing is reset in silence."""
+    """With a step of half a second every stage is far outside the region of stability; nothing is reset silently."""
     scene = crosscheck.load_scene(name).replace(duration=200.0, samples=3)
     with pytest.raises(EngineError, match=r"MuJoCo warned: .*Try a smaller step|diverged"):
         crosscheck.run(scene, "mujoco", "RK4", step=0.5, form=form, monitor=monitor)

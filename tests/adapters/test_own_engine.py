@@ -1,4 +1,4 @@
-"""Engines of the user's own: the documented example, the defaults, one clear error for everything that is missing."""
+"""Engines of the user: the documented example, the defaults, one clear error for everything that is missing."""
 
 import os
 import subprocess
@@ -28,7 +28,7 @@ def test_the_example_is_judged_like_a_built_in_engine(verified):
     record, elsewhere = (record for record in verified.records if record.engine == EXAMPLE)
     assert record.outcome == "pass"
     assert record.documented_order == 4
-    # Four evaluations of a smooth right-hand side: the order of the classical method, to the margin of every test here.
+    # Four evaluations of a smooth right-hand side: the order of the classical method, to the usual margin.
     assert record.orders["position"].observed == pytest.approx(4.0, abs=0.15)
     assert elsewhere.outcome == "unsupported"
     assert elsewhere.message == "it knows one body on a ball joint with the ground"

@@ -30,7 +30,7 @@ def _relative(found: np.ndarray, wanted: np.ndarray) -> float:
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", ["mixed", "slider_crank", "branching_tree"])
 def test_model_is_the_scene_and_nothing_else(name: str, form: str) -> None:
-    """Masses and inertias add up to the bodies', whatever was cut; there is nothing that resists or limits motion."""
+    """Masses and inertias add up to those of the bodies, whatever was cut; nothing resists or limits motion."""
     scene = loaded_pair("cylindrical") if name == "mixed" else crosscheck.load_scene(name)
     own = _model(scene, form)
     model = own.model
@@ -53,7 +53,7 @@ def test_model_is_the_scene_and_nothing_else(name: str, form: str) -> None:
 @pytest.mark.parametrize("inward", [False, True])
 @pytest.mark.parametrize("kind", JOINT_TYPES)
 def test_every_joint_under_every_force(kind: str, inward: bool, form: str) -> None:
-    """The start is the scene's, and accelerations and reactions there are those of its equations of motion."""
+    """The initial state is that of the scene; its accelerations and reactions solve the equations of motion."""
     scene = loaded_pair(kind, inward)
     dynamics = Dynamics(_model(scene, form))
     q, v = dynamics.model.initial_state()
@@ -89,11 +89,11 @@ def test_order_on_composites_and_cut_bodies(name: str, form: str, method: str, c
 
 
 def test_baumgarte_gains_act_as_stated() -> None:
-    """G a + gamma = -2 alpha G u - beta^2 Phi; exactly so where nothing turns, and with gains the drift falls."""
+    """G a + gamma = -2 alpha G u - beta^2 Phi; exactly so if nothing turns, and gains reduce the drift."""
     scene = crosscheck.load_scene("single_pendulum")
     dynamics = Dynamics(_model(scene, "maximal"), alpha=20.0, beta=15.0)
     q, v = dynamics.model.initial_state()
-    q[:3] += [1e-3, -2e-3, 3e-3]  # a body that has left its joint, and drifts on
+    q[:3] += [1e-3, -2e-3, 3e-3]  # a body that has left its joint and keeps drifting
     v[:] = [0.01, 0.02, -0.03, 0.0, 0.0, 0.0]
     at = dynamics.model.states(np.zeros(1), q[None], v[None], dynamics(q, v)[None])
     constraints, state = Constraints(scene), (at.x, at.R, at.v, at.w)
@@ -144,7 +144,7 @@ def test_least_norm_is_what_constraint_dynamics_finds_where_rows_are_independent
     dynamics = Dynamics(_model(scene, "maximal"), 3.0, 2.0)
     (q, v), rng = dynamics.model.initial_state(), np.random.default_rng(2)
     q = pinocchio.integrate(dynamics.model.model, q, 1e-2 * rng.normal(size=len(v)))
-    v = v + 0.1 * rng.normal(size=len(v))  # off the constraints, so that both gains act
+    v = v + 0.1 * rng.normal(size=len(v))  # a state off the constraints, so that both gains act
     wanted, torque = dynamics(q, v), np.zeros(len(v))
     forces = [each.contact_force.vector.copy() for each in dynamics.closure.workspaces]
     found = redundant.accelerations(dynamics.model.model, dynamics.data, dynamics.closure, q, v, torque)

@@ -1,4 +1,4 @@
-"""Engines on bodies that roll: Exudyn's disks at their order, and reasons of those who cannot."""
+"""Engines on bodies that roll: Exudyn's disks at their order, and the reasons of the others."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_exudyn_rolls_disks_at_its_order(change, method):
         errors.append([np.abs(getattr(run, key) - getattr(truth, key)).max() for key in ("x", "R", "v", "w")])
     orders = np.log2(np.divide(*errors))
     assert np.abs(orders[:2] - 2).max() < 0.1
-    assert orders.min() > 1.9  # velocities may gain more, from errors that two terms share
+    assert orders.min() > 1.9  # velocities may gain more, as two terms share the error
     assert run.constraint_velocity.max() < 1e-12  # of some 5 m/s
     assert run.constraint_position.max() > 1e-9  # Exudyn takes its rows at velocity level, the height's too
 

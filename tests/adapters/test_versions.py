@@ -47,7 +47,7 @@ def test_the_same_version_in_another_process_gives_the_same_bits(borrowed):
 
 
 def test_a_version_spelt_otherwise_than_it_is_installed_is_refused(borrowed):
-    """Pip takes "4" for 4.0.0; the labels of a report name what ran."""
+    """Pip takes "4" for 4.0.0; the labels of a report name the version that ran."""
     version = provenance.engine_version("mujoco")
     other = f"{version}.0"
     versions.folder("mujoco", other).symlink_to(versions.folder("mujoco", version))
@@ -121,7 +121,7 @@ def test_a_failed_installation_is_one_clear_error(said, words, tmp_path, monkeyp
         adapters.get("mujoco==9.9")
     assert str(caught.value).startswith("mujoco==9.9: ")
     assert words in str(caught.value)
-    assert list((tmp_path / "engines").iterdir()) == []  # nothing half made is left, or would be taken next time
+    assert list((tmp_path / "engines").iterdir()) == []  # nothing half made is left for the next time
 
 
 def test_a_cache_that_cannot_be_written(monkeypatch):

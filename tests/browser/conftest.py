@@ -15,7 +15,7 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "
 
 @pytest.fixture(scope="session")
 def browser():
-    """The system's Chromium; without one the tests skip, where skips are allowed."""
+    """The system's Chromium; without it the tests are skipped, if skips are allowed."""
     reason = None if BROWSER else "no Chromium on this machine (Debian, Ubuntu: apt-get install chromium)"
     try:
         from playwright.sync_api import sync_playwright
@@ -52,7 +52,7 @@ def home(site):
 
 
 class Watched:
-    """A page that remembers what it complained of and what it asked a network for."""
+    """A page that records its errors and its requests to a network."""
 
     def __init__(self, context, folder):
         self.page, self.folder = context.new_page(), folder
@@ -71,7 +71,7 @@ class Watched:
 
 @pytest.fixture
 def watched(browser, site, request):
-    """Opens pages of the report; whatever a test does, no page may complain or ask a network for anything.
+    """Opens pages of the report; whatever a test does, no page may report an error or ask a network for anything.
 
     Options of the browser's context come by indirect parameters.
     """

@@ -1,4 +1,4 @@
-"""One page of every kind beside a report, from figures that are made up: studies, a sweep, the history, a trend."""
+"""One page of every kind beside a report, from made-up figures: studies, a sweep, the history, a trend."""
 
 import itertools
 
@@ -93,7 +93,7 @@ def long_runs(drift, chaos):
 
 
 def sweep(out):
-    """Two ways, one parameter, a cell that failed."""
+    """Two methods, one parameter, a cell that failed."""
     rows = [{"cell": f"{index:04x}", "scene": "single_pendulum", "engine": engine, "method": method, "form": None,
              "step": 1e-2, "rtol": np.nan, "member": index, "bodies.pendulum.mass": 1.0 + index % 3,
              "status": "error" if index == 5 else "success", "position_error": 1e-4 * (1 + index),

@@ -58,7 +58,7 @@ def test_a_click_isolates_a_run_and_escape_ends_it(watched):
     page = watched.open(SCENE)
     page.wait_for_selector("[data-figure='speed'] .main-svg")
     button = page.locator("[data-legend] button[data-run='mujoco RK4']").first
-    button.focus()  # what the keyboard is at stands out
+    button.focus()  # the element with the keyboard focus stands out
     assert {name for name, opacity in page.evaluate(OPACITIES) if opacity == ""} == {"mujoco RK4"}
     page.keyboard.press("Enter")
     assert button.get_attribute("aria-pressed") == "true"

@@ -83,12 +83,12 @@ def test_the_history_draws_every_scene_and_run(watched):
     assert page.locator("table[data-filter='scenes'] td .quiet").first.inner_text() == "1 fail, 1 partly"
     row = page.locator("table[data-filter='runs'] tbody tr", has_text="single pendulum").first
     assert row.locator("polyline").count() == 3
-    assert row.locator("td").last.locator("circle").count() == 1  # the speed moved once
+    assert row.locator("td").last.locator("circle").count() == 1  # the speed changed its level once
     assert "0.01 to 0.013" in row.inner_text()
 
 
 def test_a_night_is_told_of_the_folders_beside_the_nights(tmp_path):
-    """Folders that are no pages of ours, and those that cannot be written, change nothing."""
+    """Folders with other pages, and folders that cannot be written, change nothing."""
     for place in ("latest", "nightly/2026-11-01", "strange"):
         folder = tmp_path / "reports" / place
         folder.mkdir(parents=True)

@@ -29,12 +29,12 @@ def column(page, table, index):
 
 
 def picture(page):
-    """The canvas as it is now."""
+    """The present content of the canvas."""
     return page.evaluate("document.getElementById('stage').toDataURL()")
 
 
 def check_pages(watched, names):
-    """Every figure is drawn, nothing is cut, nothing complains."""
+    """Every figure is drawn, nothing is cut, and there is no error."""
     for name in names:
         page = watched.open(name)
         for figure in page.query_selector_all("[data-figure]"):
@@ -289,7 +289,7 @@ def test_the_pdf_begins_with_a_summary_of_one_page(browser, site, tmp_path):
     assert short.metadata.title.startswith("crosscheck, 20")
     first = " ".join(short.pages[0].extract_text().split())
     assert first.startswith("Report of crosscheck, 20")
-    assert "What is wrong" in first  # the rest has a ligature
+    assert "What is wrong" in first  # the rest of the word has a ligature
     assert not (folder / "summary.html").exists()
     report(folder, "pdf", appendix=True)
     assert len(PdfReader(folder / "report.pdf").outline) == 1 + len(pages(site))

@@ -8,7 +8,7 @@ from tests.browser.pages_making import SCENES, stability
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A page of figures made up, with a failure of every kind."""
+    """A page of made-up figures, with a failure of every kind."""
     out = tmp_path_factory.mktemp("stability")
     stability(out)
     return out
@@ -23,7 +23,7 @@ def test_the_page_draws_its_figure_and_fits(browser, folder, width, scheme):
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert page.evaluate("document.documentElement.dataset.theme") == scheme
     shown = "document.getElementById('dots').data.flatMap(trace => trace.y)"
-    assert len(page.evaluate(shown)) == 4  # one way is not supported on the first scene
+    assert len(page.evaluate(shown)) == 4  # one method is not supported on the first scene
     page.select_option("#scene", "fast_top_1500")
     assert "lieeuler DAE1H_LSE" in page.evaluate(shown)
     page.select_option("#value", "common_error")

@@ -1,4 +1,4 @@
-"""The command line: what it prints, and what it answers to mistakes."""
+"""The command line: its output, and its answers to mistakes."""
 
 import ast
 import csv
@@ -258,7 +258,7 @@ def test_an_interrupt_ends_the_workers_and_says_so(tmp_path):
     process = subprocess.Popen([sys.executable, "-m", "crosscheck", "verify", "--scene", "double_pendulum",
                                 "--engine", "pinocchio", "--out", str(tmp_path / "out")], text=True,
                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
-    time.sleep(5)  # in the midst of its cells, which take a minute
+    time.sleep(5)  # while it computes its cells, which takes a minute
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=20)
     assert process.returncode == 130

@@ -1,4 +1,4 @@
-"""Tables at three widths: every figure stands whole on its line, beside the name of its row."""
+"""Tables at three widths: no figure is cut, and each stands beside the name of its row."""
 
 import re
 

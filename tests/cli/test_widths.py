@@ -1,4 +1,4 @@
-"""What commands print at 80, 120 and 200 columns: nothing wider, every figure whole, and as it was read.
+"""The output of commands at 80, 120 and 200 columns: nothing wider, no figure cut, and as in the snapshots.
 
 `python -m tests.cli.test_widths` writes the snapshots anew; read them before they are committed.
 """

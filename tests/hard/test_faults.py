@@ -1,5 +1,5 @@
 """Disks that are full, folders that cannot be written, a clock that goes back, a store that is lost, workers that die:
-one line, nothing half, and the same command goes on.
+one line, nothing half written, and the same command goes on.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def test_a_store_that_is_lost_in_the_midst_is_one_line_and_nothing_runs_twice(tm
 
 @pytest.mark.parametrize("moment", range(8))
 def test_a_worker_killed_at_each_stage_costs_its_own_run_at_most(moment, tmp_path):
-    """Killed within the task after so many: truth is made again, a run is an error or as it was."""
+    """Killed within a task, after so many tasks: truth is computed again; a run is an error or unchanged."""
     import psutil
 
     generator = random.Random(moment)

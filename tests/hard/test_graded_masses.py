@@ -87,7 +87,7 @@ def test_between_masses_of_ten_decades_accelerations_are_exact(seed):
 
 @pytest.mark.parametrize("seed", [4000823, 4001307, 4001600, 4000774])
 def test_loops_between_masses_of_ten_decades_are_held(seed):
-    """Which rows depend on others is a matter of the rows alone: with the masses in it, it was miscounted."""
+    """The number of dependent rows does not depend on the masses, however they differ."""
     make, options = random_mechanisms.case(Random(seed))
     solution = lieeuler.integrate(make(), **options)
     assert solution.success

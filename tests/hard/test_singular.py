@@ -1,4 +1,4 @@
-"""Steps far too large, positions where rank drops, starts that contradict themselves: a named end or a right answer."""
+"""Steps far too large, positions where the rank drops, inconsistent starts: a named status or a right answer."""
 
 import copy
 import json
@@ -58,7 +58,7 @@ def test_a_parallelogram_passes_flat_positions_on_its_branch_or_says_why_not(met
 @pytest.mark.parametrize(("name", "method", "step"), [("parallelogram", "rattle2", 1.6e-3),
                                                       ("double_four_bar", "DAE3L_LE", 5e-4)])
 def test_newton_ends_where_rounding_at_a_singular_position_does(name, method, step):
-    """There it leaves corrections of 8e-12 and 5e-11, which no iteration makes smaller; the run goes on, closed."""
+    """There corrections stay at 8e-12 and 5e-11, which no iteration makes smaller; the run goes on, closed."""
     run = lieeuler.integrate(build_problem(crosscheck.load_scene(name)), method, step, [0.0, 1.0], reduce="off")
     assert run.status is lieeuler.Status.SUCCESS
     assert run.stats.maxima["constraint_position"] < 1e-14
@@ -131,7 +131,7 @@ def test_a_chain_almost_fully_stretched_stays_closed_and_symmetric(method):
 
 
 def test_a_slider_crank_passes_its_dead_centres():
-    """The slider turns round at each; energy and joints know nothing of it."""
+    """The slider turns back at each dead centre, which neither energy nor joints show."""
     scene = crosscheck.load_scene("slider_crank")
     traj = crosscheck.run(scene, "lieeuler", "rattle4", step=1e-3)
     along = traj.x[:, 2] - traj.x[:, 2].mean(axis=0)

@@ -96,7 +96,7 @@ def test_an_engine_that_slows_down_as_a_whole_shows_through_the_noise_of_its_run
     assert told(noisy(1.0, 14, 1), noisy(1.0, 14, 2)) == []
     assert told(noisy(1.0, 14, 1), noisy(1.4, 14, 3)) == [("speed", "mujoco", True)]
     assert told(noisy(1.4, 14, 1), noisy(1.0, 14, 3)) == [("speed", "mujoco", False)]
-    assert told(noisy(1.0, 4, 1), noisy(1.4, 4, 3)) == []  # too few to speak of all
+    assert told(noisy(1.0, 4, 1), noisy(1.4, 4, 3)) == []  # too few runs for a statement about all
     pairs = range(0, 400, 2)
     alarms, found = (sum(bool(told(noisy(1.0, 14, seed), noisy(factor, 14, seed + 1))) for seed in pairs)
                      for factor in (1.0, 1.3))
@@ -134,7 +134,7 @@ def test_change_points_of_a_speed_are_steps_and_not_single_nights():
     assert change_points(speeds([1.0] * 5)) == []
     assert change_points(speeds([1.0, 1.01, 0.99, 1.3, 1.31, 1.3, 1.0, 1.0])) == [3, 6]
     assert change_points(speeds([1.0, 1.0, 1.5, 1.0, 1.0])) == []
-    assert change_points(speeds([1.0, 1.0, 1.3])) == [2]  # the last one: nobody knows yet whether it stays
+    assert change_points(speeds([1.0, 1.0, 1.3])) == [2]  # the last run: whether the change persists is unknown
     assert change_points([]) == []
 
 

@@ -138,7 +138,7 @@ def test_a_wrong_coefficient_and_another_version_are_named_on_the_first_page(und
         assert change["text"].split("'")[0] in page
     assert "version 0.1.0, now 0.1.1" in done.stdout
     assert f"- accuracy: {FEW} rattle4 on single_pendulum: " in done.stdout
-    # It is compared with the last good run, and it is not one: mended, there is nothing to tell.
+    # A failed run is no reference: once mended, a run equals the last good one, and nothing is reported.
     assert latest(out)["meta"]["compared_with"] == recent(open_store(out.parent / "history.sqlite"))[1].name
     mended = night(out, *QUICK)
     assert (mended.returncode, latest(out)["changes"]) == (0, []), mended.stdout

@@ -14,7 +14,7 @@ PLAIN = ARM_URDF.replace('<dynamics damping="0.5"/>', "").replace('<dynamics dam
 MJCF = ARM_MJCF.format(quat="0.8 0.6 0 0", turn="1 0 0 0", inertia="0.1 0.12 0.05 0.01 0.002 0").replace(
     'damping="0.5"', 'damping="0.5" armature="0.3"')
 
-URDF_MISTAKES = [  # what is written in place of what, and what has to be said
+URDF_MISTAKES = [  # the text replaced, its replacement, and the words of the finding
     ('rpy="0.3 0.2 0.1"/><mass value="1"', 'rpy="0 0 0"/><mass value="1"', "inertial rotation of upper lost or turned"),
     ('rpy="0.3 0.2 0.1"/><mass value="1"', 'rpy="0.3 0.2 -0.1"/><mass value="1"', "inertial rotation of upper"),
     ('<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>', "axis of joint shoulder is flipped"),

@@ -15,7 +15,7 @@ GUARD = Limits(time=60.0)
 
 
 def after(*task, limits=GUARD):
-    """The result of a task, and that of one after it in the same worker, if that is still there."""
+    """The result of a task, and that of the next one in the same worker, if the worker still exists."""
     found, *rest = grid.run_tasks(tasks.call, [task, (tasks.square_or_die, 2), (tasks.square_or_die, 3)], 1,
                                   limits=limits)
     assert rest == [4, 9]

@@ -1,4 +1,4 @@
-"""The journal: what is in it survives, what a kill cut short is dropped, what comes out is what went in."""
+"""The journal: complete lines survive, a line cut by a kill is dropped, and values are read back as written."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""What an engine says of itself: its tolerance, its steps, what its Newton iteration leaves, its numbers."""
+"""What an engine declares: its tolerance, its steps, its Newton residual, the precision of its numbers."""
 
 import dataclasses
 
@@ -42,7 +42,6 @@ class Loose(Adaptive):
         self.times = times
 
     def run(self, scene, spec):
-        """As the base."""
         return super().run(scene, dataclasses.replace(spec, rtol=min(0.5, self.times * spec.rtol)))
 
 
@@ -64,10 +63,7 @@ def test_every_tolerance_that_is_taken_for_another_fails(monkeypatch, times, out
 def hidden(base, count, counted=False):
     """An engine that takes `count` steps for each that it is asked for."""
     class Hidden(base):
-        """See `hidden`."""
-
         def run(self, scene, spec):
-            """As the base, with shorter steps."""
             h = steps_per_sample(scene, spec.step)[1]
             raw = super().run(scene, dataclasses.replace(spec, step=h / count))
             return raw if counted else RawRun(raw.states, raw.wall_time, raw.steps // count, h, maxima=raw.maxima)

@@ -1,4 +1,4 @@
-"""Jumps no motion makes: silent resets and discontinuities, provoked on a true motion."""
+"""Jumps that no motion has: silent resets and discontinuities, made in a true motion."""
 
 import dataclasses
 
@@ -34,7 +34,7 @@ def test_a_reset_to_the_start_is_seen_twice(scene, truth):
     states, parts = truth.states, {}
     for name in "xRvw":
         values = getattr(states, name)
-        parts[name] = np.concatenate([values[:30], values[:21]])  # goes on from the start, as an autoreset does
+        parts[name] = np.concatenate([values[:30], values[:21]])  # starts again, as after an automatic reset
     found = judged(scene, changed(states, **parts), truth)
     assert found["reset"].status == "fail"
     assert found["reset"].value == 1

@@ -1,4 +1,4 @@
-"""Every interval of a run from its own state: what right methods may miss there, and what stands out of it."""
+"""Every interval of a run from its own state: the errors allowed to right methods, and those beyond."""
 
 import dataclasses
 import functools
@@ -98,7 +98,7 @@ def test_what_the_engine_says_of_its_start_is_compared_with_the_scene():
     runs = changed(runs_of(scene_of("single_pendulum"), "DAE1L_LSE", step), x=lambda x: x + 1e-9)
     found = failing("single_pendulum", runs, Claim(order, step, None))
     assert found["interval position"].detail == "at t = 0, from the scene's start"
-    # An engine in single precision cannot say it better.
+    # An engine in single precision has no more digits.
     assert "interval position" not in failing("single_pendulum", runs, Claim(order, step, None, eps=2.0**-23))
 
 

@@ -1,4 +1,4 @@
-"""The known defects: which runs they are about, and what happens when one vanishes."""
+"""The known defects: the runs that they concern, and what happens when one vanishes."""
 
 
 import pytest
@@ -22,7 +22,7 @@ def test_naive_rk4_is_not_excused_where_no_joint_turns_on_so3(scene):
 
 
 def test_naive_rk4_need_not_show_where_a_body_may_keep_its_axis():
-    """A free or distant body is on a ball too; pendulums and bars that stay in a plane turn about one axis."""
+    """Free bodies and those on a distance joint count as on a ball; bodies that stay in a plane turn about one axis."""
     for scene, form, sure in (("puck_on_plane", "tree", True), ("rod_pendulum", "tree", True),
                               ("iftomm_simple_pendulum", "tree", False), ("four_bar", "maximal", False),
                               ("double_four_bar", "maximal", False), ("universal_pendulum", "maximal", True)):

@@ -46,7 +46,7 @@ def test_the_worst_status_makes_the_outcome(statuses, outcome):
 @pytest.mark.parametrize("status", ["ok", "fail"])
 @pytest.mark.parametrize("kind", ["sub-steps", "rtol"])
 def test_what_only_guards_against_cheats_is_named_where_it_fails(kind, status):
-    """One step where one was asked for is at its bound, and tells a reader nothing."""
+    """One step, if one was asked for, is exactly at its bound and is not shown as the worst finding."""
     shown = verdict.worst([found("energy", "ok", 0.1), found(kind, status, 2.0), found("limit", "ok", 2.0)])
     assert shown is not None
     assert shown.kind == (kind if status == "fail" else "energy")
@@ -161,12 +161,12 @@ def test_a_coarse_run_may_change_its_energy_by_what_lifting_all_bodies_takes(sce
     monkeypatch.setattr(verdict, "_conservative", lambda *_: conserved)
     for share, status in ((0.99, "ok"), (1.01, "fail")):
         judged = verdict.judge_practical(scene, run_of(truth, share * lift, scene=scene), truth)
-        assert judged.status == (status if conserved else "ok")  # beyond the horizon energies of drives are unknown
+        assert judged.status == (status if conserved else "ok")  # beyond the horizon the work of drives is unknown
         assert judged.bound == pytest.approx(lift / scale.kinetic)
 
 
 def test_a_coarse_run_without_gravity_may_change_its_energy_by_what_motors_turn_over():
-    """Less than the kinetic energy rises and falls by is no proof of another motion; more is."""
+    """An error below the variation of the kinetic energy does not prove another motion; a larger one does."""
     scene = load_scene("squeezer").replace(samples=7)
     truth = truth_of(scene)
     kinetic = mechanics.kinetic_energy(scene, truth.states)
@@ -251,7 +251,7 @@ def test_levels_left_open_are_judged_by_what_the_errors_before_add_up_to(scene, 
     assert (nearest.status, nearest.value, nearest.bound) == ("ok", 0.19, 0.2)
     beyond = judged(position=np.array([0.0, 0.11, 0.0, 0.0, 0.39]))["position"]
     assert (beyond.status, beyond.value, beyond.bound) == ("fail", 0.11, 0.1)
-    # Of velocities 2 m/s is the size of the scene, so that a bound of 0.6 m/s says something; of positions 0.5 m is.
+    # Velocities reach 2 m/s, so that a bound of 0.6 m/s is meaningful; positions reach only 0.5 m.
     run.allowed = (dict.fromkeys(LEVELS, 1.5 * grows),)
     last = np.array([0.0, 0.0, 0.0, 0.0, 0.59])
     assert judged(position=last)["position"].bound == 10.0

@@ -1,4 +1,4 @@
-"""Bounds set by the user: from a file, from options, in the verdict, and one clear error for what is wrong."""
+"""Bounds set by the user: from a file, from options, in the verdict, and one clear error for wrong input."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The limit for vanishing steps: it tells a wrong model from a coarse step."""
+"""The limit for vanishing steps, which distinguishes a wrong model from a coarse step."""
 
 import dataclasses
 

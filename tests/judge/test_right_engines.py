@@ -1,4 +1,4 @@
-"""Right engines that were written after the bounds are accused of nothing, on twelve scenes."""
+"""Right engines, written after the bounds, are accused of nothing on twelve scenes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A thousandth of gravity, mass or inertia from half time on fails where `verify` steps at its plan's first order."""
+"""An error of 1e-3 in gravity, mass or inertia from half time on fails at the first-order step of `verify`."""
 
 import pytest
 

@@ -52,7 +52,7 @@ def test_a_lower_order_than_documented_fails_and_a_higher_one_does_not(verdict):
 
 
 def test_a_low_order_is_looked_for_at_finer_steps(verdict):
-    """Of 4 ms the next term takes 0.8 of the error away, of half a millisecond a tenth."""
+    """At 4 ms the next term cancels 0.8 of the error, at half a millisecond a tenth."""
     hidden = verdict(claimed_order=1, real_order=1, size=1e-3, further=-200.0)
     assert "order position" in kinds(hidden, "ok")
     assert 4 < len(hidden.ladder) <= 8
@@ -69,7 +69,7 @@ def test_an_order_that_rounding_cuts_short_counts_to_the_nearest_whole_number():
         rungs = [Rung(step=h, rtol=None, errors=dict.fromkeys(QUANTITIES, h**p * (1 - 16 * h))) for h in steps]
         return judge_orders(8, rungs, dict.fromkeys(QUANTITIES, Plateau(floor)), 3)[0][0]
 
-    assert judged(8, 1e-21).status == "ok"  # the last step is rounding, and 7.8 was seen before it
+    assert judged(8, 1e-21).status == "ok"  # the last step is rounding; before it the order was 7.8
     assert "nearest whole number" in judged(8, 1e-21).why
     assert judged(7, 1e-19).status == "fail"
     assert judged(7, 0.0).bound == 7.85
@@ -104,7 +104,7 @@ def test_two_errors_that_do_not_fall_are_rounding_where_the_order_was_shown_befo
 @pytest.mark.parametrize(("documented", "values", "used"), [
     (4, (4.92e-7, 3.05e-8, 2.53e-9, 1.72e-9, 1.69e-9, 1.68e-9, 1.69e-9), 3),  # Exudyn RK44, needle
     (5, (9.34e-11, 2.92e-12, 9.22e-14, 1.05e-14, 1.88e-14, 2.26e-14, 1.06e-14, 6.78e-14), 3),  # DOPRI5, bead_on_line
-    (6, (6.4e-8, 1e-9, 1.56e-11, 2.44e-13, 2.5e-14), 4)])  # the last alone falls short
+    (6, (6.4e-8, 1e-9, 1.56e-11, 2.44e-13, 2.5e-14), 4)])  # only the last order is too low
 def test_an_order_that_was_shown_before_errors_stall_counts(documented, values, used):
     finding, order = orders_of(documented, 0.02 / 2.0 ** np.arange(len(values)), values,
                                Plateau(1e-16, 1.5e-8, documented), rungs=None)
@@ -217,7 +217,7 @@ def test_a_vanished_defect_fails(verdict, monkeypatch):
     record = verdict()
     assert record.outcome == "fail"
     assert worst(record.findings).kind == "vanished"
-    # Without an order study nobody looked for it.
+    # Without an order study nothing looks for it.
     assert verdict(study=False).outcome == "pass"
 
 

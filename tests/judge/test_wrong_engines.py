@@ -1,4 +1,4 @@
-"""Every engine with a visible mistake fails, whenever it begins; the same stepper without one is accused of nothing."""
+"""Every engine with a visible mistake fails, whenever the mistake begins; the right stepper is accused of nothing."""
 
 import numpy as np
 import pytest

@@ -28,7 +28,7 @@ def truth(name, duration, samples):
 
 def solve(name, method, duration, samples, step=None, rtol=None, monitor=True):
     s = scene(name, duration, samples)
-    # As the rule itself steps: in a frame that does not spin the top has no error left to fit a slope to.
+    # Without spin-free frames: in them the top has no error to which a slope could be fitted.
     return lieeuler.integrate(build_problem(s), method, step, s.t, rtol=rtol, monitor=monitor, spin_free=False)
 
 

@@ -22,7 +22,7 @@ def counted(name: str, method: str, lengths: int) -> tuple[int, int]:
     if "step" in lieeuler.METHODS[method].controls:
         control = {"step": 2e-5 if name == "heavy_top" else 1e-3}
         length = 50 * control["step"]
-    else:  # long enough for seulex, which takes some steps before all that it ever needs is there
+    else:  # long enough for seulex, which needs some steps until it has allocated everything
         control, length = {"rtol": 1e-8}, 0.5 if name in ("heavy_top", "spring_chain_20") else 2.0
     times = [0.0, lengths * length]
     before = COUNTER()

@@ -33,7 +33,7 @@ def test_no_allocation_inside_a_step(counts):
     assert {key.split()[1] for key in counts} == set(lieeuler.METHODS)
     for key, ((short, few), (long, many)) in counts.items():
         assert many > few, key
-        assert short > 20, key  # set-up and result do allocate, and it is seen
+        assert short > 20, key  # set-up and results do allocate, and the count shows it
         assert long == short, key
 
 

@@ -1,4 +1,4 @@
-"""Rotor inertia of joints: the kernel against dense algebra, orders against truth, and what has to be the same."""
+"""Rotor inertia of joints: the kernel against dense algebra, orders against truth, and equivalent systems."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from crosscheck.scene import mechanics
 from tests import geared_oracle
 from tests.lieeuler.accuracy import EPS, slopes
 
-AGREEMENT = 1e-12  # both solve the same equations to rounding, steps accumulate little of it
+AGREEMENT = 1e-12  # both solve the same equations to rounding, and the steps accumulate little of it
 FIRST_ORDER = [name for name, method in lieeuler.METHODS.items() if method.order == 1]
 LADDERS = {1: (4e-3, 2e-3, 1e-3, 5e-4), 2: (2e-2, 1e-2, 5e-3, 2.5e-3), 4: (1 / 20, 1 / 40, 1 / 80, 1 / 160),
            5: (1 / 56, 1 / 80, 1 / 112, 1 / 160), 6: (1 / 8, 1 / 16, 1 / 24), 8: (1 / 12, 1 / 16, 1 / 20)}
@@ -67,7 +67,7 @@ def test_other_maps_agree_with_dense_algebra(method, coordinate_map):
 
 @pytest.mark.parametrize("factor", [1e-4, 1.0, 1e4])
 def test_accelerations_are_those_of_the_dense_equations(factor):
-    """Of rotors far lighter and far heavier than the bodies, whose reactions then cancel by the ratio of inertias."""
+    """Rotors far lighter and far heavier than the bodies; reactions then cancel by the ratio of inertias."""
     scene = geared_arm(factor)
     run = lieeuler.integrate(build_problem(scene), "INDEX1_LE", 1e-6, [0, 1e-6])
     a, alpha, lam = mechanics.index1(scene, scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
@@ -99,7 +99,7 @@ def test_order(method):
 @pytest.mark.parametrize("method", [name for name, method in lieeuler.METHODS.items() if "step" in method.controls])
 def test_order_of_every_method(method):
     order, found = order_of(method)
-    # Down to rounding errors of these hold as much, or a tenth, of the next order as of their own.
+    # Down to rounding, the next term of their errors is a tenth of the first, or as large.
     allowed = {"rkmk853": 0.6, "rkmk54": 0.2}.get(method, 0.1 if order == 1 else 0.15)
     assert np.abs(found - order).max() < allowed, found
 
@@ -107,7 +107,7 @@ def test_order_of_every_method(method):
 def ends_at_the_truth(scene, method):
     truth = crosscheck.truth(scene).states
     run = lieeuler.integrate(build_problem(scene), method, None, scene.t, rtol=1e-12)
-    bound = 1e-9 if method == "seulex" else 1e-11  # seulex magnifies rounding by what its table does, some 1e6
+    bound = 1e-9 if method == "seulex" else 1e-11  # the table of seulex magnifies rounding by some 1e6
     assert max(np.abs(getattr(run, name) - getattr(truth, name)).max() for name in "xRvw") < bound
 
 
@@ -144,7 +144,7 @@ def test_a_wrong_rotor_is_named(change, words):
 
 
 def test_a_symmetric_body_with_a_rotor_keeps_its_spin():
-    """A frame that does not spin with it would take the spin from the rotor's rate."""
+    """A spin-free frame would remove the spin from the rotor's rate."""
     scene = geared_arm(forces=())
     body = dataclasses.replace(scene.bodies[0], inertia=np.diag([0.1, 0.1, 0.15]))
     problem = build_problem(scene.replace(bodies=(body, *scene.bodies[1:])))

@@ -49,7 +49,7 @@ def test_order_of_every_method(name, method):
 def check_order(name, method):
     order, (duration, samples) = FIXED[method], WITHIN[name]
     runs = [solve(name, method, duration, samples, step=h, monitor=False) for h in LADDERS[order]]
-    steps = [run.stats.step for run in runs]  # one that does not divide the time between samples is shortened
+    steps = [run.stats.step for run in runs]  # a step that does not divide the time between samples is shortened
     found = slopes(steps, [errors(name, run, duration, samples) for run in runs])
     assert np.abs(found - order).max() < (0.1 if order == 1 else 0.15), found
 
@@ -136,7 +136,7 @@ def test_a_run_from_a_later_time_goes_on_as_the_whole_one_did():
 
 
 def test_the_clock_keeps_its_digits_over_many_steps():
-    """A free body under a force sin(w t): where it ends tells the time each step believed it was."""
+    """A free body under a force sin(w t): its end shows the time that each step used."""
     force = lieeuler.ConstantLoad(0, force=[1.0, 0.0, 0.0], factor=lieeuler.TimeFunction(terms=[(1.0, 40.0, 0.0)]))
     body = lieeuler.Body(1.0, np.diag([0.1, 0.2, 0.15]))
     at_rest = (np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
@@ -147,7 +147,7 @@ def test_the_clock_keeps_its_digits_over_many_steps():
     kicks = np.sin(40.0 * t) * h
     kicks[[0, -1]] /= 2
     assert abs(run.v[0, 0, 0]) < 2  # the last sample is the end
-    # v is the sum of the kicks to rounding; a clock late by 1e-11 s would show by w times as much in each of its ends
+    # v is the sum of the kicks to rounding; a time late by 1e-11 s would change each kick by a share of w times that
     assert abs(run.v[-1, 0, 0] - float(kicks.sum())) < 1e-12
 
 

@@ -1,4 +1,4 @@
-"""Ensembles: each member is the run that `integrate` makes, whatever the others do, on any number of threads."""
+"""Ensembles: each member equals the run of `integrate`, whatever the others do, on any number of threads."""
 
 from __future__ import annotations
 

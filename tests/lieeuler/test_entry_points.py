@@ -1,4 +1,4 @@
-"""Whatever is handed to the kernel's entry points: an ArgumentError, a named status, or a finite trajectory."""
+"""Any input of the kernel's entry points gives an ArgumentError, a named status, or a finite trajectory."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def test_numbers_of_any_size(numbers, method, t_end):
         return
     fields = {"bodies": [body], "joints": [], "gravity": numbers["gravity"], "R": [np.eye(3)], "forces": [spring],
               **{name: numbers[name] for name in ("x", "v", "w")}}
-    # where steps follow a tolerance, a duration of any length is a run of any length
+    # if steps follow a tolerance, a run takes as long as its duration asks
     if "step" in lieeuler.METHODS[method].controls:
         outcome(fields, method, step=t_end / 8, t_eval=[0, t_end / 2, t_end])
     elif t_end <= 0.1 and np.abs(numbers["w"]).max() < 1e3 and np.abs(numbers["v"]).max() < 1e3:
@@ -193,7 +193,7 @@ def test_any_call_is_refused_or_ends_with_a_name(seed, monkeypatch):
     random = Random(seed)
     for _ in range(100):
         make, options = case(random)
-        if options.get("step") is not None:  # odd numbers may ask steps that follow a tolerance for any number of them
+        if options.get("step") is not None:  # odd numbers may need any number of steps
             judged(make, **options)
 
 
@@ -213,7 +213,7 @@ def test_an_unknown_word_is_no_level_map_or_carrier():
 
 @pytest.mark.parametrize("seed", range(60))
 def test_random_mechanisms_finish_or_say_why_not(seed):
-    """Sixty of what `python -m benchmarks.fuzz mechanisms` tries; the first of them twice, to the last bit."""
+    """Sixty inputs of `python -m benchmarks.fuzz mechanisms`; the first ones twice, equal to the last bit."""
     with patience(0.2):
         random_mechanisms.answer(Random(seed))
     if seed < 10:

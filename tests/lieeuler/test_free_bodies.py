@@ -1,4 +1,4 @@
-"""Bodies on which nothing acts keep energy and angular momentum in twice the digits, where asked."""
+"""Bodies on which nothing acts keep energy and angular momentum in twice the digits, if asked."""
 
 import dataclasses
 

@@ -33,7 +33,7 @@ def test_kernel_agrees_with_dense_oracle(system, radius):
     solution = lieeuler.integrate(SYSTEMS[system](), NAME, h, [0, steps * h], spectral_radius=radius)
     assert np.abs(solution.x[-1] - x).max() < AGREEMENT
     assert np.abs(solution.R[-1] - R).max() < AGREEMENT
-    speed, noise = np.abs(u).max(), 1e3 * np.finfo(float).eps / h  # accelerations remember u over h, and it rounds
+    speed, noise = np.abs(u).max(), 1e3 * np.finfo(float).eps / h  # accelerations contain u / h and its rounding
     assert np.abs(np.hstack([solution.v[-1], solution.w[-1]]).ravel() - u).max() < AGREEMENT * max(1.0, speed)
     assert np.abs(solution.lam[-1] - lam).max() < noise * np.abs(lam).max()
 

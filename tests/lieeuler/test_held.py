@@ -1,4 +1,4 @@
-"""A run whose method should have held a constraint level, and did not, does not end in success."""
+"""A run that leaves open a constraint level that its method holds does not end in success."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_levels_that_are_held_are_a_success(name, method):
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_a_system_at_rest_of_any_size_is_a_success(scale):
-    """Nothing moves: whatever the rows leave is rounding of gravity and of the multipliers."""
+    """Nothing moves: the rows show only the rounding of gravity and of the multipliers."""
     joint = lieeuler.spherical_joint(-1, 0, np.zeros(3), np.array([0, 0, scale]))
     problem = lieeuler.Problem([lieeuler.Body(1.0, np.eye(3) * scale**2)], [joint], [0, 0, -9.81],
                                [[0, 0, -scale]], [np.eye(3)], [np.zeros(3)], [np.zeros(3)])

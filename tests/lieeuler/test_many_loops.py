@@ -111,7 +111,7 @@ def test_rows_are_chosen_afresh_where_the_plane_of_the_loops_turns(method):
     control = {"step": 1e-3} if "rtol" not in SPARSE[method] else {"rtol": 1e-10}
     solution = lieeuler.integrate(problem, method, t_eval=t, **control)
     assert solution.stats.redundant_rows == 9
-    for level, bound in ROUNDING.items():  # rows that are chosen afresh only now and then cost their dependents digits
+    for level, bound in ROUNDING.items():  # rows are chosen afresh only now and then: dropped rows lose digits
         name = level if level == "orthogonality" else f"constraint_{level}"
         assert solution.stats.maxima[name] < bound, level
     a, lam = index1(problem, solution.x[-1], solution.R[-1], solution.v[-1], solution.w[-1])

@@ -104,9 +104,9 @@ def test_a_row_that_a_loop_holds_already_changes_nothing(method):
 
 
 def test_many_turns_of_the_leader_are_counted():
-    """Whatever the ratio: the follower would jump where the leader's angle is read up to whole turns."""
+    """For any ratio: if the leader's angle were read up to whole turns, the follower would jump."""
     whole = coupled_arm(gravity=np.zeros(3), duration=20.0, samples=81)
-    scene = whole.replace(bodies=whole.bodies[:2], joints=whole.joints[:2])  # one freedom, which nothing stops
+    scene = whole.replace(bodies=whole.bodies[:2], joints=whole.joints[:2])  # one degree of freedom, undamped
     run = crosscheck.run(scene, engine="lieeuler", method="taylor", rtol=1e-10)
     base, elbow = (run.joints[name].position for name in ("base", "elbow"))
     assert np.ptp(base) > 4 * np.pi

@@ -1,4 +1,4 @@
-"""What the group update preserves by itself, without the polish after every step."""
+"""The group update alone, without the polish after every step, keeps attitudes orthogonal."""
 
 from __future__ import annotations
 

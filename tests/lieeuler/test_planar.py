@@ -1,4 +1,4 @@
-"""Mechanisms in their plane move as whole systems do, to rounding, and come back whole."""
+"""Mechanisms reduced to their plane move like the whole systems, to rounding, and return all states."""
 
 import dataclasses
 import pickle
@@ -72,7 +72,7 @@ def test_adaptive_methods_are_in_the_plane_unless_told(name, method):
 
 @pytest.mark.parametrize("seed", range(24))
 def test_random_mechanisms_move_alike_in_their_plane(seed):
-    """Of all flat joints, graded masses, loads in any direction; some are rigid, some have no hinge or odd springs."""
+    """All flat joints, graded masses, loads in any direction; some are rigid, some have no hinge or odd springs."""
     problem = random_mechanisms.mechanism(Random(seed), flat=True)
     size = np.abs(problem.x).max()
     rate = problem.kernel.natural_rate(problem.kernel.length)
@@ -118,7 +118,7 @@ def test_a_run_in_its_plane_ends_where_the_whole_system_has_no_multipliers():
 
 @pytest.mark.parametrize("name", ["four_bar", "hinge_pendulum"])
 def test_any_plane_will_do(name):
-    """An oblique plane, bodies' axes that know nothing of it, and a mechanism at another height for each body."""
+    """An oblique plane, body axes that do not lie along it, and every body at another height."""
     problem = turned(build_problem(crosscheck.load_scene(name)), Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix())
     for method in ("rattle2", "DAE1H_LSE"):
         off, on = (lieeuler.integrate(problem, method, 5e-3, [0.0, 0.2, 0.4], reduce=word)
@@ -162,7 +162,7 @@ def test_what_leaves_the_plane_is_told(name, why):
 
 
 def test_look_alikes_are_left_alone():
-    """A spring that pulls out of the plane, a start that leans by 1e-6, a joint open by 1e-10, a body that flies."""
+    """A spring out of the plane, a start tilted by 1e-6, a joint open by 1e-10, a free body."""
     problem = build_problem(crosscheck.load_scene("hinge_pendulum"))
     e = plane_of(problem, pins=False).normal
     spring = lieeuler.LinearSpring(-1, 0, problem.x[0] + e, [0, 0, 0], 10.0, 0.5)

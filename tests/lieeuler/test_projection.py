@@ -1,4 +1,4 @@
-"""The projection onto the constraints: closed to rounding, by the least change, and what it says where it cannot."""
+"""The projection onto the constraints: closed to rounding, by the least change, and its statuses where it fails."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def gap(problem, found):
 
 
 def share_outside(vector, G):
-    """What of a force (6n,) is no G^T mu, as a share of it."""
+    """The share of a force (6n,) outside the range of G^T."""
     mu = np.linalg.lstsq(G.T, vector, rcond=1e-10)[0]
     return np.linalg.norm(vector - G.T @ mu) / np.linalg.norm(vector)
 
@@ -90,7 +90,7 @@ def test_the_change_is_the_least_in_the_metric_of_the_masses(name):
 
 
 def test_a_state_too_far_off_ends_with_a_name_and_never_with_open_joints():
-    """From gaps of a few metres and attitudes turned by radians the iteration may or may not find back."""
+    """From gaps of a few metres and attitudes turned by radians the iteration may or may not converge."""
     ends = set()
     for name, make in PROBLEMS.items():
         problem = make()
@@ -114,7 +114,7 @@ def test_what_is_no_number_has_a_name(value):
 
 
 def leaning(angle):
-    """A parallelogram of two cranks and a coupler, so many radians above its flat position."""
+    """A parallelogram of two cranks and a coupler, `angle` rad above its flat position."""
     c, s = np.cos(angle), np.sin(angle)
     return linkage([[0, 0, 0], [c, 0, s], [2 + c, 0, s], [2, 0, 0]])
 
@@ -126,7 +126,7 @@ def test_near_a_singular_position_rounding_of_the_joints_is_no_failure(angle):
     found = project(problem, problem.x, problem.R)
     assert found["status"] == "success"
     assert gap(problem, found) < 50 * EPS * 3  # m, its length
-    # and it is not taken for success with joints that are open: the same place with a crank off by a tenth of its angle
+    # the same place with a crank off by a tenth of its angle: open joints are no success
     turn = np.zeros((3, 3))
     turn[0, 1] = 0.1 * angle
     found = project(problem, *moved(problem, np.zeros((3, 3)), turn))

@@ -36,7 +36,7 @@ def start_gradient(problem, h, duration):
 
 @pytest.mark.parametrize("name", ["single_pendulum", "double_pendulum"])
 def test_correction_along_the_start_of_the_step(name):
-    """It holds the same levels at the same order, and parts from DAE1L_LSE by second order: no table would show it."""
+    """It holds the same levels at the same order, and differs from DAE1L_LSE by second order, which no table shows."""
     problem, duration = SYSTEMS[name](), 0.5
     exact = lieeuler.integrate(problem, "taylor", rtol=1e-13, t_eval=[0, duration]).x[-1]
     differences, errors = [], []
@@ -70,7 +70,7 @@ def test_dae2h_le_opens_the_joint_until_it_ends(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["single_pendulum", "double_pendulum"])
 def test_the_oracle_of_dae2h_le_ends_there_too(name):
-    """Dense, its Newton matrix by differences, with nothing of the kernel: the method itself fails."""
+    """A dense step with Newton's matrix by differences, without the kernel, fails too: it is the method."""
     problem, h = SYSTEMS[name](), 1e-2
     with pytest.raises(lieeuler.IntegrationError) as failure:
         lieeuler.integrate(problem, "DAE2H_LE", h, np.arange(0.0, 60.0))
@@ -107,6 +107,6 @@ def test_the_step_that_newton_fails_has_no_solution(name, h):
     system, _ = dense(problem)
     reached = [batch_oracle.turning_point(system, (solved.x[k], solved.R[k]),
                                           np.hstack([solved.v[k], solved.w[k]]).ravel(), h) for k in (1, 2)]
-    assert reached[0] == 1  # that of the step before is found
+    assert reached[0] == 1  # the solution of the step before is found
     assert reached[1] < 1
     print(f"{name}: the solutions turn back at {reached[1]:.3f} of the step after {last:.6g} s")

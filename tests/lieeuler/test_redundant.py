@@ -78,7 +78,7 @@ def test_the_same_joint_twice_shares_its_load():
 
 
 def test_loop_without_redundancy():
-    """The four-bar with one hinge opened to a rod: a loop all the same, and no row too many."""
+    """The four-bar with a rod in place of one hinge: still a loop, but without redundant rows."""
     bar = linkage(FOUR_BAR)
     last = bar.joints[-1]
     rod = lieeuler.distance_joint(-1, 2, last.parent_anchor - [0.0, 0.0, 0.5], last.child_anchor, 0.5)

@@ -97,7 +97,7 @@ SINGLE, LARGE, CLOSED = ("--bodies=1",), ("--bodies=200",), ("--bodies=40", "--c
     (EULER, CLOSED), (SEULEX, CLOSED),
 ], ids=str)
 def test_ctrl_c_carries_the_trajectory_so_far(method, system):
-    watchdog = 120  # s; a run that does not listen would take hours
+    watchdog = 120  # s; a run that ignored the interruption would take hours
     done = subprocess.run([sys.executable, "-m", "benchmarks.interruption", f"--method={method}", *system],
                           capture_output=True, text=True, timeout=watchdog, cwd=ROOT)
     assert done.returncode == 0, done.stderr

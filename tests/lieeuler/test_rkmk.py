@@ -82,7 +82,7 @@ def test_order(system, method):
         rows.append(errors(system, run, duration, 11))
     for quantity, slope in zip(QUANTITIES, slopes(steps, rows), strict=True):
         if (system, method) == ("double_pendulum", "rkmk853") and quantity in "xRv":
-            # The leading term is small here, the next, of order 9, shows down to round-off: angular rates have order 8.
+            # The leading term is small here: down to round-off the next, of order 9, dominates; w has order 8.
             assert 7.85 < slope < 9.5, quantity
         else:
             assert slope == pytest.approx(order, abs=0.15), quantity
@@ -103,7 +103,7 @@ def test_error_is_proportional_to_the_tolerance(system, duration, method):
 @pytest.mark.slow  # truth at a thousand samples
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_samples_between_steps_are_as_accurate_as_steps(method):
-    """A thousand samples leave the steps alone; their errors are those of steps, which the ends of shorter runs are."""
+    """A thousand samples do not change the steps; their errors are like those at the ends of steps."""
     rtol, duration = 1e-7, 0.3
     few, many = (solve("heavy_top", method, duration, samples, rtol=rtol) for samples in (2, 1001))
     assert few.stats.steps == many.stats.steps
@@ -170,7 +170,7 @@ def spinning(rate):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_whole_turn_in_a_step_is_refused(method):
-    """dexp^-1 is singular there. Here its argument is along w, so that nothing but the bound itself tells."""
+    """dexp^-1 is singular there. Here its argument is along w, so that only the bound itself shows it."""
     def run(turn):
         return lieeuler.integrate(spinning(turn / 0.1), method, 0.1, [0.0, 1.0], spin_free=False)
 
@@ -183,7 +183,7 @@ def test_a_whole_turn_in_a_step_is_refused(method):
 
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_steps_of_ones_own_choice_stay_below_a_whole_turn(method):
-    """The error of a steady rotation is zero, and nothing but the bound keeps steps from growing without end."""
+    """The error of a steady rotation is zero, so that only the bound limits the steps."""
     run = lieeuler.integrate(spinning(2 * np.pi), method, t_eval=[0.0, 1000.0], rtol=1e-3, spin_free=False)
     assert run.stats.steps >= 1000
     # each of a few thousand products of rotations adds a rounding, and the angle of 1000 turns has one of its own
@@ -220,7 +220,7 @@ def test_a_spring_wound_up_over_many_turns(method):
 
 @pytest.mark.parametrize("method", [*ADAPTIVE, "taylor"])
 def test_steps_too_small_end_the_run(method):
-    """A spring of 1e15 rad/s against steps of 1e-12 of the run: named, with advice, not crept through."""
+    """A spring of 1e15 rad/s against steps of 1e-12 of the run: a status with advice instead of endless steps."""
     body = lieeuler.Body(1.0, np.eye(3))
     spring = lieeuler.LinearSpring(-1, 0, [0, 0, 0], [0, 0, 0], 1e30, 1.0)
     problem = lieeuler.Problem([body], [], np.zeros(3), [[0, 0, -1.5]], [np.eye(3)], [np.zeros(3)], [np.zeros(3)],

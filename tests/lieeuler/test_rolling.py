@@ -92,7 +92,7 @@ def test_derivatives_of_rows(kind, seed):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_rows_are_those_of_the_scene(name):
-    """The kernel's and `crosscheck.scene`'s, written apart."""
+    """Rows of the kernel against those of `crosscheck.scene`, which are written independently."""
     scene = crosscheck.load_scene(name)
     problem, rows, rng = build_problem(scene), Constraints(scene), np.random.default_rng(1)
     x, v, w = rng.standard_normal((3, 1, 3))
@@ -210,7 +210,7 @@ LADDERS = {1: (4e-3, 2e-3, 1e-3, 5e-4), 2: (2e-2, 1e-2, 5e-3, 2.5e-3), 4: (2e-2,
            6: (5e-2, 4e-2, 2.5e-2, 2e-2)}
 OF_ORDER_8 = {"wobbling_disk": (0.05, 0.04, 0.2 / 6, 0.025), "chaplygin_sleigh": (0.2, 0.1, 0.2 / 3),
               "rolling_ball": (0.2 / 3, 0.05, 0.04, 0.2 / 6)}
-"""Where errors lie between the first terms of their series and the rounding of truth."""
+"""Steps (s) at which the leading terms of the errors dominate and lie above the rounding of truth."""
 
 
 def slopes(name, method):
@@ -220,7 +220,7 @@ def slopes(name, method):
     steps = []
     for h in LADDERS.get(order, OF_ORDER_8[name]):
         found = lieeuler.integrate(problem, method, h, scene.t)
-        steps.append(found.stats.step)  # one that does not divide the time between samples is shortened
+        steps.append(found.stats.step)  # a step that does not divide the time between samples is shortened
         for key, column in errors.items():
             column.append(np.abs(getattr(found, key) - getattr(truth, key)).max())
     return {key: np.polyfit(np.log(steps), np.log(column), 1)[0] for key, column in errors.items()}, errors
@@ -245,7 +245,7 @@ def test_orders_of_a_few():
 @pytest.mark.parametrize(("name", "method"), [(name, method) for name in OF_ORDER_8 for method in ADAPTIVE
                                               if (name, method) != ("chaplygin_sleigh", "rkmk853")])
 def test_error_is_proportional_to_rtol(name, method):
-    """But for rkmk853 on the sleigh: 9 steps at 1e-4 and errors 2000 times below rtol there, a slope of .71."""
+    """Except rkmk853 on the sleigh: 9 steps at 1e-4, with errors 2000 times below rtol there, give a slope of .71."""
     scene, problem, truth = with_truth(name, 3.0)
     tolerances = 10.0 ** np.arange(-4, -12, -1)
     errors = [np.abs(lieeuler.integrate(problem, method, None, scene.t, rtol=rtol).x - truth.x).max()
@@ -260,7 +260,7 @@ NEWTON = 4 * np.finfo(float).eps  # of h u: a correction that small ends Newton'
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("method", FIXED)
 def test_levels_held(name, method):
-    """Positions of the heights alone; every method but those of accelerations holds the slip to rounding."""
+    """Positions are those of the heights alone; all methods but those of acceleration level hold the slip."""
     scene, record, h = crosscheck.load_scene(name), lieeuler.METHODS[method], 5e-3
     found = lieeuler.integrate(build_problem(scene), method, h, np.linspace(0, 0.5, 11))
     rows = Constraints(scene)
@@ -281,7 +281,7 @@ def test_the_plane_is_the_grounds():
 
 
 def test_reductions_leave_rolling_alone():
-    """A ball is a body of revolution, yet what rolls is no freedom of its own; nor is a sleigh a planar mechanism."""
+    """A ball is a body of revolution, but its spin does not decouple when it rolls; a sleigh is no planar mechanism."""
     J = 0.1 * np.eye(3)
     ball = lieeuler.rolling_sphere_joint(-1, 0, np.zeros(3), np.zeros(3), [0, 0, 1.0], 0.5)
     problem = lieeuler.Problem((lieeuler.Body(1.0, J),), (ball,), [0.0, 0.5, -9.81], [[0, 0, 0.5]], [np.eye(3)],

@@ -39,7 +39,7 @@ def watched_driver(tmp_path_factory):
 
 
 def run(program, *arguments):
-    """What the program prints, where it finds no fault."""
+    """The output of the program, if it finds no fault."""
     done = subprocess.run([program, *arguments], capture_output=True, text=True,
                           env={**os.environ, "ASAN_OPTIONS": "detect_leaks=1"})
     assert "runtime error" not in done.stderr, done.stderr

@@ -55,7 +55,7 @@ def test_samples_leave_the_steps_alone():
 
 @pytest.mark.parametrize(("name", "rate"), [("stiff_spring", 1500.0), ("stiff_damped", 2e4)])
 def test_stiff_motion_below_the_tolerance_is_stepped_over(name, rate):
-    """1e-6 over a second with steps far above 1/rate, which is what an explicit method is held to; against rkmk853."""
+    """1e-6 over a second with steps far above 1/rate, which limits explicit methods; against rkmk853."""
     s = crosscheck.load_scene(name)
     problem = build_problem(s)
     run, exact = (lieeuler.integrate(problem, method, None, s.t[[0, -1]], rtol=rtol)
@@ -73,7 +73,8 @@ def test_stiff_motion_below_the_tolerance_is_stepped_over(name, rate):
 def test_error_is_proportional_to_the_tolerance_where_forces_are_stiff():
     """At the end of a second of `stiff_damped`, against rkmk853; far fewer steps than its rates of 2e4 1/s ask for.
 
-    Of velocities the estimate leaves out what decays within a step, so that the tolerance does not bind all of them.
+    The estimate leaves out the part of the velocities that decays within a step, so that the tolerance does not bound
+    it.
     """
     s = crosscheck.load_scene("stiff_damped")
     problem = build_problem(s)

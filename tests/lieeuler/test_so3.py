@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from lieeuler import COORDINATE_MAPS, _kernel
 from tests.oracle import hat
 
-ANGLES = np.r_[np.logspace(-12, np.log10(3.1), 60), 0.499, 0.5, 0.501]  # 0.5: where the series hand over
+ANGLES = np.r_[np.logspace(-12, np.log10(3.1), 60), 0.499, 0.5, 0.501]  # 0.5: where closed forms replace the series
 INERTIA = np.array([[0.3, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.4]])
 AXES = [np.array(a) / np.linalg.norm(a) for a in ([1.0, 2.0, -2.0], [0.3, -0.1, 0.9], [1.0, 0.0, 0.0])]
 ROUNDING = 8 * np.finfo(float).eps

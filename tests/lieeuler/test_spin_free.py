@@ -1,4 +1,4 @@
-"""The spin-free frame: found where a problem allows it, exact, and off where something depends on the spin."""
+"""The spin-free frame: used if a problem allows it, exact, and not used if something depends on the spin."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_energy_and_levels_are_those_of_the_body():
     scene = crosscheck.load_scene("heavy_top")
     traj = crosscheck.run(scene, "lieeuler", "rattle2", step=1e-3, spin_free=True)
     own = np.abs(traj.energy - traj.energy[0]).max() / traj.energy.max()
-    assert own <= traj.stats["energy_error"] * 1.05 + 1e-12  # every step against the samples
+    assert own <= traj.stats["energy_error"] * 1.05 + 1e-12  # errors at every step against those at the samples
     assert traj.stats["energy_error"] < 1e-5
     assert traj.stats["spin_free"] == ("top",)
 

@@ -1,4 +1,4 @@
-"""Every status that can end a run, reached by a run: none is a word that no test has seen."""
+"""Every status that can end a run is reached by a run."""
 
 import signal
 
@@ -34,7 +34,7 @@ WAYS = {
 
 @pytest.mark.parametrize("status", Status)
 def test_a_run_ends_with_each_status(status):
-    """The exception, its solution, the line of words and the advice all say it; no sample is without a number."""
+    """The exception, its solution, the printed line and the advice all name the status; every sample is finite."""
     problem, method, control = WAYS[status]()
     if status is Status.INTERRUPTED:
         signal.setitimer(signal.ITIMER_PROF, 0.1)  # s of computing

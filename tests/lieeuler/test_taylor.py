@@ -37,7 +37,7 @@ def derivative(coefficients):
 
 
 def index1_accelerations(problem, x, R, v, w):
-    """Dense and of least norm, from rows and forces that other tests hold to account."""
+    """Dense and of least norm, from rows and forces that other tests check."""
     rows = _kernel.constraints(problem.kernel, x, R, v, w, np.zeros(problem.rows))
     force = np.array(_kernel.forces(problem.kernel, x, R, v, w)["f"])
     M = np.zeros((6 * problem.n, 6 * problem.n))
@@ -83,7 +83,7 @@ def test_error_proportional_to_the_tolerance(name, crosscheck_run, crosscheck_tr
     # The whole rotation of the top, so that enough tolerances stay above what truth is known to.
     errors = [np.abs(crosscheck_run(name, "lieeuler", "taylor", rtol=rtol, spin_free=False).x[-1]
                      - truth.states.x[-1]).max() for rtol in tolerances]
-    above = np.array(errors) > truth.allowed  # below, truth itself is not known
+    above = np.array(errors) > truth.allowed  # truth is not known below this
     slope = np.polyfit(np.log(tolerances[above]), np.log(np.array(errors)[above]), 1)[0]
     assert above.sum() >= 6
     assert 0.8 < slope < 1.2
@@ -143,7 +143,7 @@ def test_steady_rotation():
 
 
 def test_bodies_tied_to_each_other_and_not_to_the_ground():
-    """The mass centre of two flying bodies with a joint is in free fall, whatever they do."""
+    """The mass centre of two free bodies with a joint is in free fall, whatever their motion."""
     body = lieeuler.Body(1.0, np.diag([0.1, 0.2, 0.15]))
     w = np.array([[0.0, 3.0, 0.0], [2.0, 3.0, 0.0]])
     v = np.array([np.cross(w[0], [0, 0, -1.0]), -np.cross(w[1], [0, 0, 1.0])]) + np.array([1.0, 0.0, 2.0])

@@ -1,4 +1,4 @@
-"""Seeded scenes that tempt a reference: released at rest, level, symmetric, in equilibrium, loops, springs."""
+"""Seeded scenes on which references may fail: released at rest, level, symmetric, in equilibrium, loops, springs."""
 
 import dataclasses
 
@@ -13,7 +13,7 @@ X, Y, Z = np.eye(3)
 
 
 def bar(rng, name, place, length, speed=0.0):
-    """A bar along x from its hinge, about y, with nothing about it that symmetry would not have."""
+    """A bar along x from its hinge about y, as symmetric as possible."""
     mass = rng.uniform(0.5, 2.0)
     J = mass * length**2 * np.diag([0.01, 0.09, 0.09])
     return Body(name, mass, J, [1, 0, 0, 0], speed * Y, place, np.zeros(3))

@@ -57,7 +57,7 @@ def test_agrees_with_taylor_in_everything(build, seed):
 
 
 def test_steady_precession(build):
-    """A double root u1 = u2: the axis keeps its angle and precesses at the constant rate the textbook gives."""
+    """A double root u1 = u2: the axis keeps its angle and precesses at the constant rate of the textbook."""
     mass, length, across, along, g, theta, precession = 2.0, 0.5, 0.1, 0.2, 9.81, 1.0, 1.5
     pivot = across + mass * length**2
     spin = pivot * precession * np.cos(theta) / along + mass * g * length / (along * precession)

@@ -1,4 +1,4 @@
-"""Truth of driven scenes: three formulations agree, and a late or a missing function in one does not pass."""
+"""Truth of driven scenes: three formulations agree, and a late or missing function in one of them is found."""
 
 import numpy as np
 import pytest

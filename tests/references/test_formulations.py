@@ -120,7 +120,7 @@ def test_derivative_maxima_of_a_steady_rotation(build):
     np.testing.assert_allclose(position[1:], radius * rate**k, rtol=1e-10)
     np.testing.assert_allclose(attitude[1:], np.sqrt(2) * rate**k, rtol=1e-10)
     assert position[0] == pytest.approx(5.0 + radius, rel=1e-2)  # the anchor stands, the circle passes near (5.7, 0)
-    assert attitude[0] == pytest.approx(np.sqrt(3), rel=1e-14)  # a rotation matrix
+    assert attitude[0] == pytest.approx(np.sqrt(3), rel=1e-14)  # elements of a rotation matrix
 
 
 def test_derivative_maxima_are_accurate_to_a_few_percent(double, monkeypatch):
@@ -140,5 +140,5 @@ def test_joint_bodies_in_either_order(double):
     swapped = dataclasses.replace(elbow, parent=elbow.child, child=elbow.parent, parent_anchor=elbow.child_anchor,
                                   child_anchor=elbow.parent_anchor)
     same = double.replace(joints=(double.joints[0], swapped))
-    np.testing.assert_allclose(_series(same).x, _series(double).x, rtol=0, atol=1e-13)  # the same expressions but order
+    np.testing.assert_allclose(_series(same).x, _series(double).x, rtol=0, atol=1e-13)  # another order of sums
     np.testing.assert_allclose(maximal.Maximal(same).run().x, maximal.Maximal(double).run().x, rtol=0, atol=1e-12)

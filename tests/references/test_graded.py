@@ -1,4 +1,4 @@
-"""Needles and light bodies under heavy ones: where a formula that is right loses its digits, and that ours do not."""
+"""Needles and light bodies under heavy ones: right formulas may lose their digits here; those of the truth do not."""
 
 import mpmath
 import numpy as np

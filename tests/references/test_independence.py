@@ -1,4 +1,4 @@
-"""References share no code with what they judge, and the two formulations none with each other."""
+"""References share no code with the engines that they judge, and the two formulations none with each other."""
 
 import ast
 import pathlib

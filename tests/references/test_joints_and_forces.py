@@ -80,7 +80,7 @@ def looped(kind, seed):
 def agree(scene):
     """Run both formulations up to the comparison of `compute`, which raises where they disagree."""
     reference = compute(scene)
-    assert 0 < reference.disagreement <= reference.allowed  # two that agree to the last bit are one
+    assert 0 < reference.disagreement <= reference.allowed  # formulations that agree to the last bit are the same
     return reference
 
 
@@ -201,7 +201,7 @@ def test_seeded_sign_error_in_joint_motion_is_caught(attribute, kind, monkeypatc
         setattr(frame, attribute, [-1.0 * entry for entry in getattr(frame, attribute)])
 
     monkeypatch.setattr(joint_motion.Tree, "_set_in_motion", wrong)
-    with pytest.raises(TruthError, match=r"Taylor.* is off by|integration of 'made' ended"):  # it may as well blow up
+    with pytest.raises(TruthError, match=r"Taylor.* is off by|integration of 'made' ended"):  # it may also diverge
         compute(scene)
 
 

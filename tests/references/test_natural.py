@@ -35,7 +35,7 @@ def test_loops_with_dependent_rows_and_springs(name):
 
 
 def test_it_is_nearer_to_the_series_than_the_second_one_is():
-    """What an arbiter needs: its own rounding far below what it arbitrates."""
+    """An arbiter needs rounding errors far below the differences that it judges."""
     scene = load_scene("double_pendulum")
     first, second, third = series(scene), maximal.Maximal(scene).run(), natural.Natural(scene).run()
     apart = difference(scene, first, second, scene.samples).size

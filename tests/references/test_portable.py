@@ -16,7 +16,7 @@ def test_it_agrees_with_compiled_series(scene, duration):
     loaded = crosscheck.load_scene(scene).replace(duration=duration, samples=6)
     own = portable.compute(loaded, references.FLOOR, references.ROUNDOFF)
     other = references.compute(loaded)
-    np.testing.assert_allclose(own.states.x, other.states.x, rtol=0, atol=1e-12)  # what each of them is allowed
+    np.testing.assert_allclose(own.states.x, other.states.x, rtol=0, atol=1e-12)  # the bound of each
     np.testing.assert_allclose(own.states.R, other.states.R, rtol=0, atol=1e-12)
     assert own.horizon == other.horizon
     # Random directions miss the worst one by a small factor.

@@ -1,4 +1,4 @@
-"""Random scenes all have a truth, and none is wrong by more than it says: the third formulation is the witness."""
+"""Random scenes all have a truth, and its error is within its bound, as the third formulation shows."""
 
 import pytest
 

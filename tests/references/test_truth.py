@@ -85,7 +85,7 @@ def test_a_small_defect_of_the_series_hands_the_truth_to_the_others(double, monk
 
 
 def test_a_difference_that_nobody_arbitrates_is_the_error(double, monkeypatch):
-    """The growth of rounding is not known to a digit: what differs by more than it explains is known less well."""
+    """The growth of rounding is known only roughly: a larger difference makes the truth less well known."""
     original = maximal.weight
     monkeypatch.setattr(maximal, "weight", lambda *arguments: original(*arguments) * (1 + 1e-9))
     monkeypatch.setattr(agreement, "_third", lambda *arguments: None)
@@ -128,11 +128,11 @@ def test_a_step_is_measured_by_the_last_coefficients_that_are_not_nulled():
 
 
 def test_a_chain_in_free_flight(build):
-    """No ground, no joint to it: the reference equations carry the free root."""
+    """Without a joint to the ground the reference equations contain the free root."""
     body = (1.0, np.diag([0.1, 0.2, 0.15]), [0.9, 0.1, 0.4, 0.0], [1.0, -0.6, 0.4])
     reference = compute(build([body, body], [(0, 1, [0, 0, -1], [0, 0.2, 0.6])]))
     assert reference.disagreement <= reference.allowed
-    assert reference.disagreement > 0  # two formulations that agree to the last bit are one
+    assert reference.disagreement > 0  # formulations that agree to the last bit are the same
 
 
 def test_growth_of_a_resting_body(build):

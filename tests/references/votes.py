@@ -1,4 +1,4 @@
-"""Whom the vote of the formulations accuses."""
+"""The formulation that the vote accuses."""
 
 from crosscheck.references import TruthError, compute
 

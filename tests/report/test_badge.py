@@ -1,4 +1,4 @@
-"""The badge: what it counts, and that it is an image."""
+"""The badge: its counts, and that it is an image."""
 
 from __future__ import annotations
 

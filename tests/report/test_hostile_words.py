@@ -1,4 +1,4 @@
-"""What engines and scenes say reaches every file of a report as text, and no file is lost by it."""
+"""Texts of engines and scenes reach every file of a report as plain text, and no file is lost."""
 
 import csv
 import json
@@ -21,7 +21,6 @@ class Surrogate(Resting):
     """Raises words that no encoding takes."""
 
     def run(self, scene, spec):
-        """Raises."""
         raise RuntimeError(WORDS)
 
 

@@ -144,7 +144,7 @@ def test_a_half_written_report_does_not_replace_a_good_one(results, tmp_path, mo
 
 @pytest.fixture(scope="module")
 def folder_without_truth(tmp_path_factory):
-    """A report of a scene that has no truth: one run in order, one whose attitudes leave the group."""
+    """A report of a scene that has no truth: one good run, one whose attitudes leave the group."""
     def none(scene):
         raise Unsupported("no reference equations")
 
@@ -208,7 +208,7 @@ def test_a_wrong_results_json_is_refused_with_its_place(folder, tmp_path, change
 
 
 def test_the_schema_lists_every_key_that_is_written(folder, folder_without_truth):
-    """A key that is new has to be described in `crosscheck.document` and docs/results-schema.md."""
+    """A new key must be described in `crosscheck.document` and docs/results-schema.md."""
     for each in (folder, folder_without_truth[1]):
         document = json.loads((each / "results.json").read_text(encoding="utf-8"))
         schema.from_plain(document)
@@ -319,7 +319,7 @@ def test_a_results_file_of_before_is_read_and_written_with_the_same_figures(tmp_
 
 
 def contains(after, before):
-    """Whether a value of now has all that one of before had."""
+    """Whether a present value contains everything of an earlier one."""
     if isinstance(before, dict):
         return all(key in after and contains(after[key], each) for key, each in before.items())
     if isinstance(before, list):

@@ -1,4 +1,4 @@
-"""What the pages say: headline, recommendations, groups of findings."""
+"""The words of the pages: headline, recommendations, groups of findings."""
 
 import re
 
@@ -27,7 +27,7 @@ def test_recommendation_names_the_fastest_passing_run(results):
     near, restless = run("fake Near", 1.05e-3), run("fake Restless", 1.5e-3, deviation=2e-4)
     found = trust.recommend(results.scenes[0], [slow, restless, near, fast])
     assert found.runs == ["fake Fast", "fake Near", "fake Restless"]
-    # Of a run a hundred times slower a third of its time is no noise of the fastest.
+    # A third of the time of a run a hundred times slower is no noise of the fastest run.
     found = trust.recommend(results.scenes[0], [run("fake Crawling", 0.1, deviation=0.03), fast])
     assert found.runs == ["fake Fast"]
 

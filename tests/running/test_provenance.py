@@ -1,4 +1,4 @@
-"""What is told of the checkout: its commit, and nothing is written into it."""
+"""The commit of the checkout is found, and nothing is written into it."""
 
 import os
 import shutil

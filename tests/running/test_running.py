@@ -1,4 +1,4 @@
-"""Arguments of `crosscheck.run`, and what becomes of an engine's failures."""
+"""Arguments of `crosscheck.run`, and the failures of engines."""
 
 import dataclasses
 import subprocess
@@ -121,7 +121,7 @@ def test_every_engine_takes_form_and_spin_free(scene: Scene, engine: str, method
     assert named.x.tolist() == free.x.tolist()
     with pytest.raises(Unsupported, match=rf"{engine} {method} .*form"):
         crosscheck.run(scene, engine, method, step=0.01, form=other)
-    if engine == "lieeuler":  # has the frame, and nothing in this scene that allows it
+    if engine == "lieeuler":  # supports spin-free frames, but nothing in this scene allows one
         assert crosscheck.run(scene, engine, method, step=0.01, spin_free=True).stats["spin_free"] == ()
         return
     with pytest.raises(Unsupported, match=f"{engine} {method}: spin_free=True"):

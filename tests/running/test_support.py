@@ -1,4 +1,4 @@
-"""The support matrix says what is so: what it calls supported runs and moves as the scene must."""
+"""The support matrix is right: a supported scene runs and moves as it must."""
 
 import numpy as np
 import pytest
@@ -83,7 +83,7 @@ def test_every_joint_and_force_of_the_scene_format_is_asked_for() -> None:
 
 
 def test_pinocchio_and_lieeuler_model_everything() -> None:
-    """Composite joints and cut bodies leave nothing out, but for rows of velocities alone in Pinocchio."""
+    """Composite joints and cut bodies omit nothing, except rows of velocities alone in Pinocchio."""
     for entry in support.matrix(["lieeuler", "pinocchio"]):
         if entry.engine == "pinocchio" and entry.item in JOINT_TYPES and JOINT_TYPES[entry.item].slips:
             assert "velocities alone" in entry.reason

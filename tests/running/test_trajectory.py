@@ -1,4 +1,4 @@
-"""Trajectories and the monitor: everything derived alike from an engine's raw states."""
+"""Trajectories and the monitor: the same quantities for all engines, from their raw states."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def scene():
 
 @pytest.fixture
 def states(scene):
-    """Eleven states that wander off the joints, with accelerations and multipliers of no particular meaning."""
+    """Eleven states that drift off the joints, with arbitrary accelerations and multipliers."""
     rng = np.random.default_rng(7)
     poses = [moved(scene.x0, scene.R0, 0.01 * k * rng.normal(size=(2, 6))) for k in range(11)]
     drift = 0.01 * np.arange(11)[:, None, None]

@@ -163,7 +163,7 @@ def test_a_state_a_little_off_is_brought_to_rounding_level(field):
     found = complete(pushed(scene, [0, 1, 0], 8e-9, field))
     for size, bound in zip(residuals(found), lengths(found), strict=True):
         assert size <= bound
-    assert np.abs(found.x0 - scene.x0).max() < 1e-8  # no further than it was off
+    assert np.abs(found.x0 - scene.x0).max() < 1e-8  # no further than the joint was open
     assert np.abs(found.v0 - scene.v0).max() < 1e-8
 
 
@@ -226,7 +226,7 @@ def distance(guess, found, step):
 
 
 def four_bar(closing_anchor=(2.0, 0.0, 0.0), tilt=0.0):
-    """A parallelogram of three bars with four hinges about y: three of its equations say what others say."""
+    """A parallelogram of three bars with four hinges about y: three of its equations are redundant."""
     y = np.array([0.0, 1.0, 0.0])
     half = np.array([0, 0, 0.5]), np.array([1.0, 0, 0])
     inertia = np.diag([0.3, 0.4, 0.2])

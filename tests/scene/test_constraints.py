@@ -49,7 +49,7 @@ def test_velocity_is_the_jacobian_times_the_velocities(kind, seed):
     constraints, x, R = elsewhere(jointed_pair(rng, kind), rng)
     u = rng.uniform(-2, 2, size=(2, 6))
     rates = constraints.velocity(x[None], R[None], u[None, :, :3], u[None, :, 3:])[0]
-    # two ways to the same sum of fewer than 40 products, none above 40
+    # two orders of the same sum of fewer than 40 products, none above 40
     np.testing.assert_allclose(rates, constraints.jacobian(x[None], R[None])[0] @ u.ravel(), rtol=0, atol=40 * 40 * EPS)
 
 
@@ -83,7 +83,7 @@ def test_rows_are_independent_where_the_joint_is_closed(kind, seed):
     assert rows.stop - rows.start == ROWS[kind]
     assert constraints.m == 3 + ROWS[kind]
     child = constraints.jacobian(*state(scene)[:2])[0][rows, 6:]
-    # unit directions and unit axes, anchors up to sqrt(3): a joint that were singular here would give zero
+    # unit directions and unit axes, anchors up to sqrt(3): a joint singular here would give zero
     assert np.linalg.svd(child, compute_uv=False)[-1] > 0.1
 
 

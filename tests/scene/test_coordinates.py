@@ -156,11 +156,11 @@ def test_armature_is_one_motion_in_the_engines_that_have_it(tmp_path):
     one, other = (crosscheck.run(scene, engine, method, step=1e-3) for engine, method in (("mujoco", "RK4"),
                                                                                         ("pinocchio", "RKMK4")))
     assert np.abs(one.x - other.x).max() < 1e-9  # order 4 at 1 ms, rates of a few / s
-    # two formulations that know of the rotors each in its own way
+    # two formulations with different equations of the rotors
     truth = crosscheck.truth(scene)
     assert truth.disagreement < 1e-12
     assert np.abs(one.x - truth.states.x).max() < 1e-9
-    # energy by our own formula is kept, and our accelerations, d'Alembert with the rotors, are the engines'
+    # our energy is conserved, and our accelerations (d'Alembert with rotors) equal those of the engines
     assert np.ptp(one.energy) < 1e-8
     from crosscheck.scene.mechanics import index1
 

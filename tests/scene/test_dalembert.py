@@ -1,4 +1,4 @@
-"""Work, momentum and reactions of runs, against balances that know nothing of the constraint Jacobian."""
+"""Work, momentum and reactions of runs, against balances without the constraint Jacobian."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def without_dampers(scene: Scene) -> Scene:
 
 
 def dissipated_power(scene: Scene, traj: Trajectory) -> np.ndarray:
-    """What the dampers take out of the motion, W, (T,): minus their forces times the velocities."""
+    """Power that the dampers dissipate, W, (T,): minus their forces times the velocities."""
     state = traj.x, traj.R, traj.v, traj.w
     dampers = mechanics.applied_forces(scene, *state) - mechanics.applied_forces(without_dampers(scene), *state)
     velocities = np.concatenate([traj.v, traj.w], axis=2).reshape(len(traj.t), -1)
@@ -232,7 +232,7 @@ LOOPS = ("slider_crank", "four_bar", "bricard", "parallelogram")
 
 @pytest.mark.parametrize("method", ["DAE1L_LSE", "DAE2H_LSE", "taylor"])
 def test_coordinates_that_follow_others_do_no_work(method):
-    """What Newton and Euler find along the two axes is as minus the ratio: the powers of both cancel."""
+    """The efforts by Newton and Euler along the two axes have minus the mimic's ratio: their powers cancel."""
     scene = crosscheck.load_scene("coupled_arm").replace(duration=0.5, samples=6)
     control = {"rtol": 1e-12} if method == "taylor" else {"step": 2e-3}
     traj = crosscheck.run(scene, "lieeuler", method, **control)
@@ -243,7 +243,7 @@ def test_coordinates_that_follow_others_do_no_work(method):
     for joint in (joint for joint in scene.joints if joint.mimic is not None):
         gap = efforts[joint.mimic.joint] + joint.mimic.ratio * efforts[joint.name]
         assert np.abs(gap).max() < 100 * EPS * scene.n * size_of(found)
-        assert np.abs(efforts[joint.name]).min() > 1e-3  # it is not for want of any
+        assert np.abs(efforts[joint.name]).min() > 1e-3  # the effort is not zero
 
 
 @pytest.mark.parametrize(("name", "method"), [
@@ -265,7 +265,7 @@ def test_reactions_in_a_tree_are_those_of_newton_and_euler(name, method):
 @pytest.mark.parametrize("name", LOOPS)
 @pytest.mark.parametrize("method", ["DAE3L_LE", "DAE1L_LSE", "DAE1H_LSE"])
 def test_reactions_in_a_loop_balance_every_body(name, method):
-    """Where rows are redundant the reactions are one set of many; each must carry the motion."""
+    """With redundant rows the reactions are one of many solutions, each of which must balance the motion."""
     scene = crosscheck.load_scene(name).replace(duration=1.0, samples=26)
     traj = crosscheck.run(scene, "lieeuler", method, step=2e-3, monitor=False)
     balance = needed(scene, traj, traj.a, traj.alpha)

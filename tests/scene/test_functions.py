@@ -1,4 +1,4 @@
-"""Functions of time: their values and derivatives, what a file may say of them, and the work that loads do."""
+"""Functions of time: their values and derivatives, their entries in files, and the work of loads."""
 
 import numpy as np
 import pytest

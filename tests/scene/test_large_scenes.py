@@ -1,4 +1,4 @@
-"""Large scenes and absurd files: sparse algebra agrees with dense, and every cap has clear words."""
+"""Large scenes and absurd files: sparse algebra agrees with dense, and every limit has a clear message."""
 
 import os
 import re

@@ -212,7 +212,7 @@ def test_momentum_of_a_circling_body_by_hand():
     scene = make_scene([body], [])
     momentum = mechanics.momentum_vertical(scene, one_state(scene.x0, scene.R0, scene.v0, scene.w0))
     assert momentum == pytest.approx(2.0 * 1.5 * 4.0 + 0.4 * 3.0, rel=4 * EPS)  # m x v_y + J_z w_z
-    sideways = scene.replace(gravity=np.array([0, -5.0, 0]))  # up is y now, about which neither turns
+    sideways = scene.replace(gravity=np.array([0, -5.0, 0]))  # up is now y, about which neither body turns
     assert mechanics.momentum_vertical(sideways, one_state(scene.x0, scene.R0, scene.v0, scene.w0)) == 0
 
 
@@ -235,7 +235,7 @@ def test_plane_pendulum_accelerates_by_its_textbook_law():
     a, alpha, lam = mechanics.index1(scene, *start(scene))
     expected = -mass * GRAVITY * arm * np.sin(angle) / (moment + mass * arm**2)
     np.testing.assert_allclose(alpha[0, 0], [0, expected, 0], rtol=0, atol=100 * EPS * abs(expected))
-    # the joint carries what gravity does not accelerate
+    # the joint balances the rest of gravity
     force, _ = Constraints(scene).reactions(scene.x0[None], scene.R0[None], lam)["hinge"]
     np.testing.assert_allclose(force[0], mass * (a[0, 0] + [0, 0, GRAVITY]), rtol=0, atol=100 * EPS * mass * GRAVITY)
 
@@ -265,7 +265,7 @@ def test_redundant_joints_share_the_load():
 
 @pytest.mark.parametrize("name", ["light_heavy", "heavy_light", "double_pendulum"])
 def test_accelerations_agree_with_a_solve_of_the_whole_system_by_pivots(name):
-    """M u' + G^T lam = f, G u' = -gamma at once: there graded masses lose nothing, nor may they by elimination."""
+    """M u' + G^T lam = f, G u' = -gamma solved together lose no digits; elimination may lose none."""
     scene = load_scene(name)
     at = (scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
     constraints = Constraints(scene)

@@ -1,4 +1,4 @@
-"""Scene files: what loads, and the one clear error for everything that does not."""
+"""Scene files: those that load, and the one clear error for each that does not."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ def test_a_path_no_file_can_have_is_refused_in_printable_words(name):
 
 @pytest.mark.parametrize("outcome", [np.linalg.LinAlgError("SVD did not converge"), OverflowError(), np.nan])
 def test_what_doubles_cannot_solve_is_refused(written, monkeypatch, outcome):
-    """Whatever numbers lead there: the closing of the joints fails, or ends in what is no number."""
+    """Odd numbers with which closing the joints fails or gives NaN."""
     def completed(draft):
         if isinstance(outcome, Exception):
             raise outcome

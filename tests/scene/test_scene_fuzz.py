@@ -1,4 +1,4 @@
-"""Whatever a scene file holds, it is a scene or one clear error."""
+"""Any content of a scene file gives a scene or one clear error."""
 
 from __future__ import annotations
 

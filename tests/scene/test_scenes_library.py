@@ -1,4 +1,4 @@
-"""The scenes that ship: complete, closed, honest about what they hold, and together they use every joint and force."""
+"""The built-in scenes are complete, closed and described rightly, and together use every joint and force."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_joints_between_bodies_and_to_the_ground_both_occur(library):
 
 
 def closes_a_loop(scene: Scene) -> bool:
-    """Whether two ways of joints lead from one body to another, the ground counted as a body."""
+    """Whether two paths of joints lead from one body to another; the ground counts as a body."""
     group = list(range(scene.n + 1))  # bodies joined so far share a number; the ground is the last
     for joint in scene.joints:
         parent, child = group[joint.parent], group[joint.child]
@@ -109,7 +109,7 @@ def test_every_scene_moves_and_its_kernel_run_ends_well(library, name):
 
 
 def test_the_parallelogram_passes_its_singular_position_on_its_own_branch(library):
-    """All bars on one line: rank drops, and only the motion through it decides that the coupler stays level."""
+    """All bars on one line: the rank drops, and only the motion through it keeps the coupler level."""
     scene = library["parallelogram"]
     traj = crosscheck.run(scene.replace(samples=round(scene.duration / STEP) + 1), engine="lieeuler",
                           method="DAE1H_LSE", step=STEP)
@@ -120,7 +120,7 @@ def test_the_parallelogram_passes_its_singular_position_on_its_own_branch(librar
     flat = int(np.argmin(np.abs(height)))
     smallest = np.linalg.svd(constraints.jacobian(traj.x, traj.R), compute_uv=False)[:, 16]  # 17 are independent
     assert smallest[flat] < 0.05 * smallest[0]
-    # Phi is held to 50 eps; the smallest singular value says how much motion off the branch that leaves open
+    # Phi is held to 50 eps, which allows motion off the branch in inverse proportion to the smallest singular value
     open_motion = 50 * EPS / smallest.min()
     assert np.abs(traj.R[:, 1] - np.eye(3)).max() < open_motion
     assert np.abs(traj.R[:, 0] - traj.R[:, 2]).max() < open_motion

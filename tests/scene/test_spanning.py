@@ -1,4 +1,4 @@
-"""Spanning trees of scenes: which joints make the tree, which close loops, what is free."""
+"""Spanning trees of scenes: the joints of the tree, those that close loops, the free coordinates."""
 
 import dataclasses
 
@@ -9,7 +9,7 @@ from crosscheck.scene.spanning import spanning_tree
 
 
 def _ranked(scene: Scene, first: str) -> list[str]:
-    """Names of the joints left over where the joint called `first` enters the tree first and no distance does."""
+    """Names of the joints outside the tree if the joint `first` enters it first and no distance joint does."""
     def preference(joint) -> int:
         return -1 if joint.type == "distance" else int(joint.name == first)
 

@@ -1,4 +1,4 @@
-"""lieeuler with the methods that these tests are about: quick, and no other method's verdict ends in them."""
+"""lieeuler with only the methods of these tests, which makes them quick."""
 
 from crosscheck.adapters.lieeuler import LieEuler
 

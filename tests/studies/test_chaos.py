@@ -1,4 +1,4 @@
-"""Statistical agreement: the test on series of known law, what it finds in wrong models, and a real study."""
+"""Statistical agreement: the test on series of known distribution, its findings on wrong models, and a real study."""
 
 import csv
 import dataclasses
@@ -37,7 +37,7 @@ def test_a_run_counts_as_many_samples_as_the_theory_of_its_law_says(memory):
     """The median scatters most: signs of Gaussian numbers of correlation r have that of 2 / pi arcsin r."""
     lags = np.arange(1, COUNT)
     wanted = COUNT / (1 + 2 * np.sum(2 / np.pi * np.arcsin(memory**lags)))
-    # two hundred runs know the scatter of each decile to a tenth, and the worst of nine is taken
+    # two hundred runs give the scatter of each decile to a tenth, and the worst of nine counts
     assert Law.of(correlated(0, 200, memory)).effective == pytest.approx(wanted, rel=0.25)
 
 

@@ -1,4 +1,4 @@
-"""Drift: the words on errors of known kind, and a short real run."""
+"""Drift: verdicts on errors of known kind, and a short real run."""
 
 import csv
 import json

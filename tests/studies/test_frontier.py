@@ -23,7 +23,7 @@ def test_nothing_is_extrapolated():
     errors, costs = ladder(2, 1.0, 1.0)
     assert cost_at(errors, costs, 0.9 * errors[-1]) is None
     assert cost_at(errors, costs, errors[-1]) == costs[-1]
-    # at a looser level than any rung the cheapest rung is what was measured
+    # at a looser level than any rung the cheapest rung counts
     assert cost_at(errors, costs, 1e3) == costs[0]
     assert cost_at((), (), 1e-3) is None
 

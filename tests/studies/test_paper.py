@@ -51,7 +51,7 @@ def test_figures_are_vector_graphics_and_all_in_the_document(folder):
 
 
 def test_every_method_is_drawn_and_none_hides_another(folder):
-    """Widths fall from method to method, so that curves that coincide show as bands."""
+    """Line widths decrease from method to method, so that coinciding curves show as bands."""
     text = (folder / "figures" / "single_pendulum-levels.svg").read_text("utf-8")
     assert all(f">{method}<" in text for method in EULER)
     widths = [float(width) for width in re.findall(r"stroke-width: ([\d.]+)", text)]

@@ -97,8 +97,8 @@ def test_the_command_and_its_page(tmp_path):
 
 
 def test_a_killed_study_goes_on_where_it_was(tmp_path, monkeypatch):
-    """The first way ends, then the study does; the next one does not run it again."""
-    # whoever edits a file of the package between the two has changed the code, and begins anew
+    """The study ends after its first method; the next study does not run that method again."""
+    # an edit of the package between the two changes the code, so that the study starts afresh
     monkeypatch.setattr(stability.provenance, "code_digest", lambda *_: 64 * "0")
     request = StabilityAsk(("single_pendulum",), ("lieeuler",), ("rattle2", "rattle4"), 20.0, 1)
 

@@ -18,7 +18,7 @@ from crosscheck.verification.ladder import INTERVALS, Way, ladder, reference, wa
 
 
 def quietly(*_):
-    """A progress bar, or a keeper of rungs, for nobody."""
+    """A progress bar, or a keeper of rungs, that does nothing."""
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_errors_fall_with_the_order_of_the_method(swing):
     way = Way("lieeuler", "rkmk4", "maximal", adaptive=False, order=4)
     rungs = measure(scene, [way], truth, 1, 0.002, quietly, quietly, bound=False)
     by_steps = {rung.steps: rung.end_position for rung in rungs if rung.status == "success"}
-    assert by_steps[16] / by_steps[32] == pytest.approx(2**4, rel=0.3)  # +-0.4 in the order: steps are long still
+    assert by_steps[16] / by_steps[32] == pytest.approx(2**4, rel=0.3)  # +-0.4 in the order: the steps are still long
 
 
 def test_heyoka_is_the_bound_and_near_rounding_at_its_tightest(swing):

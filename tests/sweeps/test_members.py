@@ -1,4 +1,4 @@
-"""Members: as many as asked for, distributed as asked for, on the joints, and the same again from the same seed."""
+"""Members: their number, their distribution, closed joints, and the same again from the same seed."""
 
 from __future__ import annotations
 

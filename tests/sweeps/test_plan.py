@@ -1,4 +1,4 @@
-"""What a sweep file may say: everything wrong is one sentence with the mend, before anything runs."""
+"""Sweep files: every mistake is one sentence with its correction, before anything runs."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def test_the_plugin_costs_a_test_session_nothing(pytester):
         def test_light():
             assert not {"mujoco", "pinocchio", "exudyn", "heyoka", "lieeuler", "scipy"} & set(sys.modules)
         """)
-    # Other plugins that happen to be installed would load what they like.
+    # Other installed plugins could load anything.
     pytester.runpytest_subprocess("-p", "no:hypothesispytest", "-p", "no:benchmark").assert_outcomes(passed=1)
 
 
@@ -123,7 +123,7 @@ def test_a_failed_check_says_what_by_how_much_why_when_and_where(pytester):
         r"E +AssertionError: single_pendulum: pinocchio RK4naive \(.*step=0.001\) and truth disagree in position by "
         r"\S+ m, allowed \S+ m \(A T h\^4 max\|y\^\(5\)\| with A = .*; first beyond it at t = .*, worst in body "
         r"'pendulum' at t = \S+ s"])
-    assert "agreement.py" not in result.stdout.str()  # the way there is no news to whoever reads it
+    assert "agreement.py" not in result.stdout.str()  # the reader does not need the steps before it
 
 
 def test_arguments_come_before_the_marker_and_what_is_missing_is_said(pytester):

@@ -1,4 +1,4 @@
-"""Advice: what it chooses from known runs, what its walk finds of an engine of known errors, and a real engine."""
+"""Advice: its choice among known runs, its walk on an engine of known errors, and a real engine."""
 
 import dataclasses
 
@@ -84,7 +84,7 @@ class Known:
 
 @pytest.fixture
 def pretend(monkeypatch, tmp_path):
-    """Puts an engine in the place of all, with truths kept and walks elsewhere."""
+    """Makes an engine the only one, with cached truths and walks in another folder."""
     def use(engine):
         monkeypatch.setattr(adapters, "get", lambda name: engine)
         monkeypatch.setattr(walks, "_path", lambda scene, name: tmp_path / f"{scene.hash}-{name}.json")

@@ -1,4 +1,4 @@
-"""`verify` elsewhere: the same document from any executor, scenes of one's own by their content, a lost scheduler."""
+"""`verify` elsewhere: the same document from any executor, scenes of the user by their content, a lost scheduler."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def test_curves_of_a_run_give_back_its_states(spinning):
 
     for k in range(3):
         assert values(lambda c, k=k: c.x[0][k]) == pytest.approx(traj.x[:, 0, k], abs=1e-4)
-        error = unpack(replace(packed.x[0][k], over=False))  # what a picture magnifies
+        error = unpack(replace(packed.x[0][k], over=False))  # the differences that a picture magnifies
         true = traj.x[:, 0, k] - reference.states.x[:, 0, k]
         assert error == pytest.approx(true, abs=1e-4 * np.abs(true).max())
     w, x, y, z = (values(lambda c, k=k: c.q[0][k]) for k in range(4))

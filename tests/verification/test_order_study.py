@@ -1,4 +1,4 @@
-"""The order study keeps to its bound of time and refines nothing that is past saving; the plans of stiff scenes."""
+"""The order study keeps its limit of time and refines no lost order; the plans of stiff scenes."""
 
 import dataclasses
 
@@ -24,7 +24,6 @@ class Clocked(FakeEngine):
     now = 0.0
 
     def run(self, scene, spec):
-        """As the base."""
         raw = super().run(scene, spec)
         self.now += raw.wall_time
         return raw
@@ -37,7 +36,7 @@ def judged(monkeypatch, most_seconds, **flaws):
 
 
 def orders(record):
-    """Of the study; that of the intervals of the main run is none of it."""
+    """Steps of the study, without those of the intervals of the main run."""
     return {finding.kind: finding for finding in record.findings
             if finding.kind.startswith("order") and finding.kind != "order intervals"}
 
@@ -83,7 +82,6 @@ class EndsEarly(FakeEngine):
     """Cannot step the whole scene, only its first second."""
 
     def run(self, scene, spec):
-        """As the base, or the failure."""
         if scene.duration > 1.0:
             raise EngineError("lost the solution at t = 7 s")
         return super().run(scene, spec)

@@ -1,4 +1,4 @@
-"""`crosscheck verify` goes on after a kill, with the same command and code only."""
+"""`crosscheck verify` continues after a kill, only with the same command and code."""
 
 import json
 import os

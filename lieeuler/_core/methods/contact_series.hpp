@@ -8,7 +8,7 @@ namespace lieeuler {
 
 class ContactSeries {
  public:
-  const int index, body;  // of the part, of the body that touches
+  const int index, body;  // of the part; of the body in contact
 
   ContactSeries(const Joint& joint, const Part& part, int index, const ReferencePoints& points)
       : index(index),
@@ -31,7 +31,7 @@ class ContactSeries {
 
   void start() { known_ = 0; }
 
-  // The torque and force of order k without lam_k onto the body; returns what the rows lack of order k.
+  // Subtracts the reaction of order k without lam_k from `force`; returns -gamma of order k.
   Vec3 begin(const BodySeries& bodies, int k, Twist& force) {
     for (; known_ <= k + 1; ++known_) extend(bodies, known_);
     turn_[k] = turned(bodies, 0, k);
@@ -62,7 +62,7 @@ class ContactSeries {
     if (across_blade_) return across_[k];
     return k == 0 ? part_.dots[row].a_local : Vec3(Vec3::Zero());
   }
-  // W of order k by orders of R from `first` on.
+  // W of order k, summed over the orders of R from `first` on.
   Vec3 turned(const BodySeries& bodies, int first, int k) const {
     Vec3 sum = Vec3::Zero();
     for (int j = first; j <= k; ++j) sum += upper(bodies.R[body][j]) * vector(bodies.w[body][k - j]);
@@ -74,7 +74,7 @@ class ContactSeries {
     for (int j = 0; j <= k; ++j) sum += turn_[j].cross(c_[k - j]);
     return sum;
   }
-  // The point of contact and the direction across a blade, order k.
+  // Order k of the point of contact and of the direction across a blade.
   void extend(const BodySeries& bodies, int k) {
     const Mat3 R = upper(bodies.R[body][k]);
     const Vec3& n = contact_.normal;

@@ -23,6 +23,7 @@ class MotionSeries {
     for (int k = 0; k < plan.count(); ++k)
       if (!points.holds(plan.parts[k])) plan_part(k);
     for (const Force& force : system_.forces) plan_force(force);
+    has_others_ = !row_drives_.empty() || !contacts_.empty() || !plan.mimics.empty();
   }
 
   // Computes coefficients of order zero, and those of order one that do not depend on forces.
@@ -57,14 +58,12 @@ class MotionSeries {
     for (PartSeries& part : parts_) part.begin(carried_, k);
     for (const Arm& arm : arms_) add_arm(arm, k);
     for (PartSeries& part : parts_) subtract_gamma(part, k);
-    for (const RowDrive& drive : row_drives_)
-      rows_[parts_[drive.part].index][0] += (k + 1) * (k + 2) * drive.series[k + 2];
-    for (ContactSeries& contact : contacts_) rows_[contact.index] = contact.begin(body_, k, force_[contact.body]);
-    combine(plan_, rows_.data()->data());
+    if (has_others_) begin_others(k);
     saddle.solve(force_, rows_, k < kLowOrders);
     for (int b = 0; b < system_.n(); ++b) body_.extend(b, k, turned_[b], force_[b]);
     for (PartSeries& part : parts_) part.finish(carried_, k, rows_[part.index]);
-    for (ContactSeries& contact : contacts_) contact.finish(k, rows_[contact.index]);
+    if (has_others_)
+      for (ContactSeries& contact : contacts_) contact.finish(k, rows_[contact.index]);
     for (CarriedSeries& z : carried_) z.extend(body_, k + 2);
     return true;
   }
@@ -177,6 +176,13 @@ class MotionSeries {
     return static_cast<int>(carried_.size()) - 1;
   }
 
+  // Rows that only some systems have; one test for all of them keeps the others fast.
+  [[gnu::noinline, gnu::cold]] void begin_others(int k) {
+    for (const RowDrive& drive : row_drives_)
+      rows_[parts_[drive.part].index][0] += (k + 1) * (k + 2) * drive.series[k + 2];
+    for (ContactSeries& contact : contacts_) rows_[contact.index] = contact.begin(body_, k, force_[contact.body]);
+    combine(plan_, rows_.data()->data());
+  }
   bool add_forces(int k) {
     for (SpringSeries& spring : springs_)
       if (!spring.extend(carried_[spring.line].value.data(), k)) return false;
@@ -266,6 +272,7 @@ class MotionSeries {
     std::vector<double> series;
   };
   std::vector<RowDrive> row_drives_;
+  bool has_others_ = false;  // driven rows, contacts or mimics
   std::vector<Arm> arms_;
   std::vector<Twist> force_;  // in: forces of this order; out: accelerations
   std::vector<Vec3> rows_;    // by part; in: -gamma; out: multipliers

@@ -1,9 +1,9 @@
-// Rows of a body that touches a plane of the ground at one point (theory note, rolling and sliding without slip).
+// Rows of a body that touches a plane of the ground at one point (docs/theory.md, section 18).
 //
-// With c from the centre of mass to the point of contact, in world axes, the rows are t . (v + w x c) = 0: of the
-// height with t the normal n, which is the derivative of Phi, and of the slip with t in the plane, across the blade or
-// any two. c and t of a blade turn with the body; a turn by eta (world) changes them by A eta and B eta. The point of
-// a disk is  c = R s - r (n - (n . a) a) / q,  q^2 = 1 - (n . a)^2,  a its axis, that of a sphere  R s - r n.
+// With c from the centre of mass to the point of contact, in world axes, the rows are t . (v + w x c) = 0. For the
+// height t is the normal n, and the row is the derivative of Phi. For the slip t lies in the plane: across the blade,
+// or any two directions. A turn of the body by eta (world) changes c by A eta and t by B eta. The point of contact of a
+// disk is  c = R s - r (n - (n . a) a) / q,  q^2 = 1 - (n . a)^2,  with its axis a; that of a sphere is  R s - r n.
 #pragma once
 
 #include "model/rows.hpp"
@@ -28,7 +28,7 @@ class ContactState {
     A_ -= radius * by_axis * hat(axis_);
   }
 
-  // Phi; d from the point of the plane to the point of the blade or the centre.
+  // Phi, with d from the plane's point to the blade's point or the centre.
   Vec3 gap(const Vec3& d) const { return {part_.slips ? 0 : contact_.normal.dot(d) - contact_.radius * height_, 0, 0}; }
   Vec3 velocity(const Twist& u) const {
     const Vec3 speed = u.v + (R_ * u.w).cross(c_);
@@ -50,7 +50,7 @@ class ContactState {
     const Vec3 force = pull(lam);
     impulse.v -= force, impulse.w -= transposed_times(R_, c_.cross(force));
   }
-  // As JointState has it.
+  // As JointState::velocity_slope.
   Rows velocity_slope(const Twist& u, bool both_orders) const {
     const Vec3 w = R_ * u.w, speed = u.v + w.cross(c_), bent = A_ * w, turned = B() * w;
     Rows N;
@@ -70,7 +70,7 @@ class ContactState {
   // d(G^T lam)/dq
   Stiffness stiffness(const Vec3& lam) const {
     const Vec3 force = pull(lam);
-    const Mat3 by_turn = lam[0] * B();  // of a blade's only row; B is zero of the others
+    const Mat3 by_turn = lam[0] * B();  // the slip of a blade has one row; B of all other rows is zero
     Stiffness K;
     K.vw = by_turn * R_;
     K.ww = R_.transpose() * (hat(c_.cross(force)) - hat(force) * A_ + hat(c_) * by_turn) * R_;
@@ -100,7 +100,7 @@ class ContactState {
   const Mat3& R_;
   Vec3 axis_, c_;
   Mat3 A_;
-  double height_ = 1;  // of the centre over the plane, in radii
+  double height_ = 1;  // of the centre above the plane, in radii
 };
 
 }  // namespace lieeuler

@@ -338,7 +338,10 @@ class JointState {
     return slope;
   }
 
-  ContactState contact(const Part& part) const { return {part, frame_[kChild]->R, arm_[kChild]}; }
+  // Cold: inlined, the rows of contacts would take registers from those of all other joints.
+  [[gnu::noinline, gnu::cold]] ContactState contact(const Part& part) const {
+    return {part, frame_[kChild]->R, arm_[kChild]};
+  }
 
   // The angle minus the prescribed one, in [-pi, pi].
   double angle_gap(const Part& part) const {

@@ -1,4 +1,4 @@
-// Where one coordinate follows another: the row of both, and the two rows of Newton's matrix that stand for it.
+// Coordinates that follow others: the row of both, and the two rows of Newton's matrix in its place.
 #pragma once
 
 #include <numbers>
@@ -8,7 +8,7 @@
 
 namespace lieeuler {
 
-// follower - ratio leader - offset, rad or m; `angles` are those of forces, to unwrap the leader's against.
+// follower - ratio leader - offset, rad or m; `angles`, those of the forces, unwrap that of the leader.
 inline double gap(const Plan& plan, const PlacedMimic& mimic, const Constraints& joints,
                   const std::vector<double>& angles) {
   const auto wrapped = [](double angle) { return std::remainder(angle, 2 * std::numbers::pi); };
@@ -19,7 +19,7 @@ inline double gap(const Plan& plan, const PlacedMimic& mimic, const Constraints&
   return mimic.turns ? wrapped(found) : found;
 }
 
-// Its rate where `u` are velocities.
+// Its rate for the velocities u.
 inline double mimic_rate(const Plan& plan, const PlacedMimic& mimic, const Constraints& joints,
                          const std::vector<Twist>& u) {
   const auto rate = [&](int k) {
@@ -28,7 +28,7 @@ inline double mimic_rate(const Plan& plan, const PlacedMimic& mimic, const Const
   return rate(mimic.follower) - mimic.ratio * rate(mimic.leader);
 }
 
-// Of rows of both, three values a part, those of the leader into the follower's place.
+// Combines the rows of followers and leaders, three values a part, in the follower's place.
 inline void combine(const Plan& plan, double* rows) {
   for (const PlacedMimic& mimic : plan.mimics) {
     double* const leader = rows + 3 * mimic.leader;
@@ -37,7 +37,7 @@ inline void combine(const Plan& plan, double* rows) {
   }
 }
 
-// Blocks of a follower and a leader in a matrix that has [M G^T; G 0] in it.
+// Blocks of a follower and a leader in a matrix that contains [M G^T; G 0].
 struct MimicBlocks {
   double ratio;
   double *across, *back, *own;  // (follower, leader), (leader, follower), (leader, leader)

@@ -58,10 +58,10 @@ inline void drive_joint(System& system, bool turns, const Vec3& parent_axis, con
   joint.parts.push_back(part), joint.driven = true;
 }
 
-// The height and the slip of a contact with a plane of the ground, for the joint added last.
+// Adds rows to the last joint: height and slip of a contact with a plane of the ground.
 inline void add_contact(System& system, Contact::Kind kind, const Vec3& normal, const Vec3& axis, double radius,
                         const std::vector<Vec3>& across) {
-  require(!system.joints.empty() && system.joints.back().parent == system.n(), "a contact is one with the ground");
+  require(!system.joints.empty() && system.joints.back().parent == system.n(), "a contact needs the ground as its parent");
   require(!across.empty() && across.size() <= 3, "a contact needs directions of slip");
   Joint& joint = system.joints.back();
   for (const std::vector<Vec3>& directions : {std::vector<Vec3>{normal}, across}) {
@@ -75,7 +75,7 @@ inline void add_contact(System& system, Contact::Kind kind, const Vec3& normal, 
   measure(system, joint);
 }
 
-// Makes the angle or the slide of the joint added last follow that of another joint, which add_leader() names.
+// Makes the angle or slide of the last joint follow that of another joint, which add_leader() names.
 inline void follow(System& system, bool turns, const Vec3& parent_axis, const Vec3& child_axis, const Vec3& normal,
                    const Vec3& second_normal, const Vec3& pointer, double ratio, double offset) {
   require(!system.joints.empty() && !system.joints.back().follows, "there is no joint to follow another");

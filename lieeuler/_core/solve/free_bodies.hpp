@@ -1,9 +1,9 @@
-// Energy and angular momentum of bodies on which nothing acts, kept in twice the digits.
+// Keeps energy and angular momentum of bodies on which nothing acts, in twice the digits.
 //
-// Near its middle axis a body turns over at a time that hangs on 2 E J2 - L^2, a small difference: a rounding of w
-// during one flip moves the next by millions of roundings. So every step ends on the surfaces of the start,
+// When a body near its middle axis turns over depends on 2 E J2 - L^2, a small difference: a rounding of w during one
+// flip moves the next by millions of roundings. So every step ends with the invariants of the start,
 //
-//   w . J w / 2 = E,   |J w|^2 = L^2     by the least change of w, residuals in twice the digits
+//   w . J w / 2 = E,   |J w|^2 = L^2     by the least change of w, with residuals in twice the digits
 //   R <- exp(d) R,  R J w = L            by the least turn
 #pragma once
 
@@ -31,7 +31,7 @@ class FreeBodies {
     }
   }
 
-  // One correction: it leaves the square of the step's error, and rounding of w.
+  // One correction; it leaves the square of the step's error and the rounding of w.
   void restore(State& state) const {
     for (const Kept& kept : bodies_) {
       const Body& body = system_.bodies[kept.body];
@@ -44,7 +44,7 @@ class FreeBodies {
       const double residual = here.energy.less(kept.start.energy) / size;
       const double rest = here.square.less(kept.start.square) / other_size - a.dot(b) * residual;
       w -= residual * a;
-      // About a principal axis the two slopes are one direction, and what both agree on is all there is to correct.
+      // About a principal axis both slopes have the same direction, and the first correction is the only one.
       if (normal.squaredNorm() > kParallel) w -= rest / normal.squaredNorm() * normal.cross(a);
       Frame& frame = state.frames[kept.body];
       const Vec3 L = frame.R * angular_momentum(body, w);
@@ -53,9 +53,9 @@ class FreeBodies {
   }
 
  private:
-  static constexpr double kParallel = 1e-20;  // sine of their angle, squared
+  static constexpr double kParallel = 1e-20;  // squared sine of the angle between the slopes
 
-  // A value and what rounding took from it.
+  // A value and its rounding error.
   struct Twice {
     double value, rest;
     double less(const Twice& other) const { return (value - other.value) + (rest - other.rest); }

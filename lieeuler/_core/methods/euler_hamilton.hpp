@@ -138,7 +138,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
 
   // Rows of slip where others are those of position: of the velocity after the step; of RATTLE in the mean of the two
   // configurations of the step, by the velocity that leads from one to the other, which is symmetric in them.
-  Vec3 slip_rows(int k) const {
+  [[gnu::noinline, gnu::cold]] Vec3 slip_rows(int k) const {
     if (!rattle_) return this->velocity_rows(k, state_, this->here(k));
     const Twist &parent = xi_[this->body_of(k, kParent)], &child = xi_[this->body_of(k, kChild)];
     return 0.5 * (this->before(k).velocity(this->part_of(k), parent, child) +
@@ -206,13 +206,19 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
     return true;
   }
 
-  // Derivative of the rows with respect to xi. Velocity rows G M^-1 p depend on xi by p_w = E^T y, by E, and by G.
+  // Derivative of the rows with respect to xi.
   Rows row_slope(int k, Side side) const {
+    const Part& part = this->part_of(k);
+    const Rows G = this->here(k).jacobian(part, side);
+    if (by_velocity() || part.slips) return rate_slope(k, side, G);
+    return {G.v, G.w * tangents_[this->body_of(k, side)]};
+  }
+  // That of rows of velocity: G M^-1 p depends on xi by p_w = E^T y, by E, and by G. Not inlined: methods at position
+  // level would pay for it.
+  [[gnu::noinline]] Rows rate_slope(int k, Side side, const Rows& G) const {
     const Part& part = this->part_of(k);
     const int b = this->body_of(k, side);
     const Mat3& T = tangents_[b];
-    const Rows G = this->here(k).jacobian(part, side);
-    if (!by_velocity() && !part.slips) return {G.v, G.w * T};
     const std::vector<Twist>& u = part.slips && rattle_ ? xi_ : state_.u;
     const Rows N =
         this->here(k).velocity_slope(part, side, u[this->body_of(k, kParent)], u[this->body_of(k, kChild)], false);

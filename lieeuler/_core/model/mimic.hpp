@@ -9,8 +9,9 @@
 namespace lieeuler {
 
 // follower - ratio leader - offset, rad or m; `angles`, those of the forces, unwrap that of the leader.
-inline double gap(const Plan& plan, const PlacedMimic& mimic, const Constraints& joints,
-                  const std::vector<double>& angles) {
+// Cold, as few systems have mimics: inlined it would slow the loops of all others.
+[[gnu::noinline, gnu::cold]] inline double gap(const Plan& plan, const PlacedMimic& mimic, const Constraints& joints,
+                                               const std::vector<double>& angles) {
   const auto wrapped = [](double angle) { return std::remainder(angle, 2 * std::numbers::pi); };
   const auto coordinate = [&](int k) { return joints[plan.parts[k].joint].position(plan.part(k))[0]; };
   double leader = coordinate(mimic.leader);

@@ -6,6 +6,8 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include "methods/extrapolation.hpp"
+#include "methods/taylor.hpp"
 #include "python/building.hpp"
 #include "python/levels.hpp"
 #include "python/methods.hpp"

@@ -1,9 +1,7 @@
 // Methods with their steps or their tolerance, ready to run.
 #pragma once
 
-#include "methods/extrapolation.hpp"
 #include "methods/rkmk.hpp"
-#include "methods/taylor.hpp"
 #include "python/arrays.hpp"
 #include "run/adaptive.hpp"
 #include "run/ensemble.hpp"

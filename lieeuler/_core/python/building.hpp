@@ -61,7 +61,8 @@ inline void drive_joint(System& system, bool turns, const Vec3& parent_axis, con
 // Adds rows to the last joint: height and slip of a contact with a plane of the ground.
 inline void add_contact(System& system, Contact::Kind kind, const Vec3& normal, const Vec3& axis, double radius,
                         const std::vector<Vec3>& across) {
-  require(!system.joints.empty() && system.joints.back().parent == system.n(), "a contact needs the ground as its parent");
+  require(!system.joints.empty() && system.joints.back().parent == system.n(),
+          "a contact needs the ground as its parent");
   require(!across.empty() && across.size() <= 3, "a contact needs directions of slip");
   Joint& joint = system.joints.back();
   for (const std::vector<Vec3>& directions : {std::vector<Vec3>{normal}, across}) {

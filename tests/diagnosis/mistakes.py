@@ -9,12 +9,46 @@ from scipy.spatial.transform import Rotation
 
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
-from crosscheck.diagnosis import explain, of_output, physics
+from crosscheck.diagnosis import explain, of_output
 from crosscheck.diagnosis.observe import scale_of
 from crosscheck.references.maximal import Maximal
 from tests.diagnosis import misbuilt
 from tests.diagnosis.misbuilt import Misbuilt
-from tests.diagnosis.stepper import Flaws, Stepper
+from tests.diagnosis.stepper import Stepper
+from tests.diagnosis.wrong_models import (
+    Behind,
+    altered,
+    attachment,
+    claiming,
+    exchanged,
+    flawed,
+    gravity_scaled,
+    joints,
+    near,
+    one_moment,
+    products,
+    scaled,
+    shifted,
+    some,
+    turned,
+)
+from tests.diagnosis.wrong_output import (
+    at_joint,
+    between,
+    each,
+    elsewhere,
+    finite,
+    gravity_off,
+    jumped,
+    later,
+    retimed,
+    shifted_later,
+    spoilt,
+    stuck,
+    told,
+    unrepeatable,
+    with_states,
+)
 
 ONE, TWO, SPRUNG, DRIVEN = "single_pendulum", "double_pendulum", "spring_pendulum", "driven_double_pendulum"
 
@@ -33,268 +67,6 @@ def method_of(engine, scene):
     """The method of order 4 of an engine of this suite: lieeuler's that takes the scene, or that of our own stepper."""
     return next(name for name in ("rkmk4", "rattle4", "RK4") if name in engine.methods and
                 engine.unsupported(scene, RunSpec(name, 1e-3)) is None)
-
-
-def altered(change):
-    """An engine that runs another scene; `change(rng, scene)` -> (scene -> scene)."""
-    return lambda rng, scene: Misbuilt(adapters.get("lieeuler"), (change(rng, scene),))
-
-
-def flawed(**draw):
-    """An engine whose stepper has a flaw; values may be functions of the random numbers and the scene."""
-    return lambda rng, scene: Stepper(Flaws(**{name: value(rng, scene) if callable(value) else value
-                                               for name, value in draw.items()}))
-
-
-def claiming(**draw):
-    """As `flawed`, by an engine that claims to hold all levels."""
-    return lambda rng, scene: Stepper(Flaws(**draw), frozenset({"position", "velocity", "acceleration"}))
-
-
-def told(change):
-    """An engine that reports its states wrongly; `change(rng, scene, states)` -> states."""
-    def build(rng, scene):
-        seed = int(rng.integers(1 << 30))
-
-        def report(given, raw):
-            raw.states = change(np.random.default_rng(seed), given, raw.states)
-            raw.states.a = raw.states.alpha = None
-            return raw
-        return Misbuilt(adapters.get("lieeuler"), (), (report,))
-    return build
-
-
-def near(low, high):
-    """A factor off one by a size in these limits, to either side."""
-    return lambda rng, scene=None: misbuilt.factor(rng, low, high)
-
-
-def some(low, high):
-    """A number between these, uniform in its logarithm."""
-    return lambda rng, scene=None: float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def bodies(change):
-    """Bodies altered: `change(k, body, scene)`."""
-    return lambda rng, scene: lambda s: misbuilt._bodies(s, lambda k, body: change(k, body, s))
-
-
-def scaled(which, **powers):
-    """Mass, inertia times one random factor, of one body (by index from the end) or of all (None)."""
-    def change(rng, scene):
-        s = misbuilt.factor(rng, 0.02, 0.4)
-        chosen = range(scene.n) if which is None else (which % scene.n,)
-        return lambda given: misbuilt._bodies(given, lambda k, body: dataclasses.replace(
-            body, **{name: s**power * getattr(body, name) for name, power in powers.items()}) if k in chosen else body)
-    return change
-
-
-def exchanged(*names):
-    """The named properties of the first two bodies exchanged."""
-    def change(rng, scene):
-        return lambda s: misbuilt._bodies(s, lambda k, body: dataclasses.replace(
-            body, **{name: getattr(s.bodies[1 - k], name) for name in names}) if k < 2 else body)
-    return change
-
-
-def products(factor, which=None):
-    """Products of inertia times a factor."""
-    def change(rng, scene):
-        return lambda s: misbuilt._bodies(s, lambda k, body: dataclasses.replace(
-            body, inertia=body.inertia * np.where(np.eye(3, dtype=bool), 1.0, factor))
-            if which is None or k == which % s.n else body)
-    return change
-
-
-def joints(change):
-    """Anchors altered and bodies moved to where the joints then put them."""
-    def made(rng, scene):
-        return lambda s: of_output.replaced(s, tuple(change(k, joint) for k, joint in enumerate(s.joints))) or s
-    return made
-
-
-def shifted(side, body=-1, placed=True):
-    """One anchor of the joint of a body moved; its start moved with it, or kept."""
-    def change(rng, scene):
-        d = rng.uniform(0.02, 0.1) * misbuilt.unit(rng)
-
-        def changed(s):
-            last = body % len(s.joints)
-            joints = tuple(dataclasses.replace(joint, **{side: getattr(joint, side) + d}) if k == last else joint
-                           for k, joint in enumerate(s.joints))
-            return of_output.replaced(s, joints) if placed else s.replace(joints=joints)
-        return changed
-    return change
-
-
-@dataclasses.dataclass
-class Behind:
-    """lieeuler's methods, whose functions of time come a part of a step late."""
-
-    part: float
-    elements = ("joint_torque", "function")
-
-    def __getattr__(self, name):
-        return getattr(adapters.get("lieeuler"), name)
-
-    def run(self, scene, spec):
-        """With the first force's function delayed."""
-        motor = scene.forces[0]
-        late = {key: value.delayed(self.part * spec.step) if value in motor.functions else value
-                for key, value in motor.parameters.items()}
-        return adapters.get("lieeuler").run(scene.replace(forces=(
-            dataclasses.replace(motor, parameters=late), *scene.forces[1:])), spec)
-
-
-def attachment(rng, scene):
-    """The point of a spring on the body moved."""
-    d = rng.uniform(0.02, 0.1) * misbuilt.unit(rng)
-
-    def change(s):
-        force = s.forces[0]
-        point = tuple(np.asarray(force.parameters["child_point"]) + d)
-        return s.replace(forces=(dataclasses.replace(force, parameters=force.parameters | {"child_point": point}),
-                                 *s.forces[1:]))
-    return change
-
-
-def gravity_scaled(rng, scene):
-    """Gravity by a factor."""
-    s = misbuilt.factor(rng, 0.005, 0.3)
-    return misbuilt.gravity(lambda g: s * g)
-
-
-def one_moment(rng, scene):
-    """One moment of inertia of the first body."""
-    added = rng.uniform(0.005, 0.02)
-    return misbuilt.inertia(lambda given, k: given.inertias[k] + added * np.diag([1.0, 0.0, 0.0]), 0)
-
-
-def turned(rng, scene):
-    """Inertias given in axes turned against the body's."""
-    Q = Rotation.from_rotvec(rng.uniform(0.2, 0.8) * misbuilt.unit(rng)).as_matrix()
-    return misbuilt.inertia(lambda s, k: Q @ s.inertias[k] @ Q.T)
-
-
-def with_states(states, **changes):
-    """States with some of x, R, v, w replaced."""
-    return dataclasses.replace(states, **changes)
-
-
-def at_joint(speed):
-    """Positions, and velocities too, of the joints."""
-    def change(rng, scene, states):
-        levers = physics.levers(scene)
-        x = states.x + np.einsum("tnij,nj->tni", states.R, levers)
-        v = states.v + np.einsum("tnij,tnj->tni", states.R, np.cross(states.w, levers)) if speed else states.v
-        return with_states(states, x=x, v=v)
-    return change
-
-
-def elsewhere(rng, scene, states):
-    """Positions of points of the bodies that nothing is said about."""
-    s = rng.uniform(-0.2, 0.2, (scene.n, 3))
-    return with_states(states, x=states.x + np.einsum("tnij,nj->tni", states.R, s))
-
-
-def each(change):
-    """The same done to x, R, v and w."""
-    return lambda rng, scene, states: with_states(states, **{name: change(rng, getattr(states, name))
-                                                             for name in ("x", "R", "v", "w")})
-
-
-def retimed(times):
-    """True states at other times than those asked for."""
-    return told(lambda rng, scene, states: of_output.at_times(scene, times(scene)))
-
-
-def finite(change):
-    """What goes away with the step: `change(scene, raw)` -> states."""
-    def build(rng, scene):
-        def report(given, raw):
-            raw.states = change(given, raw)
-            return raw
-        return Misbuilt(adapters.get("lieeuler"), (), (report,))
-    return build
-
-
-def between(scene, raw):
-    """True states on straight lines between those of steps that do not end on the output times."""
-    h = 1.3 * raw.step
-    k = np.floor(scene.t / h)
-    # Rounded: truth cannot step between times that differ by their roundings.
-    one, two = (of_output.at_times(scene, np.round((k + more) * h, 12)) for more in (0, 1))
-    part = (scene.t / h - k)[:, None, None]
-
-    def line(name):
-        early, late = (getattr(states, name).reshape(len(k), scene.n, -1) for states in (one, two))
-        return ((1 - part) * early + part * late).reshape(getattr(one, name).shape)
-    return with_states(one, t=scene.t, **{name: line(name) for name in ("x", "R", "v", "w")})
-
-
-def spoilt(**changes):
-    """Reported accelerations that are those of another state, or in other axes."""
-    def build(rng, scene):
-        def report(given, raw):
-            raw.states = with_states(raw.states, **{name: change(given, raw.states) for name, change in
-                                                    changes.items()})
-            return raw
-        return Misbuilt(adapters.get("lieeuler"), (), (report,))
-    return build
-
-
-def unrepeatable(rng, scene):
-    """Noise that differs from run to run."""
-    def report(given, raw):
-        raw.states = each(lambda _, values: values + 1e-8 * np.random.default_rng().normal(size=values.shape))(
-            None, given, raw.states)
-        return raw
-    return Misbuilt(adapters.get("lieeuler"), (), (report,))
-
-
-def later(change, part=0.4):
-    """What begins after a part of the scene's whole duration: true motion before, of an altered scene after."""
-    def build(rng, scene):
-        begin = part * scene.duration
-
-        def report(given, raw):
-            after = raw.states.t > begin
-            if after.any():
-                raw.states = change(given, raw.states, after, begin)
-                raw.states.a = raw.states.alpha = None
-            return raw
-        return Misbuilt(adapters.get("lieeuler"), (), (report,))
-    return build
-
-
-def gravity_off(given, states, after, begin):
-    """Another gravity from a time on."""
-    start = Maximal(given).run(np.linspace(0.0, begin, 50))  # with its turns
-    from crosscheck.diagnosis.of_run import restarted
-    wrong = restarted(given, start, 49, 1.0).replace(gravity=0.97 * given.gravity)
-    grid = np.concatenate([[0.0], states.t[after] - begin])
-    found = Maximal(wrong).run(grid)
-    return with_states(states, **{name: np.concatenate([getattr(states, name)[~after], getattr(found, name)[1:]])
-                                  for name in ("x", "R", "v", "w")})
-
-
-def stuck(given, states, after, begin):
-    """An angular velocity that stays as large as it is."""
-    w = states.w.copy()
-    w[after, 0, 0] = w[after, 0, 0][0]
-    return with_states(states, w=w)
-
-
-def jumped(given, states, after, begin):
-    """Attitudes of the other sign of the angle."""
-    R = states.R.copy()
-    R[after, 0] = np.swapaxes(R[after, 0], -1, -2)
-    return with_states(states, R=R)
-
-
-def shifted_later(given, states, after, begin):
-    """Positions off by a thousandth of a metre."""
-    return with_states(states, x=np.where(after[:, None, None], states.x + 1e-3, states.x))
 
 
 DAMPING = ("extra damping",)

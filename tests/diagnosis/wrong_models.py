@@ -1,0 +1,137 @@
+"""Engines whose model or stepping is wrong: builders of the mistakes in `tests.diagnosis.mistakes`."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from crosscheck import adapters
+from crosscheck.diagnosis import of_output
+from tests.diagnosis import misbuilt
+from tests.diagnosis.misbuilt import Misbuilt
+from tests.diagnosis.stepper import Flaws, Stepper
+
+
+def altered(change):
+    """An engine that runs another scene; `change(rng, scene)` -> (scene -> scene)."""
+    return lambda rng, scene: Misbuilt(adapters.get("lieeuler"), (change(rng, scene),))
+
+
+def flawed(**draw):
+    """An engine whose stepper has a flaw; values may be functions of the random numbers and the scene."""
+    return lambda rng, scene: Stepper(Flaws(**{name: value(rng, scene) if callable(value) else value
+                                               for name, value in draw.items()}))
+
+
+def claiming(**draw):
+    """As `flawed`, by an engine that claims to hold all levels."""
+    return lambda rng, scene: Stepper(Flaws(**draw), frozenset({"position", "velocity", "acceleration"}))
+
+
+def near(low, high):
+    """A factor off one by a size in these limits, to either side."""
+    return lambda rng, scene=None: misbuilt.factor(rng, low, high)
+
+
+def some(low, high):
+    """A number between these, uniform in its logarithm."""
+    return lambda rng, scene=None: float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def scaled(which, **powers):
+    """Mass, inertia times one random factor, of one body (by index from the end) or of all (None)."""
+    def change(rng, scene):
+        s = misbuilt.factor(rng, 0.02, 0.4)
+        chosen = range(scene.n) if which is None else (which % scene.n,)
+        return lambda given: misbuilt._bodies(given, lambda k, body: dataclasses.replace(
+            body, **{name: s**power * getattr(body, name) for name, power in powers.items()}) if k in chosen else body)
+    return change
+
+
+def exchanged(*names):
+    """The named properties of the first two bodies exchanged."""
+    def change(rng, scene):
+        return lambda s: misbuilt._bodies(s, lambda k, body: dataclasses.replace(
+            body, **{name: getattr(s.bodies[1 - k], name) for name in names}) if k < 2 else body)
+    return change
+
+
+def products(factor, which=None):
+    """Products of inertia times a factor."""
+    def change(rng, scene):
+        return lambda s: misbuilt._bodies(s, lambda k, body: dataclasses.replace(
+            body, inertia=body.inertia * np.where(np.eye(3, dtype=bool), 1.0, factor))
+            if which is None or k == which % s.n else body)
+    return change
+
+
+def joints(change):
+    """Anchors altered and bodies moved to where the joints then put them."""
+    def made(rng, scene):
+        return lambda s: of_output.replaced(s, tuple(change(k, joint) for k, joint in enumerate(s.joints))) or s
+    return made
+
+
+def shifted(side, body=-1, placed=True):
+    """One anchor of the joint of a body moved; its start moved with it, or kept."""
+    def change(rng, scene):
+        d = rng.uniform(0.02, 0.1) * misbuilt.unit(rng)
+
+        def changed(s):
+            last = body % len(s.joints)
+            joints = tuple(dataclasses.replace(joint, **{side: getattr(joint, side) + d}) if k == last else joint
+                           for k, joint in enumerate(s.joints))
+            return of_output.replaced(s, joints) if placed else s.replace(joints=joints)
+        return changed
+    return change
+
+
+@dataclasses.dataclass
+class Behind:
+    """lieeuler's methods, whose functions of time come a part of a step late."""
+
+    part: float
+    elements = ("joint_torque", "function")
+
+    def __getattr__(self, name):
+        return getattr(adapters.get("lieeuler"), name)
+
+    def run(self, scene, spec):
+        """With the first force's function delayed."""
+        motor = scene.forces[0]
+        late = {key: value.delayed(self.part * spec.step) if value in motor.functions else value
+                for key, value in motor.parameters.items()}
+        return adapters.get("lieeuler").run(scene.replace(forces=(
+            dataclasses.replace(motor, parameters=late), *scene.forces[1:])), spec)
+
+
+def attachment(rng, scene):
+    """The point of a spring on the body moved."""
+    d = rng.uniform(0.02, 0.1) * misbuilt.unit(rng)
+
+    def change(s):
+        force = s.forces[0]
+        point = tuple(np.asarray(force.parameters["child_point"]) + d)
+        return s.replace(forces=(dataclasses.replace(force, parameters=force.parameters | {"child_point": point}),
+                                 *s.forces[1:]))
+    return change
+
+
+def gravity_scaled(rng, scene):
+    """Gravity by a factor."""
+    s = misbuilt.factor(rng, 0.005, 0.3)
+    return misbuilt.gravity(lambda g: s * g)
+
+
+def one_moment(rng, scene):
+    """One moment of inertia of the first body."""
+    added = rng.uniform(0.005, 0.02)
+    return misbuilt.inertia(lambda given, k: given.inertias[k] + added * np.diag([1.0, 0.0, 0.0]), 0)
+
+
+def turned(rng, scene):
+    """Inertias given in axes turned against the body's."""
+    Q = Rotation.from_rotvec(rng.uniform(0.2, 0.8) * misbuilt.unit(rng)).as_matrix()
+    return misbuilt.inertia(lambda s, k: Q @ s.inertias[k] @ Q.T)

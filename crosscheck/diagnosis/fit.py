@@ -1,7 +1,7 @@
 """Fits of hypotheses to observed accelerations, one at a time and in pairs.
 
-The residual z is the difference between observed and predicted accelerations over the noise of the observed ones. A
-hypothesis explains when no entry of z is beyond `EXPLAINED`.
+The residual z is the difference of observed and predicted accelerations, over the noise of the observed ones. A
+hypothesis explains the observation if no entry of z is beyond `EXPLAINED`.
 """
 
 from __future__ import annotations
@@ -16,47 +16,48 @@ from crosscheck.diagnosis.hypotheses import Cause
 from crosscheck.diagnosis.physics import Physics, Terms
 
 EXPLAINED = 10.0
-"""Largest |z| that noise may leave: the noise is an estimate of the limit's error, good to a factor of a few."""
+"""Largest |z| that noise may leave. The noise estimates the error of the limit to a factor of a few."""
 
 SEEN = 30.0
-"""Smallest |z| that counts as a difference; between the two nothing is judged."""
+"""Smallest |z| that counts as a difference. Between `EXPLAINED` and this nothing is decided."""
 
 CLEAR = 0.1
-"""Part of a difference that a cause leaves at most which is named although more than noise is left."""
+"""Largest part of a difference that a cause may leave and still be named, if a little more than noise is left."""
 
 NEAR = 1e3
-"""A search that leaves this many times more than noise may is worth a full fit: it stops short of the last digits."""
+"""Times `EXPLAINED` that a quick fit may leave and be fitted in full: it ends before the last digits."""
 
 THIN = 3
-"""Every so manieth instant takes part in the search over pairs; all of them in the fit of those that come near."""
+"""The search uses one in so many instants, the full fit all of them."""
 
 FAR = 1e15
-"""Residual of magnitudes that make no sense."""
+"""Residual of magnitudes for which the equations have no solution."""
 
 ORDERED = {"inertia point", "inertia frame"}
-"""Families of a pair whose order matters: an inertia may be moved and then turned, or turned and then moved."""
+"""Families whose order matters in a pair: an inertia may be moved and then turned, or turned and then moved."""
 
 ITERATIONS, GIVE_UP, DIFFERENCE = 10, 0.97, 1e-6
-"""Of the quick fits: steps at most, the gain below which they end, and the width of differences."""
+"""Of the quick fits: the largest number of steps, the ratio of residuals above which they end, and the relative width
+of difference quotients."""
 
 
 @dataclasses.dataclass
 class Group:
-    """Terms of one joint structure with the noise of its accelerations, normalised like them."""
+    """The copies with one joint structure: their terms, and the noise of their normalised accelerations."""
 
     terms: Terms
     noise: np.ndarray  # (P,)
-    units: np.ndarray  # (6,) accelerations are divided by these
+    units: np.ndarray  # (6,) units by which accelerations are divided
 
 
 @dataclasses.dataclass
 class Fit:
-    """A combination of causes with its magnitudes and what it leaves."""
+    """A combination of causes with its magnitudes and the residual that it leaves."""
 
     causes: tuple[Cause, ...]
     theta: tuple[np.ndarray, ...]
     left: float  # max |z|
-    relative: float  # largest acceleration left, in units of L W^2 and W^2
+    relative: float  # largest difference of accelerations that is left, in units of L W^2 and W^2
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -65,24 +66,24 @@ class Fit:
 
     @property
     def mistakes(self) -> int:
-        """How many mistakes it takes."""
+        """Number of mistakes that lead to it."""
         return sum(cause.mistakes(theta) for cause, theta in zip(self.causes, self.theta, strict=True))
 
     @property
     def explains(self) -> bool:
-        """Whether nothing but noise is left."""
+        """Whether it leaves nothing but noise."""
         return self.left <= EXPLAINED
 
 
 class Data:
-    """Observed accelerations of a scene and its copies, and the residuals of altered parameters."""
+    """Observed accelerations of a scene and its copies, and the residuals of models with altered parameters."""
 
     def __init__(self, groups: Sequence[Group], right: Physics, soft: bool = False, quick: bool = False) -> None:
         self.groups, self.right, self.soft = groups, right, soft
         self.quick = quick
 
     def differences(self, physics: Physics) -> list[np.ndarray]:
-        """Per group the normalised difference of accelerations, (P, n, 6)."""
+        """The normalised differences of accelerations, (P, n, 6) per group."""
         found = []
         for group in self.groups:
             difference = (group.terms.points.rates - group.terms.rates(physics, self.soft)) / group.units
@@ -94,20 +95,20 @@ class Data:
         return found
 
     def residual(self, physics: Physics) -> np.ndarray:
-        """z, all groups in one vector."""
+        """The residual z of all groups in one vector."""
         parts = [difference / group.noise[:, None, None]
                  for difference, group in zip(self.differences(physics), self.groups, strict=True)]
         return np.concatenate([part.ravel() for part in parts])
 
     def fit(self, causes: tuple[Cause, ...], starts: Sequence[tuple[float, ...]] | None = None) -> Fit:
-        """The best magnitudes of a combination of causes, over all combinations of their starting points."""
+        """The best fit of a combination of causes from all combinations of `starts`; None: the starts of each cause."""
         from scipy.optimize import least_squares
 
         def residual(values: np.ndarray) -> np.ndarray:
             with np.errstate(all="ignore"):
                 try:
                     z = self.residual(self._altered(causes, values))
-                except np.linalg.LinAlgError:  # a magnitude without sense on the way
+                except np.linalg.LinAlgError:  # these magnitudes make no sense, the next ones may
                     return np.full(sum(group.terms.points.rates.size for group in self.groups), FAR)
             return np.clip(np.where(np.isfinite(z), z, FAR), -FAR, FAR)
 
@@ -123,9 +124,9 @@ class Data:
         return min(fits, key=lambda fit: fit.left)
 
     def simplest(self, found: Fit) -> Fit:
-        """The fit with special magnitudes, none or the opposite say, wherever they explain too.
+        """The fit with special magnitudes, such as none or the opposite sign, if these explain the observation, too.
 
-        A fit ends beside them by its noise, and the name of a cause hangs on them.
+        Noise lets a fit end beside them, but the name of a cause depends on them.
         """
         for k, cause in enumerate(found.causes):
             for special in cause.special(found.theta[k]):
@@ -161,7 +162,7 @@ class Data:
 
 
 def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
-    """A few Gauss-Newton steps, given up where they stop to gain: most hypotheses are wrong, and that shows soon."""
+    """A few Gauss-Newton steps that end as soon as they gain little: most hypotheses are wrong, which shows soon."""
     z = residual(theta)
     size = float(np.linalg.norm(z))
     for _ in range(ITERATIONS):
@@ -183,7 +184,7 @@ def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray
 
 
 def search(full: Data, thin: Data, causes: Sequence[Cause], pairing: bool = True) -> tuple[list[Fit], list[Fit]]:
-    """(fits that explain, all fits of single causes): single causes first, pairs only where no single one explains."""
+    """(fits that explain, all fits of single causes). Pairs of causes are fitted only if no single one explains."""
     causes, last = [cause for cause in causes if not cause.last], [cause for cause in causes if cause.last]
     singles = [thin.fit((cause,)) for cause in causes]
     singles = [full.fit(each.causes, tuple(tuple(part) for part in each.theta))
@@ -194,7 +195,7 @@ def search(full: Data, thin: Data, causes: Sequence[Cause], pairing: bool = True
     begin = {id(fit.causes[0]): fit.theta[0] for fit in singles}
     near = [each for each in singles if each.left <= SEEN]
     near = [each for each in near if each.left <= CLEAR * float(np.abs(full.residual(full.right)).max())]
-    if near:  # what a second cause would take away is within the reach of noise
+    if near:  # what is left for a second cause is hardly more than noise
         return [full.simplest(each) for each in near], singles
     pairs = [pair for pair in itertools.combinations([cause for cause in causes if not cause.alone], 2)
              if pair[0].family != pair[1].family or (pair[0].target != pair[1].target and pair[0].target)]
@@ -217,11 +218,11 @@ def search(full: Data, thin: Data, causes: Sequence[Cause], pairing: bool = True
 
 
 def _starts(one: Cause, other: Cause) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
-    """Where a fit of a pair may begin: every start of each with the first one of the other."""
+    """Starts of a fit of a pair: every start of either cause with the first one of the other."""
     return [(start, other.starts[0]) for start in one.starts] + [(one.starts[0], start) for start in other.starts[1:]]
 
 
 def _alone(full: Data, pair: Fit) -> list[Fit]:
-    """Fits that explain of single causes of a pair: from its magnitudes one may get where it did not by itself."""
+    """Fits of single causes of a pair that explain: from the magnitudes of the pair a fit may get further."""
     fits = [full.fit((cause,), (tuple(theta),)) for cause, theta in zip(pair.causes, pair.theta, strict=True)]
     return [full.simplest(fit) for fit in fits if fit.explains]

@@ -1,4 +1,4 @@
-"""Hypotheses about an engine's model: each turns the right parameters into wrong ones, by a magnitude to be fitted."""
+"""Hypotheses about an engine's model. Each turns the right parameters into wrong ones by magnitudes that are fitted."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Say = Callable[[np.ndarray], str]
 Special = Callable[[np.ndarray], Sequence[tuple[float, ...]]]
 
 MASSLESS = 1e-3
-"""A mass below this part of the scene's counts as no mass."""
+"""Part of the scene's mass below which a mass counts as none."""
 
 GONE = 1e-6
-"""A stiffness, damping or gravity below this part of the scene's counts as none."""
+"""Part of the scene's value below which a stiffness, a damping or a gravity counts as none."""
 
 PARALLEL = 1e-9
-"""One minus the cosine between a fitted gravity and the scene's that is rounding of the fit."""
+"""One minus the cosine of the angle between a fitted gravity and the scene's, below which it is rounding of the fit."""
 
 TURNED = (("R J R^T: body components taken as components in world axes", lambda R, J: R @ J @ np.swapaxes(R, 1, 2)),
           ("R^T J R: components turned the wrong way", lambda R, J: np.swapaxes(R, 1, 2) @ J @ R))
@@ -33,10 +33,10 @@ DIAGONAL = np.eye(3, dtype=bool)
 
 @dataclasses.dataclass(frozen=True)
 class Cause:
-    """A hypothesis: `apply` alters parameters by magnitudes theta, `starts` are where their fit begins.
+    """A hypothesis: `apply` alters parameters by magnitudes theta, and `starts` are where their fit begins.
 
-    Pairs are made of causes of different families; `title` names a cause by its magnitude where the family's name is
-    not enough, and `special` lists the magnitudes near a fitted one that have a name of their own, simplest first.
+    The causes of a pair are of different families. `title` names a cause by its magnitudes if the name of the family is
+    not enough. `special` lists magnitudes near fitted ones that have a name of their own, the simplest first.
     """
 
     family: str
@@ -47,13 +47,13 @@ class Cause:
     title: Say | None = None
     special: Special = lambda theta: ()
     mistakes: Callable[[np.ndarray], int] = lambda theta: 1
-    """How many mistakes it takes to come to a magnitude: other things equal, fewer are likelier."""
+    """Number of mistakes that lead to these magnitudes. Of equal explanations that with the fewest is named."""
     target: str = ""
-    """What it is about; two causes of one family may go together where they are about different things."""
+    """The part of the model that it alters. Two causes of one family make a pair if these differ."""
     alone: bool = False
-    """Whether it is no part of a pair."""
+    """Whether it is never part of a pair."""
     last: bool = False
-    """Whether it is tried where no pair explains either: it has so many magnitudes that it would cover several."""
+    """Whether it is tried only if no pair explains: with its many magnitudes it would stand for several others."""
 
     def name(self, theta: np.ndarray) -> str:
         """The cause in a few words."""
@@ -67,11 +67,11 @@ class Cause:
 
 @dataclasses.dataclass(frozen=True)
 class Context:
-    """The scene and its copies that the hypotheses are about."""
+    """The scene and its copies to which the hypotheses apply."""
 
     scene: Scene
     attitudes: tuple[np.ndarray, ...]
-    """(E, n, 3, 3) at the start of each copy, as the engine shows them and, where that differs, as they are given."""
+    """(E, n, 3, 3) at the start of each copy: those that the engine shows and, if they differ, those of the scene."""
     right: Physics  # the parameters as they should be
 
 
@@ -82,7 +82,7 @@ def causes(context: Context) -> list[Cause]:
     if scene.n > 1:
         scopes += [(f"body {body.name!r}", (k,)) for k, body in enumerate(scene.bodies)]
     found = [_gravity(scene)]
-    if scene.gravity.any():  # about a hinge, a gravity of another size is one of many
+    if scene.gravity.any():  # on a hinge, gravity of another size is one of many gravities with the same motion
         found.append(dataclasses.replace(found[0], apply=lambda p, t: p.replace(gravity=t[0] * scene.gravity), starts=(
             (1.0,),), say=lambda t: found[0].say(t[0] * scene.gravity), title=lambda t: found[0].name(
                 t[0] * scene.gravity), special=lambda t: [(0.0,), (-1.0,)], mistakes=lambda t: 1, alone=True))
@@ -179,7 +179,7 @@ def least_turn(theta: np.ndarray, J: np.ndarray) -> np.ndarray:
 
 
 def _changed(p: Physics, bodies: tuple[int, ...], change: Callable[[np.ndarray, int], np.ndarray]) -> Physics:
-    """The inertias (E, 3, 3) of some bodies altered."""
+    """Parameters in which `change` alters the inertias (E, 3, 3) of some bodies."""
     inertias = p.inertias.copy()
     for k in bodies:
         inertias[:, k] = change(p.inertias[:, k], k)
@@ -245,11 +245,11 @@ def _force(scene: Scene, k: int) -> Iterator[Cause]:
 
 UNITS = ((0.0, "missing drive"), (-1.0, "sign of a drive"), (math.degrees(1.0), "unit of a drive"),
          (math.radians(1.0), "unit of a drive"))
-"""Factors of what depends on time that have a name: nothing, the wrong sign, degrees for radians and back."""
+"""Factors of functions of time that have a name: none, the wrong sign, degrees for radians and the reverse."""
 
 
 def _drive(scene: Scene, k: int, where: str, mend: str) -> Iterator[Cause]:
-    """Hypotheses about what of a force depends on time: its size, and when it comes."""
+    """Hypotheses about the function of time in a force: its size and its delay."""
     none = np.zeros(len(scene.forces))
 
     def named(t: np.ndarray) -> str:
@@ -279,7 +279,7 @@ def _with(values: np.ndarray, k: int, value: float) -> np.ndarray:
 
 
 def _every_spring(right: Physics) -> Iterator[Cause]:
-    """The same mistake in every spring, those of the copies included."""
+    """The same mistake in every spring, also in those that copies of the scene have."""
     def every(family: str, field: str, text: str, none: str) -> Cause:
         def apply(p: Physics, t: np.ndarray) -> Physics:
             return p.replace(**{field: t[0] * (_levers(p) if field == "lever" else getattr(p, field))})
@@ -293,12 +293,12 @@ def _every_spring(right: Physics) -> Iterator[Cause]:
                                       ("damping", "damping", "damping", "missing damper")):
         if np.any(getattr(right, field)):
             yield every(family, field, text, none)
-    if len(right.stiffness) > 1:  # with one alone, `_force` says it
+    if len(right.stiffness) > 1:  # of a single spring `_force` says it
         yield every("moment of a force", "lever", "moments about the centres of mass", "moment of a force")
 
 
 def _none(_theta: np.ndarray) -> list[tuple[float, ...]]:
-    """The special magnitude of what may not be there."""
+    """The special magnitude of a term that may be missing."""
     return [(0.0,)]
 
 
@@ -345,7 +345,7 @@ def _levers(p: Physics) -> np.ndarray:
 
 
 def _sizes(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator[Cause]:
-    """Masses of all bodies, inertias by their size and by their products, of all bodies or of one."""
+    """Masses of all bodies; sizes, products and entries of inertias, of all bodies or of one."""
     mend = f"check the inertia that the engine is given, {where}"
     whole = len(bodies) == context.scene.n
 
@@ -383,7 +383,7 @@ def _sizes(context: Context, where: str, bodies: tuple[int, ...]) -> Iterator[Ca
 
 
 def _exchanged(scene: Scene) -> Iterator[Cause]:
-    """Two bodies whose masses, inertias or both were exchanged."""
+    """Masses, inertias or both of two bodies exchanged."""
     def swapped(one: int, other: int, text: str, masses: bool, inertias: bool) -> Cause:
         order = list(range(scene.n))
         order[one], order[other] = other, one

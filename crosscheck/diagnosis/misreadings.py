@@ -1,7 +1,7 @@
-"""Initial states and reported states that an engine may have misread: quaternions, and frames of velocities.
+"""Misread initial states and misreported states: conventions of quaternions, and frames of velocities.
 
-Misreadings are discrete: one of them reproduces what the engine shows to rounding, or none does. Attitudes are misread
-either as they stand in the scene or relative to the parent, as in joint coordinates.
+Misreadings have no magnitude: one of them reproduces the engine's output to rounding, or none does. Attitudes are
+misread either as the scene has them or relative to the parent, as in joint coordinates.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from crosscheck.scene.starts import Configuration, bodies_at
 from crosscheck.scene.states import States
 
 POINTS = ("spherical", "universal", "revolute", "fixed")
-"""Joints whose anchors coincide: positions follow from attitudes."""
+"""Types of joints whose two anchors coincide, so that positions follow from attitudes."""
 
 TURNING = ("spherical",)
-"""Joints with an attitude of their own to misread; hinges have an angle."""
+"""Types of joints with an attitude of their own, which can be misread. A hinge has an angle."""
 
 Pose = tuple[np.ndarray, np.ndarray]
 """Attitudes (n, 3, 3) and body angular velocities (n, 3)."""
 
 
 def rolled(R: np.ndarray, shift: int) -> np.ndarray:
-    """The rotation of a quaternion whose four numbers are read in another order."""
+    """The rotation that follows if the four numbers of the quaternion of R are read `shift` places on."""
     return rotation_from_quaternion(np.roll(quaternion_from_rotation(R), shift))
 
 
@@ -38,7 +38,7 @@ class Misreading:
     cause: str
     detail: str
     attitude: Callable[[np.ndarray], np.ndarray] | None = None  # of one attitude or relative attitude
-    relative: bool = False  # it acts in the parent's axes
+    relative: bool = False  # whether it acts on attitudes relative to the parent
     spin: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None
     """(w, R, w of the parent in the child's axes) -> w, body axes."""
 
@@ -63,15 +63,14 @@ SPINS = (
 
 
 MODES = ("bodies", "joints", "before", "joints before", "joints after")
-"""What a misread attitude leaves: angular velocities of the bodies, or those across the joints; "before": frames of
-velocities turn by the right attitudes; "after": those of bodies that the misread attitudes have given other
-velocities."""
+"""What stays right when attitudes are misread: angular velocities of the bodies, or those across the joints. "before":
+velocities are converted by the right attitudes; "after": by the misread ones, which have changed them already."""
 
 
 def misread(scene: Scene, attitude: Misreading | None, spin: Misreading | None, mode: str = "bodies") -> Pose:
-    """Attitudes and angular velocities after misreadings, parents first; `mode` of MODES.
+    """Attitudes and angular velocities after misreadings, computed from parents to children; `mode` is one of `MODES`.
 
-    A body on a hinge keeps its angle and its rate: an engine that misreads quaternions has none there.
+    A body on a hinge keeps its angle and its rate, since joint coordinates have no quaternion there.
     """
     if mode == "joints before":
         return misread(_started(scene, *misread(scene, None, spin)), attitude, None, "joints")
@@ -107,7 +106,7 @@ def _started(scene: Scene, R: np.ndarray, w: np.ndarray) -> Scene:
 
 
 def parents_first(scene: Scene) -> list[int]:
-    """Bodies in an order in which every one comes after those that carry it."""
+    """The numbers of the bodies, each after those that carry it."""
     parent = {joint.child: joint.parent for joint in scene.joints}
     def depth(body: int) -> int:
         steps = 0
@@ -118,8 +117,10 @@ def parents_first(scene: Scene) -> list[int]:
 
 
 def positions(scene: Scene, R: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Positions and velocities that follow from attitudes and angular velocities through the joints; None where other
-    joints than those with coinciding anchors are there."""
+    """Positions and velocities (m, m/s, each (n, 3)) that follow from attitudes and angular velocities.
+
+    None if the scene has joints whose anchors do not coincide.
+    """
     joints: dict[int, Joint] = {joint.child: joint for joint in scene.joints}
     if any(joint.type not in POINTS or joint.child == GROUND for joint in scene.joints):
         return None
@@ -138,15 +139,14 @@ def positions(scene: Scene, R: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, n
 
 
 def placed(scene: Scene) -> Scene | None:
-    """The scene with its bodies where its joints put them; None where `positions` does not know."""
+    """The scene with its bodies where its joints put them; None if `positions` gives none."""
     found = positions(scene, scene.R0, scene.w0)
     return None if found is None else scene.replace(bodies=tuple(
         dataclasses.replace(body, position=x, velocity=v) for body, x, v in zip(scene.bodies, *found, strict=True)))
 
 
 def gap(observation: Observation, R: np.ndarray, w: np.ndarray, absent: int | None = None) -> float:
-    """Largest normalised difference between the start an engine shows and one it should show then; without the body
-    `absent`."""
+    """Largest normalised difference between the start of an engine and this one, without the body `absent`."""
     scene, scale = observation.scene, observation.scale
     start = observation.y[0]
     closed = positions(scene, R, w)
@@ -161,7 +161,7 @@ def gap(observation: Observation, R: np.ndarray, w: np.ndarray, absent: int | No
 
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """One way to misreport states; `undo` gives the states meant."""
+    """One way to misreport states; `undo` restores the right ones."""
 
     cause: str
     detail: str

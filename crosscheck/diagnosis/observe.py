@@ -1,7 +1,7 @@
-"""What an engine does on a copy of a scene: its limit for vanishing steps, how sure that is, and its accelerations.
+"""Observations of an engine: the limit of its motion for vanishing steps, the error of that, and its accelerations.
 
-States are compared as one normalised array y (T, n, 18): x / L, the nine entries of R, v / (L W), w / W, with L a
-length and W a rate of the scene. Nothing but `Engine.run` is asked.
+States are compared as one normalised array y (T, n, 18): x / L, the nine entries of R, v / (L W), w / W, with a length
+L and a rate W of the scene. Everything comes from `Engine.run`.
 """
 
 from __future__ import annotations
@@ -19,45 +19,43 @@ from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
 
 SAMPLES = 21
-"""Output times of an observation: 0.05 rad of the scene's rate apart, so that a nine-point difference of a motion with
-three times that rate is off by 0.15^8 / 630, some 4e-10 of its derivative."""
+"""Number of output times of an observation. They are 0.05 rad of the scene's rate apart, so that for a motion of three
+times that rate a nine-point difference is off by 0.15^8 / 630, about 4e-10 of the derivative."""
 
 TURN = 1.0
-"""Length of an observation in units of 1 / W: a longer one shows the same model again."""
+"""Length of an observation in units of 1 / W. A longer one shows nothing more of the model."""
 
 LADDERS = {1: (1, 2, 4, 8, 16), 2: (1, 2, 4, 8), 4: (1, 2, 4)}
-"""Steps per sample interval for the limit, by documented order (the next lower one that is listed)."""
+"""Steps per sample interval from which the limit follows, by documented order, or the next lower one."""
 
 RTOLS = (1e-10, 1e-12)
-"""Relative tolerances for the limit of an adaptive method."""
+"""Relative tolerances from which the limit of an adaptive method follows."""
 
 ROUNDING = 1e-13
-"""Of y: some hundred operations on numbers of size one."""
+"""Rounding of y after some hundred operations on numbers of size one."""
 
 STENCIL = (1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
 """Nine-point first difference (Fornberg, Math. Comp. 1988, doi:10.1090/S0025-5718-1988-0935077-0)."""
 SHORTER = (0.0, -1 / 60, 3 / 20, -3 / 4, 0.0, 3 / 4, -3 / 20, 1 / 60, 0.0)
-"""Seven-point first difference, in nine places."""
+"""Seven-point first difference in nine places."""
 REACH = 4
+"""Number of samples on each side that the differences take."""
 TRUNCATION = 0.05
 """Error of the nine-point difference over its distance from the seven-point one: (140 / 630) times the square of
-(rate times interval), which stays below 0.2 up to a rate of 9 W; usually it is far less."""
-
+(rate times interval). It is below 0.2 up to a rate of 9 W, and usually far less."""
 
 NOISY, FINER = 1e-7, 4
-"""A limit less sure than this is sought again with steps so many times as fine."""
-
+"""Error of a limit above which it is computed again, and how many times finer the steps then are."""
 
 RESOLVED, FASTEST = 1e-5, 64.0
-"""A derivative less sure than this part of the rate asks for a shorter window, up to so many times."""
-
+"""Part of the rate above which the error of a derivative asks for a shorter window, and by how much at most."""
 
 _TRUE: dict[str, States] = {}
 MOST_KEPT = 64
 
 
 def true_motion(scene: Scene) -> States:
-    """The true states at the output times; kept, since many hypotheses ask for the same ones."""
+    """The true states at the output times. They are kept, since many hypotheses need the same ones."""
     if scene.hash not in _TRUE:
         if len(_TRUE) >= MOST_KEPT:
             _TRUE.clear()
@@ -66,16 +64,16 @@ def true_motion(scene: Scene) -> States:
 
 
 NOISE_LEFT = 5.0
-"""Times the noise of the states that a limit may be off by."""
+"""Times the noise of the states by which their limit may be wrong."""
 
 
 class Silent(Exception):
-    """The engine gave no usable run; the message says why."""
+    """The engine gave no usable run. The message has the reason."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Scale:
-    """Sizes that turn states of a scene into numbers of size one."""
+    """Units in which the states of a scene are numbers of size one."""
 
     length: float  # m
     rate: float  # rad/s
@@ -88,14 +86,14 @@ class Scale:
                               axis=2)
 
     def states(self, t: np.ndarray, y: np.ndarray) -> States:
-        """States of y; attitudes are as orthogonal as y has them."""
+        """The states of y at the times t. Their attitudes are as orthogonal as those of y."""
         R = y[:, :, 3:12].reshape(*y.shape[:2], 3, 3)
         return States(t, y[:, :, :3] * self.length, R, y[:, :, 12:15] * (self.length * self.rate),
                       y[:, :, 15:] * self.rate)
 
 
 def scale_of(scene: Scene) -> Scale:
-    """Longest lever, and the fastest of initial turning, falling and swinging on a spring; from the scene alone."""
+    """The longest lever, and the fastest of initial rotation, fall and oscillation on a spring; no run is made."""
     levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
     levers += [float(np.linalg.norm(joint.parent_anchor)) for joint in scene.joints if joint.parent != GROUND]
     gyration = np.sqrt(np.trace(scene.inertias, axis1=1, axis2=2) / (2 * scene.masses))
@@ -121,8 +119,8 @@ class Observation:
     scene: Scene  # with the duration and samples of the observation
     scale: Scale
     y: np.ndarray  # (T, n, 18)
-    noise: float  # of y: how far two estimates of the limit differ, and rounding
-    order: float | None  # observed between the finest steps, by the engine's own convergence
+    noise: float  # of y: the difference of two estimates of the limit, and rounding
+    order: float | None  # of the engine's convergence to its own limit at the finest steps; None: unknown
 
     @property
     def states(self) -> States:
@@ -132,7 +130,7 @@ class Observation:
 
 @dataclasses.dataclass(frozen=True)
 class Subject:
-    """An engine with one method and form: what is to be explained."""
+    """The engine to be explained, with one method, form and options."""
 
     engine: Engine
     method: str
@@ -148,23 +146,23 @@ class Subject:
         return self.engine.documented_order(scene, self.spec())
 
     def held(self, scene: Scene) -> frozenset[str]:
-        """Constraint levels it claims to hold."""
+        """Constraint levels that it claims to enforce."""
         return self.engine.held_levels(scene, self.spec())
 
     def unsupported(self, scene: Scene, step: float | None = 1e-3) -> str | None:
-        """Why it cannot run this scene."""
+        """Why it cannot run this scene; None if it can."""
         return self.engine.unsupported(scene, self.spec(step, 1e-9 if step is None else None))
 
     def run(self, scene: Scene, step: float | None = None, rtol: float | None = None) -> Any:
-        """A raw run; raises `Silent` with the reason where there is none that is finite."""
+        """A raw run. Raises `Silent` with the reason if there is none, or if it is not finite."""
         spec = self.spec(step, rtol)
         try:
             reason = self.engine.unsupported(scene, spec)
-            with np.errstate(all="ignore"):  # steps that are too coarse overflow before they are found not finite
+            with np.errstate(all="ignore"):  # steps that are too coarse overflow; the check below finds it
                 raw = None if reason else self.engine.run(scene, spec)
         except ImportError as error:
             raise Silent(missing(error)) from error
-        except Exception as error:  # a foreign engine may raise anything; the explanation then says what
+        except Exception as error:  # a foreign engine may raise anything, and the explanation says what
             raise Silent(f"{type(error).__name__}: {' '.join(str(error).split())}") from error
         if raw is None:
             raise Silent(str(reason))
@@ -182,10 +180,10 @@ def window(scene: Scene, scale: Scale) -> Scene:
 
 
 def first_look(subject: Subject, scene: Scene, scale: Scale, noise: float) -> Observation:
-    """The limit over the beginning of a scene, short enough for the motion the engine shows to be resolved.
+    """The limit over the beginning of a scene, which is short enough to resolve the engine's motion.
 
-    A soft joint oscillates far faster than the scene turns; `noise` of the states does not tell how fast they move.
-    Raises `Silent` where a run fails.
+    A soft joint oscillates far faster than the scene turns. `noise` is that of the states, which does not count as such
+    a motion. Raises `Silent` if a run fails.
     """
     while True:
         seen = observe(subject, window(scene, scale), scale)
@@ -212,7 +210,7 @@ def observe(subject: Subject, scene: Scene, scale: Scale) -> Observation:
     best: Observation | None = None
     failure: Silent | None = None
     counts = LADDERS[max(key for key in LADDERS if key <= order)]
-    for finer in (1, FINER, FINER**2):  # a stiff model, a soft constraint say, may need them to run at all
+    for finer in (1, FINER, FINER**2):  # a stiff model, such as soft constraints, may run at fine steps only
         interval = scene.duration / (scene.samples - 1) / finer
         try:
             runs = [scale.flat(subject.run(scene, interval / count).states) for count in counts]
@@ -232,7 +230,7 @@ def observe(subject: Subject, scene: Scene, scale: Scale) -> Observation:
 
 
 def convergence(runs: list[np.ndarray]) -> float | None:
-    """Order at which runs at halved steps settle; None where their differences are rounding."""
+    """Order at which runs at halved steps converge; None if their differences are rounding."""
     gaps = [float(np.abs(finer - coarser).max()) for coarser, finer in itertools.pairwise(runs)]
     seen = [gap for gap in gaps if gap > 30 * ROUNDING]
     return None if len(seen) < 2 else float(np.log2(seen[-2] / seen[-1]))

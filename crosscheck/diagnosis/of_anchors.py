@@ -1,7 +1,7 @@
-"""Joints that hold at other points than the scene's: anchors fitted to the velocities that an engine shows.
+"""Joints at other points than the scene's: anchors fitted to the velocities of an engine.
 
-A point of a joint moves with both bodies, so that v + R (w x s) is the same on either side: linear in the anchors s. A
-cause only where the accelerations are those of joints at the fitted points.
+The point of a joint moves with both bodies: v + R (w x s) is the same on either side, and is linear in the anchors s.
+The fitted anchors are a cause only if the accelerations are those of joints at these points.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from crosscheck.scene.vectors import cross
 SIDES = (("child_anchor",), ("parent_anchor",), ("child_anchor", "parent_anchor"))
 
 Moves = dict[str, np.ndarray]
-"""By how much anchors of one joint are off, m, in the axes of their bodies."""
+"""Displacements (m) of the anchors of one joint, in the axes of their bodies."""
 
 
 def diagnose(shown: list[Shown], whole: Scene) -> tuple[NamedCause, Evidence] | None:
-    """The cause where the motion is that of joints at other points; `whole` has every force that any copy has."""
+    """The cause if the motion is that of joints at other points. `whole` has every force that any copy has."""
     scene = shown[0].observation.scene
     if any(joint.type not in POINTS for joint in scene.joints):
         return None
@@ -56,7 +56,7 @@ def diagnose(shown: list[Shown], whole: Scene) -> tuple[NamedCause, Evidence] | 
 
 
 def moved(scene: Scene, moves: dict[int, Moves]) -> Scene:
-    """The scene with anchors moved; its bodies stay."""
+    """The scene with these anchors moved. Its bodies stay where they are."""
     joints: list[Joint] = list(scene.joints)
     for k, found in moves.items():
         joints[k] = dataclasses.replace(joints[k], **{side: getattr(joints[k], side) + d for side, d in found.items()})
@@ -64,9 +64,9 @@ def moved(scene: Scene, moves: dict[int, Moves]) -> Scene:
 
 
 def fitted(shown: list[Shown], k: int) -> tuple[float, Moves | None]:
-    """(speed at which the k-th joint opens over its noise, the fewest moves of its anchors that leave none).
+    """(speed over its noise at which the k-th joint opens, the fewest moved anchors with which it does not).
 
-    None: no moves do. A joint that is open at the start may stay so, at a constant speed of its own in every copy.
+    Without such anchors the second is None. A joint may open at a constant speed of its own in every copy.
     """
     rows: dict[str, list[np.ndarray]] = {"child_anchor": [], "parent_anchor": []}
     gaps, copies = [], []

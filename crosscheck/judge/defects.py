@@ -1,6 +1,6 @@
-"""What a run misses in every sample interval of the true flow from its own state at the beginning of the interval.
+"""Defects: by how much a run misses the true motion in one sample interval, started from the run's own state.
 
-What the run did before does not count, so that an error which begins at any time meets the bound of one interval, also
+What the run did before does not count. An error therefore meets the bound of a single interval whenever it begins, also
 past the horizon of a chaotic scene.
 """
 
@@ -20,56 +20,57 @@ from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 
 MOST_BODIES = 16
-"""The equations are solved by dense algebra, whose cost is cubic in the bodies: of more, `FEW` intervals are judged."""
+"""Bodies of a scene in which every interval is judged: dense algebra costs the cube of their number."""
 
 FEW = 8
+"""Intervals that are judged in scenes of more bodies."""
 
 DOUBT = 1e-12
-"""Of the integration, and of conversions of an engine's coordinates, in units of the quantity."""
+"""Error of the integration and of converting an engine's coordinates, in units of the quantity."""
 
 CHAIN = 8
-"""Bodies of a chain whose roundings stay below those that a step is allowed."""
+"""Bodies of a chain up to which rounding stays below what a step is allowed; it grows with their number."""
 
 NORMS, RATES = 8.0, 32.0
-"""Codes measure the error that they keep below a tolerance in norms of their own, which differ by so much in positions
-and in velocities: of lieeuler's codes rkmk54 and rkmk853 come to 0.2 and 0.6, seulex to 2.6 and, with springs, 21."""
+"""Times rtol that one step of an adaptive method may be wrong by, in positions and in velocities: each method measures
+its error in a norm of its own. In lieeuler rkmk54 reaches 0.2, rkmk853 0.6, seulex 2.6 and, with springs, 21."""
 
 TERMS = 2.0
-"""Errors of a step are sums of a few terms whose sum, with other weights, is the derivative that bounds them."""
+"""Times the derivative that bounds the error of a step: that error is a sum of the same terms with other weights."""
 
 SHARE = 1e-3
-"""Openings of constraints up to this share of the scene's size are errors of a method; larger ones are open joints."""
+"""Share of the scene's size up to which open constraints are an error of the method; beyond it a joint is open."""
 
 Parts = dict[str, np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True)
 class Defects:
-    """What one run misses in I intervals, and what it may."""
+    """What one run misses in I intervals, and what it may miss."""
 
     flow: Flow
     claim: Claim
     scale: Scales
-    grading: float  # ratio of masses, see `tolerances.grading`
+    grading: float  # roundings per step, see `tolerances.grading`
     vectors: Parts  # (I, n, 3) by quantity; attitudes as rotation vectors
-    floor: Parts  # (I,) by quantity, rounding
-    opening: Parts  # (T,) by level: what is open
-    allowed: tuple[Parts, ...]  # (T,) by level: what a method of this order, of the next, ... may leave open
+    floor: Parts  # (I,) by quantity: rounding
+    opening: Parts  # (T,) by level: the largest violation of a constraint
+    allowed: tuple[Parts, ...]  # (T,) by level: the violation that a method of order p, of p + 1, ... may leave
 
     @property
     def bounds(self) -> Parts:
-        """(I,) by quantity."""
+        """Largest error per interval, (I,) by quantity, in the unit of the quantity."""
         open_ = {level: self.at_ends(np.minimum(self.opening[level], self.allowed[0][level])) for level in self.opening}
         found = with_slack(*self.local(), open_, self.flow.tau, self.scale)
         return {name: found[name] + self.floor[name] for name in QUANTITIES}
 
     def at_ends(self, series: np.ndarray) -> np.ndarray:
-        """(I,) the larger value of both ends of the intervals."""
+        """The larger of the values at both ends of each interval, (I,), of a series (T,)."""
         index = self.flow.index
         return np.asarray(np.maximum(series[index], series[index + 1]))
 
     def local(self, more: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds (I,) of the error of y and of its rate that an interval adds, of order p + `more`."""
+        """Bounds (I,) of the errors of y and dy/dt that an interval adds, for a method of order p + `more`."""
         found, claim = self.flow, self.claim
         if claim.fixed is None:
             pose = NORMS * found.growth * (claim.steps + 1.0) * (claim.rtol or 0.0)
@@ -81,9 +82,9 @@ class Defects:
 
 
 def measured(scene: Scene, traj: Any, others: Sequence[Any], truth: Reference, claim: Claim) -> list[Defects]:
-    """The defects of a run and of the `others`, which are the same run at other steps; of finite ones only.
+    """The defects of a run and of `others`, the same run at other steps. All states have to be finite.
 
-    Raises `numpy.linalg.LinAlgError` where the equations of motion have no solution at a state of a run.
+    Raises `numpy.linalg.LinAlgError` if the equations of motion have no solution at a state of a run.
     """
     count = len(traj.t) - 1
     index = np.arange(count) if scene.n <= MOST_BODIES else np.unique(np.linspace(0, count - 1, FEW).astype(int))
@@ -101,12 +102,13 @@ def _measure(scene: Scene, traj: Any, truth: Reference, claim: Claim, scale: Sca
     vectors = {"position": traj.x[after] - end.x, "velocity": traj.v[after] - end.v,
                "attitude": turn(end.R, traj.R[after]), "angular velocity": traj.w[after] - end.w}
     vectors = {name: np.where(found.regular[:, None, None], vector, 0.0) for name, vector in vectors.items()}
-    # In joint coordinates roundings of all bodies up to the ground add up.
+    # In joint coordinates the roundings of all bodies down to the ground add up.
     least = (DOUBT + 4 * tolerances.grading(scene) * claim.eps) * max(1.0, scene.n / CHAIN)
     steps = max(1.0, claim.steps) ** 0.6
     floor = {name: least * max(scale.of(name), scale.units[name]) * found.growth * steps for name in QUANTITIES}
     if claim.newton and claim.step:
-        # What steps leave open adds up as roundings do, and shows at both ends; open by e is 2 e / h of velocities.
+        # What Newton's iteration leaves adds up over the steps as rounding does, and both ends of the interval have
+        # it. An error e of positions is one of 2 e / h of velocities.
         left = 20 * claim.newton * steps
         for name, size in (("position", scale.length), ("attitude", 1.0)):
             floor[name] = floor[name] + left * size
@@ -125,18 +127,18 @@ def turn(R: np.ndarray, S: np.ndarray) -> np.ndarray:
     sine = np.linalg.norm(twice, axis=-1)
     angle = np.arctan2(sine, np.trace(D, axis1=-2, axis2=-1) - 1.0)
     direction = twice / np.where(sine > 0.0, sine, 1.0)[..., None]
-    direction[..., 0] += (sine < 1e-8) & (angle > 1.0)  # half a turn has no direction here, and any will do
+    direction[..., 0] += (sine < 1e-8) & (angle > 1.0)  # at half a turn the sine has no direction: any will do
     return np.asarray(direction * angle[..., None])
 
 
 def _drift(run: Defects, t: np.ndarray, more: int) -> Parts:
-    """What a method of order p + `more` may leave open at the output times, (T,) by level.
+    """The violation that a method of order p + `more` may leave at the output times, (T,) by level.
 
-    Errors of velocities add up, as no equation of index 1 magnifies those of constraints, and positions follow.
+    The index-1 equations do not magnify violations of velocity constraints: they add up, and positions follow them.
     """
     found, (pose, rate) = run.flow, run.local(more)
     lever = max(1.0, run.scale.length)
-    scattered = (len(t) - 1) / len(found.tau)  # of scenes of many bodies few intervals are known
+    scattered = (len(t) - 1) / len(found.tau)  # in scenes of many bodies only a few intervals are measured
     pose = pose + run.floor["position"] / run.scale.length
     rate = rate + run.floor["velocity"] / run.scale.length
     at_once = 0.0
@@ -151,7 +153,7 @@ def _drift(run: Defects, t: np.ndarray, more: int) -> Parts:
 
 
 def with_slack(pose: np.ndarray, rate: np.ndarray, opening: Parts, tau: np.ndarray, scale: Scales) -> Parts:
-    """Bounds (I,) by quantity, with what leaving or closing open constraints moves."""
+    """Bounds (I,) by quantity: those of y and dy/dt, and what opening or closing constraints moves."""
     x = np.minimum(opening["position"], SHARE * scale.length)
     v = np.minimum(opening["velocity"], SHARE * scale.length * scale.rate)
     moved, pushed = 2 * x + tau * v, 2 * v + 2 * scale.rate * x

@@ -1,7 +1,7 @@
-"""The true motion over every sample interval of a run, each from the run's own state at its beginning.
+"""The true motion over every sample interval of a run, started from the run's own state at its beginning.
 
-The index-1 equations are integrated over all intervals at once. Their solution also tells how large its derivatives are
-there, and with them what a method of an order may miss: far less in a calm part of the run than at its wildest.
+The index-1 equations are integrated over all intervals at once. The derivatives of the solution bound the error of a
+method of a given order: in a calm part of the run it is far smaller than in the wildest one.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import States
 
 TURN = 0.1
-"""rad that the fastest motion makes in one step of the integration, which is of order 8: an error below 1e-12."""
+"""Turn (rad) of the fastest motion in one step of the integration. With order 8 the error stays below 1e-12."""
 
 UNKNOWN = 2.0
-"""Past the horizon another motion of the same energy is judged, whose rates may be so many times those of truth."""
+"""Times the rates of truth that rates past the horizon may reach: there the run is another motion of that energy."""
 
 RANK = 1e-7
-"""Of the largest singular value of the joints, below which rows repeat others."""
+"""Share of the largest singular value of the constraint Jacobian below which a singular value counts as zero."""
 
 State = list[np.ndarray]
 """x, R, v, w of all intervals."""
@@ -42,27 +42,27 @@ class Flow:
     tau: np.ndarray  # (I,) s, their lengths
     begin: States  # the run's own
     end: States
-    rate: np.ndarray  # (I,) 1/s, at which errors may grow
-    sizes: np.ndarray  # (K, I) largest k-th derivative of y = (x / L, R) in the interval and around it, 1/s^k
-    jerks: np.ndarray  # (K, I) the same of the accelerations (a / L, alpha), 1/s^(k + 2)
-    spring: float  # 1/s, rate of the fastest spring
-    regular: np.ndarray  # (I,) where the joints of closed loops are as independent as elsewhere
+    rate: np.ndarray  # (I,) 1/s, the rate at which errors may grow
+    sizes: np.ndarray  # (K, I) the largest k-th derivative of y = (x / L, R) in the interval and near it, 1/s^k
+    jerks: np.ndarray  # (K, I) the same for the accelerations (a / L, alpha), 1/s^(k + 2)
+    spring: float  # 1/s, the rate of the fastest spring
+    regular: np.ndarray  # (I,) whether the constraints of closed loops are away from a loss of rank
 
     @property
     def solvable(self) -> np.ndarray:
-        """(I,) by interval its own number, or that of a regular one before it, whose equations have a solution."""
+        """For every interval its own number or, if it is not regular, that of the last regular one before it, (I,)."""
         return _last(self.regular)
 
     @property
     def growth(self) -> np.ndarray:
-        """(I,) of an error within the interval."""
+        """Factor by which an error may grow within the interval, (I,)."""
         return np.asarray(np.exp(np.minimum(self.rate * self.tau, 50.0)))
 
 
 def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, index: np.ndarray) -> Flow:
     """The flow over the intervals `index` of a run, with derivatives up to `degree`.
 
-    Raises `numpy.linalg.LinAlgError` where the equations have no solution.
+    Raises `numpy.linalg.LinAlgError` if the equations of motion have no solution at a state of the run.
     """
     t = traj.t[index]
     tau = traj.t[index + 1] - t
@@ -73,7 +73,7 @@ def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, 
     own = [part[_last(regular)] for part in (begin.t, begin.x, begin.R, begin.v, begin.w)]
     end, nodes, fast = _integrate(scene, States(*own), tau, count)
     end = dataclasses.replace(end, t=t + tau)
-    # Derivatives are taken in and around the interval, as far as the motion needs to turn by a radian.
+    # Derivatives are the largest of those intervals in which the motion turns by about a radian.
     near = 2 * math.ceil(1.0 / (scale.rate * float(tau.mean()))) + 1 if len(index) > 1 else 1
     a, R, alpha = (np.array(part).reshape(count + 1, len(tau), scene.n, -1) for part in zip(*nodes, strict=True))
     with np.errstate(invalid="ignore", over="ignore"):
@@ -90,15 +90,15 @@ def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, 
 
 
 SINGULAR = 0.1
-"""Of its median, below which the least singular value of the joints magnifies what is left open tenfold and, in
-velocities, by a hundred: close to where all bars of a linkage lie on one line."""
+"""Share of its median below which the least singular value of the constraint Jacobian marks an interval as singular. It
+magnifies violations tenfold there, and a hundredfold in velocities: the bars of a linkage are almost in one line."""
 
 
 def _regular(scene: Scene, states: States) -> np.ndarray:
-    """(I,) whether closed loops are away from positions in which their constraints lose a rank."""
+    """Whether closed loops are away from positions in which their constraints lose a rank, (I,)."""
     if not spanning_tree(scene)[1]:
         return np.ones(len(states.t), bool)
-    # The scene's own state comes first: off the positions of an overconstrained linkage rows seem to be independent.
+    # The rank is that of the scene's own state: redundant rows seem independent if positions are a little off.
     x, R = np.concatenate([scene.x0[None], states.x]), np.concatenate([scene.R0[None], states.R])
     G = Constraints(scene).jacobian(x, R)
     root = np.linalg.cholesky(mechanics.inverse_mass(scene))
@@ -111,12 +111,12 @@ def _regular(scene: Scene, states: States) -> np.ndarray:
 
 
 def _last(regular: np.ndarray) -> np.ndarray:
-    """(I,) for every interval itself, or the last one before it that is regular, whose equations have a solution."""
+    """For every interval its own number or, if it is not regular, that of the last regular one before it, (I,)."""
     return np.asarray(np.maximum.accumulate(np.where(regular, np.arange(len(regular)), int(np.argmax(regular)))))
 
 
 def around(values: np.ndarray, count: int) -> np.ndarray:
-    """The largest of `count` neighbours, along the last axis."""
+    """The largest of `count` neighbours along the last axis."""
     from scipy.ndimage import maximum_filter1d
 
     return np.asarray(maximum_filter1d(values, min(count, 2 * values.shape[-1] - 1), axis=-1, mode="nearest"))
@@ -124,10 +124,10 @@ def around(values: np.ndarray, count: int) -> np.ndarray:
 
 def _integrate(scene: Scene, begin: States, tau: np.ndarray, count: int
                ) -> tuple[States, list[tuple[np.ndarray, np.ndarray, np.ndarray]], np.ndarray]:
-    """The states at the ends; a, R'' and alpha at the ends of all steps; the largest angular speed, (I,).
+    """The states at the ends; a, R'' and alpha at the ends of all steps; the largest angular speed (I,) in rad/s.
 
-    Dormand and Prince's method of order 8 in `count` steps; attitudes as matrices, whose rows it leaves orthogonal as
-    far as it is exact. Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, II.5.
+    `count` steps of Dormand and Prince's method of order 8. Attitudes are matrices, which stay orthogonal as far as the
+    method is exact. Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, II.5.
     """
     from scipy.integrate import DOP853
 
@@ -171,8 +171,7 @@ def index1_rates(scene: Scene, t: np.ndarray, x: np.ndarray, R: np.ndarray, v: n
 
 
 def _derivatives(parts: tuple[np.ndarray, ...], tau: np.ndarray, degrees: int) -> np.ndarray:
-    """(degrees, I) largest derivatives, from the values themselves on, of the polynomials through the nodes of `parts`,
-    (nodes, I, n, .)."""
+    """The largest derivatives, (degrees, I) from degree 0 on, of the polynomials through `parts`, (nodes, I, n, .)."""
     count = len(parts[0])
     s = np.linspace(-1.0, 1.0, count)
     coefficients = np.linalg.inv(np.polynomial.legendre.legvander(s, count - 1))

@@ -16,22 +16,23 @@ from crosscheck.judge.vanishing import finest_first, following, limits, shares
 from crosscheck.scene.model import Scene
 
 STEEPEST = 3.0
-"""Largest exponent of the growth of an error within an interval for which its bound still says something."""
+"""Largest exponent of the growth of an error within an interval. Beyond it the bound of the interval says nothing."""
 
 DIFFERENCES = 8
-"""Of neighbouring intervals, by which noise stands out of a smooth error."""
+"""Degree of the differences between neighbouring intervals in which noise stands out from a smooth error."""
 
 
 def judge_intervals(scene: Scene, traj: Any, runs: Sequence[Defects]) -> list[Finding]:
-    """One finding per quantity: the interval farthest beyond, or nearest to, its bound; at t = 0 against the start.
+    """One finding per quantity, of the interval whose error is largest over its bound; at t = 0 that of the start.
 
-    Bound of an interval tau: exp(W tau) tau h^p |y^(p+1)| there, and what leaving or closing constraints moves. Where
-    there are runs at other steps, their limit is judged as well, by the next term.
+    The bound of an interval tau is exp(W tau) tau h^p |y^(p+1)| there, and what opening or closing constraints moves.
+    If there are runs at other steps, the limit of vanishing steps is judged as well, by the next term of the error.
     """
     own = runs[0]
     seen = (own.flow.rate * own.flow.tau <= STEEPEST) & own.flow.regular
     if not seen.any():
-        return unjudged("the motion is too fast for the output times, or its closed loops are next to singular")
+        return unjudged("the motion, or a spring, is too fast for the output times, or closed loops are near a "
+                        "singular position")
     sizes = {name: [np.linalg.norm(run.vectors[name], axis=-1).max(axis=1) for run in runs] for name in QUANTITIES}
     options = [("", {name: (sizes[name][0], bound * following(sizes[name], runs, own.claim.order or 1))
                      for name, bound in own.bounds.items()})]
@@ -53,18 +54,18 @@ def judge_intervals(scene: Scene, traj: Any, runs: Sequence[Defects]) -> list[Fi
         value, bound, where = max(candidates, key=lambda found: found[0] / found[1])
         findings.append(Finding(
             f"interval {name}", "ok" if value <= bound else "fail", value, bound, unit,
-            f"the true motion from the run's own state over one sample interval of {own.flow.tau[0]:.3g} s: what "
-            f"{own.claim.said} may miss there, and what open constraints move{judged}", where))
+            f"against the true motion from the run's own state over one sample interval of {own.flow.tau[0]:.3g} s: "
+            f"what {own.claim.said} may miss there, and what open constraints move{judged}", where))
     return findings
 
 
 def unjudged(why: str) -> list[Finding]:
-    """Of every quantity, for one reason."""
+    """An unjudged finding for every quantity, with one reason."""
     return [Finding(f"interval {name}", "unjudged", None, None, unit, why) for name, unit in QUANTITIES.items()]
 
 
 def _start(scene: Scene, traj: Any, own: Defects) -> dict[str, tuple[float, float, str]]:
-    """How far the first output is from the scene's start, and what rounding and conversions leave of that."""
+    """Per quantity (distance of the first output from the scene's start, bound by rounding and conversion, where)."""
     gaps = {"position": traj.x[0] - scene.x0, "attitude": turn(scene.R0, traj.R[0]),
             "velocity": traj.v[0] - scene.v0, "angular velocity": traj.w[0] - scene.w0}
     least, scale = 10 * DOUBT + 10 * own.claim.eps, own.scale
@@ -73,24 +74,24 @@ def _start(scene: Scene, traj: Any, own: Defects) -> dict[str, tuple[float, floa
 
 
 ROUNDINGS = 8.0
-"""Times the floor of an interval that rounding may scatter: methods of index 3 divide positions by the step."""
+"""Times the rounding floor of an interval that noise may reach: methods of index 3 divide positions by the step."""
 
 
 def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
-    """Whether the errors of neighbouring intervals belong together, as those of any method with a fixed step do.
+    """Whether errors change smoothly from interval to interval, as those of every method with a fixed step do.
 
-    The k-th difference of a smooth error is k derivatives of the motion, which fall with tau^k, that of any error at
-    most 2^k times the error, and that of noise the root of (2k over k) times the noise. In half of the intervals it has
-    to be no more. Nothing is asked of codes that choose their steps, whose errors are rough, nor where half of the
-    intervals are beyond their bounds: how large the differences of such errors may be is not known, and the intervals
-    have their own finding.
+    The k-th difference of a smooth error is about tau^k times its k-th derivative. That of any error is at most 2^k
+    times the error, and that of noise the root of (2k over k) times the noise. In at least half of the intervals the
+    difference has to be no larger than that of a smooth error and of rounding. There is no finding for adaptive
+    methods, whose errors are rough, nor if more than half of the intervals are beyond their bounds: they have a finding
+    of their own.
     """
     own, count = runs[0], DIFFERENCES
     if own.claim.fixed is None or len(own.flow.tau) < 3 * count or not np.isfinite(own.flow.sizes).all():
         return []
     sizes, top = own.flow.sizes, len(own.flow.sizes) - 1
-    # Derivatives grow by factors that stay, as those of waves, or rise with the degree, as those of a pole: between
-    # both, from the highest one that is known.
+    # From one degree to the next, derivatives of waves grow by a constant factor, and those near a pole by one that
+    # rises with the degree. Beyond the highest known derivative the mean of both is taken.
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.nan_to_num(sizes[top] / sizes[top - 1])
     smooth = math.sqrt(math.prod((top + 1 + k) / top for k in range(count))) * (ratio * own.flow.tau) ** count
@@ -107,26 +108,26 @@ def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
         found.append((float(values[middle]), float(allowed[middle]), name, unit))
     value, bound, name, unit = max(found, key=lambda each: each[0] / each[1])
     return [Finding("noise", "ok" if value <= bound else "fail", value, bound, unit,
-                    f"{count}-th differences of neighbouring intervals over {root:.3g}: those of a smooth error, and "
-                    "rounding", f"{name}, in half of the intervals")]
+                    f"{count}-th differences of neighbouring intervals, over {root:.3g}: those of a smooth error and "
+                    "of rounding", f"{name}, median of the intervals")]
 
 
 WINDOWS = 3
-"""Equal parts of a run in which its order is looked at."""
+"""Equal parts of a run in which its order is measured."""
 
 WORTH = 0.1
-"""Of its bound, below which the order of an error decides nothing: on stiff scenes the leading term is not yet seen."""
+"""Share of its bound below which the order of an error decides nothing: stiff scenes may not show the leading term."""
 
 ALIKE = 0.1
-"""Runs whose states differ by a smaller share have the same leading term but for so much."""
+"""Relative difference of states below which two runs have the same leading term, up to about this share."""
 
 
 def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
-    """The order of what intervals miss in each third of the run, from the runs at its two finest steps.
+    """The order of the errors of intervals in each third of the run, from the runs at the two finest steps.
 
-    The order study sees the first seconds. Here every interval restarts from the run's own state, so that a third is a
-    window of its own; it says something where the runs are close to each other and their defects above rounding, and
-    decides where one comes near its bound, and what the method may miss is more than rounding.
+    The order study sees the first seconds only. Here every interval restarts from the run's own state, so that each
+    third is a window of its own. It counts if the two runs are close to each other, their errors are above rounding,
+    one of them comes near its bound, and that bound is more than rounding.
     """
     if len(runs) < 2 or len(runs[0].flow.tau) < WINDOWS:
         return []
@@ -134,7 +135,7 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
     order = fine.claim.order or 1
     ratio = math.log((coarse.claim.step or 1.0) / (fine.claim.step or 1.0))
     close = (shares([fine, coarse], order)[1] < ALIKE) & fine.flow.regular & coarse.flow.regular
-    close[0] = False  # a start of its own follows no power of h
+    close[0] = False  # the error of a multistep method's start follows another power of h
     closed = {level: np.zeros(len(close)) for level in fine.opening}
     own = with_slack(*fine.local(), closed, fine.flow.tau, fine.scale)
     found = []
@@ -152,6 +153,6 @@ def judge_windows(runs: Sequence[Defects]) -> list[Finding]:
         return []
     value, where = min(found)
     bound = order - CONSTANTS["order_margin_coarse"]
-    why = (f"documented order {order}, of what intervals miss at two steps, in each third of the run, to the nearest "
-           "whole number")
+    why = (f"documented order {order}, to the nearest whole number: of the errors of intervals at two steps, in each "
+           "third of the run")
     return [Finding("order intervals", "ok" if value >= bound else "fail", value, bound, "1", why, where)]

@@ -1,7 +1,7 @@
-"""Errors against truth and observed orders. A metric knows no engine and no tolerance.
+"""Errors against truth and observed orders, without any engine or tolerance.
 
-Errors of a quantity are norms of differences per body: positions (m) and velocities (m/s) in world axes, angular
-velocities (rad/s) in body axes, attitudes as the angle (rad) of the rotation that takes one to the other.
+The error of a quantity is the norm of the difference of one body: positions (m) and velocities (m/s) in world axes,
+angular velocities (rad/s) in body axes, attitudes by the angle (rad) of the rotation that takes one to the other.
 """
 
 from __future__ import annotations
@@ -17,48 +17,47 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.states import Motion
 
 PLATEAU = 8.0
-"""An error below this many rounding floors carries too much noise to take part in an order fit: at 8 floors the
-noise moves one error by 1/8, which moves the order fitted over three halvings by at most 0.05."""
+"""Times the rounding floor below which an error has too much noise for an order fit. At 8 floors, noise moves one
+error by 1/8, and so the order fitted over three halvings by at most 0.05."""
 
 SETTLED = 0.05
-"""Orders between neighbouring steps that differ by no more, as noise alone may move them, do not change any more."""
+"""Orders between neighbouring steps count as equal up to this difference, which noise alone may make."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Error:
-    """Error of one quantity against truth over a run."""
+    """Error of one quantity against truth over a run, in the unit of the quantity."""
 
     unit: str
     times: np.ndarray  # (T,) s
-    series: np.ndarray  # (T,) max over bodies
-    body: str  # which has the largest
+    series: np.ndarray  # (T,) the largest of all bodies
+    body: str  # the body with the largest error of all times
 
     @property
     def end(self) -> float:
-        """At the last time."""
+        """The error at the last time."""
         return float(self.series[-1])
 
     @property
     def max(self) -> float:
-        """The largest."""
+        """The largest error."""
         return float(self.series.max())
 
     @property
     def time(self) -> float:
-        """s, of the largest."""
+        """Time (s) of the largest error."""
         return float(self.times[int(np.argmax(self.series))])
 
     @property
     def figures(self) -> Errors:
-        """As the document has it."""
+        """These figures as a part of the document."""
         return Errors(unit=self.unit, end=self.end, max=self.max, time=self.time, body=self.body)
 
 
 def attitude_angle(R: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Angle (rad, 0 to pi) of the rotation R^T S; R and S (..., 3, 3).
+    """Angle (rad, 0 to pi) of the rotation R^T S, for R and S of shape (..., 3, 3).
 
-    From sine and cosine together: the sine keeps its digits near 0 and the cosine near pi/2, while an arc cosine
-    alone loses half of them for small angles.
+    It follows from sine and cosine together. An arc cosine alone loses half of the digits of small angles.
     """
     D = np.swapaxes(R, -1, -2) @ S
     twice_sine = np.sqrt((D[..., 2, 1] - D[..., 1, 2]) ** 2 + (D[..., 0, 2] - D[..., 2, 0]) ** 2
@@ -67,7 +66,7 @@ def attitude_angle(R: np.ndarray, S: np.ndarray) -> np.ndarray:
 
 
 def differences(one: Motion, other: Motion) -> dict[str, np.ndarray]:
-    """Per quantity the norm of the difference, (T, n), of two runs at the same times."""
+    """Norm of the difference of two runs, (T, n) per quantity. Raises `ArgumentError` if their output times differ."""
     if one.t.shape != other.t.shape or not np.allclose(one.t, other.t, rtol=0, atol=1e-9 * max(1.0, one.t[-1])):
         raise ArgumentError(f"the runs have different output times ({len(one.t)} up to {one.t[-1]:g} s and "
                             f"{len(other.t)} up to {other.t[-1]:g} s): give both the same samples= and duration=")
@@ -80,9 +79,9 @@ def differences(one: Motion, other: Motion) -> dict[str, np.ndarray]:
 
 
 def errors(scene: Scene, run: Motion, truth: Motion, until: float = np.inf) -> dict[str, Error]:
-    """Errors of a run against truth per quantity, over the samples up to the time `until` (s).
+    """Errors of a run against truth, per quantity, over the samples up to the time `until` (s).
 
-    Times where the run is not finite count as infinitely wrong: a run that blew up has no small error.
+    The error is infinite at times at which the run is not finite.
     """
     keep = truth.t <= until * (1 + 1e-12)
     times = truth.t[keep]
@@ -95,21 +94,21 @@ def errors(scene: Scene, run: Motion, truth: Motion, until: float = np.inf) -> d
 
 
 STALLED = 0.75
-"""Slopes of errors that are rounding lie below, and the order of every method that converges above: rounding of the
-states grows as the number of steps, slope -1, and that of accelerations is worth their step, slope 1/2 over a random
-walk; the lowest order is 1."""
+"""Slope below which errors are rounding, and above which a method converges. Rounding of the states grows with the
+number of steps (slope -1), that of accelerations falls as a random walk times the step (slope 1/2); the lowest order
+is 1."""
 
 SHORT = 1.0
-"""A slope that falls short of the documented order by more may be where rounding sets in."""
+"""If a slope is lower than the documented order by more than this, rounding may set in there."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Plateau:
-    """What in errors at ever finer steps may be rounding."""
+    """How large rounding may be in errors at ever finer steps."""
 
-    floor: float  # errors below `PLATEAU` of these are
-    ceiling: float = 0.0  # errors below it are where they fall no more, see `_stalled`
-    order: int = 0  # the documented one
+    floor: float  # errors below `PLATEAU` floors are rounding
+    ceiling: float = 0.0  # errors below it are rounding if they stop falling, see `_stalled`
+    order: int = 0  # the documented order
 
 
 EXACT = Plateau(0.0)
@@ -118,14 +117,19 @@ EXACT = Plateau(0.0)
 
 def observed_order(steps: Sequence[float], values: Sequence[float], plateau: Plateau = EXACT,
                    finest: int | None = None) -> Order:
-    """Order p of errors ~ h^p by least squares in the logarithms, over the steps above the rounding plateau.
+    """Order p of errors ~ h^p: least squares of the logarithms over the steps above the rounding plateau.
 
     Parameters
     ----------
-    steps : step sizes (s), any order
-    values : the error at each step, against truth
-    plateau : what is rounding; such errors, and all at finer steps, do not take part
-    finest : how many take part at most, the finest of those above the plateau; None: all
+    steps : step sizes (s) in any sequence
+    values : the error against truth at each step
+    plateau : how large rounding may be; errors at the first step that is rounding, and at finer ones, are left out
+    finest : the largest number of steps that take part, the finest ones above the plateau; None: all
+
+    Returns
+    -------
+    Order
+        With `observed=None` and a note if fewer than three steps take part.
     """
     pairs = sorted(zip(steps, values, strict=True), reverse=True)
     h = np.array([step for step, _ in pairs])
@@ -151,7 +155,7 @@ def observed_order(steps: Sequence[float], values: Sequence[float], plateau: Pla
                      rounding=rounding)
     slope = _slope(h[first:last], e[first:last])
     if (slope < plateau.order - SHORT / 2 and plateau.floor < rounding and 0 < stalled < len(h)
-            and slopes[stalled - 1] < plateau.order / 3):  # errors next to such rounding carry it, too
+            and slopes[stalled - 1] < plateau.order / 3):  # the error next to such rounding has a part of it
         return observed_order(steps, values, dataclasses.replace(plateau, floor=rounding), finest)
     if (slope < plateau.order - SHORT / 2 and exhausted and used == 3
             and recent[-1] - recent[-2] > SETTLED):
@@ -167,9 +171,9 @@ def _slope(h: np.ndarray, e: np.ndarray) -> float:
 
 
 def _stalled(h: np.ndarray, e: np.ndarray, slopes: np.ndarray, plateau: Plateau) -> int:
-    """Index of the first error, coarse to fine, from which on they fall no more; their number where they all fall.
+    """Index of the first error, from coarse to fine, after which they stop falling; their number if all fall.
 
-    Three errors tell. Two do that do not fall themselves, and a last one, where those before them have shown the order.
+    It takes three errors that stop falling, or two, or a last one, if the errors before them have shown the order.
     """
     for index in range(len(h)):
         tail = e[index:]

@@ -28,15 +28,15 @@ EULER_LADDER = halved(4e-3)
 """The steps the project's order tests prescribe for first and second order on the pendulums."""
 
 STUDY_SAMPLES = 6
-"""Output times of the order study: every step of a ladder has to fit between two of them."""
+"""Number of output times of the order study. Every step of a ladder has to divide the time between two of them."""
 
-# Steps at which the bounds of `crosscheck.judge.tolerances` judge, from the derivatives and the amplification of
-# each scene's truth. A ladder starts where the method is in its asymptotic range and ends above the rounding plateau;
-# high orders pass through that gap so fast that they need steps closer than halves. Methods of one order differ a
-# thousandfold in their errors (on the top, symmetric compositions of RATTLE against Runge-Kutta steps of order 6), and
-# the ladder of an order has to end above the plateau for the best of them. The top turns at 150 rad/s, so that
-# its steps are shorter and its order study covers two turns of it. At first order the steps are such that an error of
-# 1e-3 of gravity, mass or inertia stands out of what the runs at one, two and four steps have in common, also late.
+# The steps are so small that the bounds of `crosscheck.judge.tolerances`, which follow from each scene's truth, judge.
+# A ladder starts where the method is in its asymptotic range and ends above the rounding plateau. High orders pass
+# through that gap so fast that they need steps closer than halves. Methods of one order differ a thousandfold in their
+# errors (on the top, symmetric compositions of RATTLE and Runge-Kutta steps of order 6), and the ladder has to end
+# above the plateau for the best of them. The top turns at 150 rad/s, so that its steps are shorter and its order study
+# covers two turns. The first-order steps are so small that an error of 1e-3 of gravity, mass or inertia exceeds what
+# the runs at one, two and four steps have in common, also if it begins at half the time.
 PLANS = {
     "single_pendulum": Plan(1.0, {1: 1e-4, 2: 1e-3}, {
         1: EULER_LADDER, 4: halved(2e-2), 5: halved(4e-2), 6: parts(0.2, 4, 6, 8, 10), 8: parts(0.2, 1, 2, 3, 4)}),
@@ -51,11 +51,11 @@ PLANS = {
 }
 
 SHARE = 0.01
-"""A step chosen by rule makes the bound of the error this share of the scene's size."""
+"""Bound of the error, as a share of the scene's size, at a step that is chosen by rule."""
 
 
 def plan_from_truth(scene: Scene, truth: Reference) -> Plan:
-    """Steps for a scene that has no plan of its own, such that the bounds judge; `truth` of its first seconds."""
+    """Steps small enough for the bounds to judge, for a scene without a plan; `truth` is that of its first seconds."""
     window = float(truth.t[-1])
     scale = tolerances.scales(scene, truth)
     steps = {}
@@ -67,7 +67,7 @@ def plan_from_truth(scene: Scene, truth: Reference) -> Plan:
 
 
 def plan_without_truth(scene: Scene) -> Plan:
-    """Steps for a scene whose truth nobody knows: shares of the time in which it falls or turns by about a radian."""
+    """Steps for a scene without truth: shares of the time in which it falls or turns by about a radian."""
     unit = natural_time(scene)
     steps = {order: _readable(min(share * unit, scene.duration / 20)) for order, share in ((1, 1e-3), (2, 1e-2))}
     return Plan(min(1.0, scene.duration), steps, {})
@@ -81,16 +81,16 @@ def natural_time(scene: Scene) -> float:
 
 
 def _readable(step: float) -> float:
-    """The next smaller of 1, 2, 5 times a power of ten."""
+    """The largest of 1, 2, 5 times a power of ten that is no larger than `step`."""
     power = 10.0 ** math.floor(math.log10(step))
     return max(digit for digit in (1, 2, 5) if digit * power <= step * (1 + 1e-12)) * power
 
 
 PENDING = Plan(0.0, {}, {})
-"""Stands in a cell until the truth of its scene has chosen the plan."""
+"""The plan of a cell until the truth of its scene has chosen one."""
 
 RTOLS = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
-"""Relative tolerances of the accuracy study of adaptive methods; brief profiles take every second one."""
+"""Relative tolerances of the accuracy study of adaptive methods; short profiles take every second one."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,13 +99,13 @@ class Profile:
 
     name: str
     rungs: int | None  # steps of the order study; None: all
-    whole: bool  # main runs over the whole scene, not only its first window
-    forms: bool  # also the model forms that are not an engine's default
-    timing: int  # repeats of the timing study; 0: none
-    most_steps: int = 20_000  # of a main run of one body, on scenes without a plan of their own
-    every_scene: bool = False  # all scenes of the library, not only those with a plan
-    most_seconds: float | None = None  # of processor time of one order study; None: any
-    speed: int = 0  # rounds of the speed study, which compares with a calibration kernel; 0: none
+    whole: bool  # whether main runs cover the whole scene or only its first window
+    forms: bool  # whether to run the forms of the model that are not an engine's default, too
+    timing: int  # number of repeats of the timing study; 0: none
+    most_steps: int = 20_000  # most steps of a main run of one body, on scenes without a plan of their own
+    every_scene: bool = False  # whether to run all scenes of the library or only those with a plan
+    most_seconds: float | None = None  # limit of processor time (s) of one order study; None: none
+    speed: int = 0  # number of rounds of the speed study, which compares with a calibration kernel; 0: none
 
 
 PROFILES = {
@@ -116,7 +116,7 @@ PROFILES = {
 
 
 def profile(name: str) -> Profile:
-    """A profile by name; `ArgumentError` for an unknown one."""
+    """The profile with this name. Raises `ArgumentError` if there is none."""
     if name not in PROFILES:
         raise ArgumentError(f"profile {name!r} is unknown: choose {' or '.join(PROFILES)}")
     return PROFILES[name]

@@ -31,10 +31,10 @@ def extrapolated(coarse: States, fine: States, ratio: float, order: int) -> Stat
 
 
 def extrapolation_order(documented: int, observed: Order, failed: bool) -> int:
-    """The order for extrapolation: the documented one, or the observed one if the documented one failed."""
+    """The order for extrapolation: the documented one, or a lower observed one if the documented one failed."""
     if not failed or observed.observed is None or observed.observed < LEAST:
         return documented
-    return max(1, round(observed.observed))
+    return min(documented, max(1, round(observed.observed)))
 
 
 def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Reference, order: int,

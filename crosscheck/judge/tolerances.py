@@ -1,10 +1,11 @@
-"""Tolerances: documented orders and truth in, bounds with reasons out. Nothing here has seen the run it judges.
+"""Tolerances: from the documented order of a method and the truth of a scene to bounds with reasons.
 
-The state is y = (x / L, R, v / (L W), w / W), L a length and W a rate of the scene. A method of order p with step h
-makes in each step an error of h^(p+1) |y^(p+1)| at most (its principal error constant is below one); T / h such errors
-add up, each magnified on the way by at most A, the growth of a small perturbation of y over the run. So the error of y
-stays below B = A T h^p max |y^(p+1)|, with p documented and A and y from truth; positions L B, attitudes B, and the
-errors of velocities change as fast as the motion turns, L W' B and W' B, W' the largest rate.
+No bound depends on the run that it judges. The state is y = (x / L, R, v / (L W), w / W) with a length L and a rate W
+of the scene. In each step a method of order p with step h makes an error of at most h^(p+1) |y^(p+1)|: its principal
+error constant is below one. T / h such errors add up, each magnified by at most A, the growth of a small perturbation
+of y over the run. The error of y therefore stays below B = A T h^p max |y^(p+1)|, where p is documented and A and y are
+those of truth. It is L B for positions and B for attitudes. Errors of velocities change as fast as the motion turns, at
+most at the rate W': they are L W' B and W' B.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from crosscheck.scene.model import GROUND, Scene
 EPS = float(np.finfo(float).eps)
 
 FILE = pathlib.Path(__file__).with_name("tolerances.toml")
-"""Every constant and every rule of the verdicts, with its reason."""
+"""The file with every constant and every rule of the verdicts, and their reasons."""
 
 
 def _read() -> tuple[dict[str, float], dict[str, dict[str, str]]]:
@@ -33,40 +34,41 @@ def _read() -> tuple[dict[str, float], dict[str, dict[str, str]]]:
 
 
 CONSTANTS, BOUNDS = _read()
-"""Constants by name, and the bounded quantities with unit, rule and reason."""
+"""The constants by name, and the bounded quantities with unit, rule and reason."""
 
 ORDER_MARGIN = {1: CONSTANTS["order_margin_first"]}
-"""How far below its documented order a method may be observed; `ORDER_MARGIN_HIGH` for every other order."""
+"""How far the observed order may lie below the documented one, by documented order."""
 ORDER_MARGIN_HIGH = CONSTANTS["order_margin"]
+"""The same for every order that `ORDER_MARGIN` does not have."""
 
 BY_USER = "set by the user"
-"""How the reason of a bound begins that the user set, see `crosscheck.judge.overrides`."""
+"""First words of the reason of a bound that the user set, see `crosscheck.judge.overrides`."""
 
 HELD = {level: CONSTANTS[f"held_{level}"] for level in ("position", "velocity", "acceleration")}
-"""Rounding level of the constraint levels that a method solves for, for terms of the size of a pendulum (about 1 m,
-10 m/s, 100 m/s^2 over 1e4 steps); scenes with larger terms get 50 eps times the size of the terms."""
+"""Rounding of the constraint levels that a method enforces, for terms of the size of a pendulum (about 1 m, 10 m/s,
+100 m/s^2 over 1e4 steps). For larger terms it is 50 eps times their size."""
 
 ORTHOGONALITY = CONSTANTS["orthogonality"]
-"""Rounding level of R^T R - I for attitudes that stay on the group by construction."""
+"""Rounding of R^T R - I for attitudes that stay on SO(3) by construction."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Tol:
-    """A bound and the reason it is what it is."""
+    """A bound and the reason for it."""
 
     value: float
     why: str
 
 
 AT_REST = 1e-20
-"""A kinetic energy below this share of that of falling is rounding."""
+"""Share of the kinetic energy of a fall through the scene's length below which a kinetic energy is rounding."""
 
 
 def scales(scene: Scene, truth: Reference) -> Scales:
-    """Sizes of a scene along its true motion."""
+    """Lengths, speeds, rates and energies of a scene along its true motion."""
     levers = [float(np.linalg.norm(joint.child_anchor)) for joint in scene.joints if joint.child != GROUND]
     levers += [float(np.linalg.norm(joint.parent_anchor)) for joint in scene.joints if joint.parent != GROUND]
-    # A free body has no lever: its radius of gyration plays the part.
+    # A free body has no lever. Its length is its radius of gyration.
     gyration = np.sqrt(np.trace(scene.inertias, axis1=1, axis2=2) / (2.0 * scene.masses))
     states = truth.states
     length = float(max([*levers, 0.0]) or gyration.max())
@@ -78,7 +80,7 @@ def scales(scene: Scene, truth: Reference) -> Scales:
     inertia = float(np.linalg.norm(scene.inertias, ord=2, axis=(1, 2)).sum())
     rate, most = max(float(rates.max()), fall), float(kinetic.max())
     falling = float(scene.masses.sum()) * (length * (rate or 1.0)) ** 2
-    if most <= AT_REST * falling:  # nothing moves: the sizes are those of falling through the length
+    if most <= AT_REST * falling:  # nothing moves: the sizes are those of a fall through the length
         speed, most = length * (rate or 1.0), falling
     return Scales(length=length, speed=speed, rate=rate or 1.0,
                   unit_rate=max(float(rates[0].max()), fall) or 1.0, reach=reach, kinetic=most,
@@ -86,9 +88,9 @@ def scales(scene: Scene, truth: Reference) -> Scales:
 
 
 def derivative(truth: Reference, order: int, scale: Scales) -> float:
-    """max |d^order y / dt^order| (1/s^order) of the state y; its velocities are derivatives one order up.
+    """max |d^order y / dt^order| (1/s^order) of the state y, in which velocities are derivatives of one order more.
 
-    A joint ties positions and attitudes together, so that an error made in one of them is an error of the other.
+    It is the larger one of positions and attitudes, since joints couple them: an error of one is an error of the other.
     """
     def pose(degree: int) -> float:
         return float(max(truth.position_derivatives[degree] / scale.length,
@@ -97,29 +99,30 @@ def derivative(truth: Reference, order: int, scale: Scales) -> float:
 
 
 USUAL = 50.0
-"""Roundings (eps) that a step is allowed: about the terms of an ordinary scene's accelerations over their sum."""
+"""Roundings (eps) that a step is allowed: about the size of the terms of accelerations over their sum, in an ordinary
+scene."""
 
 
 def grading(scene: Scene) -> float:
-    """Roundings (eps) that a step is allowed in this scene: `USUAL`, and more where light bodies carry heavy ones.
+    """Roundings (eps) that a step is allowed in this scene: `USUAL`, and more if masses or inertias differ widely.
 
-    A joint transmits what moves all bodies, and of that the lightest one is left with a difference as small as its
-    mass; about its thickest axis a needle turns by differences as small as its least inertia.
+    Joints transmit the forces of all bodies. The lightest body is moved by a difference of such forces that is as small
+    as its mass, and a needle turns about its own axis by one as small as its least moment of inertia.
     """
     principal = np.linalg.eigvalsh(scene.inertias)
     return float(max(USUAL, scene.masses.sum() / scene.masses.min(), (principal[:, -1] / principal[:, 0]).max()))
 
 
 def rounding(scene: Scene, truth: Reference, size: float, steps: int, eps: float = EPS) -> float:
-    """What rounding alone may do to a quantity of this size in that many steps, on top of the doubt of truth itself."""
+    """Error by rounding alone of a quantity of this size after so many steps, plus the error of truth."""
     return float(truth.error * max(1.0, size)
                  + grading(scene) * eps * size * truth.amplification * max(1, steps) ** 0.6)
 
 
 def plateau(scene: Scene, truth: Reference, size: float, order: int, eps: float = EPS) -> Plateau:
-    """What in errors of a quantity of this size may be rounding; a method of this order is being judged.
+    """How large rounding may be in errors of a quantity of this size, for a method of this order.
 
-    Rounding is typically as large as the floor. A model that conditions it badly may lose up to half of the digits.
+    Rounding is usually as large as the floor. In an ill-conditioned model it may take up to half of the digits.
     """
     floor = max(truth.disagreement, grading(scene) / USUAL * eps * truth.amplification) * max(1.0, size)
     return Plateau(floor, float(np.sqrt(eps)) * size, order)
@@ -127,9 +130,9 @@ def plateau(scene: Scene, truth: Reference, size: float, order: int, eps: float 
 
 def fixed_step(scene: Scene, truth: Reference, order: int, step: float,
                amplification: float | None = None, eps: float = EPS) -> dict[str, Tol]:
-    """Bounds of the errors per quantity for a method of documented order with a fixed step (s).
+    """Bounds of the errors per quantity for a method of this documented order with a fixed step (s).
 
-    `amplification` replaces that of the truth, `eps` is the spacing of the engine's numbers.
+    `amplification` replaces that of the truth; `eps` is the relative spacing of the engine's numbers.
     """
     scale = scales(scene, truth)
     duration = float(truth.t[-1])
@@ -148,11 +151,11 @@ def fixed_step(scene: Scene, truth: Reference, order: int, step: float,
 
 
 def limit(scene: Scene, truth: Reference, order: int, step: float, eps: float = EPS) -> dict[str, Tol]:
-    """Bounds of the errors of the limit extrapolated from two steps, the coarser `step` (s), of a method of this order.
+    """Bounds of the errors of the limit that is extrapolated from two steps, the coarser of which is `step` (s).
 
-    The leading term of the error is gone; the next one is bounded like that of a method one order higher.
+    Extrapolation removes the leading term of the error. The next one is bounded as for a method one order higher.
     """
-    last = len(truth.position_derivatives) - 3  # the bound of order p needs derivatives up to p + 2
+    last = len(truth.position_derivatives) - 3  # the bound of order p takes derivatives up to p + 2
     scale = scales(scene, truth)
     upon = _upon_itself(truth, scale, order, step)
     return {name: Tol(bound.value + upon * scale.units[name], f"the leading term of the error extrapolated away: "
@@ -161,11 +164,11 @@ def limit(scene: Scene, truth: Reference, order: int, step: float, eps: float = 
 
 
 def _upon_itself(truth: Reference, scale: Scales, order: int, step: float) -> float:
-    """What the leading term of the error makes of itself and extrapolation leaves: (A T h^p)^2 max|y^(2p+2)| / 16.
+    """The part of the leading error's own square that extrapolation leaves: (A T h^p)^2 max|y^(2p+2)| / 16.
 
-    Errors of c h^(p+1) y^(p+1) a step, c at most 1/2, act on the motion twice as half their square, of which
-    extrapolation from h and h/2 leaves half. Where truth has no derivative so high: the square of that of order p + 1,
-    as for a motion at one rate.
+    Errors of c h^(p+1) y^(p+1) per step, with c at most 1/2, enter to second order as half of their square, and
+    extrapolation from h and h/2 leaves half of that. If truth has no derivative of order 2p + 2, the square of that of
+    order p + 1 stands for it, as in a motion at a single rate.
     """
     grown = truth.amplification * float(truth.t[-1]) * step**order / 4.0
     if 2 * order + 3 < len(truth.position_derivatives):
@@ -177,8 +180,8 @@ def adaptive(scene: Scene, truth: Reference, rtol: float, steps: int,
              amplification: float | None = None, eps: float = EPS) -> dict[str, Tol]:
     """Bounds of the errors per quantity for a method that keeps the error of each step below rtol times the state y.
 
-    W is the rate of the scene's fastest spring or damper where that is larger: an error e of a position that oscillates
-    at W is one of W e in its velocity. `amplification` replaces that of the truth.
+    If the rate of the fastest spring or damper is larger than W, it takes its place: if a position that oscillates at
+    the rate W is off by e, its velocity is off by W e. `amplification` replaces that of the truth.
     """
     growth = truth.amplification if amplification is None else amplification
     scale = scales(scene, truth)
@@ -196,8 +199,8 @@ def adaptive(scene: Scene, truth: Reference, rtol: float, steps: int,
 def energy(scene: Scene, truth: Reference, bounds: dict[str, Tol]) -> Tol:
     """Bound of the error of the energy over the largest kinetic energy, from bounds of the states.
 
-    The energy and the momentum about the vertical are constants of the motion: the true motion carries an error of them
-    along and magnifies nothing, so that where they are conserved the bounds are those with A = 1.
+    If energy and momentum about the vertical are conserved, the motion does not magnify an error of them. The bounds of
+    the states are then those with A = 1.
     """
     scale = scales(scene, truth)
     mass, inertia = scene.masses.sum(), np.linalg.norm(scene.inertias, axis=(1, 2)).sum()
@@ -219,14 +222,14 @@ def momentum(scene: Scene, truth: Reference, bounds: dict[str, Tol]) -> Tol:
 
 
 LEFT = 1e-9
-"""Residual of Newton's iteration, relative to the forces of the motion, beyond which it has not ended: 64 bodies leave
-as much. What an engine says that it leaves is believed up to here."""
+"""Largest residual of a converged Newton iteration, relative to the forces of the motion; 64 bodies reach it. What
+an engine states is believed up to here."""
 
 
 def newton_left(scene: Scene, truth: Reference | None, said: float) -> float:
-    """The residual that an engine says its Newton iteration leaves, as far as it is believed.
+    """The residual that an engine states for its Newton iteration (N or N m), as far as it is believed.
 
-    Forces are those of the true motion; where there is no truth, all weights with ten times gravity.
+    The forces are those of the true motion. Without truth they are all weights under ten times the gravity.
     """
     weights = 10.0 * float(scene.masses.sum() * np.linalg.norm(scene.gravity))
     forces = weights if truth is None else max(
@@ -236,9 +239,9 @@ def newton_left(scene: Scene, truth: Reference | None, said: float) -> float:
 
 
 def held_level(scene: Scene, truth: Reference | None, level: str, newton: float = 0.0, eps: float = EPS) -> Tol:
-    """Rounding level of a constraint level that the method holds by construction; without truth, of a pendulum.
+    """Bound of a constraint level that the method enforces: rounding; without truth, that of a pendulum.
 
-    `newton`: what the engine's own iteration leaves.
+    `newton` is the residual that the engine's own iteration leaves.
     """
     tol = _held_level(scene, truth, level, eps)
     ended = 10 * newton
@@ -260,19 +263,19 @@ def _held_level(scene: Scene, truth: Reference | None, level: str, eps: float) -
 
 
 def reach(scene: Scene) -> float:
-    """Farthest (m) from the origin that the scene's levers let a centre of mass come; from the scene alone."""
+    """Largest distance (m) from the origin that the scene's levers allow a centre of mass."""
     levers = [np.linalg.norm(joint.child_anchor) + np.linalg.norm(joint.parent_anchor) for joint in scene.joints]
     return float(max(np.sum(levers), np.linalg.norm(scene.x0, axis=-1).max()))
 
 
 def free_level(scene: Scene, truth: Reference, level: str, bounds: dict[str, Tol]) -> Tol | None:
-    """Bound of a constraint level the method does not enforce; None where the bounds of the states imply none.
+    """Bound of a constraint level that the method does not enforce; None if the bounds of the states imply none.
 
-    The true motion satisfies the constraints, so a state within its bounds can miss them by no more than this.
+    The true motion satisfies the constraints. A state within its bounds violates them by no more than this.
     """
     scale = scales(scene, truth)
     x, r, v, w = (bounds[quantity].value for quantity in QUANTITIES)
-    lever = max(1.0, scale.length)  # rows of the kind "two axes are perpendicular" are pure numbers
+    lever = max(1.0, scale.length)  # rows such as "two axes are perpendicular" have no unit
     if level == "position":
         return Tol(2 * (x + lever * r), "not enforced: two bodies meet at a joint, each within dx + s dR of truth")
     if level == "velocity":
@@ -283,9 +286,9 @@ def free_level(scene: Scene, truth: Reference, level: str, bounds: dict[str, Tol
 
 def vacuous(scene: Scene, truth: Reference, bounds: dict[str, Tol],
             conserved: dict[str, Tol] | None = None) -> frozenset[str]:
-    """Kinds of findings whose bound exceeds the size of what it bounds, so that it would pass anything.
+    """Kinds of findings whose bound is larger than the quantity itself, so that every run would pass.
 
-    `conserved`: the bounds that energy and momentum follow from; None: the others.
+    `conserved` are the bounds from which those of energy and momentum follow; None: `bounds`.
     """
     quiet = bounds if conserved is None else conserved
     scale = scales(scene, truth)
@@ -297,7 +300,7 @@ def vacuous(scene: Scene, truth: Reference, bounds: dict[str, Tol],
 
 
 def orthogonality(on_group: bool, steps: int, eps: float = EPS) -> Tol:
-    """Bound of max |R^T R - I| over a run; `on_group` where the engine declares that it keeps to SO(3)."""
+    """Bound of max |R^T R - I| over a run. `on_group`: the engine declares that its attitudes stay on SO(3)."""
     if on_group:
         return Tol(ORTHOGONALITY * eps / EPS, "attitudes stay on the group by construction: rounding level")
     growth = max(ORTHOGONALITY * eps / EPS, 4 * eps * steps)
@@ -305,18 +308,16 @@ def orthogonality(on_group: bool, steps: int, eps: float = EPS) -> Tol:
 
 
 def order_margin(order: int) -> float:
-    """How far below the documented order the observed one may lie."""
+    """How far the observed order of a method may lie below this documented one."""
     return ORDER_MARGIN.get(order, ORDER_MARGIN_HIGH)
 
 
 def rounding_levels(scene: Scene, truth: Reference) -> dict[str, tuple[float, float]]:
-    """(a, b) per figure: rounding moves it by no more than a + b n^0.6 in n steps.
+    """(a, b) per figure: in n steps rounding changes it by no more than a + b n^0.6.
 
-    On one machine the same code gives the same bits; another processor or library may round otherwise.
-
-    Figures: the compared quantities in their units, "energy" over the largest kinetic energy, "momentum" in
-    kg m^2/s. As `rounding`: the doubt of truth, and 50 eps (`grading`) times the size, magnified
-    as the scene magnifies a perturbation.
+    The same code gives the same bits on one machine, but another processor or library may round differently. Figures
+    are the compared quantities in their units, "energy" over the largest kinetic energy and "momentum" in kg m^2/s. As
+    in `rounding`, a is the error of truth, and b is `grading` times eps and the size, magnified by the motion.
     """
     scale = scales(scene, truth)
     sizes = {quantity: scale.of(quantity) for quantity in QUANTITIES}

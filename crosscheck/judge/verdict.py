@@ -240,14 +240,14 @@ def settle(run: Measured, findings: list[Finding], turning: known.Turning, messa
 
     `turning` is `crosscheck.adapters.turning`. Bounds that the user set are not affected by known defects.
     """
-    for entry in known.entries(run.engine, run.method, run.scene, run.form, turning, run.practical):
+    for entry in known.entries(run, turning):
         seen = [finding for finding in findings if finding.kind in entry.kinds and finding.status != "unjudged"
                 and not finding.why.startswith(tolerances.BY_USER)]
         failing = [finding for finding in seen if finding.status == "fail" and entry.excuses(finding)]
         findings = [replace(each, status="known", detail=entry.reason) if each in failing else each
                     for each in findings]
         # A defect has vanished only if it was looked for: without an order study, nothing is known about orders.
-        if entry.always and not failing and set(entry.kinds) <= {finding.kind for finding in seen} | {"run"}:
+        if entry.always and not failing and entry.kinds.keys() <= {finding.kind for finding in seen} | {"run"}:
             findings.append(Finding("vanished", "fail", None, None, "", f"a known defect no longer shows: "
                                     f"{entry.reason}", "if the engine was mended, remove the entry"))
     outcome = outcome_of(findings)

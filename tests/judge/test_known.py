@@ -2,6 +2,7 @@
 
 
 import pytest
+from msgspec.structs import replace
 
 from crosscheck import adapters
 from crosscheck.document import Finding, Measured
@@ -10,15 +11,22 @@ from crosscheck.judge.verdict import settle
 from tests import SCENARIOS
 
 
+def about(engine, method, scene, form="tree", version="4.1", practical=False):
+    """The entries about a run."""
+    run = Measured(scene=scene, engine=engine, version=version, method=method, form=form, step=1e-3, documented_order=4,
+                   practical=practical)
+    return known.entries(run, adapters.turning)
+
+
 @pytest.mark.parametrize("scene", ["single_pendulum", "heavy_top", "chain_8", str(SCENARIOS / "double_pendulum.toml")])
 def test_naive_rk4_is_known_wherever_a_ball_joint_turns(scene):
-    assert known.entries("pinocchio", "RK4naive", scene, "tree", adapters.turning)
-    assert not known.entries("pinocchio", "RKMK4", scene, "tree", adapters.turning)
+    assert about("pinocchio", "RK4naive", scene)
+    assert not about("pinocchio", "RKMK4", scene)
 
 
 @pytest.mark.parametrize("scene", ["hinge_pendulum", "universal_pendulum", "slider_crank", "no_such_scene"])
 def test_naive_rk4_is_not_excused_where_no_joint_turns_on_so3(scene):
-    assert not known.entries("pinocchio", "RK4naive", scene, "tree", adapters.turning)
+    assert not about("pinocchio", "RK4naive", scene)
 
 
 def test_naive_rk4_need_not_show_where_a_body_may_keep_its_axis():
@@ -26,36 +34,59 @@ def test_naive_rk4_need_not_show_where_a_body_may_keep_its_axis():
     for scene, form, sure in (("puck_on_plane", "tree", True), ("rod_pendulum", "tree", True),
                               ("iftomm_simple_pendulum", "tree", False), ("four_bar", "maximal", False),
                               ("double_four_bar", "maximal", False), ("universal_pendulum", "maximal", True)):
-        entry, = (each for each in known.entries("pinocchio", "RK4naive", scene, form, adapters.turning)
-                  if each.reason == known.NAIVE)
+        entry, = (each for each in about("pinocchio", "RK4naive", scene, form) if each.reason == known.NAIVE)
         assert entry.always == sure, (scene, form)
 
 
 def test_mujocos_rk4_is_known_to_be_naive_before_version_4():
-    assert known.entries("mujoco==3.3.7", "RK4", "single_pendulum", "tree", adapters.turning)
-    for engine, scene in (("mujoco==3.3.7", "hinge_pendulum"), ("mujoco==4.0.0", "single_pendulum"),
-                          ("mujoco", "single_pendulum"), ("mujoco==30.1", "single_pendulum")):
-        assert not known.entries(engine, "RK4", scene, "tree", adapters.turning)
+    assert about("mujoco==3.3.7", "RK4", "single_pendulum", version="3.3.7")
+    for scene, version in (("hinge_pendulum", "3.3.7"), ("single_pendulum", "4.0.0"), ("single_pendulum", "30.1"),
+                           ("single_pendulum", "not installed")):
+        assert not about("mujoco", "RK4", scene, version=version)
 
 
 def _settled(scene, observed):
     run = Measured(scene=scene, engine="pinocchio", version="4.1", method="RK4naive", form="tree", step=1e-3,
                    documented_order=4)
-    kinds = (*known.STATE, *known.INTERVALS, "energy", "momentum")
-    findings = [Finding(kind, "ok", 1e-6, 1e-5, "", "") for kind in kinds]
+    findings = [Finding(kind, "ok", 1e-6, 1e-5, "", "") for kind in known.SUMMED if kind not in known.ORDERS]
     findings += [Finding(kind, "ok" if observed > 3.85 else "fail", observed, 3.85, "1", "")
                  for kind in known.ORDERS]
     return settle(run, findings, adapters.turning)
 
 
-@pytest.mark.parametrize(("engine", "method", "scene", "form"), [
-    ("exudyn", "RK44", "thrown_double", "tree"), ("pinocchio", "RKMK4", "double_four_bar", "tree"),
-    ("exudyn", "GeneralizedAlpha", "chain_64", "tree")])
-def test_a_known_defect_excuses_only_its_size(engine, method, scene, form):
-    run = Measured(scene=scene, engine=engine, version="1", method=method, form=form, step=1e-3, documented_order=4)
-    for excess, outcome in ((1e3, "known"), (1e9, "fail")):
-        findings = [Finding(kind, "fail", excess * 1e-6, 1e-6, "", "") for kind in known.STATE]
-        assert settle(run, findings, adapters.turning).outcome == outcome
+SIZES = [(entry, kind, most) for entry in known.KNOWN for kind, most in entry.kinds.items() if kind != "run"]
+
+
+@pytest.mark.parametrize(("entry", "kind", "most"), SIZES, ids=[
+    f"{entry.engine}-{entry.methods[0]}-{kind}" for entry, kind, _ in SIZES])
+def test_a_known_defect_excuses_the_size_that_was_measured_and_nothing_far_beyond(entry, kind, most):
+    def excused(size):
+        value = 3.85 - size if kind.startswith("order") else size * 1e-6
+        return entry.excuses(Finding(kind, "fail", value, 3.85 if kind.startswith("order") else 1e-6, "", ""))
+
+    assert excused(most)
+    assert not excused(most + 0.51 if kind.startswith("order") else 31 * most)
+    assert not excused(float("inf"))
+    assert not excused(float("nan"))
+
+
+@pytest.mark.parametrize(("excess", "outcome"), [(0.9, "known"), (1.1, "fail")])
+def test_a_run_beyond_the_cap_fails(excess, outcome):
+    run = Measured(scene="parallelogram", engine="pinocchio", version="4.1", method="RKMK8", form="tree", step=1e-2,
+                   documented_order=8)
+    beyond = excess * known.MARGIN * known.LOST["velocity"]
+    findings = [Finding("velocity", "fail", beyond * 1e-6, 1e-6, "", ""), Finding("energy", "ok", 0.0, 1.0, "", "")]
+    assert settle(run, findings, adapters.turning).outcome == outcome
+
+
+def test_a_defect_of_another_version_form_or_kind_is_not_excused():
+    run = Measured(scene="light_heavy", engine="pinocchio", version="4.1", method="RKMK4", form="maximal", step=1e-3,
+                   documented_order=4)
+    for changes, kind, outcome in (({}, "level acceleration", "known"),
+                                   ({"version": "5.0"}, "level acceleration", "fail"),
+                                   ({"form": "tree"}, "level acceleration", "fail"), ({}, "level velocity", "fail")):
+        finding = Finding(kind, "fail", 1.5e-6, 1e-6, "", "")
+        assert settle(replace(run, **changes), [finding], adapters.turning).outcome == outcome
 
 
 def test_naive_rk4_shows_as_known_and_fails_once_it_is_fourth_order():

@@ -76,7 +76,8 @@ def test_a_settled_run_says_what_was_judged_of_its_errors():
     assert "too coarse" in settled([found("step", "unjudged")]).message
 
 
-KNOWN = Known("fake", ("Plain",), ("single_pendulum",), None, ("position", "energy"), "its documentation says so")
+KNOWN = Known("fake", ("1",), ("Plain",), ("single_pendulum",), None, {"position": 3.0, "energy": 1.0},
+              "its documentation says so")
 
 
 def test_a_known_defect_excuses_what_it_names_and_nothing_else(monkeypatch):

@@ -95,7 +95,8 @@ def test_a_known_defect_neither_excuses_the_users_bound_nor_vanishes_by_it(monke
     from crosscheck.judge.known import Known
 
     orders = tuple(f"order {name}" for name in (*known.STATE, "intervals"))
-    monkeypatch.setattr(known, "KNOWN", (Known("fake", ("Plain",), ("single_pendulum",), None, orders, "documented"),))
+    entry = Known("fake", ("1",), ("Plain",), ("single_pendulum",), None, dict.fromkeys(orders, 1.0), "documented")
+    monkeypatch.setattr(known, "KNOWN", (entry,))
     flaw = {"claimed_order": 2, "real_order": 1, "size": 1e-6}
     assert _record(monkeypatch, **flaw).outcome == "known"
     assert _record(monkeypatch, "order position=1.5", **flaw).outcome == "fail"

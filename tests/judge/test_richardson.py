@@ -65,6 +65,8 @@ def test_the_order_of_extrapolation_is_the_documented_one_unless_another_is_seen
     assert extrapolation_order(4, fitted(4.4, 4), failed=False) == 4
     assert extrapolation_order(4, fitted(0.1, 4), failed=True) == 4  # errors that do not fall have no order
     assert extrapolation_order(4, fitted(None, 2), failed=True) == 4
+    # a coarse run that nearly failed makes the order over all steps far too high
+    assert extrapolation_order(2, fitted(11.6, 4), failed=True) == 2
 
 
 def test_one_run_has_no_limit(scene, truth):

@@ -196,7 +196,8 @@ def test_a_practical_step_is_judged_by_energy_and_held_levels(monkeypatch):
 
 
 def entry(*found):
-    return Known("fake", ("Plain",), ("single_pendulum",), None, found, "its documentation says so")
+    return Known("fake", ("1",), ("Plain",), ("single_pendulum",), None, dict.fromkeys(found, 1.0),
+                 "its documentation says so")
 
 
 def test_a_known_defect_passes_with_its_reason(verdict, monkeypatch):

@@ -1,8 +1,9 @@
-"""Why an engine differs: hypotheses about its model and its stepping, tested on short black-box runs.
+"""Why an engine differs: hypotheses about its model and its stepping, tested by short runs of the engine.
 
-The engine is seen through `Engine.run` alone. Its limit for vanishing steps is compared with independent truth; where
-they differ, the accelerations it shows on the scene and on copies of it are fitted by altered models; a cause is named
-only if it leaves nothing but noise and no other one does. Orders, hidden steps and stabilisation are looked at apart.
+All that is known of the engine comes from `Engine.run`. Its limit for vanishing steps is compared with independent
+truth. If they differ, altered models are fitted to its accelerations on the scene and on copies of it. A cause is named
+only if it leaves nothing but noise and no other cause does. Order, hidden sub-steps and stabilisation have tests of
+their own.
 """
 
 from __future__ import annotations
@@ -25,16 +26,15 @@ if TYPE_CHECKING:
 __all__ = ["Evidence", "Explanation", "NamedCause", "explain"]
 
 AGREES = 1e-8
-"""Normalised: a limit nearer to truth than this agrees; scene files keep their joints no better."""
-
+"""Normalised distance from truth below which a limit agrees: scene files close their joints no better."""
 
 UNSURE = 1e-3
-"""Normalised: where runs at finer steps leave more than this open, they settle on no limit that could be compared."""
+"""Normalised error of a limit above which it cannot be compared: the runs do not converge."""
 
 
 def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | None = None,
             form: str | None = None, step: float | None = None, **options: Any) -> Explanation:
-    """Why an engine's motion differs from a scene's true one, if it does.
+    """Why the motion of an engine differs from the true motion of a scene, if it does.
 
     Parameters
     ----------
@@ -42,17 +42,22 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
     engine : a name, or an object with `name`, `methods`, `unsupported` and `run` (docs/adding-an-engine.md)
     method : default: the engine's last of the highest documented order
     form : model form; default: the engine's choice
-    step : s; of the look at the whole run. Default: small against the fastest rate of the scene
-    **options : coordinate_map, alpha, beta, softness, node, for engines that know them, as in `crosscheck.run`
+    step : step (s) of the run over the whole scene; default: small against the fastest rate of the scene
+    **options : coordinate_map, alpha, beta, softness, node, for engines that have them, as in `crosscheck.run`
+
+    Returns
+    -------
+    Explanation
+        Its `sentence` has the answer, `causes` the named causes, and `evidence` what was tested.
 
     Raises
     ------
     ArgumentError, SceneError
-        As `crosscheck.run`.
+        As in `crosscheck.run`.
     Unsupported
         The engine cannot run the scene.
     EngineError
-        It failed on the first short runs; its words.
+        The engine failed on the first short runs. The message is its own.
     """
     from crosscheck.diagnosis import observe, of_output, of_verdict
     from crosscheck.scene import file as scene_file
@@ -103,7 +108,7 @@ def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str |
 
 def _looked_through(subject: Subject, first: Observation, scene: Scene, step: float | None,
                     answer: Explanation) -> None:
-    """Look at the whole run where the beginning agrees; alters the answer."""
+    """Look at the whole run if its beginning agrees, and add what is found to `answer`."""
     from crosscheck.diagnosis import of_model, of_run
 
     answer.window, late = of_run.diagnose(subject, scene, first.scale, step)
@@ -126,7 +131,7 @@ def _looked_through(subject: Subject, first: Observation, scene: Scene, step: fl
 
 
 def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explanation:
-    """Compare the limit with truth, look for causes of what differs, and check the altered model afresh."""
+    """Compare the limit with truth, look for causes of a difference, and compare the motion of the altered model."""
     from crosscheck.diagnosis import altered, fit, misreadings, observe, of_model, of_output, of_stepping, shown
     from crosscheck.diagnosis.physics import of_scene
 
@@ -165,13 +170,13 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
         if physics.absent is not None:
             after = np.delete(after, physics.absent, axis=1)
         answer.explained = float(after.max())
-        # Magnitudes are fitted to accelerations, as sure as those are; over 1 / W that is a velocity.
+        # Magnitudes are fitted to accelerations and as uncertain as these. Over the time 1 / W that is a velocity.
         unsure = fit.EXPLAINED * shown.accelerations(first)[1]
         if answer.explained > max(AGREES, 10 * fit.EXPLAINED * first.noise, unsure):
             unexplained.append(f"the altered model still differs by {answer.explained:.1e}")
     known = of_stepping.Known(physics, start, found.soft, found.reported.undo if found.reported else None,
                               bool(found.causes))
-    # Errors of the step cannot be told from noise.
+    # Errors of the step cannot be distinguished from noise.
     steps = of_stepping.NumericsFinding() if noise else of_stepping.diagnose(subject, first, known)
     answer.observed_order = steps.order
     answer.causes += steps.causes

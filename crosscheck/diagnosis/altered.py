@@ -1,4 +1,4 @@
-"""Plain steppers and a precise integration of a model with altered parameters, on nothing but its accelerations."""
+"""Plain steppers and a precise integration of a model with altered parameters. They need its accelerations only."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from crosscheck.scene.states import States
 from crosscheck.scene.vectors import exponential, inverse_tangent
 
 PRECISE = 1e-11
-"""rtol of `predict`: a window of one radian adds up some ten steps of it."""
+"""rtol of `predict`. A window of one radian takes about ten steps, whose errors add up."""
 
 Alter = Callable[[np.ndarray], np.ndarray]
 
 
 class Model:
-    """Accelerations at single states; keeps the angles of torsional springs from one call to the next."""
+    """Accelerations at single states. It keeps the angles of torsional springs from one call to the next."""
 
     def __init__(self, scene: Scene, physics: Physics) -> None:
         self.scene, self.physics = scene, physics
@@ -31,7 +31,7 @@ class Model:
         self.rank: int | None = None
 
     def rates(self, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray, t: float = 0.0) -> np.ndarray:
-        """Accelerations (n, 6), world and body axes, of states (n, ...) at a time."""
+        """Accelerations (n, 6) of the state (n, ...) at time t (s): linear in world axes, angular in body axes."""
         found: dict[str, np.ndarray] = {}
         if any(force.type == "torsional_spring" for force in self.scene.forces):
             found = mechanics.torsion_angles(self.scene, R[None], previous=self.angles)
@@ -45,7 +45,7 @@ class Model:
 
 
 def predict(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray) -> States:
-    """States at the scene's output times from the start with these attitudes and angular velocities: DOP853."""
+    """States at the scene's output times, by DOP853, from these attitudes and angular velocities at the start."""
     from scipy.integrate import solve_ivp
 
     n, model = scene.n, Model(scene, physics)
@@ -69,7 +69,7 @@ def predict(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray) -> Sta
 
 
 class Joints:
-    """Joint coordinates of a tree of ball joints and hinges: relative attitudes and their angular velocities."""
+    """Joint coordinates of a tree of ball joints and hinges: relative attitudes and relative angular velocities."""
 
     def __init__(self, scene: Scene, physics: Physics) -> None:
         self.model, self.scene = Model(scene, physics), scene
@@ -78,13 +78,13 @@ class Joints:
 
     @staticmethod
     def fit(scene: Scene) -> bool:
-        """Whether a scene is such a tree."""
+        """Whether the scene is such a tree."""
         children = [joint.child for joint in scene.joints]
         return (sorted(children) == list(range(scene.n))
                 and all(joint.type in ("spherical", "revolute") for joint in scene.joints))
 
     def start(self, R: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(relative attitudes, relative angular velocities in the child's axes) of a state."""
+        """(relative attitudes (n, 3, 3), relative angular velocities (n, 3) in the child's axes) of a state."""
         Q, s = np.empty_like(R), np.empty_like(w)
         for body in self.order:
             parent = self.by_child[body].parent
@@ -93,7 +93,7 @@ class Joints:
         return Q, s
 
     def state(self, Q: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """x, R, v, w of joint coordinates."""
+        """x, R, v, w that follow from joint coordinates."""
         R, w = np.empty_like(Q), np.empty_like(s)
         for body in self.order:
             parent = self.by_child[body].parent
@@ -123,7 +123,7 @@ def euler(joints: Joints, Q: np.ndarray, s: np.ndarray, h: float) -> tuple[np.nd
 
 def runge_kutta(rates: Callable[..., tuple[np.ndarray, ...]], state: tuple[np.ndarray, ...], h: float,
                 ) -> tuple[np.ndarray, ...]:
-    """Kutta's step of order 4 on (attitudes, angular velocities, others ...), attitudes as Munthe-Kaas does.
+    """Kutta's step of order 4 on (attitudes, angular velocities, ...), with attitudes by Munthe-Kaas' method.
 
     `rates(state)` returns the body angular velocities of the attitudes, then the derivatives of the rest.
     """
@@ -139,7 +139,7 @@ def runge_kutta(rates: Callable[..., tuple[np.ndarray, ...]], state: tuple[np.nd
 
 def step_joints(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order: int, h: float,
                 steps: int) -> tuple[np.ndarray, ...]:
-    """x, R, v, w after steps in joint coordinates; `order` 1 or 4."""
+    """x, R, v, w after steps in joint coordinates by a method of `order` 1 or 4."""
     joints = Joints(scene, physics)
     Q, s = joints.start(R, w)
     for _ in range(steps):
@@ -152,7 +152,7 @@ def step_joints(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, or
 
 def step_bodies(scene: Scene, physics: Physics, R: np.ndarray, w: np.ndarray, order: int, h: float,
                 steps: int) -> tuple[np.ndarray, ...]:
-    """x, R, v, w after steps of the index-1 equations of the bodies; `order` 1 (semi-implicit) or 4."""
+    """x, R, v, w after steps of the bodies' index-1 equations by a method of `order` 1 (semi-implicit) or 4."""
     model = Model(scene, physics)
     x, v = misreadings.positions(scene, R, w) or (scene.x0, scene.v0)
 

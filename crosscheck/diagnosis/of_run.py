@@ -1,7 +1,7 @@
-"""Mistakes that begin later: the whole run, interval by interval, each against the true motion from the engine's state.
+"""Mistakes that begin later: the whole run, each interval against the true motion from the engine's own state.
 
-What an engine does between two samples is compared with what truth makes of its own state at the first of them. Such a
-defect knows no growth of earlier errors, so that chaos does not matter; that of a right engine falls with the step.
+The difference at the end of an interval is its defect. Earlier errors do not grow in it, so that chaos does not matter.
+In a right engine it falls with the step.
 """
 
 from __future__ import annotations
@@ -19,44 +19,45 @@ from crosscheck.scene.starts import restarted
 from crosscheck.scene.states import States
 
 INTERVALS = 25
-"""Of the whole run: that many restarts of truth, half a second or less in scenes of the usual length."""
+"""Number of intervals of the whole run, each with a start of truth. They take half a second or less in most scenes."""
 
 ENOUGH = 1e-11
-"""rtol of those: far below what counts as a defect."""
+"""rtol of truth in an interval, far below what counts as a defect."""
 
 TURN = 0.05
-"""Part of 1 / W that a step of the whole run is at most."""
+"""Largest step of the whole run, in units of 1 / W."""
 
 RTOLS = (1e-8, 1e-11)
+"""Relative tolerances of the two runs of an adaptive method."""
 
 DEFECT, ROUNDINGS = 1e-7, 1e3
-"""Normalised: a defect below this, or so many times the spacing of the numbers, may be rounding of a long run."""
+"""Normalised defect, and multiple of the relative spacing of numbers, below which it may be rounding of a long run."""
 
 COARSE = 0.1
-"""Normalised: where a run at the step that was asked for is off by more after one interval it shows another motion."""
+"""Normalised defect above which a run at the step that was asked for is another motion."""
 
 STUCK = 0.5
-"""Part of a defect that steps FINER times as fine leave of it at least where it is no error of the step."""
+"""Least part of a defect that remains at steps `FINER` times finer, if it is no error of the step."""
 
 ALONE = 20.0
-"""A pose is off by so many times as much as any velocity where it jumps."""
+"""Times the error of any velocity by which a pose is wrong if it jumps."""
 
 MOST_STEPS = 12000
-"""Of one run; a scene that needs more is looked at as far as these reach."""
+"""Largest number of steps of one run. A scene that needs more is looked at as far as these go."""
 
 CLOSER = 16
-"""Times as many samples around an interval with a defect: numbers that are clamped may soon be free again."""
+"""Factor of the samples near a defect: a number may be clamped for a short time only."""
 
 MOVING = 1e-6
-"""Of the largest velocity or position: a number that has changed by less did not move."""
+"""Part of the largest velocity or position below which a change counts as none."""
 
 REPEATED = 4
-"""Samples in a row at which a moving number stays the same to the last bit where it is clamped."""
+"""Number of samples in a row at which a clamped number is the same to the last bit."""
 
 
 @dataclasses.dataclass
 class Late:
-    """A mistake that begins at `time` (s); causes where it is known which."""
+    """A mistake that begins at `time` (s), with its causes if they are known."""
 
     time: float
     until: float  # s, the end of its first interval
@@ -66,7 +67,7 @@ class Late:
 
 
 def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -> tuple[float, Late | None]:
-    """(until when the run was looked at, the first interval whose defect is no error of the step)."""
+    """(time (s) up to which the run was looked at, the first interval whose defect is no error of the step)."""
     order = subject.order(scene)
     sampled = scene.replace(samples=INTERVALS + 1)
     h = step if step is not None else TURN / (scale.rate * scale.fast)
@@ -101,7 +102,7 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
             try:
                 coarse = run(1, sampled) if coarse is None else coarse
                 rough = defect(sampled, scale, coarse, k)
-            except Silent:  # too coarse to run: that its defect would be larger is all there is to say
+            except Silent:  # too coarse to run, so that the defect at this step counts as infinite
                 rough = np.inf
             if found > STUCK * rough and found > 10 * before:
                 until = min(k + 2, INTERVALS)
@@ -112,7 +113,7 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
 
 
 def defect(scene: Scene, scale: Scale, states: States, k: int) -> float:
-    """Normalised difference after the k-th interval between an engine and truth from the engine's state."""
+    """Normalised difference at the end of the k-th interval between the engine and truth from the engine's state."""
     truth = _onward(scene, states, k)
     if truth is None:
         return np.inf
@@ -133,7 +134,7 @@ def _onward(scene: Scene, states: States, k: int) -> States | None:
 
 def _described(scene: Scene, scale: Scale, states: States, k: int, before: float, after: float,
                closer: States) -> Late:
-    """What the first wrong interval shows, and samples `CLOSER` times as close around it."""
+    """The mistake that the first wrong interval shows; `closer` has `CLOSER` times as many samples near it."""
     time = float(states.t[k])
     evidence = Evidence("a mistake that begins later", "report", before, after, "defect of one interval of the whole "
                         f"run, at steps {FINER} times as fine after",
@@ -151,7 +152,7 @@ def _described(scene: Scene, scale: Scale, states: States, k: int, before: float
         speed = np.abs(states.v[k + 1] - truth.v[-1]).max(axis=-1) / (scale.length * scale.rate)
         body = int(np.argmax(np.maximum(turn, shift)))
         name = scene.bodies[body].name
-        # In an interval a velocity that is wrong moves a pose by far less than this; a jump moves the pose alone.
+        # Within an interval a wrong velocity changes the pose by far less. A jump changes the pose alone.
         if max(turn[body], shift[body]) > ALONE * max(spin.max(), speed.max()):
             what, size, more, mend = (
                 ("attitude", turn[body], ", as it does after a wrapped angle or a lost sign of a quaternion",
@@ -163,7 +164,7 @@ def _described(scene: Scene, scale: Scale, states: States, k: int, before: float
 
 
 def _clamped(states: States, k: int) -> str | None:
-    """Which number stays the same to the last bit for a while after the k-th sample, although it moved before."""
+    """In words, the number that stays the same to the last bit after the k-th sample although it moved before."""
     for name, what in (("w", "an angular velocity"), ("v", "a velocity"), ("x", "a position")):
         values = getattr(states, name).reshape(len(states.t), -1)
         still = np.lib.stride_tricks.sliding_window_view(np.diff(values[k:], axis=0) == 0.0, REPEATED - 1, axis=0)
@@ -175,7 +176,7 @@ def _clamped(states: States, k: int) -> str | None:
 
 
 def observation(subject: Subject, scene: Scene, scale: Scale, time: float) -> Observation | None:
-    """The engine's limit from a later time on, as part of a run from the scene's start; None where it is too long."""
+    """The engine's limit from the time (s) on, as part of a run from the scene's start; None if that is too long."""
     brief = window(scene, scale).duration
     interval = brief / (SAMPLES - 1)
     start = int(np.ceil(time / interval)) + 1

@@ -1,6 +1,6 @@
-"""Differences of the stepping: orders below the documented one, more steps than asked for, damped constraint errors.
+"""Differences of the stepping: orders below the documented one, hidden sub-steps, damped constraint errors.
 
-All from short runs; what a limit for vanishing steps cannot show.
+A limit for vanishing steps does not show them. They are found by short runs at finite steps.
 """
 
 from __future__ import annotations
@@ -35,38 +35,39 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 COUNTS = {1: (32, 64, 128, 256), 2: (8, 16, 32, 64), 4: (4, 8, 16, 32), 5: (3, 4, 6, 8, 12), 7: (2, 3, 4, 6, 8)}
-"""Steps per 1 / W for the order, by documented order (the next lower one that is listed)."""
+"""Steps per 1 / W from which the order follows, by documented order, or the next lower one."""
 
 CLEAR = 0.3
-"""Errors show an order that is not the documented one only where the two finest slopes above rounding lie this near to
-one and the same lower whole number: at coarse steps slopes of high orders climb towards it, at rounding they fall."""
+"""Largest distance of the two finest slopes above rounding from one whole number, for an order to count as observed. At
+coarse steps the slopes of high orders still rise, and at rounding they fall."""
 
 FLOOR = 1e-11
-"""Of y: errors below it may be rounding or the tolerance of an engine's own solver."""
+"""Error of y below which it may be rounding or the tolerance of the engine's own solver."""
 
 REFINEMENTS, REFINED = (1, 4, 16, 64, 256), 1e-9
-"""So many times as fine steps are tried, one after the other, where those before explode, or show no whole number
-although their errors are still this large: a soft joint's own error, of the documented order, covers that of a lower
-order until its oscillation is resolved. A lower order has to show twice: coarse steps of stiff models pretend one."""
+"""Factors by which steps are refined in turn, if runs explode or show no whole number, and the error below which this
+ends. The errors of a soft joint are of the documented order and hide those of a lower one until its oscillation is
+resolved. Coarse steps of stiff models seem to have a lower order, so that it has to show twice."""
 
 EXPLODED = 1.0
-"""Of y: a run off by more than the size of what it computes says nothing about its order."""
+"""Error of y above which a run says nothing about its order: it is larger than what is computed."""
 
 ALIKE = 0.02
-"""Part of its error by which two runs of one method may differ: roundings, and maps of the group that are truncated."""
+"""Part of its error by which two runs of one method may differ: by rounding, and by truncated maps of the group."""
 
 FLAT = 1e-6
-"""Largest way the normal of a plane, a unit vector, may turn in a motion that keeps to that plane."""
+"""Largest change of the unit normal of a plane in a motion that stays in this plane."""
 
 MOST_SUBSTEPS = 64
+"""Largest number of sub-steps that is looked for."""
 NO_SUBSTEPS = 1.2
-"""Below this many the errors are those of the steps asked for."""
+"""Number of sub-steps below which the errors are those of the steps that were asked for."""
 
 NO_GAIN = (0.0, 0.0)
 
 PUSH = 1e-2
-"""Part of the length by which a start violates the joints to see what becomes of it. Constraint accelerations are those
-of the violated state itself, so that nothing is left out; a smaller one would hide small gains in the noise."""
+"""Part of the length by which a start violates the joints, so that stabilisation shows. Constraint accelerations are
+exact for the violated state. With a smaller violation noise would hide small gains."""
 
 
 @dataclasses.dataclass
@@ -90,17 +91,17 @@ class NumericsFinding:
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """What is known of an engine's model when its stepping is looked at."""
+    """What was found about an engine's model before its stepping is tested."""
 
     physics: Physics
     start: tuple[np.ndarray, np.ndarray]  # attitudes and angular velocities
-    soft: bool  # its joints give way by a law that nobody knows: no plain method can stand in for it
-    undo: Callable[[States], States] | None = None  # of a misreport
-    altered: bool = False  # another model than the scene's
+    soft: bool  # whether its joints give way, by an unknown law, so that no plain method can be compared with it
+    undo: Callable[[States], States] | None = None  # corrects a misreport
+    altered: bool = False  # whether the model differs from the scene's
 
 
 def diagnose(subject: Subject, first: Observation, known: Known) -> NumericsFinding:
-    """Name what makes the stepping another than documented."""
+    """Name what makes the stepping differ from the documented one."""
     result, order = NumericsFinding(), subject.order(first.scene)
     if order is None:
         return result
@@ -129,7 +130,7 @@ def diagnose(subject: Subject, first: Observation, known: Known) -> NumericsFind
 
 
 def _ordered(subject: Subject, scene: Scene, scale: Scale, order: int) -> Order | None:
-    """Observed order against the method's own limit; None where runs failed at all steps that are tried."""
+    """The observed order against the method's own limit; None if runs at all steps that were tried failed."""
     brief = scene.replace(duration=1.0 / scale.rate, samples=2)
     counts = COUNTS[max(key for key in COUNTS if key <= order)]
     result, before = None, None
@@ -156,7 +157,7 @@ def _ordered(subject: Subject, scene: Scene, scale: Scale, order: int) -> Order 
 
 
 def _whole(steps: tuple[float, ...], errors: list[float]) -> int | None:
-    """The whole number, 1 at least, that the two finest slopes of errors above rounding clearly show; None: none."""
+    """The whole number, at least 1, that the two finest slopes above rounding clearly show; None if there is none."""
     used = [(np.log(h), np.log(e)) for h, e in zip(steps, errors, strict=True) if e > FLOOR]
     slopes = [(one[1] - two[1]) / (one[0] - two[0]) for one, two in itertools.pairwise(used)][-2:]
     if len(slopes) < 2:
@@ -166,7 +167,7 @@ def _whole(steps: tuple[float, ...], errors: list[float]) -> int | None:
 
 
 def _slope(runs: list[np.ndarray], counts: tuple[int, ...], order: int) -> float:
-    """A first guess of the order from differences to the finest run."""
+    """A first estimate of the order, from the differences to the finest run."""
     gaps = np.array([float(np.abs(run - runs[-1]).max()) for run in runs[:-1]])
     good = gaps > 100 * ROUNDING
     if good.sum() < 2:
@@ -176,11 +177,10 @@ def _slope(runs: list[np.ndarray], counts: tuple[int, ...], order: int) -> float
 
 
 def planar(scene: Scene, scale: Scale, gravity: np.ndarray) -> Scene | None:
-    """A copy in which every body turns about one direction only, so that its rotations commute; None where the joints
-    do not allow it.
+    """A copy in which all bodies turn about one direction, so that rotations commute; None if the joints forbid it.
 
-    The plane holds both the scene's gravity and the one an engine has in its place; the inertias are those of spheres,
-    so that axes they are wrongly given in do not matter.
+    The plane contains the scene's gravity and the one that the engine has. The inertias are those of spheres, so that a
+    mistake in their axes does not matter.
     """
     if any(joint.type not in ("spherical", "revolute") for joint in scene.joints) or not scene.joints:
         return None
@@ -208,7 +208,7 @@ def planar(scene: Scene, scale: Scale, gravity: np.ndarray) -> Scene | None:
 
 
 def keeps_plane(subject: Subject, copy: Scene, scale: Scale) -> bool:
-    """Whether an engine turns every body of a planar copy about the normal of its plane only."""
+    """Whether the engine turns every body of a planar copy about the normal of the plane only."""
     try:
         states = observe(subject, window(copy, scale), scale).states
     except Silent:
@@ -286,11 +286,11 @@ def _substeps(subject: Subject, first: Observation, order: int, known: Known, re
         guess = _fewer(float(np.abs(at(1) - limit).max()), size, order)
         if not NO_SUBSTEPS <= guess <= MOST_SUBSTEPS:
             continue
-        # Errors, each from its own limit: the fitted magnitudes of the model are not as sure as small errors are.
+        # Each error is the distance from its own limit: fitted magnitudes of the model are less exact than that.
         settled = _there(scale.flat(altered.predict(brief, known.physics, *known.start))[-1], known)
         off: dict[int, np.ndarray] = {}
         k = max(2, round(guess))
-        while k not in off:  # at coarse steps errors do not follow the order yet: from as many steps it tells better
+        while k not in off:  # coarse steps do not show the order yet; the estimate gets better from step to step
             off[k] = at(k) - settled
             k = int(np.clip(round(k * _fewer(float(np.abs(off[k]).max()), size, order)), 2, MOST_SUBSTEPS))
         left, k = min((float(np.abs(each - error).max()), k) for k, each in off.items())
@@ -303,17 +303,17 @@ def _substeps(subject: Subject, first: Observation, order: int, known: Known, re
 
 
 def _fewer(plain: float, size: float, order: int) -> float:
-    """How many times as many steps make errors of one size those of the other."""
+    """Factor of the number of steps that reduces errors of the size `plain` to `size`."""
     return float((plain / size) ** (1 / order)) if np.isfinite(plain) else 0.0
 
 
 def _meant(states: States, scale: Scale, known: Known) -> np.ndarray:
-    """y at the end of a run, misreports undone."""
+    """y at the end of a run after misreports are corrected."""
     return _there(scale.flat(states if known.undo is None else known.undo(states))[-1], known)
 
 
 def _there(y: np.ndarray, known: Known) -> np.ndarray:
-    """y of the bodies that are there."""
+    """y without the body that the engine does not have."""
     return y if known.physics.absent is None else np.delete(y, known.physics.absent, axis=0)
 
 
@@ -336,7 +336,7 @@ def pushed(scene: Scene, scale: Scale) -> Scene:
 def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFinding) -> tuple[float, float]:
     """Fit G du/dt + gamma = -2 alpha G u - beta^2 Phi to the motion after a small violation of the joints.
 
-    Returns alpha (1/s) and beta^2 (1/s^2), zeros where there is no gain.
+    Returns alpha (1/s) and beta^2 (1/s^2), or zeros if there is no gain.
     """
     scene, scale = first.scene, first.scale
     there = [joint for joint in scene.joints if known.physics.absent not in (joint.parent, joint.child)]
@@ -368,7 +368,7 @@ def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFi
         return NO_GAIN
     holds = after <= fit.EXPLAINED
     if not holds and "position" in subject.held(scene):
-        return NO_GAIN  # joint coordinates may take anchors from the start as it is
+        return NO_GAIN  # joint coordinates may take the anchors from the start, violated or not
     gains = f"alpha = {damping * scale.rate:.4g} 1/s, beta^2 = {stiffness * scale.rate**2:.4g} 1/s^2"
     result.evidence.append(Evidence("stabilisation gain", "constraint", before, after, "constraint acceleration after "
                                     "a small violation, over its noise", gains, holds))

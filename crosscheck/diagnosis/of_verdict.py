@@ -1,4 +1,4 @@
-"""The last look before nothing is found: the run and the order study of `crosscheck verify`, by its own judgement."""
+"""The last test if nothing was found: the run and the order study of `crosscheck verify`, and their verdict."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from crosscheck.verification.order_study import order_study
 from crosscheck.verification.task import Cell, windowed
 
 MOST_SECONDS = 20.0
-"""Of processor time of the order study, as in the profile that takes every scene."""
+"""Limit of processor time (s) of the order study, as in the profile with every scene."""
 
 
 class _Asked:
-    """An engine that is always asked with the same options."""
+    """An engine that always runs with the same options."""
 
     def __init__(self, subject: Subject) -> None:
         self._engine, self._options = subject.engine, dict(subject.options)
@@ -42,7 +42,7 @@ class _Asked:
 
 
 def judged(subject: Subject, scene: Scene, step: float | None) -> Judged:
-    """What `crosscheck verify` says of a method on a scene, at its own step or at the one given (s)."""
+    """The verdict of `crosscheck verify` on a method and a scene, at this step (s); None: that of the plan."""
     own = not subject.options and subject.engine.name in adapters.names() and (
         adapters.get(subject.engine.name) is subject.engine)
     engine: Engine = subject.engine if own or not subject.options else _Asked(subject)
@@ -54,7 +54,7 @@ def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Ju
     built_in = scene.name in scene_names() and load_scene(scene.name).hash == scene.hash
     try:
         plan, known = plan_within(scene, scene.name if built_in else "", PROFILES["default"].most_steps), True
-    except (TruthError, Unsupported):  # there is no truth to judge by
+    except (TruthError, Unsupported):  # the scene has no truth
         plan, known = PLANS.get(scene.name) or plan_without_truth(scene), False
     order = subject.order(scene)
     size = None if order is None else step or plan.step(order)
@@ -78,7 +78,7 @@ def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Ju
 
 
 def add(subject: Subject, scene: Scene, step: float | None, answer: Explanation) -> None:
-    """Ask for the verdict where nothing was found; alters the answer where it fails."""
+    """Add the verdict to an answer that has found nothing, and what fails in it."""
     verdict = judged(subject, scene, step)
     answer.verdict = word(verdict)
     failing = [finding for finding in verdict.findings if finding.status == "fail"]
@@ -110,15 +110,15 @@ CLAIMS = (
     ("attitudes off the group", ("orthogonality",), "R^T R - I reaches {value:.2g}",
      "move attitudes by rotations, or normalise them"),
 )
-"""(name, kinds of findings, text, mend): findings about claims and reports, which say what is wrong by themselves."""
+"""(name, kinds of findings, text, mend) of findings about claims and reports, which name their cause by themselves."""
 
 
 def _causes(failing: dict[str, Finding]) -> list[NamedCause]:
-    """The causes that failing findings are, where all of them are about claims and reports."""
+    """The causes that failing findings name, if all of them are about claims and reports."""
     claimed = failing.keys() <= {kind for _, kinds, _, _ in CLAIMS for kind in kinds}
     if not claimed or any(finding.why.startswith("not enforced") for finding in failing.values()):
         return []
-    if failing.keys() & {"acceleration", "angular acceleration"}:  # wrong ones cannot satisfy the constraints
+    if failing.keys() & {"acceleration", "angular acceleration"}:  # wrong ones violate the constraints, too
         failing = {kind: finding for kind, finding in failing.items() if kind != "level acceleration"}
     return [NamedCause(name.format(kind.removeprefix("level ")),
                        text.format(kind=kind, value=finding.value, unit=finding.unit, detail=finding.detail), mend)

@@ -1,4 +1,4 @@
-"""What `explain` answers: findings, the evidence for each hypothesis that was tried, and one verdict."""
+"""The answer of `explain`: causes, the evidence for each hypothesis that was tested, and one outcome."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Evidence:
     kind: str  # "start", "report", "model", "constraint", "numerics"
     before: float | None  # residual without it, in the unit of `quantity`
     after: float | None  # residual with it
-    quantity: str  # what the residual is
-    magnitude: str = ""  # what was fitted, with its unit
-    holds: bool = False
+    quantity: str  # name of the residual, with its unit
+    magnitude: str = ""  # fitted magnitude, with its unit
+    holds: bool = False  # whether the hypothesis explains the difference
     note: str = ""
 
 

@@ -1,4 +1,4 @@
-"""What the observed copies of a scene show: states as they are meant, their accelerations, and the data of a fit."""
+"""From observed copies of a scene to data of a fit: corrected states and their accelerations."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.states import States
 
 FAITHFUL = 1e-8
-"""Of y and its derivative: a start or a velocity that is off by less is as the scene says; scene files keep 1e-8."""
+"""Normalised difference below which a start or a velocity is that of the scene: scene files are exact to 1e-8."""
 
 AMPLIFIED = 2.2
-"""Sum of the sizes of the nine-point difference's coefficients: what it makes of independent errors at most."""
+"""Sum of the absolute coefficients of the nine-point difference: the largest factor of independent errors."""
 
 LEAST_NOISE = 1e-9
-"""Of normalised accelerations: differences of states at rounding over 0.05 rad leave some 1e-11."""
+"""Least noise of normalised accelerations. Rounding of states over 0.05 rad makes about 1e-11 of it."""
 
 
 @dataclasses.dataclass
 class Shown:
-    """One observed copy: states as they are meant, once misreports are undone, and their accelerations."""
+    """One observed copy: its states after misreports are corrected, and their accelerations."""
 
     observation: Observation
     states: States
     accelerations: np.ndarray  # (T - 8, n, 6), world and body axes
     noise: float  # of normalised accelerations
-    forces: tuple[int, ...]  # which of the scene's forces it has
+    forces: tuple[int, ...]  # numbers of the scene's forces that it has
 
 
 def undone(observation: Observation, forces: tuple[int, ...], report: misreadings.Report | None) -> Shown:
-    """An observation of a copy with some of the scene's forces, a misreport undone."""
+    """The observation of a copy with these forces of the scene, after a misreport is corrected."""
     scale = observation.scale
     states = observation.states if report is None else report.undo(observation.states)
     if report is not None:
@@ -54,7 +54,7 @@ def accelerations(observation: Observation) -> tuple[np.ndarray, float]:
 
 
 def data(shown: list[Shown], right: Physics, soft: bool, stride: int) -> fit.Data:
-    """Residuals of all copies, grouped by joint structure."""
+    """Residuals of all copies, in groups of one joint structure."""
     groups = []
     def structure(each: Shown) -> tuple[object, ...]:
         return tuple(joint.type for joint in each.observation.scene.joints), each.forces
@@ -69,7 +69,7 @@ def data(shown: list[Shown], right: Physics, soft: bool, stride: int) -> fit.Dat
 
 
 def points_of(members: list[tuple[int, Shown]], stride: int) -> tuple[Points, np.ndarray]:
-    """Every `stride`-th instant of some copies, and the noise of its accelerations."""
+    """Every `stride`-th instant of some copies, and the noise of the accelerations there, (P,)."""
     pieces: dict[str, list[np.ndarray]] = {name: [] for name in ("t", "x", "R", "v", "w", "rates", "copy", "noise")}
     angles: dict[str, list[np.ndarray]] = {}
     for k, each in members:

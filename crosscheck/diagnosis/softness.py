@@ -1,4 +1,4 @@
-"""Joints that give way: whether they open by forces that follow a law of their opening."""
+"""Soft joints: whether they open, and by forces that follow a law of the opening."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 
 LAWFUL = 0.95
-"""Part of constraint forces or accelerations that a linear law of the joints' opening has to reproduce."""
+"""Least part of constraint forces or accelerations that a linear law of the opening has to reproduce."""
 
 
 def gives_way(shown: Shown, absent: int | None) -> bool:
-    """Whether joints are closed at the start and open in the limit of small steps: held by forces, not constraints."""
+    """Whether joints are closed at the start and open in the limit of small steps, as if springs held them."""
     scene, scale, states = shown.observation.scene, shown.observation.scale, shown.states
     constraints = Constraints(scene)
     rows = constraints.rows_without(absent)
@@ -29,8 +29,7 @@ def gives_way(shown: Shown, absent: int | None) -> bool:
 
 
 def lawful(shown: list[Shown], absent: int | None) -> bool:
-    """Whether what opens the joints follows a law of their opening: forces, or accelerations, that are linear in Phi
-    and G u, with constants of their own for every row."""
+    """Whether constraint forces, or accelerations, are linear in Phi and G u, with constants of their own per row."""
     columns: list[list[np.ndarray]] = [[], [], [], []]
     for each in shown:
         scene, scale = each.observation.scene, each.observation.scale
@@ -57,7 +56,7 @@ def lawful(shown: list[Shown], absent: int | None) -> bool:
 
 
 def _linear(gaps: np.ndarray, speeds: np.ndarray, answers: np.ndarray) -> float:
-    """Part of the answers (P, m) that is linear in gaps and speeds, row by row."""
+    """Part of the answers (P, m) that is linear in gaps and speeds of the same row."""
     left = 0.0
     for row in range(answers.shape[1]):
         design = np.column_stack([gaps[:, row], speeds[:, row]])
@@ -67,7 +66,7 @@ def _linear(gaps: np.ndarray, speeds: np.ndarray, answers: np.ndarray) -> float:
 
 
 def opening(shown: Shown, absent: int | None) -> str:
-    """How far joints open, in words."""
+    """The largest opening of joints, in words."""
     scene, states, constraints = shown.observation.scene, shown.states, Constraints(shown.observation.scene)
     gaps = np.abs(constraints.position(states.x, states.R)[:, constraints.rows_without(absent)])
     return f"joints open to {gaps.max():.3g} m within {scene.duration:.3g} s at vanishing steps"

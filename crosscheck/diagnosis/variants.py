@@ -1,7 +1,7 @@
-"""Copies of a scene that show more of an engine's model than the scene's own motion does.
+"""Copies of a scene that show more of an engine's model than the scene's own motion.
 
-The same bodies in other consistent states; and with ball joints in place of hinges, since a body that can only turn
-about one axis shows one number where a free one shows its mass, its inertia and the gravity apart; and with springs.
+The bodies begin in other consistent states. Ball joints take the place of hinges: from a body on a hinge follows one
+number, from a free one its mass, its inertia and the gravity. Some copies have more springs.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from crosscheck.scene.schema import EntryError
 
 SEED = 20
 TURNS = (0.8, 0.5, 0.2)
-"""Angles (rad) by which attitudes are turned, smaller where the joints cannot follow."""
+"""Angles (rad) by which attitudes are turned; the next one is taken if the joints cannot be closed."""
 
 
 def quaternion_product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -28,7 +28,7 @@ def quaternion_product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def moved(scene: Scene, scale: Scale, seed: int) -> Scene | None:
-    """The scene from another start: turned and with other speeds, joints closed; None where they cannot close."""
+    """The scene from another start with closed joints: turned, and with other speeds. None if they cannot be closed."""
     for turn in TURNS:
         rng = np.random.default_rng([SEED, seed])
         bodies = []
@@ -46,10 +46,9 @@ def moved(scene: Scene, scale: Scale, seed: int) -> Scene | None:
 
 
 def close(scene: Scene) -> Scene | None:
-    """The scene with its joints closed by the least change of its state; None where that fails."""
-    constraints = any(joint.type in ("prismatic", "fixed") for joint in scene.joints)
-    if constraints:  # their relative attitude is that of the start: another start would be another scene
-        return None
+    """The scene with its joints closed by the least change of its state; None if that fails."""
+    if any(joint.type in ("prismatic", "fixed") for joint in scene.joints):
+        return None  # their relative attitude is that of the start, so that another start would be another scene
     given = (True,) * scene.n
     try:
         return assembly.completed(Draft(scene, given, given, assemble=True))
@@ -58,7 +57,7 @@ def close(scene: Scene) -> Scene | None:
 
 
 def on_balls(scene: Scene) -> tuple[Scene, tuple[int, ...]] | None:
-    """The scene with ball joints in place of hinges, and the indices of the forces it keeps; None without hinges."""
+    """The scene with ball joints in place of hinges, and the numbers of the forces that stay; None without hinges."""
     if not any(joint.type == "revolute" for joint in scene.joints):
         return None
     hinged = {joint.name for joint in scene.joints if joint.type == "revolute"}
@@ -69,9 +68,9 @@ def on_balls(scene: Scene) -> tuple[Scene, tuple[int, ...]] | None:
 
 
 def sprung(scene: Scene, scale: Scale) -> Scene | None:
-    """The scene with one more spring from the ground to every body; None where it has none.
+    """The scene with one more spring from the ground to every body; None if it has no spring.
 
-    A spring too soft and a body too heavy are one and the same motion until another spring pulls.
+    A spring that is too soft and a body that is too heavy make the same motion unless another spring pulls.
     """
     if not any(force.type.endswith("spring") for force in scene.forces):
         return None

@@ -89,6 +89,10 @@ def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
     own, count = runs[0], DIFFERENCES
     if own.claim.fixed is None or len(own.flow.tau) < 3 * count or not np.isfinite(own.flow.sizes).all():
         return []
+    # Next to a singular position nothing is measured: a difference across it is not one of errors.
+    measured = np.lib.stride_tricks.sliding_window_view(own.flow.regular, count + 1).all(axis=1)
+    if not measured.any():
+        return []
     sizes, top = own.flow.sizes, len(own.flow.sizes) - 1
     # From one degree to the next, derivatives of waves grow by a constant factor, and those near a pole by one that
     # rises with the degree. Beyond the highest known derivative the mean of both is taken.
@@ -101,9 +105,9 @@ def judge_noise(runs: Sequence[Defects]) -> list[Finding]:
         beyond = np.linalg.norm(own.vectors[name], axis=-1).max(axis=1) > bounds[name]
         if 2 * np.count_nonzero(beyond) > len(beyond):
             return []
-        values = np.linalg.norm(np.diff(own.vectors[name], count, axis=0), axis=-1).max(axis=1) / root
+        values = np.linalg.norm(np.diff(own.vectors[name], count, axis=0), axis=-1).max(axis=1)[measured] / root
         whole = np.minimum(2.0**count, smooth) * (bounds[name] - own.floor[name]) / root + ROUNDINGS * own.floor[name]
-        allowed = np.max(np.lib.stride_tricks.sliding_window_view(whole, count + 1), axis=1)
+        allowed = np.max(np.lib.stride_tricks.sliding_window_view(whole, count + 1), axis=1)[measured]
         middle = int(np.argsort(values / allowed)[len(values) // 2])
         found.append((float(values[middle]), float(allowed[middle]), name, unit))
     value, bound, name, unit = max(found, key=lambda each: each[0] / each[1])

@@ -93,6 +93,22 @@ def test_noise_between_outputs_fails(size, method):
     assert failing("single_pendulum", runs, Claim(order, step, None)).keys() & {"noise", "interval position"}
 
 
+@pytest.mark.parametrize(("noise", "status"), [(0.0, "ok"), (1e-8, "fail")])
+def test_intervals_next_to_a_singular_position_are_no_noise(noise, status):
+    """Nothing is measured there, and a difference across such a gap jumps."""
+    order, step = FIXED["rattle2"]
+    scene = scene_of("single_pendulum")
+    runs = runs_of(scene, "rattle2", step)
+    own = measured(scene, runs[0], [], truth(scene), Claim(order, step, None))[0]
+    regular = np.arange(len(own.flow.tau)) % 17 > 2
+    random = np.random.default_rng(5)
+    vectors = {name: np.where(regular[:, None, None], part + noise * random.standard_normal(part.shape), 0.0)
+               for name, part in own.vectors.items()}
+    gaps = dataclasses.replace(own, vectors=vectors, flow=dataclasses.replace(own.flow, regular=regular))
+    finding, = judge_noise([gaps])
+    assert finding.status == status
+
+
 def test_what_the_engine_says_of_its_start_is_compared_with_the_scene():
     order, step = FIXED["DAE1L_LSE"]
     runs = changed(runs_of(scene_of("single_pendulum"), "DAE1L_LSE", step), x=lambda x: x + 1e-9)

@@ -78,7 +78,8 @@ def show(run: Run = "latest", store: Store = None,
         if scene in (None, result.key[0]):
             found_here = [result.figures.get(name) for name in wanted]
             rows.append((result.key[0], result.label, result.outcome,
-                         *("" if figure is None else f"{figure.value:.4g}" for figure in found_here)))
+                         *("" if figure is None else f"{figure.value:.4g} {figure.unit}".removesuffix(" 1")
+                           for figure in found_here)))
     typer.echo(f"{found.name}: {found.command}, exit code {found.exit_code}, "
                f"commit {found.environment.commit or 'unknown'}")
     print_table(console(200), [key("scene"), key("run"), *figures("outcome", *wanted)], rows)

@@ -171,9 +171,10 @@ def _upon_itself(truth: Reference, scale: Scales, order: int, step: float) -> fl
     order p + 1 stands for it, as in a motion at a single rate.
     """
     grown = truth.amplification * float(truth.t[-1]) * step**order / 4.0
-    if 2 * order + 3 < len(truth.position_derivatives):
+    highest = len(truth.position_derivatives) - 2
+    if 2 * order + 2 <= highest:
         return grown**2 * derivative(truth, 2 * order + 2, scale)
-    return (grown * derivative(truth, order + 1, scale)) ** 2
+    return (grown * derivative(truth, min(order + 1, highest), scale)) ** 2
 
 
 def adaptive(scene: Scene, truth: Reference, rtol: float, steps: int,

@@ -42,8 +42,14 @@ EXTRAS = {
 """The extra of pyproject.toml that installs a module or an engine."""
 
 
+PINNED = {"mjx": "3.17.0", "mjx-single": "3.17.0", "newton": "1.8.0"}
+"""Versions of the engines that need an environment of their own."""
+
+
 def install(name: str) -> str:
     """The command that installs a module or an engine."""
+    if name in PINNED:
+        return f"crosscheck list --engine {name}=={PINNED[name]} makes an environment for it"
     extra = EXTRAS.get(name.partition(".")[0])
     return f"pip install 'lieeuler-crosscheck[{extra}]'" if extra else f"pip install {name}"
 

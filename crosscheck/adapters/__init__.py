@@ -21,8 +21,12 @@ _GROUP = "crosscheck.engines"
 
 def names() -> tuple[str, ...]:
     """Names of the engines: the four built in, the optional ones that are installed, then entry points, sorted."""
+    from crosscheck.adapters.foreign import versions
+
+    listed = (name for name, entry in built_in.ENTRIES.items()
+              if (versions.present(name) if entry.version else entry.importable()))
     offered = {point.name for point in importlib.metadata.entry_points(group=_GROUP)}
-    return (*built_in.listed(), *sorted(offered - set(built_in.ENTRIES)))
+    return (*listed, *sorted(offered - set(built_in.ENTRIES)))
 
 
 def get(name: str) -> Engine:
@@ -56,12 +60,12 @@ def lent(engine: Engine) -> Iterator[str]:
 
 @functools.cache
 def _get(name: str) -> Engine:
-    if name in built_in.ENTRIES:
-        return built_in.ENTRIES[name].make()
     if has_own_environment(name):
         from crosscheck.adapters.foreign.versions import Versioned
 
         return Versioned(name)
+    if name in built_in.ENTRIES:
+        return built_in.ENTRIES[name].make()
     from crosscheck.adapters.foreign import own
 
     for point in importlib.metadata.entry_points(group=_GROUP, name=name):
@@ -87,8 +91,8 @@ def is_own(name: str) -> bool:
 
 
 def has_own_environment(name: str) -> bool:
-    """Whether `name` asks for a version; it runs in its own environment, so its times cannot be compared."""
-    return "==" in name
+    """Whether this engine, or version of one, runs in its own environment, so that its times cannot be compared."""
+    return "==" in name or (name in built_in.ENTRIES and bool(built_in.ENTRIES[name].version))
 
 
 def methods(name: str) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 
 from crosscheck.adapters.base import Engine
+from crosscheck.errors import PINNED
 
 
 @dataclasses.dataclass(frozen=True)
@@ -16,7 +17,12 @@ class Entry:
     module: str
     adapter: str
     needs: str | None = None  # the module of an optional engine, from the extras [drake] and [dart]
-    package: str = ""  # the package for a chosen version, as in "mujoco==3.3.7"; "" if none can be chosen
+    package: str = ""  # packages for a chosen version, as in "mujoco==3.3.7"; "" if none can be chosen
+    version: str = ""  # of an engine that has an environment of its own; "" if it shares this one
+
+    def importable(self) -> bool:
+        """Whether the engine is not optional, or is installed here."""
+        return self.needs is None or importlib.util.find_spec(self.needs) is not None
 
     def make(self) -> Engine:
         """The adapter; this does not import its engine yet."""
@@ -31,10 +37,7 @@ ENTRIES = {
     "exudyn": Entry("crosscheck.adapters.exudyn.adapter", "Exudyn", package="exudyn"),
     "drake": Entry("crosscheck.adapters.drake", "Drake", "pydrake"),
     "dart": Entry("crosscheck.adapters.dart", "Dart", "dartpy"),
+    "mjx": Entry("crosscheck.adapters.mjx", "MJX", None, "mujoco-mjx mujoco", PINNED["mjx"]),
+    "mjx-single": Entry("crosscheck.adapters.mjx", "MJXSingle", None, "mujoco-mjx mujoco", PINNED["mjx-single"]),
+    "newton": Entry("crosscheck.adapters.newton", "Newton", None, "newton[sim]", PINNED["newton"]),
 }
-
-
-def listed() -> tuple[str, ...]:
-    """Names of the entries whose engine is not optional, or is installed."""
-    return tuple(name for name, entry in ENTRIES.items()
-                 if entry.needs is None or importlib.util.find_spec(entry.needs) is not None)

@@ -105,6 +105,9 @@ def _print_verdict(judged: Judged | None, traj: Trajectory) -> None:
     reason = judged.message or ("" if first is None or judged.outcome in ("pass", "partly") else
                                 f"{first.kind} {first.value or 0.0:.1e} {first.unit}, bound {first.bound or 0.0:.1e} "
                                 f"({first.why})")
+    for finding in judged.findings:
+        if finding.kind == "arithmetic":
+            say(finding.why)
     say(f"verdict: {word(judged)}" + (f": {reason}" if reason else ""))
 
 

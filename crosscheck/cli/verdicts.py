@@ -37,6 +37,9 @@ def print_verdicts(document: Document, page: Path) -> None:
         say(f"{symbol} {loud}: {group.engine + ': ' if group.engine else ''}{group.why}")
         for record, _ in group.runs:
             say(f"{record.scene}, {record.label}: {sentence(record)}", 4)
+    for line in dict.fromkeys(f"{record.scene}, {record.label}: {finding.why}" for record in document.records
+                              for finding in record.findings if finding.kind == "arithmetic"):
+        say(line)
     left_out: dict[str, list[str]] = {}
     for record in document.records:
         if record.outcome in ("unsupported", "unjudged"):

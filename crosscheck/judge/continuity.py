@@ -30,12 +30,12 @@ WOBBLE = 0.01
 """Between two output times, oscillating errors may raise the speed by this share above the speeds at both times."""
 
 
-def judge_continuity(scene: Scene, traj: Any, truth: Reference) -> list[Finding]:
+def judge_continuity(scene: Scene, traj: Any, truth: Reference, eps: float = tolerances.EPS) -> list[Finding]:
     """Judge, up to the horizon, whether poses move no faster than the run's own speeds, and whether it was reset."""
-    return [_continuity(scene, traj, truth), _reset(scene, traj, truth)]
+    return [_continuity(scene, traj, truth, eps), _reset(scene, traj, truth)]
 
 
-def _continuity(scene: Scene, traj: Any, truth: Reference) -> Finding:
+def _continuity(scene: Scene, traj: Any, truth: Reference, eps: float) -> Finding:
     """The pair of neighbouring output times whose motion exceeds what speeds allow the most, or comes closest to it.
 
     In a time dt a body moves by at most dt times its largest speed. Between two output times this speed exceeds the
@@ -57,7 +57,7 @@ def _continuity(scene: Scene, traj: Any, truth: Reference) -> Finding:
             (attitude_angle(R[:-1], R[1:]), np.linalg.norm(w, axis=-1), scale.rate,
              float(truth.attitude_derivatives[2] / np.sqrt(2.0)), "rad")):
         speed = (1 + WOBBLE) * np.maximum(speeds[1:], speeds[:-1]) + CALM * fastest
-        allowed = dt * (speed + 0.5 * dt * second * excess) + 1e3 * tolerances.EPS
+        allowed = dt * (speed + 0.5 * dt * second * excess) + 1e3 * eps
         ratio = moved / allowed
         sample, body = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
         where = f"body {scene.bodies[body].name}, between t = {traj.t[sample]:.4g} and {traj.t[sample + 1]:.4g} s"

@@ -183,6 +183,9 @@ KNOWN: tuple[Known, ...] = (
           {"level position": 15, "level velocity": 5.4, "order intervals": 1.6}, OPENED, always=False),
     Known("mujoco", ("3",), ("RK4",), _summed("mujoco", "surely"), ("tree",), SUMMED, NAIVE),
     Known("mujoco", ("3",), ("RK4",), _summed("mujoco", "maybe"), ("tree",), SUMMED, NAIVE, always=False),
+    *(Known(engine, ("3",), ("RK4",), _summed("mjx", word), ("tree",), kinds, NAIVE, always=always)
+      for engine in ("mjx", "mjx-single") for word, kinds, always in (
+          ("surely", SUMMED, engine == "mjx"), ("maybe", SUMMED, False), ("surely", {"order intervals": 1.6}, False))),
     Known("pinocchio", ("4",), ("SymplecticEuler", "RK4naive", "RKMK4", "RKMK8"), ("parallelogram",), None, LOST,
           SINGULAR, always=False),
     Known("pinocchio", ("4",), ("SymplecticEuler", "RK4naive", "RKMK4", "RKMK8"), ("light_heavy",), ("maximal",),

@@ -35,6 +35,9 @@ from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 
+SINGLE = 2.0**-23
+"""Spacing at 1 of numbers in single precision."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Bounds:
@@ -83,7 +86,20 @@ def judge_states(scene: Scene, traj: Any, truth: Reference, window: Reference, c
         findings.append(Finding("step", "unjudged" if budgeted else "fail", claim.step, None, "s", "a bound of "
                                 "position or attitude exceeds the size of the scene, so that it would pass anything",
                                 "the plan has none smaller" if budgeted else "choose a smaller step"))
+    if claim.eps > tolerances.EPS:
+        findings.append(_arithmetic(scene, used, claim, round(until / float(traj.t[-1]) * traj.steps)))
     return findings, errors(scene, traj, truth.states), bounds
+
+
+def _arithmetic(scene: Scene, truth: Reference, claim: Claim, steps: int) -> Finding:
+    """Says what an engine can reach whose numbers are coarser than doubles."""
+    size = tolerances.scales(scene, truth).of("position")
+    floor = tolerances.plateau(scene, truth, size, claim.order or 1, claim.eps).floor
+    most = tolerances.rounding(scene, truth, size, steps, claim.eps)
+    precision = "single precision" if claim.eps >= SINGLE else "its numbers"
+    return Finding("arithmetic", "ok", floor, None, "m", f"{precision}, spacing {claim.eps:.1e} at 1, can reach about "
+                   f"{floor:.1e} m of truth here, and bounds allow the {most:.1e} m that rounding may leave in {steps} "
+                   "steps")
 
 
 def _conservative(scene: Scene, truth: Reference) -> bool:

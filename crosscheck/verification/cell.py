@@ -185,7 +185,8 @@ def _main_run(run: Run, scene: Scene, trajectories: Sequence[Trajectory], refere
                           runs[0] if runs else None)
     return _Main(_measured(run, scene, traj, reference, found, held, maxima),
                  [Finding("run", "ok", None, None, "", ENDED), *findings, *levels,
-                  *judge_continuity(scene, traj, reference), _orthogonality(run, trajectories)],
+                  *judge_continuity(scene, traj, reference, adapters.eps(run.engine)),
+                  _orthogonality(run, trajectories)],
                  None if bounds is None else bounds.until)
 
 

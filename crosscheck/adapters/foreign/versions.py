@@ -1,12 +1,15 @@
-"""Engines of a chosen version, as "mujoco==3.3.7", run by the same adapter in a separate Python environment.
+"""Engines in a separate Python environment, run there by the same adapter: of a chosen version, as "mujoco==3.3.7",
+and those that cannot share one with the others, as "mjx".
 
-pip makes the environment on first use, in the cache folder. A worker process in it takes scenes and returns raw runs.
-Its times belong to another interpreter and other libraries, so they are not compared with others.
+pip makes the environment on first use of a version, in the cache folder. A worker process in it takes scenes and
+returns raw runs. Its times belong to another interpreter and other libraries, so they are not compared with others.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import importlib.metadata
 import os
 import platform
 import re
@@ -18,14 +21,13 @@ from typing import Any
 
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import RawRun, RunSpec
-from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.foreign import remote
-from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported
+from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported, install
 from crosscheck.files import cache_folder
 from crosscheck.scene.model import Scene
 
-PACKAGES = {name: entry.package for name, entry in built_in.ENTRIES.items() if entry.package}
-"""Engines whose version can be chosen, and their packages."""
+PACKAGES = {name: entry.package.split() for name, entry in built_in.ENTRIES.items() if entry.package}
+"""Engines whose version can be chosen, and their packages, which all have that version."""
 
 _NUMBER = r"(?:0|[1-9][0-9]*)"
 _VERSION = re.compile(rf"({_NUMBER}!)?{_NUMBER}(\.{_NUMBER})*((a|b|rc){_NUMBER})?(\.post{_NUMBER})?(\.dev{_NUMBER})?"
@@ -40,61 +42,50 @@ LONGEST = 900.0
 
 
 class Versioned:
-    """An engine in a chosen version; an `Engine` like the others."""
+    """An engine in an environment of its own; an `Engine` like the others.
+
+    What its adapter says without the engine is asked here, and the rest there.
+    """
 
     def __init__(self, name: str) -> None:
-        self._engine, version = split(name)
+        self._engine, _, version = name.partition("==")
+        if "==" in name:
+            split(name)
         self.name = name
-        self._python = environment(self._engine, version)
+        self._adapter: Any = built_in.ENTRIES[self._engine].make()
+        self._python = environment(self._engine, version) if version else None
         self._worker: Any = None
-        about: remote.About = self._call(remote.describe, self._engine)
-        self._about = about
-        if version != self.version():  # "3" installs 3.0.0, and reports must name the version that ran
+        if version and version != self.version():  # "3" installs 3.0.0, and reports must name the version that ran
             raise ArgumentError(f"engine: {name!r}: this is version {self.version()}; write "
                                 f"{self._engine}=={self.version()}")
-        self.methods, self.forms = about.methods, about.forms
-        self.options, self.adaptive_methods = about.options, about.adaptive_methods
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # copying and unpickling look up such names before `_adapter` exists
+            raise AttributeError(name)
+        found = getattr(self._adapter, name)
+        return functools.partial(self._call, remote.ask, self._engine, name) if name == "native" else found
 
     def version(self) -> str:
-        """Version of the engine in its environment."""
-        return self._about.version
-
-    def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
-        """As the adapter says it there."""
-        found: int | None = self._ask("documented_order", scene, spec)
-        return found
-
-    def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
-        """As the adapter says it there."""
-        found: frozenset[str] = self._ask("held_levels", scene, spec)
-        return found
-
-    def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
-        """As the adapter says it there."""
-        found: str | None = self._ask("unsupported", scene, spec)
+        """Version of the engine in its environment; raises `PackageNotFoundError` if there is none."""
+        if self._python is None and present(self._engine) is None:
+            raise importlib.metadata.PackageNotFoundError(self._engine)
+        found: str = self._call(remote.ask, self._engine, "version")
         return found
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate in the engine's own environment."""
-        raw: RawRun = self._ask("run", scene, spec)
+        raw: RawRun = self._call(remote.ask, self._engine, "run", scene, spec)
         raw.stats["own_environment"] = True
         return raw
-
-    def native(self, path: str, states: JointStates) -> Native:
-        """The model that this version makes of a file; raises `Unsupported` if its adapter reads no model files."""
-        if not self._about.reads_models:
-            raise Unsupported(f"{self._engine} reads no model files here")
-        found: Native = self._call(remote.ask, self._engine, "native", path, states)
-        return found
-
-    def _ask(self, question: str, scene: Scene, spec: RunSpec) -> Any:
-        return self._call(remote.ask, self._engine, question, scene, spec)
 
     def _call(self, function: Any, *arguments: Any) -> Any:
         from crosscheck.jobs.workers.process import Crash, Worker
 
         if self._worker is None or not self._worker.alive:
-            self._worker = Worker(self._python)
+            python = self._python or present(self._engine)
+            if python is None:
+                raise EngineError(f"engine {self.name} is not installed; {install(self.name)}")
+            self._worker = Worker(python)
         answer = self._worker.call(function, arguments)
         printed = self._worker.printed()
         if printed and not isinstance(answer, Crash):  # pass on the output of the other process
@@ -121,7 +112,17 @@ def folder(engine: str, version: str) -> Path:
     """The folder of the environment of this version."""
     python = f"{platform.python_implementation().lower()}{sys.version_info[0]}.{sys.version_info[1]}"
     needed = hashlib.sha256(" ".join(NEEDED).encode()).hexdigest()[:6]  # so that changed NEEDED make a new one
-    return cache_folder() / "engines" / f"{PACKAGES[engine]}-{version}-{python}-{needed}"
+    return cache_folder() / "engines" / f"{PACKAGES[engine][0].partition('[')[0]}-{version}-{python}-{needed}"
+
+
+def present(engine: str) -> str | None:
+    """The Python interpreter of an engine that always has its own environment; None if it does not exist.
+
+    It is the one that a variable such as CROSSCHECK_MJX_PYTHON names, else that of the version the adapter is for.
+    """
+    own = os.environ.get(f"CROSSCHECK_{engine.partition('-')[0].upper()}_PYTHON")
+    python = Path(own) if own else folder(engine, built_in.ENTRIES[engine].version) / "bin" / "python"
+    return str(python) if python.exists() else None
 
 
 def environment(engine: str, version: str) -> str:
@@ -151,11 +152,11 @@ def environment(engine: str, version: str) -> str:
 
 
 def _make(engine: str, version: str, place: Path) -> None:
-    wanted = f"{PACKAGES[engine]}=={version}"
+    wanted = [f"{package}=={version}" for package in PACKAGES[engine]]
     python = place / "bin" / "python"
     # Only wheels: compiling an engine takes an hour, or needs tools that are not installed.
     install = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-input", "--retries",
-               "2", "--only-binary", ":all:", wanted, *NEEDED]
+               "2", "--only-binary", ":all:", *wanted, *NEEDED]
     for words in ([sys.executable, "-m", "venv", str(place)], install):
         try:
             done = subprocess.run(words, capture_output=True, text=True, timeout=LONGEST,
@@ -164,7 +165,7 @@ def _make(engine: str, version: str, place: Path) -> None:
             raise EngineError(f"{engine}=={version}: installing it took longer than {LONGEST:g} s; try again, or check "
                               "the connection") from None
         if done.returncode:
-            raise EngineError(f"{engine}=={version}: {_explained(wanted, (done.stderr or done.stdout).strip())}")
+            raise EngineError(f"{engine}=={version}: {_explained(wanted[0], (done.stderr or done.stdout).strip())}")
 
 
 def _explained(wanted: str, said: str) -> str:

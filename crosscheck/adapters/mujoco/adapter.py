@@ -28,19 +28,13 @@ from crosscheck.scene.states import States
 __all__ = ["INTEGRATORS", "MuJoCo", "build", "set_initial_state"]
 
 
-class MuJoCo:
-    """Adapter of MuJoCo, forms `tree` and `maximal`."""
+class Forms:
+    """What the forms `tree` and `maximal` hold, and with what order: of MuJoCo and of MJX, which take the same models.
+    """
 
-    name = "mujoco"
-    methods = tuple(INTEGRATORS)
     forms = ("tree", "maximal")
     options = frozenset({"form", "softness"})
-    dash, marker = "--", "s"
     adaptive_methods: tuple[str, ...] = ()
-
-    def version(self) -> str:
-        """Version of MuJoCo as installed."""
-        return importlib.metadata.version("mujoco")
 
     def form(self, scene: Scene, spec: RunSpec) -> str:
         """The form used: the requested one, else tree, or maximal if only that can model the scene."""
@@ -76,6 +70,18 @@ class MuJoCo:
         branches, _ = models.closures(scene, form or "tree")
         return [branch.body for branch in branches
                 if branch.joint is None or "ball" in JOINT_TYPES[branch.joint.type].motion]
+
+
+class MuJoCo(Forms):
+    """Adapter of MuJoCo, forms `tree` and `maximal`."""
+
+    name = "mujoco"
+    methods = tuple(INTEGRATORS)
+    dash, marker = "--", "s"
+
+    def version(self) -> str:
+        """Version of MuJoCo as installed."""
+        return importlib.metadata.version("mujoco")
 
     def native(self, path: str, states: JointStates) -> Native:
         """The model that MuJoCo makes of a model file by itself."""
@@ -129,14 +135,18 @@ def _evaluation(scene: Scene, model: Any) -> tuple[Callable[..., np.ndarray], st
         return seen
 
     def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, seen: np.ndarray | None) -> States:
-        seen = observe(t, q, v) if seen is None else seen
-        ends = np.cumsum([length for _, length in OBSERVED])[:-1]
-        x, turned, v, spin, a, alpha = np.split(seen.reshape(len(t), scene.n, -1), ends, axis=-1)
-        R = rotation_from_quaternion(turned)
-        return States(t, x, R, v, np.einsum("tnji,tnj->tni", R, spin), a + scene.gravity,
-                      np.einsum("tnji,tnj->tni", R, alpha))
+        return sensed(scene, t, observe(t, q, v) if seen is None else seen)
 
     return observe, convert
+
+
+def sensed(scene: Scene, t: np.ndarray, seen: np.ndarray) -> States:
+    """The states at the times t, (T,), of which the sensors `OBSERVED` read the rows of `seen`."""
+    ends = np.cumsum([length for _, length in OBSERVED])[:-1]
+    x, turned, v, spin, a, alpha = np.split(seen.reshape(len(t), scene.n, -1), ends, axis=-1)
+    R = rotation_from_quaternion(turned)
+    return States(t, x, R, v, np.einsum("tnji,tnj->tni", R, spin), a + scene.gravity,
+                  np.einsum("tnji,tnj->tni", R, alpha))
 
 
 @contextlib.contextmanager

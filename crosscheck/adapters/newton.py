@@ -1,0 +1,158 @@
+"""Newton, physics in Warp, on the processor in single precision: four of its solvers for rigid bodies.
+
+Source: https://newton-physics.github.io/newton. `Featherstone` and the `MuJoCo` integrators step in joint coordinates,
+`XPBD` and `SemiImplicit` move free bodies, the first with projected joints and the second with joints that are springs.
+Newton needs a MuJoCo of its own version, and so an environment of its own (`crosscheck.adapters.foreign.versions`).
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+from typing import Any
+
+import numpy as np
+
+from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.common import open_tree, stepping, tree
+from crosscheck.scene.model import GROUND, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.states import States
+
+FORMS = {"Featherstone": "tree", "MuJoCoEuler": "tree", "MuJoCoImplicitfast": "tree", "MuJoCoRK4": "tree",
+         "XPBD": "maximal", "SemiImplicit": "maximal"}
+"""Each method and the form of its coordinates."""
+
+XYZW = (1, 2, 3, 0)
+"""Places of Newton's quaternion entries x, y, z, w in ours."""
+
+
+class Newton:
+    """Adapter of Newton: form `tree` or `maximal`, as the method has it."""
+
+    name = "newton"
+    methods = tuple(FORMS)
+    forms = ("tree", "maximal")
+    options = frozenset({"form"})
+    adaptive_methods: tuple[str, ...] = ()
+    eps = 2.0**-23
+    pace = 4
+
+    def version(self) -> str:
+        """Version of Newton as installed."""
+        return importlib.metadata.version("newton")
+
+    def documented_order(self, scene: Scene, spec: RunSpec) -> int:
+        """First order, but of the classical Runge-Kutta method of MuJoCo."""
+        return 4 if spec.method == "MuJoCoRK4" else 1
+
+    def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
+        """All three by joint coordinates, none by free bodies."""
+        return tree.LEVELS if FORMS[spec.method] == "tree" else frozenset()
+
+    def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
+        """Why Newton cannot run this here, or None."""
+        if spec.form not in (None, FORMS[spec.method]):
+            return f"{spec.method} has form {FORMS[spec.method]} only"
+        return scene.beyond() or tree.obstacle(scene, open_tree.JOINTS)
+
+    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
+        """Integrate; raises `EngineError` if the state becomes infinite or NaN."""
+        import warp
+
+        warp.config.log_level = 40  # errors only: what an engine prints is an accusation
+        h = stepping.fixed_step(scene, spec)[1]
+        with warp.ScopedDevice("cpu"):
+            import newton
+
+            model = build(scene)
+            solver = _solver(model, spec.method)
+            now, then = model.state(), model.state()
+            now.body_q.assign(_poses(scene))
+            now.body_qd.assign(_twists(scene))
+            newton.eval_ik(model, now, now.joint_q, now.joint_qd)
+            start = now.body_q.numpy().astype(float).ravel(), now.body_qd.numpy().astype(float).ravel()
+            control = model.control()
+
+            def advance(count: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
+                nonlocal now, then
+                q, v = np.empty((count // stride, 7 * scene.n)), np.empty((count // stride, 6 * scene.n))
+                for row in range(len(q)):
+                    for _ in range(stride):
+                        now.clear_forces()
+                        solver.step(now, then, control, None, h)
+                        now, then = then, now
+                    q[row], v[row] = now.body_q.numpy().ravel(), now.body_qd.numpy().ravel()
+                return q, v
+
+            solver.step(now, then, control, None, h)  # compile before the clock runs
+            raw = stepping.march(scene, spec, start, advance, _converter(scene), lambda t, q, v: v)
+        raw.form = FORMS[spec.method]
+        return raw
+
+
+def _warp() -> Any:
+    """Warp without a word about the graphics card that it does not find and what it compiles."""
+    import warp
+
+    warp.config.log_level = warp.LOG_ERROR
+    said, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, 2)
+    try:
+        warp.init()
+    finally:
+        os.dup2(said, 2)
+        os.close(said)
+        os.close(nothing)
+    return warp
+
+
+def build(scene: Scene) -> Any:
+    """The scene as a `newton.Model`, whose body frames are at the centres of mass."""
+    import newton
+    import warp
+
+    builder = newton.ModelBuilder(gravity=tuple(scene.gravity))
+    builder.balance_inertia = False
+    for body, pose in zip(scene.bodies, _poses(scene), strict=True):
+        builder.add_link(xform=warp.transform(*pose), mass=body.mass, inertia=warp.mat33(*body.inertia.ravel()),
+                         label=body.name)
+    joints = []
+    for link in tree.links(scene):
+        turned = quaternion_from_rotation(open_tree.zero_attitude(scene, link))
+        ends = {"parent_xform": warp.transform(*link.parent_anchor, *turned[list(XYZW)]),
+                "child_xform": warp.transform(*link.child_anchor, 0.0, 0.0, 0.0, 1.0)}
+        if link.type in ("revolute", "prismatic"):
+            ends["axis"] = warp.vec3(*link.parts[0].axis)
+        add = getattr(builder, "add_joint_ball" if link.type == "spherical" else f"add_joint_{link.type}")
+        joints.append(add(-1 if link.parent == GROUND else link.parent, link.body, **ends))
+    builder.add_articulation(joints)
+    return builder.finalize(device="cpu")
+
+
+def _solver(model: Any, method: str) -> Any:
+    """A solver without the damping that Newton has by default."""
+    from newton import solvers
+
+    if method.startswith("MuJoCo"):
+        return solvers.SolverMuJoCo(model, integrator=method.removeprefix("MuJoCo").lower(), disable_contacts=True)
+    return getattr(solvers, f"Solver{method}")(model, angular_damping=0.0)
+
+
+def _poses(scene: Scene) -> np.ndarray:
+    """(n, 7) positions and quaternions x, y, z, w at the start."""
+    return np.concatenate([scene.x0, np.array([body.attitude for body in scene.bodies])[:, XYZW]], axis=1)
+
+
+def _twists(scene: Scene) -> np.ndarray:
+    """(n, 6) velocities of the centres of mass and angular velocities at the start, in world axes."""
+    return np.concatenate([scene.v0, np.einsum("nij,nj->ni", scene.R0, scene.w0)], axis=1)
+
+
+def _converter(scene: Scene) -> stepping.Convert:
+    def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:
+        pose, twist = q.reshape(len(t), scene.n, 7), v.reshape(len(t), scene.n, 6)
+        turned = pose[..., [6, 3, 4, 5]]
+        R = rotation_from_quaternion(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
+        return States(t, pose[..., :3], R, twist[..., :3], np.einsum("tnji,tnj->tni", R, twist[..., 3:]))
+
+    return convert

@@ -1,0 +1,51 @@
+"""Engines in single precision that say so: what they can reach is told, and what is wrong above it is found."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from crosscheck.judge import tolerances
+from crosscheck.references import truth
+from crosscheck.verification.cell import run_cell
+from crosscheck.verification.task import Cell, load
+from tests.fake_engine import install
+from tests.judge.test_right_engines import plan
+from tests.right_engines import Floats, Rotations
+
+
+class Wrong(Floats):
+    """In single precision, with another gravity or mass distribution."""
+
+    def __init__(self, gravity=1.0, inertia=1.0):
+        self.factors = gravity, inertia
+
+    def taken(self, scene):
+        """The scene with both factors."""
+        gravity, inertia = self.factors
+        bodies = tuple(dataclasses.replace(body, inertia=inertia * np.asarray(body.inertia)) for body in scene.bodies)
+        return dataclasses.replace(scene, gravity=gravity * np.asarray(scene.gravity), bodies=bodies)
+
+
+def judged(monkeypatch, engine, name="single_pendulum", method="RK4"):
+    install(monkeypatch, engine)
+    return run_cell(Cell(name, "fake", method, None, plan(name), study=False, whole=False))
+
+
+@pytest.mark.parametrize(("factors", "seen"), [
+    ({"gravity": 1.01}, True), ({"inertia": 1.05}, True), ({"gravity": 1 + 1e-6}, False)])
+def test_a_mistake_above_its_floor_is_caught_and_one_below_it_is_not(monkeypatch, factors, seen):
+    run = judged(monkeypatch, Wrong(**factors))
+    assert (run.outcome == "fail") == seen, [each for each in run.findings if each.status == "fail"]
+
+
+def test_the_verdict_says_what_single_precision_can_reach(monkeypatch):
+    run = judged(monkeypatch, Floats())
+    told = next(finding for finding in run.findings if finding.kind == "arithmetic")
+    assert told.why.startswith("single precision, spacing 1.2e-07 at 1, can reach about ")
+    scene = load("single_pendulum", plan("single_pendulum"), False)
+    exact = truth(scene)
+    size = tolerances.scales(scene, exact).of("position")
+    assert told.value == pytest.approx(2.0**-23 * exact.amplification * max(1.0, size), rel=1e-12)
+    assert run.errors["position"].judged < 100 * told.value  # and it does
+    assert not any(finding.kind == "arithmetic" for finding in judged(monkeypatch, Rotations()).findings)

@@ -215,9 +215,9 @@ def _controlled(scene: Scene, spec: RunSpec, model: Model) -> RawRun:
     states = dataclasses.replace(states_of(samples), t=scene.t)
     monitor = Monitor(scene) if spec.monitor else None
     if monitor is not None:
-        every = states_of(passed)
-        monitor.update(every.x, every.R, every.v, every.w, every.a, every.alpha)
-    return RawRun(states, wall, integrator.get_num_steps_taken(), None, maxima=stepping.maxima(monitor, states))
+        stepping.watch(monitor, states_of(passed))
+    return RawRun(states, wall, integrator.get_num_steps_taken(), None,
+                  maxima=None if monitor is None else monitor.maxima())
 
 
 def _advance(simulator: Any, method: str, t: float) -> None:

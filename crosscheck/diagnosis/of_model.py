@@ -7,7 +7,7 @@ import itertools
 
 import numpy as np
 
-from crosscheck.diagnosis import fit, misreadings, of_anchors, of_output, softness, variants
+from crosscheck.diagnosis import fit, misreadings, of_anchors, of_mimics, of_output, softness, variants
 from crosscheck.diagnosis.hypotheses import Context, causes
 from crosscheck.diagnosis.observe import REACH, Observation, Scale, Silent, Subject, observe, rates, window
 from crosscheck.diagnosis.physics import Physics, Terms, of_scene
@@ -75,6 +75,14 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
         return result
     report = _reports([each for each, _ in observations], result)
     shown = [undone(each, forces, report) for each, forces in observations]
+    coupled = of_mimics.diagnose(shown, whole)
+    if coupled is not None:
+        result.tried += 1
+        result.evidence.append(coupled[1])
+        if coupled[1].holds:
+            result.causes += coupled[0]
+            result.told = True
+            return result
     elsewhere = of_anchors.diagnose(shown, whole)
     result.tried += bool(scene.joints)
     if elsewhere is not None:

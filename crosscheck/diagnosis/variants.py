@@ -61,8 +61,9 @@ def on_balls(scene: Scene) -> tuple[Scene, tuple[int, ...]] | None:
     if not any(joint.type == "revolute" for joint in scene.joints):
         return None
     hinged = {joint.name for joint in scene.joints if joint.type == "revolute"}
-    joints = tuple(dataclasses.replace(joint, type="spherical", parent_axis=None, child_axis=None, drive=None)
-                   if joint.name in hinged else joint for joint in scene.joints)
+    joints = tuple(
+        dataclasses.replace(joint, type="spherical", parent_axis=None, child_axis=None, drive=None, mimic=None)
+        if joint.name in hinged else dataclasses.replace(joint, mimic=None) for joint in scene.joints)
     kept = tuple(k for k, force in enumerate(scene.forces) if force.joint not in hinged)
     return scene.replace(joints=joints, forces=tuple(scene.forces[k] for k in kept)), kept
 

@@ -55,7 +55,7 @@ def _at(dynamics: Dynamics, form: str, scene: Scene) -> Probe:
     kinetic, potential = (None, None) if own.mimics else (
         np.array([pinocchio.computeKineticEnergy(model, data, q, v)]),
         np.array([pinocchio.computePotentialEnergy(model, data, q)]))
-    upper = np.triu(pinocchio.crba(model, data, q))
+    mass_matrix = dynamics.mass_matrix(q)
     gravity = -pinocchio.computeGeneralizedGravity(model, data, q).copy()
     pinocchio.computeJointJacobians(model, data, q)
     pinocchio.forwardKinematics(model, data, q, v, a)
@@ -69,7 +69,7 @@ def _at(dynamics: Dynamics, form: str, scene: Scene) -> Probe:
     found = Probe(
         "pinocchio", form, masses, inertias, x, R, velocity, w, float(pinocchio.computeTotalMass(model)),
         pinocchio.centerOfMass(model, data, q)[None].copy(), kinetic, potential,
-        jacobian.reshape(1, 6 * scene.n, model.nv), mass_matrix=(upper + np.triu(upper, 1).T)[None],
+        jacobian.reshape(1, 6 * scene.n, model.nv), mass_matrix=mass_matrix[None],
         gravity_force=gravity[None], a=acceleration, alpha=alpha, reactions=reactions)
     if (closure := dynamics.closure) is not None:
         found.closing = pinocchio.getConstraintsJacobian(model, data, closure.models, closure.workspaces)[None].copy()

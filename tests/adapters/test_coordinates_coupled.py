@@ -51,6 +51,38 @@ def test_mimic_joints_of_pinocchio_are_exact_and_its_steppers_of_their_order(met
     assert max(gaps) < 1e-14
 
 
+def without_rack():
+    """The arm without the rack: a joint that follows none hangs on one that does."""
+    whole = crosscheck.load_scene("coupled_arm")
+    return whole.replace(bodies=whole.bodies[:3], joints=whole.joints[:3], duration=0.5, samples=6)
+
+
+def test_a_joint_beyond_one_that_follows():
+    pytest.importorskip("pinocchio")
+    run = crosscheck.run(without_rack(), engine="pinocchio", method="RKMK8", step=1e-2)
+    assert np.abs(run.x - crosscheck.truth(without_rack()).states.x).max() < 1e-10
+
+
+def test_crba_of_mimic_joints_still_adds_to_its_last_result():
+    """A defect of Pinocchio 4.1.0: when it is gone, `Dynamics.mass_matrix` needs no new workspace."""
+    pinocchio = pytest.importorskip("pinocchio")
+    from crosscheck.adapters.pinocchio import models
+
+    built = models.build(without_rack())
+    q, _ = built.initial_state()
+    data = built.model.createData()
+    first, second = (np.triu(pinocchio.crba(built.model, data, q)).copy() for _ in range(2))
+    assert np.abs(second - first).max() > 0.01
+
+
+def test_the_turns_of_a_leader_are_counted_over_every_step():
+    pytest.importorskip("pinocchio")
+    scene = crosscheck.load_scene("coupled_arm").replace(samples=11)
+    run = crosscheck.run(scene, engine="pinocchio", method="RKMK4", step=5e-3)
+    assert np.ptp(run.joints["wrist"].position) > 4 * np.pi
+    assert run.stats["constraint_position"] < 1e-13
+
+
 def test_mimic_joints_with_rotors_and_springs_the_other_way_round(tmp_path):
     text = (SCENARIOS / "coupled_arm.toml").read_text()
     for right, more in (

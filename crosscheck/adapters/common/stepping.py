@@ -56,6 +56,8 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
     stride, chunk = (1, CHUNK) if spec.monitor else (per, total)
     q, v = (part[None] for part in initial)
     kept, done, wall = [(q, v, accelerate(np.zeros(1), q, v))], 0, 0.0
+    if monitor is not None:
+        watch(monitor, convert(np.zeros(1), *kept[0]))
     with np.errstate(over="ignore", invalid="ignore"):  # a diverging run is reported below, with its time
         while done < total:
             count = min(chunk, total - done)
@@ -66,21 +68,17 @@ def march(scene: Scene, spec: RunSpec, initial: tuple[np.ndarray, np.ndarray], a
             check_finite(spec.method, steps * h, q, v)
             a = accelerate(steps * h, q, v)
             if monitor is not None:
-                states = convert(steps * h, q, v, a)
-                monitor.update(states.x, states.R, states.v, states.w, states.a, states.alpha)
+                watch(monitor, convert(steps * h, q, v, a))
             on_sample = steps % per == 0
             kept.append((q[on_sample], v[on_sample], a[on_sample]))
             done += count
     states = convert(scene.t, *(np.concatenate(parts) for parts in zip(*kept, strict=True)))
-    return RawRun(states, wall, total, h, maxima=maxima(monitor, states), form=spec.form)
+    return RawRun(states, wall, total, h, maxima=None if monitor is None else monitor.maxima(), form=spec.form)
 
 
-def maxima(monitor: Monitor | None, states: States) -> dict[str, float] | None:
-    """The maxima of `monitor` after it has been given the samples too, which include t = 0."""
-    if monitor is None:
-        return None
+def watch(monitor: Monitor, states: States) -> None:
+    """Add states that follow those that the monitor has seen; angles are unwrapped from one to the next."""
     monitor.update(states.x, states.R, states.v, states.w, states.a, states.alpha)
-    return monitor.maxima()
 
 
 def check_finite(method: str, t: np.ndarray, *histories: np.ndarray) -> None:

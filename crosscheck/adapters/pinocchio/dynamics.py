@@ -81,9 +81,9 @@ class Dynamics:
                 found = pin.aba(self._model, self.data, q, v, torque, *external).copy()
                 return found
             bias = pin.rnea(self._model, self.data, q, v, np.zeros(self._model.nv), *external).copy()
-            M = pin.crba(self._model, self.data, q)
             if self.model.mimics is not None:
-                return np.linalg.solve(np.triu(M) + np.triu(M, 1).T, torque - bias)
+                return np.linalg.solve(self.mass_matrix(q), torque - bias)
+            pin.crba(self._model, self.data, q)
             pin.cholesky.decompose(self._model, self.data)
             found = pin.cholesky.solve(self._model, self.data, torque - bias)
             return found
@@ -98,6 +98,13 @@ class Dynamics:
         found = pin.constraintDynamics(self._model, self.data, q, v, torque, c.models, c.workspaces, c.settings)
         found = found.copy()
         return found
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """(nv, nv). Where joints follow others crba of Pinocchio 4.1 adds to what its workspace has from the last call,
+        so that it gets a new one."""
+        data = self.data if self.model.mimics is None else self._model.createData()
+        upper = np.triu(self._pin.crba(self._model, data, q))
+        return np.asarray(upper + np.triu(upper, 1).T)
 
     def applied(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Generalized force (nv,) of gravity, springs, loads and velocities at time 0.

@@ -1,4 +1,4 @@
-"""Rotor inertia in both formulations of the truth: trees, and loops that have a joint without it to be cut."""
+"""Armature and mimics in both formulations of the truth: trees, and loops that have a joint without them to be cut."""
 
 import dataclasses
 
@@ -26,8 +26,9 @@ def test_formulations_agree_on_loops_with_redundant_rows(name, armatures):
 
 
 @pytest.mark.slow
-def test_formulations_agree_on_slides_and_cylinders():
-    found = references.compute(crosscheck.load_scene("geared_arm"))
+@pytest.mark.parametrize("name", ["geared_arm", "coupled_arm"])
+def test_formulations_agree_on_slides_and_cylinders(name):
+    found = references.compute(crosscheck.load_scene(name))
     assert found.disagreement < found.allowed
     assert not found.outvoted
 

@@ -24,7 +24,7 @@ Turning = Callable[[str, "Scene", str | None], Sequence[int]]
 STATE = ("position", "attitude", "velocity", "angular velocity")
 
 
-MARGIN = 30.0
+MARGIN = 10.0
 """Times the largest size that was measured, beyond which a defect excuses nothing: steps, versions and processors move
 errors by factors of a few."""
 

@@ -43,6 +43,19 @@ def slopes(abscissae, values):
     return np.polyfit(np.log(abscissae), np.log(np.array(values)), 1)[0]
 
 
+def observed_orders(scene, method, steps, exact, **options):
+    """Slopes of the largest errors of x, R, v, w over the steps taken, which are shortened to divide the intervals."""
+    runs = [lieeuler.integrate(build_problem(scene), method, h, scene.t, monitor=False, **options) for h in steps]
+    return slopes([run.stats.step for run in runs],
+                  [[np.abs(getattr(run, q) - getattr(exact, q)).max() for q in QUANTITIES] for run in runs])
+
+
+def agrees_with_order(found, method):
+    """Whether slopes are those of the method's order, to the usual margin."""
+    order = lieeuler.METHODS[method].order
+    return np.abs(found - order).max() < (0.1 if order == 1 else 0.15)
+
+
 def assert_on_the_constraints(solution, problem):
     """Phi, G u, G a + gamma and R^T R - I within 50 eps times the size of their terms, after every step."""
     anchors = [np.linalg.norm(s) for j in problem.joints for s in (j.parent_anchor, j.child_anchor)]

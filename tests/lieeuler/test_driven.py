@@ -10,7 +10,16 @@ from crosscheck.adapters.lieeuler import build_problem
 from crosscheck.scene import functions, mechanics
 from crosscheck.scene.constraints import Constraints
 from lieeuler import _kernel
-from tests.lieeuler.accuracy import assert_on_the_constraints, errors, scene, slopes, solve
+from tests.lieeuler.accuracy import (
+    agrees_with_order,
+    assert_on_the_constraints,
+    errors,
+    observed_orders,
+    scene,
+    slopes,
+    solve,
+    truth,
+)
 
 NAMES = ("driven_double_pendulum", "driven_cart", "driven_slider_crank")
 LADDERS = {1: (4e-3, 2e-3, 1e-3, 5e-4), 2: (2e-2, 1e-2, 5e-3, 2.5e-3), 4: (2e-2, 1e-2, 5e-3, 2.5e-3),
@@ -47,11 +56,9 @@ def test_order_of_every_method(name, method):
 
 
 def check_order(name, method):
-    order, (duration, samples) = FIXED[method], WITHIN[name]
-    runs = [solve(name, method, duration, samples, step=h, monitor=False) for h in LADDERS[order]]
-    steps = [run.stats.step for run in runs]  # a step that does not divide the time between samples is shortened
-    found = slopes(steps, [errors(name, run, duration, samples) for run in runs])
-    assert np.abs(found - order).max() < (0.1 if order == 1 else 0.15), found
+    found = observed_orders(scene(name, *WITHIN[name]), method, LADDERS[FIXED[method]], truth(name, *WITHIN[name]),
+                            spin_free=False)
+    assert agrees_with_order(found, method), found
 
 
 @pytest.mark.parametrize("method", ["rkmk54", "rkmk853", "taylor", "seulex"])

@@ -1,4 +1,4 @@
-"""Pinocchio's mimic joints: of joints that follow each other only one has coordinates of its own.
+"""Pinocchio's mimic joints: among joints that follow each other only one has coordinates of its own.
 
 Pinocchio wants this one to be the first of them in its tree. `aba`, its Cholesky factorization and its constraints do
 not take mimic joints; `crba` and `rnea` do.
@@ -27,7 +27,7 @@ class Mimics:
 
 
 def unsupported(scene: Scene, closed: bool) -> str | None:
-    """Why Pinocchio cannot have the mimics of a scene, or None."""
+    """Why Pinocchio cannot model the mimics of a scene, or None."""
     for joint in scene.joints:
         if joint.mimic is None:
             continue

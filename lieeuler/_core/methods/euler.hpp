@@ -140,6 +140,7 @@ class EulerStepper {
         level_(level),
         index1_output_(index1_output),
         second_order_(layout.second_order),
+        has_others_(!plan.plain() || !plan.slips.empty()),
         nodes_(plan, layout.doubled_unknowns),
         columns_(nodes_),
         joints_(system_),
@@ -273,6 +274,7 @@ class EulerStepper {
   const Level level_;
   bool index1_output_;
   const bool second_order_;  // whether the matrix holds second derivatives of the constraints
+  const bool has_others_;    // whether there are rows of slip, mimics or rotors
   const Nodes nodes_;        // layout of the unknowns z
   Nodes columns_;            // layout of Newton's matrix
   double h_ = 0;

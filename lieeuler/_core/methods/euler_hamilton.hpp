@@ -67,14 +67,7 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       store(by_velocity() ? this->velocity_rows(k, state_, this->here(k))
                           : Vec3(this->here(k).position(this->part_of(k)) / h_),
             &r[3 * nodes_.lam(k)]);
-    for (int k : plan_.slips)
-      if (!by_velocity()) store(slip_rows(k), &r[3 * nodes_.lam(k)]);
-    this->unite_rows(&z[3 * nodes_.lam(0)], &r[3 * nodes_.lam(0)], !by_velocity());
-    for (size_t i = 0; i < rates_.size(); ++i) {
-      const int at = 3 * nodes_.lam(plan_.rotors[i]);
-      r[at] = (by_velocity() ? r[at] : way_of(plan_.rotors[i]) / h_) -
-              this->part_of(plan_.rotors[i]).compliance * (rotor_momenta_[i] + z[at]);
-    }
+    if (this->has_others_) complete_others(z, r);
     return Status::success;
   }
 
@@ -138,11 +131,23 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
 
   // Rows of slip where others are those of position: of the velocity after the step; of RATTLE in the mean of the two
   // configurations of the step, by the velocity that leads from one to the other, which is symmetric in them.
-  [[gnu::noinline, gnu::cold]] Vec3 slip_rows(int k) const {
+  Vec3 slip_rows(int k) const {
     if (!rattle_) return this->velocity_rows(k, state_, this->here(k));
     const Twist &parent = xi_[this->body_of(k, kParent)], &child = xi_[this->body_of(k, kChild)];
     return 0.5 * (this->before(k).velocity(this->part_of(k), parent, child) +
                   this->here(k).velocity(this->part_of(k), parent, child));
+  }
+
+  // Completes the rows of slip, mimics and rotors. Not inlined: systems without them would pay for it.
+  [[gnu::noinline, gnu::cold]] void complete_others(const std::vector<double>& z, std::vector<double>& r) const {
+    for (int k : plan_.slips)
+      if (!by_velocity()) store(slip_rows(k), &r[3 * nodes_.lam(k)]);
+    this->unite_rows(&z[3 * nodes_.lam(0)], &r[3 * nodes_.lam(0)], !by_velocity());
+    for (size_t i = 0; i < rates_.size(); ++i) {
+      const int at = 3 * nodes_.lam(plan_.rotors[i]);
+      r[at] = (by_velocity() ? r[at] : way_of(plan_.rotors[i]) / h_) -
+              this->part_of(plan_.rotors[i]).compliance * (rotor_momenta_[i] + z[at]);
+    }
   }
 
   // How far a rotor turns, or slides, in the step; the joint's angle alone gives it only up to whole turns.

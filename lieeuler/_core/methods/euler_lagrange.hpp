@@ -102,13 +102,7 @@ class LagrangeStepper : public LagrangeRows<Map> {
       store(balance_[b], &r[3 * nodes_.v(b)]);
       if (stabilised()) store(drift_[b], &r[3 * nodes_.xi_v(b)]);
     }
-    if (!plan_.mimics.empty()) this->unite(z, r);
-    for (int k : plan_.rotors) {
-      r[3 * nodes_.lam(k)] = this->rotor_gain(k) - this->part_of(k).compliance * z[3 * nodes_.lam(k)];
-      if (stabilised()) r[3 * nodes_.mu(k)] = z[3 * nodes_.mu(k)];
-    }
-    for (int k : plan_.slips)
-      if (stabilised()) store(load3(&z[3 * nodes_.mu(k)]), &r[3 * nodes_.mu(k)]);
+    if (this->has_others_) this->complete_others(z, r);
     return Status::success;
   }
 

@@ -63,6 +63,16 @@ class LagrangeRows : public EulerStepper<LagrangeStepper<Map>, Map> {
     return {h_ * (first.v + second.v + feedback * G.v), h_ * (first.w + second.w + feedback * G.w)};
   }
 
+  // Completes the rows of mimics, rotors and slip. Not inlined: systems without them would pay for it.
+  [[gnu::noinline, gnu::cold]] void complete_others(const std::vector<double>& z, std::vector<double>& r) const {
+    if (!plan_.mimics.empty()) unite(z, r);
+    for (int k : plan_.rotors) {
+      r[3 * nodes_.lam(k)] = rotor_gain(k) - this->part_of(k).compliance * z[3 * nodes_.lam(k)];
+      if (stabilised()) r[3 * nodes_.mu(k)] = z[3 * nodes_.mu(k)];
+    }
+    for (int k : plan_.slips)
+      if (stabilised()) store(load3(&z[3 * nodes_.mu(k)]), &r[3 * nodes_.mu(k)]);
+  }
   // Combines the rows of followers and leaders. Angles differ by whole turns, which beta must not feel.
   void unite(const std::vector<double>& z, std::vector<double>& r) const {
     const double restoring = level_ == Level::acceleration ? h_ * gains_.beta * gains_.beta : 0;

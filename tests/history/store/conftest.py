@@ -31,7 +31,7 @@ def _absent(reason):
 
 
 def _unprivileged():
-    """What to put before a command of the server, which root must not run, and who runs it then."""
+    """Prefix of the server's commands, which root must not run, and the user who then runs them."""
     if os.geteuid() != 0:
         return [], None
     for name in ("postgres", "nobody"):
@@ -73,7 +73,7 @@ def postgresql_server():
 
 @pytest.fixture(params=["sqlite", "postgresql"])
 def url(request, tmp_path):
-    """Where an empty store can be made."""
+    """URL at which an empty store can be made."""
     if request.param == "sqlite":
         return f"sqlite:///{tmp_path / 'history.sqlite'}"
     import psycopg

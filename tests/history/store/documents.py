@@ -1,4 +1,4 @@
-"""Documents of runs that nobody made, for the history to keep; figures that a test can choose."""
+"""Made-up documents of runs for the history, with figures that a test can choose."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ROUNDING = dict.fromkeys(("position", "attitude", "velocity", "angular velocity"
 
 def record(scene="single_pendulum", engine="mujoco", method="RK4", *, error=1e-6, ratio=0.01, deviation=2e-4,
            outcome="pass", **more):
-    """A record of a run that came to its end, with these figures."""
+    """A record of a completed run with these figures."""
     made = Record(
         scene=scene, engine=engine, version="4.0.0", method=method, form="tree", step=1e-3, documented_order=4,
         command=f"crosscheck run {scene}", label=f"{engine} {method}", outcome=outcome, status="success",
@@ -61,5 +61,5 @@ def document(records=None, *, started="2026-11-20T02:00:00+00:00", versions=None
 
 
 def many(count, **more):
-    """So many different records."""
+    """`count` different records."""
     return [record(method=f"Method{number}", error=1e-6 * (1 + number), **more) for number in range(count)]

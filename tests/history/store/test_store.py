@@ -1,4 +1,4 @@
-"""The history in real databases: what goes in comes out, whoever writes at the same time and whatever is killed."""
+"""The history in real databases: values are read back as written, also with several writers and after kills."""
 
 import dataclasses
 import os
@@ -59,7 +59,7 @@ def test_figures_keep_every_bit_and_what_is_not_finite_is_left_out(url):
 
 
 def test_two_processes_write_at_once_and_nothing_is_lost(url):
-    # Neither finds a schema: both make it.
+    # Neither finds a schema, so that both make it.
     writers = [writer(url, prefix, 8, 20) for prefix in ("one", "two")]
     for each in writers:
         each.communicate(timeout=60)
@@ -102,7 +102,7 @@ def test_a_kill_during_a_write_leaves_whole_runs_only_and_the_next_write_works(u
         rest = process.communicate(timeout=30)[0].split()
         survived += [name for name in (*said, *rest) if name.startswith("killed")]
     names = {run.name for run in recent(store, 1000)}
-    assert set(survived) <= names  # what was said to be written is there
+    assert set(survived) <= names  # everything reported as written is there
     assert all(load(store, name).results == expected for name in names)
     assert save(store, run_from_document("afterwards", document(many(3))))
 
@@ -192,7 +192,7 @@ def test_the_baseline_is_the_last_good_run_alike(url):
     first = put("first", 1, False)
     assert baseline(store, first) is None
     second = put("second", 2, False)
-    assert baseline(store, second).name == "first"  # none was ever good: the last
+    assert baseline(store, second).name == "first"  # none was good: the last
     put("third", 3, True)
     put("fourth", 4, False)
     put("other scenes", 5, True, records=other)

@@ -1,4 +1,4 @@
-"""URLs of stores: whatever is wrong with one, no message holds its password, and no file bears it as a name."""
+"""URLs of stores: no message contains the password, and no file is named after it, whatever is wrong with the URL."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Scenes as MJCF and URDF: reading them back gives the scene to rounding, and what has no place is named."""
+"""Scenes as MJCF and URDF: reading them back gives the scene to rounding, and anything without a place is named."""
 
 import dataclasses
 
@@ -71,7 +71,7 @@ def test_every_scene_of_the_library_goes_through_mjcf_or_is_refused_by_name(name
         stiff = 1 + sum(force.parameters.get("stiffness", 0.0) for force in scene.forces)
         least = min(scene.masses.min(), np.linalg.eigvalsh(scene.inertias).min())
         for one, other in zip(accelerations(scene), accelerations(again), strict=True):
-            # every force is rounded, a spring's by what its length is rounded, and moves the least inertia
+            # every force is rounded, that of a spring by the rounding of its length, and acts on the least inertia
             np.testing.assert_allclose(one, other[order], rtol=ROUNDING, atol=ROUNDING * max(1, stiff / least))
 
 

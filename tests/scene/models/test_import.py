@@ -1,4 +1,4 @@
-"""Models of others as scenes: their motion is MuJoCo's own, and what has no place is refused by name."""
+"""Models of others as scenes: they move as in MuJoCo, and anything without a place is refused by name."""
 
 import os
 

@@ -107,7 +107,10 @@ class JointState {
       G.w.row(0) = side == kChild ? part.turn->child_axis : -part.turn->parent_axis;
       return G;
     }
-    if (part.contact) return side == kChild ? contact(part).jacobian() : G;
+    if (part.contact) {
+      if (side == kChild) G = contact(part).jacobian();
+      return G;  // here as everywhere, so that it is built in place
+    }
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const Carried A = a(dot), B = b(dot);
@@ -145,7 +148,10 @@ class JointState {
       return N;
     }
     if (part.turn) return N;
-    if (part.contact) return side == kChild ? contact(part).velocity_slope(child, both_orders) : N;
+    if (part.contact) {
+      if (side == kChild) N = contact(part).velocity_slope(child, both_orders);
+      return N;
+    }
     const Rates u(*this, parent, child);
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
@@ -215,7 +221,10 @@ class JointState {
       return K;
     }
     if (part.turn) return K;  // the torques are constant in both bodies
-    if (part.contact) return row == kChild && column == kChild ? contact(part).stiffness(lam) : K;
+    if (part.contact) {
+      if (row == kChild && column == kChild) K = contact(part).stiffness(lam);
+      return K;
+    }
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const double l = dot.scale * lam[r];

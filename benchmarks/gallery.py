@@ -31,7 +31,7 @@ import crosscheck
 from crosscheck.errors import CrosscheckError
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.model import Scene
-from crosscheck.scene.models import compiling, neutral, second, source
+from crosscheck.scene.models import compiling, neutral, reading, second, source
 
 DURATION, SAMPLES, STEPS = 1.0, 11, (2e-4, 1e-4, 5e-5, 2.5e-5)
 NUDGE = 1e-8
@@ -75,10 +75,12 @@ def _compared(path: Path, largest: int, counts: collections.Counter[str]) -> lis
     import mujoco
 
     began = time.perf_counter()
-    model = compiling.compiled(source.read(path))
+    file = source.read(path)
+    model = compiling.compiled(file)
     rng = np.random.default_rng(0)
     q, v = model.qpos0.copy(), 0.3 * rng.normal(size=model.nv)
     mujoco.mj_integratePos(model, q, 0.2 * rng.normal(size=model.nv), 1.0)
+    reading.follow(file, model, q, v)
     try:
         scene = crosscheck.import_model(path, drop=True, qpos=q, qvel=v, duration=DURATION, samples=SAMPLES)
     except (CrosscheckError, ValueError) as error:
@@ -138,8 +140,8 @@ def _beside_mujoco(path: Path, scene: Scene, motion: Motion, q: np.ndarray, v: n
 
     unlike = [words for words in scene.left_out if words.startswith(KEPT_BY_MUJOCO)
               and "which is part of" not in words]
-    if unlike or len(scene.joints) > scene.n:
-        return f"not compared: {'; '.join(unlike) or 'its loops are soft'}"
+    if unlike or len(scene.joints) > scene.n or any(joint.mimic is not None for joint in scene.joints):
+        return f"not compared: {'; '.join(unlike) or 'its loops and mimics are soft'}"
     with compiling.listening():
         try:
             model = mujoco.MjModel.from_xml_path(str(path.resolve()))

@@ -28,30 +28,26 @@ def diagnose(shown: list[Shown], whole: Scene) -> tuple[list[NamedCause], Eviden
     for joint in shown[0].observation.scene.joints:
         if joint.mimic is None:
             continue
-        before, altered[joint.name] = _fitted(shown, joint, joint.mimic)
+        before, altered[joint.name] = fitted(shown, joint, joint.mimic)
         worst = max(worst, before)
         if before > 1.0:
-            causes.append(_named(joint.name, joint.mimic, altered[joint.name]))
+            causes.append(named(joint.name, joint.mimic, altered[joint.name]))
     if not causes:
         return None
+    copies = []
+    for each in shown:
+        scene = each.observation.scene
+        scene = scene.replace(joints=tuple(joint if joint.mimic is None else dataclasses.replace(
+            joint, mimic=altered[joint.name]) for joint in scene.joints))
+        copies.append(dataclasses.replace(each, observation=dataclasses.replace(each.observation, scene=scene)))
     right = of_scene(whole, len(shown))
-    left = float(np.abs(data([_with(each, altered) for each in shown], right, False, 1).residual(right)).max())
+    left = float(np.abs(data(copies, right, False, 1).residual(right)).max())
     return causes, Evidence(
         "mimic", "model", worst, left, "gap of the joints that follow others, then accelerations with their mimics so "
         "altered, over their noise", "; ".join(cause.magnitude for cause in causes), left <= fit.EXPLAINED)
 
 
-def _with(shown: Shown, altered: dict[str, Mimic | None]) -> Shown:
-    """The same motion beside a scene with other mimics."""
-    def joint(each: Joint) -> Joint:
-        return each if each.mimic is None else dataclasses.replace(each, mimic=altered[each.name])
-
-    scene = shown.observation.scene
-    scene = scene.replace(joints=tuple(joint(each) for each in scene.joints))
-    return dataclasses.replace(shown, observation=dataclasses.replace(shown.observation, scene=scene))
-
-
-def _fitted(shown: list[Shown], joint: Joint, mimic: Mimic) -> tuple[float, Mimic | None]:
+def fitted(shown: list[Shown], joint: Joint, mimic: Mimic) -> tuple[float, Mimic | None]:
     """(largest gap of the joint over its noise, the mimic that it shows); None: it follows by no ratio."""
     gaps, rates, turns = [], [], []
     for each in shown:
@@ -79,7 +75,7 @@ def _fitted(shown: list[Shown], joint: Joint, mimic: Mimic) -> tuple[float, Mimi
     return gap, dataclasses.replace(mimic, ratio=ratio, offset=offset)
 
 
-def _named(name: str, mimic: Mimic, found: Mimic | None) -> NamedCause:
+def named(name: str, mimic: Mimic, found: Mimic | None) -> NamedCause:
     mend = f"check the mimic of joint {name!r} that reaches the engine"
     if found is None:
         return NamedCause("missing mimic", f"joint {name!r} does not follow joint {mimic.joint!r}", mend)

@@ -93,14 +93,19 @@ def _state(model: Source, m: Any, keyframe: str | int | None, qpos: Sequence[flo
                                 f"{values.size}")
         target[:] = values
     if qpos is None:  # a joint that follows another one has no position of its own
-        followers = _followers(model, m)
-        for follower, leader, ratio, offset in followers * len(followers):  # as often as one may lead the next
-            q[m.jnt_qposadr[follower]] = ratio * q[m.jnt_qposadr[leader]] + offset
-            v[m.jnt_dofadr[follower]] = ratio * v[m.jnt_dofadr[leader]] if qvel is None else v[m.jnt_dofadr[follower]]
+        follow(model, m, q, v if qvel is None else v.copy())
     return q, v, ctrl
 
 
-def _followers(model: Source, m: Any) -> list[tuple[int, int, float, float]]:
+def follow(model: Source, m: Any, q: np.ndarray, v: np.ndarray) -> None:
+    """Put joints that follow others where those put them, in place."""
+    found = followers(model, m)
+    for follower, leader, ratio, offset in found * len(found):  # as often as one may lead the next
+        q[m.jnt_qposadr[follower]] = ratio * q[m.jnt_qposadr[leader]] + offset
+        v[m.jnt_dofadr[follower]] = ratio * v[m.jnt_dofadr[leader]]
+
+
+def followers(model: Source, m: Any) -> list[tuple[int, int, float, float]]:
     """(follower, leader, ratio, offset) of joints whose coordinates are coupled, by their numbers in MuJoCo."""
     if model.is_urdf:
         numbers = {m.jnt(j).name: j for j in range(m.njnt)}

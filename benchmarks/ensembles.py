@@ -1,15 +1,17 @@
-"""Trajectories per second of ensembles beside `mujoco.rollout` with the same threads, and a loop over `integrate`.
+"""Trajectories per second of ensembles beside `mujoco.rollout` and heyoka's batches with the same threads, and a loop.
 
 Run with `python -m benchmarks.ensembles`. Members start with angular velocities scattered about the scene's; each
 contender gets the coarsest setting of a ladder whose median error over the members (largest component of the bodies'
 positions after 10 s, against Taylor at rtol 1e-13) is at most the one asked for. Contenders take turns in one process;
-medians over the rounds, of the stepping alone without the building of models.
+medians over the rounds, of the stepping alone without the building of models. heyoka integrates joint coordinates
+(quaternions), as many members in a register as it recommends, with code compiled for one tolerance.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import statistics
 import time
 from collections.abc import Callable, Sequence
@@ -49,11 +51,12 @@ def members(scene: Any, count: int) -> dict[str, np.ndarray]:
 
 
 def contenders(scene: Any, threads: int) -> list[Contender]:
-    """Ensembles of two methods, the loop, and MuJoCo's Runge-Kutta rule of order 4."""
+    """Ensembles of two methods, with lanes and without, the loop, heyoka, and MuJoCo's Runge-Kutta rule of order 4."""
     problem = build_problem(scene)
 
-    def ensemble(method: str) -> Any:
+    def ensemble(method: str, lanes: str = lieeuler.ensemble.LANES) -> Any:
         def run(states: dict[str, np.ndarray], rtol: float) -> tuple[np.ndarray, float]:
+            lieeuler.ensemble.LANES = lanes
             began = time.perf_counter()
             many = lieeuler.integrate_ensemble(problem, method, rtol=rtol, t_eval=[0.0, DURATION], threads=threads,
                                                **states)
@@ -67,9 +70,52 @@ def contenders(scene: Any, threads: int) -> list[Contender]:
         return np.array(ends), time.perf_counter() - began
 
     return [Contender("ensemble taylor", RTOLS, ensemble("taylor")),
+            Contender("ensemble taylor, each by itself", RTOLS, ensemble("taylor", "none")),
             Contender("ensemble rkmk853", RTOLS, ensemble("rkmk853")),
             Contender("loop over integrate, taylor", RTOLS, loop),
+            Contender("heyoka batches", RTOLS, heyoka_batches(scene, threads)),
             Contender("mujoco.rollout RK4", STEPS, mujoco_rollout(scene, threads))]
+
+
+def moved(scene: Any, states: dict[str, np.ndarray], k: int) -> Any:
+    """The scene with the velocities of member k."""
+    return scene.replace(bodies=tuple(
+        dataclasses.replace(body, velocity=states["v"][k, i], angular_velocity=states["w"][k, i])
+        for i, body in enumerate(scene.bodies)))
+
+
+def heyoka_batches(scene: Any, threads: int) -> Callable[[dict[str, np.ndarray], float], tuple[np.ndarray, float]]:
+    """heyoka's `ensemble_propagate_until_batch` on the equations of the truth."""
+    import heyoka
+
+    from crosscheck.references.taylor import Taylor
+    from crosscheck.references.tree import Tree, unfold
+
+    truth, links = Taylor(scene), unfold(scene)[0]
+    equations = truth.integrator(compact_mode=True).sys
+    batch = heyoka.recommended_simd_size()
+
+    @functools.cache
+    def compiled(tolerance: float) -> Any:
+        return heyoka.taylor_adaptive_batch(equations, np.zeros((len(truth.initial), batch)), tol=tolerance)
+
+    def run(states: dict[str, np.ndarray], tolerance: float) -> tuple[np.ndarray, float]:
+        starts = np.array([Tree(moved(scene, states, k), links).initial() for k in range(len(states["w"]))])
+        groups = np.array([starts[np.arange(low, low + batch) % len(starts)].T for low in range(0, len(starts), batch)])
+
+        def begin(integrator: Any, group: int) -> Any:
+            integrator.set_time(0.0)
+            integrator.state[:] = groups[group]
+            return integrator
+
+        integrator = compiled(tolerance)
+        began = time.perf_counter()
+        done = heyoka.ensemble_propagate_until_batch(integrator, DURATION, len(groups), begin, max_workers=threads)
+        seconds = time.perf_counter() - began
+        ends = np.concatenate([each[0].state.T for each in done])[:len(starts)]
+        return truth.pose(truth.normalised(ends))[0], seconds
+
+    return run
 
 
 def mujoco_rollout(scene: Any, threads: int) -> Callable[[dict[str, np.ndarray], float], tuple[np.ndarray, float]]:
@@ -87,9 +133,7 @@ def mujoco_rollout(scene: Any, threads: int) -> Callable[[dict[str, np.ndarray],
         first = np.empty(size)
         starts = np.empty((count, size))
         for k in range(count):
-            bodies = tuple(dataclasses.replace(body, velocity=states["v"][k, i], angular_velocity=states["w"][k, i])
-                           for i, body in enumerate(scene.bodies))
-            set_initial_state(scene.replace(bodies=bodies), model, data)
+            set_initial_state(moved(scene, states, k), model, data)
             mujoco.mj_getState(model, data, first, mujoco.mjtState.mjSTATE_FULLPHYSICS)
             starts[k] = first
         slots = [mujoco.MjData(model) for _ in range(threads)]
@@ -116,13 +160,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--members", type=int, default=10000, help="(default: 10000)")
     parser.add_argument("--threads", type=int, default=2, help="(default: 2)")
     parser.add_argument("--rounds", type=int, default=3, help="(default: 3)")
+    parser.add_argument("--scenes", nargs="+", default=SCENES, choices=SCENES, help="(default: both)")
+    parser.add_argument("--errors", nargs="+", type=float, default=ERRORS, help="(default: 1e-3 and 1e-6)")
     options = parser.parse_args(arguments)
-    for name in SCENES:
+    for name in options.scenes:
         scene = crosscheck.load_scene(name).replace(duration=DURATION, samples=2)
         few = members(scene, 20)
         truth = lieeuler.integrate_ensemble(build_problem(scene), "taylor", rtol=1e-13, t_eval=[0.0, DURATION], **few)
         states = members(scene, options.members)
-        for wanted in ERRORS:
+        for wanted in options.errors:
             chosen = []
             for contender in contenders(scene, options.threads):
                 for control in contender.controls:

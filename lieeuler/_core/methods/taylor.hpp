@@ -1,6 +1,7 @@
 // Taylor series integration of the index-1 system, after Jorba and Zou, doi:10.1080/10586458.2005.10128904.
 #pragma once
 
+#include "linalg/root.hpp"
 #include "methods/motion_series.hpp"
 #include "run/watch.hpp"
 #include "solve/free_bodies.hpp"
@@ -67,6 +68,12 @@ class TaylorStepper {
     return Status::success;
   }
 
+  // The order of least cost. With products alone it would be -ln(rtol) / 2 + 1; the other costs of an order and a step
+  // make a higher order better. Measured on one and two bodies.
+  static int order_for(double rtol) {
+    return std::clamp(static_cast<int>(std::lround(5 - 0.57 * std::log(rtol))), 4, kMostOrder);
+  }
+
   double time() const { return time_; }
   double previous_time() const { return previous_time_; }
   // Solves for (a, lam) on the first call after a step.
@@ -86,12 +93,6 @@ class TaylorStepper {
   // A step that would end at or next to a singular position, where the projection fails, is shortened.
   static constexpr int kMostAttempts = 4;
   static constexpr double kShorter = 0.7;
-
-  // The order of least cost. With products alone it would be -ln(rtol) / 2 + 1; the other costs of an order and a step
-  // make a higher order better. Measured on one and two bodies.
-  static int order_for(double rtol) {
-    return std::clamp(static_cast<int>(std::lround(5 - 0.57 * std::log(rtol))), 4, kMostOrder);
-  }
 
   // Taylor coefficients about the current state.
   Status expand() {
@@ -152,9 +153,12 @@ class TaylorStepper {
         sum += w.sum() + v.sum() + turn.sum();
       }
     if (!std::isfinite(sum)) return sum;
+    const double size = rtol_ * scales_.rate;
+    const Pair steps =
+        root<Pair, PairBits>(Pair{size / largest[0], size / largest[1]}, Pair{1.0 / (order_ - 1), 1.0 / order_});
     double h = end_ - time_;
     for (int i = 0; i < 2; ++i)
-      if (largest[i] > 0) h = std::min(h, std::pow(rtol_ * scales_.rate / largest[i], 1.0 / (order_ - 1 + i)));
+      if (largest[i] > 0) h = std::min(h, steps[i]);
     return h;
   }
 

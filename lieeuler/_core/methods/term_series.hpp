@@ -34,7 +34,7 @@ class BodySeries {
       w[b][0] = doubled(rate);
       R[b][1] = {};
       add_turned(R[b][1], R[b][0], w[b][0]);
-      put_momentum(R[b][1], inertia_[b] * rate + system_.bodies[b].spin);
+      put_momentum(R[b][1], times(inertia_[b], rate) + system_.bodies[b].spin);
       x[b][0] = quad(points_.position(b, state)), x[b][1] = quad(points_.velocity(b, state));
     }
   }
@@ -48,8 +48,8 @@ class BodySeries {
     Columns next = turned;
     add_turned(next, R[b][0], w[b][k + 1]);
     const Pair shrink = both(next_share);
-    for (auto& column : next.half) column[0] *= shrink, column[1] *= shrink;
-    put_momentum(next, inertia_[b] * rate);
+    for (auto& column : next.part) column[0] *= shrink, column[1] *= shrink;
+    put_momentum(next, times(inertia_[b], rate));
     R[b][k + 2] = next;
   }
 
@@ -71,7 +71,7 @@ class BodySeries {
 
  private:
   static void put_momentum(Columns& A, const Vec3& L) {
-    for (int c = 0; c < 3; ++c) A.half[c][1][1] = L[c];
+    for (int c = 0; c < 3; ++c) A.part[c][1][1] = L[c];
   }
   const System& system_;
   const ReferencePoints& points_;
@@ -103,7 +103,7 @@ class CarriedSeries {
     if (carrier_ == Carrier::difference) {
       const Quad back = times(bodies.R[parent.body][k], parent.local);
       for (int i = 0; i < 2; ++i)
-        sum.half[i] += bodies.x[child.body][k].half[i] - bodies.x[parent.body][k].half[i] - back.half[i];
+        sum.part[i] += bodies.x[child.body][k].part[i] - bodies.x[parent.body][k].part[i] - back.part[i];
     }
     value[k] = sum;
   }
@@ -113,10 +113,10 @@ class CarriedSeries {
     Quad sum = times(turned[child.body], child.local);
     if (carrier_ == Carrier::difference) {
       const Quad back = times(turned[parent.body], parent.local);
-      for (int i = 0; i < 2; ++i) sum.half[i] -= back.half[i];
+      for (int i = 0; i < 2; ++i) sum.part[i] -= back.part[i];
     }
     const Pair shrink = both(1.0 / (k + 2));
-    for (int i = 0; i < 2; ++i) value[k + 2].half[i] = shrink * sum.half[i];
+    for (int i = 0; i < 2; ++i) value[k + 2].part[i] = shrink * sum.part[i];
   }
 
  private:
@@ -178,7 +178,7 @@ class PartSeries {
       for (const ReactionSeries::Term& term : reaction.terms) {
         const Pair factor = both(term.scale * multipliers[term.row]);
         const Quad& other = carried[term.other].value[0];
-        for (int i = 0; i < 2; ++i) reaction.value[k].half[i] += factor * other.half[i];
+        for (int i = 0; i < 2; ++i) reaction.value[k].part[i] += factor * other.part[i];
       }
   }
 

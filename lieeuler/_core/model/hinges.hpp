@@ -47,8 +47,8 @@ class HingeTree {
       const Twist& above = state.u[hinge.base];
       Frame& body = state.frames[hinge.body];
       Twist& u = state.u[hinge.body];
-      body.x = base.x + base.R * hinge.base_anchor - body.R * hinge.body_anchor;
-      u.v = above.v + base.R * above.w.cross(hinge.base_anchor) - body.R * u.w.cross(hinge.body_anchor);
+      body.x = base.x + times(base.R, hinge.base_anchor) - times(body.R, hinge.body_anchor);
+      u.v = above.v + times(base.R, above.w.cross(hinge.base_anchor)) - times(body.R, u.w.cross(hinge.body_anchor));
     }
   }
 

@@ -117,7 +117,8 @@ NB_MODULE(_kernel, m) {
   m.def("runge_kutta", &runge_kutta);
   m.def("adaptive_runge_kutta", &adaptive_runge_kutta);
   m.def("seulex", &adaptive<AdaptiveExtrapolation>);
-  m.def("taylor", &adaptive<TaylorStepper, bool>);
+  m.def("taylor", &taylor);
+  m.def("lane_sets", &lane_sets);
   m.def("integrate", &integrate);
   m.def("integrate_ensemble", &integrate_ensemble);
   m.def("taylor_coefficients", &taylor_coefficients);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "methods/rkmk.hpp"
+#include "methods/taylor.hpp"
 #include "python/arrays.hpp"
 #include "run/adaptive.hpp"
 #include "run/ensemble.hpp"
@@ -50,6 +51,12 @@ inline Run adaptive(const std::vector<double>& t_eval, double rtol, bool monitor
 inline Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double>& t_eval, double rtol, bool monitored,
                                 bool conserves) {
   return adaptive<AdaptiveMuntheKaas>(t_eval, rtol, monitored, tableau, conserves);
+}
+
+inline Run taylor(const std::vector<double>& t_eval, double rtol, bool monitored, bool conserves) {
+  Run run = adaptive<TaylorStepper>(t_eval, rtol, monitored, conserves);
+  if (!monitored && !conserves) run.in_lanes = TaylorRun{t_eval, rtol};
+  return run;
 }
 
 }  // namespace lieeuler

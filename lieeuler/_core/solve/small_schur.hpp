@@ -127,7 +127,7 @@ class SmallSchur : public WorldRows {
     for (const PartRows& part : parts_)
       for (int i = 0; i < part.part->rows(); ++i) r[part.row + i] = -rows[part.index][i];
     for (const Sided& side : sides_) {
-      Vec3 rate = side.G.w * y[side.body].w;
+      Vec3 rate = times(side.G.w, y[side.body].w);
       if (!points_.pinned(side.body)) rate += side.G.v * y[side.body].v;
       for (int i = 0; i < side.rows; ++i) r[side.row + i] += rate[i];
     }
@@ -149,7 +149,7 @@ class SmallSchur : public WorldRows {
     for (const Sided& side : sides_) {
       Vec3 own = Vec3::Zero();
       for (int i = 0; i < side.rows; ++i) own[i] = lam[side.row + i];
-      y[side.body].w -= side.H.w * own;
+      y[side.body].w -= times(side.H.w, own);
       if (!points_.pinned(side.body)) y[side.body].v -= side.H.v * own;
     }
   }
@@ -177,12 +177,13 @@ class SmallSchur : public WorldRows {
     for (int pass = 0; pass < (smallest_pivot_ < kGraded ? 2 : 1); ++pass) {
       Vec3 r = -rows;
       for (const Sided& side : sides_) {
-        r += side.G.w * y[side.body].w;
-        if (!points_.pinned(side.body)) r += side.G.v * y[side.body].v;
+        Vec3 rate = times(side.G.w, y[side.body].w);
+        if (!points_.pinned(side.body)) rate += side.G.v * y[side.body].v;
+        r += rate;
       }
-      const Vec3 more = inverse_ * r;
+      const Vec3 more = times(inverse_, r);
       for (const Sided& side : sides_) {
-        y[side.body].w -= side.H.w * more;
+        y[side.body].w -= times(side.H.w, more);
         if (!points_.pinned(side.body)) y[side.body].v -= side.H.v * more;
       }
       lam += more;

@@ -97,7 +97,8 @@ def heyoka_batches(scene: Any, threads: int) -> Callable[[dict[str, np.ndarray],
 
     @functools.cache
     def compiled(tolerance: float) -> Any:
-        return heyoka.taylor_adaptive_batch(equations, np.zeros((len(truth.initial), batch)), tol=tolerance)
+        return heyoka.taylor_adaptive_batch(equations, np.zeros((len(truth.initial), batch)), tol=tolerance,
+                                            compact_mode=scene.n > 1)  # without, two bodies compile for a minute
 
     def run(states: dict[str, np.ndarray], tolerance: float) -> tuple[np.ndarray, float]:
         starts = np.array([Tree(moved(scene, states, k), links).initial() for k in range(len(states["w"]))])
@@ -165,33 +166,41 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     for name in options.scenes:
         scene = crosscheck.load_scene(name).replace(duration=DURATION, samples=2)
-        few = members(scene, 20)
+        few, states = members(scene, 20), members(scene, options.members)
         truth = lieeuler.integrate_ensemble(build_problem(scene), "taylor", rtol=1e-13, t_eval=[0.0, DURATION], **few)
-        states = members(scene, options.members)
+        everyone = contenders(scene, options.threads)
         for wanted in options.errors:
-            chosen = []
-            for contender in contenders(scene, options.threads):
-                for control in contender.controls:
-                    ends, _ = contender.run(few, control)
-                    error = float(np.median(np.abs(ends - truth.x[:, -1]).max(axis=(1, 2))))
-                    if error <= wanted:
-                        chosen.append((contender, control, error))
-                        break
-                else:
-                    print(f"{name} {wanted:g}: {contender.name} does not reach it")
-            seconds: dict[str, list[float]] = {contender.name: [] for contender, _, _ in chosen}
+            chosen = [found for contender in everyone if (found := coarsest(contender, few, truth.x[:, -1], wanted))]
+            compare(f"{name} error {wanted:g}", chosen, states, options.rounds)
+
+
+def coarsest(contender: Contender, few: dict[str, np.ndarray], truth: np.ndarray,
+             wanted: float) -> tuple[Contender, float, float] | None:
+    """The contender, its coarsest setting whose median error is at most `wanted`, and that error."""
+    for control in contender.controls:
+        error = float(np.median(np.abs(contender.run(few, control)[0] - truth).max(axis=(1, 2))))
+        if error <= wanted:
+            return contender, control, error
+    print(f"{contender.name} does not reach {wanted:g}")
+    return None
+
+
+def compare(title: str, chosen: Sequence[tuple[Contender, float, float]], states: dict[str, np.ndarray],
+            rounds: int) -> None:
+    """Print trajectories per second, and how many times as fast the first contender is."""
+    seconds: dict[str, list[float]] = {contender.name: [] for contender, _, _ in chosen}
+    for _ in range(rounds):
+        for contender, control, _ in chosen:
             # Slow contenders run a part of the members; trajectories per second is what is compared.
-            parts = {contender.name: 1 if contender.name.startswith("ensemble") else 20 for contender, _, _ in chosen}
-            for _ in range(options.rounds):
-                for contender, control, _ in chosen:
-                    count = max(2, options.members // parts[contender.name])
-                    part = {key: value[:count] for key, value in states.items()}
-                    seconds[contender.name].append(contender.run(part, control)[1] / len(part["w"]))
-            best = statistics.median(seconds[chosen[0][0].name])
-            for contender, control, error in chosen:
-                each = statistics.median(seconds[contender.name])
-                print(f"{name} error {wanted:g}: {contender.name} at {control:g} (error {error:.1e}): "
-                      f"{1 / each:.0f} trajectories/s, ensemble taylor is {each / best:.1f} times as fast")
+            count = max(2, len(states["w"]) // (1 if contender.name.startswith("ensemble") else 20))
+            part = {key: value[:count] for key, value in states.items()}
+            seconds[contender.name].append(contender.run(part, control)[1] / count)
+    for contender, control, error in chosen:
+        each = statistics.median(seconds[contender.name])
+        times = statistics.median(own / first for own, first in zip(seconds[contender.name],
+                                                                   seconds[chosen[0][0].name], strict=True))
+        print(f"{title}: {contender.name} at {control:g} (error {error:.1e}): {1 / each:.0f} trajectories/s, "
+              f"{chosen[0][0].name} is {times:.1f} times as fast", flush=True)
 
 
 if __name__ == "__main__":

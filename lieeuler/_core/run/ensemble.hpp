@@ -14,8 +14,8 @@ struct Run {
 };
 
 // Runs members 0 ... count - 1; whether it was interrupted. lanes: one of lane_sets().
-inline bool run_members(size_t count, const Members& members, const Run& run, const std::string& lanes, int threads,
-                        const Interrupted& interrupted) {
+inline bool run_members(size_t count, const Members& members, const Run& run, [[maybe_unused]] const std::string& lanes,
+                        int threads, const Interrupted& interrupted) {
 #if defined(LIEEULER_LANES_X86)
   const auto blocks = [&](const auto& code) {
     return run_blocks(code, count, members, *run.in_lanes, run.begin, threads, interrupted);

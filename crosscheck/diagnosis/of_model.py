@@ -1,4 +1,4 @@
-"""Differences of the model: of what an engine starts from, of what it reports, and of the accelerations it shows."""
+"""Differences of the model: of the start of an engine, of what it reports, and of its accelerations."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
 COPIES = 2
-"""Further starts that are observed, for each joint structure."""
+"""Number of further starts that are observed, for each joint structure."""
 
 ALTERNATIVES = 4
-"""More explanations than these, none with fewer mistakes than the others, name nothing."""
+"""Largest number of equally simple explanations that are named together. More of them name nothing."""
 
 
 @dataclasses.dataclass
 class ModelFinding:
-    """What the model diagnosis found."""
+    """The result of the diagnosis of the model."""
 
     causes: list[NamedCause] = dataclasses.field(default_factory=list)
     candidates: list[str] = dataclasses.field(default_factory=list)
@@ -36,14 +36,14 @@ class ModelFinding:
     tried: int = 0
     reported: misreadings.Report | None = None
     soft: bool = False
-    absent: int | None = None  # a body that is not there
-    told: bool = False  # the whole motion is reproduced; there is no model to look into
+    absent: int | None = None  # number of a body that the engine does not have
+    told: bool = False  # whether a hypothesis reproduces the whole motion, so that no model is fitted
 
 
 def diagnose(subject: Subject, first: Observation, alone: bool = False) -> ModelFinding:
-    """Name what makes the limit of an engine another motion than the scene's; `first` is that limit.
+    """Name what makes the limit `first` of an engine another motion than the scene's.
 
-    `alone`: copies of the scene, which begin at its start, do not show what begins later.
+    `alone`: no copies of the scene are observed, since they do not show what begins later.
     """
     scene, scale = first.scene, first.scale
     result = ModelFinding()
@@ -68,7 +68,7 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
     told, evidence = of_output.diagnose([each for each, _ in observations])
     result.evidence += evidence
     result.tried += len(list(of_output.hypotheses(first)))
-    if told:  # equivalents together
+    if told:  # equivalent hypotheses are named together
         result.causes.append(NamedCause(" or ".join(sorted({each.name for each in told})),
                                         ", or equally ".join(each.detail for each in told), told[0].mend))
         result.told = True
@@ -99,12 +99,12 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
 
 def _add(subject: Subject, scene: Scene | None, scale: Scale,
          observations: list[tuple[Observation, tuple[int, ...]]], forces: tuple[int, ...] | None) -> None:
-    """Observe one more copy where there is one and the engine can run it."""
+    """Observe one more copy, if there is one that the engine can run."""
     if scene is None or subject.unsupported(scene, 1e-3 if subject.order(scene) else None) is not None:
         return
     try:
         seen = observe(subject, window(scene, scale), scale)
-    except Silent:  # a copy is a courtesy; that the scene itself runs was seen before
+    except Silent:  # the copies that run are enough
         return
     observations.append((seen, forces if forces is not None else tuple(range(len(scene.forces)))))
 
@@ -113,7 +113,7 @@ def _add(subject: Subject, scene: Scene | None, scale: Scale,
 
 
 def mismatch(states: States, interval: float, scale: Scale) -> tuple[float, float]:
-    """(largest normalised |dx/dt - v| and |dR/dt - R hat(w)|, what their differences leave open)."""
+    """(largest normalised |dx/dt - v| and |dR/dt - R hat(w)|, error of the difference quotients)."""
     R = states.R.reshape(*states.x.shape[:2], 9)
     poses = np.concatenate([states.x / scale.length, R], axis=2)
     found, error = rates(poses, interval)
@@ -124,7 +124,7 @@ def mismatch(states: States, interval: float, scale: Scale) -> tuple[float, floa
 
 
 def _reports(observations: list[Observation], result: ModelFinding) -> misreadings.Report | None:
-    """The misreport that makes velocities the derivatives of poses, where they are not."""
+    """The misreport without which velocities are the derivatives of poses, if they are not as reported."""
     def worst(report: misreadings.Report | None) -> tuple[float, float]:
         pairs = []
         for each in observations:
@@ -157,7 +157,7 @@ def _reports(observations: list[Observation], result: ModelFinding) -> misreadin
 
 
 def _frozen(shown: list[Shown], result: ModelFinding) -> None:
-    """A body that is reported at rest in the same place whatever the scene says is not in the engine's model."""
+    """Name a body that always stays at rest as missing in the engine's model."""
     moves = np.max([np.abs(each.observation.y - each.observation.y[0]).max(axis=(0, 2)) for each in shown], axis=0)
     still = [int(k) for k in np.flatnonzero(moves <= FAITHFUL)]
     scene = shown[0].observation.scene
@@ -177,7 +177,7 @@ def _frozen(shown: list[Shown], result: ModelFinding) -> None:
 
 
 def _starts(shown: list[Shown], result: ModelFinding) -> None:
-    """Name the misreading that leads to the starts the engine shows, where they are not the scene's."""
+    """Name the misreading that leads to the engine's starts, if they are not the scene's."""
     observations = [each.observation for each in shown]
     limit = FAITHFUL + max(fit.EXPLAINED * each.noise for each in observations)
 
@@ -216,7 +216,7 @@ def _starts(shown: list[Shown], result: ModelFinding) -> None:
 
 
 def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> None:
-    """Fit altered models to the accelerations; `whole` is the scene with every force that any copy has."""
+    """Fit altered models to the accelerations. `whole` is the scene with every force that any copy has."""
     scene = shown[0].observation.scene
     right = of_scene(whole, len(shown)).replace(absent=result.absent)
     attitudes = [np.array([each.states.R[0] for each in shown])]
@@ -294,7 +294,7 @@ def _name(found: list[fit.Fit], data: fit.Data, result: ModelFinding) -> None:
 
 
 def _magnitudes(found: fit.Fit) -> int:
-    """How many numbers a combination of causes leaves to be fitted; a special magnitude of one is none."""
+    """Number of fitted numbers of a combination of causes. Special magnitudes do not count."""
     count = 0
     for cause, theta in zip(found.causes, found.theta, strict=True):
         special = any(np.array_equal(theta, value) for value in cause.special(theta))

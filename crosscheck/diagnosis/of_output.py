@@ -1,6 +1,6 @@
-"""Differences of what is reported and of the geometry: motions that a known change of the true one reproduces.
+"""Differences of the output and of the geometry: motions that follow from the true one by a known change.
 
-Each hypothesis predicts the whole observed motion of the scene and its copies. Nothing is fitted but times.
+Each hypothesis predicts the whole observed motion of the scene and its copies. Only points and times are fitted.
 """
 
 from __future__ import annotations
@@ -22,48 +22,48 @@ from crosscheck.scene.model import GROUND, Joint, Scene
 from crosscheck.scene.states import States
 
 AGREES = 1e-8
-"""Normalised: a prediction nearer than this is right, whatever the noise: scene files keep 1e-8."""
+"""Normalised difference below which a prediction is right, whatever the noise: scene files are exact to 1e-8."""
 
 STOPPED = 1e-6
-"""Pace of a clock that stands still: an engine that does not move, whatever its times."""
+"""Pace of a clock below which it stands still: such an engine does not move at all."""
 
 MOST_ORDERS = 4
-"""Bodies of which all orders are tried."""
+"""Largest number of bodies of which all orders are tried."""
 
 ROUGH, SIXTH = 0.05, math.sqrt(math.comb(12, 6))
-"""Part of a difference from truth that jumps from sample to sample, from which on it is noise; and what sixth
-differences make of independent errors. Those of a smooth motion, 0.05 rad apart, leave a millionth."""
+"""Part of a difference from truth that has to jump from sample to sample for it to be noise, and the factor by which
+sixth differences magnify independent errors. Samples of a smooth motion 0.05 rad apart leave a millionth."""
 
 POINT = 1e-6
-"""Of the length: a fitted point nearer to a joint is that joint."""
+"""Distance, as a part of the length, below which a fitted point is the joint."""
 
 THIN = 4
-"""Every so manieth sample tells by how much times are off."""
+"""Errors of times are estimated from one in so many samples."""
 
 SEEN = 1e-10
-"""Of y: noise below this is the rounding of double precision, or the tolerance of an engine's own solver."""
+"""Noise of y below which it is rounding in double precision, or the tolerance of the engine's own solver."""
 
 FINE, TIGHT = 4, 1e-12
-"""Steps per sample, or the rtol, of the runs that are looked at for noise."""
+"""Steps per sample, or rtol, of the runs in which noise is looked for."""
 
 COARSER, GROWS = 4, 2.5
-"""Noise is no error of the step: it does not grow so much at steps so many times as large."""
+"""Factor of the step, and the growth above which the difference is an error of the step and not noise."""
 
 SPREAD = 100.0
-"""A difference from truth of so many times the noise from sample to sample may be noise: it adds up over a run."""
+"""Times the noise between samples that a difference from truth may reach by noise alone, which adds up over a run."""
 
 MOST_ROUNDINGS = 50
-"""Of the spacing of numbers: noise of so many is that of arithmetic in these numbers."""
+"""Times the relative spacing of numbers that the noise of arithmetic in these numbers may reach."""
 
 MOST_DIGITS = 7
-"""Decimals of a second below that many are looked for in times."""
+"""Number of decimals of a second below which rounded times are looked for."""
 
 SINGLE = float(np.finfo(np.float32).eps)
 
 
 @dataclasses.dataclass(frozen=True)
 class Told:
-    """A hypothesis: the states that an engine with this mistake shows of a scene, None where it cannot be meant."""
+    """A hypothesis. `show` gives the states of a scene under this mistake, or None if it does not apply."""
 
     name: str
     detail: str
@@ -73,12 +73,12 @@ class Told:
 
 
 def diagnose(observations: list[Observation]) -> tuple[list[Told], list[Evidence]]:
-    """The hypotheses that reproduce what is observed, and the evidence for each that was tried."""
+    """The hypotheses that reproduce all observations, and the evidence for those that were tried."""
     found, evidence = [], []
     exact = observations[0].scale.flat(true_motion(observations[0].scene))
     before = float(np.abs(observations[0].y - exact).max())
     if len(observations) == 1 and before <= max(AGREES, fit.EXPLAINED * observations[0].noise):
-        return [], []  # what went before is over
+        return [], []  # this part of the motion is right
     for told in hypotheses(observations[0]):
         after = 0.0
         for each in observations:
@@ -94,9 +94,9 @@ def diagnose(observations: list[Observation]) -> tuple[list[Told], list[Evidence
 
 
 def _gap(told: Told, each: Observation) -> float:
-    """Largest difference of what is observed from what the hypothesis predicts, over what may be left.
+    """Largest difference between observation and prediction, over what noise may leave.
 
-    Most fail at the first two samples, which cost a twentieth of all.
+    Most hypotheses fail at the first two samples, which take a twentieth of the time.
     """
     gap = 0.0
     for count in (2, each.scene.samples):
@@ -113,7 +113,7 @@ def _gap(told: Told, each: Observation) -> float:
 
 
 def hypotheses(first: Observation) -> Iterator[Told]:
-    """All of them that make sense for a scene."""
+    """All hypotheses that make sense for the scene."""
     scene = first.scene
 
     def reordered(order: Sequence[int]) -> Told:
@@ -168,7 +168,7 @@ def _vector(values: np.ndarray) -> str:
 
 
 def _geometry(scene: Scene) -> Iterator[Told]:
-    """Anchors exchanged, or with the other sign, of one joint or of all."""
+    """Anchors of one joint or of all: exchanged, with the other sign, or left out."""
     def anchored(where: str, text: str, which: tuple[int, ...],
                  change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Told:
         def show(given: Scene) -> States | None:
@@ -193,7 +193,7 @@ def _geometry(scene: Scene) -> Iterator[Told]:
 
 
 def replaced(scene: Scene, joints: tuple[Joint, ...]) -> Scene | None:
-    """The scene with other joints, its bodies where these put them; None where that does not follow or is the same."""
+    """The scene with these joints, and its bodies where they put them; None if they put them nowhere else."""
     if all(np.array_equal(one.parent_anchor, other.parent_anchor)
            and np.array_equal(one.child_anchor, other.child_anchor)
            for one, other in zip(scene.joints, joints, strict=True)):
@@ -205,7 +205,7 @@ def replaced(scene: Scene, joints: tuple[Joint, ...]) -> Scene | None:
 
 
 def _times(first: Observation) -> Iterator[Told]:
-    """An offset of all times, and another pace of the clock."""
+    """An offset of all times, and a clock that runs at another pace."""
     few = first.scene.replace(samples=len(first.y[::THIN]))
     delays = shifts(few, first.scale, first.y[::THIN])
     if delays is None:
@@ -219,7 +219,7 @@ def _times(first: Observation) -> Iterator[Told]:
 
 
 def at_times(scene: Scene, times: np.ndarray) -> States:
-    """The true states at any times after the start, in any order."""
+    """The true states at these times (s), in any order."""
     grid, places = np.unique(np.concatenate([[0.0], times]), return_inverse=True)
     states = Maximal(scene).run(grid)
     keep = places[1:]
@@ -227,7 +227,7 @@ def at_times(scene: Scene, times: np.ndarray) -> States:
 
 
 def shifts(scene: Scene, scale: Scale, y: np.ndarray) -> np.ndarray | None:
-    """(T,) by how much later the true motion passes nearest to each sample; None where it stands still."""
+    """Delays (s), (T,), after which the true motion comes nearest to each sample; None if it stands still."""
     delays = np.zeros(len(y))
     for _ in range(3):
         states = at_times(scene, np.maximum(scene.t + delays, 0.0))
@@ -243,7 +243,7 @@ def shifts(scene: Scene, scale: Scale, y: np.ndarray) -> np.ndarray | None:
 
 
 def late(subject: Subject, first: Observation) -> NamedCause | None:
-    """The cause where a run's error at a finite step is that of its times, or of lines between its states."""
+    """The cause if the error at a finite step is one of the output times, or of interpolation between states."""
     scene, scale = first.scene, first.scale
     step = scene.duration / (scene.samples - 1)
     mend = "report states at the output times: let steps end on them, or use dense output of the method's order"
@@ -279,7 +279,7 @@ def late(subject: Subject, first: Observation) -> NamedCause | None:
 
 
 def behind(subject: Subject, first: Observation) -> NamedCause | None:
-    """The cause where a run's error at a finite step is that of functions of time which come late by a part of it."""
+    """The cause if the error at a finite step is that of functions of time which come late by a part of the step."""
     scene, scale = first.scene, first.scale
     step = scene.duration / (scene.samples - 1)
     if not scene.timed:
@@ -297,7 +297,7 @@ def behind(subject: Subject, first: Observation) -> NamedCause | None:
             return scale.flat(true_motion(given))
 
         part = 1.0
-        for _ in range(3):  # what a delay changes is nearly linear in it
+        for _ in range(3):  # the change is nearly linear in the delay
             change = late(part * step) - exact
             part *= float(np.sum(change * (y - exact)) / max(float(np.sum(change**2)), 1e-300))
         if np.abs(y - late(part * step)).max() <= 0.1 * np.abs(y - exact).max():
@@ -312,16 +312,16 @@ def behind(subject: Subject, first: Observation) -> NamedCause | None:
 
 @dataclasses.dataclass(frozen=True)
 class Noise:
-    """What jumps from sample to sample in an engine's states."""
+    """Noise from sample to sample in an engine's states."""
 
     cause: NamedCause | None  # None: the engine declares numbers of this precision
     size: float  # normalised
 
 
 def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
-    """What noise an engine's states hold at a fine step, beyond the rounding of double precision; None: no more.
+    """The noise of an engine's states at a fine step; None if it is no more than rounding in double precision.
 
-    Looked at over so short a time that even the fastest motion, that of a soft joint, is smooth from sample to sample.
+    The time is so short that even the fastest motion, that of a soft joint, is smooth from sample to sample.
     """
     scene = scene.replace(duration=scene.duration / FASTEST)
     finest = scene.duration / (scene.samples - 1) / FINE
@@ -362,7 +362,7 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
 
 
 def rough(difference: np.ndarray) -> float:
-    """Size of what jumps from sample to sample in a difference (T, n, 18); 0 where most of it is smooth."""
+    """Size of the noise in a difference (T, n, 18); 0 if most of the difference is smooth."""
     sixth = np.diff(difference[1:], n=6, axis=0)
     size = float(np.sqrt(np.mean(sixth**2))) / SIXTH
     whole = float(np.sqrt(np.mean(difference**2)))

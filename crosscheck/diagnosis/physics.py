@@ -1,8 +1,8 @@
-"""Accelerations of a scene whose parameters, and a few terms no scene has, can be altered one by one.
+"""Accelerations of a scene with altered parameters, and with a few terms that no scene has.
 
-The geometry never changes with the parameters, so that everything that costs is computed once per set of states and an
-altered model costs one batched solve: M du/dt = f - G^T lam with G du/dt = -gamma (index 1), or, for joints that give
-way, with the G du/dt that was observed, which leaves the constraint forces free whatever law they follow.
+The geometry does not depend on the parameters. What is expensive is computed once per set of states, and an altered
+model takes one batched solve: M du/dt = f - G^T lam with G du/dt = -gamma (index 1). For soft joints G du/dt is the
+observed one, which leaves the constraint forces free, whatever their law.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from crosscheck.scene.model import GROUND, Force, Scene
 from crosscheck.scene.vectors import cross
 
 BENT = 4
-"""Instants to either side at which a derivative over nine samples reaches a bend."""
+"""Number of samples on either side of a kink whose nine-point differences it affects."""
 
 SPRINGS = ("linear_spring", "torsional_spring")
 
 
 @dataclasses.dataclass(frozen=True)
 class Physics:
-    """Parameters of a model; E copies of a scene may differ in their inertias, n bodies, entries per force."""
+    """Parameters of a model of n bodies. E copies of a scene may have inertias of their own."""
 
     gravity: np.ndarray  # (3,)
     masses: np.ndarray  # (n,)
@@ -35,18 +35,18 @@ class Physics:
     stiffness: np.ndarray  # per force of the scene; zero for loads
     rest: np.ndarray  # free length (m) or rest angle (rad)
     damping: np.ndarray
-    load: np.ndarray  # factor of loads, of torques and forces along joints, of rest angles that move
+    load: np.ndarray  # factor of loads, of torques and forces along joints, and of rest angles that depend on time
     joint_damping: float = 0.0  # N m s/rad, on the relative angular velocity across every joint
     drag: float = 0.0  # 1/s: force - drag m v on every body
     spin_drag: float = 0.0  # 1/s: torque - spin_drag J w on every body
     quadratic: float = 0.0  # 1/m: force - quadratic m |v| v on every body
     coulomb: float = 0.0  # N m: a moment of this size against the relative angular velocity across every joint
-    gyroscopic: Any = 1.0  # factor of w x J w; one, or one a body
+    gyroscopic: Any = 1.0  # factor of w x J w, a number or one per body
     centripetal: float = 1.0  # factor of gamma in G du/dt + gamma = 0
     lever: np.ndarray | None = None  # per force, factor of its moments about the centres of mass; None: one
-    point: tuple[int, np.ndarray] | None = None  # a force, and by how much (m) its point on the child is off
-    absent: int | None = None  # a body that is not there
-    delay: np.ndarray | None = None  # s, per force, of what depends on time; None: none
+    point: tuple[int, np.ndarray] | None = None  # number of a force, and displacement (m) of its point on the child
+    absent: int | None = None  # number of a body that the model does not have
+    delay: np.ndarray | None = None  # s, of the function of time of each force; None: none
     phase: np.ndarray | None = None  # rad, per force, added to every sine; None: none
     gain: tuple[float, float] = (0.0, 0.0)  # alpha (1/s), beta^2 (1/s^2): G du/dt + gamma = -2 alpha G u - beta^2 Phi
 
@@ -56,7 +56,7 @@ class Physics:
 
 
 def of_scene(scene: Scene, copies: int = 1) -> Physics:
-    """The parameters of a scene as they stand."""
+    """The parameters of a scene, for so many copies."""
     given = [force.parameters for force in scene.forces]
     rest = [p.get("free_length", p.get("rest_angle", 0.0)) for p in given]
     return Physics(scene.gravity, scene.masses, np.broadcast_to(scene.inertias, (copies, scene.n, 3, 3)),
@@ -66,7 +66,7 @@ def of_scene(scene: Scene, copies: int = 1) -> Physics:
 
 
 def levers(scene: Scene) -> np.ndarray:
-    """(n, 3) from the centre of mass of each body to the joint that carries it, body axes; zero without one."""
+    """From the centre of mass of each body to the joint that carries it, (n, 3), m, body axes; zero without a joint."""
     found = np.zeros((scene.n, 3))
     for joint in scene.joints:
         if joint.child != GROUND and not found[joint.child].any():
@@ -76,21 +76,23 @@ def levers(scene: Scene) -> np.ndarray:
 
 @dataclasses.dataclass
 class Points:
-    """States at P instants of one joint structure, with what was observed there."""
+    """States at P instants of copies with one joint structure, and the accelerations that were observed there."""
 
     x: np.ndarray  # (P, n, 3)
     R: np.ndarray
     v: np.ndarray
     w: np.ndarray
     rates: np.ndarray  # (P, n, 6) observed accelerations: world, body axes
-    copy: np.ndarray  # (P,) which copy of the scene
+    copy: np.ndarray  # (P,) number of the copy of the scene
     angles: dict[str, np.ndarray]  # of torsional springs, by joint
     t: np.ndarray | float = 0.0  # (P,) s
 
 
 class Terms:
-    """Everything about a set of states that altering parameters leaves alone; `forces` maps its forces to those of
-    the scene the parameters belong to."""
+    """What does not depend on the parameters at a set of states.
+
+    `forces` are the numbers of its forces in the scene to which the parameters belong.
+    """
 
     def __init__(self, scene: Scene, points: Points, forces: tuple[int, ...],
                  constraints: Constraints | None = None, rank: int | None = None) -> None:
@@ -107,8 +109,10 @@ class Terms:
 
     @functools.cached_property
     def reversing(self) -> np.ndarray:
-        """(P,) which instants have a velocity that comes back near zero within reach of their derivatives: friction
-        bends there. None, where this would be nearly all."""
+        """Whether a velocity reverses near an instant, (P,), so that friction has a kink in reach of the differences.
+
+        If nearly all instants were such, none is.
+        """
         found = np.zeros(len(self.points.x), dtype=bool)
         again = self.points.copy[1:] == self.points.copy[:-1]
         for u in (self.points.v, self.rubbing[:, :, 3:]):
@@ -120,7 +124,7 @@ class Terms:
         return found if found.mean() <= 0.8 else np.zeros_like(found)
 
     def forces(self, p: Physics) -> np.ndarray:
-        """f, (P, n, 6)."""
+        """The generalised forces f, (P, n, 6): N in world axes, N m in body axes."""
         v, spin, turning = self.points.v, *self._spins(p)
         f = np.empty((*v.shape[:2], 6))
         slowed = p.drag + p.quadratic * np.linalg.norm(v, axis=2, keepdims=True)
@@ -147,7 +151,7 @@ class Terms:
         return f + p.joint_damping * self.friction if p.joint_damping else f
 
     def rates(self, p: Physics, soft: bool = False) -> np.ndarray:
-        """Accelerations (P, n, 6): world, body axes."""
+        """Accelerations (P, n, 6): m/s^2 in world axes, rad/s^2 in body axes. `soft`: with the observed G du/dt."""
         f = self.forces(p)
         inverse, keep, flat, weighted, solve = self._weights(p)
         free = np.concatenate([f[:, :, :3] / p.masses[:, None], (inverse @ f[:, :, 3:, None])[..., 0]], axis=2)
@@ -165,7 +169,7 @@ class Terms:
         return found
 
     def _varied(self, p: Physics, here: int, force: Force) -> Any:
-        """What depends on time of a force, or one."""
+        """The function of time of a force at the instants; 1 if it has none."""
         if not force.functions:
             return 1.0
         function = force.functions[0]
@@ -175,14 +179,14 @@ class Terms:
         return function(self.points.t - (0.0 if p.delay is None else p.delay[here]))
 
     def _spins(self, p: Physics) -> tuple[np.ndarray, np.ndarray]:
-        """J w and w x J w; kept as long as the inertias are the same array, as all that follows."""
+        """J w and w x J w. Like the weights below, they are kept as long as the parameters are the same arrays."""
         if self._spinning is None or self._spinning[0] is not p.inertias:
             spin = (p.inertias[self.points.copy] @ self.points.w[..., None])[..., 0]
             self._spinning = p.inertias, spin, cross(self.points.w, spin)
         return self._spinning[1], self._spinning[2]
 
     def _weights(self, p: Physics) -> tuple[np.ndarray, ...]:
-        """J^-1, the rows that are there, G, G M^-1 and the inverse of G M^-1 G^T."""
+        """J^-1, the rows without those of an absent body, G, G M^-1 and the inverse of G M^-1 G^T."""
         key = (p.masses, p.inertias, p.absent)
         if self._kept is None or any(one is not other for one, other in zip(self._kept[0], key, strict=True)):
             keep = self.constraints.rows_without(p.absent)
@@ -195,7 +199,7 @@ class Terms:
         return self._kept[1]
 
     def _least_norm(self, S: np.ndarray, p: Physics) -> np.ndarray:
-        """Inverse of G M^-1 G^T on as many independent rows as there are at the start."""
+        """Pseudo-inverse of G M^-1 G^T with the rank of the start."""
         values, vectors = np.linalg.eigh(S)
         if p.absent is None:
             rank = self.rank
@@ -220,7 +224,7 @@ def _spring(scene: Scene, force: Force, points: Points,
             off: Any = 0.0) -> tuple[str, np.ndarray, np.ndarray, np.ndarray, tuple[Any, ...]]:
     """(type, generalised force of a unit pull or of the load (P, n, 6), length or angle, its rate, bodies).
 
-    `off`: m, by how much the point on the child is off, body axes.
+    `off` is a displacement (m) of the point on the child, in body axes.
     """
     x, R, p = points.x, points.R, force.parameters
     unit = np.zeros((len(x), scene.n, 6))
@@ -259,20 +263,22 @@ def _spring(scene: Scene, force: Force, points: Points,
             unit[:, force.child, 3:] = np.einsum("pji,pj->pi", R[:, force.child], load)
         return force.type, unit, none, none, (force.child,)
     moving = np.concatenate([points.v, points.w], axis=2)
-    # a unit pull does work at minus the rate of the length
+    # The power of a unit pull is minus the rate of the length.
     return force.type, unit, length, -np.einsum("pni,pni->p", moving, unit), bodies
 
 
 def _push(f: np.ndarray, R: np.ndarray, body: int, s: np.ndarray, force: np.ndarray) -> None:
-    """Add a force (P, 3), world, at the point s of a body."""
+    """Add a force (P, 3), in world axes, at the point s of a body."""
     if body != GROUND:
         f[:, body, :3] += force
         f[:, body, 3:] += cross(s, np.einsum("pji,pj->pi", R[:, body], force))
 
 
 def _joint_friction(scene: Scene, R: np.ndarray, w: np.ndarray, unit: bool = False) -> np.ndarray:
-    """Generalised force (P, n, 6) of a unit of damping at every joint: minus the relative angular velocity; of a
-    moment of size one in its place where `unit`."""
+    """Generalised force (P, n, 6) of damping at every joint: minus the relative angular velocity.
+
+    `unit`: of a moment of size 1 in that direction.
+    """
     f = np.zeros((*w.shape[:2], 6))
     for joint in scene.joints:
         spin = np.einsum("pij,pj->pi", R[:, joint.child], w[:, joint.child])

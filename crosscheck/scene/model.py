@@ -205,19 +205,25 @@ class Scene:
         """(n, 3) angular velocities, body axes."""
         return np.array([body.angular_velocity for body in self.bodies]).reshape(-1, 3)
 
-    def beyond(self, known: Container[str] = ()) -> str | None:
-        """Why an engine that knows only `known` of ELEMENTS cannot model the scene, or None if it can."""
+    def beyond(self, known: Container[str] = (), tree: Container[str] = ()) -> str | None:
+        """Why an engine that knows only `known` of ELEMENTS cannot model the scene, or None if it can.
+
+        `tree`: those that it has in form tree.
+        """
+        def why(element: str) -> str:
+            return "needs a joint coordinate: form tree has them" if element in tree else "is not built here"
+
         for joint in self.joints:
             for element, there in (("armature", any(joint.armature)), ("mimic", joint.mimic is not None),
                                    ("drive", joint.drive is not None)):
                 if there and element not in known:
-                    return f"joint {joint.name!r} has the key {element}, which is not built here"
+                    return f"joint {joint.name!r} has the key {element}, which {why(element)}"
             if JOINT_TYPES[joint.type].slips and "slip" not in known:
                 return (f"joint {joint.name!r} is a {joint.type}, whose rows against slip hold velocities alone; "
                         "such rows are not built here")
         for index, force in enumerate(self.forces):
             if force.type.startswith("joint_") and "joint_torque" not in known:
-                return f"forces[{index}] is a {force.type}, a type that is not built here"
+                return f"forces[{index}] is a {force.type}, a type that {why('joint_torque')}"
             if force.functions and "function" not in known:
                 return f"forces[{index}] ({force.type}) depends on time, which is not built here"
         return None

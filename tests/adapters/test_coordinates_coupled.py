@@ -106,7 +106,7 @@ def test_mimic_joints_with_rotors_and_springs_the_other_way_round(tmp_path):
 @pytest.mark.parametrize(("engine", "options", "words"), [
     ("pinocchio", {"method": "RKMK4", "form": "maximal"}, "mimic"),
     ("mujoco", {"method": "RK4", "form": "maximal"}, "mimic"),
-    ("exudyn", {"method": "GeneralizedAlpha", "form": "maximal"}, "mimic, which is not built here in form maximal"),
+    ("exudyn", {"method": "GeneralizedAlpha", "form": "maximal"}, "mimic, which needs a joint coordinate"),
     ("exudyn", {"method": "RK44"}, "explicit")])
 def test_who_cannot_says_so(engine, options, words):
     pytest.importorskip(engine)

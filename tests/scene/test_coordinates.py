@@ -174,5 +174,5 @@ def test_armature_is_one_motion_in_the_engines_that_have_it(tmp_path):
 
 def test_exudyn_without_coordinates_for_armature_says_so(tmp_path):
     scene = load(tmp_path, [body("a")], [joint("revolute", np.random.default_rng(1), position=0.4, armature=0.1)])
-    with pytest.raises(crosscheck.Unsupported, match="armature, which is not built here in form maximal"):
+    with pytest.raises(crosscheck.Unsupported, match="armature, which needs a joint coordinate: form tree"):
         crosscheck.run(scene, "exudyn", "GeneralizedAlpha", step=1e-3, form="maximal")

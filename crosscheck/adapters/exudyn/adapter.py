@@ -76,9 +76,9 @@ class Exudyn:
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Exudyn cannot run this, or None."""
         form = self.form(scene, spec)
-        by_coordinates = ("armature", "mimic") if form == "tree" else ()
-        if reason := scene.beyond(("slip", "joint_torque", "function", *by_coordinates)):
-            return f"{reason} in form {form}" if _by_coordinates(scene) else reason
+        in_tree = ("armature", "mimic")
+        if reason := scene.beyond(("slip", "joint_torque", "function", *(in_tree if form == "tree" else ())), in_tree):
+            return reason
         if form == "tree" and (closing := _by_coordinates(scene) & {
                 joint.name for joint in kinematic_tree.spanned(scene)[1]}):
             return f"joint {min(closing)!r} closes a loop, and armature and mimics need a coordinate of the tree"

@@ -51,7 +51,8 @@ def softened(scene: Scene, form: str) -> bool:
 
 def obstacle(scene: Scene, form: str) -> str | None:
     """Why MuJoCo cannot model `scene` in `form`, or None."""
-    if reason := scene.beyond(("armature", "mimic", "joint_torque", "function") if form == "tree" else ("function",)):
+    in_tree = ("armature", "mimic", "joint_torque")
+    if reason := scene.beyond(("function", *(in_tree if form == "tree" else ())), in_tree):
         return reason
     branches, closing = closures(scene, form)
     sprung = _sprung(scene)

@@ -53,7 +53,8 @@ class Pinocchio:
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Pinocchio cannot run this, or None."""
         form = spec.form or "tree"
-        if reason := scene.beyond(("joint_torque", "function", *(("armature", "mimic") if form == "tree" else ()))):
+        in_tree = ("armature", "mimic")
+        if reason := scene.beyond(("joint_torque", "function", *(in_tree if form == "tree" else ())), in_tree):
             return reason
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"

@@ -85,11 +85,10 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
                        spin_free: bool | None = None, threads: int = 0) -> EnsembleSolution:
     """Integrate many members of one problem: each has its own state, parameters, steps and status.
 
-    A member's trajectory is the one that `lieeuler.integrate` computes, to the last bit, whatever the other members,
-    the number of threads and the processor's instructions. Members of up to four bodies on ball joints, without loops
-    and with no force but gravity, share registers with "taylor" on x86-64 processors with AVX2 (four at a time) or
-    AVX-512 (eight). If bodies are symmetric and `spin_free` is not False, or if parameters are given, compiling each
-    member takes 0.3 ms.
+    Each trajectory is that of `lieeuler.integrate` to the last bit, whatever the other members, threads and processor.
+    With "taylor", members of up to four bodies on ball joints, without loops and forces but gravity, share registers on
+    x86-64 processors with AVX2 (four at a time) or AVX-512 (eight). Compiling each member takes 0.3 ms if bodies are
+    symmetric and `spin_free` is not False, or if parameters are given.
 
     Parameters
     ----------
@@ -100,8 +99,8 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
     x, R, v, w : (N, n, 3), (N, n, 3, 3), (N, n, 3), (N, n, 3), optional
         Initial states in the conventions of `lieeuler.types`. Each must satisfy the joints to rounding level.
     parameters : mapping of paths to arrays (N, ...), optional
-        Such as "bodies.0.mass" (N,), "bodies.0.inertia" (N, 3, 3), "joints.1.child_anchor" (N, 3),
-        "forces.0.stiffness" (N,), "gravity" (N, 3); a last index names one component, as in "gravity.2" (N,).
+        Such as "bodies.0.inertia" (N, 3, 3), "joints.1.child_anchor" (N, 3), "forces.0.stiffness" (N,), "gravity"
+        (N, 3); a last index names one component, as in "gravity.2" (N,).
     threads : int
         0: one thread for each processor that the process may use.
 
@@ -131,14 +130,11 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
     status = np.array([Status(name) for name in result["status"]], dtype=object)
     for k, member in enumerate(members):  # one of each, or one of all
         here = slice(k, k + 1) if len(members) > 1 else slice(None)
-        x_end, R_end, v_end, w_end = (result[name][here, -1] for name in ("x", "R", "v", "w"))
-        open_ = held.open_at(member, method, x_end, R_end, v_end, w_end, float(plan.t[-1]))
+        open_ = held.open_at(member, method, *(result[name][here, -1] for name in "xRvw"), float(plan.t[-1]))
         status[here][open_ & (status[here] == Status.SUCCESS)] = Status.CONSTRAINTS_OPEN
-    solution = EnsembleSolution(
-        t=plan.t, x=result["x"], R=result["R"], v=result["v"], w=result["w"], status=status,
-        t_end=plan.t[0] + result["time"], steps=np.array(result["steps"]),
-        rejected_steps=np.array(result["rejected_steps"]), lanes=np.array(result["lanes"]),
-        wall_time=result["wall_time"], method=method)
+    counts = {name: np.array(result[name]) for name in ("steps", "rejected_steps", "lanes")}
+    solution = EnsembleSolution(t=plan.t, t_end=plan.t[0] + result["time"], status=status, method=method, **counts,
+                                **{name: result[name] for name in ("x", "R", "v", "w", "wall_time")})
     log.info("%r", solution)
     return solution
 

@@ -2,20 +2,23 @@
 
 Source: https://newton-physics.github.io/newton. `Featherstone` and the `MuJoCo` integrators step in joint coordinates,
 `XPBD` and `SemiImplicit` move free bodies, the first with projected joints and the second with joints that are springs.
+With the softness "default" both run as Newton sets them up, with "tight" as they come closest to joints that are rigid.
 Newton needs a MuJoCo of its own version, and so an environment of its own (`crosscheck.adapters.foreign.versions`).
 """
 
 from __future__ import annotations
 
+import ctypes
 import importlib.metadata
 import os
+import sys
 from typing import Any
 
 import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
-from crosscheck.scene.model import GROUND, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.states import States
 
 FORMS = {"Featherstone": "tree", "MuJoCoEuler": "tree", "MuJoCoImplicitfast": "tree", "MuJoCoRK4": "tree",
@@ -32,7 +35,7 @@ class Newton:
     name = "newton"
     methods = tuple(FORMS)
     forms = ("tree", "maximal")
-    options = frozenset({"form"})
+    options = frozenset({"form", "softness"})
     adaptive_methods: tuple[str, ...] = ()
     eps = 2.0**-23
     pace = 4
@@ -57,15 +60,13 @@ class Newton:
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` if the state becomes infinite or NaN."""
-        import warp
-
-        warp.config.log_level = 40  # errors only: what an engine prints is an accusation
+        warp = _warp()
         h = stepping.fixed_step(scene, spec)[1]
         with warp.ScopedDevice("cpu"):
             import newton
 
             model = build(scene)
-            solver = _solver(model, spec.method)
+            solver = _solver(scene, model, spec, h)
             now, then = model.state(), model.state()
             now.body_q.assign(_poses(scene))
             now.body_qd.assign(_twists(scene))
@@ -87,21 +88,27 @@ class Newton:
             solver.step(now, then, control, None, h)  # compile before the clock runs
             raw = stepping.march(scene, spec, start, advance, _converter(scene), lambda t, q, v: v)
         raw.form = FORMS[spec.method]
+        if raw.form == "maximal":
+            raw.stats["softness"] = spec.softness or "tight"
         return raw
 
 
 def _warp() -> Any:
     """Warp without a word about the graphics card that it does not find and what it compiles."""
-    import warp
-
-    warp.config.log_level = warp.LOG_ERROR
-    said, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nothing, 2)
+    said, nothing = [os.dup(stream) for stream in (1, 2)], os.open(os.devnull, os.O_WRONLY)
+    sys.stdout.flush()
+    for stream in (1, 2):
+        os.dup2(nothing, stream)
     try:
+        import warp
+
+        warp.config.log_level = warp.LOG_ERROR
         warp.init()
+        ctypes.CDLL(None).fflush(None)  # C keeps what its library printed
     finally:
-        os.dup2(said, 2)
-        os.close(said)
+        for stream, own in zip((1, 2), said, strict=True):
+            os.dup2(own, stream)
+            os.close(own)
         os.close(nothing)
     return warp
 
@@ -129,13 +136,39 @@ def build(scene: Scene) -> Any:
     return builder.finalize(device="cpu")
 
 
-def _solver(model: Any, method: str) -> Any:
-    """A solver without the damping that Newton has by default."""
+XPBD = {"iterations": 20, "joint_linear_relaxation": 0.4, "joint_angular_relaxation": 0.4}
+"""Newton's own factors, 0.7 and 0.4, take different shares of the linear and the angular part of an impulse, as if a
+body had another inertia: then no step and no number of iterations leads to the motion of the scene."""
+
+SPRING = 0.3
+"""Stiffness h^2 / m and damping h / m of joint springs, m the mass that a joint moves; steps diverge near 4 and 2."""
+
+
+def _solver(scene: Scene, model: Any, spec: RunSpec, h: float) -> Any:
+    """A solver without the damping of angular velocities that Newton has by default."""
     from newton import solvers
 
-    if method.startswith("MuJoCo"):
-        return solvers.SolverMuJoCo(model, integrator=method.removeprefix("MuJoCo").lower(), disable_contacts=True)
-    return getattr(solvers, f"Solver{method}")(model, angular_damping=0.0)
+    tight = spec.softness != "default"
+    if spec.method.startswith("MuJoCo"):
+        return solvers.SolverMuJoCo(model, integrator=spec.method.removeprefix("MuJoCo").lower(),
+                                    disable_contacts=True, kinematic_switchable_roots=False)
+    if spec.method == "XPBD":
+        return solvers.SolverXPBD(model, angular_damping=0.0, **(XPBD if tight else {}))
+    if spec.method == "SemiImplicit":
+        share = SPRING / max(_mobility(scene, joint) for joint in scene.joints)
+        stiff = {"joint_attach_ke": share / h**2, "joint_attach_kd": share / h} if tight else {}
+        return solvers.SolverSemiImplicit(model, angular_damping=0.0, **stiff)
+    return solvers.SolverFeatherstone(model, angular_damping=0.0)
+
+
+def _mobility(scene: Scene, joint: Joint) -> float:
+    """The most that a unit force, or torque if the joint holds attitudes, accelerates its ends (1/kg, 1/(kg m^2))."""
+    total = 0.0
+    for body, anchor in ((joint.parent, joint.parent_anchor), (joint.child, joint.child_anchor)):
+        if body != GROUND:
+            lever = max(float(anchor @ anchor), 0.0 if joint.type == "spherical" else 1.0)
+            total += 1.0 / scene.masses[body] + lever / float(np.linalg.eigvalsh(scene.inertias[body])[0])
+    return total
 
 
 def _poses(scene: Scene) -> np.ndarray:

@@ -85,7 +85,7 @@ class Newton:
                     q[row], v[row] = now.body_q.numpy().ravel(), now.body_qd.numpy().ravel()
                 return q, v
 
-            solver.step(now, then, control, None, h)  # compile before the clock runs
+            solver.step(model.state(), then, control, None, h)  # compile before the clock runs; it may change its input
             raw = stepping.march(scene, spec, start, advance, _converter(scene), lambda t, q, v: v)
         raw.form = FORMS[spec.method]
         if raw.form == "maximal":

@@ -25,6 +25,9 @@ FORMS = {"Featherstone": "tree", "MuJoCoEuler": "tree", "MuJoCoImplicitfast": "t
          "XPBD": "maximal", "SemiImplicit": "maximal"}
 """Each method and the form of its coordinates."""
 
+MOST = 5000
+"""Steps of MuJoCo Warp in one run: some minutes."""
+
 XYZW = (1, 2, 3, 0)
 """Places of Newton's quaternion entries x, y, z, w in ours."""
 
@@ -56,6 +59,9 @@ class Newton:
         """Why Newton cannot run this here, or None."""
         if spec.form not in (None, FORMS[spec.method]):
             return f"{spec.method} has form {FORMS[spec.method]} only"
+        if spec.method.startswith("MuJoCo") and spec.step and scene.duration / spec.step > MOST:
+            return (f"{spec.method} takes tens of milliseconds a step on a processor, and this is more than {MOST} "
+                    "steps; give a larger step or a shorter duration")
         return scene.beyond() or tree.obstacle(scene, open_tree.JOINTS)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from crosscheck.cli.console import console
 from crosscheck.cli.options import EngineNames
 from crosscheck.cli.tables import figures, key, print_table, words
+from crosscheck.errors import PINNED, install
 
 
 def list_(engine: EngineNames = None) -> None:
@@ -15,9 +16,11 @@ def list_(engine: EngineNames = None) -> None:
 
     terminal = console(160)
     rows = []
-    for name in engine or adapters.names():
+    for name in engine or (*adapters.names(), *(name for name in PINNED if name not in adapters.names())):
         try:
-            rows.append((name, engine_version(name), " ".join(adapters.methods(name))))
+            version = engine_version(name)
+            absent = version == NOT_INSTALLED and name in PINNED
+            rows.append((name, version, install(name) if absent else " ".join(adapters.methods(name))))
         except ImportError:  # the adapter itself cannot be imported
             rows.append((name, NOT_INSTALLED, ""))
     print_table(terminal, [key("engine"), *figures("version"), words("methods")], rows)

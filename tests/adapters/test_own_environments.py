@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.base import RunSpec
 from crosscheck.adapters.foreign import versions
+from crosscheck.cli.app import app
 from crosscheck.judge.metrics import errors, observed_order
 from crosscheck.references import truth
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
@@ -62,6 +64,14 @@ def test_a_form_is_that_of_the_solver(nowhere):
     scene = crosscheck.load_scene("single_pendulum")
     said = adapters.get("newton").unsupported(scene, RunSpec("XPBD", step=1e-3, form="tree"))
     assert said == "XPBD has form maximal only"
+    said = adapters.get("newton").unsupported(scene, RunSpec("MuJoCoEuler", step=1e-4))
+    assert "more than 5000 steps; give a larger step or a shorter duration" in said
+
+
+def test_the_list_says_how_to_make_them(nowhere):
+    said = " ".join(CliRunner().invoke(app, ["list"]).output.split())
+    for engine in ENGINES:
+        assert f"{engine} not installed crosscheck list --engine {engine}==" in said
 
 
 @pytest.mark.slow

@@ -136,9 +136,16 @@ class Wrong:
 
 def worst_first(records: Sequence[Record], changes: Sequence[Change] | None = None) -> list[Wrong]:
     """Failed runs and known defects, grouped by engine and problem: new problems first, known defects last."""
+    def excess(finding: Finding | None) -> float:
+        """The factor by which a finding exceeds its bound; unknown values count as infinite."""
+        if not finding or not finding.value or not finding.bound:
+            return float("inf")
+        ratio = finding.value / finding.bound
+        return 1 / ratio if finding.kind.startswith("order") else ratio
+
     worse = {(change.scene, change.engine, change.method) for change in changes or [] if change.bad}
     bad = [(record, record.worst) for record in records if record.outcome in ("fail", "error", "known")]
-    bad.sort(key=lambda pair: -_excess(pair[1]))
+    bad.sort(key=lambda pair: -excess(pair[1]))
     groups: dict[tuple[str, str, str], list[tuple[Record, Finding | None]]] = {}
     for record, finding in bad:
         engine = "" if record.outcome == "known" else record.engine
@@ -166,14 +173,6 @@ def _matter(record: Record, finding: Finding | None) -> str:
     if kind.startswith("level"):
         return f"constraints at {kind.removeprefix('level ')} level beyond their bound"
     return MATTERS.get(kind, f"{kind} beyond its bound")
-
-
-def _excess(finding: Finding | None) -> float:
-    """The factor by which a finding exceeds its bound, for sorting. Unknown values count as infinite."""
-    if not finding or not finding.value or not finding.bound:
-        return float("inf")
-    ratio = finding.value / finding.bound
-    return 1 / ratio if finding.kind.startswith("order") else ratio
 
 
 def summary_counts(records: Sequence[Record]) -> dict[str, int]:

@@ -14,7 +14,7 @@ from crosscheck.scene import coordinates, mechanics
 from crosscheck.scene.checks import Draft, Start
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import GROUND, Body, Force, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.model import GROUND, Body, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.schema import EntryError
 from crosscheck.scene.states import Motion
 
@@ -53,16 +53,14 @@ def restarted(scene: Scene, motion: Motion, k: int, duration: float, samples: in
                                                        bodies=bodies_at(scene, state))
     angles = mechanics.torsion_angles(scene, motion.R[:k + 1], motion.w[:k + 1], motion.t[:k + 1])
     turned = {joint: math.tau * round(float(angle[-1]) / math.tau) for joint, angle in angles.items()}
-    return begun.replace(forces=tuple(_wound(force, turned.get(force.joint or "", 0.0)) for force in begun.forces))
-
-
-def _wound(force: Force, angle: float) -> Force:
-    """A torsional spring whose angle is measured from another full turn."""
-    if not angle:
-        return force
-    rest = force.parameters["rest_angle"]
-    rest = rest.plus(-angle) if isinstance(rest, TimeFunction) else rest - angle
-    return dataclasses.replace(force, parameters={**force.parameters, "rest_angle": rest})
+    forces = []
+    for force in begun.forces:
+        if angle := turned.get(force.joint or ""):
+            rest = force.parameters["rest_angle"]
+            rest = rest.plus(-angle) if isinstance(rest, TimeFunction) else rest - angle
+            force = dataclasses.replace(force, parameters={**force.parameters, "rest_angle": rest})
+        forces.append(force)
+    return begun.replace(forces=tuple(forces))
 
 
 def anchor_length(scene: Scene) -> float:

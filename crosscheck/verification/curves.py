@@ -110,17 +110,14 @@ def drawing(scene: Scene, reference: Reference | None = None) -> Drawing:
                **{key: _rounded(value) if isinstance(value, tuple | list) else
                   "a function of time," if isinstance(value, TimeFunction) else value
                   for key, value in force.parameters.items()}} for force in scene.forces]
-    return Drawing(_rounded(scene.gravity), joints, forces, GROUND,
-                   [DrawnBody(body.name, body.mass, _corners(body.mass, body.inertia)) for body in scene.bodies],
+    bodies = []
+    for body in scene.bodies:  # as boxes of uniform density; bit k of a corner's index tells its side of axis k
+        moments, axes = np.linalg.eigh(body.inertia)
+        edges = np.sqrt(np.maximum(6.0 * (moments.sum() - 2.0 * moments) / body.mass, 0.0))
+        signs = np.array([[1.0 if corner >> axis & 1 else -1.0 for axis in range(3)] for corner in range(8)])
+        bodies.append(DrawnBody(body.name, body.mass, [_rounded(axes @ (sign * edges / 2)) for sign in signs]))
+    return Drawing(_rounded(scene.gravity), joints, forces, GROUND, bodies,
                    float(f"{np.linalg.norm(w, axis=-1).max() * spacing:.{DIGITS}g}"))
-
-
-def _corners(mass: float, inertia: np.ndarray) -> list[Any]:
-    """The eight corners (m, body axes) of the equivalent box. Bit k of a corner's index tells its side of axis k."""
-    moments, axes = np.linalg.eigh(inertia)
-    edges = np.sqrt(np.maximum(6.0 * (moments.sum() - 2.0 * moments) / mass, 0.0))
-    signs = np.array([[1.0 if corner >> axis & 1 else -1.0 for axis in range(3)] for corner in range(8)])
-    return [_rounded(axes @ (sign * edges / 2)) for sign in signs]
 
 
 @dataclasses.dataclass(frozen=True)

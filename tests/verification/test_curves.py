@@ -57,8 +57,8 @@ def test_long_logarithmic_curves_keep_their_peaks():
 
 
 def test_the_box_of_a_body_has_its_inertia():
-    for body in load_scene("heavy_top").bodies + load_scene("spring_pendulum").bodies:
-        corners = np.array(curves._corners(body.mass, body.inertia))
+    for scene in map(load_scene, ("heavy_top", "spring_pendulum")):
+        body, corners = scene.bodies[0], np.array(curves.drawing(scene).bodies[0].corners)
         # Second moments of a uniform box are a third of those of its corners.
         second = body.mass * corners.T @ corners / 8 / 3
         assert np.trace(second) * np.eye(3) - second == pytest.approx(body.inertia, rel=2e-3, abs=2e-3)

@@ -137,22 +137,18 @@ class _Recorder:
             index = _Name(self.counts.get(kind, 0))
             index.name = f"{kind}{int(index)}"
             self.counts[kind] = index + 1
-            arguments = ", ".join(f"{key}={_text(value)}" for key, value in _arguments(item))
+            arguments = []
+            for key, parameter in inspect.signature(type(item)).parameters.items():
+                text = _text(getattr(item, key, parameter.default))
+                if key != "visualization" and text != _text(parameter.default):
+                    arguments.append(f"{key}={text}")
             if kind != "sensor":  # the script adds its own sensors
-                self.lines.append(f"{index.name} = mbs.{call}({type(item).__name__}({arguments}))")
+                self.lines.append(f"{index.name} = mbs.{call}({type(item).__name__}({', '.join(arguments)}))")
             if type(item).__name__ == "ObjectRigidBody":
                 self.bodies.append(index.name)
             return index
 
         return add
-
-
-def _arguments(item: Any) -> Iterator[tuple[str, Any]]:
-    """The arguments of an item of Exudyn's interface that differ from their defaults."""
-    for key, parameter in inspect.signature(type(item)).parameters.items():
-        value = getattr(item, key, parameter.default)
-        if key != "visualization" and _text(value) != _text(parameter.default):
-            yield key, value
 
 
 def _text(value: Any) -> str:

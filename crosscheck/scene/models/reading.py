@@ -33,7 +33,12 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     joints = neutral.joint_tables(reading)
     further, forces = features.collect(reading, joints)
     if model.is_urdf:
-        _urdf_only(model, reading, joints)
+        by_name = {each["name"]: each for each in joints}
+        for name, mimic in _mimics(model):
+            if name in by_name and mimic["joint"] in by_name:
+                by_name[name]["mimic"] = mimic
+            else:
+                reading.lost.append(f"mimic of joint {name!r}")
         _check_against_pinocchio(model, reading, base)
     if reading.impossible:
         raise SceneError(f"{model.path}: cannot be a scene: {'; '.join(reading.impossible)}")
@@ -119,16 +124,6 @@ def _mimics(model: Source) -> list[tuple[str, Table]]:
     found = ((joint.get("name", ""), joint.find("mimic")) for joint in model.root.findall("joint"))
     return [(name, {"joint": mimic.get("joint", ""), "ratio": float(mimic.get("multiplier", 1.0)),
                     "offset": float(mimic.get("offset", 0.0))}) for name, mimic in found if mimic is not None]
-
-
-def _urdf_only(model: Source, reading: Reading, joints: list[Table]) -> None:
-    """Add the mimics of a URDF, which MuJoCo does not read."""
-    by_name = {table["name"]: table for table in joints}
-    for name, mimic in _mimics(model):
-        if name in by_name and mimic["joint"] in by_name:
-            by_name[name]["mimic"] = mimic
-        else:
-            reading.lost.append(f"mimic of joint {name!r}")
 
 
 def _name(model: Source) -> str:

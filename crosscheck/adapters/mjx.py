@@ -67,6 +67,9 @@ class MJX(Forms):
         # Both go to a device like the rest of the data, or the second call would compile once more.
         place = functools.partial(jax.device_put, device=jax.devices("cpu")[0])
         data = data.replace(qpos=place(start.qpos), qvel=place(start.qvel))
+        if built.ntendon:  # MJX starts with other integers than its steps return for tendons, which no loop accepts
+            kinds = jax.eval_shape(mjx.step, model, data)
+            data = jax.tree.map(lambda part, kind: part.astype(kind.dtype), data, kinds)
         steps, watch = _compiled()
 
         def advance(count: int, stride: int) -> tuple[np.ndarray, np.ndarray]:

@@ -215,6 +215,9 @@ KNOWN: tuple[Known, ...] = (
               "interval angular velocity": 1100}, CARDAN, always=False),
     Known("mujoco", ("4",), ("Euler", "implicitfast", "discrete"), ("heavy_top",), None,
           {"energy": 7e8, "level velocity": 35, "level acceleration": 8.4e4}, GYROSCOPIC, practical=True),
+    *(Known(engine, ("3",), ("Euler", "implicitfast"), ("heavy_top",), None,
+            {"energy": 1.4e9, "level velocity": 18, "level acceleration": 6.7e4}, GYROSCOPIC, practical=True)
+      for engine in ("mjx", "mjx-single")),
     Known("pinocchio", ("4",), ("SymplecticEuler",), ("heavy_top",), None,
           {"energy": 7e8, "level acceleration": 3800}, GYROSCOPIC, practical=True),
     Known("mujoco", ("4",), ("discrete",), lambda scene, form, turning: form == "maximal" or _closes_loops(scene), None,

@@ -76,10 +76,12 @@ def show(run: Run = "latest", store: Store = None,
     rows = []
     for result in found.results.values():
         if scene in (None, result.key[0]):
-            found_here = [result.figures.get(name) for name in wanted]
-            rows.append((result.key[0], result.label, result.outcome,
-                         *("" if figure is None else f"{figure.value:.4g} {figure.unit}".removesuffix(" 1")
-                           for figure in found_here)))
+            row = [result.key[0], result.label, result.outcome]
+            for name in wanted:
+                figure = result.figures.get(name)
+                unit = f" {figure.unit}" if figure and figure.unit not in ("1", *name.split()) else ""
+                row.append(f"{figure.value:.4g}{unit}" if figure else "")
+            rows.append(tuple(row))
     typer.echo(f"{found.name}: {found.command}, exit code {found.exit_code}, "
                f"commit {found.environment.commit or 'unknown'}")
     print_table(console(200), [key("scene"), key("run"), *figures("outcome", *wanted)], rows)

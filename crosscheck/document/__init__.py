@@ -129,7 +129,7 @@ class EngineTrust(Part, frozen=True, kw_only=True):
     """The runs to trust of one engine on a scene."""
 
     engine: str
-    runs: int
+    runs: int  # that could be made
     passing: int
     recommended: Recommended | None
     text: str

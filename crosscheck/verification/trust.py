@@ -81,11 +81,15 @@ def by_engine(scene: SceneTruth, records: Sequence[Record]) -> list[EngineTrust]
     rows = []
     for engine in dict.fromkeys(record.engine for record in records):
         own = [record for record in records if record.engine == engine]
-        found = None if scene.failure or scene.no_truth else recommend(scene, own)
-        passing = sum(record.outcome in ("pass", "partly") for record in own)
-        text = (f"{engine}: {f'trust {_said(found)}' if found else 'no run can be recommended'}; "
-                f"{passing} of {len(own)} runs pass." + _not_trusted(own))
-        rows.append(EngineTrust(engine=engine, runs=len(own), passing=passing, recommended=found, text=text))
+        made = [record for record in own if record.outcome != "unsupported"]
+        found = None if scene.failure or scene.no_truth else recommend(scene, made)
+        passing = sum(record.outcome in ("pass", "partly") for record in made)
+        advice = f"trust {_said(found)}" if found else "no run can be recommended"
+        text = f"{advice}; {passing} of {len(made)} runs pass." + _not_trusted(made)
+        if not made:
+            text = f"no run: {own[0].message}."
+        rows.append(EngineTrust(engine=engine, runs=len(made), passing=passing, recommended=found,
+                                text=f"{engine}: {text}"))
     return rows
 
 

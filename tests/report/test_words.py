@@ -32,6 +32,14 @@ def test_recommendation_names_the_fastest_passing_run(results):
     assert found.runs == ["fake Fast"]
 
 
+def test_runs_that_cannot_be_made_do_not_count(results):
+    absent = replace(results.records[0], engine="absent", outcome="unsupported", message="not installed")
+    partly_able = replace(absent, engine=results.records[0].engine)
+    told = trust.by_engine(results.scenes[0], [results.records[0], partly_able, absent, absent])
+    assert [(row.passing, row.runs) for row in told] == [(1, 1), (0, 0)]
+    assert told[1].text == "absent: no run: not installed."
+
+
 def test_the_headline_claims_no_more_than_was_found(results):
     passing, known = results.records[0], results.records[3]
     assert headline.headline(made(results.scenes[:1], [passing])) == "The only run passes"

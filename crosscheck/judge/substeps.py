@@ -1,8 +1,9 @@
 """Judge whether a run with a fixed step took more steps than it was asked for.
 
-The engine's own count may show it, or else the states. Up to the first output time, plain methods are run with the
-wanted step and with parts of it. Small errors alone prove nothing, because the method may just be better. But a run
-whose states are those of a plain method with k parts of a step is that method with hidden sub-steps.
+The engine's own count may show it, or else the states. Up to the first output time at which errors can be seen, plain
+methods are run with the wanted step and with parts of it. Small errors alone prove nothing, because the method may just
+be better. But a run whose states are those of a plain method with k parts of a step is that method with hidden
+sub-steps.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ rotations cause small differences. A method with the same leading term (weights 
 an Euler step) differs in the next term, by a share h W."""
 
 ASKEW, DEAREST = 0.3, 4000
-"""A plain method is run with parts of a step only if the direction of its error differs by less than the share ASKEW,
-and if it takes less than DEAREST steps, which are made in Python."""
+"""A plain method is run with parts of a step only if the direction of its error differs by less than the share ASKEW or
+h W, which the next term of the error has, and if it takes less than DEAREST steps, which are made in Python."""
 
 SEEN = 1e-10
 """Errors of y below this are not compared."""
@@ -74,19 +75,23 @@ def judge_substeps(scene: Scene, traj: Any, truth: Reference, order: int, asked:
 def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tuple[float, bool]:
     """The number of parts of a step with which a plain method has errors of the run's size, and whether it is the same.
     """
-    scale, tau = scales(scene, truth), traj.t[1:2] - traj.t[:1]
+    scale = scales(scene, truth)
     start: State = [scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None]]
-    own, true = ([part[1:2] for part in (states.x, states.R, states.v, states.w)] for states in (traj, truth.states))
+    owns, trues = ([states.x, states.R, states.v, states.w] for states in (traj, truth.states))
 
     def gap(one: State, other: State) -> np.ndarray:
         parts = (one[0] - other[0]) / scale.length, turn(other[1], one[1]), *(
             (one[k] - other[k]) / size for k, size in ((2, scale.length * scale.rate), (3, scale.rate)))
         return np.concatenate(parts, axis=-1)
 
-    error = gap(own, true)
+    errors = gap(owns, trues)
+    until = np.flatnonzero(np.linalg.norm(errors, axis=(1, 2)) > SEEN)[:1]
+    error = errors[until]
     size = float(np.linalg.norm(error))
     if not SEEN < size < 1.0:
         return 0.0, False
+    true, tau, per = [part[until] for part in trues], traj.t[until] - traj.t[:1], per * int(until[0])
+    askew = max(ASKEW, float(tau[0]) / per * scale.rate)
     likest = 0.0
     for stepper in _plain(order):  # ends at the first one if the sizes of errors do not fit
         def at(parts: int, stepper: Stepper = stepper) -> np.ndarray:
@@ -102,7 +107,7 @@ def _like(scene: Scene, traj: Any, truth: Reference, order: int, per: int) -> tu
             break
         # With parts of a step, the error has the same direction except for the next term.
         along = plain * (float(np.vdot(plain, error)) / float(np.vdot(plain, plain)))
-        if float(np.linalg.norm(error - along)) > ASKEW * size or per * guess > DEAREST:
+        if float(np.linalg.norm(error - along)) > askew * size or per * guess > DEAREST:
             continue
         tried = max(2, round(guess))
         found = at(tried)

@@ -64,10 +64,10 @@ verify: ready
 smoke: ready
 	@$(VENV)/bin/crosscheck verify --profile smoke
 
-# Exit code 1, a verdict that fails, is a report too.
 docs: setup
 	@$(PY) -m sphinx -q -W --keep-going docs build/docs && echo "documents: build/docs/index.html"
 
+# Exit code 1, a verdict that fails, is a report too.
 sample: ready
 	@$(VENV)/bin/crosscheck verify --profile smoke --scene single_pendulum --scene double_pendulum --scene heavy_top --out reports/sample || test $$? -eq 1
 

@@ -63,13 +63,20 @@ class Reading:
         return np.eye(3) if group == 0 else self.bodies[group].R
 
 
+def grouped(model: Any) -> np.ndarray:
+    """(nbody,) the first body of the group that a body is welded to; 0 is the ground, also of mocap bodies."""
+    groups: np.ndarray = model.body_weldid.copy()
+    groups[model.body_mocapid[groups] >= 0] = 0
+    return groups
+
+
 def bodies(model: Any, data: Any) -> dict[int, Rigid]:
     """The moving groups of welded bodies by the index of their first body, parents before children."""
     import mujoco
 
-    found = {}
-    for first in sorted(set(model.body_weldid.tolist()) - {0}):
-        members = np.flatnonzero(model.body_weldid == first)
+    found, groups = {}, grouped(model)
+    for first in sorted(set(groups.tolist()) - {0}):
+        members = np.flatnonzero(groups == first)
         masses = model.body_mass[members]
         mass = float(masses.sum())
         centre = masses @ data.xipos[members] / mass if mass > 0 else data.xpos[first].copy()
@@ -110,7 +117,7 @@ def _hanging(reading: Reading, group: int) -> Table | None:
     letters = {mujoco.mjtJoint.mjJNT_HINGE: "h", mujoco.mjtJoint.mjJNT_SLIDE: "s", mujoco.mjtJoint.mjJNT_BALL: "b",
                mujoco.mjtJoint.mjJNT_FREE: "f"}
     kinds = "".join(letters[mujoco.mjtJoint(m.jnt_type[j])] for j in ids)
-    parent = int(m.body_weldid[m.body_parentid[group]])
+    parent = int(grouped(m)[m.body_parentid[group]])
     turning = [j for j, kind in zip(ids, kinds, strict=True) if kind == "h"]
     slides = [j for j, kind in zip(ids, kinds, strict=True) if kind == "s"]
     axes = {j: d.xaxis[j] for j in ids}

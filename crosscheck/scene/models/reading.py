@@ -29,7 +29,7 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     m = compiling.compiled(model, base)  # raises with advice if MuJoCo is not installed
     import mujoco
 
-    reading = read(model, m, _state(model, m, keyframe, qpos, qvel))
+    reading = read(model, m, _start(model, m, keyframe, qpos, qvel))
     joints = neutral.joint_tables(reading)
     further, forces = features.collect(reading, joints)
     if model.is_urdf:
@@ -60,13 +60,11 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     return {key: value for key, value in content.items() if value not in ([], "")}
 
 
-def read(model: Source, m: Any, state: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Reading:
-    """The compiled model in a state (qpos, qvel, ctrl)."""
+def read(model: Source, m: Any, d: Any) -> Reading:
+    """The compiled model in the state of its data."""
     import mujoco
 
-    d = mujoco.MjData(m)
     with compiling.listening():
-        d.qpos[:], d.qvel[:], d.ctrl[:] = state
         mujoco.mj_fwdPosition(m, d)
         mujoco.mj_fwdVelocity(m, d)
     found = neutral.bodies(m, d)
@@ -75,19 +73,21 @@ def read(model: Source, m: Any, state: tuple[np.ndarray, np.ndarray, np.ndarray]
     return Reading(m, d, found, [], [])
 
 
-def _state(model: Source, m: Any, keyframe: str | int | None, qpos: Sequence[float] | None,
-           qvel: Sequence[float] | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(qpos, qvel, ctrl) of the keyframe or the reference, overridden by what is given."""
-    q, v, ctrl = m.qpos0.copy(), np.zeros(m.nv), np.zeros(m.nu)
+def _start(model: Source, m: Any, keyframe: str | int | None, qpos: Sequence[float] | None,
+           qvel: Sequence[float] | None) -> Any:
+    """The `mujoco.MjData` of the keyframe or the reference, overridden by what is given."""
+    import mujoco
+
+    d = mujoco.MjData(m)
+    q, v = d.qpos, d.qvel
     if keyframe is not None:
         names = [m.key(k).name or str(k) for k in range(m.nkey)]
         chosen = str(keyframe)
         if chosen not in names and not (chosen.isdigit() and int(chosen) < m.nkey):
             raise ArgumentError(unknown("keyframe", chosen, names) if names else
                                 f"keyframe: {model.path} has none; leave it out")
-        k = names.index(chosen) if chosen in names else int(chosen)
-        q, v, ctrl = m.key_qpos[k].copy(), m.key_qvel[k].copy(), m.key_ctrl[k].copy()
-        if not all(np.isfinite(each).all() for each in (q, v, ctrl)):
+        mujoco.mj_resetDataKeyframe(m, d, names.index(chosen) if chosen in names else int(chosen))
+        if not all(np.isfinite(each).all() for each in (q, v, d.ctrl, d.mocap_pos, d.mocap_quat)):
             raise SceneError(f"{model.path}: keyframe {chosen!r} holds a number that is not finite; correct it there")
     for name, given, target in (("qpos", qpos, q), ("qvel", qvel, v)):
         if given is None:
@@ -99,7 +99,7 @@ def _state(model: Source, m: Any, keyframe: str | int | None, qpos: Sequence[flo
         target[:] = values
     if qpos is None:  # a joint that follows another one has no position of its own
         follow(model, m, q, v if qvel is None else v.copy())
-    return q, v, ctrl
+    return d
 
 
 def follow(model: Source, m: Any, q: np.ndarray, v: np.ndarray) -> None:

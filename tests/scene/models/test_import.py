@@ -123,6 +123,19 @@ def test_a_keyframe_brings_the_state(tmp_path):
         crosscheck.import_model(path, keyframe="upp")
 
 
+def test_a_mocap_body_stays_where_the_model_or_its_keyframe_puts_it(tmp_path):
+    path = written(tmp_path, '''<mujoco><worldbody><body name="hand" mocap="true" pos="0 0 2">
+      <body name="rod"><joint name="wrist" axis="0 1 0"/><inertial pos="0 0 -1" mass="1" diaginertia=".1 .1 .1"/></body>
+      </body></worldbody><keyframe><key name="aside" qpos="0.3" mpos="1 0 2"/></keyframe></mujoco>''')
+    scene = crosscheck.import_model(path)
+    assert scene.n == 1
+    assert scene.left_out == ()
+    np.testing.assert_allclose(scene.joints[0].parent_anchor, (0.0, 0.0, 2.0))
+    aside = crosscheck.import_model(path, keyframe="aside")
+    np.testing.assert_allclose(aside.joints[0].parent_anchor, (1.0, 0.0, 2.0))
+    np.testing.assert_allclose(aside.x0, [[1.0 - np.sin(0.3), 0.0, 2.0 - np.cos(0.3)]], atol=1e-12)
+
+
 def test_loops_are_joints(tmp_path):
     body = ('<body name="{0}" pos="{1} 0 0"><joint name="j{0}" axis="0 1 0"/><inertial pos="0.5 0 0" mass="1" '
             'diaginertia="0.1 0.1 0.1"/>{2}</body>')

@@ -15,7 +15,7 @@ from crosscheck.running.trajectory import derive
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.task import Cell
 from tests.fake_engine import install
-from tests.right_engines import Adaptive, Rotations
+from tests.right_engines import Adaptive, Floats, Rotations
 from tests.wrong_engines import MISTAKES, STEP, Right
 
 SCENES = ("single_pendulum", "double_pendulum", "triple_pendulum", "heavy_top", "hinge_pendulum", "universal_pendulum")
@@ -80,6 +80,14 @@ class Blend(Rotations):
         return super().step(scene, t, state, h, [[], [1.0]], [0.55, 0.45])
 
 
+class Stored(Floats):
+    """Stores the start in 32 bits, too, so that it is not exactly that of the scene."""
+
+    def raw(self, scene, kept, steps, h):
+        """The run, from its stored start."""
+        return super().raw(scene, [self.after(scene, kept[0]), *kept[1:]], steps, h)
+
+
 def substeps(engine, name, method, order, brief=1.0):
     """The finding on a run over the beginning of the order study's window."""
     plan = PLANS[name]
@@ -92,7 +100,7 @@ def substeps(engine, name, method, order, brief=1.0):
 
 @pytest.mark.parametrize(("engine", "method", "status"), [
     (hidden(Right, 3), "RKMK1", "fail"), (hidden(Right, 2), "RKMK4", "fail"), (hidden(Rotations, 2), "RK2", "fail"),
-    (hidden(Rotations, 4, counted=True), "RK4", "fail"),
+    (hidden(Rotations, 4, counted=True), "RK4", "fail"), (hidden(Stored, 2), "RK1", "fail"), (Stored(), "RK1", "ok"),
     (Right(), "RKMK1", "ok"), (Right(), "RKMK4", "ok"), (Rotations(), "RK2", "ok"), (Blend(), "RK1", "ok")])
 def test_hidden_steps_fail_and_small_errors_do_not(engine, method, status):
     found = substeps(engine, "single_pendulum", method, int(method[-1]), 0.2 if method[-1] < "4" else 1.0)

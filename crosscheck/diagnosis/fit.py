@@ -162,7 +162,7 @@ class Data:
 
 
 def gauss_newton(residual: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
-    """A few Gauss-Newton steps that end as soon as they gain little: most hypotheses are wrong, which shows soon."""
+    """A few Gauss-Newton steps that end as soon as they gain little, since most hypotheses soon prove wrong."""
     z = residual(theta)
     size = float(np.linalg.norm(z))
     for _ in range(ITERATIONS):

@@ -64,9 +64,9 @@ def moved(scene: Scene, moves: dict[int, Moves]) -> Scene:
 
 
 def fitted(shown: list[Shown], k: int) -> tuple[float, Moves | None]:
-    """(speed over its noise at which the k-th joint opens, the fewest moved anchors with which it does not).
+    """(speed over its noise at which the k-th joint opens, the fewest moved anchors that keep it closed, or None).
 
-    Without such anchors the second is None. A joint may open at a constant speed of its own in every copy.
+    A joint may open at a constant speed of its own in every copy.
     """
     rows: dict[str, list[np.ndarray]] = {"child_anchor": [], "parent_anchor": []}
     gaps, copies = [], []

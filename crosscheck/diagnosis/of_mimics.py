@@ -1,6 +1,6 @@
 """Joints that follow others by another ratio, from another offset, or not at all: fitted to the coordinates shown.
 
-A cause only where the accelerations are those of the scene with its mimics so altered.
+They are causes only if the accelerations are those of the scene with its mimics altered in this way.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ EXACT = 1e-6
 
 
 def diagnose(shown: list[Shown], whole: Scene) -> tuple[list[NamedCause], Evidence] | None:
-    """Causes, and whether they hold, where mimics are not the scene's; `whole` has every force that any copy has."""
+    """Causes and their evidence; None if all mimics are the scene's. `whole` has every force that any copy has."""
     causes: list[NamedCause] = []
     altered: dict[str, Mimic | None] = {}
     worst = 0.0
@@ -48,7 +48,7 @@ def diagnose(shown: list[Shown], whole: Scene) -> tuple[list[NamedCause], Eviden
 
 
 def fitted(shown: list[Shown], joint: Joint, mimic: Mimic) -> tuple[float, Mimic | None]:
-    """(largest gap of the joint over its noise, the mimic that it shows); None: it follows by no ratio."""
+    """(largest gap of the joint over its noise, the mimic that it shows). The mimic is None if no ratio fits."""
     gaps, rates, turns = [], [], []
     for each in shown:
         scene, scale = each.observation.scene, each.observation.scale
@@ -70,7 +70,7 @@ def fitted(shown: list[Shown], joint: Joint, mimic: Mimic) -> tuple[float, Mimic
                   if abs(ratio - value) <= EXACT * abs(value)), ratio)
     if np.abs(speed - ratio * leading).max() > 1.0:
         return gap, None
-    # from where it starts, whatever that is, where the ratio is another one
+    # If the ratio is another one, the offset is that of the start, whatever it is.
     offset = float(np.mean(turns[0][0] - ratio * turns[0][1]))
     return gap, dataclasses.replace(mimic, ratio=ratio, offset=offset)
 

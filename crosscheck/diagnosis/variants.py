@@ -1,7 +1,7 @@
 """Copies of a scene that show more of an engine's model than the scene's own motion.
 
-The bodies begin in other consistent states. Ball joints take the place of hinges: from a body on a hinge follows one
-number, from a free one its mass, its inertia and the gravity. Some copies have more springs.
+The bodies begin in other consistent states. Ball joints take the place of hinges: a body on a hinge shows one number,
+a free one its mass, its inertia and the gravity. Some copies have more springs.
 """
 
 from __future__ import annotations

@@ -132,8 +132,11 @@ CONING = 0.1
 
 @functools.lru_cache(maxsize=64)
 def _naive(engine: str, scene: str, form: str | None, on_group: Turning) -> str:
-    """Whether summed joint velocities show on a scene: "no" where no joint of the model turns on SO(3), "surely" where
-    such a body's axis of rotation moves from the start, else "maybe": turns about one axis add up."""
+    """Whether summed joint velocities show on a scene.
+
+    "no": no joint of the model turns on SO(3); "surely": the axis of rotation of such a body moves from the start;
+    "maybe": turns about one axis add up.
+    """
     from crosscheck.errors import ArgumentError, SceneError
     from crosscheck.scene import mechanics
     from crosscheck.scene.file import as_scene
@@ -149,14 +152,14 @@ def _naive(engine: str, scene: str, form: str | None, on_group: Turning) -> str:
     w, alpha = loaded.w0[turning], alpha[0, turning]
     speeds = np.linalg.norm(w, axis=1)
     sizes = speeds * np.linalg.norm(alpha, axis=1)
-    # over the largest product and |w|^3: directions of what rests, or does not accelerate, are roundings
+    # The direction of what rests, or does not accelerate, is rounding.
     least = max(CONING * sizes.max(), 1e-9 * speeds.max() ** 3)
     return "surely" if np.linalg.norm(np.cross(w, alpha), axis=1).max() > least else "maybe"
 
 
 @functools.lru_cache(maxsize=64)
 def _closes_loops(scene: str) -> bool:
-    """Whether joints are left over by the tree of a scene: soft ones, in MuJoCo."""
+    """Whether a scene has loops, which MuJoCo closes by soft joints."""
     from crosscheck.errors import ArgumentError, SceneError
     from crosscheck.scene.file import as_scene
     from crosscheck.scene.spanning import spanning_tree
@@ -172,7 +175,7 @@ def _summed(engine: str, word: str) -> Callable[[str, str | None, Turning], bool
 
 
 KNOWN: tuple[Known, ...] = (
-    # which of the bounds of states it exceeds depends on the step; that some order is missed does not
+    # The step decides which bounds of states are exceeded, but not whether an order is missed.
     Known("pinocchio", ("4",), ("RK4naive",), _summed("pinocchio", "surely"), None, SUMMED, NAIVE),
     Known("pinocchio", ("4",), ("RK4naive",), _summed("pinocchio", "maybe"), None, SUMMED, NAIVE, always=False),
     Known("pinocchio", ("4",), ("RK4naive",),

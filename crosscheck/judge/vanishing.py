@@ -92,8 +92,10 @@ def _left(runs: Sequence[Defects], name: str, weights: np.ndarray) -> np.ndarray
 
 
 def _next(runs: Sequence[Defects], name: str, order: int) -> np.ndarray:
-    """(I,) of three runs the term that is left, by the two before it: terms that fall with the step as documented do so
-    by a factor, which on stiff scenes is more than derivatives tell. Of fewer runs nothing."""
+    """(I,) the term that three runs leave, predicted from the two terms before it; zero for fewer runs.
+
+    The ratio of terms that fall as documented predicts the next one. On stiff scenes it is more than derivatives tell.
+    """
     if len(runs) < 3:
         return np.zeros(len(runs[0].flow.tau))
     # Terms pass through zero, each at times of its own.
@@ -118,8 +120,10 @@ def finest_first(runs: Sequence[Defects]) -> list[Defects]:
 
 
 def extrapolation(runs: Sequence[Defects], order: int) -> tuple[np.ndarray, float]:
-    """Weights of runs, the finest first, whose sum cancels the leading terms of their errors, and how many times that
-    of the finest run the term after them is left."""
+    """Weights of runs, the finest first, that cancel the leading terms of their errors; the factor of the next term.
+
+    That factor is relative to the next term of the finest run.
+    """
     h = np.array([run.claim.step or 1.0 for run in runs])
     h /= h[0]
     powers = np.array([0, *range(order, order + len(h) - 1)])

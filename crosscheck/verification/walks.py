@@ -14,7 +14,6 @@ import hashlib
 import heapq
 import itertools
 import math
-import statistics
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -54,16 +53,19 @@ GAIN = 0.7
 """An error falls if a run with half the step, or a third of the tolerance, has less than this share of it."""
 
 NEAR = 1.6
-"""Methods whose cost for an error is at most this multiple of the lowest one are timed in turns with the cheapest."""
+"""Methods whose cost for an error is at most this multiple of the lowest one, or at most SHORT dearer, are timed in
+turns with the cheapest."""
 
 ROUNDS = 5
-"""Number of turns of each of them, of which the medians are taken."""
+"""Number of turns of each of them, of which the fastest counts."""
 
 TRIES, SHORT = 3, 0.02
-"""A turn is the fastest of at most TRIES runs. No run begins after SHORT (s)."""
+"""A turn is the fastest of at most TRIES runs. No run begins after SHORT s of stepping. On a busy machine a run may
+wait that long for its processor, which makes single figures of short runs meaningless."""
 
 LOST = 4.0
-"""A method gets no finer runs if another one, of no lower order, has LOST times smaller cost and error."""
+"""A method gets no finer runs if another one, of no lower order, has LOST times smaller cost and error, and its own
+cost is more than SHORT."""
 
 USELESS = 0.1
 """A run whose error exceeds this share of the scene's size is useless."""
@@ -206,11 +208,11 @@ class _Walker:
         """A run at this step or tolerance and its stepping time (s). For a short run it is the least of a few."""
         from crosscheck.running.run import run
 
-        began, costs = time.perf_counter(), []
+        costs: list[float] = []
         while True:
             traj = run(self._scene, self._engine, step.method, step=step.step, rtol=step.rtol, monitor=False)
             costs.append(float(traj.wall_time))
-            if len(costs) == TRIES or time.perf_counter() - began > SHORT:
+            if len(costs) == TRIES or sum(costs) > SHORT:
                 return traj, min(costs)
 
     def _walk(self, chosen: Sequence[Way]) -> None:
@@ -241,7 +243,7 @@ class _Walker:
         rank = math.inf if way.adaptive else way.order or 0
         return any(other.method != way.method and other.error is not None and other.cost is not None
                    and (math.inf if other.rtol else other.order or 0) >= rank
-                   and LOST * other.cost < step.cost and other.error < step.error / LOST
+                   and max(LOST * other.cost, SHORT) < step.cost and other.error < step.error / LOST
                    for other in self._found.steps)
 
     def _bisect(self, way: Way, level: float) -> None:
@@ -265,7 +267,8 @@ class _Walker:
         rivals: list[Step] = []
         for level in LEVELS:
             found = self._found.reaching(level)
-            rivals += [step for step in found[:6] if (step.cost or 0.0) <= NEAR * (found[0].cost or 0.0)
+            least = found[0].cost or 0.0 if found else 0.0
+            rivals += [step for step in found[:6] if (step.cost or 0.0) <= max(NEAR * least, least + SHORT)
                        and not any(step is other for other in rivals)]
         times: list[list[float]] = [[] for _ in rivals]
         for _ in range(ROUNDS):
@@ -275,4 +278,4 @@ class _Walker:
                         own.append(self._timed(step)[1])
         for own, step in zip(times, rivals, strict=True):
             if own:
-                step.cost, step.repeats = statistics.median(own), len(own)
+                step.cost, step.repeats = min(own), len(own)

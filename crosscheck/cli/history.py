@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crosscheck.cli.console import console, say
+from crosscheck.cli.console import console, counted, say
 from crosscheck.cli.tables import figures, key, print_table, words
 from crosscheck.errors import ArgumentError
 
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from sqlalchemy import Engine
 
 app = typer.Typer(name="history", help="The runs in the store, their changes and trends; alone: the last runs.")
-
-EMPTY = ("the store has no run yet: `crosscheck nightly` makes one, `crosscheck history add reports/latest` takes in "
-         "one of `crosscheck verify`")
 
 OUTCOME = "outcome"
 """A column of `show` that is not a number; `trend` prints where it changed."""
@@ -43,7 +40,7 @@ def alone(context: typer.Context, store: Store = None) -> None:
 @app.command("list")
 def list_(store: Store = None, limit: Annotated[int, typer.Option(help="how many of the last runs")] = 20) -> None:
     """The last runs, the newest first."""
-    from crosscheck.history.store import recent
+    from crosscheck.history.store import EMPTY, recent
 
     rows = []
     with _opened(store) as opened:
@@ -82,8 +79,7 @@ def show(run: Run = "latest", store: Store = None,
                 unit = f" {figure.unit}" if figure and figure.unit not in ("1", *name.split()) else ""
                 row.append(f"{figure.value:.4g}{unit}" if figure else "")
             rows.append(tuple(row))
-    typer.echo(f"{found.name}: {found.command}, exit code {found.exit_code}, "
-               f"commit {found.environment.commit or 'unknown'}")
+    say(f"{found.name}: {found.command}, exit code {found.exit_code}, commit {found.environment.commit or 'unknown'}")
     print_table(console(200), [key("scene"), key("run"), *figures("outcome", *wanted)], rows)
 
 
@@ -128,10 +124,10 @@ def trend(
             told = outcomes(opened, cell)
         if not told:
             raise ArgumentError(_no("metric", OUTCOME, []))
-        typer.echo(f"{OUTCOME}, {len(told)} run{'' if len(told) == 1 else 's'}")
+        typer.echo(f"{OUTCOME}, {counted(len(told), 'run')}")
         for outcome, runs in itertools.groupby(told, key=lambda each: each[1]):
             names = [name for name, _ in runs]
-            typer.echo(f"{outcome}: {len(names)} run{'' if len(names) == 1 else 's'} from {names[0]} on")
+            typer.echo(f"{outcome}: {counted(len(names), 'run')} from {names[0]} on")
         return
     with _opened(store) as opened:
         found = series(opened, metric, cell)
@@ -141,10 +137,11 @@ def trend(
     changed = changes.change_points(series_of)
     unit = "" if series_of[0].unit == "1" else f" {series_of[0].unit}"
     label = f"{engine} {method}" + (f" ({form})" if form else "")
-    typer.echo(f"{metric} of {label} on {scene}, {len(found)} runs")
+    typer.echo(f"{metric} of {label} on {scene}, {counted(len(found), 'run')}")
     typer.echo(changes.sparkline([figure.value for figure in series_of])
                + f"  {series_of[0].value:.4g} -> {series_of[-1].value:.4g}{unit}")
-    typer.echo("".join("◆" if index in changed else " " for index in range(len(found))).rstrip())
+    if changed:
+        typer.echo("".join("◆" if index in changed else " " for index in range(len(found))).rstrip())
     for index in changed:
         typer.echo(f"◆ {found[index][0].name}: {series_of[index - 1].value:.4g} -> {series_of[index].value:.4g}{unit}, "
                    f"commit {found[index][0].environment.commit or 'unknown'}")
@@ -192,7 +189,8 @@ def accept(run: Run = "latest", store: Store = None) -> None:
 def _no(what: str, name: str, known: list[str]) -> str:
     from crosscheck.errors import unknown
 
-    return unknown(what, name, known) if known else "no run in the store has this scene, engine, method and form"
+    return unknown(what, name, known) if known else (
+        "no run in the store has this scene, engine, method and form; `crosscheck history show` lists what it has")
 
 
 @contextlib.contextmanager

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from crosscheck.cli.console import counted
 from crosscheck.cli.options import Drop, Keyframe, SceneName
 
 
@@ -29,7 +30,8 @@ def import_(
     from crosscheck.scene.models.words import quoted, together
 
     scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples)
-    typer.echo(f"{scene.name}: {scene.n} bodies, {len(scene.joints)} joints, {len(scene.forces)} forces")
+    typer.echo(f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {counted(len(scene.joints), 'joint')}, "
+               f"{counted(len(scene.forces), 'force')}")
     typer.echo(f"written: {out}")
     for words in together(map(quoted, scene.left_out)):
         typer.echo(f"left out: {words}")

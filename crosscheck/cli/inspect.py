@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crosscheck.cli.console import console
+from crosscheck.cli.console import console, counted
 from crosscheck.cli.options import SceneName
 from crosscheck.cli.tables import figures, key, print_table
 
@@ -62,14 +62,17 @@ def _print(found: Inspection) -> None:
     assert truth.kinetic is not None
     assert truth.potential is not None
     centre = truth.masses @ truth.x[0] / truth.masses.sum()
-    terminal.print(f"{scene.name}: {scene.n} bodies, {truth.masses.sum():.6g} kg, centre of mass at t = 0 "
-                  f"({', '.join(f'{value:.6g}' for value in centre)}) m, kinetic energy {truth.kinetic[0]:.6g} J, "
-                  f"potential {truth.potential[0]:.6g} J; the start and {len(found.states.t) - 1} random states")
+    terminal.print(
+        f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {truth.masses.sum():.6g} kg, centre of mass at t = 0 "
+        f"({', '.join(f'{value:.6g}' for value in centre)}) m, kinetic energy {truth.kinetic[0]:.6g} J, potential "
+        f"{truth.potential[0]:.6g} J; compared at the start and {counted(len(found.states.t) - 1, 'random state')}")
     by_cell = {(d.engine, d.form, d.quantity): d for d in found.deviations}
     rows = {quantity: [by_cell.get((probe.engine, probe.form, quantity)) for probe in found.probes]
             for quantity in QUANTITIES}
     print_table(terminal, [key("largest relative deviation"), *figures(*(probe.label for probe in found.probes))],
                 [[quantity, *map(_cell, cells)] for quantity, cells in rows.items() if any(cells)])
+    if found.probes:
+        terminal.print("over the size of each quantity; -: this model does not tell it; !: beyond its bound")
     for probe in found.probes:
         for reason in dict.fromkeys(probe.notes.values()):
             missing = ", ".join(quantity for quantity, note in probe.notes.items() if note == reason)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import progress_bar
+from crosscheck.cli.console import progress_bar, say
 
 
 def nightly(
@@ -44,5 +44,6 @@ def nightly(
                         Asked(coordinate_map=coordinate_map, step=step, duration=duration), scheduler)
     with progress_bar() as progress:
         night = job.nightly(out, wanted, store, keep, progress)
-    typer.echo(night.summary, nl=False)
+    for line in night.summary.splitlines():
+        say(line, hang=2)
     raise typer.Exit(night.exit_code)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import console, progress_bar
+from crosscheck.cli.console import console, counted, progress_bar, say
 from crosscheck.cli.options import Engines, chosen, figure
 from crosscheck.cli.options import figures as shown
 from crosscheck.cli.tables import figures, key, print_table, words
@@ -28,7 +28,7 @@ SHOWN = (1, 4, 7)
 
 Names = list[str] | None
 Step = Annotated[float, typer.Option(min=1e-9, help="s; powers of 2, such as the default, add up without rounding")]
-Out = Annotated[Path, typer.Option(help="folder of the page, JSON and CSV")]
+Out = Annotated[Path, typer.Option("--out", "-o", help="folder of the page, JSON and CSV")]
 
 
 def _conduct(study: Study[Asked, Any, Doc], ask: Asked, out: Path) -> Doc:
@@ -62,8 +62,9 @@ def work_precision(
                            coordinate_map=coordinate_map)
     document = _conduct(WorkPrecision(), ask, out)
     terminal = console(180)
-    columns = [*figures("end error, m"), words("fastest"), words("best of lieeuler"), *figures("ms"),
-               words("best of the others"), *figures("ms", "factor", "heyoka, ms", "to heyoka")]
+    bounded = any(front.bound_cost for each in document.scenes for front in each.frontier.get("end position", ()))
+    columns = [*figures("end error, m"), words("best of lieeuler"), *figures("ms"), words("best of the others"),
+               *figures("ms", "factor", *(("heyoka, ms", "to heyoka") if bounded else ()))]
     for each in document.scenes:
         if each.failure:
             terminal.print(f"{each.name}: no truth: {each.failure}", markup=False)
@@ -71,17 +72,21 @@ def work_precision(
         fronts = each.frontier["end position"]
         rows = []
         for front in fronts:
-            own, other, *rest = shown((front.own_cost, front.other_cost, front.factor, front.bound_cost,
-                                       front.to_bound), "-")
-            rows.append((f"{front.level:.0e}", front.winner or "-", front.own or "-", own, front.other or "-", other,
-                         *rest))
+            own, other, *rest = shown((front.own_cost, front.other_cost, front.factor,
+                                       *((front.bound_cost, front.to_bound) if bounded else ())), "-")
+            rows.append((f"{front.level:.0e}", (front.own or "-").removeprefix("lieeuler "), own, front.other or "-",
+                         other, *rest))
         print_table(terminal, columns, rows, f"{each.name}, {each.duration:g} s")
         some = [fronts[index] for index in SHOWN]
         labels = dict.fromkeys(label for front in reversed(some) for label in front.costs)
         print_table(terminal, [key("ms to an end error of"), *figures(*(f"{front.level:.0e}" for front in some))],
                     [(label, *(figure(front.costs.get(label), "-") for front in some)) for label in labels])
         count = [sum(rung.status == status for rung in each.rungs) for status in ("success", "error", "skipped")]
-        terminal.print(f"{count[0]} runs, {count[1]} failed, {count[2]} left out; medians of {repeats}\n")
+        say(f"{counted(count[0], 'run')}, {count[1]} failed, {count[2]} left out for their time; each time is the "
+            f"median of {counted(repeats, 'round')}")
+        print()
+    say("factor: the time of the best of the others over that of lieeuler" + bounded * (
+        "; to heyoka: the time of lieeuler over that of heyoka's Taylor series, which bounds what is possible"))
     _tell_page(out)
 
 
@@ -102,9 +107,9 @@ def drift(
     ask = DriftAsk(chosen(scene), chosen(engine), chosen(method), time_limit, step, steps,
                    coordinate_map=coordinate_map)
     document = _conduct(DriftStudy(), ask, out)
-    columns = [key("scene"), key("run"), *figures("steps", "s"), words("energy"),
+    columns = [key("scene"), key("run"), *figures("steps", "stepping, s"), words("energy"),
                *figures("energy band", "slope, 1/s", "slope T / band", "growth", "momentum band"), words("momentum"),
-               *figures("position, m", "velocity, m/s", "acceleration, m/s²", "orthogonality")]
+               *figures("constraint, m", "constraint, m/s", "constraint, m/s²", "orthogonality")]
     print_table(console(220), columns, [
         (run.scene, run.label, f"{run.steps:,}", figure(run.wall_time),
          run.energy_verdict or f"{run.status}: {run.reason}",
@@ -113,6 +118,8 @@ def drift(
          *shown((run.constraint_position, run.constraint_velocity, run.constraint_acceleration, run.orthogonality),
                 digits=".1e"))
         for run in document.runs])
+    say("Energy errors are over the largest kinetic energy, momentum errors over the largest momentum. growth: the "
+        "power of the number of steps with which the energy error grows, 0.5 for rounding alone")
     _tell_page(out)
 
 
@@ -139,22 +146,25 @@ def stability(
                        coordinate_map=coordinate_map)
     document = _conduct(Stability(), ask, out)
     terminal = console(200)
-    columns = [key("scene"), key("run"), *figures("h_max, s", "steps", "error there", "ms", "common step, s"),
-               words("error there"), words("unusable")]
+    columns = [key("scene"), key("run"), *figures("largest step, s", "steps", "error there", "ms", "common step, s"),
+               words("error there"), words("how unusable runs ended")]
     print_table(terminal, columns, [
         (row.scene, f"{row.engine} {row.method}", figure(row.h_max, row.outcome), figure(row.steps, digits="d"),
          *shown((row.error, row.milliseconds, row.common_step)), figure(row.common_error, row.common_outcome),
          row.failures or row.reason)
         for row in document.rows if row.outcome != "unsupported"])
-    best = [key("scene"), *figures("largest in-house step, s"), words("by"), *figures("largest of the stock engines"),
-            words("by"), *figures("ratio", "of all others, with steppers added here"), words("by"), *figures("ratio")]
-    print_table(terminal, best, [
-        (line.scene, figure(line.own_h_max), line.own, figure(line.stock_h_max), line.stock, figure(line.ratio),
-         figure(line.any_h_max), line.any, figure(line.ratio_any))
-        for line in document.scenes])
+    best = [key("scene"), words("in-house"), *figures("step, s"), words("stock"), *figures("step, s", "ratio"),
+            words("any other"), *figures("step, s", "ratio")]
+    lines = [(line.scene, line.own, figure(line.own_h_max), line.stock, figure(line.stock_h_max),
+              figure(line.ratio), line.any, figure(line.any_h_max), figure(line.ratio_any))
+             for line in document.scenes if line.own]
+    if lines:
+        say("The largest steps of in-house methods, of engines that step by themselves (stock), and of all others, "
+            "with the engines to which this package adds a stepper; ratio: the in-house step over theirs")
+        print_table(terminal, best, lines)
     left = sum(row.outcome == "unsupported" for row in document.rows)
-    terminal.print(f"{len(document.rows)} combinations, {left} of them unsupported by their engine (reasons on the "
-                   f"page), {document.meta.seconds:.0f} s with {jobs} worker processes")
+    say(f"{counted(len(document.rows), 'combination')}, {left} of them unsupported by their engine (reasons in "
+        f"stability.csv), {document.meta.seconds:.0f} s with {counted(jobs, 'worker process', 'worker processes')}")
     _tell_page(out)
 
 
@@ -178,14 +188,13 @@ def chaos(
     ask = ChaosAsk(chosen(scene), chosen(engine), chosen(method), time_limit, duration, step,
                    coordinate_map=coordinate_map)
     document = _conduct(ChaosStudy(), ask, out)
-    terminal = console(200)
     columns = [key("scene"), key("run"), *figures("horizon, s", "until, s", "energy error", "momentum error"),
-               words("worst"), *figures("distance", "effective samples", "p"), words("verdict")]
-    print_table(terminal, columns, [
+               words("worst observable"), *figures("distance", "effective samples", "p"), words("verdict")]
+    print_table(console(200), columns, [
         (run.scene, run.label, *shown((run.horizon, run.duration, run.energy_error, run.momentum_error)), run.worst,
          *shown((run.distance, run.effective, run.p)), run.verdict or f"{run.status}: {run.reason}")
         for run in document.runs])
-    terminal.print(f"One false alarm is expected in {1 / document.false_alarm:.0f} studies: the smallest p of a run is "
-                   f"compared with {document.false_alarm:g} over the number of all comparisons.")
+    say(f"By chance alone one study in {1 / document.false_alarm:.0f} finds a difference: the smallest p of a run is "
+        f"compared with {document.false_alarm:g} over the number of all comparisons")
     _tell_page(out)
     raise typer.Exit(int(any(run.verdict == "differs" for run in document.runs)))

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import console, progress_bar, say
+from crosscheck.cli.console import console, counted, progress_bar, say
 from crosscheck.cli.tables import figures, key, print_table
 
 
@@ -30,7 +30,8 @@ def sweep(
         count, missing, seconds = job.estimate(file, out, workers)
         spoken = (f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min" if seconds < 7200 else
                   f"{seconds / 3600:.1f} h")
-        typer.echo(f"{count} cells, {missing} of them to be computed, about {spoken} with {workers} workers")
+        typer.echo(f"{counted(count, 'cell')}, {missing} of them to be computed, about {spoken} with "
+                   f"{counted(workers, 'worker')}")
         return
     if cell is not None:
         for name, value in msgspec.structs.asdict(job.one(file, cell)).items():
@@ -46,9 +47,9 @@ def sweep(
         (scene, engine, method, str(len(rows)), str(int((rows["status"] != "success").sum())),
          f"{rows['position_error'].median():.3g}", f"{rows['position_error'].max():.3g}")
         for (scene, engine, method), rows in counts])
-    say(f"{len(frame)} cells, {report['computed']} computed in {report['seconds']:.1f} s with {report['workers']} "
-        f"workers: truth {report['truth_seconds']:.1f} s, runs {report['run_seconds']:.1f} s, overhead "
-        f"{1e3 * report['overhead']:.1f} ms a cell")
+    say(f"{counted(len(frame), 'cell')}, {report['computed']} computed in {report['seconds']:.1f} s with "
+        f"{counted(report['workers'], 'worker')}: truth {report['truth_seconds']:.1f} s, runs "
+        f"{report['run_seconds']:.1f} s, overhead {1e3 * report['overhead']:.1f} ms a cell")
     for text in report["trouble"]:
         say(f"without truth: {text}")
     page = target / "index.html"

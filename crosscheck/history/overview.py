@@ -13,6 +13,7 @@ from crosscheck.history.changes import change_points
 from crosscheck.history.page import heights
 from crosscheck.history.store.courses import courses
 from crosscheck.history.store.figures import SPEED, Figure
+from crosscheck.history.store.runs import EMPTY
 from crosscheck.report.overview import SEVERITY
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def write_history(folder: Path, store: Engine) -> Path:
 
     runs, cells = courses(store, METRICS, NIGHTS)
     if not runs:
-        raise ArgumentError("the store has no run yet: `crosscheck nightly` makes one")
+        raise ArgumentError(EMPTY)
     groups: dict[tuple[str, str], list[list[str | None]]] = {}
     for key, course in cells.items():
         groups.setdefault(key[:2], []).append(course.outcomes)

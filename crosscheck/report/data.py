@@ -35,9 +35,6 @@ def runs_script(document: Document) -> str:
     """
     scenes: list[object] = []
     runs: list[str] = []
-    methods: dict[str, dict[str, None]] = {}
-    for record in document.records:
-        methods.setdefault(record.engine, {}).setdefault(identity.base(record.label))
     for scene in document.scenes:
         if scene.failure:
             continue
@@ -48,9 +45,7 @@ def runs_script(document: Document) -> str:
         # In single quotes, so that the double quotes of JSON need no escape.
         text = f"[{','.join(map(_run, own))}]".replace("\\", "\\\\").replace("'", "\\'")
         runs.append(f"{_compact(scene.name)}:'{text}'")
-    looks = identity.looks({engine: list(own) for engine, own in methods.items()})
-    known = _compact({engine: {label: [look.light, look.dark, look.dash, look.marker, look.sign]
-                               for label, look in own.items()} for engine, own in looks.items()})
+    known = _compact(identity.for_scripts((record.engine, record.label) for record in document.records))
     return f"window.CROSSCHECK_RUNS = {{scenes:{_compact(scenes)},looks:{known},runs:{{{','.join(runs)}}}}};\n"
 
 

@@ -62,11 +62,8 @@ def write_figures(document: Document, folder: Path) -> list[Path]:
 
 def figures(scene: Scene, runs: Sequence[Record]) -> Iterator[tuple[str, Any]]:
     """The last part of the file name, and the figure, for every figure of a scene that has data."""
-    places: collections.Counter[str] = collections.Counter()
-    looks = {}
-    for record in runs:
-        looks[record.label] = identity.look(record.engine, places[record.engine])
-        places[record.engine] += 1
+    found = identity.of_runs((record.engine, record.label) for record in runs)
+    looks = {record.label: found[record.engine][identity.base(record.label)] for record in runs}
     times = scene.curves.t
     alone = [record for record in runs if record.curves.drawn]
     if alone:

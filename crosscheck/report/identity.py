@@ -1,20 +1,33 @@
 """The look of a run, the same in HTML, SVG, PDF and the terminal: hue by engine; shade, dash and marker by method.
 
 Colours are made in OKLCH, in which equal steps of lightness look equal (https://bottosson.github.io/posts/oklab).
-Of the first `SHADES` times `DASHES` runs of an engine, no two have the same colour and dash.
+Of the first `SHADES` times `DASHES` runs of an engine, no two have the same colour and dash. A method that `METHODS`
+lists looks the same in every report, figure and study, whichever others are beside it.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 HUES = {"lieeuler": 250.0, "mujoco": 50.0, "pinocchio": 335.0, "exudyn": 155.0, "drake": 95.0, "dart": 20.0,
         "newton": 200.0, "mjx": 290.0, "heyoka": 0.0}
 """Hues in degrees. An engine that is not listed gets one from a hash of its name."""
+
+METHODS = {
+    "lieeuler": ("DAE3L_LE DAE2L_LE DAE2L_LSE DAE1L_LSE DAE3H_LE DAE2H_LE DAE2H_LSE DAE1H_LSE INDEX1_LE BAUMGARTE_LE "
+                 "generalized_alpha rattle2 rattle4 rattle6 rattle8 rkmk4 rkmk54 rkmk853 seulex taylor"),
+    "mujoco": "Euler implicit implicitfast RK4 discrete",
+    "pinocchio": "SymplecticEuler RK4naive RKMK4 RKMK8",
+    "exudyn": "GeneralizedAlpha TrapezoidalIndex2 RK44 RK67 DOPRI5"}
+"""Methods of engines in the order of their looks; those of other engines follow the order in which they appear."""
+
+FORMS = {"tree": 0, "maximal": 1, "pivot": 2}
+"""Places of the forms of a method, one after the other; lieeuler has one form only."""
 
 LIGHT, DARK = (0.40, 0.64, 0.52, 0.58, 0.46), (0.88, 0.62, 0.75, 0.68, 0.82)
 """Lightness of the shades on light and on dark pages. Successive shades differ much."""
@@ -50,8 +63,37 @@ class Look:
 
 
 def looks(labels: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Look]]:
-    """Looks by engine and label. `labels` has the labels of every engine, in the order of its methods."""
-    return {engine: {label: look(engine, place) for place, label in enumerate(own)} for engine, own in labels.items()}
+    """Looks by engine and label: engine, method and, in brackets, the form."""
+    found: dict[str, dict[str, Look]] = {}
+    for engine, own in labels.items():
+        name = engine.partition("==")[0]
+        methods = METHODS.get(name, "").split()
+        forms = len(FORMS) if name != "lieeuler" else 1
+        free, taken = itertools.count(forms * len(methods)), set()
+        found[engine] = {}
+        for label in own:
+            method, _, form = label.removeprefix(f"{engine} ").partition(" (")
+            row = FORMS.get(form.rstrip(")") or "tree", forms) if forms > 1 else 0 if form in ("", "maximal)") else 1
+            place = row * len(methods) + methods.index(method) if method in methods and row < forms else next(free)
+            if place in taken:
+                place = next(free)
+            taken.add(place)
+            found[engine][label] = look(engine, place)
+    return found
+
+
+def of_runs(runs: Iterable[tuple[str, str]]) -> dict[str, dict[str, Look]]:
+    """`looks` of runs, given as (engine, label)."""
+    labels: dict[str, dict[str, None]] = {}
+    for engine, label in runs:
+        labels.setdefault(engine, {}).setdefault(base(label))
+    return looks({engine: list(own) for engine, own in labels.items()})
+
+
+def for_scripts(runs: Iterable[tuple[str, str]]) -> dict[str, dict[str, tuple[str, str, str, str, str]]]:
+    """Light and dark colour, dash, marker and sign by engine and label, for the scripts of pages."""
+    return {engine: {label: (each.light, each.dark, each.dash, each.marker, each.sign) for label, each in own.items()}
+            for engine, own in of_runs(runs).items()}
 
 
 def look(engine: str, place: int) -> Look:
@@ -64,12 +106,6 @@ def look(engine: str, place: int) -> Look:
     marker = MARKERS[place % len(MARKERS)]
     return Look(_hex(LIGHT[shade], CHROMA, hue), _hex(DARK[shade], 0.8 * CHROMA, hue),
                 DASHES[(place // SHADES + shade) % len(DASHES)], *marker)
-
-
-def palette(engine: str) -> list[tuple[str, str, str, str, str]]:
-    """Light and dark colour, dash, marker and sign of the first runs of an engine, for the scripts of pages."""
-    found = [look(engine, place) for place in range(SHADES * len(DASHES))]
-    return [(each.light, each.dark, each.dash, each.marker, each.sign) for each in found]
 
 
 def base(label: str) -> str:

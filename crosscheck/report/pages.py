@@ -24,7 +24,7 @@ from crosscheck.report.headline import (
     spoken,
     state,
 )
-from crosscheck.report.identity import palette
+from crosscheck.report.identity import for_scripts
 from crosscheck.report.names import STUDIES, anchor, data_file, engine_file, scene_file, slug, study_file
 
 HERE = Path(__file__).resolve().parent
@@ -52,7 +52,8 @@ def environment() -> Any:
                      "select_state": lambda records, wanted: [each for each in records if state(each) == wanted]}
     made.globals |= {"OUTCOMES": OUTCOMES, "LEVELS": tuple(LEVELS), "QUANTITIES": tuple(QUANTITIES),
                      "UNITS": QUANTITIES, "scene_file": scene_file, "engine_file": engine_file,
-                     "study_file": study_file, "FORCE_UNITS": FORCE_UNITS, "LISTED": LISTED, "palette": palette}
+                     "study_file": study_file, "FORCE_UNITS": FORCE_UNITS, "LISTED": LISTED, "for_scripts": for_scripts,
+                     "zip": zip}
     return made
 
 

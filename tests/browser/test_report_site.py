@@ -37,6 +37,8 @@ def check_pages(watched, names):
     """Every figure is drawn, nothing is cut, and there is no error."""
     for name in names:
         page = watched.open(name)
+        for section in page.query_selector_all("details.section:not([open]) > summary"):
+            section.click()
         for figure in page.query_selector_all("[data-figure]"):
             figure.scroll_into_view_if_needed()
         page.wait_for_function("[...document.querySelectorAll('[data-figure]')].every(e => e.childNodes.length)")
@@ -69,6 +71,20 @@ def test_what_to_trust_needs_no_sideways_swipe_on_a_phone(watched):
     shown = page.locator("table.trust tbody tr").first
     assert "error, m" in shown.evaluate("e => getComputedStyle(e.cells[3], '::before').content")
     assert shown.locator("th").bounding_box()["y"] < shown.locator("td").first.bounding_box()["y"]
+
+
+@pytest.mark.parametrize("watched", [{"viewport": {"width": 390, "height": 844}}], indirect=True)
+def test_a_phone_folds_the_sections_of_a_scene_but_no_finding(watched):
+    page = watched.open(SCENE)
+    folded = "details.section:not([open])"
+    assert page.locator(folded).count() == page.locator("details.section").count() > 5
+    assert page.locator("[data-figure='energies'] .main-svg").count() == 0
+    assert page.locator("#findings").is_visible()
+    page.locator(".contents a", has_text="Energy").click()
+    page.wait_for_selector("[data-figure='energies'] .main-svg")
+    page.emulate_media(media="print")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert page.locator(folded).count() == 0
 
 
 def test_a_page_is_there_before_the_library_of_its_plots_and_draws_what_is_near(watched):

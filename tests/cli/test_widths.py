@@ -12,16 +12,23 @@ import os
 import re
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
+from unittest import mock
 
 import pytest
 from msgspec.structs import replace
 from typer.testing import CliRunner
 
-from crosscheck.cli import advise, app, verdicts
+from crosscheck.cli import advise, app, study, verdicts
 from crosscheck.document import Advice, Finding
+from crosscheck.history import nightly
 from crosscheck.history.store import open_store, run_from_document, save
+from crosscheck.history.summary import summary
+from crosscheck.studies import results_folder
 from crosscheck.verification import trust
+from tests.browser import pages_making
 from tests.history.store.documents import document, record
+from tests.report_making import CHANGES
 
 SNAPSHOTS = Path(__file__).parent / "snapshots"
 WIDTHS = (80, 120, 200)
@@ -48,9 +55,32 @@ def made_up():
         for own in [[each for each in made.records if each.scene == scene.name]]])
 
 
+STUDIES = {"work-precision": pages_making.work_precision, "stability": pages_making.stability,
+           "drift": lambda out: pages_making.long_runs(out / "drift", out / "chaos"),
+           "chaos": lambda out: pages_making.long_runs(out / "drift", out / "chaos")}
+
+HISTORY = {"history": ["show"], "history list": ["list"],
+           "history trend": ["trend", "position error", "--scene", "double_pendulum", "--engine", "pinocchio",
+                             "--method", "SymplecticEuler"]}
+
+WHOLE = ("verify", "advise", "nightly", *HISTORY, "history empty", *STUDIES)
+"""What has snapshots: its figures are made up."""
+
+
 def told(name, folder):
     """What a command prints, with the width in COLUMNS."""
-    if name == "verify":
+    if name in STUDIES:
+        kept = {}
+        with mock.patch.object(results_folder, "write", lambda out, made, rows: kept.update({made.study: made})):
+            STUDIES[name](folder)
+        with mock.patch.object(study, "_conduct", return_value=kept[name]):
+            print(CliRunner().invoke(app.app, ["study", name]).stdout, end="")
+    elif name == "nightly":
+        night = SimpleNamespace(exit_code=1, summary=summary(
+            replace(made_up(), changes=CHANGES), "2026-11-20T02-00-00Z-00ff", None, 1, Path("reports/nightly/latest")))
+        with mock.patch.object(nightly, "nightly", return_value=night):
+            print(CliRunner().invoke(app.app, ["nightly"]).stdout, end="")
+    elif name == "verify":
         verdicts.print_verdicts(made_up(), Path("reports/latest/index.html"))
     elif name == "advise":
         advice = Advice(scene="heavy_top", engine="mujoco", wanted=1e-4, until=1.0, least=1e-12, method="RK4",
@@ -58,7 +88,8 @@ def told(name, folder):
                         command="crosscheck run heavy_top --engine mujoco --method RK4 --step 0.00029412")
         advise.tell(advice)
     else:
-        words = {"history": ["history", "show", "--store", str(folder / "history.sqlite")]}.get(name, name.split())
+        store = folder / ("empty.sqlite" if name == "history empty" else "history.sqlite")
+        words = ["history", *HISTORY.get(name, ["list"]), "--store", str(store)] if "history" in name else name.split()
         print(CliRunner().invoke(app.app, words).stdout, end="")
 
 
@@ -74,7 +105,8 @@ def folder(tmp_path_factory):
     return keep(tmp_path_factory.mktemp("history"))
 
 
-@pytest.mark.parametrize("name", ["verify", "advise", "history", "support", "list", "--help", "verify --help"])
+@pytest.mark.parametrize("name", [*WHOLE, "support", "list", "--help", "verify --help",
+                                  "inspect heavy_top --engine mujoco --engine exudyn --states 1"])
 def test_nothing_is_wider_than_the_terminal_and_no_figure_is_cut(name, folder, monkeypatch, capsys):
     shown = {}
     for width in WIDTHS:
@@ -83,8 +115,8 @@ def test_nothing_is_wider_than_the_terminal_and_no_figure_is_cut(name, folder, m
         shown[width] = capsys.readouterr().out
         wide = [line for line in shown[width].splitlines() if len(line.rstrip()) > width]
         assert all(line.startswith(("report: ", "command ")) for line in wide), wide  # whole, to be copied
-        if name in ("verify", "advise", "history"):
-            assert shown[width] == (SNAPSHOTS / f"{name}-{width}.txt").read_text("utf-8")
+        if name in WHOLE:
+            assert shown[width] == (SNAPSHOTS / f"{name.replace(' ', '-')}-{width}.txt").read_text("utf-8")
     for width in WIDTHS[:2]:
         assert set(FIGURE.findall(shown[200])) == set(FIGURE.findall(shown[width]))
 
@@ -98,8 +130,8 @@ def test_a_sentence_is_one_line_where_no_terminal_says_how_wide_it_is(monkeypatc
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as place:
         keep(Path(place))
-        for name, width in itertools.product(("verify", "advise", "history"), WIDTHS):
+        for name, width in itertools.product(WHOLE, WIDTHS):
             os.environ["COLUMNS"] = str(width)
             with contextlib.redirect_stdout(io.StringIO()) as shown:
                 told(name, Path(place))
-            (SNAPSHOTS / f"{name}-{width}.txt").write_text(shown.getvalue(), "utf-8")
+            (SNAPSHOTS / f"{name.replace(' ', '-')}-{width}.txt").write_text(shown.getvalue(), "utf-8")

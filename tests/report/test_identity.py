@@ -4,7 +4,8 @@ import itertools
 
 import pytest
 
-from crosscheck.report.identity import DASHES, SHADES, base, look, looks
+from crosscheck.adapters import get
+from crosscheck.report.identity import DASHES, METHODS, SHADES, base, look, looks
 
 LABELS = {"lieeuler": 24, "mujoco": 10, "pinocchio": 8, "exudyn": 15, "drake": 3}
 """Sixty runs of five engines."""
@@ -47,6 +48,18 @@ def test_lines_can_be_seen_on_their_page(sixty):
 def test_an_engine_may_have_more_methods_than_shades_and_dashes():
     many = [look("lieeuler", place) for place in range(2 * SHADES * len(DASHES))]
     assert len({(each.light, each.dash) for each in many}) == len(many)
+
+
+@pytest.mark.parametrize("engine", METHODS)
+def test_a_method_looks_the_same_whichever_others_are_beside_it(engine):
+    methods = get(engine).methods
+    assert tuple(METHODS[engine].split()) == methods
+    every = looks({engine: [f"{engine} {method}" for method in methods]})[engine]
+    assert every == {f"{engine} {method}": look(engine, place) for place, method in enumerate(methods)}
+    last = f"{engine} {methods[-1]}"
+    assert looks({engine: [f"{engine} mine", last]})[engine][last] == every[last]
+    forms = looks({engine: [f"{last}{form}" for form in ("", " (tree)", " (maximal)", " (pivot)", " (tree, ccsk)")]})
+    assert len({(each.light, each.dash) for each in forms[engine].values()}) == 5
 
 
 def test_a_coarse_run_looks_as_its_method_does():

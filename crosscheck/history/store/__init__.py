@@ -6,6 +6,7 @@ Changes between runs are found by `crosscheck.history.changes`, not here.
 
 from crosscheck.history.store.connection import DEFAULT, open_store
 from crosscheck.history.store.runs import (
+    EMPTY,
     StoredResult,
     StoredRun,
     Usual,
@@ -22,5 +23,5 @@ from crosscheck.history.store.runs import (
     usual,
 )
 
-__all__ = ["DEFAULT", "StoredResult", "StoredRun", "Usual", "baseline", "figure_names", "find", "load", "open_store",
-           "outcomes", "recent", "run_from_document", "save", "series", "set_good", "usual"]
+__all__ = ["DEFAULT", "EMPTY", "StoredResult", "StoredRun", "Usual", "baseline", "figure_names", "find", "load",
+           "open_store", "outcomes", "recent", "run_from_document", "save", "series", "set_good", "usual"]

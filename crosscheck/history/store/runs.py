@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 CellKey = tuple[str, str, str, str, bool]
 """Scene, engine, method, form ("" if the engine chose it), and whether the step is the coarse one."""
 
+EMPTY = ("the store has no run yet: `crosscheck nightly` makes one, `crosscheck history add reports/latest` takes in "
+         "one of `crosscheck verify`")
+
 KEY = ("scene", "engine", "method", "form", "practical")
 """Columns of a `CellKey`."""
 
@@ -164,7 +167,7 @@ def find(store: Engine, name: str) -> str:
     if len(fitting) != 1:
         few = names[:10]
         raise ArgumentError(f"run {name!r}: several begin so: {', '.join(fitting[:10])}" if fitting else
-                            unknown("run", name, ["latest", *few]) if few else f"run {name!r}: the store is empty")
+                            unknown("run", name, ["latest", *few]) if few else EMPTY)
     return str(fitting[0])
 
 

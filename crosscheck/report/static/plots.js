@@ -267,7 +267,11 @@ window.Figures = (function () {
       all.forEach((element) => watcher.observe(element));
       setTimeout(library);
     });
-    const refresh = () => { refreshed?.(); drawn.forEach(draw); };
+    // What is folded has no size: it is drawn when it comes into sight again.
+    const refresh = () => {
+      refreshed?.();
+      drawn.forEach((element) => { if (element.offsetParent) draw(element); else drawn.delete(element); });
+    };
     document.addEventListener("themechange", refresh);
     const anew = () => all.forEach((element) => { Plotly.purge(element); draw(element); });
     if (!printed) ["beforeprint", "afterprint"].forEach((event) => window.addEventListener(event, () => {

@@ -7,6 +7,7 @@
 
   const FIRST = 8;  // rows of a long table that a phone shows at first
   const phone = window.matchMedia("(max-width: 760px)");
+  const printed = document.documentElement.classList.contains("printed");
 
   const value = (row, column) => {
     const cell = row.cells[column];
@@ -65,11 +66,11 @@
     count.setAttribute("role", "status");
     const every = document.createElement("input");
     every.type = "checkbox";
-    every.checked = document.documentElement.classList.contains("printed");
+    every.checked = printed;
     const label = document.createElement("label");
     label.append(every, " every scene");
     // A phone shows the first rows of a long table, and the rest when asked.
-    let whole = rows.length <= 2 * FIRST || document.documentElement.classList.contains("printed");
+    let whole = rows.length <= 2 * FIRST || printed;
     const rest = document.createElement("button");
     rest.type = "button";
     rest.textContent = "all rows";
@@ -122,7 +123,10 @@
   // A box that scrolls sideways and holds no link or control can itself take the keyboard focus.
   document.querySelectorAll(".scroll").forEach((box) => { if (!box.querySelector("a, button, input, summary")) box.tabIndex = 0; });
 
-  // A link to a run opens its findings.
+  // A phone shows the headings of the sections that it does not need first.
+  if (phone.matches && !printed) document.querySelectorAll("details.section").forEach((each) => { each.open = false; });
+
+  // A link to a heading or a run opens what it is folded into.
   function open() {
     const target = document.getElementById(window.location.hash.slice(1));
     const folded = target?.closest("details");

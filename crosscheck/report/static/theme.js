@@ -32,8 +32,8 @@
   }
   apply();
   system.addEventListener("change", apply);
-  // Nothing can be clicked on paper, so printing opens what is folded on the first page.
-  const unfold = () => document.querySelectorAll("details.card, #reasons").forEach((each) => { each.open = true; });
+  // Nothing can be clicked on paper, so printing opens what is folded.
+  const unfold = () => document.querySelectorAll("details.card, details.section, #reasons").forEach((each) => { each.open = true; });
   window.addEventListener("beforeprint", () => { root.classList.add("printed"); show("light"); unfold(); });
   window.addEventListener("afterprint", () => { root.classList.toggle("printed", printed); apply(); });
 

@@ -238,7 +238,7 @@ def test_the_usual_level_is_that_of_the_newest_runs_and_begins_anew_where_a_chan
 
 def test_runs_are_found_by_their_beginning(url):
     store = open_store(url)
-    with pytest.raises(ArgumentError, match="the store is empty"):
+    with pytest.raises(ArgumentError, match="the store has no run yet: `crosscheck nightly`"):
         find(store, "latest")
     for day, name in enumerate(("2026-11-20T02", "2026-11-21T02"), 20):
         save(store, run_from_document(name, document(started=f"2026-11-{day}T02:00:00+00:00")))

@@ -82,6 +82,8 @@ def test_the_list_says_how_to_make_them(nowhere):
     ("mjx", "RK4", "hinge_pendulum", 4, (2e-2, 1e-2, 5e-3)),
     ("mjx-single", "Euler", "double_pendulum", 1, (4e-3, 2e-3, 1e-3)),
     ("newton", "Featherstone", "double_pendulum", 1, (4e-3, 2e-3, 1e-3)),
+    ("newton", "XPBD", "double_pendulum", 1, (4e-3, 2e-3, 1e-3)),
+    ("newton", "XPBD", "hinge_pendulum", 1, (4e-3, 2e-3, 1e-3)),  # its axis leans
 ])
 def test_fixed_steps_reach_truth_with_their_order(engine, method, name, order, steps):
     if engine_version(engine) == NOT_INSTALLED:

@@ -236,7 +236,13 @@ def test_orders_of_a_few():
 @pytest.mark.parametrize(("name", "method"), [(name, method) for name in OF_ORDER_8 for method in ADAPTIVE
                                               if (name, method) != ("chaplygin_sleigh", "rkmk853")])
 def test_error_is_proportional_to_rtol(name, method):
-    """Except rkmk853 on the sleigh: 9 steps at 1e-4, with errors 2000 times below rtol there, give a slope of .71."""
+    """Except rkmk853 on the sleigh, whose slope is .71: its run is over before its step control has settled.
+
+    The estimate of the first step is 4e-8 of rtol. Under proportional-integral control, steady at .06, those of later
+    steps rise to .003 in the 9 steps at 1e-4 and to .04 in the 37 at 1e-11, so that errors are 2000 and 40 times
+    below rtol. They are of order 8.3 in the number of steps. SciPy's DOP853, with the plain equations of the sleigh and
+    without the integral part, has a slope of .85.
+    """
     scene, problem, truth = with_truth(name, 3.0)
     tolerances = 10.0 ** np.arange(-4, -12, -1)
     errors = [np.abs(lieeuler.integrate(problem, method, None, scene.t, rtol=rtol).x - truth.x).max()

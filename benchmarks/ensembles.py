@@ -51,15 +51,15 @@ def members(scene: Any, count: int) -> dict[str, np.ndarray]:
 
 
 def contenders(scene: Any, threads: int) -> list[Contender]:
-    """Ensembles of two methods, with lanes and without, the loop, heyoka, and MuJoCo's Runge-Kutta rule of order 4."""
+    """Ensembles, with lanes and without, the loop, heyoka, and MuJoCo's Runge-Kutta rule of order 4."""
     problem = build_problem(scene)
 
-    def ensemble(method: str, lanes: str = lieeuler.ensemble.LANES) -> Any:
-        def run(states: dict[str, np.ndarray], rtol: float) -> tuple[np.ndarray, float]:
+    def ensemble(method: str, lanes: str = lieeuler.ensemble.LANES, control: str = "rtol") -> Any:
+        def run(states: dict[str, np.ndarray], value: float) -> tuple[np.ndarray, float]:
             lieeuler.ensemble.LANES = lanes
             began = time.perf_counter()
-            many = lieeuler.integrate_ensemble(problem, method, rtol=rtol, t_eval=[0.0, DURATION], threads=threads,
-                                               **states)
+            many = lieeuler.integrate_ensemble(problem, method, t_eval=[0.0, DURATION], threads=threads,
+                                               **{control: value}, **states)
             return many.x[:, -1], time.perf_counter() - began
         return run
 
@@ -72,6 +72,8 @@ def contenders(scene: Any, threads: int) -> list[Contender]:
     return [Contender("ensemble taylor", RTOLS, ensemble("taylor")),
             Contender("ensemble taylor, each by itself", RTOLS, ensemble("taylor", "none")),
             Contender("ensemble rkmk853", RTOLS, ensemble("rkmk853")),
+            Contender("ensemble rkmk4", STEPS, ensemble("rkmk4", control="step")),
+            Contender("each rkmk4 by itself", STEPS, ensemble("rkmk4", "none", "step")),
             Contender("loop over integrate, taylor", RTOLS, loop),
             Contender("heyoka batches", RTOLS, heyoka_batches(scene, threads)),
             Contender("mujoco.rollout RK4", STEPS, mujoco_rollout(scene, threads))]
@@ -164,12 +166,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--rounds", type=int, default=3, help="(default: 3)")
     parser.add_argument("--scenes", nargs="+", default=SCENES, choices=SCENES, help="(default: both)")
     parser.add_argument("--errors", nargs="+", type=float, default=ERRORS, help="(default: 1e-3 and 1e-6)")
+    parser.add_argument("--only", nargs="+", default=[""], help="contenders whose name has one of these (default: all)")
     options = parser.parse_args(arguments)
     for name in options.scenes:
         scene = crosscheck.load_scene(name).replace(duration=DURATION, samples=2)
         few, states = members(scene, 20), members(scene, options.members)
         truth = lieeuler.integrate_ensemble(build_problem(scene), "taylor", rtol=1e-13, t_eval=[0.0, DURATION], **few)
-        everyone = contenders(scene, options.threads)
+        everyone = [each for each in contenders(scene, options.threads)
+                    if any(part in each.name for part in options.only)]
         for wanted in options.errors:
             chosen = [found for contender in everyone if (found := coarsest(contender, few, truth.x[:, -1], wanted))]
             compare(f"{name} error {wanted:g}", chosen, states, options.rounds)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import random
-import socket
 import subprocess
 import sys
 import tempfile
@@ -18,6 +17,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from benchmarks.sweep_overhead import dask_cluster, free_port
 
 SWEEP = {"scenes": ["single_pendulum"], "engines": {"lieeuler": ["DAE1L_LSE", "rattle2"]}, "steps": [1e-3, 5e-4],
          "samples": 6, "duration": 1.0, "perturb": {"angular_velocity": 1e-3, "count": 100, "seed": 7}}
@@ -48,16 +49,18 @@ def worker_of(client: int) -> Any:
     return random.choice(found) if found else None
 
 
-def kill_client(request: Path, out: Path, after: float) -> None:
-    """Kill the client; finish."""
+def kill_client(request: Path, out: Path, after: float) -> bool:
+    """Kill the client; finish. Whether it was still running then, as below."""
     process = start(request, out)
     time.sleep(after)
+    running = process.poll() is None
     process.kill()
     process.wait()
     finish(request, out)
+    return running
 
 
-def kill_worker(request: Path, out: Path, after: float) -> None:
+def kill_worker(request: Path, out: Path, after: float) -> bool:
     """Kill one of the client's workers; the same client has to finish."""
     process = start(request, out)
     time.sleep(after)
@@ -66,38 +69,21 @@ def kill_worker(request: Path, out: Path, after: float) -> None:
         worker.kill()
     if process.wait() != 0:
         raise RuntimeError("the client did not survive its worker")
+    return worker is not None
 
 
-def kill_scheduler(request: Path, out: Path, after: float) -> None:
+def kill_scheduler(request: Path, out: Path, after: float) -> bool:
     """Kill a Dask scheduler and start another one at the same address; finish."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    address = f"tcp://127.0.0.1:{port}"
-
-    def cluster() -> list[subprocess.Popen[bytes]]:
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        scheduler = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", str(port), "--no-dashboard"]
-        workers = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--nworkers", "2",
-                   "--no-dashboard"]
-        return [subprocess.Popen(command, cwd=out.parent, **quiet) for command in (scheduler, workers)]
-
-    running = cluster()
-    try:
-        time.sleep(15)
+    port = free_port()
+    with dask_cluster(out.parent, port) as (address, cluster):
         process = start(request, out, "--scheduler", address)
         time.sleep(after)
-        running[0].kill()
+        running = process.poll() is None
+        cluster[0].kill()
         process.wait()
-        running[1].terminate()
-        running[1].wait()
-        running = cluster()
-        time.sleep(15)
+    with dask_cluster(out.parent, port) as (address, _):
         finish(request, out, "--scheduler", address)
-    finally:
-        for process in reversed(running):
-            process.terminate()
-            process.wait()
+    return running
 
 
 KILLS = {"client": kill_client, "worker": kill_worker, "scheduler": kill_scheduler}
@@ -121,15 +107,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         quiet = crosscheck.sweep(request, out=folder / "quiet")
         length = time.perf_counter() - began + 2.0
         for kind in options.kind or KILLS:
-            same = 0
+            same = running = 0
             for round_ in range(options.rounds):
                 out = folder / f"{kind}{round_}"
-                KILLS[kind](request, out, random.uniform(0.5, length))
+                running += KILLS[kind](request, out, random.uniform(0.5, length))
                 frame = crosscheck.sweep(request, out=out)
                 pd.testing.assert_frame_equal(quiet, frame, check_exact=True)
                 same += frame.attrs["report"]["computed"] == 0
-            print(f"{kind} killed {options.rounds} times: {same} of {options.rounds} ended with the same bits, "
-                  f"{len(quiet)} cells", flush=True)
+            print(f"{kind} killed {options.rounds} times, {running} of these before the sweep had ended: {same} of "
+                  f"{options.rounds} ended with the same bits, {len(quiet)} cells", flush=True)
 
 
 if __name__ == "__main__":

@@ -110,8 +110,6 @@ class BlockPlan {
       for (int column : tail_) tail_blocks_.push_back(place(row, column));
   }
 
- private:
-  friend class BlockLU;
   struct Pivot {
     int block, unknown, last_lower, last_upper, last_update;
   };
@@ -121,6 +119,16 @@ class BlockPlan {
   struct Update {
     int lower, upper, target;
   };
+  const std::vector<Pivot>& pivots() const { return pivots_; }
+  const std::vector<OffDiagonal>& lowers() const { return lowers_; }
+  const std::vector<OffDiagonal>& uppers() const { return uppers_; }
+  const std::vector<Update>& updates() const { return updates_; }
+  int blocks() const { return static_cast<int>(places_.size()); }
+  // Where the values of a block start.
+  int place(int row, int column) const { return places_.at({row, column}); }
+
+ private:
+  friend class BlockLU;
   std::vector<int> tail_, tail_blocks_;
   int unknowns_;
   std::vector<Pivot> pivots_;
@@ -142,6 +150,7 @@ class BlockLU {
   }
 
   int unknowns() const { return plan_->unknowns_; }
+  const BlockPlan& plan() const { return *plan_; }
   // The block (row, column), or nullptr if the plan has none.
   double* block(int row, int column) {
     const auto found = plan_->places_.find({row, column});

@@ -25,6 +25,18 @@ struct Tableau {
 // Attempts single steps, which the caller accepts or not.
 class MuntheKaas {
  public:
+  // The nonzero entries of a row.
+  using Terms = std::vector<std::pair<int, double>>;
+  static std::vector<Terms> sparse(const std::vector<std::vector<double>>& rows) {
+    std::vector<Terms> all;
+    for (const std::vector<double>& row : rows) {
+      all.emplace_back();
+      for (size_t k = 0; k < row.size(); ++k)
+        if (row[k] != 0) all.back().push_back({static_cast<int>(k), row[k]});
+    }
+    return all;
+  }
+
   MuntheKaas(const Plan& plan, const Tableau& tableau, bool conserves)
       : system_(plan.system),
         projection_(plan),
@@ -135,18 +147,6 @@ class MuntheKaas {
 
  private:
   static constexpr int kPerBody = 12;  // x, theta, v, w
-
-  // The nonzero entries of a row.
-  using Terms = std::vector<std::pair<int, double>>;
-  static std::vector<Terms> sparse(const std::vector<std::vector<double>>& rows) {
-    std::vector<Terms> all;
-    for (const std::vector<double>& row : rows) {
-      all.emplace_back();
-      for (size_t k = 0; k < row.size(); ++k)
-        if (row[k] != 0) all.back().push_back({static_cast<int>(k), row[k]});
-    }
-    return all;
-  }
 
   // Times of the stages, as parts of the step.
   static std::vector<double> sums(const std::vector<std::vector<double>>& rows) {

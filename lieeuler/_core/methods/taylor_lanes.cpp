@@ -20,47 +20,8 @@ using Joint = LaneJoint<kWidth>;
 constexpr double kSingular = 1e-13, kGraded = 1e-3;  // as in SmallSchur; below the second one it refines
 constexpr double kLarge = 1e100;                     // accelerations might overflow beyond this
 
-Number all(double a) { return Number{} + a; }
-Number square_root(const Number& a) {
-  Number y;
-  for (int i = 0; i < kWidth; ++i) y[i] = __builtin_sqrt(a[i]);
-  return y;
-}
-bool any(const Mask& mask) {
-  std::int64_t found = 0;
-  for (int i = 0; i < kWidth; ++i) found |= mask[i];
-  return found != 0;
-}
 Vec vector(const Factors<Number>& a) { return {{a.component[0], a.component[1], a.component[2]}}; }
 Factors<Number> factors(const Vec& a) { return {{a[0], a[1], a[2]}}; }
-Vec column(const Mat& m, int c) { return {{m.part[c][0], m.part[c][1], m.part[c][2]}}; }
-void put_column(Mat& m, int c, const Vec& a) {
-  for (int i = 0; i < 3; ++i) m.part[c][i] = a[i];
-}
-Mat transposed(const Mat& m) {
-  Mat t;
-  for (int c = 0; c < 3; ++c)
-    for (int i = 0; i < 3; ++i) t.part[c][i] = m.part[i][c];
-  return t;
-}
-// a b, in the order of Eigen, which adds up the last row from its end.
-Mat product(const Mat& a, const Mat& b) {
-  Mat m;
-  for (int c = 0; c < 3; ++c) {
-    for (int i = 0; i < 2; ++i)
-      m.part[c][i] = a.part[0][i] * b.part[c][0] + a.part[1][i] * b.part[c][1] + a.part[2][i] * b.part[c][2];
-    m.part[c][2] = a.part[0][2] * b.part[c][0] + (a.part[1][2] * b.part[c][1] + a.part[2][2] * b.part[c][2]);
-  }
-  return m;
-}
-// R hat(s)
-Mat turned(const Mat& R, const Vec& s) {
-  Mat m;
-  put_column(m, 0, s[2] * column(R, 1) - s[1] * column(R, 2));
-  put_column(m, 1, s[0] * column(R, 2) - s[2] * column(R, 0));
-  put_column(m, 2, s[1] * column(R, 0) - s[0] * column(R, 1));
-  return m;
-}
 void put_momentum(ColumnStack<Number, 4>& A, const Vec& L) {
   for (int c = 0; c < 3; ++c) A.part[c][3] = L[c];
 }
@@ -72,16 +33,6 @@ Vec transpose_times(const ColumnStack<Number, 4>* A, const Vec* V, int first, in
   return y;
 }
 
-// One Newton step towards the nearest rotation, as in so3.hpp.
-Number polish(Mat& R) {
-  const Vec a = column(R, 0), b = column(R, 1), c = column(R, 2);
-  const Number aa = 0.5 * (1 - dot(a, a)), bb = 0.5 * (1 - dot(b, b)), cc = 0.5 * (1 - dot(c, c));
-  const Number ab = -0.5 * dot(a, b), bc = -0.5 * dot(b, c), ca = -0.5 * dot(c, a);
-  put_column(R, 0, a + (aa * a + ab * b + ca * c));
-  put_column(R, 1, b + (ab * a + bb * b + bc * c));
-  put_column(R, 2, c + (ca * a + bc * b + cc * c));
-  return 2 * larger(largest(Vec{{aa, bb, cc}}), largest(Vec{{ab, bc, ca}}));
-}
 void orthogonalise(Mat& R) {
   Mask rest = ~Mask{};
   for (int k = 0; k < 8 && any(rest); ++k) {
@@ -242,7 +193,7 @@ void extend(Group& group, int k) {
     const Vec& arm = joint.points[1];
     y[c].w = y[c].w + cross(Vec{{-arm[0], -arm[1], -arm[2]}}, transpose_times(group.body[c].R, joint.lam, 1, k));
     y[p].w = y[p].w + cross(joint.points[0], transpose_times(group.body[p].R, joint.lam, 1, k));
-    rows[j] = all(-(k + 1)) * (times(R_turned[c], joint.points[1]) - times(R_turned[p], joint.points[0]));
+    rows[j] = all<Number>(-(k + 1)) * (times(R_turned[c], joint.points[1]) - times(R_turned[p], joint.points[0]));
   }
   for (int b = 0; b < group.bodies; ++b) {
     y[b].v = group.body[b].mass_inverse * y[b].v;
@@ -252,9 +203,9 @@ void extend(Group& group, int k) {
   const double share = 1.0 / (k + 1), next_share = 1.0 / (k + 2);
   for (int b = 0; b < group.bodies; ++b) {
     Body& body = group.body[b];
-    const Vec rate = all(share) * y[b].w;
+    const Vec rate = all<Number>(share) * y[b].w;
     body.w[k + 1] = factors(rate);
-    body.x[k + 2] = body.pinned ? Vec{} : all(share * next_share) * y[b].v;
+    body.x[k + 2] = body.pinned ? Vec{} : all<Number>(share * next_share) * y[b].v;
     ColumnStack<Number, 4>& next = R_turned[b];
     add_turned(next, body.R[0], body.w[k + 1]);
     for (int c = 0; c < 3; ++c)
@@ -271,7 +222,7 @@ void choose_step(Group& group) {
   for (int b = 0; b < group.bodies; ++b) {
     const Body& body = group.body[b];
     rate = larger(rate, larger(largest(group.state[b].v) / length, largest(group.state[b].w)));
-    square = larger(square, larger(largest(all(2) * body.x[2]) / length, largest(vector(body.w[1]))));
+    square = larger(square, larger(largest(all<Number>(2) * body.x[2]) / length, largest(vector(body.w[1]))));
   }
   rate = larger(rate, square_root(square));
   group.fine &= rate < kLarge && length < kLarge;
@@ -281,7 +232,7 @@ void choose_step(Group& group) {
     Number most{};
     for (int b = 0; b < group.bodies; ++b) {
       const Body& body = group.body[b];
-      const Vec w = vector(body.w[k]), v = (all(k + 1) / length) * body.x[k + 1];
+      const Vec w = vector(body.w[k]), v = (all<Number>(k + 1) / length) * body.x[k + 1];
       most = larger(most, larger(largest(w), largest(v)));
       for (int c = 0; c < 3; ++c)
         for (int r = 0; r < 3; ++r) {
@@ -291,7 +242,7 @@ void choose_step(Group& group) {
         }
       for (int r = 0; r < 3; ++r) sum += absolute(w[r]) + absolute(v[r]);
     }
-    const Number step = root<Number, Registers<kWidth>::Bits>(group.rtol * rate / most, all(1.0 / k));
+    const Number step = root<Number, Registers<kWidth>::Bits>(group.rtol * rate / most, all<Number>(1.0 / k));
     group.step = most > 0 ? smaller(group.step, step) : group.step;
   }
   group.fine &= sum < kLarge;  // false for a NaN
@@ -319,8 +270,8 @@ void evaluate(Group& group, LaneState<kWidth>* out) {
     orthogonalise(out[b].R);
     if (body.pinned) continue;
     out[b].x = horner(body.x, group.order + 1, h);
-    out[b].v = all(group.order + 1) * body.x[group.order + 1];
-    for (int k = group.order; k > 0; --k) out[b].v = h * out[b].v + all(k) * body.x[k];
+    out[b].v = all<Number>(group.order + 1) * body.x[group.order + 1];
+    for (int k = group.order; k > 0; --k) out[b].v = h * out[b].v + all<Number>(k) * body.x[k];
   }
   for (int k = 0; k < group.hinges; ++k) {
     const LaneHinge<kWidth>& hinge = group.hinge[k];

@@ -1,6 +1,6 @@
 // Data of Taylor series of several members of an ensemble at once, one to a lane: trees of bodies on ball joints under
-// gravity. Code for any processor fills it (run/lanes.hpp); methods/taylor_lanes.cpp is compiled once for each set of
-// instructions.
+// gravity. Code for any processor fills it (run/taylor_lanes.hpp); methods/taylor_lanes.cpp is compiled once for each
+// set of instructions.
 #pragma once
 
 #include "linalg/lanes.hpp"

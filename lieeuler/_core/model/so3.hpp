@@ -15,6 +15,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "linalg/chart_series.hpp"
+
 namespace lieeuler {
 
 // Maps from R^3 onto SO(3).
@@ -35,21 +37,6 @@ EIGEN_ALWAYS_INLINE Vec3 transposed_times(const Mat3& m, const Vec3& x) {
           m(0, 2) * x[0] + m(1, 2) * x[1] + m(2, 2) * x[2]};
 }
 
-// The first `Terms` of sum_k coefficients[k] s^k, highest power first in the loop (Horner).
-template <int Terms, int N>
-double polynomial(const double (&coefficients)[N], double s) {
-  static_assert(Terms <= N);
-  double value = coefficients[Terms - 1];
-  for (int k = Terms - 2; k >= 0; --k) value = value * s + coefficients[k];
-  return value;
-}
-
-// Below this squared angle the series are accurate to rounding with the terms given and need no trigonometric function;
-// above it the closed forms lose at most one digit to cancellation.
-inline constexpr double kSeriesLimit = 0.25;
-// Below this one half of the terms are enough, as for the rotation of one small step.
-inline constexpr double kShortSeriesLimit = 1e-3;
-
 // The even functions of |theta| in the exponential map, as functions of s = |theta|^2.
 struct ExpCoefficients {
   double sinc;   // sin(t) / t
@@ -59,13 +46,7 @@ struct ExpCoefficients {
 
 template <int Terms>
 ExpCoefficients exp_series(double s) {
-  static constexpr double sinc[] = {1.,          -1. / 6,        1. / 120,         -1. / 5040,
-                                    1. / 362880, -1. / 39916800, 1. / 6227020800., -1. / 1307674368000.};
-  static constexpr double cosc[] = {1. / 2,       -1. / 24,         1. / 720,          -1. / 40320,
-                                    1. / 3628800, -1. / 479001600., 1. / 87178291200., -1. / 20922789888000.};
-  static constexpr double cubic[] = {1. / 6,        -1. / 120,         1. / 5040,           -1. / 362880,
-                                     1. / 39916800, -1. / 6227020800., 1. / 1307674368000., -1. / 355687428096000.};
-  return {polynomial<Terms>(sinc, s), polynomial<Terms>(cosc, s), polynomial<Terms>(cubic, s)};
+  return {polynomial<Terms>(kSincSeries, s), polynomial<Terms>(kCoscSeries, s), polynomial<Terms>(kCubicSeries, s)};
 }
 inline ExpCoefficients exp_coefficients(double s) {
   if (s < kShortSeriesLimit) return exp_series<4>(s);
@@ -77,11 +58,7 @@ inline ExpCoefficients exp_coefficients(double s) {
 // c(s) = 1/t^2 - cot(t/2)/(2t) and dc/ds: the quadratic coefficient of the inverse tangent of the exponential.
 inline void inverse_tangent_coefficient(double s, double& c, double& slope) {
   if (s < kSeriesLimit) {
-    // |B_2k| / (2k)!, k = 1, 2, ...
-    static constexpr double c_series[] = {1. / 12,           1. / 720,
-                                          1. / 30240,        1. / 1209600,
-                                          1. / 47900160,     691. / 1307674368000.,
-                                          1. / 74724249600., 3617. / 10670622842880000.};
+    static constexpr auto& c_series = kInverseTangentSeries;
     static constexpr double slope_series[] = {c_series[1],     2 * c_series[2], 3 * c_series[3], 4 * c_series[4],
                                               5 * c_series[5], 6 * c_series[6], 7 * c_series[7]};
     if (s < kShortSeriesLimit)

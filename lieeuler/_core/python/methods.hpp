@@ -27,11 +27,13 @@ inline Run implicit(CoordinateMap map, const Method& method, const std::vector<d
 inline Run runge_kutta(const Tableau& tableau, const std::vector<double>& steps,
                        const std::vector<std::int64_t>& counts, bool monitored) {
   require_steps(steps, counts);
-  return {[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
+  Run run{[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
             FixedMuntheKaas stepper(plan, tableau);
-            return run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
+            return lieeuler::run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
           },
           steps.size() + 1};
+  if (!monitored && tableau.stages.size() + 2 <= kMostSlopes) run.in_lanes = ExplicitRun{tableau, steps, counts};
+  return run;
 }
 
 // t_eval starts at zero.

@@ -1,14 +1,10 @@
-// Members of an ensemble side by side in the lanes of registers: Taylor series of small trees of ball joints.
-//
-// A lane gives the numbers of TaylorStepper to the last bit, so which members ran in lanes shows in nothing but time. A
-// member that needs more than plain steps, or fails, is left to a run by itself, from its start.
+// Members of an ensemble, and how they share registers: what the methods with lanes have in common.
 #pragma once
 
 #include <string>
 
-#include "methods/taylor.hpp"
-#include "methods/taylor_lanes.hpp"
-#include "run/adaptive.hpp"
+#include "linalg/lanes.hpp"
+#include "run/loop.hpp"
 #include "run/threads.hpp"
 
 namespace lieeuler {
@@ -22,216 +18,15 @@ struct Members {
   std::function<void(size_t, const Interrupted&)> alone;
 };
 
-// A run of Taylor series that lanes may take over: output times from zero, and the tolerance.
-struct TaylorRun {
-  std::vector<double> t_eval;
-  double rtol;
-};
-
-// Whether methods/taylor_lanes.cpp has the equations of a system.
-inline bool fits_lanes(const Plan& plan) {
-  return plan.hinges.complete && plan.forest && plan.expands_by == Elimination::small && plan.system.forces.empty() &&
-         plan.system.n() <= kMostLaneBodies;
+template <class Number>
+void put_lane(Triple<Number>& out, int lane, const Vec3& values) {
+  for (int i = 0; i < 3; ++i) out.part[i][lane] = values[i];
 }
-
-// Writes one lane of what a system's equations need.
-template <int width>
-class LaneFiller {
- public:
-  LaneFiller(LaneGroup<width>& group, int lane) : group_(group), lane_(lane) {}
-
-  void put(const Plan& plan) {
-    const System& system = plan.system;
-    const ReferencePoints points(plan, true);
-    group_.bodies = system.n(), group_.hinges = static_cast<int>(plan.hinges.hinges.size()), group_.joints = 0;
-    group_.length[lane_] = system.length;
-    put(group_.gravity, system.gravity);
-    for (int b = 0; b < system.n(); ++b) put(group_.body[b], b, system, points);
-    for (int k = 0; k < group_.hinges; ++k) {
-      const Hinge& hinge = plan.hinges.hinges[k];
-      LaneHinge<width>& out = group_.hinge[k];
-      out.body = hinge.body, out.base = hinge.base;
-      put(out.body_anchor, hinge.body_anchor), put(out.base_anchor, hinge.base_anchor);
-    }
-    for (int k = 0; k < plan.count(); ++k)
-      if (!points.holds(plan.parts[k])) put(group_.joint[group_.joints++], plan, k, points);
-    put(group_.state[system.n()], {}, {}), put(group_.sample[system.n()], {}, {});
-  }
-  void put(const State& state) {
-    for (int b = 0; b < group_.bodies; ++b) put(group_.state[b], state.frames[b], state.u[b]);
-  }
-
- private:
-  void put(LaneBody<width>& out, int b, const System& system, const ReferencePoints& points) {
-    const Body& body = system.bodies[b];
-    const Mat3 inertia = points.inertia(b);
-    out.pinned = points.pinned(b);
-    put(out.centre, points.centre(b)), put(out.lever, body.mass * points.centre(b));
-    put(out.place, points.position(b, State(system))), put(out.weight, body.mass * system.gravity);
-    put(out.spin, body.spin);
-    out.mass_inverse[lane_] = 1 / body.mass;
-    put(out.deviation, deviation(inertia)), put(out.inertia_inverse, inertia.inverse());
-  }
-  void put(LaneJoint<width>& out, const Plan& plan, int k, const ReferencePoints& points) {
-    for (Side side : kSides) {
-      const Vec3& anchor = side == kChild ? plan.joint(k).child_anchor : plan.joint(k).parent_anchor;
-      out.bodies[side] = plan.body(k, side);
-      put(out.anchors[side], anchor), put(out.points[side], points.local(out.bodies[side], anchor));
-    }
-  }
-  void put(LaneState<width>& out, const Frame& frame, const Twist& u) {
-    put(out.R, frame.R), put(out.x, frame.x), put(out.v, u.v), put(out.w, u.w);
-  }
-  void put(Triple<typename Registers<width>::Number>& out, const Vec3& values) {
-    for (int i = 0; i < 3; ++i) out.part[i][lane_] = values[i];
-  }
-  void put(ColumnStack<typename Registers<width>::Number, 3>& out, const Mat3& values) {
-    for (int c = 0; c < 3; ++c)
-      for (int i = 0; i < 3; ++i) out.part[c][i][lane_] = values(i, c);
-  }
-
-  LaneGroup<width>& group_;
-  const int lane_;
-};
-
-// Runs members in lanes; a lane whose member has ended takes the next one.
-template <int width>
-class TaylorLanes {
- public:
-  TaylorLanes(const LaneCode<width>& code, const Members& members, const TaylorRun& run, double begin)
-      : code_(code), members_(members), run_(run), begin_(begin), group_(std::make_unique<LaneGroup<width>>()) {
-    group_->order = TaylorStepper::order_for(run.rtol), group_->rtol = run.rtol;
-  }
-
-  void run(size_t first, size_t last, const Interrupted& stopped) {
-    const FlushDenormals flush;
-    next_ = first, last_ = last;
-    for (int lane = 0; lane < width; ++lane) refill(lane, stopped);
-    while (running_ > 0 && !stopped()) {
-      for (int lane = 0; lane < width; ++lane) group_->remaining[lane] = lanes_[lane].end - lanes_[lane].time;
-      code_.expand(*group_);
-      for (int lane = 0; lane < width; ++lane) group_->step[lane] = choose_step(lane);
-      code_.evaluate(*group_, group_->state);
-      record_between();
-      for (int lane = 0; lane < width; ++lane) finish_step(lane, stopped);
-    }
-  }
-
- private:
-  // The member in a lane, and where its run is.
-  struct Slot {
-    bool runs = false, stands = false;  // has a member; whose step is fine
-    size_t member = 0, next = 0;        // `next`: among the output times
-    const Plan* plan = nullptr;
-    double time = 0, previous = 0, end = 0;
-    std::int64_t steps = 0;
-    std::optional<Projection> projection;  // of samples between steps
-    std::optional<State> initial, shown;
-  };
-
-  // Gives a lane the next member that fits. Without one the lane stands still where it is, at first as the one before.
-  void refill(int lane, const Interrupted& stopped) {
-    Slot& slot = lanes_[lane];
-    running_ -= slot.runs, slot.runs = false;
-    for (; next_ < last_; ++next_) {
-      const Plan& plan = members_.plan(next_);
-      if (!fits_lanes(plan)) {
-        members_.alone(next_, stopped);
-        continue;
-      }
-      load(lane, plan, members_.initial(next_));
-      slot.runs = true, slot.member = next_++, ++running_;
-      return;
-    }
-    if (slot.plan == nullptr && lane > 0 && lanes_[lane - 1].plan != nullptr)
-      load(lane, *lanes_[lane - 1].plan, *lanes_[lane - 1].initial);
-  }
-  void load(int lane, const Plan& plan, State initial) {
-    Slot& slot = lanes_[lane];
-    LaneFiller<width> filler(*group_, lane);
-    if (slot.plan != &plan) filler.put(plan), slot.plan = &plan, slot.shown.emplace(plan.system);
-    filler.put(initial);
-    slot.initial = std::move(initial), slot.projection.reset();
-    slot.time = slot.previous = 0, slot.end = run_.t_eval.back(), slot.next = 1, slot.steps = 0;
-  }
-
-  // As TaylorStepper::step without breaks; 0 of a lane without a member, or whose member has to run alone.
-  double choose_step(int lane) {
-    Slot& slot = lanes_[lane];
-    slot.stands = false;
-    double h = group_->step[lane];
-    if (!slot.runs || !group_->fine[lane] || h < std::min(smallest_step(0, slot.end), slot.end - slot.time)) return 0;
-    h = std::min(h, begin_ + slot.end - begin_ - slot.time);
-    const double time = slot.time + h < slot.end ? slot.time + h : slot.end;
-    if (time == slot.time) return 0;
-    slot.previous = std::exchange(slot.time, time), slot.stands = true;
-    if (slot.steps++ == 0) members_.record(slot.member, 0, *slot.initial);
-    return time - slot.previous;
-  }
-
-  // Samples between the ends of the last step.
-  void record_between() {
-    const auto pending = [&](const Slot& slot) { return slot.stands && run_.t_eval[slot.next] < slot.time; };
-    while (std::any_of(lanes_, lanes_ + width, pending)) {
-      for (int lane = 0; lane < width; ++lane)
-        group_->step[lane] = pending(lanes_[lane]) ? run_.t_eval[lanes_[lane].next] - lanes_[lane].previous : 0;
-      code_.evaluate(*group_, group_->sample);
-      for (int lane = 0; lane < width; ++lane)
-        if (Slot& slot = lanes_[lane]; pending(slot)) slot.stands = record_projected(lane, slot);
-    }
-  }
-  bool record_projected(int lane, Slot& slot) {
-    Counters unused;
-    Status status = Status::success;
-    if (!slot.projection) status = slot.projection.emplace(*slot.plan).start(*slot.initial);
-    State& sample = show(lane, group_->sample, run_.t_eval[slot.next]);
-    if (status == Status::success)
-      status = slot.projection->project(sample, Scales::of_motion(slot.plan->system, sample).length, unused);
-    if (status != Status::success || !is_finite(sample)) return false;
-    members_.record(slot.member, static_cast<int>(slot.next++), sample);
-    return true;
-  }
-  State& show(int lane, const LaneState<width>* from, double time) {
-    State& out = *lanes_[lane].shown;
-    for (int b = 0; b < group_->bodies; ++b)
-      for (int i = 0; i < 3; ++i) {
-        out.frames[b].x[i] = from[b].x[i][lane];
-        out.u[b].v[i] = from[b].v[i][lane], out.u[b].w[i] = from[b].w[i][lane];
-        for (int c = 0; c < 3; ++c) out.frames[b].R(i, c) = from[b].R.part[c][i][lane];
-      }
-    out.frames.time = begin_ + time;
-    return out;
-  }
-
-  void finish_step(int lane, const Interrupted& stopped) {
-    Slot& slot = lanes_[lane];
-    if (!slot.runs) return;
-    if (slot.stands && run_.t_eval[slot.next] == slot.time) {
-      const State& state = show(lane, group_->state, slot.time);
-      slot.stands = is_finite(state);
-      if (slot.stands) members_.record(slot.member, static_cast<int>(slot.next++), state);
-    }
-    if (!slot.stands) {
-      members_.alone(slot.member, stopped);
-      return refill(lane, stopped);
-    }
-    if (slot.next < run_.t_eval.size()) return;
-    Outcome outcome;
-    outcome.samples = static_cast<int>(slot.next), outcome.time_reached = slot.time;
-    outcome.counters.steps = slot.steps;
-    members_.end(slot.member, outcome, width);
-    refill(lane, stopped);
-  }
-
-  const LaneCode<width>& code_;
-  const Members& members_;
-  const TaylorRun& run_;
-  const double begin_;
-  std::unique_ptr<LaneGroup<width>> group_;
-  Slot lanes_[width];
-  int running_ = 0;
-  size_t next_ = 0, last_ = 0;
-};
+template <class Number>
+void put_lane(ColumnStack<Number, 3>& out, int lane, const Mat3& values) {
+  for (int c = 0; c < 3; ++c)
+    for (int i = 0; i < 3; ++i) out.part[c][i][lane] = values(i, c);
+}
 
 // The sets of instructions that this processor has code for, best first; "none": each member by itself. Two lanes, as
 // any x86-64 or ARM processor has, gain nothing: one system fills them too.
@@ -245,14 +40,14 @@ inline std::vector<std::string> lane_sets() {
   return found;
 }
 
-template <int width>
-bool run_blocks(const LaneCode<width>& code, size_t count, const Members& members, const TaylorRun& run, double begin,
-                int threads, const Interrupted& interrupted) {
+// Calls run(first, last, stopped) for blocks of members on threads; whether it was interrupted.
+template <class Block>
+bool run_blocks(int width, size_t count, int threads, const Interrupted& interrupted, const Block& run) {
   constexpr size_t kMostInLane = 16;  // keeps lanes full for most of a block
   const size_t share = (count + threads * width - 1) / (threads * width);
   const size_t block = width * std::clamp<size_t>(share / 4, 1, kMostInLane);
   return on_threads((count + block - 1) / block, threads, interrupted, [&](size_t k, const Interrupted& stopped) {
-    TaylorLanes<width>(code, members, run, begin).run(k * block, std::min(count, (k + 1) * block), stopped);
+    run(k * block, std::min(count, (k + 1) * block), stopped);
   });
 }
 

@@ -9,6 +9,29 @@ namespace lieeuler {
 
 class TreeSchur {
  public:
+  // One side of a part, with its rows V, W against (v, w) of the body, and N = W J^-1.
+  //   spherical, child    V = R^T, W = -hat(s): W and N are constant
+  //   spherical, parent   V = -R^T, W = T hat(s), T = R^T R_parent
+  //   dots                from the joint
+  enum class Kind { child_point, parent_point, dots };
+  struct End {
+    Kind kind;
+    int part, body;
+    Side side;
+    double inverse_mass;
+    bool whole;  // whether a point needs V, W and N as matrices
+    Vec3 s;
+    Mat3 V, W, N;
+    Mat3 own;  // child_point: its block of S; parent_point: that block without T
+  };
+  // The two blocks of S for two ends on one body. chain: share * T^T, for a child_point and a parent_point.
+  struct Pair {
+    int a, b;
+    double *ab, *ba;
+    bool chain;
+    Mat3 share;
+  };
+
   explicit TreeSchur(const Plan& plan) : plan_(plan), system_(plan.system) {
     std::vector<std::vector<int>> ends_on(system_.n());
     for (int k = 0; k < plan.count(); ++k)
@@ -29,6 +52,10 @@ class TreeSchur {
   }
   int redundant() const { return 0; }
   double smallest_pivot() const { return 1; }
+
+  const std::vector<End>& ends() const { return ends_; }
+  const std::vector<Pair>& pairs() const { return pairs_; }
+  const BlockPlan& elimination() const { return lu_.plan(); }
 
   bool factor(const Constraints& joints, bool) {
     assemble(joints);
@@ -91,29 +118,6 @@ class TreeSchur {
   }
 
  private:
-  // One side of a part, with its rows V, W against (v, w) of the body, and N = W J^-1.
-  //   spherical, child    V = R^T, W = -hat(s): W and N are constant
-  //   spherical, parent   V = -R^T, W = T hat(s), T = R^T R_parent
-  //   dots                from the joint
-  enum class Kind { child_point, parent_point, dots };
-  struct End {
-    Kind kind;
-    int part, body;
-    Side side;
-    double inverse_mass;
-    bool whole;  // whether a point needs V, W and N as matrices
-    Vec3 s;
-    Mat3 V, W, N;
-    Mat3 own;  // child_point: its block of S; parent_point: that block without T
-  };
-  // The two blocks of S for two ends on one body. chain: share * T^T, for a child_point and a parent_point.
-  struct Pair {
-    int a, b;
-    double *ab, *ba;
-    bool chain;
-    Mat3 share;
-  };
-
   const JointState& joint_of(int k, const Constraints& joints) const { return joints[plan_.parts[k].joint]; }
 
   BlockPlan eliminate_parts(const std::vector<std::vector<int>>& ends_on) const {

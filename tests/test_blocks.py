@@ -222,7 +222,8 @@ def test_python_runs(block, tmp_path, monkeypatch):
         assert done.returncode == 0, done.stdout
 
 
-READERS = {"compound_pendulum.toml": crosscheck.load_scene, "sweep.toml": plan.read, "my.toml": overrides.read}
+READERS = {"compound_pendulum.toml": crosscheck.load_scene, "door.toml": crosscheck.load_scene,
+           "sweep.toml": plan.read, "my.toml": overrides.read}
 ARM = """
 schema = 2
 name = "arm"

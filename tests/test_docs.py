@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.schema import FORCE_ENTRIES
 from tests import ROOT
 
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -90,6 +92,14 @@ def test_what_is_missing_is_found(tmp_path):
     assert missing_paths(document) == {"tests/nowhere.py", "nowhere.hpp", "gone.md", "tests/lieeuler/test_gone.py"}
     assert missing_modules(document) == {"lieeuler.not_there", "crosscheck.judge.not_there"}
     assert missing_names(document) == {"GoneStepper", "gone_hook(z)"}
+
+
+def test_every_joint_and_force_is_in_the_tables_of_scenes():
+    rows = [line for line in (ROOT / "docs/adding-a-scene.md").read_text("utf-8").splitlines() if line.startswith("|")]
+    listed = {name for row in rows for name in CODE.findall(row.split("|")[1])}
+    assert {*JOINT_TYPES, *FORCE_ENTRIES} <= listed
+    scenes = {name for row in rows for name in CODE.findall(row.rstrip("| ").rpartition("|")[2]) if name[0].islower()}
+    assert {"hinge_pendulum", "rolling_disk"} <= scenes & {path.stem for path in (ROOT / "scenarios").glob("*.toml")}
 
 
 def test_equations_are_numbered_once_and_cited_ones_exist():

@@ -1,8 +1,8 @@
 """Sweeps whose workers, scheduler or client are killed at random end with the bits of an undisturbed run.
 
-Run with `python -m benchmarks.sweep_kills`; `--rounds` kills of each kind. Clients and workers of this machine are
-killed by SIGKILL, then the same command runs again if it has to; a Dask scheduler is killed and started again at its
-address, and the same command goes on.
+Run with `python -m benchmarks.sweep_kills`; `--rounds` kills of each kind before the sweep has ended. Clients and
+workers of this machine are killed by SIGKILL, then the same command runs again if it has to; a Dask scheduler is killed
+and started again at its address, and the same command goes on.
 """
 
 from __future__ import annotations
@@ -108,15 +108,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         quiet = crosscheck.sweep(request, out=folder / "quiet")
         length = time.perf_counter() - began + 2.0
         for kind in options.kind or KILLS:
-            same = running = 0
-            for round_ in range(options.rounds):
-                out = folder / f"{kind}{round_}"
-                running += KILLS[kind](request, out, random.uniform(0.5, length))
+            same = killed = tried = 0
+            while killed < options.rounds:  # a kill after the end of the sweep is none
+                out = folder / f"{kind}{tried}"
+                killed += KILLS[kind](request, out, random.uniform(0.5, length))
+                tried += 1
                 frame = crosscheck.sweep(request, out=out)
                 pd.testing.assert_frame_equal(quiet, frame, check_exact=True)
                 same += frame.attrs["report"]["computed"] == 0
-            print(f"{kind} killed {options.rounds} times, {running} of these before the sweep had ended: {same} of "
-                  f"{options.rounds} ended with the same bits, {len(quiet)} cells", flush=True)
+            print(f"{kind} killed {killed} times in {tried} sweeps of {len(quiet)} cells: {same} of these sweeps ended "
+                  "with the same bits", flush=True)
 
 
 if __name__ == "__main__":

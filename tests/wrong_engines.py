@@ -186,7 +186,9 @@ MISTAKES = (
                                          (0.999, HIGH))))
       for factor, orders in factors),
     *(Mistake(f"{field} reported x {factor}", reporting(lambda s, r, f=field, k=factor: {f: k * getattr(s, f)}))
-      for field in ("a", "alpha", "lam") for factor in (2.0, -1.0, 0.0, 0.7)),
+      for field in ("a", "alpha", "lam") for factor in (2.0, -1.0, 0.0, 0.7, 1.0003)),
+    *(Mistake(f"{field} x 1.01 in the second half", reporting(lambda s, r, f=field: {f: _second_half(getattr(s, f))}))
+      for field in ("a", "alpha", "lam")),
     Mistake("a without gravity", reporting(lambda s, r: {"a": s.a + np.array([0.0, 0.0, 9.81])}), ALL),
     Mistake("a in another frame", reporting(lambda s, r: {"a": np.einsum("tnji,tnj->tni", s.R, s.a)})),
     Mistake("alpha in world axes", reporting(lambda s, r: {"alpha": np.einsum("tnij,tnj->tni", s.R, s.alpha)})),
@@ -239,6 +241,10 @@ MISTAKES = (
     Mistake("Coriolis of a turning world", accelerating(
         lambda scene, a, al, x, R, v, w: (a + 0.2 * np.cross([0.0, 0.0, 1.0], v), al))),
 )
+
+
+def _second_half(values):
+    return np.concatenate([values[:len(values) // 2], 1.01 * values[len(values) // 2:]])
 
 
 def _every_second(values):

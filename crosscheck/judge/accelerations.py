@@ -32,6 +32,13 @@ SETTLED = 200
 SOFT = 1.5
 """Openings that fall with this order or more come from soft constraints (order 2), others from drift (order 1)."""
 
+EXACT, SHOWING, MOST = 0.25, 100.0, 1e4
+"""A run that fits its states to rounding in the share `EXACT` of the intervals in which a step would change more than
+`SHOWING` roundings evaluates its accelerations at its states, always. Rounding varies less than the factor `MOST`."""
+
+DEPENDING = 4.0
+"""An error that falls with the step is at most this many times its difference between two steps."""
+
 UNITS = {"acceleration": "m/s^2", "angular acceleration": "rad/s^2", "reaction": "m/s^2",
          "reaction torque": "rad/s^2"}
 """Reactions are compared by the accelerations that they give each body, M^-1 G^T lam: rows may be redundant."""
@@ -72,6 +79,10 @@ def judge_accelerations(scene: Scene, trajectories: Sequence[Any], runs: Sequenc
             weights, bound = _limit(scene, ordered, sizes, power)
             rest = np.sum([weight * gap for weight, (_, gap) in zip(weights, given, strict=True)], axis=0)
             candidates.append(("extrapolated to vanishing steps, ", _sizes(rest) * length, bound))
+            change = _sizes(given[1][1] - given[0][1]) * length
+            candidates.append(("no less at a finer step, ", sizes[0], _independent(scene, ordered, change)))
+        candidates.append(("where other accelerations are those of the state, ", sizes[own],
+                           _exact(scene, runs[0], sizes[own])))
         found = []
         for word, values, bound in candidates:
             at = int(np.argmax(np.where(runs[0].flow.regular, values / bound, 0.0)))
@@ -114,14 +125,19 @@ def _limit(scene: Scene, runs: Sequence[Defects], sizes: Sequence[np.ndarray], p
     """
     weights, left = extrapolation(runs, power)
     bound = _bound(scene, runs[0], power, len(runs) - 1, left)
-    springs = _soft(runs)
+    soft = _soft(runs)
     for run, size, weight, share in zip(runs, sizes, weights, shares(runs, power), strict=True):
-        soft = springs * np.minimum(run.opening["position"], run.allowed[0]["position"])[run.flow.index + 1]
         own, share = _bound(scene, run, power), np.where(share > APART, 1.0, share)
-        bound = bound + abs(weight) * (share * own + soft / (run.claim.step or 1.0) ** 2)
+        bound = bound + abs(weight) * (share * own + soft * _springs(run))
         settling = run.flow.end.t < SETTLED * (run.claim.step or 0.0)
         bound[settling | ((size > own) & (run is not runs[0]))] = np.inf
     return weights, bound
+
+
+def _springs(run: Defects) -> np.ndarray:
+    """(I,) the accelerations that soft constraints give, m/s^2."""
+    opened = np.minimum(run.opening["position"], run.allowed[0]["position"])[run.flow.index + 1]
+    return np.asarray(opened / (run.claim.step or 1.0) ** 2)
 
 
 def _sizes(vectors: np.ndarray) -> np.ndarray:
@@ -147,6 +163,29 @@ def _gaps(scene: Scene, traj: Any, at: np.ndarray) -> dict[str, np.ndarray]:
     return found
 
 
+def _exact(scene: Scene, run: Defects, sizes: np.ndarray) -> np.ndarray:
+    """(I,) the bound of a run whose accelerations are those of its states, up to rounding; infinite for another."""
+    rounding = _lasting(scene, run)
+    if not (run.claim.step and run.claim.fixed):  # what a step would show is not known
+        return np.full(len(sizes), np.inf)
+    showing = run.flow.regular & (run.claim.step * run.scale.length * run.flow.jerks[1] > SHOWING * rounding)
+    exact = showing.any() and np.mean(sizes[showing] <= rounding[showing]) >= EXACT
+    return MOST * rounding if exact else np.full(len(sizes), np.inf)
+
+
+def _independent(scene: Scene, runs: Sequence[Defects], change: np.ndarray) -> np.ndarray:
+    """(I,) the bound of the finest run's errors, which fall with the step, by their `change` to the next run.
+
+    It is infinite where the states are apart, and while accelerations settle.
+    """
+    settling = runs[0].flow.end.t < SETTLED * max(run.claim.step or 0.0 for run in runs)
+    close = np.max(shares(runs[:2], 1), axis=0) < ALIKE
+    lasting = MOST * sum(_lasting(scene, run) + _noise(run) for run in runs[:2])
+    if _soft(runs):
+        lasting += DEPENDING * sum(_springs(run) for run in runs[:2])
+    return np.where(close & ~settling, DEPENDING * around(change, NEAR) + lasting, np.inf)
+
+
 def _bound(scene: Scene, run: Defects, power: int, more: int = 0, times: float = 1.0) -> np.ndarray:
     """Bound (I,) of accelerations (m/s^2) and, over the length, of angular ones, at the ends of the intervals.
 
@@ -158,13 +197,24 @@ def _bound(scene: Scene, run: Defects, power: int, more: int = 0, times: float =
         steps = WITHIN if not more else WITHIN**degree / math.factorial(degree)
         # The largest of the run: accelerations of their own remember where they came from.
         changed = times * steps * run.claim.step**degree * scale.length * float(found.jerks[degree].max())
-        # Positions open by e, by rounding or Newton's iteration, are accelerations of e / h^2.
-        changed += (10 * run.claim.newton + 16 * run.claim.eps * scale.length) / run.claim.step**2
+        changed += _noise(run)
     else:
         share = RATES * run.claim.steps * len(found.tau) * (run.claim.rtol or 0.0)
         changed = share * scale.length * (found.jerks[0] + scale.rate**2)
+    return np.asarray(changed + _lasting(scene, run))
+
+
+def _noise(run: Defects) -> float:
+    """Positions open by e, by rounding or Newton's iteration, are accelerations of e / h^2."""
+    step = run.claim.step
+    return (10 * run.claim.newton + 16 * run.claim.eps * run.scale.length) / step**2 if step else 0.0
+
+
+def _lasting(scene: Scene, run: Defects) -> np.ndarray:
+    """(I,) what rounding and open constraints give, however small the step."""
+    scale = run.scale
     size = scale.length * scale.rate**2 + scale.speed**2 / scale.length
     floor = 16 * tolerances.grading(scene) * run.claim.eps * size
-    x, v = (np.minimum(np.minimum(run.opening[level], run.allowed[0][level]), most)[found.index + 1] for level, most in
-            (("position", SHARE * scale.length), ("velocity", SHARE * scale.length * scale.rate)))
-    return np.asarray(changed + 2 * scale.rate * (v + scale.rate * x) + floor)
+    x, v = (np.minimum(np.minimum(run.opening[level], run.allowed[0][level]), most)[run.flow.index + 1]
+            for level, most in (("position", SHARE * scale.length), ("velocity", SHARE * scale.length * scale.rate)))
+    return np.asarray(2 * scale.rate * (v + scale.rate * x) + floor)

@@ -114,6 +114,18 @@ def test_the_run_selector_drives_playback_and_the_address_keeps_the_view(watched
     assert page.locator("[data-body]").text_content() == "lower"
 
 
+def test_a_change_before_the_event_of_the_last_one_stays(watched):
+    page = watched.open(SCENE)
+    page.evaluate("""() => new Promise((heard) => {
+        window.addEventListener("hashchange", () => setTimeout(heard, 0), {once: true});
+        const body = document.getElementById("body");
+        body.selectedIndex = 1;
+        body.dispatchEvent(new Event("change"));
+        document.getElementById("vectors").click();
+    })""")
+    assert not page.get_by_label("error vectors").is_checked()
+
+
 STAGE = "document.getElementById('stage').dataset"
 
 

@@ -205,9 +205,11 @@
   const given = Object.entries(choices).filter(([, each]) => each?.options.length);
   const address = () => "#" + new URLSearchParams([["view", ""],
     ...given.map(([key, each]) => [key, each.selectedOptions[0].text]), ...playback.kept(), ["t", now.toPrecision(4)]]);
-  const remember = () => window.location.replace(address());
+  let written = "";  // the event of a change comes later, when the reader may have changed more
+  const remember = () => { written = address(); window.location.replace(written); };
   function recall() {
-    const view = new URLSearchParams(window.location.hash.slice(1));
+    written = window.location.hash;
+    const view = new URLSearchParams(written.slice(1));
     if (!view.has("view")) return;
     given.forEach(([key, each]) => {
       const option = [...each.options].find((one) => one.text === view.get(key));
@@ -223,6 +225,6 @@
     if (each === runSelect) playback.show(wanted());
     remember();
   }));
-  window.addEventListener("hashchange", () => { if (window.location.hash !== address()) recall(); });
+  window.addEventListener("hashchange", () => { if (window.location.hash !== written) recall(); });
   recall();
 })();

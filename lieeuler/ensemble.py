@@ -88,8 +88,7 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
     Each trajectory is that of `lieeuler.integrate` to the last bit, whatever the other members, threads and processor.
     Members of up to four bodies on ball joints, without loops and forces but gravity, share registers on x86-64
     processors with AVX2 (four at a time) or AVX-512 (eight): with "taylor", and on chains with "rkmk4", "rkmk54" and
-    "rkmk853" if `step` is given. Compiling each member takes 0.3 ms if bodies are symmetric and `spin_free` is not
-    False, or if parameters are given.
+    "rkmk853" if `step` is given. Parameters, and symmetric bodies unless `spin_free` is False, cost 0.3 ms a member.
 
     Parameters
     ----------

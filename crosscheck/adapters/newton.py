@@ -76,7 +76,8 @@ class Newton:
             solver = _solver(scene, model, spec, h)
             now, then = model.state(), model.state()
             now.body_q.assign(_poses(scene))
-            now.body_qd.assign(_twists(scene))
+            # of the mass centres, in world axes
+            now.body_qd.assign(np.concatenate([scene.v0, np.einsum("nij,nj->ni", scene.R0, scene.w0)], axis=1))
             newton.eval_ik(model, now, now.joint_q, now.joint_qd)
             start = now.body_q.numpy().astype(float).ravel(), now.body_qd.numpy().astype(float).ravel()
             control = model.control()
@@ -185,11 +186,6 @@ def _mobility(scene: Scene, joint: Joint) -> float:
 def _poses(scene: Scene) -> np.ndarray:
     """(n, 7) positions and quaternions x, y, z, w at the start."""
     return np.concatenate([scene.x0, np.array([body.attitude for body in scene.bodies])[:, XYZW]], axis=1)
-
-
-def _twists(scene: Scene) -> np.ndarray:
-    """(n, 6) velocities of the centres of mass and angular velocities at the start, in world axes."""
-    return np.concatenate([scene.v0, np.einsum("nij,nj->ni", scene.R0, scene.w0)], axis=1)
 
 
 def _converter(scene: Scene) -> stepping.Convert:

@@ -132,11 +132,7 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
     # If the process is killed between these steps, the next start repeats them. Each step may run twice.
     store.save(history_store, store.run_from_document(heading["name"], document, good=exit_code == 0))
     folder = _publish(out, heading["name"], document, text)
-    link = out / f".{LATEST}-{os.getpid()}"  # so that there is no moment without a `latest`
-    link.unlink(missing_ok=True)
-    link.symlink_to(folder.name, target_is_directory=True)
-    os.replace(link, out / LATEST)
-    _sync(out)
+    _point_latest(out, folder.name)
     sites.tell(out / LATEST)
     _discard(out / RUNNING)
     _prune(out, keep)
@@ -266,6 +262,15 @@ def _publish(out: Path, name: str, document: Document, text: str) -> Path:
         raise ArgumentError(f"--out {out}: the report cannot be written ({error.strerror or error}); mend this and "
                             "start the run again, all results are kept") from error
     return folder
+
+
+def _point_latest(out: Path, name: str) -> None:
+    """Let `latest` lead to this run, without a moment in which there is no `latest`."""
+    link = out / f".{LATEST}-{os.getpid()}"
+    link.unlink(missing_ok=True)
+    link.symlink_to(name, target_is_directory=True)
+    os.replace(link, out / LATEST)
+    _sync(out)
 
 
 def _prune(out: Path, keep: int) -> None:

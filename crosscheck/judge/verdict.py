@@ -25,6 +25,7 @@ from crosscheck.document import (
     Order,
     Outcome,
     Rung,
+    Status,
     extended,
 )
 from crosscheck.judge import known, tolerances
@@ -231,16 +232,12 @@ def judge_orders(order: int, ladder: Sequence[Rung], plateaus: Mapping[str, Plat
                 result = replace(result, observed=max(result.observed, result.finest))
                 why += ", and of orders that rise that of the two finest steps"
         orders[quantity] = result
-        findings.append(_order_finding(f"order {quantity}", values, result, lowest, why))
+        status: Status = "unjudged" if result.observed is None else "ok" if result.observed >= lowest else "fail"
+        value, detail = result.observed, result.note if result.observed is None else ""
+        if not np.isfinite(values).all():
+            status, value, detail = "fail", None, "a run of the order study was not finite"
+        findings.append(Finding(f"order {quantity}", status, value, lowest, "1", why, detail))
     return findings, orders
-
-
-def _order_finding(kind: str, values: list[float], result: Order, lowest: float, why: str) -> Finding:
-    if not np.isfinite(values).all():
-        return Finding(kind, "fail", None, lowest, "1", why, "a run of the order study was not finite")
-    if result.observed is None:
-        return Finding(kind, "unjudged", None, lowest, "1", why, result.note)
-    return Finding(kind, "ok" if result.observed >= lowest else "fail", result.observed, lowest, "1", why)
 
 
 def undecided(findings: list[Finding], orders: dict[str, Order]) -> bool:

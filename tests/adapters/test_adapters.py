@@ -236,6 +236,12 @@ def test_mujoco_warning_is_told_and_leaves_no_log_file(monkeypatch: pytest.Monke
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("method", ["RKMK4", "RKMK8"])
+def test_infinite_rotation_vectors_are_told_as_divergence(method: str) -> None:
+    with pytest.raises(EngineError, match=f"{method} diverged"):
+        crosscheck.run("stiff_damped", "pinocchio", method, step=0.1, monitor=False)
+
+
 def test_newton_failure_carries_the_engine_words() -> None:
     with pytest.raises(EngineError, match=r"Exudyn GeneralizedAlpha stopped at t = .* s: .*minimum step size"):
         crosscheck.run(crosscheck.load_scene("heavy_top"), "exudyn", "GeneralizedAlpha", step=5e-3)

@@ -52,7 +52,8 @@ def inverse_tangent(theta: Sequence[float], w: Sequence[float]) -> tuple[float, 
             factor = factor * square + coefficient
     else:
         angle = math.sqrt(square)
-        factor = 1.0 / square - 0.5 / (angle * math.tan(0.5 * angle))
+        tangent = math.tan(0.5 * angle) if angle < math.inf else math.nan  # a diverging run
+        factor = 1.0 / square - 0.5 / (angle * tangent)
     p, q, r = b * z - c * y, c * x - a * z, a * y - b * x
     return (x + 0.5 * p + factor * (b * r - c * q), y + 0.5 * q + factor * (c * p - a * r),
             z + 0.5 * r + factor * (a * q - b * p))

@@ -6,6 +6,10 @@ import signal
 import pytest
 from hypothesis import settings
 
+from crosscheck.jobs import threads
+
+threads.limit()
+
 # Shared machines stall: an example is never late. CI draws the same examples every time, a developer new ones.
 settings.register_profile("house", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("house")

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from crosscheck.jobs import threads
 from crosscheck.jobs.workers.frames import BrokenFrame, framed
 from crosscheck.jobs.workers.pipes import TICK, Ended, Pipes, ended
 
@@ -87,14 +88,12 @@ class Worker:
         # Opened for appending, so that it can be emptied between tasks.
         self._printed = tempfile.TemporaryFile("a+b")  # noqa: SIM115
         folder = str(Path(__file__).resolve().parents[2])
-        # One thread per worker, so that workers do not slow each other down while they are timed.
-        single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         self._mark = secrets.token_hex(8)
         marks = {MARK: " ".join(filter(None, (os.environ.get(MARK), self._mark)))}
         command = [python or sys.executable, "-P", "-c", BOOT, folder]
         # Its own process group, so that all of it can be ended at once.
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._printed,
-                                         env={**single, **os.environ, **marks}, process_group=0)
+                                         env={**threads.ONE, **os.environ, **marks}, process_group=0)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._pipes = Pipes(self._process.pid, self._process.stdin, self._process.stdout)

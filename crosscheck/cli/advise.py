@@ -22,8 +22,8 @@ def advise(
 ) -> None:
     """Find the cheapest method of an engine for an error, its largest step, and the step at which it fails.
 
-    The first call for a scene and engine compares runs with truth, in half a minute at most; later calls read the
-    results. Exit code 0: a method reaches the error; 1: none does.
+    The first call for a scene and engine compares runs with truth, for at most half a minute of processor time; later
+    calls read the results. Exit code 0: a method reaches the error; 1: none does.
     """
     import msgspec
 

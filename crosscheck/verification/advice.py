@@ -26,8 +26,8 @@ LEVELS = tuple(10.0**-power for power in range(2, 12))
 def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) -> Advice:
     """The cheapest method of an engine whose error on a scene is at most `error`, with its largest step.
 
-    The first call for a scene and engine runs every method at many steps, for at most half a minute, and stores the
-    results. Later calls, for any error, read them.
+    The first call for a scene and engine runs every method at many steps, for at most half a minute of processor time,
+    and stores the results. Later calls, for any error, read them.
 
     Parameters
     ----------

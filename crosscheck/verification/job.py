@@ -109,7 +109,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     journal : every result is written to it; results that are in it already are not computed again
     limits : of one cell; None: those of `crosscheck.verification.guarded`
     overrides : bounds set by the user, from `crosscheck.judge.overrides.read`
-    walk : also make the runs for advice, half a minute per scene and engine
+    walk : also make the runs for advice, half a minute of processor time per scene and engine
     asked : map, step and duration of main runs instead of those of the plan
     scheduler : where truths and runs are computed, for `crosscheck.running.cluster.connect`; timings are made here
 

@@ -3,7 +3,9 @@
 First all methods, in the default form, are run with halved steps, or with tolerances that fall by half a power of ten.
 The cheapest next run always comes first. Then steps between two halvings are searched for the errors of `LEVELS`, and
 the cheapest runs take turns to measure their times. An engine gets `BUDGET` seconds on a scene, without the time to
-load its package and to compute the truth. Steps divide the interval between two output times, as in `crosscheck.run`.
+load its package and to compute the truth. They are seconds of the processor, so that a busy machine finds as much as
+an idle one, or of the clock for engines with processes of their own. Steps divide the interval between two output
+times, as in `crosscheck.run`.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
     from crosscheck.running.trajectory import Trajectory
 
 BUDGET = 30.0
-"""Time (s) for all runs of one engine on one scene."""
+"""Time (s) for all runs of one engine on one scene, by `_Walker._busy`."""
 
 WALK, SEARCH = 0.6, 0.85
 """Shares of the budget after which halving ends, and the search between halvings. The rest is for measuring times."""
@@ -101,7 +103,7 @@ class Walk:
     engine: str
     size: float  # m, size of the scene
     until: float  # s, the last sample that counts, which is not past the horizon of truth
-    seconds: float = 0.0  # total time
+    seconds: float = 0.0  # of the budget that were used
     steps: list[Step] = dataclasses.field(default_factory=list)
 
     def of(self, method: str) -> list[Step]:
@@ -167,13 +169,16 @@ class _Walker:
         self._interval = scene.duration / (scene.samples - 1)
         size = tolerances.scales(scene, truth).of("position")
         self._found = Walk(scene.name, engine, size, float(truth.t[self._last]))
-        self._began = time.perf_counter()
+        # Of engines in processes of their own, this process sees only the clock.
+        apart = adapters.is_own(engine) or adapters.has_own_environment(engine)
+        self._busy = time.perf_counter if apart else time.process_time
+        self._began = self._busy()
 
     def go(self, chosen: Sequence[Way]) -> Walk:
         """Run with halved steps, search between them, and measure times."""
         # The first run imports the engine and fills caches, which does not count in the budget.
         self._run(chosen[0], 1e-1 if chosen[0].adaptive else self._interval)
-        self._began = time.perf_counter()
+        self._began = self._busy()
         self._walk(chosen)
         for level in LEVELS:
             if self._found.reaching(level):
@@ -181,45 +186,43 @@ class _Walker:
                     if not way.adaptive:
                         self._bisect(way, level)
         self._turns()
-        self._found.seconds = time.perf_counter() - self._began
+        self._found.seconds = self._busy() - self._began
         return self._found
 
     def _left(self, share: float = 1.0) -> float:
-        return share * BUDGET - (time.perf_counter() - self._began)
+        return share * BUDGET - (self._busy() - self._began)
 
     def _run(self, way: Way, value: float) -> tuple[Step, float]:
-        """One run, and its whole time (s). If it fails, `reason` says why."""
+        """One run, and what it takes of the budget (s). If it fails, `reason` says why."""
         fixed, varied = (None, value) if way.adaptive else (value, None)
         step = Step(way.method, way.form, way.order, fixed, varied, 0)
-        start = time.perf_counter()
+        start = self._busy()
         try:
             traj, step.cost = self._timed(step)
         except Exception as error:  # whatever the engine raises is the result of this step
             step.reason = said(error)
-            return step, time.perf_counter() - start
-        wall = time.perf_counter() - start
+            return step, self._busy() - start
+        taken = self._busy() - start
         step.form, step.steps = traj.form, traj.steps
         step.step = traj.stats.get("step", step.step) if step.rtol is None else None
         until = self._last + 1
         found = float(np.abs(traj.x[:until] - self._truth.states.x[:until]).max())
         step.error = found if math.isfinite(found) else None
-        return step, wall
+        return step, taken
 
     def _timed(self, step: Step) -> tuple[Trajectory, float]:
         """A run at this step or tolerance and its stepping time (s). For a short run it is the least of a few.
 
         Stepping takes no longer than the processor was busy with the whole run: on a busy machine the clock also counts
-        the time in which others had it. Engines in processes of their own leave only the clock.
+        the time in which others had it.
         """
         from crosscheck.running.run import run
 
-        apart = adapters.is_own(self._engine) or adapters.has_own_environment(self._engine)
         costs: list[float] = []
         while True:
-            began = time.process_time()
+            began = self._busy()
             traj = run(self._scene, self._engine, step.method, step=step.step, rtol=step.rtol, monitor=False)
-            busy = math.inf if apart else time.process_time() - began
-            costs.append(min(float(traj.wall_time), busy))
+            costs.append(min(float(traj.wall_time), self._busy() - began))
             if len(costs) == TRIES or sum(costs) > SHORT:
                 return traj, min(costs)
 
@@ -235,11 +238,11 @@ class _Walker:
             value = next(values, None)
             if value is None:
                 continue
-            step, wall = self._run(way, value)
+            step, taken = self._run(way, value)
             self._found.steps.append(step)
             if not self._done(way, step):
                 grown = 1.5 if way.adaptive else 2.0
-                heapq.heappush(heap, (grown * max(wall, 0.5 * last), next(order), way, values, wall))
+                heapq.heappush(heap, (grown * max(taken, 0.5 * last), next(order), way, values, taken))
 
     def _done(self, way: Way, step: Step) -> bool:
         """Whether finer runs of this way are useless, because of rounding or because another way is much better."""

@@ -186,6 +186,9 @@ KNOWN: tuple[Known, ...] = (
     *(Known(engine, ("3",), ("RK4",), _summed("mjx", word), ("tree",), kinds, NAIVE, always=always)
       for engine in ("mjx", "mjx-single") for word, kinds, always in (
           ("surely", SUMMED, engine == "mjx"), ("maybe", SUMMED, False), ("surely", {"order intervals": 1.6}, False))),
+    Known("newton", ("1.8",), ("MuJoCoRK4",), ("heavy_top",), ("tree",), {
+        "order position": 1.8, "order attitude": 1.8, "order velocity": 1.6, "order angular velocity": 1.9}, NAIVE,
+        always=False),
     Known("pinocchio", ("4",), ("SymplecticEuler", "RK4naive", "RKMK4", "RKMK8"), ("parallelogram", "double_four_bar"),
           None, LOST, SINGULAR, always=False),
     Known("pinocchio", ("4",), ("SymplecticEuler", "RK4naive", "RKMK4", "RKMK8"), ("light_heavy",), ("maximal",),

@@ -49,6 +49,13 @@ def test_mujocos_rk4_is_known_to_be_naive_before_version_4():
         assert not about("mujoco", "RK4", scene, version=version)
 
 
+def test_newtons_rk4_is_known_to_be_naive_on_the_fast_top():
+    assert about("newton", "MuJoCoRK4", "heavy_top", version="1.8.0")
+    for method, scene, version in (("XPBD", "heavy_top", "1.8.0"), ("MuJoCoRK4", "hinge_pendulum", "1.8.0"),
+                                   ("MuJoCoRK4", "heavy_top", "1.9.0")):
+        assert not about("newton", method, scene, form="maximal" if method == "XPBD" else "tree", version=version)
+
+
 def _settled(scene, observed):
     run = Measured(scene=scene, engine="pinocchio", version="4.1", method="RK4naive", form="tree", step=1e-3,
                    documented_order=4)

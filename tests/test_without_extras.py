@@ -53,7 +53,7 @@ WORK = {  # and what they say
     "--version": "mujoco not installed", "list": "heavy_top", "support": "lieeuler",
     f"run brief.toml {RATTLE} --step 0.01": "verdict: pass", "truth brief.toml": "natural coordinates",
     "inspect brief.toml": "lieeuler-crosscheck[mujoco]", "export brief.toml -o out.xml": "written",
-    "sweep sweep.toml -o sweep --dry-run": "1 cell, 1 of them to be computed",
+    "sweep sweep.toml -o sweep --dry-run": "1 cell, of which 0 finished in sweep and 1 to be computed",
     f"verify --scene brief.toml {RATTLE} --profile smoke --jobs 1 --out report": "results.json"}
 LACK = {  # and what
     "run brief.toml --engine mujoco --method RK4 --step 0.01": "mujoco",

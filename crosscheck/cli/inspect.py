@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from crosscheck.cli.console import console, counted
+from crosscheck.cli.console import console, counted, say
 from crosscheck.cli.options import SceneName
 from crosscheck.cli.tables import figures, key, print_table
 
@@ -42,8 +41,7 @@ def inspect(
         raise ArgumentError(unknown("--form", form, CHOICES["form"]))
     if is_model(scene):
         native = examine_natively(scene, engine or None, states, seed, against)
-        terminal = console(1000)
-        printed(native, functools.partial(terminal.print, markup=False))
+        printed(native, say)
         raise typer.Exit(0 if native.agree else 1)
     found = examine(load_scene(scene), engine or None, form, states, seed)
     _print(found)

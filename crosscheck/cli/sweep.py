@@ -26,18 +26,18 @@ def sweep(
 
     from crosscheck.sweeps import job
 
+    target = out or Path("reports") / f"sweep-{file.stem}"
     if dry_run:
-        count, missing, seconds = job.estimate(file, out, workers)
+        count, missing, seconds = job.estimate(file, target, workers)
         spoken = (f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min" if seconds < 7200 else
                   f"{seconds / 3600:.1f} h")
-        typer.echo(f"{counted(count, 'cell')}, {missing} of them to be computed, about {spoken} with "
-                   f"{counted(workers, 'worker')}")
+        say(f"{counted(count, 'cell')}, of which {count - missing} finished in {target} and {missing} to be computed, "
+            f"about {spoken} with {counted(workers, 'worker')}")
         return
     if cell is not None:
         for name, value in msgspec.structs.asdict(job.one(file, cell)).items():
             typer.echo(f"{name}: {value}")
         return
-    target = out or Path("reports") / f"sweep-{file.stem}"
     with progress_bar() as progress:
         frame = job.sweep(file, workers, scheduler, target, progress)
     report = frame.attrs["report"]

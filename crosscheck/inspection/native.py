@@ -22,6 +22,15 @@ from crosscheck.scene.model import Scene, quaternion_from_rotation
 from crosscheck.scene.models.words import quoted, together
 
 
+DYNAMICS = ("mass matrix", "bias forces", "accelerations")
+COMPARED = {"masses": ("mass", "link"), "inertias": ("inertia", "link"), "centres of mass": ("centre of mass",),
+            "joints": ("joint", "type", "tree", "mimic"), "axes": ("axis",), "frames": ("frame",),
+            "damping": ("damping",), "armature": ("armature",), "stiffness": ("stiffness", "rest_position"),
+            "mass matrix": ("mass matrix", "armature"), "bias forces": ("bias",),
+            "accelerations": ("acceleration", "damping", "mass matrix", "armature", "bias", "gravity", "mimic")}
+"""What is compared, in words, with the quantities of the differences in it."""
+
+
 @dataclasses.dataclass(frozen=True)
 class NativeInspection:
     """The result of a native check. `refused` says for an engine that does not load the file what it said instead.
@@ -45,13 +54,27 @@ class NativeInspection:
         """The differences between one engine and the scene."""
         return tuple(each for each in self.differences if each.engine == engine)
 
+    def _retried(self, engine: str) -> str:
+        """What was done about a refusal, in words."""
+        bare = f"{engine} without meshes"
+        return f", and is shown below as {bare!r}" if any(native.engine == bare for native in self.native) else ""
+
+    @property
+    def same(self) -> tuple[str, ...]:
+        """What was compared and is the same in all engines, in words."""
+        told = {each.quantity for each in self.differences}
+        names = tuple(joint.name for joint in self.scene.joints) if self.scene else ()
+        whole = all(native.mass_matrix is not None and native.order == names for native in self.native)
+        return tuple(words for words, quantities in COMPARED.items() if not told.intersection(quantities)
+                     and (whole or words not in DYNAMICS))
+
     @property
     def lines(self) -> tuple[str, ...]:
         """The result as lines of text."""
         same = any(words.removeprefix("Error: ") in self.no_scene for words in self.refused.values())
         return (*(([] if same else [self.no_scene]) if self.scene is None else
                   [f"left out of the scene: {words}" for words in together(map(quoted, self.scene.left_out))]),
-                *(f"{engine} refuses the file: {words}" for engine, words in self.refused.items()),
+                *(f"{engine} refuses the file{self._retried(engine)}: {words}" for engine, words in self.refused.items()),
                 *together((str(each), each.place) for each in self.differences))
 
 
@@ -217,3 +240,5 @@ def printed(found: NativeInspection, echo: Callable[[str], Any]) -> None:
              "coordinate each")
     if found.agree:
         echo("no engine reads anything differently")
+    elif found.scene is not None and found.native and found.same:
+        echo(f"the same in all that loaded it: {', '.join(found.same)}")

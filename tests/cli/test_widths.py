@@ -25,6 +25,7 @@ from crosscheck.history import nightly
 from crosscheck.history.store import open_store, run_from_document, save
 from crosscheck.history.summary import summary
 from crosscheck.studies import results_folder
+from crosscheck.sweeps import job
 from crosscheck.verification import trust
 from tests.browser import pages_making
 from tests.history.store.documents import document, record
@@ -63,7 +64,9 @@ HISTORY = {"history": ["show"], "history list": ["list"],
            "history trend": ["trend", "position error", "--scene", "double_pendulum", "--engine", "pinocchio",
                              "--method", "SymplecticEuler"]}
 
-WHOLE = ("verify", "advise", "nightly", *HISTORY, "history empty", *STUDIES)
+SWEEP = "sweep --dry-run"
+
+WHOLE = ("verify", "advise", "nightly", SWEEP, *HISTORY, "history empty", *STUDIES)
 """What has snapshots: its figures are made up."""
 
 
@@ -82,6 +85,9 @@ def told(name, folder):
             print(CliRunner().invoke(app.app, ["nightly"]).stdout, end="")
     elif name == "verify":
         verdicts.print_verdicts(made_up(), Path("reports/latest/index.html"))
+    elif name == SWEEP:
+        with mock.patch.object(job, "estimate", return_value=(100_000, 99_950, 4100.0)):
+            print(CliRunner().invoke(app.app, ["sweep", "masses-of-both-pendulums.toml", "--dry-run"]).stdout, end="")
     elif name == "advise":
         advice = Advice(scene="heavy_top", engine="mujoco", wanted=1e-4, until=1.0, least=1e-12, method="RK4",
                         form="tree", step=2.9412e-4, error=8.1e-5, cost=0.0297, breaks_at=1.25e-3,

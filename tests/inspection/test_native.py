@@ -145,9 +145,25 @@ def test_a_refusal_stands_beside_what_the_others_read(tmp_path):
     path.write_text(PLAIN.replace("</visual></link>", f"</visual>{shape}</link>"))
     found = crosscheck.inspect(path)
     assert "no.stl" in found.refused["mujoco"]
+    assert found.lines[-1].startswith("mujoco refuses the file, and is shown below as 'mujoco without meshes': ")
     assert [each.engine for each in found.native] == ["mujoco without meshes", "pinocchio"]
     assert found.differences == ()
     assert not found.agree
+
+
+def test_what_was_compared_and_is_the_same_is_said_and_nothing_else(tmp_path):
+    (tmp_path / "arm.urdf").write_text(ARM_URDF)
+    found, told = crosscheck.inspect(tmp_path / "arm.urdf"), []
+    native.printed(found, told.append)
+    assert told[-1] == ("the same in all that loaded it: masses, inertias, centres of mass, joints, axes, frames, "
+                        "armature, stiffness, mass matrix, bias forces")  # Pinocchio applies no damping
+    (tmp_path / "heavy.urdf").write_text(ARM_URDF.replace('<mass value="1"/>', '<mass value="1.001"/>'))
+    other = crosscheck.inspect(tmp_path / "heavy.urdf", ["mujoco"], against=tmp_path / "arm.urdf")
+    assert {"masses", "mass matrix", "accelerations"}.isdisjoint(other.same)
+    assert {"axes", "frames", "damping"} <= set(other.same)
+    (tmp_path / "plain.urdf").write_text(PLAIN)
+    plain = crosscheck.inspect(tmp_path / "plain.urdf")
+    assert set(plain.same) == set(native.COMPARED)
 
 
 def test_a_body_that_one_engine_refuses_is_read_by_the_others(tmp_path):

@@ -363,10 +363,10 @@ window.Playback = (function () {
       },
       recall(view) {
         const camera = (view.get("camera") ?? "").split(",").map(Number);
-        if (camera.length === 3 && camera.every(Number.isFinite)) [state.turn, state.tilt, state.zoom] = camera;
+        [state.turn, state.tilt, state.zoom] = camera.length === 3 && camera.every(Number.isFinite) ? camera : Object.values(FRONT);
         views.value = view.get("views") === "beside" ? "beside" : "overlay";
         vectorsShown.checked = view.get("vectors") !== "none";
-        if (view.has("trails")) trails.value = view.get("trails");
+        trails.value = view.get("trails") ?? "short";
         if (view.has("show")) this.show(view.get("show").split("|").filter((label) => actors.some((actor) => actor.label === label)));
       },
       seek(time) {

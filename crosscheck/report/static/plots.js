@@ -75,6 +75,11 @@ window.Figures = (function () {
     });
   }
 
+  // Plotly leaves its class behind, which would hide that nothing listens to the element any more.
+  function clear(element) {
+    Plotly.purge(element);
+    element.classList.remove("js-plotly-plot");
+  }
   function draw(element) {
     drawn.add(element);
     const figure = makers[element.dataset.figure](element);
@@ -93,7 +98,7 @@ window.Figures = (function () {
     element.classList.toggle("empty", !figure.traces.length);
     if (figure.height) element.style.height = figure.height + "px";
     if (!figure.traces.length) {
-      Plotly.purge(element);
+      clear(element);
       element.textContent = figure.empty ?? "no data for this choice";
       return;
     }
@@ -217,9 +222,8 @@ window.Figures = (function () {
     root.dataset.theme = "light";
     const figure = makers[element.dataset.figure](element);
     root.dataset.theme = theme;
-    const size = {width: 640, height: 420};
     return Plotly.toImage({data: figure.traces, layout: {...figure.layout, showlegend: true,
-      legend: {font: {size: 9}}}}, {format: "svg", ...size});
+      legend: {font: {size: 9}}}}, {format: "svg", width: 640, height: figure.height ?? 420});
   }
 
   // Groups of runs to compare; `preferred` first.
@@ -273,7 +277,7 @@ window.Figures = (function () {
       drawn.forEach((element) => { if (element.offsetParent) draw(element); else drawn.delete(element); });
     };
     document.addEventListener("themechange", refresh);
-    const anew = () => all.forEach((element) => { Plotly.purge(element); draw(element); });
+    const anew = () => all.forEach((element) => { clear(element); draw(element); });
     if (!printed) ["beforeprint", "afterprint"].forEach((event) => window.addEventListener(event, () => {
       if (window.Plotly) anew();
     }));

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.scene.models.neutral import Reading, grouped
+from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.schema import Content as Table
 
 MOST_NAMED = 6
@@ -64,7 +64,7 @@ def _contacts(reading: Reading) -> None:
     m = reading.model
     if _off(reading, "CONTACT") or _off(reading, "CONSTRAINT"):
         return
-    weld = grouped(m)
+    weld = reading.groups
     parents = weld[m.body_parentid]
     masks: dict[int, set[tuple[int, int]]] = {}
     for g in range(m.ngeom):
@@ -132,7 +132,7 @@ def _tendons(reading: Reading) -> list[Table]:
         if hard or bent or len(sites) != 2 or len(wraps) != 2 or (k and low != high):
             lost.append(m.tendon(t).name or f"tendon {t}")
             continue
-        groups = [int(grouped(m)[m.site_bodyid[site]]) for site in sites]
+        groups = [int(reading.groups[m.site_bodyid[site]]) for site in sites]
         if groups[1] == 0:
             groups, sites = groups[::-1], sites[::-1]
         if groups[0] == groups[1]:
@@ -152,7 +152,7 @@ def _compensation(reading: Reading) -> list[Table]:
         return []
     made = []
     for body in np.flatnonzero(m.body_gravcomp):
-        group = int(grouped(m)[body])
+        group = int(reading.groups[body])
         if group:
             name, point = reading.end(group, d.xipos[body])
             made.append({"type": "constant_force", "child": name, "child_point": point, "frame": "world",
@@ -212,10 +212,10 @@ def _closed(reading: Reading, e: int, name: str, kind: str) -> Table | None:
     m, d = reading.model, reading.data
     ids = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
     if m.eq_objtype[e] == mujoco.mjtObj.mjOBJ_SITE:
-        groups = [int(grouped(m)[m.site_bodyid[site]]) for site in ids]
+        groups = [int(reading.groups[m.site_bodyid[site]]) for site in ids]
         points = [d.site_xpos[site] for site in ids]
     else:
-        groups = [int(grouped(m)[body]) for body in ids]
+        groups = [int(reading.groups[body]) for body in ids]
         local = m.eq_data[e]
         offsets = (local[0:3], local[3:6]) if kind == "spherical" else (
             local[3:6] + d.xmat[ids[0]].reshape(3, 3).T @ d.xmat[ids[1]].reshape(3, 3) @ local[0:3], local[0:3])

@@ -7,6 +7,7 @@ centre of mass. The parent of a joint is the parent body in the model.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,6 +46,11 @@ class Reading:
     bodies: dict[int, Rigid]
     lost: list[str]  # can be left out, but would change the motion
     impossible: list[str]  # cannot be left out
+
+    @functools.cached_property
+    def groups(self) -> np.ndarray:
+        """(nbody,) the group of each body of the model, see `grouped`."""
+        return grouped(self.model)
 
     def end(self, group: int, point: np.ndarray) -> tuple[str, list[float]]:
         """(name, anchor in its frame) of a point in the world on a group of bodies; 0 is the ground."""
@@ -117,13 +123,13 @@ def _hanging(reading: Reading, group: int) -> Table | None:
     letters = {mujoco.mjtJoint.mjJNT_HINGE: "h", mujoco.mjtJoint.mjJNT_SLIDE: "s", mujoco.mjtJoint.mjJNT_BALL: "b",
                mujoco.mjtJoint.mjJNT_FREE: "f"}
     kinds = "".join(letters[mujoco.mjtJoint(m.jnt_type[j])] for j in ids)
-    parent = int(grouped(m)[m.body_parentid[group]])
+    parent = int(reading.groups[m.body_parentid[group]])
     turning = [j for j, kind in zip(ids, kinds, strict=True) if kind == "h"]
     slides = [j for j, kind in zip(ids, kinds, strict=True) if kind == "s"]
     axes = {j: d.xaxis[j] for j in ids}
     anchors = {j: d.xanchor[j] for j in ids}
     size = max(1.0, float(np.abs(d.xanchor).max()))
-    together = all(np.linalg.norm(anchors[j] - anchors[ids[0]]) < ALIGNED * size for j in turning)
+    together = all(np.linalg.norm(anchors[j] - anchors[turning[0]]) < ALIGNED * size for j in turning)
     name = next((m.jnt(j).name for j in [*turning, *ids] if m.jnt(j).name), f"{reading.bodies[group].name} joint")
 
     def table(kind: str, at: np.ndarray, parent_axis: Any = None, child_axis: Any = None,

@@ -120,8 +120,9 @@ def followers(model: Source, m: Any) -> list[tuple[int, int, float, float]]:
 
 
 def _mimics(model: Source) -> list[tuple[str, Table]]:
-    """Joints of a URDF that follow others, and whom; MuJoCo does not read it."""
-    found = ((joint.get("name", ""), joint.find("mimic")) for joint in model.root.findall("joint"))
+    """Moving joints of a URDF that follow others, and whom; MuJoCo does not read it."""
+    found = ((joint.get("name", ""), joint.find("mimic")) for joint in model.root.findall("joint")
+             if joint.get("type") != "fixed")
     return [(name, {"joint": mimic.get("joint", ""), "ratio": float(mimic.get("multiplier", 1.0)),
                     "offset": float(mimic.get("offset", 0.0))}) for name, mimic in found if mimic is not None]
 

@@ -52,6 +52,25 @@ def test_the_imported_scene_moves_as_the_model_in_mujoco(tmp_path):
     assert traj.joints["s"].position[0] == pytest.approx(q[1], abs=1e-14)
 
 
+SIX = ('<mujoco><worldbody><body name="b" pos="0 0 1"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>'
+       '<joint type="slide" axis="0 0 1"/><joint type="hinge" axis="1 0 0"/><joint type="hinge" axis="0 1 0"/>'
+       '<joint type="hinge" axis="0 0 1"/><inertial pos="0.1 0 0" mass="2" diaginertia="0.1 0.2 0.15"/></body></worldbody>'
+       "</mujoco>")
+
+
+def test_three_slides_and_three_hinges_are_a_free_body_wherever_it_starts(tmp_path):
+    q, v = np.array([0.3, -0.2, 0.5, 0.4, 0.3, -0.2]), np.array([1.0, 0.5, -0.3, 2.0, -1.0, 1.5])
+    path = written(tmp_path, SIX)
+    scene = crosscheck.import_model(path, qpos=q, qvel=v, duration=0.5, samples=6)
+    assert scene.joints == ()
+    traj = crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-13)
+    assert np.abs(traj.R - native(path, scene, q, v)).max() < 1e-11
+    apart = SIX.replace('<joint type="hinge" axis="0 0 1"/>', '<joint type="hinge" axis="0 0 1" pos="0.1 0 0"/>')
+    for start in (q, np.zeros(6)):
+        with pytest.raises(crosscheck.SceneError, match="none of the joints"):
+            crosscheck.import_model(written(tmp_path, apart), qpos=start)
+
+
 def test_the_motion_is_true(tmp_path):
     path = written(tmp_path, ZOO)
     scene = crosscheck.import_model(path, duration=0.5, samples=6)
@@ -274,6 +293,16 @@ def test_a_mimic_of_a_urdf_starts_where_its_leader_puts_it_and_runs(tmp_path):
     gap = joints["shoulder"].position - joints["elbow"].position - 0.3
     assert np.abs(gap).max() < 1e-14
     assert np.ptp(joints["elbow"].position) > 1e-3
+
+
+def test_a_mimic_of_a_joint_that_does_not_move_says_nothing(tmp_path):
+    held = '<child link="tool"/>', '<child link="tool"/><mimic joint="elbow"/>'
+    assert ARM_URDF.count(held[0]) == 1
+    plain, marked = (crosscheck.import_model(written(tmp_path, text, "arm.urdf"), drop=True)
+                     for text in (ARM_URDF, ARM_URDF.replace(*held)))
+    assert marked.left_out == plain.left_out
+    lost = ARM_URDF.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="held"/>')
+    assert "mimic of joint 'shoulder'" in crosscheck.import_model(written(tmp_path, lost, "arm.urdf"), drop=True).left_out
 
 
 def test_links_that_no_body_could_be_are_merged_along_fixed_joints(tmp_path):

@@ -20,6 +20,12 @@
   const breaks = (row) => (row.breaks_at === null ? "at none tried"
     : row.step ? short(row.breaks_at) + " s" : "rtol " + short(row.breaks_at));
   const node = (tag, text) => Object.assign(document.createElement(tag), {textContent: text});
+  // A line of a command ends at a space, never within "--step".
+  function command(text) {
+    const code = node("code", "");
+    text.split(" ").forEach((word, index) => code.append(index ? " " : "", node("span", word)));
+    return code;
+  }
 
   function show() {
     const found = rows.filter((row) => row.scene === scene.value && row.wanted === Number(error.value));
@@ -34,7 +40,7 @@
       parts.push(node("b", mine.method), (mine.form ? " (form " + mine.form + ")" : "") + " of " + mine.engine + " at "
         + (mine.step ? "step " : "") + size(mine) + ": error " + short(mine.error) + " m for "
         + short(1e3 * mine.cost) + " ms of stepping; breaks " + (mine.breaks_at === null ? "" : "at ") + breaks(mine) + ". ",
-        node("code", mine.command));
+        command(mine.command));
     }
     answer.replaceChildren(...parts);
     body.replaceChildren(...found.sort((one, other) => (one.cost ?? Infinity) - (other.cost ?? Infinity)).map((row) => {

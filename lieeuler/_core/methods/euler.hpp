@@ -63,6 +63,7 @@ class EulerStepper {
   // One step of size h, which may be negative, guessed from the earlier solutions in `predictor`.
   Status advance(double h, Predictor& predictor, Counters& counters) {
     h_ = h;
+    owes_output_ = false;
     if (predictor.empty())
       equations().guess(z_);
     else
@@ -127,10 +128,15 @@ class EulerStepper {
   void keep_rounding() { polishes_attitudes_ = false; }
   // Solves steps to this error, relative to the sizes of the system, instead of to rounding level.
   void solve_to(double accuracy) { accuracy_ = std::max(accuracy, std::numeric_limits<double>::epsilon()); }
+  bool to_rounding() const { return accuracy_ == std::numeric_limits<double>::epsilon(); }
 
   size_t unknowns() const { return z_.size(); }
   int redundant_rows() const { return saddle_.redundant(); }
-  const State& state() const { return state_; }
+  // With index-1 output, accelerations and multipliers are computed when they are asked for.
+  const State& state() {
+    if (std::exchange(owes_output_, false)) saddle_.accelerate(joints_, state_);
+    return state_;
+  }
   const Constraints& joints() const { return joints_; }
 
  protected:
@@ -143,8 +149,8 @@ class EulerStepper {
         has_others_(!plan.plain() || !plan.slips.empty()),
         nodes_(plan, layout.doubled_unknowns),
         columns_(nodes_),
-        joints_(system_),
-        start_joints_(system_),
+        joints_(system_, true),
+        start_joints_(system_, true),
         saddle_(plan, layout.eliminates && plan.independent ? Elimination::independent : Elimination::complete),
         start_(system_),
         state_(system_),
@@ -259,6 +265,11 @@ class EulerStepper {
     saddle_.accelerate(joints_, state_);
     return Status::success;
   }
+  // The same when state() is asked for, but the matrix now.
+  Status owe_index1() {
+    owes_output_ = true;
+    return saddle_.factor(joints_) ? Status::success : Status::singular_matrix;
+  }
   // Lam = duration * lam
   void store_multipliers(double duration) {
     for (int k = 0; k < nodes_.parts(); ++k)
@@ -273,10 +284,11 @@ class EulerStepper {
   const System& system_;
   const Level level_;
   bool index1_output_;
-  const bool second_order_;  // whether the matrix holds second derivatives of the constraints
-  const bool has_others_;    // whether there are rows of slip, mimics or rotors
-  const Nodes nodes_;        // layout of the unknowns z
-  Nodes columns_;            // layout of Newton's matrix
+  bool owes_output_ = false;  // (a, lam) of the index-1 system; the saddle point is factored
+  const bool second_order_;   // whether the matrix holds second derivatives of the constraints
+  const bool has_others_;     // whether there are rows of slip, mimics or rotors
+  const Nodes nodes_;         // layout of the unknowns z
+  Nodes columns_;             // layout of Newton's matrix
   double h_ = 0;
   Constraints joints_, start_joints_;  // at q and q_n
   SaddleSolver saddle_;
@@ -335,6 +347,7 @@ class EulerStepper {
     } else if (!index1_output_ && !Equations::projects(level_)) {  // else finish() has factored it here
       if (!saddle_.factor(joints_)) return Status::singular_matrix;
     }
+    state();
     saddle_.make_least_norm(joints_, state_.lam);
     return Status::success;
   }

@@ -268,10 +268,8 @@ class HamiltonStepper : public EulerStepper<HamiltonStepper<Map>, Map> {
       for (size_t i = 0; i < rates_.size(); ++i) rotor_momenta_[i] += mu_[this->part_of(plan_.rotors[i]).row];
       for (size_t r = 0; r < mu_.size(); ++r) state_.lam[r] += mu_[r] / h_;
     }
-    if (this->index1_output_)
-      this->saddle_.accelerate(joints_, state_);  // factored above: index-1 output comes with stabilised
-    else if (!rattle_)
-      accelerations_from_multipliers(system_, joints_, state_);
+    this->owes_output_ = this->index1_output_;  // factored above: index-1 output comes with stabilised
+    if (!this->index1_output_ && !rattle_) accelerations_from_multipliers(system_, joints_, state_);
     return Status::success;
   }
 

@@ -42,7 +42,8 @@ class LagrangeStepper : public LagrangeRows<Map> {
   static constexpr bool has_velocity_rows(Level level) { return level != Level::position; }
   static constexpr bool projects(Level) { return false; }
   bool exact_matrix() const {
-    return level_ != Level::acceleration && !(this->core_ && this->saddle_.sparse().dropped()) &&
+    return level_ != Level::acceleration &&
+           (!incomplete() || (this->to_rounding() && split_ && this->knows_left_out() && split_->exact())) &&
            !(alpha_ && !plan_.rotors.empty());
   }
 
@@ -55,7 +56,11 @@ class LagrangeStepper : public LagrangeRows<Map> {
   bool solve_linear(std::vector<double>& r) {
     if (!split_) return Base::solve_linear(r);
     const auto core = [this](double* x) { this->solve_matrix(x); };
-    return split_->solve(r, nodes_, core, this->length_, this->target() / std::abs(h_));
+    const auto left_out = [this](const std::vector<Twist>& xi, std::vector<Twist>& balance) {
+      this->subtract_left_out(xi, tangents_, balance);
+    };
+    return split_->solve(r, nodes_, core, left_out, incomplete() && this->knows_left_out(), this->length_,
+                         this->target() / std::abs(h_));
   }
   // Replaces a split solve that does not converge by one matrix for all unknowns; false if it is in use already.
   bool fall_back() {
@@ -213,6 +218,9 @@ class LagrangeStepper : public LagrangeRows<Map> {
            });
   }
 
+  // Whether the matrix with the bodies eliminated leaves out how forces and rows of dot products couple bodies.
+  bool incomplete() const { return this->core_ && this->saddle_.sparse().dropped(); }
+
   // The matrix with the bodies eliminated: a rotational block per body, and the rows of the parts.
   bool fill_core() {
     for (int b = 0; b < system_.n(); ++b) stiffness_of_[b].setZero();
@@ -349,7 +357,7 @@ class LagrangeStepper : public LagrangeRows<Map> {
       alpha_->advance(start_.u, state_.u, h_);
       alpha_->prepare(state_.u, h_);
     }
-    if (this->index1_output_) return this->solve_index1();
+    if (this->index1_output_) return this->owe_index1();
     if (split_ && !this->saddle_.factor(joints_)) return Status::singular_matrix;
     this->store_multipliers(h_);
     for (int b = 0; b < system_.n(); ++b)

@@ -27,7 +27,16 @@ class LagrangeRows : public EulerStepper<LagrangeStepper<Map>, Map> {
         gains_(gains),
         alpha_(alpha),
         force_share_(alpha_ ? alpha_->force_share() : 1),
-        velocity_share_(alpha_ ? alpha_->velocity_share() : 1) {}
+        velocity_share_(alpha_ ? alpha_->velocity_share() : 1),
+        turned_(system_.n() + 1) {
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      const Part& part = this->part_of(k);
+      knows_left_out_ = knows_left_out_ && !part.contact;
+      if (part.spherical || part.turn) continue;
+      const bool grounded = this->body_of(k, kParent) == system_.n() || this->body_of(k, kChild) == system_.n();
+      if (!grounded || !AxisRows::suits(part)) coupled_.push_back(k);
+    }
+  }
 
   using Base::h_, Base::joints_, Base::level_, Base::nodes_, Base::plan_, Base::start_, Base::state_, Base::system_;
 
@@ -86,6 +95,35 @@ class LagrangeRows : public EulerStepper<LagrangeStepper<Map>, Map> {
     if (stabilised()) this->unite_rows(&z[3 * nodes_.mu(0)], &r[3 * nodes_.mu(0)], true);
   }
 
+  // A matrix with the bodies eliminated leaves out of K, the derivative of reactions and forces by positions, what
+  // couples bodies or rotations with translations. Whether subtract_left_out() has all of it.
+  bool knows_left_out() const { return knows_left_out_; }
+  // balance -= h K T xi, with what is left out of K.
+  void subtract_left_out(const std::vector<Twist>& xi, const std::vector<Mat3>& tangents, std::vector<Twist>& balance) {
+    for (int b = 0; b < system_.n(); ++b) turned_[b] = {xi[b].v, times(tangents[b], xi[b].w)};
+    for (int k : coupled_) {
+      const int parent = this->body_of(k, kParent), child = this->body_of(k, kChild);
+      const Vec3 impulse = h_ * load3(&this->z_[3 * nodes_.lam(k)]);
+      for (Side side : kSides) {
+        Twist& own = balance[this->body_of(k, side)];
+        const Twist change =
+            this->here(k).coupled_reaction(this->part_of(k), side, impulse, turned_[parent], turned_[child]);
+        own.v -= change.v, own.w -= change.w;
+      }
+    }
+    for (size_t k = 0; k < system_.forces.size(); ++k) {
+      const Force& force = system_.forces[k];
+      const ForceState here(force, state_.frames, state_.u, start_.angles[k]);
+      for (Side row : kSides)
+        for (Side column : kSides) {
+          const Stiffness K = here.by_position(row, column);
+          const Twist& turn = turned_[column == kChild ? force.child : force.parent];
+          Twist& own = balance[row == kChild ? force.child : force.parent];
+          own.v += h_ * h_ * (K.vv * turn.v + K.vw * turn.w), own.w += h_ * h_ * (K.wv * turn.v + K.ww * turn.w);
+        }
+    }
+  }
+
   // The change of a rotor's rate in the step: s (u - u_n) + h (ds/dt) u if the method takes accelerations at the new
   // state, else the difference of the rates at the two states.
   bool gains_by_derivative() const { return level_ == Level::acceleration || alpha_; }
@@ -117,6 +155,11 @@ class LagrangeRows : public EulerStepper<LagrangeStepper<Map>, Map> {
   const Gains gains_;
   std::optional<GeneralizedAlpha> alpha_;
   const double force_share_, velocity_share_;  // theta / h and rho; 1 for implicit Euler
+
+ private:
+  std::vector<int> coupled_;  // parts with something left out
+  bool knows_left_out_ = true;
+  std::vector<Twist> turned_;  // T xi
 };
 
 }  // namespace lieeuler

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <utility>
 
+#include "model/axis_rows.hpp"
 #include "model/contact.hpp"
 
 namespace lieeuler {
@@ -22,6 +23,9 @@ class JointState {
     for (Side side : kSides) arm_[side] = times(frame_[side]->R, *anchor_[side]);
     d_ = (frame_[kChild]->x - frame_[kParent]->x) + (arm_[kChild] - arm_[kParent]);
   }
+
+  // The rows of one part are those of `axes`, which must outlive this object.
+  void take(AxisRows& axes) { axes.update(frame_), axes_ = &axes; }
 
   const Mat3& attitude(Side side) const { return frame_[side]->R; }
   const Vec3& anchor(Side side) const { return *anchor_[side]; }
@@ -103,6 +107,10 @@ class JointState {
       G.w = anchor_jacobian(side);
       return G;
     }
+    if (const AxisRows* axes = axes_of(part)) {
+      G.w = axes->jacobian(side);
+      return G;
+    }
     if (part.turn) {
       G.w.row(0) = side == kChild ? part.turn->child_axis : -part.turn->parent_axis;
       return G;
@@ -152,6 +160,10 @@ class JointState {
       if (side == kChild) N = contact(part).velocity_slope(child, both_orders);
       return N;
     }
+    if (const AxisRows* axes = axes_of(part); axes && !both_orders) {
+      N.w = axes->velocity_slope(side, w, side == kChild ? parent.w : child.w);
+      return N;
+    }
     const Rates u(*this, parent, child);
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
@@ -199,6 +211,7 @@ class JointState {
     Mat3 K = Mat3::Zero();
     if (part.turn) return K;  // the torques are constant in both bodies
     if (part.contact) return side == kChild ? contact(part).stiffness(lam).ww : K;
+    if (const AxisRows* axes = axes_of(part)) return axes->own_stiffness(side, lam);
     const Mat3& R = frame_[side]->R;
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
@@ -210,6 +223,28 @@ class JointState {
       K.diagonal().array() += l * (2 * arm_a.dot(arm_b) - arm_a.dot(second) - arm_b.dot(first));
     }
     return K;
+  }
+
+  // The change of G^T lam on one side by small motions of both bodies, except that of the torque by the own rotation,
+  // which own_stiffness gives.
+  Twist coupled_reaction(const Part& part, Side side, const Vec3& lam, const Twist& parent, const Twist& child) const {
+    Twist change;
+    if (part.turn) return change;
+    if (const AxisRows* axes = axes_of(part)) {
+      change.w = axes->coupled_torque(side, lam, side == kChild ? parent.w : child.w);
+      return change;
+    }
+    const Rates all(*this, parent, child);
+    Rates others = all;
+    others.w[side].setZero();
+    for (int r = 0; r < part.rows(); ++r) {
+      const double l = part.dots[r].scale * lam[r];
+      const Carried A = a(part.dots[r]), B = b(part.dots[r]);
+      change.v += l * (A.sign[side] * all.first(B) + B.sign[side] * all.first(A));
+      change.w += l * (A.arm[side].cross(others.first(B)) + B.arm[side].cross(others.first(A)));
+    }
+    change.w = transposed_times(frame_[side]->R, change.w);
+    return change;
   }
 
   // d(G^T lam)/dq, the block of one side's rows and another side's columns.
@@ -244,13 +279,14 @@ class JointState {
  private:
   // Not inlined: velocity() of a spherical part would save and restore the registers that this needs.
   [[gnu::noinline]] Vec3 dot_velocity(const Part& part, const Twist& parent, const Twist& child) const {
+    if (const AxisRows* axes = axes_of(part)) return axes->velocity(parent.w, child.w);
     if (part.turn) return {part.turn->child_axis.dot(child.w) - part.turn->parent_axis.dot(parent.w), 0, 0};
     if (part.contact) return contact(part).velocity(child);
     const Rates u(*this, parent, child);
     Vec3 rate = Vec3::Zero();
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
-      if (const Axes axes{*this, dot}; axes.only) {
+      if (const AxisProduct axes{dot, frame_}; axes.only) {
         rate[r] = dot.scale * (u.w[axes.a] - u.w[axes.b]).dot(axes.normal);
         continue;
       }
@@ -260,6 +296,7 @@ class JointState {
     return rate;
   }
   [[gnu::noinline]] void subtract_dot_reaction(const Part& part, const Vec3& lam, Twist& parent, Twist& child) const {
+    if (const AxisRows* axes = axes_of(part)) return axes->subtract_reaction(lam, parent.w, child.w);
     if (part.turn) {
       child.w -= lam[0] * part.turn->child_axis, parent.w += lam[0] * part.turn->parent_axis;
       return;
@@ -269,7 +306,7 @@ class JointState {
     for (int r = 0; r < part.rows(); ++r) {
       const DotRow& dot = part.dots[r];
       const double l = dot.scale * lam[r];
-      if (const Axes axes{*this, dot}; axes.only) {
+      if (const AxisProduct axes{dot, frame_}; axes.only) {
         torque[axes.a] += l * axes.normal, torque[axes.b] -= l * axes.normal;
         continue;
       }
@@ -282,6 +319,7 @@ class JointState {
     parent.v -= force[kParent], parent.w -= transposed_times(frame_[kParent]->R, torque[kParent]);
     child.v -= force[kChild], child.w -= transposed_times(frame_[kChild]->R, torque[kChild]);
   }
+  const AxisRows* axes_of(const Part& part) const { return axes_ && axes_->part == &part ? axes_ : nullptr; }
   // R hat(s), by columns.
   Mat3 turned(Side side, const Vec3& s) const {
     const Mat3& R = frame_[side]->R;
@@ -292,18 +330,6 @@ class JointState {
     return m;
   }
 
-  // For a row that is the product of two axes: their bodies and their cross product.
-  struct Axes {
-    bool only;
-    Side a, b;
-    Vec3 normal;
-    Axes(const JointState& joint, const DotRow& dot)
-        : only(dot.a != Carrier::difference && dot.b != Carrier::difference),
-          a(dot.a == Carrier::child_axis ? kChild : kParent),
-          b(dot.b == Carrier::child_axis ? kChild : kParent) {
-      if (only) normal = times(joint.frame_[a]->R, dot.a_local).cross(times(joint.frame_[b]->R, dot.b_local));
-    }
-  };
   struct Carried {
     Vec3 value = Vec3::Zero();
     double sign[2] = {0, 0};
@@ -361,6 +387,7 @@ class JointState {
   }
 
   const Frame* frame_[2];
+  const AxisRows* axes_ = nullptr;
   double time_;
   const Vec3* anchor_[2];
   Vec3 arm_[2], d_;

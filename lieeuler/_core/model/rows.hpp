@@ -7,6 +7,7 @@ namespace lieeuler {
 
 enum Side { kParent = 0, kChild = 1 };
 inline constexpr Side kSides[2] = {kParent, kChild};
+constexpr Side opposite(Side side) { return side == kChild ? kParent : kChild; }
 
 // Three rows with respect to the quasi-velocities of one body.
 struct Rows {

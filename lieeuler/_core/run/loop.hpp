@@ -211,7 +211,7 @@ Outcome run(Stepper& stepper, const Plan& plan, const State& initial, const std:
     for (std::int64_t i = 0; i < counts[k]; ++i) {
       if (watch.ends()) return end(Status::interrupted);
       if (const Status status = stepper.step(outcome.counters); status != Status::success) return end(status);
-      monitor.watch(stepper.state(), stepper.joints());
+      if (monitored) monitor.watch(stepper.state(), stepper.joints());
       t = begin + (i + 1) * h;  // adding h 1e10 times would accumulate rounding
       if (i % kStepsBetweenLooks == kStepsBetweenLooks - 1 && !is_finite(stepper.state()))
         return end(Status::non_finite);

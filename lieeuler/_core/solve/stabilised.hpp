@@ -15,6 +15,10 @@
 // (G + h N) dxi differs from r_mu by O(h) dxi, which changes little from one step to the next. So dmu is well known
 // beforehand, and a sweep over the two systems reduces the error by O(h^2).
 //
+// With bodies eliminated beforehand A + h K lacks the blocks of K that couple bodies, and those of springs. They are
+// O(h^2) beside A, and what they add is subtracted in the same sweeps: K dxi beside E dmu. If they are too large for
+// that, they are left to Newton's iteration, and the matrix is not exact.
+//
 // S at q_n, which differs by O(h), replaces S = G M^-1 Gn^T as long as each pass over the residual rows reduces them
 // well.
 #pragma once
@@ -40,6 +44,8 @@ class StabilisedSolve {
         velocity_(system_.n() + 1),
         response_(velocity_),
         balance_(velocity_),
+        moved_(velocity_),
+        pull_(velocity_),
         shift_(velocity_),
         guessed_(plan.count()),
         excess_(plan.count(), Vec3::Zero()) {}
@@ -58,30 +64,49 @@ class StabilisedSolve {
     joints_ = &joints, before_ = &before, u_ = &u, tangents_ = &tangents, h_ = h;
     fresh_ = false;
   }
+  // Whether the last solve had all blocks.
+  bool exact() const { return exact_; }
   // Drops the guess that one step leaves for the next.
   void forget() { std::fill(excess_.begin(), excess_.end(), Vec3::Zero()); }
   // h N T for one side of a part that is not spherical.
   Rows& slope(int part, Side side) { return slopes_[2 * part + side]; }
 
   // Solves for the corrections: r becomes (du, dLam, dxi, dmu), laid out as in `nodes`. core(x) solves with the first
-  // matrix. `tolerance` is the rounding error of dxi, with translations over `length`. False if the sweeps do not
-  // converge. The rows of position and velocity are satisfied in any case: the first system contains the former, and
-  // dmu is solved last.
-  template <class Core>
-  bool solve(std::vector<double>& r, const Nodes& nodes, const Core& core, double length, double tolerance) {
+  // matrix; left_out(dxi, balance) subtracts from the balance what h K dxi lacks there, if `incomplete`. `tolerance` is
+  // the rounding error of dxi, with translations over `length`. False if the sweeps do not converge. The rows of
+  // position and velocity are satisfied in any case: the first system contains the former, and dmu is solved last.
+  template <class Core, class LeftOut>
+  bool solve(std::vector<double>& r, const Nodes& nodes, const Core& core, const LeftOut& left_out, bool incomplete,
+             double length, double tolerance) {
     double coupling = kCaution * start(r, nodes, length);
-    double last = std::numeric_limits<double>::infinity();
+    double last = std::numeric_limits<double>::infinity(), pull = 0;
+    double stiffness = last;
+    exact_ = true;
     for (int sweep = 0; sweep < kMostSweeps; ++sweep) {
       core(core_rhs_.data());
       for (size_t i = 0; i < total_.size(); ++i) total_[i] = sweep == 0 ? core_rhs_[i] : total_[i] + core_rhs_[i];
       if (!follow(tolerance * length)) return false;
       const double change = largest(correction_);
-      if (coupling * change <= kRounding * tolerance) return finish(r, nodes);
+      const bool settled = coupling * change <= kRounding * tolerance;
+      if (settled && !incomplete) return finish(r, nodes);
+      if (incomplete) {
+        const double motion = note_motion(length);
+        if (settled && stiffness * motion <= kRounding * tolerance) return finish(r, nodes);
+        std::fill(pull_.begin(), pull_.end(), Twist{});
+        left_out(moved_, pull_);
+        pull = size_of(pull_, length);
+        stiffness = kCaution * pull / motion;
+        if (!(pull < kSlow * motion)) incomplete = exact_ = pull == 0;
+      }
       std::fill(core_rhs_.begin(), core_rhs_.end(), 0.0);
       const double left = couple(length);
       coupling = std::max(coupling, kCaution * left / change);
-      if (left <= kRounding * tolerance) return finish(r, nodes);
-      if (!(left < kSlow * last)) return left <= kNoise * tolerance && finish(r, nodes);
+      if (incomplete) add(pull_);
+      if (left <= kRounding * tolerance && (!incomplete || pull <= kRounding * tolerance)) return finish(r, nodes);
+      if (left > kRounding * tolerance && !(left < kSlow * last)) {
+        if (!incomplete) return left <= kNoise * tolerance && finish(r, nodes);
+        incomplete = exact_ = false;
+      }
       last = left;
     }
     return false;
@@ -199,14 +224,36 @@ class StabilisedSolve {
       state_of(k).subtract_reaction_change(plan_.part(k), (*before_)[plan_.parts[k].joint], load3(&correction_[3 * k]),
                                            balance_[joint.parent], balance_[joint.child]);
     }
+    for (int b = 0; b < system_.n(); ++b) {
+      const Twist change = balance_[b];
+      const Vec3& rate = velocity_[b].w;
+      balance_[b] = {-change.v, gyroscopic(b, times(system_.bodies[b].inertia, rate), rate) - change.w};
+    }
+    add(balance_);
+    return size_of(balance_, length);
+  }
+  // Adds to the right-hand side.
+  void add(const std::vector<Twist>& balance) {
+    for (int b = 0; b < system_.n(); ++b)
+      for (int i = 0; i < 3; ++i) core_rhs_[6 * b + i] += balance[b].v[i], core_rhs_[6 * b + 3 + i] += balance[b].w[i];
+  }
+  // The largest velocity that impulses give to bodies.
+  double size_of(const std::vector<Twist>& impulses, double length) const {
     double size = 0;
     for (int b = 0; b < system_.n(); ++b) {
       const Body& body = system_.bodies[b];
-      const Vec3 v = -balance_[b].v;
-      const Vec3 w = gyroscopic(b, times(body.inertia, velocity_[b].w), velocity_[b].w) - balance_[b].w;
-      size = std::max(
-          {size, v.cwiseAbs().maxCoeff() / (body.mass * length), times(body.inertia_inverse, w).cwiseAbs().maxCoeff()});
-      for (int i = 0; i < 3; ++i) core_rhs_[6 * b + i] += v[i], core_rhs_[6 * b + 3 + i] += w[i];
+      const Twist& p = impulses[b];
+      size = std::max({size, p.v.cwiseAbs().maxCoeff() / (body.mass * length),
+                       times(body.inertia_inverse, p.w).cwiseAbs().maxCoeff()});
+    }
+    return size;
+  }
+  // Keeps the latest change of dxi, in core_rhs_; returns its size.
+  double note_motion(double length) {
+    double size = 0;
+    for (int b = 0; b < system_.n(); ++b) {
+      moved_[b] = load(&core_rhs_[6 * b]);
+      size = std::max({size, moved_[b].v.cwiseAbs().maxCoeff() / length, moved_[b].w.cwiseAbs().maxCoeff()});
     }
     return size;
   }
@@ -239,13 +286,15 @@ class StabilisedSolve {
   const std::vector<Mat3>* tangents_ = nullptr;
   double h_ = 0;
   bool fresh_ = false;  // S is that of this iteration
+  bool exact_ = true;
   std::vector<Rows> slopes_;
   std::vector<double> rows_, target_;  // residual of - S dmu, now and before the last pass
   std::vector<double> correction_, mu_, core_rhs_, total_;
   std::vector<Twist> velocity_, response_, balance_;
-  std::vector<Twist> shift_;   // dxi - du = M^-1 (r_xi - Gn^T dmu)
-  std::vector<Vec3> guessed_;  // guess of (G + h N) dxi, until the first sweep has computed it
-  std::vector<Vec3> excess_;   // (G + h N) dxi - r_mu
+  std::vector<Twist> moved_, pull_;  // change of dxi, and what h K dxi lacks for it
+  std::vector<Twist> shift_;         // dxi - du = M^-1 (r_xi - Gn^T dmu)
+  std::vector<Vec3> guessed_;        // guess of (G + h N) dxi, until the first sweep has computed it
+  std::vector<Vec3> excess_;         // (G + h N) dxi - r_mu
 };
 
 }  // namespace lieeuler

@@ -1,11 +1,18 @@
 """Engines that need an environment of their own: what is said without it, and with it their orders against truth."""
 
+import os
+import subprocess
+from contextlib import nullcontext
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck import adapters
+from crosscheck.adapters import newton
 from crosscheck.adapters.base import RunSpec
 from crosscheck.adapters.foreign import versions
 from crosscheck.cli.app import app
@@ -64,14 +71,60 @@ def test_a_form_is_that_of_the_solver(nowhere):
     scene = crosscheck.load_scene("single_pendulum")
     said = adapters.get("newton").unsupported(scene, RunSpec("XPBD", step=1e-3, form="tree"))
     assert said == "XPBD has form maximal only"
-    said = adapters.get("newton").unsupported(scene, RunSpec("MuJoCoEuler", step=1e-4))
-    assert "more than 5000 steps; give a larger step or a shorter duration" in said
 
 
 def test_the_list_says_how_to_make_them(nowhere):
     said = " ".join(CliRunner().invoke(app, ["list"]).output.split())
     for engine in ENGINES:
         assert f"{engine} not installed crosscheck list --engine {engine}==" in said
+
+
+def test_a_warp_that_records_nothing_on_a_processor_steps_as_before():
+    made = []
+
+    def refuses(device):
+        raise RuntimeError("Must be a CUDA device")
+
+    step = newton._recorded(SimpleNamespace(ScopedCapture=refuses), lambda: made.append("step"))
+    assert made == []
+    step()
+    assert made == ["step"]
+    warp = SimpleNamespace(ScopedCapture=lambda device: nullcontext(SimpleNamespace(graph="graph")),
+                           capture_launch=made.append)
+    newton._recorded(warp, lambda: made.append("recorded"))()
+    assert made == ["step", "recorded", "graph"]
+
+
+RECORDED = """
+import numpy as np
+from crosscheck.adapters import newton
+from crosscheck.adapters.base import RunSpec
+from crosscheck.scene.file import load_scene
+
+for name in ("double_pendulum", "hinge_pendulum", "heavy_top"):
+    scene = load_scene(name).replace(duration=0.0303, samples=4)
+    specs = [RunSpec(method, step=1e-4, monitor=False) for method in newton.FORMS]
+    recorded = [newton.Newton().run(scene, spec) for spec in specs]
+    whole, newton._recorded = newton._recorded, lambda warp, step: step
+    for spec, run in zip(specs, recorded, strict=True):
+        plain = newton.Newton().run(scene, spec)
+        assert plain.steps == 303
+        for part in "xRvw":
+            assert np.array_equal(getattr(run.states, part), getattr(plain.states, part)), (name, spec.method, part)
+    newton._recorded = whole
+print("same")
+"""
+
+
+@pytest.mark.slow
+def test_recorded_steps_are_the_steps_of_newton_to_the_bit():
+    python = versions.present("newton")
+    if python is None:
+        pytest.skip("newton has no environment: crosscheck list --engine newton==VERSION makes it")
+    home = Path(crosscheck.__file__).parents[1]
+    done = subprocess.run([python, "-c", RECORDED], env={**os.environ, "PYTHONPATH": str(home)}, capture_output=True,
+                          text=True)
+    assert done.stdout == "same\n", done.stderr
 
 
 @pytest.mark.slow

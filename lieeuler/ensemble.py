@@ -85,10 +85,11 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
                        spin_free: bool | None = None, threads: int = 0) -> EnsembleSolution:
     """Integrate many members of one problem: each has its own state, parameters, steps and status.
 
-    Each trajectory is that of `lieeuler.integrate` to the last bit, whatever the other members, threads and processor.
-    Members of up to four bodies on ball joints, without loops and forces but gravity, share registers on x86-64
-    processors with AVX2 (four at a time) or AVX-512 (eight): with "taylor", and on chains with "rkmk4", "rkmk54" and
-    "rkmk853" if `step` is given. Parameters, and symmetric bodies unless `spin_free` is False, cost 0.3 ms a member.
+    Each trajectory is that of `lieeuler.integrate` with reduce="off" to the last bit, whatever the other members,
+    threads and processor. Members of up to four bodies on ball joints, without loops and forces but gravity, share
+    registers on x86-64 processors with AVX2 (four at a time) or AVX-512 (eight): with "taylor", and on chains with
+    "rkmk4", "rkmk54" and "rkmk853" if `step` is given. Parameters, and symmetric bodies unless `spin_free` is False,
+    cost 0.3 ms a member.
 
     Parameters
     ----------

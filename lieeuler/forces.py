@@ -6,6 +6,7 @@ With a damper the Hamiltonian methods are no longer symplectic, but keep their o
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -108,6 +109,20 @@ class TorsionalSpring(Frozen):
         pointer: np.ndarray = _shortest_rotation(self.child_axis, self.parent_axis).T @ normals(self.parent_axis)[0]
         return pointer
 
+    def start_angle(self, R: np.ndarray) -> float:
+        """theta, rad in (-pi, pi], where the bodies have the attitudes R (n, 3, 3)."""
+        n1, n2 = normals(self.parent_axis)
+        pointer = R[self.child] @ self.pointer
+        if self.parent != GROUND:
+            pointer = R[self.parent].T @ pointer
+        return float(np.arctan2(pointer @ n2, pointer @ n1))
+
+    def counted_from(self, angle: float) -> TorsionalSpring:
+        """The same spring for an angle theta that is smaller by `angle`, rad."""
+        rest = self.rest_angle
+        return dataclasses.replace(self, rest_angle=rest.scaled(1.0, offset=-angle) if isinstance(rest, TimeFunction)
+                                   else rest - angle)
+
     def add_to(self, system: _kernel.System) -> None:
         """Add this force to the compiled system."""
         n1, n2 = normals(self.parent_axis)
@@ -204,6 +219,11 @@ class SlideForce(Frozen):
 
 
 Force = LinearSpring | TorsionalSpring | ConstantLoad | SlideForce
+
+
+def start_angles(forces: Sequence[Force], R: np.ndarray) -> np.ndarray:
+    """Angles of torsional springs, rad in (-pi, pi]; zero for other forces."""
+    return np.array([force.start_angle(R) if isinstance(force, TorsionalSpring) else 0.0 for force in forces])
 
 
 def _shortest_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -12,13 +12,17 @@ from lieeuler import _kernel, held
 from lieeuler.checks import LARGEST, SMALLEST, number, positive, real
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
 from lieeuler.methods import COORDINATE_MAPS, METHODS, Method
-from lieeuler.planar import plane_for
+from lieeuler.planar import Plane, plane_for
 from lieeuler.problem import Problem
 from lieeuler.solution import Solution, Status
 from lieeuler.spin_free import spin_free_frames
 from lieeuler.types import ArrayLike
+from lieeuler.welded import Welded, welded_for
 
 log = logging.getLogger("lieeuler")
+
+REDUCTIONS = ("welded", "planar", "axis", "off")
+"""The words of `reduce`."""
 
 MOST_STEPS = 1e12
 """A run of more steps than this is refused as a mistake: it would take weeks."""
@@ -59,10 +63,10 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
         Of generalized_alpha, default 0.8: 0 damps motions much faster than the step away, 1 keeps them.
     spin_free : bool, optional
         Integrate symmetric bodies in frames without their spin (`lieeuler.spin_free`). Euler methods do not by default.
-    reduce : "planar" | "axis" | "off", optional
-        Integrate a mechanism in its plane, or about fixed axes (`lieeuler.planar`); the multipliers are then those of
-        the index-1 system. Default: wherever this applies, except with the Euler methods; `solution.stats.reduce` says
-        what was done.
+    reduce : "welded" | "planar" | "axis" | "off", optional
+        Integrate welded bodies as one (`lieeuler.welded`), a mechanism in its plane, or about fixed axes
+        (`lieeuler.planar`); the multipliers are then those of the index-1 system. Default: all that applies, except
+        with the Euler methods; `solution.stats.reduce` says what was done.
     conserve : bool
         End every step with the energy and angular momentum that free bodies had at the start, in twice the digits: a
         body that turns over about its middle axis then keeps three to five digits more. For taylor, rkmk54 and
@@ -90,9 +94,9 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
 
 
 def _solved(problem: Problem, method: str, plan: Plan, reduce: str | None, monitor: bool) -> Solution:
-    """The solution of the kernel: in the problem's plane and in spin-free frames where they serve, and back."""
-    plane = plane_for(problem, METHODS[method], reduce)
-    within = problem if plane is None else plane.problem
+    """The solution of the kernel: with welds, planes and spins left out where that serves, and back."""
+    reductions = _reductions(problem, METHODS[method], reduce)
+    within = reductions[-1].problem if reductions else problem
     frames = spin_free_frames(within) if plan.spin_free else None
     kernel, w = (within.kernel, within.w) if frames is None else (frames.kernel, frames.w)
     result = _kernel.integrate(kernel, plan.run, within.x, within.R, within.v, w)
@@ -100,10 +104,50 @@ def _solved(problem: Problem, method: str, plan: Plan, reduce: str | None, monit
     if frames is not None:
         frames.restore(solution.t, solution.R, solution.w, solution.alpha)
         solution.stats.spin_free = frames.bodies
-    if plane is not None:
-        plane.restore(solution, result["angles"])
-        solution.stats.reduce = plane.word if reduce is None else reduce
+    angles = result["angles"]
+    for reduction in reversed(reductions):
+        angles = reduction.restore(solution, angles)
+    if reductions:
+        _take_multipliers(problem, solution, angles)
+        solution.stats.reduce = reduce or ", ".join(reduction.word for reduction in reductions)
     return solution
+
+
+def _take_multipliers(problem: Problem, solution: Solution, angles: np.ndarray) -> None:
+    """Give the solution, in place, the multipliers of the index-1 system of the problem, whose states it has.
+
+    They have least norm if rows are redundant. At a singular position, where the system has no accurate multipliers,
+    the solution ends as an integration of this problem would. `angles` (T, forces of the compiled system) of torsional
+    springs are unwrapped, rad.
+    """
+    x, R, v, w = (np.ascontiguousarray(array) for array in (solution.x, solution.R, solution.v, solution.w))
+    solution.lam, solution.stats.redundant_rows = _kernel.multipliers(problem.kernel, solution.t, x, R, v, w, angles)
+    unknown = np.isnan(solution.lam).any(axis=1)
+    if unknown.any():
+        end = int(unknown.argmax())
+        solution.status, solution.t_end = Status.SINGULAR_MATRIX, float(solution.t[end])
+        for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam"):
+            setattr(solution, name, getattr(solution, name)[:end])
+
+
+def _reductions(problem: Problem, method: Method, wanted: str | None) -> list[Welded | Plane]:
+    """What a method leaves out of a problem, the first step first: by default all that applies, but nothing for the
+    Euler methods."""
+    if not (wanted is None or wanted in REDUCTIONS):
+        raise ArgumentError(f"reduce must be one of {', '.join(REDUCTIONS)}, not {wanted!r}")
+    if wanted == "off" or (wanted is None and method.order == 1 and "rtol" not in method.controls):
+        return []
+    steps: list[Welded | Plane] = []
+    if wanted in (None, "welded") and (welded := welded_for(problem)):
+        steps.append(welded)
+    if wanted == "welded":
+        if not steps:
+            raise ArgumentError("reduce='welded' does not apply: no two bodies are welded, joints are open at the "
+                                "start, or a weld, joint or force ties a body to one that it is welded to")
+        return steps
+    if plane := plane_for(steps[-1].problem if steps else problem, method, wanted):
+        steps.append(plane)
+    return steps
 
 
 def _ended(problem: Problem, solution: Solution, coordinate_map: str) -> Solution:

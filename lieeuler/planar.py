@@ -21,16 +21,13 @@ import numpy as np
 from lieeuler import _kernel
 from lieeuler.checks import normals
 from lieeuler.errors import ArgumentError
-from lieeuler.forces import ConstantLoad, Force, LinearSpring, SlideForce, TorsionalSpring
-from lieeuler.functions import TimeFunction
+from lieeuler.forces import ConstantLoad, Force, LinearSpring, SlideForce, start_angles
 from lieeuler.joint_parts import Coordinate, Dot, Drive, Rotor
 from lieeuler.joints import Joint
 from lieeuler.methods import Method
 from lieeuler.problem import Body, Problem
-from lieeuler.solution import Solution, Status
+from lieeuler.solution import Solution
 from lieeuler.types import GROUND
-
-WORDS = ("planar", "axis", "off")
 
 ROUNDING = 1e-12
 """Relative size below which an angle between directions, a height, or a velocity out of the plane is rounding."""
@@ -70,12 +67,10 @@ class Plane:
     frames: np.ndarray
     word: str
 
-    def restore(self, solution: Solution, angles: np.ndarray) -> None:
-        """Turn a solution of `problem` into one of `full`, in place.
+    def restore(self, solution: Solution, angles: np.ndarray) -> np.ndarray:
+        """Turn a solution of `problem` into one of `full`, in place, and its angles of torsional springs likewise.
 
-        `angles` (T, number of forces) are the unwrapped angles of torsional springs in `problem`, rad. The multipliers
-        become those of the index-1 system, with least norm if rows are redundant. At a singular position, where the
-        whole system has no accurate multipliers, the solution ends as that of the whole system would.
+        `angles` (T, number of forces) are unwrapped, rad. The multipliers are not touched.
         """
         solution.x[:, :, 2] += self.full.x @ self.normal
         for name in ("x", "v", "a"):
@@ -83,30 +78,19 @@ class Plane:
         solution.R = np.ascontiguousarray(self.turn.T @ solution.R @ self.frames)
         for name in ("w", "alpha"):
             setattr(solution, name, np.einsum("bji,tbj->tbi", self.frames, getattr(solution, name)))
-        begun = [_start_angle(self.full, force) if isinstance(force, TorsionalSpring) else 0.0
-                 for force in self.full.forces]
-        solution.lam, solution.stats.redundant_rows = _kernel.multipliers(
-            self.full.kernel, solution.t, solution.x, solution.R, solution.v, solution.w, angles + np.array(begun))
-        unknown = np.isnan(solution.lam).any(axis=1)
-        if unknown.any():
-            end = int(unknown.argmax())
-            solution.status, solution.t_end = Status.SINGULAR_MATRIX, float(solution.t[end])
-            for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam"):
-                setattr(solution, name, getattr(solution, name)[:end])
+        unwrapped: np.ndarray = angles + start_angles(self.full.forces, self.full.R)
+        return unwrapped
 
 
 def plane_for(problem: Problem, method: Method, wanted: str | None) -> Plane | None:
-    """The plane in which a method integrates a problem, or None if it does not; computed once for each problem.
+    """The plane in which a method integrates a problem; None if there is none and none is wanted. Computed once for
+    each problem.
 
     Raises
     ------
     NotPlanar
         The wanted reduction does not apply.
     """
-    if not (wanted is None or wanted in WORDS):
-        raise ArgumentError(f"reduce must be one of {', '.join(WORDS)}, not {wanted!r}")
-    if wanted == "off" or (wanted is None and method.order == 1 and "rtol" not in method.controls):
-        return None
     pins = method.name == "taylor"
     known = vars(problem).setdefault("_planes", {})
     if pins not in known:
@@ -328,15 +312,6 @@ def _force(view: _View, index: int) -> Force:
             raise NotPlanar(f"{what} pulls out of the plane")
         return dataclasses.replace(force, parent_point=view.within(p, force.parent_point),
                                    child_point=view.within(c, force.child_point))
-    begun, rest = _start_angle(view.problem, force), force.rest_angle
     return dataclasses.replace(
-        force, parent_axis=view.axis(what, p, force.parent_axis), child_axis=view.axis(what, c, force.child_axis),
-        rest_angle=rest.scaled(1.0, offset=-begun) if isinstance(rest, TimeFunction) else rest - begun)
-
-
-def _start_angle(problem: Problem, spring: TorsionalSpring) -> float:
-    """rad, in (-pi, pi]."""
-    n1, n2 = normals(spring.parent_axis)
-    parent = np.eye(3) if spring.parent == GROUND else problem.R[spring.parent]
-    pointer = parent.T @ problem.R[spring.child] @ spring.pointer
-    return float(np.arctan2(pointer @ n2, pointer @ n1))
+        force.counted_from(force.start_angle(view.problem.R)), parent_axis=view.axis(what, p, force.parent_axis),
+        child_axis=view.axis(what, c, force.child_axis))

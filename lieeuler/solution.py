@@ -66,11 +66,12 @@ class Stats:
     maxima : dict
         energy_error (|E - E(0)| over the largest kinetic energy), kinetic (J), constraint_position,
         constraint_velocity, constraint_acceleration (max norms, SI), orthogonality (max norm of R^T R - I). Empty
-        without monitoring. In a plane (see `reduce`) only the rows in the plane count.
+        without monitoring. Rows that were left out (see `reduce`) do not count.
     spin_free : tuple of int
         The bodies integrated in a frame that does not spin with them (`lieeuler.spin_free`).
-    reduce : "planar" | "axis" | "off"
-        Whether the mechanism was integrated in its plane (`lieeuler.planar`).
+    reduce : str
+        What was left out: "off", "planar" or "axis" (`lieeuler.planar`), "welded" (`lieeuler.welded`), or "welded" and
+        one of the former, with a comma between.
     """
 
     steps: int

@@ -149,6 +149,7 @@ def plane_of(problem: Problem, pins: bool) -> Plane:
     turning = [joint.child for joint, rows in zip(problem.joints, within, strict=True)
                if joint.parent == GROUND and len(rows.across) == 2 and not rows.angle]
     word = "axis" if sorted(turning) == list(range(problem.n)) and len(problem.joints) == problem.n else "planar"
+    flat.kernel.turns_about_pins = word == "axis"
     return Plane(problem, flat, view.e, view.turn, view.frames, word)
 
 

@@ -141,6 +141,61 @@ def test_springs_keep_their_turns():
     assert on.alpha[:, 0, 2].min() < -20  # a spring of 2 N m/rad on 1.5 kg m^2, wound up by five turns
 
 
+def pinned_bodies(random):
+    """Up to three unlike bodies on parallel pins, tied by springs that wind up, under loads fixed in world and body."""
+    n, z = random.integers(1, 4), np.array([0.0, 0.0, 1.0])
+    moments = random.uniform(0.2, 1.0, (n, 3))
+    bodies = [lieeuler.Body(m, np.diag([a + b, b + c, c + a]))
+              for m, (a, b, c) in zip(random.uniform(0.5, 3.0, n), moments, strict=True)]
+    arms, pins = random.normal(size=(n, 3)), random.normal(size=(n, 3))
+    w = np.outer(random.normal(scale=6.0, size=n), z)
+    forces = [lieeuler.TorsionalSpring(b - 1, b, z, z, *random.uniform(0.1, 5.0, 2), random.uniform(0, 0.2))
+              for b in range(n)]
+    forces += [lieeuler.ConstantLoad(b, force=random.normal(size=3), torque=random.normal(size=3),
+                                     point=random.normal(size=3), frame=frame)
+               for b in range(n) for frame in ("world", "body")]
+    R = Rotation.from_rotvec(np.outer(random.uniform(-3, 3, n), z)).as_matrix()
+    joints = [lieeuler.revolute_joint(-1, b, pins[b], arms[b], z, z) for b in range(n)]
+    reach = -np.einsum("bij,bj->bi", R, arms)
+    return lieeuler.Problem(bodies, joints, random.normal(scale=9.0, size=3), pins + reach, R, np.cross(w, reach), w,
+                            forces)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_bodies_on_pins_are_angles(seed):
+    """The series of the angles are those of the attitudes, with multipliers and accelerations, over several turns."""
+    problem = pinned_bodies(np.random.default_rng(seed))
+    off, on = (lieeuler.integrate(problem, "taylor", t_eval=np.linspace(0, 2, 9), rtol=1e-13, reduce=word)
+               for word in ("off", "axis"))
+    assert largest_difference(off, on) < 2e-11
+    assert on.stats.steps < 0.8 * off.stats.steps
+
+
+@pytest.mark.parametrize("name", ["torsion_wheel", "hinge_pendulum"])
+def test_an_angle_follows_its_tolerance(name):
+    """Errors go with the tolerance; the coarsest run takes few steps: an angle does not know that attitudes turn."""
+    problem = build_problem(crosscheck.load_scene(name))
+    best = lieeuler.integrate(problem, "taylor", t_eval=[0.0, 2.0], rtol=1e-14, reduce="off")
+    for rtol in 10.0 ** np.arange(-13, 0):
+        run = lieeuler.integrate(problem, "taylor", t_eval=[0.0, 2.0], rtol=rtol)
+        assert run.stats.reduce == "axis"
+        assert np.abs(run.x[-1] - best.x[-1]).max() < 3 * rtol + 1e-13
+    assert run.stats.steps <= 8
+
+
+def test_a_pin_that_a_function_of_time_drives_keeps_the_whole_series():
+    """Loads that depend on time, and a prescribed angle, take the series of attitudes."""
+    problem = build_problem(crosscheck.load_scene("hinge_pendulum"))
+    gust = lieeuler.ConstantLoad(0, force=[3.0, 1.0, 2.0], factor=lieeuler.TimeFunction(terms=[(1.0, 5.0, 0.3)]))
+    axis = [0.0, 0.8, 0.6]
+    angle = lieeuler.Drive(lieeuler.TimeFunction([[0.0, 1.5, 0.8]]), lieeuler.Coordinate(axis, axis, problem.R[0].T))
+    for driven in (dataclasses.replace(problem, forces=(gust,)),
+                   dataclasses.replace(problem, joints=(problem.joints[0].driven(angle),))):
+        off, on = (lieeuler.integrate(driven, "taylor", t_eval=[0.0, 1.0], rtol=1e-12, reduce=word)
+                   for word in ("off", "axis"))
+        assert largest_difference(off, on) < 1e-10
+
+
 def test_multipliers_carry_what_the_plane_leaves_out():
     """A load along the axis and the weight of a mechanism that lies flat."""
     problem = build_problem(crosscheck.load_scene("four_bar"))

@@ -70,6 +70,7 @@ class Plan {
   const bool whole;        // masses or moments differ so much that only the whole matrix keeps its digits
   const bool independent;  // loops are solved with independent rows
   const Elimination projects_by, expands_by;  // for projections, for series
+  bool turns_about_pins = false;  // the maker of the system knows that every body only turns about the third axis
 
   // Every row is a constraint of the two bodies of its joint.
   bool plain() const { return rotors.empty() && mimics.empty(); }

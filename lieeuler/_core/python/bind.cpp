@@ -97,6 +97,7 @@ NB_MODULE(_kernel, m) {
       .def("add_slide_force", &add_slide_force);
   nb::class_<Plan>(m, "Plan")
       .def(nb::init<System>())
+      .def_rw("turns_about_pins", &Plan::turns_about_pins)
       .def_prop_ro("length", [](const Plan& plan) { return plan.system.length; })
       .def("natural_rate", [](const Plan& plan, double length) { return Scales{length}.natural(plan.system); });
   using TableauRows = std::vector<std::vector<double>>;

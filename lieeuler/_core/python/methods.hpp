@@ -2,7 +2,7 @@
 #pragma once
 
 #include "methods/rkmk.hpp"
-#include "methods/taylor.hpp"
+#include "methods/turning.hpp"
 #include "python/arrays.hpp"
 #include "run/adaptive.hpp"
 #include "run/ensemble.hpp"
@@ -57,6 +57,10 @@ inline Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double
 
 inline Run taylor(const std::vector<double>& t_eval, double rtol, bool monitored, bool conserves) {
   Run run = adaptive<TaylorStepper>(t_eval, rtol, monitored, conserves);
+  run.run = [whole = run.run, turning = adaptive<TurningStepper>(t_eval, rtol, monitored).run](
+                const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
+    return (TurningSeries::suits(plan) ? turning : whole)(plan, initial, record, interrupted);
+  };
   if (!monitored && !conserves) run.in_lanes = TaylorRun{t_eval, rtol};
   return run;
 }

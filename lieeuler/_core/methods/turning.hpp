@@ -1,0 +1,212 @@
+// Taylor series of bodies that turn about axes fixed in the ground, all along the third axis: one angle a body,
+//
+//   I theta'' = P cos theta - Q sin theta + constant torques and torsional springs,
+//   P = r_x F_y - r_y F_x,  Q = r_x F_x + r_y F_y,
+//
+// with I about the pin, and F the weight and the loads in world axes, at points r from the pin, body axes.
+#pragma once
+
+#include "methods/taylor.hpp"
+
+namespace lieeuler {
+
+// The angles of all bodies, order by order.
+class TurningSeries {
+ public:
+  TurningSeries(const Plan& plan, const ReferencePoints& points) : system_(plan.system), bodies_(system_.n() + 1) {
+    for (int b = 0; b < system_.n(); ++b) {
+      bodies_[b].inertia = points.inertia(b)(2, 2);
+      bodies_[b].pull = pull(points.centre(b), system_.bodies[b].mass * system_.gravity);
+    }
+    for (const Force& force : system_.forces) {
+      if (force.kind == Force::Kind::torsional_spring) {
+        springs_.push_back({&force, static_cast<int>(&force - system_.forces.data())});
+        continue;
+      }
+      const Pair moments = pull(points.local(force.child, force.child_point), force.force);
+      Body& body = bodies_[force.child];
+      body.constant += force.torque[2];
+      if (force.in_world)
+        body.pull += moments;
+      else
+        body.constant += moments[1];
+    }
+  }
+
+  static bool suits(const Plan& plan) {
+    const std::vector<Force>& forces = plan.system.forces;
+    return plan.turns_about_pins && plan.hinges.complete && plan.plain() &&
+           std::all_of(forces.begin(), forces.end(), [](const Force& force) {
+             return !force.drive && (force.kind == Force::Kind::torsional_spring || force.kind == Force::Kind::load);
+           });
+  }
+
+  void start(const State& state) {
+    for (int b = 0; b < system_.n(); ++b) {
+      const Mat3& R = state.frames[b].R;
+      bodies_[b].quarter[0] = Pair{-R(1, 0), R(0, 0)};
+      bodies_[b].rate[0] = state.u[b].w[2];
+    }
+    for (Spring& spring : springs_) spring.angle = state.angles[spring.index];
+  }
+
+  // Computes order k of the accelerations, and with it order k + 1 of the rates.
+  void extend(int k) {
+    for (int b = 0; b < system_.n(); ++b) {
+      Body& body = bodies_[b];
+      if (k > 0) turn(body, k);
+      const Pair moments = body.pull * body.quarter[k];
+      body.torque = moments[0] + moments[1] + (k == 0 ? body.constant : 0);
+    }
+    for (const Spring& spring : springs_) {
+      const Force& force = *spring.force;
+      const double angle = k == 0 ? spring.angle - force.rest : rate(force, k - 1) / k;
+      const double torque = force.axis[2] * (force.stiffness * angle + force.damping * rate(force, k));
+      bodies_[force.child].torque -= torque, bodies_[force.parent].torque += torque;
+    }
+    for (int b = 0; b < system_.n(); ++b) bodies_[b].rate[k + 1] = bodies_[b].torque / (bodies_[b].inertia * (k + 1));
+  }
+
+  // Attitudes, rates and angles of springs at time h from the centre of the series.
+  void evaluate(double h, int order, State& state) const {
+    for (int b = 0; b < system_.n(); ++b) {
+      const Body& body = bodies_[b];
+      double w = body.rate[order], turned = body.rate[order] / (order + 1);
+      for (int k = order - 1; k >= 0; --k) w = h * w + body.rate[k], turned = h * turned + body.rate[k] / (k + 1);
+      const double c = std::cos(h * turned), s = std::sin(h * turned);
+      const Pair from = body.quarter[0];
+      const double cosine = c * from[1] + s * from[0], sine = s * from[1] - c * from[0];
+      const double shrink = 1.5 - 0.5 * (cosine * cosine + sine * sine);  // back to length one, to first order
+      const double x = shrink * cosine, y = shrink * sine;
+      state.frames[b].R << x, -y, 0, y, x, 0, 0, 0, 1;
+      state.u[b].w = {0, 0, w};
+    }
+    for (const Spring& spring : springs_) {
+      double turned = 0;
+      for (int k = order; k >= 0; --k) turned = h * turned + rate(*spring.force, k) / (k + 1);
+      state.angles[spring.index] = spring.angle + h * turned;
+    }
+  }
+
+  // The largest coefficient of the rates.
+  double largest(int k) const {
+    double most = 0, sum = 0;
+    for (const Body& body : bodies_) most = std::max(most, std::abs(body.rate[k])), sum += body.rate[k];
+    return std::isfinite(sum) ? most : sum;  // max() would hide a NaN
+  }
+
+ private:
+  struct Body {
+    double inertia = 1, constant = 0, torque = 0;
+    Pair pull{};                        // Q, P
+    Pair quarter[kMostOrder + 2] = {};  // -sin theta, cos theta
+    double rate[kMostOrder + 2] = {};   // of the ground zero
+  };
+  struct Spring {
+    const Force* force;
+    int index;
+    double angle = 0;  // unwrapped, at the centre of the series
+  };
+
+  static Pair pull(const Vec3& r, const Vec3& F) { return Pair{r[0] * F[0] + r[1] * F[1], r[0] * F[1] - r[1] * F[0]}; }
+  // (cos, sin)' = theta' (-sin, cos)
+  static void turn(Body& body, int k) {
+    Pair sum{};
+    for (int j = 0; j < k; ++j) sum += body.rate[k - 1 - j] * body.quarter[j];
+    body.quarter[k] = Pair{-sum[1], sum[0]} / static_cast<double>(k);
+  }
+  double rate(const Force& spring, int k) const {
+    return spring.axis[2] * (bodies_[spring.child].rate[k] - bodies_[spring.parent].rate[k]);
+  }
+
+  const System& system_;
+  std::vector<Body> bodies_;  // the last is the ground
+  std::vector<Spring> springs_;
+};
+
+// The stepper of `run_adaptive` for bodies on fixed axes; a step is chosen as in TaylorStepper, from the rates alone.
+class TurningStepper {
+ public:
+  explicit TurningStepper(const Plan& plan)
+      : system_(plan.system),
+        tree_(plan.hinges),
+        points_(plan, true),
+        state_(system_),
+        projection_(plan),
+        series_(plan, points_) {}
+  TurningStepper(const TurningStepper&) = delete;  // members refer to each other
+
+  Status start(const State& initial, double t, double t_end, double rtol) {
+    state_ = initial;
+    offset_ = initial.frames.time - t;
+    time_ = previous_time_ = t, end_ = t_end, rtol_ = rtol;
+    smallest_ = smallest_step(t, t_end);
+    order_ = TaylorStepper::order_for(rtol);
+    accelerated_ = false;
+    update_angles(system_, state_.frames, state_.u, state_.angles);
+    return projection_.start(state_);
+  }
+
+  Status step(Counters& counters, Watch&) {
+    series_.start(state_);
+    for (int k = 0; k < order_; ++k) series_.extend(k);
+    const double h = step_size();
+    if (!std::isfinite(h)) return Status::non_finite;
+    if (h < std::min(smallest_, end_ - time_)) return Status::step_too_small;
+    previous_time_ = time_;
+    time_ = previous_time_ + h < end_ ? previous_time_ + h : end_;
+    if (time_ == previous_time_) return Status::step_too_small;
+    series_.evaluate(time_ - previous_time_, order_, state_);
+    accelerated_ = false;
+    ++counters.steps;
+    counters.force_evaluations += order_;
+    return Status::success;
+  }
+
+  double time() const { return time_; }
+  double previous_time() const { return previous_time_; }
+  // Settles positions and solves for (a, lam) on the first call after a step.
+  const State& state() {
+    if (accelerated_) return state_;
+    accelerated_ = true;
+    state_.frames.time = offset_ + time_;
+    tree_.settle(state_);
+    projection_.accelerate(state_);
+    return state_;
+  }
+  const Constraints& joints() const { return projection_.joints(); }
+  int redundant_rows() const { return projection_.redundant_rows(); }
+  Status dense(double t, State& out, Counters&, Watch&) const {
+    series_.evaluate(t - previous_time_, order_, out);
+    out.frames.time = offset_ + t;
+    tree_.settle(out);
+    return Status::success;
+  }
+
+ private:
+  double step_size() const {
+    const double rate = std::max(series_.largest(0), std::sqrt(series_.largest(1)));
+    const double last[2] = {series_.largest(order_ - 1), series_.largest(order_)};
+    if (const double sum = rate + last[0] + last[1]; !std::isfinite(sum)) return sum;
+    const double size = rtol_ * rate;
+    const Pair steps =
+        root<Pair, PairBits>(Pair{size / last[0], size / last[1]}, Pair{1.0 / (order_ - 1), 1.0 / order_});
+    double h = end_ - time_;
+    for (int i = 0; i < 2; ++i)
+      if (last[i] > 0) h = std::min(h, steps[i]);
+    return h;
+  }
+
+  const System& system_;
+  const HingeTree& tree_;
+  const ReferencePoints points_;
+  State state_;
+  Projection projection_;
+  TurningSeries series_;
+  double offset_ = 0;  // the problem's time minus the run's
+  double time_ = 0, previous_time_ = 0, end_ = 0, smallest_ = 0, rtol_ = 1e-8;
+  int order_ = 16;
+  bool accelerated_ = false;
+};
+
+}  // namespace lieeuler

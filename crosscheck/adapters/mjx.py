@@ -111,6 +111,8 @@ class MJXSingle(MJX):
 def _library(double: bool) -> Any:
     """`mujoco.mjx`, set to one precision; compiled functions are kept in the cache folder."""
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    # XLA prints an alarm if it compiles for two minutes, as it may on an arm; what fails is raised, too.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     import jax
 
     jax.config.update("jax_enable_x64", double)

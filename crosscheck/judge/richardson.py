@@ -9,7 +9,7 @@ import numpy as np
 
 from crosscheck.document import QUANTITIES, Finding, Order
 from crosscheck.errors import ArgumentError
-from crosscheck.judge import tolerances
+from crosscheck.judge import known, tolerances
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
@@ -67,7 +67,9 @@ def judge_limit(scene: Scene, runs: Sequence[tuple[float, Any]], truth: Referenc
                                     f"{tol.value:.2g}, exceeds the size of the quantity itself", where))
             continue
         good = error.max <= tol.value
-        text = "" if good else "; no step makes it smaller: the model differs, or its order is not what it seems"
+        slope = orders[name].observed
+        text = "" if good else f"; {known.RISES}" if slope is not None and slope <= known.RISING else (
+            "; no step makes it smaller: the model differs, or its order is not what it seems")
         findings.append(Finding(f"limit {name}", "ok" if good else "fail", error.max, tol.value, unit, tol.why,
                                 where + text))
     return findings

@@ -234,6 +234,8 @@ def judge_orders(order: int, ladder: Sequence[Rung], plateaus: Mapping[str, Plat
         orders[quantity] = result
         status: Status = "unjudged" if result.observed is None else "ok" if result.observed >= lowest else "fail"
         value, detail = result.observed, result.note if result.observed is None else ""
+        if value is not None and value <= known.RISING:
+            detail = known.RISES
         if not np.isfinite(values).all():
             status, value, detail = "fail", None, "a run of the order study was not finite"
         findings.append(Finding(f"order {quantity}", status, value, lowest, "1", why, detail))
@@ -256,7 +258,8 @@ def settle(run: Measured, findings: list[Finding], turning: known.Turning, messa
     for entry in known.entries(run, turning):
         seen = [finding for finding in findings if finding.kind in entry.kinds and finding.status != "unjudged"
                 and not finding.why.startswith(tolerances.BY_USER)]
-        failing = [finding for finding in seen if finding.status == "fail" and entry.excuses(finding)]
+        alike = entry.alike(findings)
+        failing = [finding for finding in seen if alike and finding.status == "fail" and entry.excuses(finding)]
         findings = [replace(each, status="known", detail=entry.reason) if each in failing else each
                     for each in findings]
         # A defect has vanished only if it was looked for: without an order study, nothing is known about orders.

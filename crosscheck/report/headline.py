@@ -165,7 +165,8 @@ def sentence(record: Record) -> str:
         return f"{kind}: {worst.detail}"
     if worst.kind.startswith("order"):
         relation = "at least" if worst.status == "ok" else "below"
-        return f"{kind} {number(worst.value, 3)}, {relation} {number(worst.bound, 3)}"
+        why = f": {worst.detail}" if worst.status == "fail" and worst.detail else ""
+        return f"{kind} {number(worst.value, 3)}, {relation} {number(worst.bound, 3)}{why}"
     relation = "within" if worst.status == "ok" else "beyond"
     return f"{kind} {number(worst.value)}{unit}, {relation} {number(worst.bound)}{unit}"
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from crosscheck.document import Order, Plan
+from crosscheck.judge import known
 from crosscheck.judge.plan import halved
 from crosscheck.judge.richardson import extrapolated, extrapolation_order, judge_limit
 from crosscheck.scene.file import load_scene
@@ -58,6 +59,14 @@ def test_a_lower_order_alone_does_not_look_like_a_wrong_model(scene, truth):
     low = {**ORDERS, "position": fitted(1.0, 4)}
     assert found(scene, truth, lambda h: 0.5 * h, 4, low)["limit position"].value > 1e-5
     assert found(scene, truth, lambda h: 0.5 * h, 4, low, frozenset({"position"}))["limit position"].status == "ok"
+
+
+def test_a_limit_of_errors_that_rise_as_steps_shrink_says_so_and_blames_no_model(scene, truth):
+    rising = {**ORDERS, "position": fitted(-1.0, 4)}
+    finding = found(scene, truth, lambda h: 1e-4 / h, 1, rising, frozenset({"position"}))["limit position"]
+    assert finding.status == "fail"
+    assert known.RISES in finding.detail
+    assert "the model differs" not in finding.detail
 
 
 def test_the_order_of_extrapolation_is_the_documented_one_unless_another_is_seen():

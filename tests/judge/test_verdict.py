@@ -92,6 +92,15 @@ def test_small_errors_that_fall_no_more_show_no_order(slope, level, status):
     assert orders_of(8, steps, values, Plateau(1e-14, 1e-8, 8))[0].status == status
 
 
+@pytest.mark.parametrize(("slope", "said"), [
+    (-1.0, known.RISES), (-0.6, known.RISES), (-0.1, ""), (0.0, ""), (0.5, "")])
+def test_errors_that_rise_as_steps_shrink_are_said_to_and_those_that_stay_are_not(slope, said):
+    """Newton MuJoCoEuler on heavy_top gains spin by every step: 0.25 rad/s at 20 us, 0.5 at 10 us, 0.9 at 5 us."""
+    steps = 2e-5 / 2.0 ** np.arange(7)
+    finding, _ = orders_of(1, steps, 0.25 * (steps / steps[0]) ** slope, Plateau(1e-5, 1e-3, 1), rungs=3)
+    assert (finding.status, finding.detail) == ("fail", said)
+
+
 def test_two_errors_that_do_not_fall_are_rounding_where_the_order_was_shown_before():
     """Exudyn TrapezoidalIndex2 on stiff_damped, rad; and an order that is lost, which is none."""
     steps = 5e-5 / 2.0 ** np.arange(4)

@@ -101,6 +101,17 @@ def test_many_findings_stand_in_few_groups_the_new_ones_first(results):
     assert (first.engine, first.new, second.engine, second.new) == ("fake", 1, "other", 0)
 
 
+def test_a_low_order_has_its_figures_and_what_is_known_of_it(results):
+    low = Finding("order position", "fail", -1.0, 0.9, "1", "documented order 1, least squares over 3 steps of 7")
+
+    def said(finding):
+        record = replace(results.records[0], outcome="fail", findings=[finding])
+        return headline.sentence(made([], [record]).records[0])
+
+    assert said(low) == "observed order in position -1, below 0.9"
+    assert said(replace(low, detail="errors rise")) == "observed order in position -1, below 0.9: errors rise"
+
+
 def test_scenes_share_a_line_of_advice_where_the_same_run_is_recommended_for_the_same_reason():
     def scene(name, run, why):
         best = Recommended(runs=[run], step=None, rtol=None, error=1e-9, until=None, seconds=None, why=why)

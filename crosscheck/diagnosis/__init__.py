@@ -132,7 +132,17 @@ def _looked_through(subject: Subject, first: Observation, scene: Scene, step: fl
 
 def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explanation:
     """Compare the limit with truth, look for causes of a difference, and compare the motion of the altered model."""
-    from crosscheck.diagnosis import altered, fit, misreadings, observe, of_model, of_output, of_stepping, shown
+    from crosscheck.diagnosis import (
+        altered,
+        fit,
+        misreadings,
+        observe,
+        of_model,
+        of_output,
+        of_rounding,
+        of_stepping,
+        shown,
+    )
     from crosscheck.diagnosis.physics import of_scene
 
     scene, scale = first.scene, first.scale
@@ -150,6 +160,14 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
             answer.conclude([])
             return answer
     differs = deviation > max(AGREES, fit.EXPLAINED * first.noise)
+    if differs and noise is not None and noise.cause is None and subject.order(scene) is not None:
+        cause, evidence = of_rounding.diagnose(subject, scene, scale)
+        answer.evidence.append(evidence)
+        answer.tried += 1
+        if cause is not None:  # it hides whatever is smaller
+            answer.causes.append(cause)
+            answer.conclude([])
+            return answer
     found = of_model.diagnose(subject, first) if differs else of_model.ModelFinding()
     physics = found.physics or of_scene(scene).replace(absent=found.absent)
     start = (scene.R0, scene.w0) if found.start is None else misreadings.misread(scene, *found.start)

@@ -81,10 +81,19 @@ class Tableau:
                  errors: Sequence[Sequence[float]], extra: Sequence[Sequence[float]],
                  dense: Sequence[Sequence[float]], /) -> None: ...
 
+class JointNodeKind(enum.Enum):
+    hinge = 0
+    slide = 1
+    ball = 2
+
 class Run:
     """A method with its steps or its tolerance, ready to run a system from a state at time `begin`."""
 
     begin: float
+    @property
+    def knows_joints(self) -> bool: ...
+    def add_node(self, kind: JointNodeKind, parent: int, joint: int, last: bool, turn: np.ndarray, axis: np.ndarray,
+                 armature: float, /) -> None: ...
 
 def implicit(coordinate_map: CoordinateMap, method: Method, steps: Sequence[float], counts: Sequence[int],
              monitor: bool, /) -> Run: ...

@@ -11,6 +11,7 @@ import numpy as np
 from lieeuler import _kernel, held
 from lieeuler.checks import LARGEST, SMALLEST, number, positive, real
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
+from lieeuler.joint_tree import Node, joint_tree
 from lieeuler.methods import COORDINATE_MAPS, METHODS, Method
 from lieeuler.planar import Plane, plane_for
 from lieeuler.problem import Problem
@@ -21,8 +22,11 @@ from lieeuler.welded import Welded, welded_for
 
 log = logging.getLogger("lieeuler")
 
-REDUCTIONS = ("welded", "planar", "axis", "off")
+REDUCTIONS = ("welded", "planar", "axis", "joints", "off")
 """The words of `reduce`."""
+
+MOST_NODES = 2
+"""Joint coordinates pay up to so many nodes a body: measured on bodies in a plane, which have three."""
 
 MOST_STEPS = 1e12
 """A run of more steps than this is refused as a mistake: it would take weeks."""
@@ -63,10 +67,11 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
         Of generalized_alpha, default 0.8: 0 damps motions much faster than the step away, 1 keeps them.
     spin_free : bool, optional
         Integrate symmetric bodies in frames without their spin (`lieeuler.spin_free`). Euler methods do not by default.
-    reduce : "welded" | "planar" | "axis" | "off", optional
-        Integrate welded bodies as one (`lieeuler.welded`), a mechanism in its plane, or about fixed axes
-        (`lieeuler.planar`); the multipliers are then those of the index-1 system. Default: all that applies, except
-        with the Euler methods; `solution.stats.reduce` says what was done.
+    reduce : "welded" | "planar" | "axis" | "joints" | "off", optional
+        Integrate welded bodies as one (`lieeuler.welded`), a mechanism in its plane or about fixed axes
+        (`lieeuler.planar`), or an open tree in the coordinates of its joints (`lieeuler.joint_tree`, rkmk methods); the
+        multipliers are then those of the index-1 system. Default: all that applies, joints only without a plane, and
+        nothing for the Euler methods; `solution.stats.reduce` says what was done.
     conserve : bool
         End every step with the energy and angular momentum that free bodies had at the start, in twice the digits: a
         body that turns over about its middle axis then keeps three to five digits more. For taylor, rkmk54 and
@@ -98,6 +103,12 @@ def _solved(problem: Problem, method: str, plan: Plan, reduce: str | None, monit
     reductions = _reductions(problem, METHODS[method], reduce)
     within = reductions[-1].problem if reductions else problem
     frames = spin_free_frames(within) if plan.spin_free else None
+    tree = () if not plan.run.knows_joints or frames else _nodes(within, reductions, reduce)
+    if reduce == "joints" and not tree:
+        raise ArgumentError("reduce='joints' does not apply: it is for explicit Runge-Kutta methods on open trees that "
+                            "hang on the ground, of joints that are not driven, do not roll and follow no other")
+    for node in tree:
+        node.add_to(plan.run)
     kernel, w = (within.kernel, within.w) if frames is None else (frames.kernel, frames.w)
     result = _kernel.integrate(kernel, plan.run, within.x, within.R, within.v, w)
     solution = Solution.from_kernel(result, plan.t, method, plan.step, monitor)
@@ -109,7 +120,9 @@ def _solved(problem: Problem, method: str, plan: Plan, reduce: str | None, monit
         angles = reduction.restore(solution, angles)
     if reductions:
         _take_multipliers(problem, solution, angles)
-        solution.stats.reduce = reduce or ", ".join(reduction.word for reduction in reductions)
+    if reductions or tree:
+        words = [reduction.word for reduction in reductions] + ["joints"] * bool(tree)
+        solution.stats.reduce = reduce or ", ".join(words)
     return solution
 
 
@@ -130,6 +143,14 @@ def _take_multipliers(problem: Problem, solution: Solution, angles: np.ndarray) 
             setattr(solution, name, getattr(solution, name)[:end])
 
 
+def _nodes(problem: Problem, reductions: list[Welded | Plane], wanted: str | None) -> tuple[Node, ...]:
+    """The tree of joints that is integrated: by default one with few nodes, where no plane serves."""
+    if wanted not in (None, "joints") or any(isinstance(step, Plane) for step in reductions):
+        return ()
+    nodes = joint_tree(problem)
+    return nodes if wanted or len(nodes) <= MOST_NODES * problem.n else ()
+
+
 def _reductions(problem: Problem, method: Method, wanted: str | None) -> list[Welded | Plane]:
     """What a method leaves out of a problem, the first step first: by default all that applies, but nothing for the
     Euler methods."""
@@ -140,6 +161,8 @@ def _reductions(problem: Problem, method: Method, wanted: str | None) -> list[We
     steps: list[Welded | Plane] = []
     if wanted in (None, "welded") and (welded := welded_for(problem)):
         steps.append(welded)
+    if wanted == "joints":
+        return []
     if wanted == "welded":
         if not steps:
             raise ArgumentError("reduce='welded' does not apply: no two bodies are welded, joints are open at the "

@@ -23,7 +23,7 @@ class RunSpec:
     coordinate_map: str | None = None
     polish: bool | None = None  # False: attitudes keep the rounding errors of products of rotations (lieeuler)
     spin_free: bool | None = None  # given only to an engine that lists it in `options`
-    reduce: str | None = None  # "welded" | "planar" | "axis" | "off": what is left out (lieeuler)
+    reduce: str | None = None  # "welded" | "planar" | "axis" | "joints" | "off" (lieeuler)
     alpha: float | None = None
     beta: float | None = None
     spectral_radius: float | None = None  # of generalized_alpha
@@ -36,7 +36,7 @@ ENGINE_OPTIONS = tuple(field.name for field in dataclasses.fields(RunSpec)
 """The names that an engine may list in its `options`."""
 
 CHOICES = {"form": ("tree", "maximal", "pivot"), "coordinate_map": ("exp", "cayley", "ccsk"),
-           "reduce": ("welded", "planar", "axis", "off"),
+           "reduce": ("welded", "planar", "axis", "joints", "off"),
            "softness": ("tight", "default"), "node": ("lie", "euler_parameters")}
 """The allowed values of options."""
 

@@ -33,7 +33,7 @@ def run(
     alpha: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")] = None,
     beta: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of positions, not squared")] = None,
     spectral_radius: Annotated[float | None, typer.Option(help="0 to 1, of generalized_alpha; default 0.8")] = None,
-    reduce: Annotated[str | None, typer.Option(help="welded, planar, axis or off: what is left out (lieeuler)")] = None,
+    reduce: Annotated[str | None, typer.Option(help="welded, planar, axis, joints or off (lieeuler)")] = None,
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
     duration: Duration = None,
     drop: Drop = False,

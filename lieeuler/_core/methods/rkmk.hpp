@@ -1,16 +1,12 @@
-// Explicit Runge-Kutta-Munthe-Kaas methods on the index-1 system (Munthe-Kaas, doi:10.1016/S0168-9274(98)00030-0).
-//
-// In a step attitudes are R_n exp(hat theta), and the rule is applied to y = (x, theta, v, w) of every body:
-//
-//   x' = v,  theta' = dexp^-1(theta) w,  M u' = f - G^T lam,  G u' + gamma = 0
-//
-// The step ends with one projection onto Phi = 0 and G u = 0; the matrix factored there serves the next first stage.
+// Explicit Runge-Kutta-Munthe-Kaas methods on the index-1 system (Munthe-Kaas, doi:10.1016/S0168-9274(98)00030-0), in a
+// chart of the states about the start of each step: that of the bodies, or that of the joints of a tree.
 #pragma once
 
 #include <numeric>
 
+#include "methods/body_chart.hpp"
+#include "methods/joint_chart.hpp"
 #include "run/adaptive_steps.hpp"
-#include "solve/free_bodies.hpp"
 
 namespace lieeuler {
 
@@ -22,35 +18,51 @@ struct Tableau {
   std::vector<std::vector<double>> errors, extra, dense;
 };
 
-// Attempts single steps, which the caller accepts or not.
-class MuntheKaas {
- public:
-  // The nonzero entries of a row.
-  using Terms = std::vector<std::pair<int, double>>;
-  static std::vector<Terms> sparse(const std::vector<std::vector<double>>& rows) {
-    std::vector<Terms> all;
-    for (const std::vector<double>& row : rows) {
-      all.emplace_back();
-      for (size_t k = 0; k < row.size(); ++k)
-        if (row[k] != 0) all.back().push_back({static_cast<int>(k), row[k]});
-    }
-    return all;
+// The nonzero entries of the rows of a tableau.
+using Terms = std::vector<std::pair<int, double>>;
+inline std::vector<Terms> sparse(const std::vector<std::vector<double>>& rows) {
+  std::vector<Terms> all;
+  for (const std::vector<double>& row : rows) {
+    all.emplace_back();
+    for (size_t k = 0; k < row.size(); ++k)
+      if (row[k] != 0) all.back().push_back({static_cast<int>(k), row[k]});
   }
+  return all;
+}
 
-  MuntheKaas(const Plan& plan, const Tableau& tableau, bool conserves)
+// Attempts single steps, which the caller accepts or not. A chart supplies
+//
+//   Point                                a state, with what the chart knows of it
+//   Point make(), int blocks()           how many times twelve numbers y has: positions, angles and their rates
+//   Status start(const State&, Point&, double slowest, Counters&)
+//   bool configure(const double* y, const Point& base, Point&, double* out)
+//                                        the point y about `base`, and the derivatives of its positions and angles;
+//                                        false outside of the chart
+//   void put_rates(const Point&, double* out), put_accelerations(const Point&, double* out)
+//   Status accelerate(Point&)            solves for the accelerations
+//   Status settle(Point&, double length, Counters&)
+//                                        the same at the end of a step, put back onto the constraints
+//   void return_to(const Point&)         after accelerations elsewhere: joints() are those of this point
+//   const State& state(const Point&), whole(Point&)
+//                                        without, and with (a, lam)
+template <class Chart>
+class MuntheKaas {
+  using Point = typename Chart::Point;
+
+ public:
+  template <class... Arguments>
+  MuntheKaas(const Plan& plan, const Tableau& tableau, const Arguments&... arguments)
       : system_(plan.system),
-        projection_(plan),
-        free_(plan.system, conserves),
-        state_(system_),
-        next_(system_),
-        trial_(system_),
-        size_(kPerBody * system_.n()),
+        chart_(plan, arguments...),
+        state_(chart_.make()),
+        next_(state_),
+        trial_(state_),
+        size_(kBlock * chart_.blocks()),
         stages_(sparse(tableau.stages)),
         weights_(sparse({tableau.weights})),
         errors_(sparse(tableau.errors)),
         extra_(sparse(tableau.extra)),
         dense_(sparse(tableau.dense)),
-        most_turn_(most_turn(system_, 2 * std::numbers::pi)),
         nodes_(sums(tableau.stages)),
         extra_nodes_(sums(tableau.extra)) {
     slopes_.assign((stages_.size() + 2 + extra_.size()) * size_, 0.0);
@@ -59,13 +71,12 @@ class MuntheKaas {
   }
 
   Status start(const State& state, double slowest, Counters& counters) {
-    state_ = state, slowest_ = slowest;
-    update_angles(system_, state_.frames, state_.u, state_.angles);
-    if (const Status status = projection_.start(state_); status != Status::success) return status;
-    free_.start(state_);
-    scales_ = Scales::of(system_, state_, slowest_);
-    rank_confirmed_ = projection_.redundant_rows() == 0;
-    return projection_.settle(state_, scales_.length, counters);
+    slowest_ = slowest;
+    scales_ = Scales::of(system_, state, slowest_);
+    if (const Status status = chart_.start(state, state_, scales_.length, counters); status != Status::success)
+      return status;
+    rank_confirmed_ = chart_.redundant_rows() == 0;
+    return Status::success;
   }
 
   Status attempt(double h, Counters& counters) {
@@ -77,13 +88,9 @@ class MuntheKaas {
         return status;
     }
     combine(weights_[0], step_.data());
-    next_.angles = state_.angles;
-    next_.frames.follow(state_.frames, h);
-    if (!configure(step_.data(), state_, next_, slope(end()))) return Status::map_domain;
-    if (const Status status = projection_.settle(next_, scales_.length, counters); status != Status::success)
-      return status;
-    free_.restore(next_);
-    put_accelerations(next_, slope(end()));
+    if (!move(step_.data(), state_, h, next_, slope(end()))) return Status::map_domain;
+    if (const Status status = chart_.settle(next_, scales_.length, counters); status != Status::success) return status;
+    chart_.put_accelerations(next_, slope(end()));
     return Status::success;
   }
 
@@ -99,11 +106,11 @@ class MuntheKaas {
 
   Status accept() {
     std::swap(state_, next_);
-    scales_ = Scales::of(system_, state_, slowest_);
+    scales_ = Scales::of(system_, chart_.state(state_), slowest_);
     interpolates_ = false;
     if (rank_confirmed_) return Status::success;
     rank_confirmed_ = true;
-    return projection_.confirm_rank();
+    return chart_.confirm_rank();
   }
 
   // Code HINIT of Hairer, Norsett and Wanner: from the sizes of the first and second derivatives.
@@ -115,7 +122,7 @@ class MuntheKaas {
     const double rate = scales_.rate, h = 0.01 / std::max(first, 1e-6 * rate);
     for (size_t i = 0; i < size_; ++i) y_[i] = h * slope(0)[i];
     const Status status = evaluate(slope(1), h, counters);
-    projection_.move_to(state_);  // joints() are those of state()
+    chart_.return_to(state_);
     if (status != Status::success) return 0.01 * h;
     for (size_t i = 0; i < size_; ++i) y_[i] = slope(1)[i] - slope(0)[i];
     const double second = scales_.norm(y_) / h;
@@ -133,20 +140,20 @@ class MuntheKaas {
       for (size_t k = 3 + dense_.size(); k-- > 0;) value = dense_terms_[k * size_ + i] + (k % 2 ? s : rest) * value;
       y_[i] = s * value;
     }
-    out.angles = next_.angles;
-    out.frames.follow(next_.frames, fraction * h_);
-    return configure(y_.data(), next_, out, step_.data()) ? Status::success : Status::map_domain;
+    if (!move(y_.data(), next_, fraction * h_, trial_, step_.data())) return Status::map_domain;
+    out = chart_.state(trial_);
+    return Status::success;
   }
 
-  double next_break(double end) const { return system_.next_break(state_.frames.time, end); }
-  const State& state() const { return state_; }
-  const Constraints& joints() const { return projection_.joints(); }
-  int redundant_rows() const { return projection_.redundant_rows(); }
-  double smallest_pivot() { return projection_.smallest_pivot(); }
+  double next_break(double end) const { return system_.next_break(chart_.state(state_).frames.time, end); }
+  const State& state() { return chart_.whole(state_); }
+  const Constraints& joints() const { return chart_.joints(); }
+  int redundant_rows() const { return chart_.redundant_rows(); }
+  double smallest_pivot() { return chart_.smallest_pivot(); }
   double rate() const { return scales_.rate; }
 
  private:
-  static constexpr int kPerBody = 12;  // x, theta, v, w
+  static constexpr int kBlock = 12;  // x, theta, v, w
 
   // Times of the stages, as parts of the step.
   static std::vector<double> sums(const std::vector<std::vector<double>>& rows) {
@@ -160,51 +167,35 @@ class MuntheKaas {
 
   // h times the weighted sum of slopes.
   void combine(const Terms& terms, double* out) const {
-    for (size_t at = 0; at < size_; at += kPerBody) {
-      double sum[kPerBody] = {};
+    for (size_t at = 0; at < size_; at += kBlock) {
+      double sum[kBlock] = {};
       for (const auto& [stage, weight] : terms) {
         const double factor = h_ * weight;
         const double* const k = slopes_.data() + stage * size_ + at;
-        for (int i = 0; i < kPerBody; ++i) sum[i] += factor * k[i];
+        for (int i = 0; i < kBlock; ++i) sum[i] += factor * k[i];
       }
-      std::copy_n(sum, kPerBody, out + at);
+      std::copy_n(sum, kBlock, out + at);
     }
   }
 
-  // Sets `state` to the point y of the chart at `base`, and `out` to the derivatives of x and theta; false if an
-  // attitude turned too far for the chart.
-  bool configure(const double* y, const State& base, State& state, double* out) const {
-    for (int b = 0; b < system_.n(); ++b, y += kPerBody, out += kPerBody) {
-      const Vec3 theta = load3(y + 3), v = base.u[b].v + load3(y + 6), w = base.u[b].w + load3(y + 9);
-      const double s = theta.squaredNorm();
-      if (!(s < most_turn_ * most_turn_)) return false;
-      const ChartCoefficients k = chart_coefficients(s);
-      state.frames[b].x = base.frames[b].x + load3(y);
-      state.frames[b].R.noalias() = base.frames[b].R * quadratic(theta, 1 - k.cosc * s, k.sinc, k.cosc);
-      state.u[b] = {v, w};
-      const Vec3 turned = theta.cross(w);
-      store(v, out), store(Vec3(w + 0.5 * turned + k.inverse * theta.cross(turned)), out + 3);  // dexp^-1 w
-    }
-    return true;
-  }
-  void put_accelerations(const State& state, double* out) const {
-    for (int b = 0; b < system_.n(); ++b) store(state.a[b], out + kPerBody * b + 6);
+  // The point y of the chart at `base`, at a time h later.
+  bool move(const double* y, const Point& base, double h, Point& point, double* out) {
+    point.angles = base.angles;
+    point.frames.follow(base.frames, h);
+    return chart_.configure(y, base, point, out);
   }
   // The slope at the origin of the chart.
   void put_first_slope() {
-    double* out = slope(0);
-    for (int b = 0; b < system_.n(); ++b) store(state_.u[b], out + kPerBody * b);
-    put_accelerations(state_, out);
+    chart_.put_rates(state_, slope(0));
+    chart_.put_accelerations(state_, slope(0));
   }
   // The slope at y_, at the time `after` the start of the step.
   Status evaluate(double* out, double after, Counters& counters) {
-    trial_.angles = state_.angles;
-    trial_.frames.follow(state_.frames, after);
-    if (!configure(y_.data(), state_, trial_, out)) return Status::map_domain;
+    if (!move(y_.data(), state_, after, trial_, out)) return Status::map_domain;
     ++counters.factorizations;
     ++counters.force_evaluations;
-    if (const Status status = projection_.accelerate(trial_); status != Status::success) return status;
-    put_accelerations(trial_, out);
+    if (const Status status = chart_.accelerate(trial_); status != Status::success) return status;
+    chart_.put_accelerations(trial_, out);
     return Status::success;
   }
 
@@ -230,13 +221,11 @@ class MuntheKaas {
   }
 
   const System& system_;
-  Projection projection_;
-  FreeBodies free_;
-  State state_, next_, trial_;  // after a step next_ is its start
+  Chart chart_;
+  Point state_, next_, trial_;  // after a step next_ is its start
   Scales scales_;
   const size_t size_;
   const std::vector<Terms> stages_, weights_, errors_, extra_, dense_;
-  const double most_turn_;  // largest turn of a body in a step: dexp^-1 is singular at a whole turn
   const std::vector<double> nodes_, extra_nodes_;
   std::vector<double> slopes_;  // of the stages, of the end of the step, of the extra stages
   std::vector<double> y_, step_, dense_terms_;
@@ -245,19 +234,20 @@ class MuntheKaas {
 };
 
 // Steps of fixed size, for `run`.
-class FixedMuntheKaas : public MuntheKaas {
+template <class Chart>
+class FixedMuntheKaas : public MuntheKaas<Chart> {
  public:
-  FixedMuntheKaas(const Plan& plan, const Tableau& tableau) : MuntheKaas(plan, tableau, false) {}
+  using MuntheKaas<Chart>::MuntheKaas;
 
   Status start(const State& state, double h) {
     h_ = h;
     Counters at_start;
-    return MuntheKaas::start(state, 0, at_start);
+    return MuntheKaas<Chart>::start(state, 0, at_start);
   }
   Status step(Counters& counters) {
-    if (const Status status = attempt(h_, counters); status != Status::success) return status;
+    if (const Status status = this->attempt(h_, counters); status != Status::success) return status;
     ++counters.steps;
-    return accept();
+    return this->accept();
   }
 
  private:
@@ -265,33 +255,38 @@ class FixedMuntheKaas : public MuntheKaas {
 };
 
 // Steps chosen by the error estimate.
-class ControlledMuntheKaas : public MuntheKaas {
+template <class Chart>
+class ControlledMuntheKaas : public MuntheKaas<Chart> {
+  using Base = MuntheKaas<Chart>;
+
  public:
-  ControlledMuntheKaas(const Plan& plan, const Tableau& tableau, bool conserves = false)
-      : MuntheKaas(plan, tableau, conserves), order_(tableau.order) {}
+  template <class... Arguments>
+  ControlledMuntheKaas(const Plan& plan, const Tableau& tableau, const Arguments&... arguments)
+      : Base(plan, tableau, arguments...), order_(tableau.order) {}
 
   Status start(const State& initial, double rtol, double slowest, Counters& counters) {
     rtol_ = rtol;
-    if (const Status status = MuntheKaas::start(initial, slowest, counters); status != Status::success) return status;
-    control_ = StepControl(order_, first_step(order_, rtol, counters));
+    if (const Status status = Base::start(initial, slowest, counters); status != Status::success) return status;
+    control_ = StepControl(order_, this->first_step(order_, rtol, counters));
     return Status::success;
   }
   double proposed() const { return control_.step(); }
   Status attempt(double h, bool& stands, Counters& counters, Watch&) {
-    const Status status = MuntheKaas::attempt(h, counters);
-    if (status == Status::success) stands = control_.accept(error() / rtol_);
+    const Status status = Base::attempt(h, counters);
+    if (status == Status::success) stands = control_.accept(this->error() / rtol_);
     return status;
   }
   void refuse(double, Status status) {
     if (status != Status::success) control_.refuse(0.25);
   }
-  Status accept(double) { return MuntheKaas::accept(); }
+  Status accept(double) { return Base::accept(); }
 
  private:
   StepControl control_;
   int order_;
   double rtol_ = 0;
 };
-using AdaptiveMuntheKaas = AdaptiveSteps<ControlledMuntheKaas>;
+template <class Chart>
+using AdaptiveMuntheKaas = AdaptiveSteps<ControlledMuntheKaas<Chart>>;
 
 }  // namespace lieeuler

@@ -139,11 +139,12 @@ class Plan {
     on[system.n()] = 0;
     return plain() && forest && !graded && !thin && *std::max_element(on.begin(), on.end()) <= kMostParts;
   }
-  // Trees of few rows, those of pins on the ground not counted, if refinement can correct the Schur complement.
+  // Trees of few rows, those of pins on the ground not counted, if refinement can correct the Schur complement; of pins
+  // alone there is none.
   bool fits_small() const {
     const auto pins = std::count_if(hinges.hinges.begin(), hinges.hinges.end(),
                                     [this](const Hinge& hinge) { return hinge.base == system.n(); });
-    return plain() && forest && !whole && count() - pins <= kMostSmallParts;
+    return plain() && forest && count() - pins <= (whole ? 0 : kMostSmallParts);
   }
 
   mutable std::mutex guard_;

@@ -113,7 +113,18 @@ NB_MODULE(_kernel, m) {
         at_most(extra, count + 1, 1), at_most(dense, inside, 0);
         new (self) Tableau{stages, weights, order, errors, extra, dense};
       });
-  nb::class_<Run>(m, "Run").def_rw("begin", &Run::begin);
+  nb::enum_<JointNode::Kind>(m, "JointNodeKind")
+      .value("hinge", JointNode::Kind::hinge)
+      .value("slide", JointNode::Kind::slide)
+      .value("ball", JointNode::Kind::ball);
+  nb::class_<Run>(m, "Run")
+      .def_rw("begin", &Run::begin)
+      .def_prop_ro("knows_joints", [](const Run& run) { return bool(run.by_joints); })
+      .def("add_node", [](Run& run, JointNode::Kind kind, int parent, int joint, bool last, const Mat3& turn,
+                          const Vec3& axis, double armature) {
+        require(run.by_joints && parent < static_cast<int>(run.nodes.size()), "parents come before their children");
+        run.nodes.push_back({kind, parent, joint, last, turn, axis, armature});
+      });
   m.def("implicit", &implicit);
   m.def("runge_kutta", &runge_kutta);
   m.def("adaptive_runge_kutta", &adaptive_runge_kutta);

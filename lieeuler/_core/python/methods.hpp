@@ -28,10 +28,15 @@ inline Run runge_kutta(const Tableau& tableau, const std::vector<double>& steps,
                        const std::vector<std::int64_t>& counts, bool monitored) {
   require_steps(steps, counts);
   Run run{[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
-            FixedMuntheKaas stepper(plan, tableau);
+            FixedMuntheKaas<BodyChart> stepper(plan, tableau);
             return lieeuler::run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
           },
           steps.size() + 1};
+  run.by_joints = [=](const std::vector<JointNode>& nodes, const Plan& plan, const State& initial, const Record& record,
+                      const Interrupted& interrupted) {
+    FixedMuntheKaas<JointChart> stepper(plan, tableau, nodes);
+    return lieeuler::run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
+  };
   if (!monitored && tableau.stages.size() + 2 <= kMostSlopes) run.in_lanes = ExplicitRun{tableau, steps, counts};
   return run;
 }
@@ -52,7 +57,13 @@ inline Run adaptive(const std::vector<double>& t_eval, double rtol, bool monitor
 
 inline Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double>& t_eval, double rtol, bool monitored,
                                 bool conserves) {
-  return adaptive<AdaptiveMuntheKaas>(t_eval, rtol, monitored, tableau, conserves);
+  Run run = adaptive<AdaptiveMuntheKaas<BodyChart>>(t_eval, rtol, monitored, tableau, conserves);
+  run.by_joints = [=](const std::vector<JointNode>& nodes, const Plan& plan, const State& initial, const Record& record,
+                      const Interrupted& interrupted) {
+    AdaptiveMuntheKaas<JointChart> stepper(plan, tableau, nodes);
+    return run_adaptive(stepper, plan, initial, t_eval, rtol, monitored, record, interrupted);
+  };
+  return run;
 }
 
 inline Run taylor(const std::vector<double>& t_eval, double rtol, bool monitored, bool conserves) {

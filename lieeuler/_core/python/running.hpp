@@ -53,7 +53,7 @@ inline nb::dict integrate(const Plan& plan, const Run& method, const Array& x, c
   {
     nb::gil_scoped_release release;
     const auto start = std::chrono::steady_clock::now();
-    outcome = method.run(plan, initial, record, ctrl_c);
+    outcome = method(plan, initial, record, ctrl_c);
     seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
   const size_t T = outcome.samples, n = system.n(), m = system.rows();
@@ -121,7 +121,7 @@ inline nb::dict integrate_ensemble(const std::vector<const Plan*>& plans, const 
   };
   members.alone = [&](size_t k, const Interrupted& stopped) {
     const Record record = [&](int sample, const State& state) { members.record(k, sample, state); };
-    members.end(k, method.run(members.plan(k), members.initial(k), record, stopped), 1);
+    members.end(k, method(members.plan(k), members.initial(k), record, stopped), 1);
   };
   bool interrupted;
   double seconds;

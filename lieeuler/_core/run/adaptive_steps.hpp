@@ -74,7 +74,7 @@ class AdaptiveSteps {
   }
   double time() const { return time_; }
   double previous_time() const { return previous_; }
-  const State& state() const { return method_.state(); }
+  const State& state() { return method_.state(); }
   const Constraints& joints() const { return method_.joints(); }
   int redundant_rows() const { return method_.redundant_rows(); }
 

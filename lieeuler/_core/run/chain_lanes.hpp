@@ -1,7 +1,8 @@
 // Members of an ensemble side by side in the lanes of registers: fixed explicit steps of small chains of ball joints.
 //
-// A lane gives the numbers of FixedMuntheKaas to the last bit. All members take the same steps, so that a group runs
-// from the start to the end together. A member that needs more than plain steps, or fails, is left to a run by itself.
+// A lane gives the numbers of FixedMuntheKaas<BodyChart> to the last bit. All members take the same steps, so that a
+// group runs from the start to the end together. A member that needs more than plain steps, or fails, is left to a run
+// by itself.
 #pragma once
 
 #include <array>
@@ -38,7 +39,7 @@ class ChainLanes {
  public:
   ChainLanes(const ChainCode<width>& code, const Members& members, const ExplicitRun& run)
       : code_(code), members_(members), run_(run), group_(std::make_unique<ChainGroup<width>>()) {
-    const auto stages = MuntheKaas::sparse(run.tableau.stages), weights = MuntheKaas::sparse({run.tableau.weights});
+    const auto stages = sparse(run.tableau.stages), weights = sparse({run.tableau.weights});
     group_->stages = static_cast<int>(stages.size());
     for (int i = 0; i <= group_->stages; ++i) {
       LaneTerms& out = group_->rows[i];
@@ -65,7 +66,7 @@ class ChainLanes {
   struct Lane {
     size_t member = 0;
     const Plan* plan = nullptr;
-    std::optional<FixedMuntheKaas> stepper;  // starts the run
+    std::optional<FixedMuntheKaas<BodyChart>> stepper;  // starts the run
     std::optional<State> state;
   };
 

@@ -14,6 +14,17 @@ struct Run {
   size_t samples;
   double begin = 0;  // s, the time of the initial state
   std::variant<std::monostate, TaylorRun, ExplicitRun> in_lanes = {};
+  // The same in the coordinates of a tree's joints, for methods that can.
+  std::function<Outcome(const std::vector<JointNode>&, const Plan&, const State& initial, const Record&,
+                        const Interrupted&)>
+      by_joints = {};
+  std::vector<JointNode> nodes = {};  // of the tree; none: the bodies' coordinates
+
+  Outcome operator()(const Plan& plan, const State& initial, const Record& record,
+                     const Interrupted& interrupted) const {
+    return nodes.empty() ? run(plan, initial, record, interrupted)
+                         : by_joints(nodes, plan, initial, record, interrupted);
+  }
 };
 
 #if defined(LIEEULER_LANES_X86)

@@ -1,0 +1,149 @@
+"""Trees of joints whose coordinates the explicit methods integrate in place of their bodies'.
+
+Every joint becomes a chain of nodes: slides along axes of its parent, then hinges or a ball. A universal joint is two
+hinges, a planar one two slides and a hinge, a point on a line a slide and a ball. Links between the nodes of a joint
+have no mass. Nothing is restored at the samples: the kernel computes all bodies and, where wanted, multipliers.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from lieeuler import _kernel
+from lieeuler.joints import Joint
+from lieeuler.problem import Problem
+from lieeuler.types import GROUND
+
+ROUNDING = 1e-12
+"""How far joints may be open at the start, as a part of the system's length and speed; the size of an angle between
+directions that is rounding."""
+DEPENDENT = 1e-6
+"""Sine of the angle below which two directions of one joint count as one."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Node:
+    """A node of the tree.
+
+    Attributes
+    ----------
+    kind : "hinge" | "slide" | "ball"
+    parent : int
+        Node; -1: the ground.
+    joint : int
+        That it belongs to.
+    last : bool
+        Whether it carries the child of the joint.
+    turn : (3, 3)
+        Attitude of its link relative to the parent's, where the angle is zero: at the start.
+    axis : (3,)
+        Of a hinge in its own link, of a slide in the parent's.
+    armature : float
+        kg m^2 or kg, of the rotors on this coordinate.
+    """
+
+    kind: str
+    parent: int
+    joint: int
+    last: bool
+    turn: np.ndarray
+    axis: np.ndarray
+    armature: float = 0.0
+
+    def add_to(self, run: _kernel.Run) -> None:
+        """Add this node to a compiled run."""
+        run.add_node(_kernel.JointNodeKind[self.kind], self.parent, self.joint, self.last, self.turn, self.axis,
+                     self.armature)
+
+
+def joint_tree(problem: Problem) -> tuple[Node, ...]:
+    """The nodes, parents first; none if the problem is no tree of joints on the ground, or has ball joints only, which
+    the methods know better. Computed once for each problem."""
+    known = vars(problem)
+    if "_tree" not in known:
+        known["_tree"] = _tree(problem)
+    found: tuple[Node, ...] = known["_tree"]
+    return found
+
+
+def _tree(problem: Problem) -> tuple[Node, ...]:
+    outward = _outward(problem)
+    if len(outward) != problem.n or all(joint.spherical and not joint.dots for joint in problem.joints):
+        return ()
+    levels = _kernel.constraint_levels(problem.kernel, problem.x, problem.R, problem.v, problem.w, 0.0)
+    if not levels.max() <= ROUNDING:
+        return ()
+    nodes: list[Node] = []
+    carrying = {GROUND: -1}
+    for index in outward:
+        joint = problem.joints[index]
+        free = _freedoms(problem, joint)
+        if not free:
+            return ()
+        Q = problem.R[joint.child] if joint.parent == GROUND else problem.R[joint.parent].T @ problem.R[joint.child]
+        parent, hinges = carrying[joint.parent], [kind for kind, _ in free if kind == "hinge"]
+        for k, (kind, axis) in enumerate(free):
+            last = k == len(free) - 1
+            rotors = [rotor.inertia for rotor in joint.rotors if rotor.turns == (kind == "hinge")]
+            if rotors and (kind == "ball" or len(hinges) > 1):
+                return ()
+            nodes.append(Node(kind, parent, index, last, Q if last else np.eye(3), axis, sum(rotors)))
+            parent = len(nodes) - 1
+        carrying[joint.child] = parent
+    return tuple(nodes)
+
+
+def _outward(problem: Problem) -> list[int]:
+    """The joints in an order in which every parent hangs before its child; none if one closes a loop, points inwards,
+    or hangs on nothing."""
+    hung, order, size = {GROUND}, list[int](), -1
+    while len(order) > size:
+        size = len(order)
+        for index, joint in enumerate(problem.joints):
+            if index not in order and joint.parent in hung and joint.child not in hung:
+                hung.add(joint.child)
+                order.append(index)
+    return order if len(order) == len(problem.joints) else []
+
+
+def _freedoms(problem: Problem, joint: Joint) -> list[tuple[str, np.ndarray]]:
+    """Slides, hinges or a ball, with their axes; none if the joint is rigid or is not made of these."""
+    if joint.drive is not None or joint.mimic is not None or joint.contact is not None:
+        return []
+    across, turns = list(np.eye(3)) if joint.spherical else [], []
+    for dot in joint.dots:
+        if (dot.a, dot.b) == ("parent", "difference") and dot.constant == 0:
+            across.append(dot.a_axis)
+        elif (dot.a, dot.b) == ("parent", "child") and dot.constant == 0:
+            turns.append(dot)
+        else:
+            return []
+    slides = _normal_to(across)
+    rotors_slide = any(not rotor.turns for rotor in joint.rotors)
+    if rotors_slide and len(slides) != 1:
+        return []
+    free = [("slide", axis) for axis in slides]
+    if not turns:
+        return [*free, ("ball", np.zeros(3))]
+    parent = np.eye(3) if joint.parent == GROUND else problem.R[joint.parent]
+    held = [np.cross(problem.R[joint.child] @ dot.b_axis, parent @ dot.a_axis) for dot in turns]
+    if len(turns) == 1:
+        if slides:
+            return []
+        return [("hinge", turns[0].a_axis), ("hinge", turns[0].b_axis)]
+    left = [problem.R[joint.child].T @ axis for axis in _normal_to(held)]
+    if not left:
+        return free
+    if len(left) > 1 or any(np.abs(np.cross(dot.b_axis, left[0])).max() > ROUNDING for dot in turns):
+        return []
+    return [*free, ("hinge", left[0])]
+
+
+def _normal_to(directions: list[np.ndarray]) -> list[np.ndarray]:
+    """Unit vectors normal to all these directions and to each other."""
+    if not directions:
+        return list(np.eye(3))
+    _, sizes, rows = np.linalg.svd(np.reshape(directions, (-1, 3)))
+    return list(rows[int((sizes > DEPENDENT).sum()):])

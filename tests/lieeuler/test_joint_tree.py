@@ -1,0 +1,233 @@
+"""Trees in the coordinates of their joints move like the whole systems, and return all states."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import crosscheck
+import lieeuler
+from crosscheck.adapters.lieeuler import build_problem
+from lieeuler.joint_tree import joint_tree
+
+FIELDS = ("x", "R", "v", "w", "a", "alpha", "lam")
+SCENES = ("hinge_pendulum", "cylindrical_pendulum", "prismatic_slider", "universal_pendulum", "bead_on_line",
+          "puck_on_plane", "geared_arm", "branching_tree", "planar_slider")
+
+
+def largest_difference(a, b):
+    return max(np.abs(getattr(a, name) - getattr(b, name)).max(initial=0.0)
+               / (1 + np.abs(getattr(a, name)).max(initial=0.0)) for name in FIELDS)
+
+
+def scene(name):
+    return build_problem(crosscheck.load_scene(name))
+
+
+class Growing:
+    """A random tree, grown body by body with rates of its joints that are known.
+
+    Every body, joint and force is unlike the others; the state closes all joints by construction.
+    """
+
+    def __init__(self, seed):
+        self.random = np.random.default_rng(seed)
+        self.bodies, self.joints, self.forces = [], [], []
+        self.x, self.R, self.v, self.w = [], [], [], []
+
+    def vector(self, size=1.0):
+        return self.random.normal(scale=size, size=3)
+
+    def unit(self):
+        a = self.vector()
+        return a / np.linalg.norm(a)
+
+    def frame(self, body):
+        if body == -1:
+            return np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3)
+        return self.x[body], self.R[body], self.v[body], self.R[body] @ self.w[body]
+
+    def add(self, kind, parent):
+        child = len(self.bodies)
+        x, R, v, w = self.frame(parent)
+        R_child = Rotation.random(random_state=int(self.random.integers(2**31))).as_matrix()
+        pa, ca, axis = self.vector(), self.vector(0.5), self.unit()  # the axis in the world
+        slides, turns, extra = [], [], ()
+        in_parent, in_child = R.T @ axis, R_child.T @ axis
+        across = np.linalg.svd(axis[None])[2][1:]
+        if kind == "spherical":
+            joint, turns = lieeuler.spherical_joint(parent, child, pa, ca), list(np.eye(3))
+        elif kind == "revolute":
+            joint, turns = lieeuler.revolute_joint(parent, child, pa, ca, in_parent, in_child), [axis]
+        elif kind == "universal":
+            joint = lieeuler.universal_joint(parent, child, pa, ca, in_parent, R_child.T @ across[0])
+            turns = [axis, across[0]]
+        elif kind == "cylindrical":
+            joint = lieeuler.cylindrical_joint(parent, child, pa, ca, in_parent, in_child)
+            slides, turns = [axis], [axis]
+        elif kind == "prismatic":
+            joint = lieeuler.prismatic_joint(parent, child, pa, ca, in_parent, in_child, R_child.T @ R)
+            slides = [axis]
+        elif kind == "planar":
+            joint = lieeuler.planar_joint(parent, child, pa, ca, in_parent, in_child)
+            slides, turns = list(across), [axis]
+        elif kind == "point_on_line":
+            joint = lieeuler.point_on_line_joint(parent, child, pa, ca, in_parent)
+            slides, turns = [axis], list(np.eye(3))
+        else:
+            joint = lieeuler.point_on_plane_joint(parent, child, pa, ca, in_parent)
+            slides, turns = list(across), list(np.eye(3))
+        if kind in ("revolute", "prismatic", "cylindrical") and self.random.random() < 0.5:
+            extra = (lieeuler.Rotor(0.3, in_parent, in_child, kind != "prismatic"),)
+        self.joints.append(dataclasses.replace(joint, rotors=extra))
+        slid = sum((self.random.normal(scale=0.3) * a for a in slides), np.zeros(3))
+        sliding = sum((self.random.normal() * a for a in slides), np.zeros(3))
+        turning = sum((self.random.normal() * a for a in turns), np.zeros(3))
+        anchor = x + R @ pa + slid
+        w_child = w + turning
+        self.x.append(anchor - R_child @ ca)
+        self.R.append(R_child)
+        self.v.append(v + np.cross(w, anchor - x) + sliding - np.cross(w_child, R_child @ ca))
+        self.w.append(R_child.T @ w_child)
+        a, b, c = self.random.uniform(0.05, 0.4, 3)
+        P = Rotation.random(random_state=child).as_matrix()
+        inertia = P @ np.diag([a + b, b + c, c + a]) @ P.T
+        self.bodies.append(lieeuler.Body(self.random.uniform(0.5, 3.0), (inertia + inertia.T) / 2))
+        if kind == "revolute":
+            self.forces.append(lieeuler.TorsionalSpring(parent, child, in_parent, in_child, 2.0, 0.7, 0.1, torque=0.5))
+        if kind == "prismatic":
+            self.forces.append(lieeuler.SlideForce(parent, child, pa, ca, in_parent, 3.0))
+        self.forces.append(lieeuler.LinearSpring(-1, child, self.vector(3.0), self.vector(0.2), 5.0, 1.0, 0.2))
+        self.forces.append(lieeuler.ConstantLoad(child, self.vector(), self.vector(), self.vector(0.3), "body"))
+
+    def problem(self):
+        return lieeuler.Problem(self.bodies, self.joints, self.vector(6.0), self.x, self.R, self.v, self.w, self.forces)
+
+
+KINDS = ("spherical", "revolute", "universal", "cylindrical", "prismatic", "planar", "point_on_line", "point_on_plane")
+
+
+def grown(seed):
+    tree = Growing(seed)
+    for child in range(tree.random.integers(2, 6)):
+        tree.add(KINDS[(seed + 3 * child) % len(KINDS)], int(tree.random.integers(-1, child)) if child else -1)
+    return tree.problem()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_joints_change_nothing_but_the_cost(name):
+    problem = scene(name)
+    times = np.linspace(0, 1, 7)
+    off = lieeuler.integrate(problem, "rkmk853", t_eval=times, rtol=1e-13, reduce="off")
+    on = lieeuler.integrate(problem if name != "branching_tree" else lieeuler.welded.welded_for(problem).problem,
+                            "rkmk853", t_eval=times, rtol=1e-13, reduce="joints")
+    assert on.stats.reduce == "joints"
+    assert max(on.stats.maxima[f"constraint_{level}"] for level in ("position", "velocity")) < 2e-14
+    if name != "branching_tree":
+        assert largest_difference(off, on) < 1e-11
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_random_trees_move_alike(seed):
+    """All joints, at the ground and behind each other, with rotors, springs, drives of constant size and loads."""
+    problem = grown(seed)
+    times = [0.0, 0.05, 0.11, 0.3]
+    off, on = (lieeuler.integrate(problem, "rkmk853", t_eval=times, rtol=1e-12, reduce=word)
+               for word in ("off", "joints"))
+    assert largest_difference(off, on) < 1e-9
+
+
+@pytest.mark.parametrize(("method", "count"), [("rkmk4", 80), ("rkmk54", 30), ("rkmk853", 7)])
+def test_order_and_uneven_outputs(method, count):
+    """Errors fall with the order of the method; outputs that change the step do not matter."""
+    problem = scene("geared_arm")
+    best = lieeuler.integrate(problem, "rkmk853", t_eval=[0.0, 0.7], rtol=1e-14)
+    assert best.stats.reduce == "joints"
+    steps = 0.7 / np.array([count, 2 * count])
+    ends = [lieeuler.integrate(problem, method, step, [0.0, 0.7]) for step in steps]
+    errors = [np.abs(end.x[-1] - best.x[-1]).max() for end in ends]
+    assert abs(np.log2(errors[0] / errors[1]) - lieeuler.METHODS[method].order) < 0.5
+    uneven = lieeuler.integrate(problem, method, steps[1], [0.0, 0.013, 0.3, 0.7])
+    assert np.abs(uneven.x[-1] - best.x[-1]).max() < 2 * errors[1]
+
+
+def test_samples_between_steps_are_as_good_as_steps():
+    problem = scene("prismatic_slider")
+    times = np.linspace(0, 1, 101)
+    off, on = (lieeuler.integrate(problem, "rkmk853", t_eval=times, rtol=1e-11, reduce=word) for word in ("off", None))
+    assert on.stats.reduce == "joints"
+    assert on.stats.steps < 50
+    assert largest_difference(off, on) < 1e-8
+
+
+def test_hinges_wind_up():
+    """Ten turns of a hinge behind a slide, against a spring that counts them."""
+    tree = Growing(5)
+    tree.add("prismatic", -1)
+    tree.add("revolute", 0)
+    problem = tree.problem()
+    spring = next(force for force in problem.forces if isinstance(force, lieeuler.TorsionalSpring))
+    world = problem.R[1] @ spring.child_axis
+    spin = 60.0 * world
+    w = problem.w.copy()
+    w[1] += problem.R[1].T @ spin
+    v = problem.v.copy()
+    v[1] += np.cross(spin, -problem.R[1] @ problem.joints[1].child_anchor)
+    fast = dataclasses.replace(problem, v=v, w=w)
+    off, on = (lieeuler.integrate(fast, "rkmk853", t_eval=np.linspace(0, 1.2, 5), rtol=1e-13, reduce=word)
+               for word in ("off", "joints"))
+    assert largest_difference(off, on) < 1e-9
+
+
+def test_default():
+    """The explicit methods, where no plane and no spin-free frame serves and joints have no more nodes than pay."""
+    times = [0.0, 0.01]
+    words = {name: lieeuler.integrate(scene(name), "rkmk4", 1e-3, times).stats.reduce for name in (
+        "geared_arm", "universal_pendulum", "branching_tree", "puck_on_plane", "planar_slider", "hinge_pendulum",
+        "double_pendulum", "chain_8", "bricard", "coupled_arm", "rolling_disk", "driven_slider_crank")}
+    assert words == {
+        "geared_arm": "joints", "universal_pendulum": "joints", "branching_tree": "welded, joints",
+        "puck_on_plane": "off", "planar_slider": "planar", "hinge_pendulum": "axis", "double_pendulum": "off",
+        "chain_8": "off", "bricard": "off", "coupled_arm": "off", "rolling_disk": "off",
+        "driven_slider_crank": words["driven_slider_crank"]}
+    assert "joints" not in words["driven_slider_crank"]
+    for method in ("rattle2", "DAE1L_LSE", "generalized_alpha"):
+        assert lieeuler.integrate(scene("geared_arm"), method, 1e-3, times).stats.reduce == "off"
+
+
+@pytest.mark.parametrize(("name", "method"), [
+    ("bricard", "rkmk4"), ("double_pendulum", "rkmk4"), ("driven_slider_crank", "rkmk4"), ("rolling_disk", "rkmk4"),
+    ("coupled_arm", "rkmk4"), ("rod_pendulum", "rkmk4"), ("geared_arm", "rattle2")])
+def test_what_is_no_tree_of_joints_is_told(name, method):
+    with pytest.raises(lieeuler.ArgumentError, match="reduce='joints' does not apply"):
+        lieeuler.integrate(scene(name), method, 1e-3, [0.0, 0.01], reduce="joints")
+
+
+def test_look_alikes_are_left_alone():
+    """A body without joint, a second joint between two bodies, a joint open by 1e-10, a joint that points inwards."""
+    problem = scene("geared_arm")
+    assert joint_tree(problem)
+    tree = Growing(3)
+    tree.add("revolute", -1)
+    tree.add("spherical", 0)
+    inward = dataclasses.replace(tree.joints[1], parent=1, child=0, parent_anchor=tree.joints[1].child_anchor,
+                                 child_anchor=tree.joints[1].parent_anchor)
+    still = np.zeros_like(problem.v)
+    others = [
+        dataclasses.replace(problem, joints=problem.joints[:-1], forces=()),
+        dataclasses.replace(problem, joints=(*problem.joints, lieeuler.point_on_plane_joint(
+            0, 1, [0, 0, 0], problem.R[1].T @ (problem.x[0] - problem.x[1]), [0, 0, 1])), forces=(), v=still, w=still),
+        dataclasses.replace(problem, x=problem.x + 1e-10),
+        dataclasses.replace(tree.problem(), joints=(tree.joints[0], inward), forces=()),
+    ]
+    for other in others:
+        assert joint_tree(other) == ()
+
+
+def test_steps_that_are_too_large_are_told():
+    problem = scene("geared_arm")
+    with pytest.raises(lieeuler.IntegrationError) as ended:
+        lieeuler.integrate(problem, "rkmk4", 5.0, [0.0, 500.0], reduce="joints")
+    assert ended.value.status in ("map_domain", "non_finite", "singular_matrix")
+    assert ended.value.solution.stats.reduce == "joints"

@@ -118,9 +118,8 @@ def _solved(problem: Problem, method: str, plan: Plan, reduce: str | None, monit
     angles = result["angles"]
     for reduction in reversed(reductions):
         angles = reduction.restore(solution, angles)
-    if reductions:
-        _take_multipliers(problem, solution, angles)
     if reductions or tree:
+        _take_multipliers(problem, solution, angles)
         words = [reduction.word for reduction in reductions] + ["joints"] * bool(tree)
         solution.stats.reduce = reduce or ", ".join(words)
     return solution

@@ -2,7 +2,7 @@
 
 Every joint becomes a chain of nodes: slides along axes of its parent, then hinges or a ball. A universal joint is two
 hinges, a planar one two slides and a hinge, a point on a line a slide and a ball. Links between the nodes of a joint
-have no mass. Nothing is restored at the samples: the kernel computes all bodies and, where wanted, multipliers.
+have no mass. The kernel computes all bodies; their multipliers are restored at the samples.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 // The chart of states of a tree in the coordinates of its joints: no constraint is left, and a step ends without a
 // projection. Accelerations come from the articulated-body algorithm (Featherstone, Rigid Body Dynamics Algorithms,
-// Springer 2008, chapter 7), in world axes, about a point of each link.
+// Springer 2008, chapter 7), in world axes, about a point of each link. Multipliers stay zero: the caller computes
+// those of the samples.
 //
 // A joint is a chain of slides, hinges or a ball, with links without mass between them. Twelve numbers of y belong to
 // each of these nodes: a slide takes the first of x and v, a hinge the first of theta and w, a ball theta and w. Those
@@ -27,13 +28,12 @@ class JointChart {
   struct Point : State {
     std::vector<double> q, rate;     // of hinges and slides
     std::vector<Vec3> acceleration;  // of a ball in the body, else the first number
-    bool solved = false;             // for (a, lam)
     using State::State;
   };
 
   JointChart(const Plan& plan, const std::vector<JointNode>& nodes)
       : system_(plan.system),
-        projection_(plan),
+        joints_(plan.system),
         most_turn_(most_turn(system_, 2 * std::numbers::pi)),
         force_(system_.n() + 1) {
     std::vector<Vec3> anchor(system_.n() + 1, Vec3::Zero());  // of each body's joint towards the ground
@@ -73,7 +73,6 @@ class JointChart {
     started_ = true;
     static_cast<State&>(point) = given;
     update_angles(system_, point.frames, point.u, point.angles);
-    if (const Status status = projection_.start(point); status != Status::success) return status;
     measure(given, point);
     const std::vector<double> still(12 * links_.size(), 0.0);
     std::vector<double> out(still);
@@ -142,7 +141,6 @@ class JointChart {
 
   // Of the point configured last.
   Status accelerate(Point& point) {
-    point.solved = false;
     generalized_forces(system_, point.frames, point.u, point.angles, force_);
     for (Link& link : links_) load(link);
     for (size_t i = links_.size(); i-- > 0;)
@@ -153,19 +151,21 @@ class JointChart {
   Status settle(Point& point, double, Counters& counters) {
     update_angles(system_, point.frames, point.u, point.angles);
     ++counters.force_evaluations;
-    return accelerate(point);
+    if (const Status status = accelerate(point); status != Status::success) return status;
+    for (const Link& link : links_)
+      if (link.node.last) point.a[link.child] = acceleration(link);
+    return Status::success;
   }
   void return_to(const Point&) {}
   const State& state(const Point& point) const { return point; }
-  const State& whole(Point& point) {
-    if (!point.solved) projection_.accelerate(point);
-    point.solved = true;
+  const State& whole(const Point& point) {
+    joints_.update(point.frames);
     return point;
   }
 
   Status confirm_rank() { return Status::success; }
-  const Constraints& joints() const { return projection_.joints(); }
-  int redundant_rows() const { return projection_.redundant_rows(); }
+  const Constraints& joints() const { return joints_; }
+  int redundant_rows() const { return 0; }
   double smallest_pivot() const { return 1; }
 
  private:
@@ -286,6 +286,13 @@ class JointChart {
     return {q, 0, 0};
   }
 
+  // Of the body that the link carries.
+  static Twist acceleration(const Link& link) {
+    const Vec3 centre = times(link.R, link.centre);
+    return {link.a + link.alpha.cross(centre) + link.w.cross(link.w.cross(centre)),
+            transposed_times(link.R, link.alpha)};
+  }
+
   // The coordinates and rates at the start of a run, where the angles of hinges are zero.
   void measure(const State& given, Point& point) const {
     for (size_t i = 0; i < links_.size(); ++i) {
@@ -316,7 +323,7 @@ class JointChart {
   }
 
   const System& system_;
-  Projection projection_;  // only of samples: for (a, lam)
+  Constraints joints_;
   bool started_ = false;
   const double most_turn_;
   std::vector<Twist> force_;

@@ -44,7 +44,7 @@ inline std::vector<Terms> sparse(const std::vector<std::vector<double>>& rows) {
 //                                        the same at the end of a step, put back onto the constraints
 //   void return_to(const Point&)         after accelerations elsewhere: joints() are those of this point
 //   const State& state(const Point&), whole(Point&)
-//                                        without, and with (a, lam)
+//                                        within a step, and at its end, with accelerations; then joints() are there
 template <class Chart>
 class MuntheKaas {
   using Point = typename Chart::Point;

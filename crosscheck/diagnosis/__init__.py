@@ -172,7 +172,7 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
     physics = found.physics or of_scene(scene).replace(absent=found.absent)
     start = (scene.R0, scene.w0) if found.start is None else misreadings.misread(scene, *found.start)
     unexplained = list(found.unexplained)
-    if not differs and first.noise > UNSURE:
+    if first.noise > UNSURE and not found.causes:
         unexplained.append(f"runs at finer steps leave {first.noise:.1e} open: there is no limit to compare")
     answer.causes += found.causes
     answer.evidence += found.evidence

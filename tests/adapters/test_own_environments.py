@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+import sys
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +13,7 @@ from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck import adapters
-from crosscheck.adapters import newton
+from crosscheck.adapters import mjx, newton
 from crosscheck.adapters.base import RunSpec
 from crosscheck.adapters.foreign import versions
 from crosscheck.cli.app import app
@@ -79,6 +80,25 @@ def test_the_list_says_how_to_make_them(nowhere):
         assert f"{engine} not installed crosscheck list --engine {engine}==" in said
 
 
+@pytest.mark.parametrize(("given", "used"), [(None, "3"), ("0", "0")])
+def test_xla_prints_no_alarm_when_it_compiles_for_minutes_unless_it_is_asked_to(monkeypatch, given, used):
+    """A verdict fails a run whose engine prints, as XLA did on an arm of six joints: slow_operation_alarm."""
+    for name in ("TF_CPP_MIN_LOG_LEVEL", "JAX_PLATFORMS"):
+        monkeypatch.delenv(name, raising=False)
+    if given is not None:
+        monkeypatch.setenv("TF_CPP_MIN_LOG_LEVEL", given)
+    seen = []
+
+    def update(name, value):
+        seen.append(os.environ["TF_CPP_MIN_LOG_LEVEL"])
+
+    monkeypatch.setitem(sys.modules, "jax", SimpleNamespace(config=SimpleNamespace(update=update)))
+    monkeypatch.setitem(sys.modules, "mujoco", SimpleNamespace(mjx="mjx"))
+    monkeypatch.setattr(os, "environ", dict(os.environ))
+    assert mjx._library(True) == "mjx"
+    assert set(seen) == {used}
+
+
 def test_a_warp_that_records_nothing_on_a_processor_steps_as_before():
     made = []
 
@@ -97,7 +117,7 @@ def test_a_warp_that_records_nothing_on_a_processor_steps_as_before():
 
 RECORDED = """
 import numpy as np
-from crosscheck.adapters import newton
+from crosscheck.adapters import mjx, newton
 from crosscheck.adapters.base import RunSpec
 from crosscheck.scene.file import load_scene
 

@@ -18,6 +18,7 @@ class TaylorStepper {
         points_(plan, plan.expands_by == Elimination::small && plan.forest),
         state_(system_),
         projection_(plan),
+        conserves_(conserves),
         free_(plan.system, conserves),
         saddle_(plan, plan.expands_by),
         series_(plan, points_) {}
@@ -29,7 +30,7 @@ class TaylorStepper {
     time_ = previous_time_ = t, end_ = t_end, rtol_ = rtol;
     smallest_ = smallest_step(t, t_end);
     order_ = order_for(rtol_);
-    rank_confirmed_ = accelerated_ = false;
+    rank_confirmed_ = accelerated_ = projected_ = false;
     update_angles(system_, state_.frames, state_.u, state_.angles);
     if (const Status status = projection_.start(state_); status != Status::success) return status;
     free_.start(state_);
@@ -78,8 +79,12 @@ class TaylorStepper {
   double previous_time() const { return previous_time_; }
   // Solves for (a, lam) on the first call after a step.
   const State& state() {
-    if (!accelerated_) projection_.accelerate(state_);
+    if (accelerated_) return state_;
     accelerated_ = true;
+    if (projected_)
+      projection_.accelerate_here(state_);
+    else
+      projection_.accelerate(state_);
     return state_;
   }
   const Constraints& joints() const { return projection_.joints(); }
@@ -110,9 +115,11 @@ class TaylorStepper {
   }
   // Projects onto both constraint levels and factors the matrix of the next expansion.
   Status settle(Counters& counters) {
-    accelerated_ = !tree_.complete;
-    if (!tree_.complete) {
-      const Status status = projection_.project(state_, Scales::of_motion(system_, state_).length, counters);
+    projected_ = !tree_.complete;
+    accelerated_ = projected_ && conserves_;  // before energy and momentum are restored
+    if (projected_) {
+      const double length = Scales::of_motion(system_, state_).length;
+      const Status status = projection_.project(state_, length, counters, accelerated_);
       if (status != Status::success) return status;
     } else {
       update_angles(system_, state_.frames, state_.u, state_.angles);
@@ -167,6 +174,7 @@ class TaylorStepper {
   const ReferencePoints points_;
   State state_;
   Projection projection_;
+  const bool conserves_;
   FreeBodies free_;
   SaddleSolver saddle_;
   MotionSeries series_;
@@ -175,6 +183,7 @@ class TaylorStepper {
   double time_ = 0, previous_time_ = 0, end_ = 0, smallest_ = 0, rtol_ = 1e-8;
   int order_ = 16;
   bool rank_confirmed_ = false, accelerated_ = false;
+  bool projected_ = false;  // its matrix is factored at the state
 };
 
 }  // namespace lieeuler

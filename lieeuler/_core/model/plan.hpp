@@ -36,6 +36,14 @@ struct Pattern {
   auto operator<=>(const Pattern&) const = default;
 };
 
+// Which rows of the joint that closes a loop depend on the others at one configuration.
+struct LoopChoice {
+  using Sparse = std::vector<std::pair<int, double>>;  // row in lam, value
+  std::vector<double> jacobian;                        // of the loop's rows there
+  std::vector<int> dropped;                            // rows in lam
+  std::vector<Sparse> null;                            // for every row dropped: multipliers without effect
+};
+
 class Plan {
  public:
   static constexpr int kMostSmallParts = 4;
@@ -100,6 +108,16 @@ class Plan {
     return *found;
   }
 
+  // What was found of a loop where a run started last, or nullptr: a run asks thrice there, and so does the next one.
+  std::shared_ptr<const LoopChoice> choice(size_t loop) const {
+    const std::lock_guard lock(guard_);
+    return choices_[loop];
+  }
+  void keep(size_t loop, std::shared_ptr<const LoopChoice> choice) const {
+    const std::lock_guard lock(guard_);
+    choices_[loop] = std::move(choice);
+  }
+
  private:
   static std::vector<PlacedPart> number_parts(const System& system) {
     std::vector<PlacedPart> all;
@@ -149,6 +167,8 @@ class Plan {
 
   mutable std::mutex guard_;
   mutable std::map<Pattern, std::unique_ptr<const BlockPlan>> blocks_;
+  mutable std::vector<std::shared_ptr<const LoopChoice>> choices_ =
+      std::vector<std::shared_ptr<const LoopChoice>>(loops.size());
 };
 
 }  // namespace lieeuler

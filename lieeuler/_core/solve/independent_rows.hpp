@@ -5,9 +5,13 @@
 // theirs are dropped: they are satisfied at every level if the others are. Each dropped row gives a vector N of
 // multipliers without effect, G^T N = 0, which is zero outside its loop. The least-norm multipliers are
 // lam - N (N^T N)^-1 N^T lam.
+//
+// All of it is a function of the rows' Jacobian alone. What was found where a run starts is kept in the plan and taken
+// wherever the Jacobian has the same bits.
 #pragma once
 
 #include <Eigen/Dense>
+#include <cstring>
 #include <numeric>
 
 #include "model/plan.hpp"
@@ -21,17 +25,23 @@ class IndependentRows {
   }
 
   // Marks the rows to drop at this configuration, by their places in lam, and returns their number.
-  int choose(const Constraints& joints, std::vector<char>& dropped) const {
+  int choose(const Constraints& joints, std::vector<char>& dropped, bool at_start = false) const {
     dropped.assign(system_.rows() + plan_.rotors.size(), 0);
-    for (const Loop& loop : plan_.loops) choose_in(loop, joints, dropped, nullptr);
+    for (size_t k = 0; k < plan_.loops.size(); ++k) {
+      const Found found = find(k, joints, at_start);
+      for (int row : found->dropped) dropped[row] = 1;
+      if (at_start) plan_.keep(k, found);
+    }
     return static_cast<int>(std::count(dropped.begin(), dropped.end(), 1));
   }
 
   // Replaces the multipliers by those of least norm with the same effect.
   void make_least_norm(const Constraints& joints, std::vector<double>& lam) const {
-    std::vector<char> dropped(system_.rows(), 0);
     std::vector<Sparse> null;
-    for (const Loop& loop : plan_.loops) choose_in(loop, joints, dropped, &null);
+    for (size_t k = 0; k < plan_.loops.size(); ++k) {
+      const Found found = find(k, joints, true);
+      null.insert(null.end(), found->null.begin(), found->null.end());
+    }
     const Eigen::Index count = static_cast<Eigen::Index>(null.size());
     Eigen::VectorXd wanted(count), y = Eigen::VectorXd::Zero(count);
     for (Eigen::Index i = 0; i < count; ++i) wanted[i] = product(null[i], lam);
@@ -56,7 +66,8 @@ class IndependentRows {
  private:
   // If less than this part of a row's length is independent of the others, it is rounding or a singular position.
   static constexpr double kDependent = 3e-6;
-  using Sparse = std::vector<std::pair<int, double>>;  // row in lam, value
+  using Sparse = LoopChoice::Sparse;
+  using Found = std::shared_ptr<const LoopChoice>;
 
   static double product(const Sparse& n, const std::vector<double>& values) {
     double sum = 0;
@@ -67,9 +78,30 @@ class IndependentRows {
     for (const auto& [row, value] : n) values[row] += factor * value;
   }
 
-  // Appends to `null` a vector for every row dropped.
-  void choose_in(const Loop& loop, const Constraints& joints, std::vector<char>& dropped,
-                 std::vector<Sparse>* null) const {
+  Found find(size_t k, const Constraints& joints, bool with_null) const {
+    std::vector<double> jacobian = jacobian_of(plan_.loops[k], joints);
+    if (Found kept = plan_.choice(k);
+        kept && std::memcmp(kept->jacobian.data(), jacobian.data(), jacobian.size() * sizeof(double)) == 0)
+      return kept;
+    LoopChoice found = choose_in(plan_.loops[k], joints, with_null);
+    found.jacobian = std::move(jacobian);
+    return std::make_shared<const LoopChoice>(std::move(found));
+  }
+  std::vector<double> jacobian_of(const Loop& loop, const Constraints& joints) const {
+    std::vector<double> values;
+    const auto append = [&](int j) {
+      for (const Part& part : system_.joints[j].constraints())
+        for (Side side : kSides) {
+          const Rows G = joints[j].jacobian(part, side);
+          for (const auto* rows : {&G.v, &G.w}) values.insert(values.end(), rows->data(), rows->data() + 9);
+        }
+    };
+    for (int j : loop.others) append(j);
+    append(loop.joint);
+    return values;
+  }
+  LoopChoice choose_in(const Loop& loop, const Constraints& joints, bool with_null) const {
+    LoopChoice choice;
     std::vector<int> bodies, rows;
     for (int j : loop.others)
       for (int body : {system_.joints[j].parent, system_.joints[j].child})
@@ -110,8 +142,8 @@ class IndependentRows {
       closing -= basis.col(rank - 1) * (basis.col(rank - 1).transpose() * closing);
       kept.push_back(*furthest), open.erase(furthest);
     }
-    for (Eigen::Index c : open) dropped[rows[c]] = 1;
-    if (open.empty() || !null) return;
+    for (Eigen::Index c : open) choice.dropped.push_back(rows[c]);
+    if (open.empty() || !with_null) return choice;
     Eigen::MatrixXd independent(A.rows(), static_cast<Eigen::Index>(kept.size()));
     for (size_t k = 0; k < kept.size(); ++k) independent.col(static_cast<Eigen::Index>(k)) = A.col(kept[k]);
     Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> solver;
@@ -122,8 +154,9 @@ class IndependentRows {
       Sparse found{{rows[c], 1.0}};
       for (size_t k = 0; k < kept.size(); ++k)
         found.push_back({rows[kept[k]], -weights[static_cast<Eigen::Index>(k)] * lengths[c] / lengths[kept[k]]});
-      null->push_back(std::move(found));
+      choice.null.push_back(std::move(found));
     }
+    return choice;
   }
   void append_rows(int j, std::vector<int>& rows) const {
     for (const Part& part : system_.joints[j].constraints())

@@ -42,25 +42,29 @@ class Projection {
     return saddle_.factor(joints_, on_constraints) ? Status::success : Status::singular_matrix;
   }
 
-  // Projects from a matrix of its own. length: the size of the system, m.
-  Status project(State& state, double length, Counters& counters) {
+  // Projects from a matrix of its own. length: the size of the system, m. accelerates: whether to solve for (a, lam),
+  // which accelerate_here() does else.
+  Status project(State& state, double length, Counters& counters, bool accelerates = true) {
     move_to(state);
     ++counters.factorizations;
     if (const Status status = factor(false); status != Status::success) return status;
-    return settle(state, length, counters);
+    return settle(state, length, counters, accelerates);
   }
 
   // Projects with the matrix factored last, at a nearby configuration, and factors it at the result.
-  Status settle(State& state, double length, Counters& counters) {
+  Status settle(State& state, double length, Counters& counters, bool accelerates = true) {
     if (const Status status = close(state, length); status != Status::success) return status;
     update_angles(system_, state.frames, state.u, state.angles);
     ++counters.factorizations;
-    ++counters.force_evaluations;
     if (const Status status = factor(); status != Status::success) return status;
     saddle_.project(joints_, state.u);
-    saddle_.accelerate(joints_, state);
+    if (!accelerates) return Status::success;
+    ++counters.force_evaluations;
+    accelerate_here(state);
     return Status::success;
   }
+  // Solves for (a, lam) at the state projected last.
+  void accelerate_here(State& state) { saddle_.accelerate(joints_, state); }
 
   // Factors the matrix and solves for (a, lam) of the index-1 system; `state` need only be near the constraints.
   Status accelerate(State& state) {

@@ -68,7 +68,7 @@ class SparseSaddle : public WorldRows {
     int redundant;
     if (independent_) {
       scales_ = row_scales(joints);
-      redundant_ = independent_->choose(joints, dropped_);
+      redundant_ = independent_->choose(joints, dropped_, true);
       if (take_choice(joints) && regular()) return true;
       independent_.reset();  // a row depends on several loops together
       delassus_.emplace(plan_);

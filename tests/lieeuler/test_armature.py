@@ -93,10 +93,10 @@ def test_order(method):
 @pytest.mark.parametrize("method", [name for name, method in lieeuler.METHODS.items() if "step" in method.controls])
 def test_order_of_every_method(method):
     found = orders_of(method)
-    # Down to rounding, the next term of their errors is a tenth of the first, or as large.
-    allowed = {"rkmk853": 0.6, "rkmk54": 0.2}.get(method)
-    assert (agrees_with_order(found, method) if allowed is None
-            else np.abs(found - lieeuler.METHODS[method].order).max() < allowed), found
+    # Down to rounding, the next term of their errors is a tenth of the first, or as large: errors that fall faster.
+    excess = found - lieeuler.METHODS[method].order
+    more = {"rkmk853": 0.8, "rkmk54": 0.2}.get(method)
+    assert agrees_with_order(found, method) if more is None else -0.2 < excess.min() <= excess.max() < more, found
 
 
 def ends_at_the_truth(scene, method):

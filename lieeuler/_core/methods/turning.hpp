@@ -67,6 +67,9 @@ class TurningSeries {
     for (int b = 0; b < system_.n(); ++b) bodies_[b].rate[k + 1] = bodies_[b].torque / (bodies_[b].inertia * (k + 1));
   }
 
+  // At the centre of the series, after extend(0).
+  double acceleration(int body) const { return bodies_[body].rate[1]; }
+
   // Attitudes, rates and angles of springs at time h from the centre of the series.
   void evaluate(double h, int order, State& state) const {
     for (int b = 0; b < system_.n(); ++b) {
@@ -132,8 +135,9 @@ class TurningStepper {
         tree_(plan.hinges),
         points_(plan, true),
         state_(system_),
-        projection_(plan),
-        series_(plan, points_) {}
+        joints_(system_),
+        series_(plan, points_),
+        here_(series_) {}
   TurningStepper(const TurningStepper&) = delete;  // members refer to each other
 
   Status start(const State& initial, double t, double t_end, double rtol) {
@@ -144,7 +148,7 @@ class TurningStepper {
     order_ = TaylorStepper::order_for(rtol);
     accelerated_ = false;
     update_angles(system_, state_.frames, state_.u, state_.angles);
-    return projection_.start(state_);
+    return Status::success;
   }
 
   Status step(Counters& counters, Watch&) {
@@ -165,17 +169,26 @@ class TurningStepper {
 
   double time() const { return time_; }
   double previous_time() const { return previous_time_; }
-  // Settles positions and solves for (a, lam) on the first call after a step.
+  // Settles positions and computes accelerations on the first call after a step. Multipliers stay zero: the caller
+  // computes those of the whole system.
   const State& state() {
     if (accelerated_) return state_;
     accelerated_ = true;
     state_.frames.time = offset_ + time_;
     tree_.settle(state_);
-    projection_.accelerate(state_);
+    joints_.update(state_.frames);
+    here_.start(state_);
+    here_.extend(0);
+    for (const Hinge& hinge : tree_.hinges) {
+      const Twist& u = state_.u[hinge.body];
+      const Vec3 alpha(0, 0, here_.acceleration(hinge.body));
+      const Vec3 to_pin = alpha.cross(hinge.body_anchor) + u.w.cross(u.w.cross(hinge.body_anchor));
+      state_.a[hinge.body] = {-times(state_.frames[hinge.body].R, to_pin), alpha};
+    }
     return state_;
   }
-  const Constraints& joints() const { return projection_.joints(); }
-  int redundant_rows() const { return projection_.redundant_rows(); }
+  const Constraints& joints() const { return joints_; }
+  int redundant_rows() const { return 0; }
   Status dense(double t, State& out, Counters&, Watch&) const {
     series_.evaluate(t - previous_time_, order_, out);
     out.frames.time = offset_ + t;
@@ -201,9 +214,9 @@ class TurningStepper {
   const HingeTree& tree_;
   const ReferencePoints points_;
   State state_;
-  Projection projection_;
-  TurningSeries series_;
-  double offset_ = 0;  // the problem's time minus the run's
+  Constraints joints_;
+  TurningSeries series_, here_;  // about the start of the step, and for accelerations at its end
+  double offset_ = 0;            // the problem's time minus the run's
   double time_ = 0, previous_time_ = 0, end_ = 0, smallest_ = 0, rtol_ = 1e-8;
   int order_ = 16;
   bool accelerated_ = false;

@@ -56,20 +56,21 @@ def work_precision(
     out: Out = Path("reports/work-precision"),
 ) -> None:
     """Measure errors against stepping time and force evaluations, and the fastest runs at errors 1e-2 ... 1e-11."""
-    from crosscheck.studies.work_precision import WorkPrecision, WorkPrecisionAsk
+    from crosscheck.studies.work_precision import FRONTIERS, WorkPrecision, WorkPrecisionAsk
 
     ask = WorkPrecisionAsk(chosen(scene), chosen(engine), chosen(method), time_limit, repeats, bound, duration,
                            coordinate_map=coordinate_map)
     document = _conduct(WorkPrecision(), ask, out)
     terminal = console(180)
-    bounded = any(front.bound_cost for each in document.scenes for front in each.frontier.get("end position", ()))
-    columns = [*figures("end error, m"), words("best of lieeuler"), *figures("ms"), words("best of the others"),
-               *figures("ms", "factor", *(("heyoka, ms", "to heyoka") if bounded else ()))]
+    bounded = any(front.bound_cost for each in document.scenes for front in each.frontier.get(each.compared, ()))
     for each in document.scenes:
         if each.failure:
             terminal.print(f"{each.name}: no truth: {each.failure}", markup=False)
             continue
-        fronts = each.frontier["end position"]
+        fronts, unit = each.frontier[each.compared], FRONTIERS[each.compared][1]
+        error = "end error" if each.compared == "end position" else each.compared
+        columns = [*figures(f"{error}, {unit}"), words("best of lieeuler"), *figures("ms"), words("best of the others"),
+                   *figures("ms", "factor", *(("heyoka, ms", "to heyoka") if bounded else ()))]
         rows = []
         for front in fronts:
             own, other, *rest = shown((front.own_cost, front.other_cost, front.factor,
@@ -79,7 +80,7 @@ def work_precision(
         print_table(terminal, columns, rows, f"{each.name}, {each.duration:g} s")
         some = [fronts[index] for index in SHOWN]
         labels = dict.fromkeys(label for front in reversed(some) for label in front.costs)
-        print_table(terminal, [key("ms to an end error of"), *figures(*(f"{front.level:.0e}" for front in some))],
+        print_table(terminal, [key(f"ms to an {error} of"), *figures(*(f"{front.level:.0e}" for front in some))],
                     [(label, *(figure(front.costs.get(label), "-") for front in some)) for label in labels])
         count = [sum(rung.status == status for rung in each.rungs) for status in ("success", "error", "skipped")]
         say(f"{counted(count[0], 'run')}, {count[1]} failed, {count[2]} left out for their time; each time is the "

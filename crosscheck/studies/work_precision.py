@@ -32,6 +32,15 @@ FRONTIERS = {"end position": ("end_position", "m"), "end attitude": ("end_attitu
              "largest position": ("max_position", "m"), "largest attitude": ("max_attitude", "rad")}
 """Errors for which a frontier is drawn: field of a rung, and unit."""
 
+
+def compared(scene: Scene) -> str:
+    """The error, among `FRONTIERS`, by which the runs of a scene are ranked.
+
+    Free bodies fall alike however they turn, so that any run has their positions right. Their attitudes tell.
+    """
+    return "end position" if scene.joints or scene.forces else "end attitude"
+
+
 GOOD, LEAST_GAIN = 1e-9, 1.3
 """Below the error GOOD, a ladder ends after two rungs in a row that do not improve by this factor: it is round-off."""
 
@@ -98,7 +107,7 @@ def _walk(scene: Scene, way: Way, truth: Reference, time_limit: float) -> list[R
                 break
             continue
         last, pace = rung, wall * _share(rung)
-        error = rung.end_position or 0.0
+        error = getattr(rung, FRONTIERS[compared(scene)][0]) or 0.0
         stale = stale + 1 if error < GOOD and error * LEAST_GAIN > best else 0
         best = min(best, error)
         if stale >= 2:
@@ -183,13 +192,17 @@ class Known(Part, frozen=True, kw_only=True):
 
 
 class SceneLadders(Part, frozen=True, kw_only=True):
-    """The results of one scene: its truth or why there is none, all rungs, and a frontier for each kind of error."""
+    """The results of one scene: its truth or why there is none, all rungs, and a frontier for each kind of error.
+
+    compared: the error by which runs are ranked.
+    """
 
     name: str
     description: str
     duration: float  # s
     failure: str | None = None
     truth: Known | None = None
+    compared: str = "end position"
     rungs: list[Rung]
     frontier: dict[str, list[frontier.Front]]
 
@@ -215,7 +228,7 @@ class WorkPrecision:
         results: list[SceneLadders] = []
         for scene in (each.replace(duration=ask.duration or each.duration) for each in work.scenes):
             found = SceneLadders(name=scene.name, description=scene.description, duration=scene.duration,
-                                 rungs=[], frontier={})
+                                 compared=compared(scene), rungs=[], frontier={})
             try:
                 work.progress(0, None, f"{scene.name}: truth")
                 sampled, truth = reference(scene)

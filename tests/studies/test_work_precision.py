@@ -147,3 +147,36 @@ def test_the_truth_ends_where_it_stops_being_comparable(monkeypatch):
     monkeypatch.setattr(references, "truth", lambda scene: dataclasses.replace(found, horizon=0.73))
     shortened, _ = reference(scene)
     assert shortened.duration == pytest.approx(0.7)
+
+
+def test_runs_of_free_bodies_are_ranked_by_attitude(tmp_path):
+    """Their centres of mass are right at any step. The page and the tables say what is compared."""
+    done = CliRunner().invoke(app, ["study", "work-precision", "axis_flip", "--engine", "lieeuler", "--method", "rkmk4",
+                                    "--repeats", "1", "--time-limit", "0.01", "--duration", "2", "--no-bound", "--out",
+                                    str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert "end attitude, rad" in done.output
+    assert "ms to an end attitude of" in done.output
+    assert "end error" not in done.output
+    (scene,) = json.loads((tmp_path / "work-precision.json").read_text())["scenes"]
+    assert scene["compared"] == "end attitude"
+    rungs = [rung for rung in scene["rungs"] if rung["status"] == "success"]
+    assert all(rung["end_position"] < 1e-12 for rung in rungs)
+    assert rungs[0]["end_attitude"] > 1e-2
+    assert min(rung["end_attitude"] for rung in rungs) < 1e-4  # the ladder does not end with the right positions
+    costs = [front["own_cost"] for front in scene["frontier"]["end attitude"] if front["own_cost"]]
+    assert costs == sorted(costs)
+    assert costs[0] < costs[-1]
+    page = (tmp_path / "index.html").read_text()
+    assert '<option value="end_attitude" selected>' in page
+    assert "error, rad" in page
+    assert "error, m" not in page
+
+
+@pytest.mark.parametrize("name", ["single_pendulum", "rolling_disk", "stiff_spring", "driven_cart"])
+def test_runs_of_bodies_on_which_something_acts_are_ranked_by_position(name):
+    """A joint or a force turns what a body does into a motion of its centre."""
+    scene = load_scene(name)
+    assert work_precision.compared(scene) == "end position"
+    if not scene.joints:
+        assert work_precision.compared(scene.replace(forces=())) == "end attitude"

@@ -74,13 +74,14 @@ def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Ju
     short = windowed(scene, plan.window)
     study = order_study(cell, order, short, truth(short), main.findings, False)
     orders = settle(main, study.findings, adapters.turning)
-    return orders if orders.outcome == "fail" else main
+    return orders if orders.outcome in ("fail", "known") else main
 
 
 def add(subject: Subject, scene: Scene, step: float | None, answer: Explanation) -> None:
     """Add the verdict to an answer that has found nothing, and what fails in it."""
     verdict = judged(subject, scene, step)
-    answer.verdict = word(verdict)
+    reasons = dict.fromkeys(finding.detail for finding in verdict.findings if finding.status == "known")
+    answer.verdict = "; ".join([word(verdict), *reasons])
     failing = [finding for finding in verdict.findings if finding.status == "fail"]
     answer.evidence += [Evidence(f"verdict: {finding.kind}", "report", finding.value, finding.bound,
                                  f"the finding of crosscheck verify ({finding.unit}), and its bound", finding.detail)

@@ -9,9 +9,13 @@ from crosscheck import adapters, diagnosis
 from crosscheck.diagnosis import of_verdict
 from crosscheck.diagnosis.observe import Subject
 from crosscheck.diagnosis.result import Explanation
+from crosscheck.document import Finding
+from crosscheck.judge import known
+from crosscheck.judge.known import Known
 from crosscheck.judge.plan import PLANS
 from crosscheck.scene.file import load_scene
 from crosscheck.verification.cell import run_cell
+from crosscheck.verification.order_study import Study
 from crosscheck.verification.task import Cell
 from tests.diagnosis import misbuilt
 from tests.diagnosis.misbuilt import Misbuilt
@@ -66,6 +70,19 @@ def test_findings_about_reports_are_causes_and_others_are_not():
     assert answers["acceleration without gravity"].names == ("reported accelerations",)
     assert answers["gravity"].outcome == "unknown"
     assert "crosscheck verify rejects it" in answers["gravity"].sentence
+
+
+def test_a_known_defect_in_the_order_study_is_told_with_its_reason(monkeypatch):
+    """Newton's MuJoCoRK4 on the fast top: its short runs end in rounding, and `explain` said that verify passes it."""
+    entry = Known("misbuilt", ("",), (METHOD,), (NAME,), None, {"order position": 4.0}, "summed velocities",
+                  always=False)
+    monkeypatch.setattr(Known, "covers", lambda self, run, turning: self is entry)
+    monkeypatch.setattr(known, "KNOWN", (entry,))
+    low = Finding("order position", "fail", 2.0, 3.85, "1", "documented order 4")
+    monkeypatch.setattr(of_verdict, "order_study", lambda *given: Study([low], {}, []))
+    answer = Explanation(NAME, "", METHOD, None, "agrees", "", [], [], [], 1.0, 0.0, 0.0)
+    of_verdict.add(Subject(Misbuilt(adapters.get("lieeuler")), METHOD), load_scene(NAME), None, answer)
+    assert (answer.outcome, answer.verdict.split("; ")) == ("agrees", ["known", "summed velocities"])
 
 
 @pytest.mark.slow

@@ -11,22 +11,14 @@ import numpy as np
 from lieeuler import _kernel, held
 from lieeuler.checks import LARGEST, SMALLEST, number, positive, real
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
-from lieeuler.joint_tree import Node, joint_tree
 from lieeuler.methods import COORDINATE_MAPS, METHODS, Method
-from lieeuler.planar import Plane, plane_for
 from lieeuler.problem import Problem
+from lieeuler.reduction import nodes, reductions, take_multipliers
 from lieeuler.solution import Solution, Status
 from lieeuler.spin_free import spin_free_frames
 from lieeuler.types import ArrayLike
-from lieeuler.welded import Welded, welded_for
 
 log = logging.getLogger("lieeuler")
-
-REDUCTIONS = ("welded", "planar", "axis", "joints", "off")
-"""The words of `reduce`."""
-
-MOST_NODES = 2
-"""Joint coordinates pay up to so many nodes a body: measured on bodies in a plane, which have three."""
 
 MOST_STEPS = 1e12
 """A run of more steps than this is refused as a mistake: it would take weeks."""
@@ -100,13 +92,10 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
 
 def _solved(problem: Problem, method: str, plan: Plan, reduce: str | None, monitor: bool) -> Solution:
     """The solution of the kernel: with welds, planes and spins left out where that serves, and back."""
-    reductions = _reductions(problem, METHODS[method], reduce)
-    within = reductions[-1].problem if reductions else problem
+    steps = reductions(problem, METHODS[method], reduce)
+    within = steps[-1].problem if steps else problem
     frames = spin_free_frames(within) if plan.spin_free else None
-    tree = () if not plan.run.knows_joints or frames else _nodes(within, reductions, reduce)
-    if reduce == "joints" and not tree:
-        raise ArgumentError("reduce='joints' does not apply: it is for explicit Runge-Kutta methods on open trees that "
-                            "hang on the ground, of joints that are not driven, do not roll and follow no other")
+    tree = nodes(within, steps, reduce, plan.run.knows_joints and frames is None)
     for node in tree:
         node.add_to(plan.run)
     kernel, w = (within.kernel, within.w) if frames is None else (frames.kernel, frames.w)
@@ -116,60 +105,12 @@ def _solved(problem: Problem, method: str, plan: Plan, reduce: str | None, monit
         frames.restore(solution.t, solution.R, solution.w, solution.alpha)
         solution.stats.spin_free = frames.bodies
     angles = result["angles"]
-    for reduction in reversed(reductions):
-        angles = reduction.restore(solution, angles)
-    if reductions or tree:
-        _take_multipliers(problem, solution, angles)
-        words = [reduction.word for reduction in reductions] + ["joints"] * bool(tree)
-        solution.stats.reduce = reduce or ", ".join(words)
+    for step in reversed(steps):
+        angles = step.restore(solution, angles)
+    if steps or tree:
+        take_multipliers(problem, solution, angles)
+        solution.stats.reduce = reduce or ", ".join([step.word for step in steps] + ["joints"] * bool(tree))
     return solution
-
-
-def _take_multipliers(problem: Problem, solution: Solution, angles: np.ndarray) -> None:
-    """Give the solution, in place, the multipliers of the index-1 system of the problem, whose states it has.
-
-    They have least norm if rows are redundant. At a singular position, where the system has no accurate multipliers,
-    the solution ends as an integration of this problem would. `angles` (T, forces of the compiled system) of torsional
-    springs are unwrapped, rad.
-    """
-    x, R, v, w = (np.ascontiguousarray(array) for array in (solution.x, solution.R, solution.v, solution.w))
-    solution.lam, solution.stats.redundant_rows = _kernel.multipliers(problem.kernel, solution.t, x, R, v, w, angles)
-    unknown = np.isnan(solution.lam).any(axis=1)
-    if unknown.any():
-        end = int(unknown.argmax())
-        solution.status, solution.t_end = Status.SINGULAR_MATRIX, float(solution.t[end])
-        for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam"):
-            setattr(solution, name, getattr(solution, name)[:end])
-
-
-def _nodes(problem: Problem, reductions: list[Welded | Plane], wanted: str | None) -> tuple[Node, ...]:
-    """The tree of joints that is integrated: by default one with few nodes, where no plane serves."""
-    if wanted not in (None, "joints") or any(isinstance(step, Plane) for step in reductions):
-        return ()
-    nodes = joint_tree(problem)
-    return nodes if wanted or len(nodes) <= MOST_NODES * problem.n else ()
-
-
-def _reductions(problem: Problem, method: Method, wanted: str | None) -> list[Welded | Plane]:
-    """What a method leaves out of a problem, the first step first: by default all that applies, but nothing for the
-    Euler methods."""
-    if not (wanted is None or wanted in REDUCTIONS):
-        raise ArgumentError(f"reduce must be one of {', '.join(REDUCTIONS)}, not {wanted!r}")
-    if wanted == "off" or (wanted is None and method.order == 1 and "rtol" not in method.controls):
-        return []
-    steps: list[Welded | Plane] = []
-    if wanted in (None, "welded") and (welded := welded_for(problem)):
-        steps.append(welded)
-    if wanted == "joints":
-        return []
-    if wanted == "welded":
-        if not steps:
-            raise ArgumentError("reduce='welded' does not apply: no two bodies are welded, joints are open at the "
-                                "start, or a weld, joint or force ties a body to one that it is welded to")
-        return steps
-    if plane := plane_for(steps[-1].problem if steps else problem, method, wanted):
-        steps.append(plane)
-    return steps
 
 
 def _ended(problem: Problem, solution: Solution, coordinate_map: str) -> Solution:

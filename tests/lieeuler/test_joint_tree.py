@@ -120,12 +120,10 @@ def test_joints_change_nothing_but_the_cost(name):
     problem = scene(name)
     times = np.linspace(0, 1, 7)
     off = lieeuler.integrate(problem, "rkmk853", t_eval=times, rtol=1e-13, reduce="off")
-    on = lieeuler.integrate(problem if name != "branching_tree" else lieeuler.welded.welded_for(problem).problem,
-                            "rkmk853", t_eval=times, rtol=1e-13, reduce="joints")
+    on = lieeuler.integrate(problem, "rkmk853", t_eval=times, rtol=1e-13, reduce="joints")
     assert on.stats.reduce == "joints"
     assert max(on.stats.maxima[f"constraint_{level}"] for level in ("position", "velocity")) < 2e-14
-    if name != "branching_tree":
-        assert largest_difference(off, on) < 1e-11
+    assert largest_difference(off, on) < 1e-11
 
 
 @pytest.mark.parametrize("seed", range(24))

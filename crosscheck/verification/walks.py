@@ -172,11 +172,10 @@ class _Walker:
         # Of engines in processes of their own, this process sees only the clock.
         apart = adapters.is_own(engine) or adapters.has_own_environment(engine)
         self._busy = time.perf_counter if apart else time.process_time
-        self._began = self._busy()
+        self._began = math.inf  # set after the first run, which imports the engine and fills caches
 
     def go(self, chosen: Sequence[Way]) -> Walk:
         """Run with halved steps, search between them, and measure times."""
-        # The first run imports the engine and fills caches, which does not count in the budget.
         self._run(chosen[0], 1e-1 if chosen[0].adaptive else self._interval)
         self._began = self._busy()
         self._walk(chosen)

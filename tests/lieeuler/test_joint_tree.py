@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import mpmath
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -176,6 +177,19 @@ def test_hinges_wind_up():
     off, on = (lieeuler.integrate(fast, "rkmk853", t_eval=np.linspace(0, 1.2, 5), rtol=1e-13, reduce=word)
                for word in ("off", "joints"))
     assert largest_difference(off, on) < 1e-9
+
+
+def test_turns_leave_no_rounding():
+    """A wheel without weight on a hinge at the end of a slide turns 50 000 times at a constant rate."""
+    z, still = np.array([0.0, 0.0, 1.0]), np.zeros(3)
+    bodies = [lieeuler.Body(2.0, np.eye(3)), lieeuler.Body(1.0, np.diag([0.1, 0.12, 0.15]))]
+    joints = [lieeuler.prismatic_joint(-1, 0, still, still, [1, 0, 0], [1, 0, 0], np.eye(3)),
+              lieeuler.revolute_joint(0, 1, still, still, z, z)]
+    wheel = lieeuler.Problem(bodies, joints, still, np.zeros((2, 3)), [np.eye(3)] * 2, np.zeros((2, 3)),
+                             [still, 100.0 * z])
+    run = lieeuler.integrate(wheel, "rkmk4", 1 / 32, [0.0, 3141.0], reduce="joints", monitor=False)
+    assert np.abs(run.R[-1, 1, :2, 0] - [float(mpmath.cos(314100)), float(mpmath.sin(314100))]).max() < 1e-12
+    assert np.abs(run.R[-1, 1].T @ run.R[-1, 1] - np.eye(3)).max() < 1e-15
 
 
 def test_default():

@@ -26,7 +26,8 @@ struct JointNode {
 class JointChart {
  public:
   struct Point : State {
-    std::vector<double> q, rate;     // of hinges and slides
+    std::vector<Mat3> turn;          // of a hinge: attitude of its link relative to the parent's
+    std::vector<double> q, rate;     // of slides; of hinges and slides
     std::vector<Vec3> acceleration;  // of a ball in the body, else the first number
     using State::State;
   };
@@ -46,8 +47,7 @@ class JointChart {
       if (node.parent < 0 || nodes[node.parent].joint != node.joint)
         link.offset = joint.parent_anchor - anchor[joint.parent];
       if (node.kind == JointNode::Kind::hinge) {
-        const Mat3 a = hat(node.axis);
-        link.turns = node.turn * a, link.bends = link.turns * a;
+        link.turns = hat(node.axis), link.bends = link.turns * link.turns;
       }
       if (node.last) {
         const Body& body = system_.bodies[joint.child];
@@ -61,6 +61,7 @@ class JointChart {
 
   Point make() const {
     Point point(system_);
+    point.turn.resize(links_.size(), Mat3::Identity());
     point.q.resize(links_.size()), point.rate.resize(links_.size());
     point.acceleration.resize(links_.size(), Vec3::Zero());
     return point;
@@ -94,10 +95,10 @@ class JointChart {
         }
         case JointNode::Kind::hinge: {
           if (!(std::abs(y[3]) < most_turn_)) return false;
-          const double q = point.q[i] = base.q[i] + y[3];
           out[3] = point.rate[i] = base.rate[i] + y[9];
-          const Mat3 relative = link.node.turn + std::sin(q) * link.turns + (1 - std::cos(q)) * link.bends;
-          link.R.noalias() = up * relative;
+          const Mat3 turned = Mat3::Identity() + std::sin(y[3]) * link.turns + (1 - std::cos(y[3])) * link.bends;
+          point.turn[i].noalias() = base.turn[i] * turned;
+          link.R.noalias() = up * point.turn[i];
           link.axis = times(link.R, link.node.axis);
           link.w = rate(link.node.parent) + point.rate[i] * link.axis;
           break;
@@ -152,8 +153,11 @@ class JointChart {
     update_angles(system_, point.frames, point.u, point.angles);
     ++counters.force_evaluations;
     if (const Status status = accelerate(point); status != Status::success) return status;
-    for (const Link& link : links_)
+    for (size_t i = 0; i < links_.size(); ++i) {
+      const Link& link = links_[i];
       if (link.node.last) point.a[link.child] = acceleration(link);
+      polish(link.node.kind == JointNode::Kind::ball ? point.frames[link.child].R : point.turn[i]);
+    }
     return Status::success;
   }
   void return_to(const Point&) {}
@@ -177,7 +181,7 @@ class JointChart {
     Vec3 offset = Vec3::Zero();                       // of p from the parent's point, in the parent's link
     Vec3 centre = Vec3::Zero();                       // of mass from p, in the link
     Mat3 inertia = Mat3::Zero();                      // about p, in the link
-    Mat3 turns = Mat3::Zero(), bends = Mat3::Zero();  // factors of sin q and 1 - cos q in its relative attitude
+    Mat3 turns = Mat3::Zero(), bends = Mat3::Zero();  // factors of sin and 1 - cos of its turn in a step
     Mat3 R = Mat3::Identity();
     Vec3 p = Vec3::Zero(), d = Vec3::Zero();  // p and its distance from the parent's point
     Vec3 v = Vec3::Zero(), w = Vec3::Zero();  // of p, of the link
@@ -312,7 +316,7 @@ class JointChart {
           if (k < links_.size() && links_[k].node.joint == link.node.joint &&
               links_[k].node.kind == JointNode::Kind::hinge)
             alone -= axis.dot(hinge(k, given)) * hinge(k, given);
-        point.q[i] = 0, point.rate[i] = alone.dot(turning - w) / alone.dot(axis);
+        point.turn[i] = link.node.turn, point.rate[i] = alone.dot(turning - w) / alone.dot(axis);
       }
     }
   }

@@ -154,9 +154,10 @@ int main(int argc, char** argv) {
   const int steps = std::atoi(argv[3]);
   const double h = std::atof(argv[4]);
   std::ifstream coefficients(argc > 5 ? argv[5] : "");
-  if (method == "rkmk4") return drive(FixedMuntheKaas(plan, read_tableau(coefficients)), plan.system, steps, h);
+  if (method == "rkmk4")
+    return drive(FixedMuntheKaas<BodyChart>(plan, read_tableau(coefficients)), plan.system, steps, h);
   if (method.starts_with("rkmk"))
-    return drive(AdaptiveMuntheKaas(plan, read_tableau(coefficients)), plan.system, steps, h);
+    return drive(AdaptiveMuntheKaas<BodyChart>(plan, read_tableau(coefficients)), plan.system, steps, h);
   if (method == "taylor") return drive(TaylorStepper(plan), plan.system, steps, h);
   if (method == "seulex") return drive(AdaptiveExtrapolation(plan), plan.system, steps, h);
   if (method.starts_with("rattle"))

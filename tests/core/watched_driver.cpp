@@ -6,7 +6,7 @@
 
 #include "methods/extrapolation.hpp"
 #include "methods/rkmk.hpp"
-#include "methods/taylor.hpp"
+#include "methods/turning.hpp"
 #include "run/adaptive.hpp"
 #include "run/loop.hpp"
 
@@ -90,6 +90,31 @@ Machine sprung() {
   return m;
 }
 
+// A hinge, a slide and a ball behind each other, and these as nodes.
+Machine tree() {
+  Machine m;
+  const int arm = m.add_body({0.5, 0, 0}), slider = m.add_body({1.5, 0, 0}), bob = m.add_body({2.5, 0, 0});
+  m.add_joint(-1, arm, {0, 0, 0}, true, {normal(kX, kZ), normal(kY, kZ)});
+  m.add_joint(arm, slider, {1, 0, 0}, false, {normal(kY, kX), normal(kZ, kX), normal(kZ, kY), across(kY), across(kZ)});
+  m.add_joint(slider, bob, {2, 0, 0}, true, {});
+  m.system.forces = {sprung().system.forces[0]};
+  return m;
+}
+const std::vector<JointNode> kNodes{{JointNode::Kind::hinge, -1, 0, true, Mat3::Identity(), kZ, 0},
+                                    {JointNode::Kind::slide, 0, 1, true, Mat3::Identity(), kX, 0},
+                                    {JointNode::Kind::ball, 1, 2, true, Mat3::Identity(), Vec3::Zero(), 0}};
+
+// Two bodies on pins, tied by a spring that twists, under loads.
+Machine pins() {
+  Machine m;
+  const int left = m.add_body({0.5, 0, 0}), right = m.add_body({2.5, 0, 0});
+  m.add_joint(-1, left, {0, 0, 0}, true, {}), m.add_joint(-1, right, {2, 0, 0}, true, {});
+  Force torsion = sprung().system.forces[1], load{Force::Kind::load, m.system.n(), right};
+  torsion.parent = left, torsion.child = right, load.force = kX, load.torque = 0.2 * kZ;
+  m.system.forces = {torsion, load};
+  return m;
+}
+
 // `step`: of the methods with a fixed one, s.
 Outcome drive(const Machine& m, const std::string& method, double step, const Record& record) {
   const Plan plan(m.system);
@@ -109,11 +134,23 @@ Outcome drive(const Machine& m, const std::string& method, double step, const Re
   // Bogacki and Shampine, doi:10.1016/0893-9659(89)90079-7
   const Tableau rule{{{0.5}, {0, 0.75}}, {2. / 9, 1. / 3, 4. / 9}, 3, {{-5. / 72, 1. / 12, 1. / 9, -1. / 8}}, {}, {}};
   if (method == "rkmk_adaptive") {
-    AdaptiveMuntheKaas stepper(plan, rule);
+    AdaptiveMuntheKaas<BodyChart> stepper(plan, rule);
+    return run_adaptive(stepper, plan, start, t_eval, 1e-6, true, record, interrupted);
+  }
+  if (method == "rkmk_joints_adaptive") {
+    AdaptiveMuntheKaas<JointChart> stepper(plan, rule, kNodes);
+    return run_adaptive(stepper, plan, start, t_eval, 1e-6, true, record, interrupted);
+  }
+  if (method == "rkmk_joints_fixed") {
+    FixedMuntheKaas<JointChart> stepper(plan, rule, kNodes);
+    return run(stepper, plan, start, steps, counts, true, record, interrupted);
+  }
+  if (method == "turning") {
+    TurningStepper stepper(plan);
     return run_adaptive(stepper, plan, start, t_eval, 1e-6, true, record, interrupted);
   }
   if (method == "rkmk_fixed") {
-    FixedMuntheKaas stepper(plan, rule);
+    FixedMuntheKaas<BodyChart> stepper(plan, rule);
     return run(stepper, plan, start, steps, counts, true, record, interrupted);
   }
   if (method == "generalized_alpha") {
@@ -137,6 +174,8 @@ int main(int argc, char** argv) {
   const std::string system = argv[1], method = argv[2];
   const Machine machine = system == "parallelogram" ? parallelogram()
                           : system == "sprung"      ? sprung()
+                          : system == "tree"        ? tree()
+                          : system == "pins"        ? pins()
                                                     : pendulum(std::stoi(system));
   double sum = 0;
   const Record record = [&](int, const State& state) {

@@ -53,6 +53,15 @@ def test_no_fault_in_a_run(watched_driver, system, method):
     assert run(watched_driver, system, method).startswith("status 0 ")
 
 
+@pytest.mark.parametrize(("system", "method"), [("tree", "rkmk_joints_adaptive"), ("tree", "rkmk_joints_fixed"),
+                                                ("pins", "turning")])
+def test_no_fault_where_constraints_are_left_out(watched_driver, system, method):
+    assert run(watched_driver, system, method).startswith("status 0 ")
+    # The same motion, to the tolerance, with them.
+    whole = run(watched_driver, system, "rkmk_fixed" if method.endswith("fixed") else "rkmk_adaptive")
+    assert float(run(watched_driver, system, method).split()[-1]) == pytest.approx(float(whole.split()[-1]), abs=1e-4)
+
+
 @pytest.mark.parametrize("method", [*lieeuler.EULER_METHODS, "INDEX1_LE", "BAUMGARTE_LE", "rattle4", "rkmk_fixed"])
 def test_no_fault_where_the_first_step_fails(watched_driver, method):
     """Newton's iteration tries again from the start of the run: there is no step before to guess from."""

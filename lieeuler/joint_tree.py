@@ -98,14 +98,16 @@ def _tree(problem: Problem) -> tuple[Node, ...]:
 def _outward(problem: Problem) -> list[int]:
     """The joints in an order in which every parent hangs before its child; none if one closes a loop, points inwards,
     or hangs on nothing."""
-    hung, order, size = {GROUND}, list[int](), -1
-    while len(order) > size:
-        size = len(order)
-        for index, joint in enumerate(problem.joints):
-            if index not in order and joint.parent in hung and joint.child not in hung:
-                hung.add(joint.child)
-                order.append(index)
-    return order if len(order) == len(problem.joints) else []
+    below: dict[int, list[int]] = {}
+    for index, joint in enumerate(problem.joints):
+        below.setdefault(joint.parent, []).append(index)
+    order, queue = list[int](), [GROUND]
+    for body in queue:
+        order += below.get(body, [])
+        queue += [problem.joints[index].child for index in below.get(body, [])]
+        if len(queue) > problem.n + 1:
+            return []
+    return order if len(set(queue)) == len(queue) == len(problem.joints) + 1 else []
 
 
 def _freedoms(problem: Problem, joint: Joint) -> list[tuple[str, np.ndarray]]:

@@ -258,11 +258,14 @@ def _check(problem: Problem, e: np.ndarray) -> None:
     levels = _kernel.constraint_levels(problem.kernel, problem.x, problem.R, problem.v, problem.w, 0.0)
     if not levels.max() <= ROUNDING:
         raise NotPlanar(f"the start leaves joints open by {levels.max():.1g} of the system's size, more than rounding")
-    hung, size = {GROUND}, 0
-    while len(hung) > size:
-        size = len(hung)
-        hung |= {body for joint in problem.joints if {joint.parent, joint.child} & hung
-                 for body in (joint.parent, joint.child)}
+    beside: dict[int, set[int]] = {}
+    for joint in problem.joints:
+        beside.setdefault(joint.parent, set()).add(joint.child)
+        beside.setdefault(joint.child, set()).add(joint.parent)
+    hung, new = {GROUND}, {GROUND}
+    while new:
+        new = {other for body in new for other in beside.get(body, ())} - hung
+        hung |= new
     if len(hung) <= problem.n:
         raise NotPlanar("a body is not held in the plane by joints")
 

@@ -105,7 +105,8 @@ def _weld(problem: Problem) -> Welded | None:
         low, high = sorted((first[weld.parent], first[weld.child]))
         first = [low if b == high else b for b in first]
     bases = sorted(set(first))
-    body = np.array([bases.index(b) for b in first])
+    place = {base: k for k, base in enumerate(bases)}
+    body = np.array([place[b] for b in first])
     tied = any(item.parent != GROUND and first[item.parent] == first[item.child]
                for item in (*kept.values(), *problem.forces))
     follows_weld = any(joint.mimic is not None and joint.mimic.joint not in kept for joint in kept.values())

@@ -59,3 +59,12 @@ def test_a_seeded_circle_is_found():
     with pytest.raises(ValueError, match="circle"):
         rooms.floors(loop)
     assert rooms.floors({"a": {"b"}, "b": set(), "d": {"a"}}) == {"a": 2, "b": 1, "d": 3}
+
+
+def test_the_picture_is_that_of_the_code():
+    """`python tools/rooms.py --picture docs/static/house.svg` draws it anew."""
+    assert (ROOT / "docs/static/house.svg").read_text("utf-8") == rooms.picture(ROOT)
+
+
+def test_the_picture_leaves_out_what_is_implied():
+    assert rooms.reduced({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == {"a": {"b"}, "b": {"c"}, "c": set()}

@@ -23,6 +23,6 @@ __version__: str
 
 __all__ = [
     "ArgumentError", "CrosscheckError", "EngineError", "RawRun", "RunSpec", "Scene", "SceneError", "States",
-    "Trajectory", "TruthError", "Unsupported", "advise", "assert_agree", "engines", "explain", "export_model", "import_model", "inspect",
-    "load_scene", "methods", "run", "scenes", "sweep", "truth",
+    "Trajectory", "TruthError", "Unsupported", "advise", "assert_agree", "engines", "explain", "export_model",
+    "import_model", "inspect", "load_scene", "methods", "run", "scenes", "sweep", "truth",
 ]

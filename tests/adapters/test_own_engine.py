@@ -170,7 +170,7 @@ def test_states_as_lists_become_arrays():
                                                                        for each in ("t", "x", "R", "v", "w")))})
     from crosscheck.adapters.foreign import own
 
-    raw = own.completed(adapter_like(), "lists", "1", "").run(scene, RunSpec("RK4", step=0.05))
+    raw = own.completed(adapter_like(), "lists", "1").run(scene, RunSpec("RK4", step=0.05))
     assert raw.states.R.shape == (3, 1, 3, 3)
 
 

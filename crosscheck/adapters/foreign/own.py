@@ -48,10 +48,10 @@ class Completed:
         return getattr(self._engine, name)
 
     def version(self) -> str:
-        """The version that the engine states, or its package, and always a digest of its code."""
+        """The version that the engine or its package states, and the digest of its code."""
         stated = getattr(self._engine, "version", None)
         said = stated() if callable(stated) else stated or self._version
-        return f"code {self._own}" if said is None else f"{said}, code {self._own}"
+        return ", ".join([*([] if said is None else [str(said)]), *([f"code {self._own}"] if self._own else [])])
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
         """From the engine's method of this name, else from its table `orders`; None for adaptive methods."""
@@ -148,14 +148,14 @@ def load(name: str, known: Iterable[str]) -> Completed:
                      own or code.digest(home, getattr(module, "__file__", None)))
 
 
-def completed(engine: Any, name: str, version: str | None, own: str) -> Completed:
+def completed(engine: Any, name: str, version: str | None, own: str = "") -> Completed:
     """`engine` with its defaults; raises `ArgumentError` naming what it lacks.
 
     Parameters
     ----------
     name : as the user wrote it
     version : of its module or package; None: it states none
-    own : digest of its code
+    own : digest of its code; "": it is an object of the user's program, whose results are not stored
     """
     for method in ("unsupported", "run"):
         if not callable(getattr(engine, method, None)):

@@ -43,6 +43,16 @@ def test_what_it_does_not_import_does_not_count(folder, home):
     assert code.digest(home) == before
 
 
+def test_two_files_that_swap_their_contents_are_another_code(folder):
+    (folder / "engine.py").write_text("import one\nimport two\n", "utf-8")
+    digests = set()
+    for first, second in (("v = 1\n", "v = 2\n"), ("v = 2\n", "v = 1\n")):
+        (folder / "one.py").write_text(first, "utf-8")
+        (folder / "two.py").write_text(second, "utf-8")
+        digests.add(code.digest("engine.py"))
+    assert len(digests) == 2
+
+
 def test_an_edited_helper_is_computed_again(folder, tmp_path_factory):
     """An engine that states a version, and whose helper alone is edited: no row of the old code is taken."""
     import subprocess

@@ -22,7 +22,8 @@ def digest(home: str, file: str | None = None) -> str:
     """Eight hexadecimal digits of the code of an engine given as "path/file.py", or as a module found on the path.
 
     Imports count wherever they stand in a file, and those of what is imported. The standard library and installed
-    packages do not. A module that is imported by a name computed at run time is not seen.
+    packages do not. Not seen are modules that are imported by a name computed at run time, or from a folder that the
+    engine itself puts on the path.
 
     Parameters
     ----------
@@ -31,18 +32,19 @@ def digest(home: str, file: str | None = None) -> str:
     folders = list(_folders())
     if home.endswith(".py"):
         folders.insert(0, str(Path(home).resolve().parent))
-        first = [(home.removesuffix(".py"), Path(home).resolve())]
+        first = [(Path(home).stem, Path(home).resolve())]
     else:
         first = list(_files(home, folders)) or ([(home, Path(file))] if file else [])
-    waiting, seen = first, dict[Path, bytes]()
+    waiting, seen = first, dict[Path, tuple[str, bytes]]()
     while waiting:
         name, path = waiting.pop()
         if path not in seen:
-            seen[path] = path.read_bytes()
-            waiting += [each for wanted in _imported(name, path, seen[path]) for each in _files(wanted, folders)]
+            content = path.read_bytes()
+            seen[path] = name, content
+            waiting += [each for wanted in _imported(name, path, content) for each in _files(wanted, folders)]
     whole = hashlib.sha256()
-    for content in sorted(hashlib.sha256(content).digest() for content in seen.values()):
-        whole.update(content)
+    for name, content in sorted(seen.values()):
+        whole.update(f"{name} {len(content)} ".encode() + content)
     return whole.hexdigest()[:8]
 
 

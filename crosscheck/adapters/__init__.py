@@ -29,19 +29,27 @@ def names() -> tuple[str, ...]:
     return (*listed, *sorted(offered - set(built_in.ENTRIES)))
 
 
-def get(name: str) -> Engine:
-    """The adapter for `name`, in the forms of the package docstring; an entry point cannot replace a built-in name.
+def get(engine: str | Engine) -> Engine:
+    """The adapter of an engine: a name in the forms of the package docstring, or an object.
+
+    An entry point cannot replace a built-in name. An object of the user is completed as a class of the user is.
 
     Raises
     ------
     ArgumentError
-        There is no such engine, it lacks a required attribute or method, or `name` is not a text.
+        There is no such engine, or it lacks a required attribute or method.
     EngineError
         The environment of a version cannot be made.
     """
-    if not isinstance(name, str):
-        raise ArgumentError(f"engine: a name is wanted, not {type(name).__name__}; allowed: {', '.join(names())}")
-    return _LENT.get(name) or _get(str(name))
+    if isinstance(engine, str):
+        return _LENT.get(engine) or _get(str(engine))
+    from crosscheck.adapters.foreign import own
+
+    if isinstance(engine, type) or not hasattr(engine, "run"):
+        raise ArgumentError(f"engine: a name or an object with the methods of an engine is wanted, not "
+                            f"{type(engine).__name__}; names: {', '.join(names())}")
+    ours = type(engine).__module__.startswith(f"{__name__}.")
+    return engine if ours else own.completed(engine, type(engine).__name__, "not stated")
 
 
 _LENT: dict[str, Engine] = {}

@@ -15,9 +15,9 @@ from crosscheck.errors import Unsupported
 from crosscheck.judge.plan import PLANS, PROFILES, plan_without_truth
 from crosscheck.judge.verdict import settle, word, worst
 from crosscheck.references import TruthError, truth
+from crosscheck.running.attempt import Ran, Refused, attempt
 from crosscheck.scene.file import load_scene, scene_names
 from crosscheck.scene.model import Scene
-from crosscheck.verification.attempts import NoRun, attempt
 from crosscheck.verification.budget import plan_within
 from crosscheck.verification.cell import judge_run
 from crosscheck.verification.order_study import order_study
@@ -62,12 +62,12 @@ def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Ju
     run = Run(scene=scene.name, engine=name, version=subject.engine.version(), method=subject.method,
               form=subject.form, step=size, rtol=rtol, documented_order=order)
     whole = scene.replace(duration=min(plan.duration or scene.duration, scene.duration), samples=plan.samples)
-    traj = attempt(whole, name, subject.method, subject.form, size, rtol)
-    if isinstance(traj, NoRun):
-        reason = traj.reason.replace(name, subject.engine.name)
-        return extended(Judged, run, outcome="unsupported" if traj.unsupported else "fail", message=reason,
+    outcome = attempt(whole, name, subject.method, size, rtol, form=subject.form)
+    if not isinstance(outcome, Ran):
+        reason = outcome.why.replace(name, subject.engine.name)
+        return extended(Judged, run, outcome="unsupported" if isinstance(outcome, Refused) else "fail", message=reason,
                         findings=[Finding("run", "fail", None, None, "", "a run has to reach its end", reason)])
-    main = judge_run(run, whole, traj, subject.held(scene), plan.window)
+    main = judge_run(run, whole, outcome.trajectory, subject.held(scene), plan.window)
     if not known or main.outcome == "fail":
         return main
     cell = Cell(scene.name, name, subject.method, subject.form, plan, most_seconds=MOST_SECONDS)

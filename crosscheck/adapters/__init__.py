@@ -7,12 +7,14 @@ An engine is given by its name, by a class of the user ("module:Class", "path/fi
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import importlib.metadata
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from crosscheck.adapters import built_in
-from crosscheck.adapters.base import Engine
+from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.scene.model import Scene
 
@@ -52,14 +54,28 @@ def get(engine: str | Engine) -> Engine:
     return engine if ours else own.completed(engine, type(engine).__name__, "not stated")
 
 
+class _Optioned:
+    """An engine that always runs with the same options."""
+
+    def __init__(self, engine: Engine, options: dict[str, Any]) -> None:
+        self._engine, self._always = engine, options
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._engine, name)
+
+    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
+        """The engine's run."""
+        return self._engine.run(scene, dataclasses.replace(spec, **self._always))
+
+
 _LENT: dict[str, Engine] = {}
 
 
 @contextlib.contextmanager
-def lent(engine: Engine) -> Iterator[str]:
-    """A temporary name for an engine that is given as an object, valid within the context."""
+def lent(engine: Engine, **options: Any) -> Iterator[str]:
+    """A temporary name, valid within the context, for an engine object that always runs with the same options."""
     name = f"{engine.name} {id(engine)}"
-    _LENT[name] = engine
+    _LENT[name] = _Optioned(engine, options) if options else engine
     try:
         yield name
     finally:

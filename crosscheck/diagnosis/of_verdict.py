@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-from typing import Any
 
 from crosscheck import adapters
-from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.diagnosis.observe import Subject
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.document import Finding, Judged, Run, extended
@@ -27,26 +24,12 @@ MOST_SECONDS = 20.0
 """Limit of processor time (s) of the order study, as in the profile with every scene."""
 
 
-class _Asked:
-    """An engine that always runs with the same options."""
-
-    def __init__(self, subject: Subject) -> None:
-        self._engine, self._options = subject.engine, dict(subject.options)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._engine, name)
-
-    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
-        """The engine's run."""
-        return self._engine.run(scene, dataclasses.replace(spec, **self._options))
-
-
 def judged(subject: Subject, scene: Scene, step: float | None) -> Judged:
     """The verdict of `crosscheck verify` on a method and a scene, at this step (s); None: that of the plan."""
     own = not subject.options and subject.engine.name in adapters.names() and (
         adapters.get(subject.engine.name) is subject.engine)
-    engine: Engine = subject.engine if own or not subject.options else _Asked(subject)
-    with contextlib.nullcontext(engine.name) if own else adapters.lent(engine) as name:
+    lent = adapters.lent(subject.engine, **dict(subject.options))
+    with contextlib.nullcontext(subject.engine.name) if own else lent as name:
         return _judged(subject, scene, step, name)
 
 

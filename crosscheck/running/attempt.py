@@ -124,7 +124,8 @@ def _checked(who: str, scene: Scene, raw: RawRun) -> RawRun:
     maxima = {key: _number(who, f"maximum of {key}", value, 0.0, math.inf) for key, value in (raw.maxima or {}).items()}
     try:
         own = plain(raw.stats)
-        stats = cast(Stats, {**own, **msgspec.convert(own, Stats)})
+        known = msgspec.convert(own, Stats)
+        stats = cast(Stats, {**own, **known})
     except (TypeError, ValueError, RecursionError) as error:
         raise EngineError(f"{who} returned stats that are no dict of plain values: {said(error)}") from error
     return RawRun(raw.states, wall_time, int(raw.steps), step, readable(raw.status), stats, maxima or None,
@@ -140,17 +141,17 @@ def _number(who: str, what: str, value: Any, least: float, most: float) -> float
         except OverflowError:
             number = math.inf
     if not least <= number <= most or (what == "step" and math.isinf(number)):
-        wanted = "a number above 0" if least else "a number not below 0"
-        raise EngineError(f"{who} returned a {what} of {_brief(value)}, not {wanted}"
-                          + (f" and at most {most:g}" if math.isfinite(most) else ""))
+        wanted = "a number above 0" if least else f"a number from 0 to {most:g}"
+        raise EngineError(f"{who} returned a {what} of {_brief(value)}, not {wanted}")
     return number
 
 
 def _brief(value: Any) -> str:
     """A wrong value in an error message; the name of its type if it is no number or text."""
-    plainly = isinstance(value, str | float | np.floating | np.integer | None) or (
-        isinstance(value, int) and abs(value) < MOST_STEPS**2)
-    return repr(value)[:60] if plainly else type(value).__name__
+    if isinstance(value, str):
+        return repr(value[:60])
+    short = isinstance(value, float | np.number | None) or (isinstance(value, int) and abs(value) < MOST_STEPS**2)
+    return str(value) if short else type(value).__name__
 
 
 def _check_states(who: str, scene: Scene, raw: RawRun) -> None:

@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 
+from crosscheck.adapters.base import RawRun
 from crosscheck.scene.states import States
 
 
@@ -124,3 +125,15 @@ class Nameless:
 
     def run(self, scene, spec):
         """Never called."""
+
+
+class Untimed(Resting):
+    """States stepping times that no run has; they are the names of its methods."""
+
+    methods = ("nan", "inf", "-1", "1e300", "x", "None")
+
+    def run(self, scene, spec):
+        """A resting run with the stated time."""
+        odd = {"x": "x", "None": None}
+        wall_time = odd[spec.method] if spec.method in odd else float(spec.method)
+        return RawRun(super().run(scene, spec), wall_time, 10, spec.step)

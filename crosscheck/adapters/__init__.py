@@ -7,12 +7,14 @@ An engine is given by its name, by a class of the user ("module:Class", "path/fi
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import importlib.metadata
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from crosscheck.adapters import built_in
-from crosscheck.adapters.base import Engine
+from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.scene.model import Scene
 
@@ -29,29 +31,51 @@ def names() -> tuple[str, ...]:
     return (*listed, *sorted(offered - set(built_in.ENTRIES)))
 
 
-def get(name: str) -> Engine:
-    """The adapter for `name`, in the forms of the package docstring; an entry point cannot replace a built-in name.
+def get(engine: str | Engine) -> Engine:
+    """The adapter of an engine: a name in the forms of the package docstring, or an object.
+
+    An entry point cannot replace a built-in name. An object of the user is completed as a class of the user is.
 
     Raises
     ------
     ArgumentError
-        There is no such engine, it lacks a required attribute or method, or `name` is not a text.
+        There is no such engine, or it lacks a required attribute or method.
     EngineError
         The environment of a version cannot be made.
     """
-    if not isinstance(name, str):
-        raise ArgumentError(f"engine: a name is wanted, not {type(name).__name__}; allowed: {', '.join(names())}")
-    return _LENT.get(name) or _get(str(name))
+    if isinstance(engine, str):
+        return _LENT.get(engine) or _get(str(engine))
+    from crosscheck.adapters.foreign import own
+
+    if isinstance(engine, type) or not hasattr(engine, "run"):
+        raise ArgumentError(f"engine: a name or an object with the methods of an engine is wanted, not "
+                            f"{type(engine).__name__}; names: {', '.join(names())}")
+    ours = type(engine).__module__.startswith(f"{__name__}.")
+    return engine if ours else own.completed(engine, type(engine).__name__, "not stated")
+
+
+class _Optioned:
+    """An engine that always runs with the same options."""
+
+    def __init__(self, engine: Engine, options: dict[str, Any]) -> None:
+        self._engine, self._always = engine, options
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._engine, name)
+
+    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
+        """The engine's run."""
+        return self._engine.run(scene, dataclasses.replace(spec, **self._always))
 
 
 _LENT: dict[str, Engine] = {}
 
 
 @contextlib.contextmanager
-def lent(engine: Engine) -> Iterator[str]:
-    """A temporary name for an engine that is given as an object, valid within the context."""
+def lent(engine: Engine, **options: Any) -> Iterator[str]:
+    """A temporary name, valid within the context, for an engine object that always runs with the same options."""
     name = f"{engine.name} {id(engine)}"
-    _LENT[name] = engine
+    _LENT[name] = _Optioned(engine, options) if options else engine
     try:
         yield name
     finally:

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.adapters.base import Engine, RunSpec
-from crosscheck.errors import missing
+from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.references.maximal import Maximal
+from crosscheck.running.attempt import Ran, attempt
 from crosscheck.scene.model import GROUND, Scene
 from crosscheck.scene.states import States
 
@@ -153,25 +153,14 @@ class Subject:
         """Why it cannot run this scene; None if it can."""
         return self.engine.unsupported(scene, self.spec(step, 1e-9 if step is None else None))
 
-    def run(self, scene: Scene, step: float | None = None, rtol: float | None = None) -> Any:
-        """A raw run. Raises `Silent` with the reason if there is none, or if it is not finite."""
-        spec = self.spec(step, rtol)
-        try:
-            reason = self.engine.unsupported(scene, spec)
-            with np.errstate(all="ignore"):  # steps that are too coarse overflow; the check below finds it
-                raw = None if reason else self.engine.run(scene, spec)
-        except ImportError as error:
-            raise Silent(missing(error)) from error
-        except Exception as error:  # a foreign engine may raise anything, and the explanation says what
-            raise Silent(f"{type(error).__name__}: {' '.join(str(error).split())}") from error
-        if raw is None:
-            raise Silent(str(reason))
-        states = raw.states
-        if len(states.t) != scene.samples:
-            raise Silent(f"{len(states.t)} samples came back, not {scene.samples}")
-        if not all(np.isfinite(part).all() for part in (states.x, states.R, states.v, states.w)):
-            raise Silent("the states are not finite")
-        return raw
+    def run(self, scene: Scene, step: float | None = None, rtol: float | None = None) -> RawRun:
+        """A raw run. Raises `Silent` with the reason if there is none."""
+        with np.errstate(all="ignore"):  # steps that are too coarse overflow, which is an outcome
+            outcome = attempt(scene, self.engine, self.method, step, rtol, form=self.form, monitor=False,
+                              **dict(self.options))
+        if not isinstance(outcome, Ran):
+            raise Silent(outcome.why) from outcome.error
+        return outcome.raw
 
 
 def window(scene: Scene, scale: Scale) -> Scene:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-from typing import Any
 
 from crosscheck import adapters
-from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.diagnosis.observe import Subject
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.document import Finding, Judged, Run, extended
@@ -15,9 +12,9 @@ from crosscheck.errors import Unsupported
 from crosscheck.judge.plan import PLANS, PROFILES, plan_without_truth
 from crosscheck.judge.verdict import settle, word, worst
 from crosscheck.references import TruthError, truth
+from crosscheck.running.attempt import Ran, Refused, attempt
 from crosscheck.scene.file import load_scene, scene_names
 from crosscheck.scene.model import Scene
-from crosscheck.verification.attempts import NoRun, attempt
 from crosscheck.verification.budget import plan_within
 from crosscheck.verification.cell import judge_run
 from crosscheck.verification.order_study import order_study
@@ -27,26 +24,12 @@ MOST_SECONDS = 20.0
 """Limit of processor time (s) of the order study, as in the profile with every scene."""
 
 
-class _Asked:
-    """An engine that always runs with the same options."""
-
-    def __init__(self, subject: Subject) -> None:
-        self._engine, self._options = subject.engine, dict(subject.options)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._engine, name)
-
-    def run(self, scene: Scene, spec: RunSpec) -> RawRun:
-        """The engine's run."""
-        return self._engine.run(scene, dataclasses.replace(spec, **self._options))
-
-
 def judged(subject: Subject, scene: Scene, step: float | None) -> Judged:
     """The verdict of `crosscheck verify` on a method and a scene, at this step (s); None: that of the plan."""
     own = not subject.options and subject.engine.name in adapters.names() and (
         adapters.get(subject.engine.name) is subject.engine)
-    engine: Engine = subject.engine if own or not subject.options else _Asked(subject)
-    with contextlib.nullcontext(engine.name) if own else adapters.lent(engine) as name:
+    lent = adapters.lent(subject.engine, **dict(subject.options))
+    with contextlib.nullcontext(subject.engine.name) if own else lent as name:
         return _judged(subject, scene, step, name)
 
 
@@ -62,12 +45,12 @@ def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Ju
     run = Run(scene=scene.name, engine=name, version=subject.engine.version(), method=subject.method,
               form=subject.form, step=size, rtol=rtol, documented_order=order)
     whole = scene.replace(duration=min(plan.duration or scene.duration, scene.duration), samples=plan.samples)
-    traj = attempt(whole, name, subject.method, subject.form, size, rtol)
-    if isinstance(traj, NoRun):
-        reason = traj.reason.replace(name, subject.engine.name)
-        return extended(Judged, run, outcome="unsupported" if traj.unsupported else "fail", message=reason,
+    outcome = attempt(whole, name, subject.method, size, rtol, form=subject.form)
+    if not isinstance(outcome, Ran):
+        reason = outcome.why.replace(name, subject.engine.name)
+        return extended(Judged, run, outcome="unsupported" if isinstance(outcome, Refused) else "fail", message=reason,
                         findings=[Finding("run", "fail", None, None, "", "a run has to reach its end", reason)])
-    main = judge_run(run, whole, traj, subject.held(scene), plan.window)
+    main = judge_run(run, whole, outcome.trajectory, subject.held(scene), plan.window)
     if not known or main.outcome == "fail":
         return main
     cell = Cell(scene.name, name, subject.method, subject.form, plan, most_seconds=MOST_SECONDS)

@@ -14,7 +14,7 @@ import time
 
 import numpy as np
 
-from crosscheck.errors import ArgumentError, EngineError, Unsupported, said
+from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.references.base import Reference
 from crosscheck.scene.model import Scene
 
@@ -113,34 +113,25 @@ def target(scene: Scene, truth: Reference) -> Target:
     return Target(short, truth.states.x[last], truth.states.R[last], moved, not tied)
 
 
-def attempt(goal: Target, engine: str, method: str, steps: int) -> Attempt:
+def tried(goal: Target, engine: str, method: str, steps: int) -> Attempt:
     """Run with `steps` equal steps. A failure of the run is an outcome, too.
 
     Raises `Unsupported` if the engine cannot run the scene with this method.
     """
-    from crosscheck.running.run import run
+    from crosscheck.running.attempt import Failed, Refused, attempt
 
     began = time.perf_counter()
-    try:
-        traj = run(goal.scene, engine, method, step=goal.scene.duration / steps, monitor=False,
-                   coordinate_map=goal.coordinate_map)
-    except (Unsupported, ArgumentError):
-        raise
-    except Exception as error:  # whatever the engine raises is the outcome
-        return Attempt(steps, _failure(error), None, time.perf_counter() - began, said(error)[:200])
-    found = end_error(goal, traj.x[-1], traj.R[-1])
-    outcome = "usable" if found <= USABLE else "inaccurate"
-    return Attempt(steps, outcome, found if math.isfinite(found) else None, traj.wall_time)
-
-
-def _failure(error: Exception) -> str:
-    """A run's failure in one word: its status, if it has one."""
-    status = getattr(error, "status", None)
-    if status is not None:
-        return str(status.value)
-    if isinstance(error, EngineError):
-        return "diverged" if "diverged" in str(error) else "engine_error"
-    return type(error).__name__
+    outcome = attempt(goal.scene, engine, method, goal.scene.duration / steps, monitor=False,
+                      coordinate_map=goal.coordinate_map)
+    if isinstance(outcome, Refused) or (isinstance(outcome, Failed) and isinstance(outcome.error, ArgumentError)):
+        raise outcome.error
+    if isinstance(outcome, Failed):
+        word = "diverged" if "diverged" in outcome.why else "engine_error"
+        return Attempt(steps, word if outcome.status == "failed" else outcome.status, None,
+                       time.perf_counter() - began, outcome.why)
+    found = end_error(goal, outcome.trajectory.x[-1], outcome.trajectory.R[-1])
+    return Attempt(steps, "usable" if found <= USABLE else "inaccurate", found if math.isfinite(found) else None,
+                   outcome.trajectory.wall_time)
 
 
 def end_error(goal: Target, x: np.ndarray, R: np.ndarray) -> float:
@@ -163,7 +154,7 @@ class Search:
     def run(self, steps: int) -> Attempt:
         """The run with this number of steps. It is made only once."""
         if steps not in self.runs:
-            self.runs[steps] = attempt(self._goal, self._engine, self._method, steps)
+            self.runs[steps] = tried(self._goal, self._engine, self._method, steps)
         return self.runs[steps]
 
     def usable(self, steps: int) -> bool:
@@ -176,7 +167,7 @@ class Search:
         while not self.usable(steps):
             # Would twice as many steps take longer than the limit? Timed twice, as the machine may have been busy.
             if 2 * self.runs[steps].wall_time > self._time_limit:
-                again = attempt(self._goal, self._engine, self._method, steps)
+                again = tried(self._goal, self._engine, self._method, steps)
                 if 2 * min(again.wall_time, self.runs[steps].wall_time) > self._time_limit:
                     return None
             steps *= 2

@@ -49,7 +49,7 @@ class Bound:
             # At loose tolerances quaternions do not have unit length, which is not an error of the attitude.
             errors_into(rung, self._scene, self._series.states(self._series.normalised(states)), self._truth,
                         self._scene.samples - 1)
-        except Exception as error:  # any failure is a row of the study
+        except Exception as error:  # heyoka and LLVM raise several kinds; each is a row of the study
             rung.status, rung.reason = "error", said(error)
         return rung
 

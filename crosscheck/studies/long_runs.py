@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from crosscheck.document import Part
-from crosscheck.errors import ArgumentError, said
+from crosscheck.errors import ArgumentError, CrosscheckError, said
 from crosscheck.scene.model import Scene
 from crosscheck.studies.study import Ask, Work
 from crosscheck.verification.ladder import Way, ways
@@ -74,9 +74,8 @@ def run_all(work: Work[Any, Row], rows: Sequence[Row], before: Sequence[Row],
             done.append(measured(start))
         except TooLong as limit:
             done.append(msgspec.structs.replace(start, status="skipped", reason=str(limit)))
-        except Exception as error:  # whatever an engine raises is a row of the study
-            reason = said(error)
-            done.append(msgspec.structs.replace(start, status="error", reason=reason))
+        except CrosscheckError as error:
+            done.append(msgspec.structs.replace(start, status="error", reason=said(error)))
         work.keep([*before, *done], None)
     return done
 

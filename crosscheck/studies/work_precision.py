@@ -16,7 +16,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from crosscheck.document import Part
-from crosscheck.errors import Unsupported, said
+from crosscheck.errors import CrosscheckError, Unsupported, said
 from crosscheck.judge.plan import natural_time
 from crosscheck.references.base import Reference, TruthError
 from crosscheck.scene.model import Scene
@@ -96,7 +96,7 @@ def _walk(scene: Scene, way: Way, truth: Reference, time_limit: float) -> list[R
         rungs.append(rung)
         if last and pace * (count or 1) > time_limit:
             # Time it again, because the machine may have been busy. If this run fails, the timed rounds will report it.
-            with contextlib.suppress(Exception):
+            with contextlib.suppress(CrosscheckError):
                 pace = min(pace, undisturbed(_timer(scene, last), MOST_TRIES, PATIENCE)[0] * _share(last))
             if pace * (count or 1) > time_limit:
                 rung.status, rung.reason = "skipped", f"it would take longer than the limit of {time_limit:g} s"
@@ -132,7 +132,7 @@ def _explore(scene: Scene, rung: Rung, count: int | None, truth: Reference) -> f
     intervals = INTERVALS if count is None else min(INTERVALS, count & -count)
     try:
         traj = _run(scene, rung, intervals + 1)
-    except Exception as error:  # whatever an engine raises is a row of the study
+    except CrosscheckError as error:
         rung.status, rung.reason = "error", said(error)
         return 0.0
     rung.steps = traj.steps
@@ -164,7 +164,7 @@ def _take(rung: Rung, once: Callable[[], float], times: list[tuple[float, float]
     """Time a rung once. `times` has (stepping, set-up) in s of its earlier turns; the rung gets the medians."""
     try:
         times.append(undisturbed(once, MOST_TRIES, PATIENCE))
-    except Exception as error:  # it ran in the first pass, but fails now
+    except CrosscheckError as error:  # it ran in the first pass, but fails now
         rung.status, rung.reason = "error", f"when timed: {said(error)}"
         return
     walls = [wall for wall, _ in times]

@@ -176,15 +176,16 @@ def _truth(member: Member, checked: list[float]) -> tuple[States | None, str]:
 
 
 def _measured(row: Row, member: Member, way: Way, exact: States | None, timing: bool) -> Row:
-    """The row of a cell with its values. If the run raises, the row has its status and message instead."""
+    """The row of a cell with its values. If there is none, the row has its status and message instead."""
     from crosscheck.judge.metrics import errors
-    from crosscheck.running.run import run as run_scene
+    from crosscheck.running.attempt import Failed, Refused, attempt
 
-    try:
-        traj = run_scene(member.scene, way.engine, way.method, step=way.step, rtol=way.rtol, **dict(way.options))
-    except Exception as error:
-        status = "unsupported" if isinstance(error, Unsupported) else getattr(error, "status", None) or "failed"
-        return replace(row, status=str(getattr(status, "value", status)), message=said(error)[:500])
+    outcome = attempt(member.scene, way.engine, way.method, way.step, way.rtol, **dict(way.options))
+    if isinstance(outcome, Refused):
+        return replace(row, status="unsupported", message=outcome.why)
+    if isinstance(outcome, Failed):
+        return replace(row, status=outcome.status, message=outcome.why)
+    traj = outcome.trajectory
     found = dict(traj.maxima)
     if exact is not None:
         states = States(traj.t, traj.x, traj.R, traj.v, traj.w)

@@ -179,7 +179,7 @@ def estimate(source: Mapping[str, Any] | str | os.PathLike[str], out: str | os.P
                 if key not in costs:
                     coarse = max((other.step or 1.0 for other in asked.ways if other.method == way.method), default=1.0)
                     began = time.perf_counter()
-                    with contextlib.suppress(Exception):  # a failing run takes time, too
+                    with contextlib.suppress(CrosscheckError):  # a failing run takes time, too
                         run(member.scene, way.engine, way.method, step=coarse if way.step else None, rtol=way.rtol,
                             **dict(way.options))
                     costs[key] = time.perf_counter() - began, coarse

@@ -30,10 +30,10 @@ from crosscheck.judge.verdict import (
     settle,
 )
 from crosscheck.references.base import Reference
+from crosscheck.running.attempt import Failed, Ran, Refused, attempt
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
-from crosscheck.verification.attempts import NoRun, attempt
 from crosscheck.verification.curves import run_curves
 from crosscheck.verification.order_study import order_study
 from crosscheck.verification.task import Cell, load, windowed
@@ -63,22 +63,24 @@ def run_cell(cell: Cell) -> Judged:
     reason = engine.unsupported(scene, spec)
     if reason is not None:
         return _refused(run, reason)
-    traj = attempt(scene, run.engine, run.method, run.form, run.step, run.rtol, coordinate_map=run.coordinate_map)
-    if isinstance(traj, NoRun) and traj.unsupported:
-        return replace(_refused(run, traj.reason), duration=scene.duration)
+    outcome = attempt(scene, run.engine, run.method, run.step, run.rtol, form=run.form,
+                      coordinate_map=run.coordinate_map)
+    if isinstance(outcome, Refused):
+        return replace(_refused(run, outcome.why), duration=scene.duration)
     held = engine.held_levels(scene, spec)
     if cell.no_truth:
-        return _without_truth(run, cell, scene, traj, held)
+        return _without_truth(run, cell, scene, outcome, held)
     reference, window = truth(scene), truth(windowed(scene, cell.plan.window))
-    if isinstance(traj, NoRun):
-        main = _no_main_run(run, scene, traj)
+    if isinstance(outcome, Failed):
+        main = _no_main_run(run, scene, outcome)
     else:
+        traj = outcome.trajectory
         more = companions(run, scene, traj, {"coordinate_map": run.coordinate_map})
         main = _main_run(run, scene, [traj, *more], reference, window, held, cell.plan.budgeted)
     if not cell.study:
         return settle(main.run, override(main.findings, cell.overrides), adapters.turning, main.message, main.until)
     brief = windowed(load_scene(cell.scene), cell.plan.window)  # the whole window, even if the main run is shorter
-    study = order_study(cell, order, brief, truth(brief), main.findings, isinstance(traj, NoRun))
+    study = order_study(cell, order, brief, truth(brief), main.findings, isinstance(outcome, Failed))
     measured = replace(main.run, orders=study.orders, ladder=study.ladder, ladder_cut=study.cut)
     if study.refused:
         return extended(Judged, measured, outcome="unsupported", message=study.refused, findings=main.findings,
@@ -133,10 +135,9 @@ def _refused(run: Run, reason: str) -> Judged:
     return extended(Judged, run, outcome="unsupported", message=reason)
 
 
-def _no_main_run(run: Run, scene: Scene, why: NoRun) -> _Main:
-    message = why.reason.partition("\n")[0]
+def _no_main_run(run: Run, scene: Scene, failed: Failed) -> _Main:
     return _Main(extended(Measured, run, duration=scene.duration, status="failed"),
-                 [Finding("run", "fail", None, None, "", ENDED, message)], message=message)
+                 [Finding("run", "fail", None, None, "", ENDED, failed.why)], message=failed.why)
 
 
 def companions(run: Run, scene: Scene, traj: Trajectory, options: Mapping[str, Any]) -> list[Trajectory]:
@@ -150,9 +151,9 @@ def companions(run: Run, scene: Scene, traj: Trajectory, options: Mapping[str, A
         return []
     count = round(float(traj.t[1] - traj.t[0]) / step)
     counts = [count // 2, count // 4] if count >= 4 else [2 * count, 4 * count]
-    found = (attempt(scene, run.engine, run.method, run.form, float(traj.t[1] - traj.t[0]) / each, None, monitor=False,
-                     **options) for each in counts[:2 if order == 1 else 1])
-    return [each for each in found if not isinstance(each, NoRun) and np.isfinite(each.x).all()]
+    outcomes = (attempt(scene, run.engine, run.method, float(traj.t[1] - traj.t[0]) / each, form=run.form,
+                        monitor=False, **options) for each in counts[:2 if order == 1 else 1])
+    return [each.trajectory for each in outcomes if isinstance(each, Ran)]
 
 
 def _main_run(run: Run, scene: Scene, trajectories: Sequence[Trajectory], reference: Reference, window: Reference,
@@ -190,12 +191,13 @@ def _main_run(run: Run, scene: Scene, trajectories: Sequence[Trajectory], refere
                  None if bounds is None else bounds.until)
 
 
-def _without_truth(run: Run, cell: Cell, scene: Scene, traj: Trajectory | NoRun, held: frozenset[str]) -> Judged:
+def _without_truth(run: Run, cell: Cell, scene: Scene, outcome: Ran | Failed,
+                   held: frozenset[str]) -> Judged:
     """Judge what needs no truth: energy, held constraint levels, orthogonality."""
-    if isinstance(traj, NoRun):
-        main = _no_main_run(run, scene, traj)
+    if isinstance(outcome, Failed):
+        main = _no_main_run(run, scene, outcome)
     else:
-        maxima = traj.maxima
+        traj, maxima = outcome.trajectory, outcome.trajectory.maxima
         main = _Main(_measured(run, scene, traj, None, {}, held, maxima),
                      [Finding("run", "ok", None, None, "", ENDED), judge_without_truth(scene, traj),
                       *judge_levels(scene, traj, None, None, held, maxima, adapters.eps(run.engine)),

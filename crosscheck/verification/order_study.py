@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from crosscheck import adapters
 from crosscheck.adapters.base import steps_per_sample
 from crosscheck.document import QUANTITIES, Finding, Order, Rung
+from crosscheck.errors import EngineError
 from crosscheck.judge import tolerances
 from crosscheck.judge.defects import NORMS
 from crosscheck.judge.metrics import PLATEAU, errors
@@ -22,10 +23,10 @@ from crosscheck.judge.substeps import judge_substeps
 from crosscheck.judge.verdict import judge_orders, undecided
 from crosscheck.references.base import Reference
 from crosscheck.references.rates import fastest
+from crosscheck.running.attempt import Ran, Refused, attempt
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
 from crosscheck.scene.spanning import spanning_tree
-from crosscheck.verification.attempts import NoRun, attempt
 from crosscheck.verification.task import Cell
 
 clock = time.process_time  # processor time (s), which does not depend on the load of the machine
@@ -70,14 +71,17 @@ class _Ladder:
         step, rtol = (None, size) if self.order is None else (size, None)
         began = clock()
         cell = self.cell
-        traj = attempt(self.scene, cell.engine, cell.method, cell.form, step, rtol, monitor=False,
-                       coordinate_map=cell.coordinate_map)
+        outcome = attempt(self.scene, cell.engine, cell.method, step, rtol, form=cell.form, monitor=False,
+                          coordinate_map=cell.coordinate_map)
         self._costs.append(clock() - began)
-        if isinstance(traj, NoRun):
-            self.rungs.append(Rung(step=step, rtol=rtol, message=traj.reason.partition("\n")[0]))
-            self.refused = traj.reason if traj.unsupported else self.refused
-            self.message = traj.reason if traj.unforeseen else self.message
+        if not isinstance(outcome, Ran):
+            self.rungs.append(Rung(step=step, rtol=rtol, message=outcome.why))
+            if isinstance(outcome, Refused):
+                self.refused = outcome.why
+            elif not isinstance(outcome.error, EngineError):
+                self.message = outcome.why
             return True
+        traj = outcome.trajectory
         found = errors(self.scene, traj, self.reference.states, self.reference.horizon)
         used = traj.stats.get("step")
         self.runs.append((used or size, traj))

@@ -16,6 +16,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from crosscheck.document import Calibration, Record, Speed
+from crosscheck.errors import CrosscheckError
 from crosscheck.jobs.grid import Crash, Limits
 from crosscheck.jobs.journal import Stages
 
@@ -113,12 +114,12 @@ def _seconds_per_step(scene: Any, burst: Burst, warming: bool) -> float | None:
         nonlocal steps
         traj = run(brief, burst.engine, burst.method, step=burst.step, rtol=burst.rtol, form=burst.form, monitor=False,
                    coordinate_map=burst.coordinate_map)
-        steps = max(1, traj.steps)
+        steps = traj.steps
         return traj.wall_time
 
     try:
         return (once() if warming else undisturbed(once)[0]) / steps
-    except Exception:  # failures are recorded by the main run of the same cell
+    except CrosscheckError:  # failures are recorded by the main run of the same cell
         return None
 
 

@@ -14,10 +14,10 @@ from crosscheck.jobs.workers import output
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import RTOLS
 from crosscheck.judge.verdict import beyond
+from crosscheck.running.attempt import Ran, attempt
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
-from crosscheck.verification.attempts import NoRun, attempt
 from crosscheck.verification.task import Cell, Timing, windowed
 
 ENOUGH = 0.1
@@ -115,10 +115,10 @@ def time_cells(timing: Timing) -> list[list[Point]]:
                 shorter = brief
                 if main and step is not None:
                     shorter = brief.replace(duration=min(brief.duration, MAIN_STEPS * step))
-                traj = attempt(shorter, cell.engine, cell.method, cell.form, step, rtol, monitor=False,
-                               coordinate_map=cell.coordinate_map)
-                if not isinstance(traj, NoRun):
-                    runs[index].setdefault((rung, size), []).append(traj)
+                outcome = attempt(shorter, cell.engine, cell.method, step, rtol, form=cell.form, monitor=False,
+                                  coordinate_map=cell.coordinate_map)
+                if isinstance(outcome, Ran):
+                    runs[index].setdefault((rung, size), []).append(outcome.trajectory)
     result = []
     for cell, each, order in zip(timing.cells, runs, timing.orders, strict=True):
         rungs = len(cell.plan.ladder(order) if order is not None else RTOLS)

@@ -19,20 +19,17 @@ import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 
 from crosscheck import adapters
-from crosscheck.errors import Unsupported, said
+from crosscheck.errors import Unsupported
 from crosscheck.files import cache_folder, replacing
 from crosscheck.references.base import Reference
+from crosscheck.running.attempt import Outcome, Ran, attempt
 from crosscheck.scene.model import Scene
 from crosscheck.verification.ladder import Way, ways
-
-if TYPE_CHECKING:
-    from crosscheck.running.trajectory import Trajectory
 
 BUDGET = 30.0
 """Time (s) for all runs of one engine on one scene, by `_Walker._busy`."""
@@ -196,12 +193,12 @@ class _Walker:
         fixed, varied = (None, value) if way.adaptive else (value, None)
         step = Step(way.method, way.form, way.order, fixed, varied, 0)
         start = self._busy()
-        try:
-            traj, step.cost = self._timed(step)
-        except Exception as error:  # whatever the engine raises is the result of this step
-            step.reason = said(error)
-            return step, self._busy() - start
+        outcome, cost = self._timed(step)
         taken = self._busy() - start
+        if not isinstance(outcome, Ran):
+            step.reason = outcome.why
+            return step, taken
+        traj, step.cost = outcome.trajectory, cost
         step.form, step.steps = traj.form, traj.steps
         step.step = traj.stats.get("step", step.step) if step.rtol is None else None
         until = self._last + 1
@@ -209,21 +206,21 @@ class _Walker:
         step.error = found if math.isfinite(found) else None
         return step, taken
 
-    def _timed(self, step: Step) -> tuple[Trajectory, float]:
-        """A run at this step or tolerance and its stepping time (s). For a short run it is the least of a few.
+    def _timed(self, step: Step) -> tuple[Outcome, float]:
+        """The outcome of a run at this step or tolerance and its stepping time (s), for a short run the least of a few.
 
         Stepping takes no longer than the processor was busy with the whole run: on a busy machine the clock also counts
         the time in which others had it.
         """
-        from crosscheck.running.run import run
-
         costs: list[float] = []
         while True:
             began = self._busy()
-            traj = run(self._scene, self._engine, step.method, step=step.step, rtol=step.rtol, monitor=False)
-            costs.append(min(float(traj.wall_time), self._busy() - began))
+            outcome = attempt(self._scene, self._engine, step.method, step.step, step.rtol, monitor=False)
+            if not isinstance(outcome, Ran):
+                return outcome, math.inf
+            costs.append(min(outcome.trajectory.wall_time, self._busy() - began))
             if len(costs) == TRIES or sum(costs) > SHORT:
-                return traj, min(costs)
+                return outcome, min(costs)
 
     def _walk(self, chosen: Sequence[Way]) -> None:
         """Run all ways at halved steps or at tolerances, always the one with the cheapest next run."""
@@ -284,8 +281,7 @@ class _Walker:
         for _ in range(ROUNDS):
             for own, step in zip(times, rivals, strict=True):
                 if TRIES * (step.cost or 0.0) < self._left():
-                    with contextlib.suppress(Exception):  # a failure leaves the time that is known
-                        own.append(self._timed(step)[1])
+                    own.append(self._timed(step)[1])
         for own, step in zip(times, rivals, strict=True):
-            if own:
+            if any(map(math.isfinite, own)):  # a failure leaves the time that is known
                 step.cost, step.repeats = min(own), len(own)

@@ -13,7 +13,6 @@ import crosscheck
 from crosscheck import adapters
 from crosscheck.adapters.base import RawRun, RunSpec, steps_per_sample
 from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported
-from crosscheck.running import run
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 from tests import SCENARIOS
@@ -179,33 +178,31 @@ def _states(scene: Scene, samples: int) -> States:
     return States(scene.t[:samples], *(np.zeros((*shape, *rest)) for rest in ((3,), (3, 3), (3,), (3,))))
 
 
-def _run_broken(monkeypatch: pytest.MonkeyPatch, scene: Scene, **kind: object) -> None:
-    monkeypatch.setattr(run.adapters, "get", lambda name: _Broken(**kind))
-    crosscheck.run(scene, "broken", "only", step=0.1)
+def _run_broken(scene: Scene, **kind: object) -> None:
+    crosscheck.run(scene, _Broken(**kind), "only", step=0.1)
 
 
-def test_an_engine_exception_becomes_an_engine_error_that_keeps_its_words(monkeypatch: pytest.MonkeyPatch,
-                                                                          scene: Scene) -> None:
+def test_an_engine_exception_becomes_an_engine_error_that_keeps_its_words(scene: Scene) -> None:
     with pytest.raises(EngineError, match="broken only: RuntimeError: matrix is singular") as caught:
-        _run_broken(monkeypatch, scene, failure=RuntimeError("matrix is singular"))
+        _run_broken(scene, failure=RuntimeError("matrix is singular"))
     assert isinstance(caught.value.__cause__, RuntimeError)
     with pytest.raises(EngineError, match="broken cannot be imported: No module named 'adams'"):
-        _run_broken(monkeypatch, scene, failure=ModuleNotFoundError("No module named 'adams'"))
+        _run_broken(scene, failure=ModuleNotFoundError("No module named 'adams'"))
 
 
 @pytest.mark.parametrize("own", [EngineError("as it is"), Unsupported("as it is"), ArgumentError("as it is")])
-def test_own_errors_pass_unchanged(monkeypatch: pytest.MonkeyPatch, scene: Scene, own: Exception) -> None:
+def test_own_errors_pass_unchanged(scene: Scene, own: Exception) -> None:
     with pytest.raises(type(own), match=r"^as it is$"):
-        _run_broken(monkeypatch, scene, failure=own)
+        _run_broken(scene, failure=own)
 
 
-def test_non_finite_and_missing_samples_are_engine_errors(monkeypatch: pytest.MonkeyPatch, scene: Scene) -> None:
+def test_non_finite_and_missing_samples_are_engine_errors(scene: Scene) -> None:
     states = _states(scene, 3)
     states.w[2, 0, 1] = np.nan
     with pytest.raises(EngineError, match=r"not finite at t = 0.2 s"):
-        _run_broken(monkeypatch, scene, states=states)
+        _run_broken(scene, states=states)
     with pytest.raises(EngineError, match="2 samples, not 3"):
-        _run_broken(monkeypatch, scene, states=_states(scene, 2))
+        _run_broken(scene, states=_states(scene, 2))
 
 
 def test_engine_names_by_function_and_by_package() -> None:

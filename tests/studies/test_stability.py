@@ -23,11 +23,11 @@ def pretend(monkeypatch, outcome, seconds=1e-6):
     """Runs by a rule: `outcome(steps)` in place of an engine; `seconds` for a step."""
     made = []
 
-    def attempt(goal, engine, method, steps):
+    def tried(goal, engine, method, steps):
         made.append(steps)
         return Attempt(steps, outcome(steps), None, seconds * steps)
 
-    monkeypatch.setattr(bisection, "attempt", attempt)
+    monkeypatch.setattr(bisection, "tried", tried)
     return made
 
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from crosscheck import load_scene
 from crosscheck.cli.app import app
-from crosscheck.errors import ArgumentError
+from crosscheck.errors import ArgumentError, EngineError
 from crosscheck.studies import work_precision
 from crosscheck.studies.study import check_names, conduct
 from crosscheck.studies.work_precision import WorkPrecision, WorkPrecisionAsk, measure
@@ -74,9 +74,9 @@ def test_a_failed_run_is_a_row_and_the_others_go_on(swing, monkeypatch):
 
     def breaking(scene, rung, samples):
         if rung.step == 0.25:
-            raise RuntimeError("it broke\nin two lines")
+            raise EngineError("it broke\nin two lines")
         if rung.step == 0.125 and samples == 2 and next(calls) == 1:
-            raise RuntimeError("not twice")
+            raise EngineError("not twice")
         traj = true_run(scene, rung, samples)
         return dataclasses.replace(traj, wall_time=1e-6 * traj.steps)  # the same on every machine
 

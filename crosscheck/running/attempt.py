@@ -1,0 +1,184 @@
+"""One run of one engine, and its outcome. Nothing else calls the `run` of an adapter.
+
+Whatever an engine raises or returns becomes one of the outcomes here, so that callers need no handler of their own. A
+process that an engine takes down with it is the matter of `crosscheck.jobs`, whose outcome for it is `Crash`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import numbers
+from typing import Any, cast
+
+import msgspec
+import numpy as np
+
+from crosscheck import adapters
+from crosscheck.adapters.base import Engine, RawRun, Stats
+from crosscheck.errors import CrosscheckError, EngineError, Unsupported, install, said
+from crosscheck.files import plain, readable
+from crosscheck.running import arguments
+from crosscheck.running.trajectory import Trajectory, derive
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.model import Scene
+from crosscheck.scene.monitor import MAXIMA
+
+MOST_SECONDS = 1e9
+"""Longest stepping time (s) that is believed, thirty years. Larger numbers would overflow in figures made of it."""
+
+MOST_STEPS = 2**53
+"""Largest number of steps that is believed; every table and JSON reader holds whole numbers up to it."""
+
+LONGEST = 500
+"""Characters of the reason of an outcome. Some engines repeat a page with every failure."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Ran:
+    """The run reached its end, and the answer has the right shapes and finite states."""
+
+    trajectory: Trajectory
+    raw: RawRun  # as the engine returned it, with plain numbers
+
+
+@dataclasses.dataclass(frozen=True)
+class Refused:
+    """The engine cannot model the scene, or not in this way. Nothing is wrong with it."""
+
+    error: Unsupported
+
+    @property
+    def why(self) -> str:
+        """The reason in one line."""
+        return said(self.error)[:LONGEST]
+
+
+@dataclasses.dataclass(frozen=True)
+class Failed:
+    """The run ended early or its answer cannot be used. `error` is what `crosscheck.run` raises for it."""
+
+    error: CrosscheckError
+
+    @property
+    def why(self) -> str:
+        """The reason in one line; it begins with the kind of the error unless that is `EngineError`."""
+        kind = "" if isinstance(self.error, EngineError) else f"{type(self.error).__name__}: "
+        return f"{kind}{said(self.error)}"[:LONGEST]
+
+    @property
+    def status(self) -> str:
+        """The failure in one word: the status that the error holds, else "failed"."""
+        status = getattr(self.error, "status", "failed")
+        return str(getattr(status, "value", status))
+
+
+Outcome = Ran | Refused | Failed
+
+
+def attempt(scene: Scene, engine: str | Engine, method: str, step: float | None = None, rtol: float | None = None,
+            **options: Any) -> Outcome:
+    """Run one method of one engine on `scene`; the arguments are those of `crosscheck.run`. Raises no `Exception`."""
+    name = label = engine if isinstance(engine, str) else str(getattr(engine, "name", type(engine).__name__))
+    try:
+        adapter = adapters.get(engine)
+        name = adapter.name
+        spec = arguments.request(label, adapter, method, step, rtol, options)
+        scene = arguments.overridden(scene, options)
+        arguments.check_length(scene, spec)
+        reason = adapter.unsupported(scene, spec)
+        if reason is not None:
+            raise Unsupported(f"{label} {method} on scene {scene.name!r}: {reason}")
+        raw = _checked(f"{label} {method}", scene, adapter.run(scene, spec))
+        return Ran(derive(scene, label, method, raw), raw)
+    except Unsupported as error:
+        return Refused(error)
+    except CrosscheckError as error:
+        return Failed(error)
+    except ImportError as error:
+        return Failed(_wrapped(f"{name} cannot be imported: {error}; {install(name)}", error))
+    except Exception as error:
+        return Failed(_wrapped(f"{name} {method}: {type(error).__name__}: {error}", error))
+
+
+def _wrapped(text: str, cause: Exception) -> EngineError:
+    error = EngineError(readable(text))
+    error.__cause__ = cause
+    return error
+
+
+def _checked(who: str, scene: Scene, raw: RawRun) -> RawRun:
+    """The answer of an engine with plain numbers and texts; raises `EngineError` that names what is wrong with it."""
+    if not isinstance(raw, RawRun):
+        raise EngineError(f"{who} returned {type(raw).__name__}, not crosscheck.adapters.base.RawRun")
+    _check_states(who, scene, raw)
+    whole = isinstance(raw.steps, numbers.Integral) and not isinstance(raw.steps, bool)
+    if not whole or not 1 <= raw.steps <= MOST_STEPS:
+        raise EngineError(f"{who} returned steps of {_brief(raw.steps)}, not a whole number from 1")
+    if not isinstance(raw.status, str) or not isinstance(raw.form, str | None):
+        raise EngineError(f"{who} returned a status or form that is no text: {_brief(raw.status)}, {_brief(raw.form)}")
+    wall_time = _number(who, "wall_time", raw.wall_time, 0.0, MOST_SECONDS)
+    step = None if raw.step is None else _number(who, "step", raw.step, math.ulp(0.0), math.inf)
+    if not isinstance(raw.maxima, dict | None) or not set(raw.maxima or ()) <= set(MAXIMA):
+        raise EngineError(f"{who} returned maxima that are not numbers under the keys {', '.join(MAXIMA)}")
+    maxima = {key: _number(who, f"maximum of {key}", value, 0.0, math.inf) for key, value in (raw.maxima or {}).items()}
+    try:
+        own = plain(raw.stats)
+        known = msgspec.convert(own, Stats)
+        stats = cast(Stats, {**own, **known})
+    except (TypeError, ValueError, RecursionError) as error:
+        raise EngineError(f"{who} returned stats that are no dict of plain values: {said(error)}") from error
+    return RawRun(raw.states, wall_time, int(raw.steps), step, readable(raw.status), stats, maxima or None,
+                  None if raw.form is None else readable(raw.form))
+
+
+def _number(who: str, what: str, value: Any, least: float, most: float) -> float:
+    """`value` as a double within the limits."""
+    number = math.nan
+    if isinstance(value, numbers.Real) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+    if not least <= number <= most or (what == "step" and math.isinf(number)):
+        wanted = "a number above 0" if least else f"a number from 0 to {most:g}"
+        raise EngineError(f"{who} returned a {what} of {_brief(value)}, not {wanted}")
+    return number
+
+
+def _brief(value: Any) -> str:
+    """A wrong value in an error message; the name of its type if it is no number or text."""
+    if isinstance(value, str):
+        return repr(value[:60])
+    short = isinstance(value, float | np.number | None) or (isinstance(value, int) and abs(value) < MOST_STEPS**2)
+    return str(value) if short else type(value).__name__
+
+
+def _check_states(who: str, scene: Scene, raw: RawRun) -> None:
+    """Raise `EngineError` where states have wrong types, shapes or times, or are not finite."""
+    states = raw.states
+    vectors = (scene.samples, scene.n, 3)
+    shapes = {"t": (scene.samples,), "x": vectors, "R": (*vectors, 3), "v": vectors, "w": vectors, "a": vectors,
+              "alpha": vectors, "lam": (scene.samples, Constraints(scene).m)}
+    for name, shape in shapes.items():
+        values = getattr(states, name, None)
+        if values is None and name in ("a", "alpha", "lam"):
+            continue
+        if not isinstance(values, np.ndarray):
+            raise EngineError(f"{who} returned {name} as {type(values).__name__}, not as a NumPy array")
+        if name == "t" and len(values.ravel()) != scene.samples:
+            raise EngineError(f"{who} returned {len(values.ravel())} samples, not {scene.samples}")
+        if values.shape != shape:
+            raise EngineError(f"{who} returned {name} of shape {values.shape}, not {shape}")
+        if values.dtype.kind not in "iuf":
+            raise EngineError(f"{who} returned {name} of type {values.dtype}, not of real numbers")
+    if (states.a is None) != (states.alpha is None):
+        raise EngineError(f"{who} returned one of a and alpha without the other")
+    if not np.allclose(states.t, scene.t, rtol=0, atol=1e-9 * scene.duration):  # a NaN is not close either
+        raise EngineError(f"{who} returned states at other times than the output times scene.t")
+    finite = np.ones(scene.samples, dtype=bool)
+    for values in (states.x, states.R, states.v, states.w):
+        finite &= np.isfinite(values.reshape(scene.samples, -1)).all(axis=1)
+    if not finite.all():
+        raise EngineError(f"{who} diverged: the state is not finite at t = {states.t[np.argmin(finite)]:.6g} s; "
+                          "try a smaller step")

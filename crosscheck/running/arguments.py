@@ -35,26 +35,10 @@ def request(engine: str, adapter: Engine, method: str, step: float | None, rtol:
             raise ArgumentError(unknown("option", name, OPTIONS))
     if step is not None and rtol is not None:
         raise ArgumentError("step and rtol: only one of them can be given")
-    given = {name: options[name] for name in ENGINE_OPTIONS if options.get(name) is not None}
-    known = getattr(adapter, "options", ENGINE_OPTIONS)
-    for name in ("spin_free", "polish", "monitor"):
-        if not isinstance(options.get(name), bool | np.bool_ | None):
-            raise ArgumentError(f"{name}: True or False is wanted, not {options[name]!r}")
-    if "spin_free" in given:
-        given["spin_free"] = bool(given["spin_free"])
-        if "spin_free" not in known and given.pop("spin_free"):
-            raise Unsupported(f"{engine} {method}: spin_free=True is not available; leave it out")
-    for name in given:
-        if name not in known:
-            has = ", ".join(sorted(known)) or "none"
-            raise ArgumentError(f"{name}: {engine} does not have this option; it has {has}")
-    for name, choices in CHOICES.items():
-        if name in given and not (isinstance(given[name], str) and given[name] in choices):
-            raise ArgumentError(unknown(name, given[name], choices))
-    for name in ("alpha", "beta", "spectral_radius"):
-        if name in given:
-            given[name] = _number(name, given[name], lowest=0.0)
+    given = engine_options(engine, adapter, method, {name: options.get(name) for name in ENGINE_OPTIONS})
     flag = options.get("monitor")
+    if not isinstance(flag, bool | np.bool_ | None):
+        raise ArgumentError(f"monitor: True or False is wanted, not {flag!r}")
     monitor = flag is None or bool(flag)
     spec = RunSpec(method, _positive("step", step), _positive("rtol", rtol), monitor=monitor, **given)
     adaptive = getattr(adapter, "adaptive_methods", None)  # an adapter without them checks step and rtol itself
@@ -67,6 +51,30 @@ def request(engine: str, adapter: Engine, method: str, step: float | None, rtol:
     if refused_map is not None and (refused := refused_map(spec)):
         raise ArgumentError(refused)
     return spec
+
+
+def engine_options(engine: str, adapter: Engine, method: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options of an engine that are not None, checked; raises `ArgumentError` or `Unsupported`."""
+    given = {name: value for name, value in options.items() if value is not None}
+    known = getattr(adapter, "options", ENGINE_OPTIONS)
+    for name in ("spin_free", "polish"):
+        if not isinstance(given.get(name), bool | np.bool_ | None):
+            raise ArgumentError(f"{name}: True or False is wanted, not {given[name]!r}")
+        if name in given:
+            given[name] = bool(given[name])
+    if "spin_free" not in known and given.pop("spin_free", False):
+        raise Unsupported(f"{engine} {method}: spin_free=True is not available; leave it out")
+    for name in given:
+        if name not in known:
+            has = ", ".join(sorted(known)) or "none"
+            raise ArgumentError(f"{name}: {engine} does not have this option; it has {has}")
+    for name, choices in CHOICES.items():
+        if name in given and not (isinstance(given[name], str) and given[name] in choices):
+            raise ArgumentError(unknown(name, given[name], choices))
+    for name in ("alpha", "beta", "spectral_radius"):
+        if name in given:
+            given[name] = _number(name, given[name], lowest=0.0)
+    return given
 
 
 def overridden(scene: Scene, options: Mapping[str, Any]) -> Scene:

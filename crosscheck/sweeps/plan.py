@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.adapters.base import ENGINE_OPTIONS
 from crosscheck.errors import ArgumentError, install, unknown
 from crosscheck.scene.model import Scene
 from crosscheck.scene.schema import Content
@@ -24,8 +25,6 @@ SAMPLING = ("normal", "latin_hypercube")
 MOST_CELLS = 10_000_000
 Value = float | list[float]
 """The value of a parameter: a number, or a vector in the notation of the scene file."""
-
-WAY_OPTIONS = ("form", "coordinate_map", "spin_free", "reduce", "alpha", "beta", "softness", "node")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -197,8 +196,8 @@ def _method(engine: str, adapter: Any, entry: Any) -> tuple[str, tuple[tuple[str
         raise ArgumentError(f'engines.{engine}: "METHOD" or {{ method = "METHOD", form = .. }} is wanted, not '
                             f"{entry!r}")
     for key in table:
-        if key not in ("method", *WAY_OPTIONS):
-            raise ArgumentError(unknown(f"engines.{engine}", key, ("method", *WAY_OPTIONS)))
+        if key not in ("method", *ENGINE_OPTIONS):
+            raise ArgumentError(unknown(f"engines.{engine}", key, ("method", *ENGINE_OPTIONS)))
     if table["method"] not in adapter.methods:
         raise ArgumentError(unknown(f"method of {engine}", table["method"], adapter.methods))
     return table["method"], tuple((key, value) for key, value in table.items() if key != "method")

@@ -101,30 +101,5 @@ def methods(name: str) -> tuple[str, ...]:
 
 
 def turning(name: str, scene: Scene, form: str | None) -> Sequence[int]:
-    """Bodies that an engine's model has on coordinates of SO(3), see `Engine`; all if the engine does not say."""
-    declared = getattr(get(name.partition("==")[0]), "turning", None)
-    return range(scene.n) if declared is None else declared(scene, form)
-
-
-def coordinate_map(name: str, wanted: str | None) -> str | None:
-    """The coordinate map `wanted` if the engine declares this option, else None."""
-    return wanted if "coordinate_map" in getattr(get(name), "options", ()) else None
-
-
-def pace(name: str) -> int:
-    """How slow runs of an engine are, see `Engine`; slow ones are started first."""
-    return getattr(get(name), "pace", 0)
-
-
-def on_group(name: str) -> bool:
-    """Whether an engine keeps attitudes on SO(3) by construction, see `Engine`."""
-    return getattr(get(name), "on_group", False)
-
-
-COARSEST = 2.0**-23
-"""Spacing at 1 of single precision: an engine cannot claim coarser numbers."""
-
-
-def eps(name: str) -> float:
-    """Spacing at 1 of the numbers of an engine, see `Engine`; that of doubles if it does not say."""
-    return min(float(getattr(get(name), "eps", 2.0**-52)), COARSEST)
+    """Bodies that an engine's model has on coordinates of SO(3), see `Engine`."""
+    return get(name.partition("==")[0]).turning(scene, form)

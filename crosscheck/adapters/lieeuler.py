@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import lieeuler
-from crosscheck.adapters.base import RawRun, RunSpec, Stats
+from crosscheck.adapters.base import Engine, RawRun, RunSpec, Stats
 from crosscheck.errors import ArgumentError, CrosscheckError
 from crosscheck.scene.coordinates import offset_from_half_turn, zero_attitude
 from crosscheck.scene.functions import TimeFunction, Value
@@ -87,7 +87,7 @@ class IntegrationError(CrosscheckError, lieeuler.IntegrationError):
     """A run of lieeuler ended early: the error as one of crosscheck, with `status`, `advice` and `solution`."""
 
 
-class LieEuler:
+class LieEuler(Engine):
     """The methods of `lieeuler.METHODS`, in maximal coordinates with multipliers."""
 
     name = "lieeuler"
@@ -96,14 +96,8 @@ class LieEuler:
     adaptive_methods = tuple(name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls)
     fixed_step_methods = tuple(name for name, method in lieeuler.METHODS.items() if "step" in method.controls)
     options = frozenset({"form", "coordinate_map", "spin_free", "reduce", "polish", "alpha", "beta", "spectral_radius"})
-    dash, marker = "-", "o"
     on_group = True
-
-    def version(self) -> str:
-        """Version of the installed package."""
-        from importlib.metadata import version
-
-        return version("lieeuler-crosscheck")
+    package = "lieeuler-crosscheck"
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
         """Order from the method's record; None for adaptive runs."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import importlib.metadata
 import io
 import os
 from typing import Any
@@ -36,10 +35,7 @@ class MJX(Forms):
     methods = ("Euler", "implicitfast", "RK4")
     pace = 3
     double = True
-
-    def version(self) -> str:
-        """Version of MJX as installed."""
-        return importlib.metadata.version("mujoco-mjx")
+    package = "mujoco-mjx"
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why MJX cannot run this, or None."""

@@ -10,15 +10,15 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import importlib.metadata
 import os
 import sys
 from collections.abc import Callable
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.adapters.common.links import shortest_rotation
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
@@ -32,24 +32,17 @@ XYZW = (1, 2, 3, 0)
 """Places of Newton's quaternion entries x, y, z, w in ours."""
 
 
-class Newton:
+class Newton(Engine):
     """Adapter of Newton: form `tree` or `maximal`, as the method has it."""
 
     name = "newton"
     methods = tuple(FORMS)
     forms = ("tree", "maximal")
     options = frozenset({"form", "softness"})
-    adaptive_methods: tuple[str, ...] = ()
+    orders = MappingProxyType({"MuJoCoRK4": 4})  # the others are first order
+    package = "newton"
     eps = 2.0**-23
     pace = 4
-
-    def version(self) -> str:
-        """Version of Newton as installed."""
-        return importlib.metadata.version("newton")
-
-    def documented_order(self, scene: Scene, spec: RunSpec) -> int:
-        """First order, but of the classical Runge-Kutta method of MuJoCo."""
-        return 4 if spec.method == "MuJoCoRK4" else 1
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """All three by joint coordinates, none by free bodies."""

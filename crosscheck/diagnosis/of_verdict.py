@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from typing import Any
 
 from crosscheck import adapters
-from crosscheck.adapters.base import Engine, RawRun, RunSpec
+from crosscheck.adapters.base import Engine, RawRun, RunSpec, StandIn
 from crosscheck.diagnosis.observe import Subject
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.document import Finding, Judged, Run, extended
@@ -27,18 +26,17 @@ MOST_SECONDS = 20.0
 """Limit of processor time (s) of the order study, as in the profile with every scene."""
 
 
-class _Asked:
+class _Asked(StandIn):
     """An engine that always runs with the same options."""
 
     def __init__(self, subject: Subject) -> None:
-        self._engine, self._options = subject.engine, dict(subject.options)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._engine, name)
+        super().__init__(subject.engine)
+        self._options = dict(subject.options)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """The engine's run."""
-        return self._engine.run(scene, dataclasses.replace(spec, **self._options))
+        found: RawRun = self._engine.run(scene, dataclasses.replace(spec, **self._options))
+        return found
 
 
 def judged(subject: Subject, scene: Scene, step: float | None) -> Judged:

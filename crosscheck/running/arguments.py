@@ -41,14 +41,12 @@ def request(engine: str, adapter: Engine, method: str, step: float | None, rtol:
         raise ArgumentError(f"monitor: True or False is wanted, not {flag!r}")
     monitor = flag is None or bool(flag)
     spec = RunSpec(method, _positive("step", step), _positive("rtol", rtol), monitor=monitor, **given)
-    adaptive = getattr(adapter, "adaptive_methods", None)  # an adapter without them checks step and rtol itself
-    if adaptive is not None and method not in adaptive:
+    if not adapter.checks_sizes and method not in adapter.adaptive_methods:
         if spec.rtol is not None:
             raise ArgumentError(f"rtol: {engine} {method} runs with a fixed step here; give step= (s) instead")
         if spec.step is None:
             raise ArgumentError(f"step: {engine} {method} needs a fixed step; give step= (s)")
-    refused_map = getattr(adapter, "refused_map", None)
-    if refused_map is not None and (refused := refused_map(spec)):
+    if refused := adapter.refused_map(spec):
         raise ArgumentError(refused)
     return spec
 
@@ -56,7 +54,7 @@ def request(engine: str, adapter: Engine, method: str, step: float | None, rtol:
 def engine_options(engine: str, adapter: Engine, method: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """The options of an engine that are not None, checked; raises `ArgumentError` or `Unsupported`."""
     given = {name: value for name, value in options.items() if value is not None}
-    known = getattr(adapter, "options", ENGINE_OPTIONS)
+    known = adapter.options
     for name in ("spin_free", "polish"):
         if not isinstance(given.get(name), bool | np.bool_ | None):
             raise ArgumentError(f"{name}: True or False is wanted, not {given[name]!r}")

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.adapters.base import ENGINE_OPTIONS
+from crosscheck.adapters.base import ENGINE_OPTIONS, Engine
 from crosscheck.errors import ArgumentError, install, unknown
 from crosscheck.scene.model import Scene
 from crosscheck.scene.schema import Content
@@ -177,20 +177,18 @@ def _ways(engines: Any, steps: Sequence[float], rtols: Sequence[float]) -> tuple
         version = engine_version(engine)
         if version == NOT_INSTALLED:
             raise ArgumentError(f"engines: {engine} is not installed; {install(engine)}, or leave it out")
-        adaptive = getattr(adapter, "adaptive_methods", ())
-        fixed = getattr(adapter, "fixed_step_methods", adapter.methods)
         for entry in _several(f"engines.{engine}", methods, "methods"):
             method, options = _method(engine, adapter, entry)
-            controls = [(step, None) for step in steps if method in fixed] + [
-                (None, rtol) for rtol in rtols if method in adaptive]
+            controls = [(step, None) for step in steps if method in adapter.fixed_step_methods] + [
+                (None, rtol) for rtol in rtols if method in adapter.adaptive_methods]
             if not controls:
-                wanted = "rtols" if method in adaptive else "steps"
+                wanted = "rtols" if method in adapter.adaptive_methods else "steps"
                 raise ArgumentError(f"engines.{engine}: {method} needs {wanted} = [..]")
             ways += [Way(engine, version, method, step, rtol, options) for step, rtol in controls]
     return tuple(ways)
 
 
-def _method(engine: str, adapter: Any, entry: Any) -> tuple[str, tuple[tuple[str, Any], ...]]:
+def _method(engine: str, adapter: Engine, entry: Any) -> tuple[str, tuple[tuple[str, Any], ...]]:
     table = {"method": entry} if isinstance(entry, str) else entry
     if not isinstance(table, Mapping) or "method" not in table:
         raise ArgumentError(f'engines.{engine}: "METHOD" or {{ method = "METHOD", form = .. }} is wanted, not '

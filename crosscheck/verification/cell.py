@@ -107,7 +107,7 @@ def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], fi
     except (TruthError, Unsupported) as error:
         maxima = traj.maxima
         findings = [judge_without_truth(scene, traj), *judge_levels(scene, traj, None, None, held, maxima,
-                                                                         adapters.eps(run.engine)),
+                                                                         adapters.get(run.engine).eps),
                     _orthogonality(run, [traj])]
         judged = settle(_measured(run, scene, traj, None, {}, held, maxima), findings, adapters.turning)
         return judged if judged.outcome != "pass" else replace(
@@ -167,7 +167,7 @@ def _main_run(run: Run, scene: Scene, trajectories: Sequence[Trajectory], refere
                              f"body {error.body}, t = {error.time:.4g} s") for name, error in found.items()]
     else:
         left = tolerances.newton_left(scene, reference, traj.stats.get("newton_left", 0.0))
-        claim = Claim(run.documented_order, traj.stats.get("step") or run.step, run.rtol, adapters.eps(run.engine),
+        claim = Claim(run.documented_order, traj.stats.get("step") or run.step, run.rtol, adapters.get(run.engine).eps,
                       newton=left)
         findings, found, bounds = judge_states(scene, traj, reference, window, claim, budgeted)
         findings += judge_invariants(scene, traj, reference, bounds)
@@ -181,11 +181,11 @@ def _main_run(run: Run, scene: Scene, trajectories: Sequence[Trajectory], refere
             except np.linalg.LinAlgError:
                 findings.append(Finding("interval velocity", "fail", np.inf, None, "m/s", "the equations of motion "
                                         "have no solution along the true motion from the run's own states"))
-    levels = judge_levels(scene, traj, reference, bounds, held, maxima, adapters.eps(run.engine),
+    levels = judge_levels(scene, traj, reference, bounds, held, maxima, adapters.get(run.engine).eps,
                           runs[0] if runs else None)
     return _Main(_measured(run, scene, traj, reference, found, held, maxima),
                  [Finding("run", "ok", None, None, "", ENDED), *findings, *levels,
-                  *judge_continuity(scene, traj, reference, adapters.eps(run.engine)),
+                  *judge_continuity(scene, traj, reference, adapters.get(run.engine).eps),
                   _orthogonality(run, trajectories)],
                  None if bounds is None else bounds.until)
 
@@ -198,7 +198,7 @@ def _without_truth(run: Run, cell: Cell, scene: Scene, traj: Trajectory | NoRun,
         maxima = traj.maxima
         main = _Main(_measured(run, scene, traj, None, {}, held, maxima),
                      [Finding("run", "ok", None, None, "", ENDED), judge_without_truth(scene, traj),
-                      *judge_levels(scene, traj, None, None, held, maxima, adapters.eps(run.engine)),
+                      *judge_levels(scene, traj, None, None, held, maxima, adapters.get(run.engine).eps),
                       _orthogonality(run, [traj])])
     judged = settle(main.run, override(main.findings, cell.overrides), adapters.turning, main.message)
     if judged.outcome != "pass":
@@ -207,8 +207,8 @@ def _without_truth(run: Run, cell: Cell, scene: Scene, traj: Trajectory | NoRun,
 
 
 def _orthogonality(run: Run, trajectories: Sequence[Trajectory]) -> Finding:
-    return judge_orthogonality(trajectories, adapters.on_group(run.engine), adapters.eps(run.engine),
-                               run.documented_order)
+    engine = adapters.get(run.engine)
+    return judge_orthogonality(trajectories, engine.on_group, engine.eps, run.documented_order)
 
 
 def _most(series: np.ndarray, every_step: float | None) -> float:

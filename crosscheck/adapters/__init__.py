@@ -9,12 +9,11 @@ from __future__ import annotations
 import contextlib
 import functools
 import importlib.metadata
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import Engine
 from crosscheck.errors import ArgumentError, unknown
-from crosscheck.scene.model import Scene
 
 _GROUP = "crosscheck.engines"
 
@@ -98,8 +97,3 @@ def has_own_environment(name: str) -> bool:
 def methods(name: str) -> tuple[str, ...]:
     """Names of the methods of an engine; raises `ArgumentError` if there is no such engine."""
     return get(name).methods
-
-
-def turning(name: str, scene: Scene, form: str | None) -> Sequence[int]:
-    """Bodies that an engine's model has on coordinates of SO(3), see `Engine`."""
-    return get(name.partition("==")[0]).turning(scene, form)

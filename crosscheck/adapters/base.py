@@ -17,6 +17,8 @@ from crosscheck.scene.states import States
 
 if TYPE_CHECKING:
     from crosscheck.adapters.common.native import JointStates, Native
+    from crosscheck.document import Run
+    from crosscheck.document.known import Known
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,6 +120,7 @@ class Engine:
     pace: int = 0  # larger for slower engines, whose runs a grid starts first
     on_group: bool = False  # attitudes stay on SO(3) by construction
     eps: float = 2.0**-52  # spacing at 1 of its numbers
+    known_defects: tuple[Known, ...] = ()
     reads_models: bool = False  # it has `native`
 
     @functools.cached_property
@@ -132,7 +135,7 @@ class Engine:
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
         """Order of accuracy claimed by the engine's documentation or the method's users; None for adaptive methods.
 
-        A claim that is known to be wrong stays here and gets an entry in `crosscheck.judge.known`.
+        A claim that is known to be wrong stays here and is an entry of `known_defects`.
         """
         return None if spec.method in self.adaptive_methods else self.orders.get(spec.method, FIRST)
 
@@ -166,6 +169,17 @@ class Engine:
     def probe(self, scene: Scene, states: States, form: str | None) -> Any:
         """What its model says about the scene at some states, a `crosscheck.inspection.Probe`."""
         raise Unsupported(f"the adapter of {self.name} has no method probe(scene, states, form)")
+
+    @final
+    def defects(self, run: Run) -> tuple[Known, ...]:
+        """The known defects that are about this run."""
+        return tuple(
+            entry for entry in self.known_defects
+            if entry.practical == run.practical and run.method in entry.methods
+            and any(f"{run.version}.".startswith(f"{version}.") for version in entry.versions)
+            and (entry.forms is None or run.form in entry.forms)
+            and (entry.scenes is None or (entry.scenes(self, run.scene, run.form) if callable(entry.scenes)
+                                          else run.scene in entry.scenes)))
 
     @final
     def takes_map(self, wanted: str | None) -> str | None:

@@ -76,7 +76,7 @@ def run_cell(cell: Cell) -> Judged:
         more = companions(run, scene, traj, {"coordinate_map": run.coordinate_map})
         main = _main_run(run, scene, [traj, *more], reference, window, held, cell.plan.budgeted)
     if not cell.study:
-        return settle(main.run, override(main.findings, cell.overrides), adapters.turning, main.message, main.until)
+        return settled(main.run, override(main.findings, cell.overrides), main.message, main.until)
     brief = windowed(load_scene(cell.scene), cell.plan.window)  # the whole window, even if the main run is shorter
     study = order_study(cell, order, brief, truth(brief), main.findings, isinstance(traj, NoRun))
     measured = replace(main.run, orders=study.orders, ladder=study.ladder, ladder_cut=study.cut)
@@ -84,11 +84,16 @@ def run_cell(cell: Cell) -> Judged:
         return extended(Judged, measured, outcome="unsupported", message=study.refused, findings=main.findings,
                         judged_until=main.until)
     findings = override([*main.findings, *study.findings], cell.overrides)
-    return settle(measured, findings, adapters.turning, study.message or main.message, main.until)
+    return settled(measured, findings, study.message or main.message, main.until)
 
 
 FIRST = 1.0
 """A single run is judged over this time (s) from its start if no bound reaches over its whole length."""
+
+
+def settled(run: Measured, findings: list[Finding], message: str = "", until: float | None = None) -> Judged:
+    """`settle` with the known defects of the engine that are about this run."""
+    return settle(run, findings, adapters.get(run.engine).defects(run), message, until)
 
 
 def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST,
@@ -109,14 +114,14 @@ def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], fi
         findings = [judge_without_truth(scene, traj), *judge_levels(scene, traj, None, None, held, maxima,
                                                                          adapters.get(run.engine).eps),
                     _orthogonality(run, [traj])]
-        judged = settle(_measured(run, scene, traj, None, {}, held, maxima), findings, adapters.turning)
+        judged = settled(_measured(run, scene, traj, None, {}, held, maxima), findings)
         return judged if judged.outcome != "pass" else replace(
             judged, outcome="unjudged", message=f"no truth: {' '.join(str(error).split())}")
     main = _main_run(run, scene, [traj, *companions(run, scene, traj, options)], reference, window, held,
                      budgeted=True)
     coarse = any(finding.kind == "step" for finding in main.findings)
     findings = [*main.findings, *([judge_practical(scene, traj, reference)] if coarse else [])]
-    return settle(main.run, findings, adapters.turning, main.message, main.until)
+    return settled(main.run, findings, main.message, main.until)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -200,7 +205,7 @@ def _without_truth(run: Run, cell: Cell, scene: Scene, traj: Trajectory | NoRun,
                      [Finding("run", "ok", None, None, "", ENDED), judge_without_truth(scene, traj),
                       *judge_levels(scene, traj, None, None, held, maxima, adapters.get(run.engine).eps),
                       _orthogonality(run, [traj])])
-    judged = settle(main.run, override(main.findings, cell.overrides), adapters.turning, main.message)
+    judged = settled(main.run, override(main.findings, cell.overrides), main.message)
     if judged.outcome != "pass":
         return judged
     return replace(judged, outcome="unjudged", message=f"unjudged: no truth ({cell.no_truth})")

@@ -151,7 +151,7 @@ def test_recorded_steps_are_the_steps_of_newton_to_the_bit():
 @pytest.mark.parametrize(("engine", "method", "name", "order", "steps"), [
     ("mjx", "Euler", "double_pendulum", 1, (2e-3, 1e-3, 5e-4)),
     ("mjx", "implicitfast", "double_pendulum", 1, (2e-3, 1e-3, 5e-4)),
-    ("mjx", "RK4", "double_pendulum", 2, (4e-3, 2e-3, 1e-3)),  # not 4, as documented: NAIVE in judge/known.py
+    ("mjx", "RK4", "double_pendulum", 2, (4e-3, 2e-3, 1e-3)),  # not 4, as documented: NAIVE in adapters/common/known.py
     ("mjx", "RK4", "hinge_pendulum", 4, (2e-2, 1e-2, 5e-3)),
     ("mjx-single", "Euler", "double_pendulum", 1, (4e-3, 2e-3, 1e-3)),
     ("newton", "Featherstone", "double_pendulum", 1, (4e-3, 2e-3, 1e-3)),

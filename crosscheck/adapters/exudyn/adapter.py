@@ -17,6 +17,7 @@ import numpy as np
 from crosscheck.adapters.base import Engine, RawRun, RunSpec, Stats
 from crosscheck.adapters.common import stepping, tree
 from crosscheck.adapters.exudyn import kinematic_tree, models, solving
+from crosscheck.adapters.exudyn.known import KNOWN
 from crosscheck.adapters.exudyn.solving import IMPLICIT, NEWTON_TOLERANCES, load, solve
 from crosscheck.errors import EngineError
 from crosscheck.scene.joints import JOINT_TYPES
@@ -46,6 +47,7 @@ class Exudyn(Engine):
     options = frozenset({"form", "node"})
     orders = ORDERS
     package = "exudyn"
+    known_defects = KNOWN
     pace = 1
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:

@@ -17,6 +17,7 @@ from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import stepping, tree
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.mujoco import models
+from crosscheck.adapters.mujoco.known import KNOWN
 from crosscheck.adapters.mujoco.models import INTEGRATORS, OBSERVED, build, set_initial_state
 from crosscheck.errors import EngineError
 from crosscheck.scene.joints import JOINT_TYPES
@@ -76,6 +77,7 @@ class MuJoCo(Forms):
     name = "mujoco"
     methods = tuple(INTEGRATORS)
     package = "mujoco"
+    known_defects = KNOWN
     reads_models = True
 
     def native(self, path: str, states: JointStates) -> Native:

@@ -16,6 +16,7 @@ from crosscheck.adapters.common import lie_steppers, stepping, tree
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.pinocchio import mimics, models
 from crosscheck.adapters.pinocchio.dynamics import Dynamics
+from crosscheck.adapters.pinocchio.known import KNOWN
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -32,6 +33,7 @@ class Pinocchio(Engine):
     options = frozenset({"form", "alpha", "beta"})
     orders = ORDERS
     package = "pin"
+    known_defects = KNOWN
     reads_models = True
     pace = 2
 

@@ -112,7 +112,6 @@ class Engine:
     name: str
     methods: tuple[str, ...]
     package: str = ""  # the distribution whose version is that of the engine
-    options: frozenset[str] = frozenset()  # names of the optional fields of `RunSpec` that it knows
     forms: tuple[str, ...] = ()  # model forms, the preferred one first
     adaptive_methods: tuple[str, ...] = ()  # methods that take rtol
     orders: Mapping[str, int] = MappingProxyType({})  # claimed by method, where they do not depend on the scene
@@ -122,6 +121,11 @@ class Engine:
     eps: float = 2.0**-52  # spacing at 1 of its numbers
     known_defects: tuple[Known, ...] = ()
     reads_models: bool = False  # it has `native`
+
+    @functools.cached_property
+    def options(self) -> frozenset[str]:
+        """Names of the optional fields of `RunSpec` that it knows."""
+        return frozenset({"form"} if self.forms else ())
 
     @functools.cached_property
     def fixed_step_methods(self) -> tuple[str, ...]:

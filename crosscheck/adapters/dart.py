@@ -20,7 +20,6 @@ class Dart(Engine):
     name = "dart"
     methods = ("SemiImplicitEuler",)
     forms = ("tree",)
-    options = frozenset({"form"})
     package = "dartpy"
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:

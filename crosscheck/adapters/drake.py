@@ -40,7 +40,6 @@ class Drake(Engine):
     name = "drake"
     methods = (*FIXED, *CONTROLLED)
     forms = ("tree",)
-    options = frozenset({"form"})
     adaptive_methods = CONTROLLED
     orders = MappingProxyType(FIXED)
     package = "drake"

@@ -6,13 +6,13 @@ import dataclasses
 
 import numpy as np
 
-from crosscheck.adapters.base import RawRun, steps_per_sample
+from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.errors import EngineError
 from crosscheck.scene.states import States
 
 
 @dataclasses.dataclass
-class FakeEngine:
+class FakeEngine(Engine):
     """Errors of `size` h^p (1 + `further` h) t in every quantity, p = `real_order`; claims `claimed_order`."""
 
     claimed_order: int | None = 2
@@ -24,6 +24,7 @@ class FakeEngine:
     breaks: str | None = None
 
     name = "fake"
+    checks_sizes = True
     methods = ("Plain", "Broken", "Unable")
 
     def version(self):

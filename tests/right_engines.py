@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import DOP853, RK45
 from scipy.spatial.transform import Rotation
 
-from crosscheck.adapters.base import RawRun, steps_per_sample
+from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.states import States
@@ -48,10 +48,11 @@ def extrapolated(order):
 TABLEAUX[7] = extrapolated(6)
 
 
-class Matrices:
+class Matrices(Engine):
     """Runge-Kutta on x, R, v, w as plain numbers: nothing makes the attitudes orthogonal."""
 
     name = "right"
+    checks_sizes = True
     methods = tuple(f"RK{order}" for order in TABLEAUX)
 
     def unsupported(self, scene, spec):
@@ -62,9 +63,6 @@ class Matrices:
 
     def documented_order(self, scene, spec):
         return int(spec.method[2:])
-
-    def held_levels(self, scene, spec):
-        return frozenset()
 
     def run(self, scene, spec):
         """Steps of equal length."""

@@ -52,7 +52,7 @@ def said(tmp_path_factory):
     scene, *_ = blocks((ROOT / "docs" / "adding-a-scene.md").read_text("utf-8"))
     (copy / "scenarios" / "compound_pendulum.toml").write_text(scene, "utf-8")
     adapter = next(block for block in blocks((ROOT / "docs" / "adding-an-engine.md").read_text("utf-8"))
-                   if "class SciPy:" in block)
+                   if "class SciPy(" in block)
     (copy / "crosscheck" / "adapters" / "scipy_engine.py").write_text(adapter, "utf-8")
     inserted(copy / "crosscheck" / "adapters" / "built_in.py", '    "drake":', blocks(RECIPES["An engine"])[0])
     study, page, command = blocks(RECIPES["A study"])

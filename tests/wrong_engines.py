@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from crosscheck.adapters.base import RawRun, steps_per_sample
+from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.scene import mechanics
 from crosscheck.scene.monitor import Monitor
 from crosscheck.scene.states import States
@@ -30,10 +30,11 @@ STEP = 1e-3
 """s, of the main runs of the suite."""
 
 
-class Right:
+class Right(Engine):
     """Runge-Kutta-Munthe-Kaas on the index-1 system, orders 1, 2 and 4; nothing is projected."""
 
     name = "stepper"
+    checks_sizes = True
     methods = ("RKMK1", "RKMK2", "RKMK4")
 
     def unsupported(self, scene, spec):
@@ -44,9 +45,6 @@ class Right:
 
     def documented_order(self, scene, spec):
         return int(spec.method[-1])
-
-    def held_levels(self, scene, spec):
-        return frozenset()
 
     def scene_at(self, scene, t):
         """The scene that is stepped at a time, s."""

@@ -28,7 +28,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "scene": BASE,
     "document": {"errors"},
     "references": BASE | {"scene"},
-    "adapters": BASE | {"scene", "jobs", "lieeuler"},
+    "adapters": BASE | {"scene", "jobs", "document", "lieeuler"},
     "running": BASE | {"scene", "jobs", "references", "adapters"},
     "judge": BASE | {"scene", "document", "references"},
     "inspection": RUNS,

@@ -10,11 +10,11 @@ import contextlib
 import dataclasses
 import functools
 import importlib.metadata
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 from crosscheck.adapters import built_in
-from crosscheck.adapters.base import Engine, RawRun, RunSpec
+from crosscheck.adapters.base import Engine, RawRun, RunSpec, StandIn
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.scene.model import Scene
 
@@ -54,18 +54,17 @@ def get(engine: str | Engine) -> Engine:
     return engine if ours else own.completed(engine, type(engine).__name__, "not stated")
 
 
-class _Optioned:
+class _Optioned(StandIn):
     """An engine that always runs with the same options."""
 
     def __init__(self, engine: Engine, options: dict[str, Any]) -> None:
-        self._engine, self._always = engine, options
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._engine, name)
+        super().__init__(engine)
+        self._always = options
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """The engine's run."""
-        return self._engine.run(scene, dataclasses.replace(spec, **self._always))
+        found: RawRun = self._engine.run(scene, dataclasses.replace(spec, **self._always))
+        return found
 
 
 _LENT: dict[str, Engine] = {}
@@ -123,33 +122,3 @@ def has_own_environment(name: str) -> bool:
 def methods(name: str) -> tuple[str, ...]:
     """Names of the methods of an engine; raises `ArgumentError` if there is no such engine."""
     return get(name).methods
-
-
-def turning(name: str, scene: Scene, form: str | None) -> Sequence[int]:
-    """Bodies that an engine's model has on coordinates of SO(3), see `Engine`; all if the engine does not say."""
-    declared = getattr(get(name.partition("==")[0]), "turning", None)
-    return range(scene.n) if declared is None else declared(scene, form)
-
-
-def coordinate_map(name: str, wanted: str | None) -> str | None:
-    """The coordinate map `wanted` if the engine declares this option, else None."""
-    return wanted if "coordinate_map" in getattr(get(name), "options", ()) else None
-
-
-def pace(name: str) -> int:
-    """How slow runs of an engine are, see `Engine`; slow ones are started first."""
-    return getattr(get(name), "pace", 0)
-
-
-def on_group(name: str) -> bool:
-    """Whether an engine keeps attitudes on SO(3) by construction, see `Engine`."""
-    return getattr(get(name), "on_group", False)
-
-
-COARSEST = 2.0**-23
-"""Spacing at 1 of single precision: an engine cannot claim coarser numbers."""
-
-
-def eps(name: str) -> float:
-    """Spacing at 1 of the numbers of an engine, see `Engine`; that of doubles if it does not say."""
-    return min(float(getattr(get(name), "eps", 2.0**-52)), COARSEST)

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Protocol, TypedDict
+import functools
+import importlib.metadata
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypedDict, final
 
 import numpy as np
 
+from crosscheck.errors import Unsupported
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
+
+if TYPE_CHECKING:
+    from crosscheck.adapters.common.native import JointStates, Native
+    from crosscheck.document import Run
+    from crosscheck.document.known import Known
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,47 +102,105 @@ class RawRun:
     form: str | None = None
 
 
-class Engine(Protocol):
-    """An engine adapter.
+FIRST = 1
+"""The order assumed for a fixed-step method without a claim; every convergent method has it."""
 
-    Entry points and classes of the user need only `name`, `methods`, `unsupported` and `run`, which may return
-    `States`; `crosscheck.adapters.foreign.own` supplies defaults for the rest.
 
-    An adapter may also declare:
-
-    - `options`: names of the optional fields of `RunSpec` that it knows; by default all;
-    - `adaptive_methods`: methods that take rtol; if declared, the others need a step;
-    - `fixed_step_methods`: methods that take a step, if some of these also take rtol;
-    - `forms`: model forms, the preferred one first;
-    - `pace`: 0, or larger for slower engines, whose runs a grid starts first;
-    - `refused_map(spec)`: why a method does not work with `spec.coordinate_map`, None if it does;
-    - `on_group`: True if attitudes stay on SO(3) by construction;
-    - `eps`: spacing at 1 of its numbers, if they are not doubles (2**-23 for single precision);
-    - `dash`, `marker`: its line style and marker in figures, as in Matplotlib;
-    - `turning(scene, form)`: the bodies that its model has on coordinates of SO(3), free bodies included. A known
-      defect of its methods on such coordinates shows on these bodies.
-    """
+class Engine:
+    """An engine adapter. It has to give `name`, `methods`, `unsupported` and `run`; all else has a default here."""
 
     name: str
     methods: tuple[str, ...]
+    package: str = ""  # the distribution whose version is that of the engine
+    forms: tuple[str, ...] = ()  # model forms, the preferred one first
+    adaptive_methods: tuple[str, ...] = ()  # methods that take rtol
+    orders: Mapping[str, int] = MappingProxyType({})  # claimed by method, where they do not depend on the scene
+    checks_sizes: bool = False  # it refuses a wrong choice of step or rtol itself, in `unsupported`
+    pace: int = 0  # larger for slower engines, whose runs a grid starts first
+    on_group: bool = False  # attitudes stay on SO(3) by construction
+    eps: float = 2.0**-52  # spacing at 1 of its numbers
+    known_defects: tuple[Known, ...] = ()
+    reads_models: bool = False  # it has `native`
+
+    @functools.cached_property
+    def options(self) -> frozenset[str]:
+        """Names of the optional fields of `RunSpec` that it knows."""
+        return frozenset({"form"} if self.forms else ())
+
+    @functools.cached_property
+    def fixed_step_methods(self) -> tuple[str, ...]:
+        """Methods that take a step; some may also take rtol."""
+        return tuple(method for method in self.methods if method not in self.adaptive_methods)
 
     def version(self) -> str:
         """Version of the engine as installed."""
+        return importlib.metadata.version(self.package) if self.package else ""
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
         """Order of accuracy claimed by the engine's documentation or the method's users; None for adaptive methods.
 
-        A claim that is known to be wrong stays here and gets an entry in `crosscheck.judge.known`.
+        A claim that is known to be wrong stays here and is an entry of `known_defects`.
         """
+        return None if spec.method in self.adaptive_methods else self.orders.get(spec.method, FIRST)
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """Constraint levels ("position", "velocity", "acceleration") that hold to rounding by construction."""
+        return frozenset()
+
+    def refused_map(self, spec: RunSpec) -> str | None:
+        """Why a method does not work with `spec.coordinate_map`, or None if it does."""
+        return None
+
+    def turning(self, scene: Scene, form: str | None) -> Sequence[int]:
+        """The bodies that its model has on coordinates of SO(3), free bodies included.
+
+        A known defect of its methods on such coordinates shows on these bodies.
+        """
+        return range(scene.n)
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why this engine cannot run this scene with this request, or None if it can."""
+        raise NotImplementedError
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` with the engine's message if it fails."""
+        raise NotImplementedError
+
+    def native(self, path: str, states: JointStates) -> Native:
+        """The model that the engine makes of a model file by itself; raises `Unsupported` where it reads none."""
+        raise Unsupported(f"{self.name} reads no model files here")
+
+    def probe(self, scene: Scene, states: States, form: str | None) -> Any:
+        """What its model says about the scene at some states, a `crosscheck.inspection.Probe`."""
+        raise Unsupported(f"the adapter of {self.name} has no method probe(scene, states, form)")
+
+    @final
+    def defects(self, run: Run) -> tuple[Known, ...]:
+        """The known defects that are about this run."""
+        return tuple(
+            entry for entry in self.known_defects
+            if entry.practical == run.practical and run.method in entry.methods
+            and any(f"{run.version}.".startswith(f"{version}.") for version in entry.versions)
+            and (entry.forms is None or run.form in entry.forms)
+            and (entry.scenes is None or (entry.scenes(self, run.scene, run.form) if callable(entry.scenes)
+                                          else run.scene in entry.scenes)))
+
+    @final
+    def takes_map(self, wanted: str | None) -> str | None:
+        """The coordinate map `wanted` if the engine has this option, else None."""
+        return wanted if "coordinate_map" in self.options else None
+
+
+class StandIn(Engine):
+    """An engine in place of another one: what its class does not define is as the other one declares it."""
+
+    def __init__(self, engine: Any) -> None:
+        self._engine = engine
+        for name in (*Engine.__annotations__, *vars(Engine)):
+            default, here = getattr(Engine, name, None), getattr(type(self), name, None)
+            fixed = name.startswith("_") or here is not default or getattr(default, "__final__", False)
+            if not fixed and hasattr(engine, name):
+                vars(self)[name] = getattr(engine, name)
 
 
 def steps_per_sample(scene: Scene, step: float) -> tuple[int, float]:

@@ -5,34 +5,22 @@ Source: Lee et al. 2018, doi:10.21105/joss.00500.
 
 from __future__ import annotations
 
-import importlib.metadata
 from typing import Any
 
 import numpy as np
 
-from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.scene.model import GROUND, Scene
 
-ORDERS = {"SemiImplicitEuler": 1}
 
-
-class Dart:
+class Dart(Engine):
     """Adapter of DART, form `tree`."""
 
     name = "dart"
-    methods = tuple(ORDERS)
+    methods = ("SemiImplicitEuler",)
     forms = ("tree",)
-    options = frozenset({"form"})
-    adaptive_methods: tuple[str, ...] = ()
-
-    def version(self) -> str:
-        """Version of dartpy as installed."""
-        return importlib.metadata.version("dartpy")
-
-    def documented_order(self, scene: Scene, spec: RunSpec) -> int:
-        """First order."""
-        return ORDERS[spec.method]
+    package = "dartpy"
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """All three, by joint coordinates."""

@@ -8,13 +8,13 @@ the axis with the smallest initial angular velocity.
 from __future__ import annotations
 
 import dataclasses
-import importlib.metadata
 import time
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
 from crosscheck.errors import EngineError
 from crosscheck.scene.model import GROUND, Scene
@@ -34,22 +34,15 @@ Moment = tuple[float, np.ndarray, np.ndarray]
 """Time (s), joint positions, joint velocities."""
 
 
-class Drake:
+class Drake(Engine):
     """Adapter of Drake, form `tree`."""
 
     name = "drake"
     methods = (*FIXED, *CONTROLLED)
     forms = ("tree",)
-    options = frozenset({"form"})
     adaptive_methods = CONTROLLED
-
-    def version(self) -> str:
-        """Version of Drake as installed."""
-        return importlib.metadata.version("drake")
-
-    def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
-        """Order of the fixed-step integrators, None with error control."""
-        return FIXED.get(spec.method)
+    orders = MappingProxyType(FIXED)
+    package = "drake"
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """All three, by joint coordinates."""

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 import lieeuler
-from crosscheck.adapters.base import RawRun, RunSpec, Stats
+from crosscheck.adapters.base import Engine, RawRun, RunSpec, Stats
+from crosscheck.adapters.common.known import CONTRADICTORY
+from crosscheck.document.known import Known
 from crosscheck.errors import ArgumentError, CrosscheckError
 from crosscheck.scene.coordinates import offset_from_half_turn, zero_attitude
 from crosscheck.scene.functions import TimeFunction, Value
@@ -87,7 +89,32 @@ class IntegrationError(CrosscheckError, lieeuler.IntegrationError):
     """A run of lieeuler ended early: the error as one of crosscheck, with `status`, `advice` and `solution`."""
 
 
-class LieEuler:
+UNSTABILIZED = ("nothing holds the positions: at this step the body leaves its joint, by decimetres with DAE2H_LE and "
+                "by metres with INDEX1_LE within the second, and its weight does work on the way")
+AXIAL = ("the discrete momentum about the needle's axis is J3 w3 (1 + h^2 w^2 J1 / (12 J3)) to second order, w the "
+         "rate at which the axis turns: with J1 / J3 = 1e6 the spin comes right only where h^2 w^2 is far below 1e-5. "
+         "The error is one of this spin alone, second order with that factor; with a spin-free frame, as in the "
+         "compositions, it stays below J3 / J1 of a radian")
+OVERREACH = ("the inner steps of a composition reach beyond the ends of a step, and so over a break of a function of "
+             "time: where its third derivative jumps, the step beside the break is of order 4. On driven_cart, at 20 "
+             "and 10 ms, velocities at the break are off by 1.8e-10 and 1.1e-11 m/s; with the first piece of the "
+             "spline held for ever, by 8.6e-12 and 3.5e-14: order 8")
+KNOWN = (
+    Known(("0",), ("DAE2L_LE", "DAE2H_LE", "INDEX1_LE"), ("bricard",), None,
+          {"level velocity": 3.8e6, "level acceleration": 6.9e4}, CONTRADICTORY, always=False),
+    Known(("0",), ("DAE3H_LE", "DAE2H_LE", "DAE2H_LSE", "DAE1H_LSE"), ("needle",), None,
+          {"limit attitude": 72, "limit angular velocity": 49}, AXIAL),
+    Known(("0",), ("rattle4", "rattle6", "rattle8"), ("needle",), None, {
+        "order attitude": 6.8, "order angular velocity": 6.8, "attitude": 4.5, "angular velocity": 3.1,
+        "interval attitude": 1.7, "interval angular velocity": 1.6}, AXIAL, always=False),
+    Known(("0",), ("rattle8",), ("driven_cart",), None,
+          {"order velocity": 3.9, "order angular velocity": 3.5}, OVERREACH, always=False),
+    Known(("0",), ("DAE2H_LE", "INDEX1_LE"), ("heavy_top",), None, {"energy": 2.7}, UNSTABILIZED,
+          practical=True),
+)
+
+
+class LieEuler(Engine):
     """The methods of `lieeuler.METHODS`, in maximal coordinates with multipliers."""
 
     name = "lieeuler"
@@ -96,14 +123,9 @@ class LieEuler:
     adaptive_methods = tuple(name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls)
     fixed_step_methods = tuple(name for name, method in lieeuler.METHODS.items() if "step" in method.controls)
     options = frozenset({"form", "coordinate_map", "spin_free", "reduce", "polish", "alpha", "beta", "spectral_radius"})
-    dash, marker = "-", "o"
     on_group = True
-
-    def version(self) -> str:
-        """Version of the installed package."""
-        from importlib.metadata import version
-
-        return version("lieeuler-crosscheck")
+    known_defects = KNOWN
+    package = "lieeuler-crosscheck"
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
         """Order from the method's record; None for adaptive runs."""

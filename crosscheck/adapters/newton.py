@@ -10,17 +10,19 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import importlib.metadata
 import os
 import sys
 from collections.abc import Callable
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import open_tree, stepping, tree
+from crosscheck.adapters.common.known import GYROSCOPIC, NAIVE
 from crosscheck.adapters.common.links import shortest_rotation
+from crosscheck.document.known import ORDERS, STATE, Known
 from crosscheck.scene.model import GROUND, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.states import States
 
@@ -31,25 +33,58 @@ FORMS = {"Featherstone": "tree", "MuJoCoEuler": "tree", "MuJoCoImplicitfast": "t
 XYZW = (1, 2, 3, 0)
 """Places of Newton's quaternion entries x, y, z, w in ours."""
 
+ROTATED = ("Newton keeps the angular velocity of a ball in axes of the parent, MuJoCo Warp in those of the body. Every "
+           "step turns it there and back by quaternions that single precision leaves longer than one, by 4e-8 on "
+           "average, which multiplies it by 1 + 3e-7. Without that way the order shows: on triple_pendulum 1.4e-3 and "
+           "7.9e-4 rad/s at 0.125 and 0.0625 ms, with it 7.7e-3 and 1.4e-2")
+SPUN_UP = ("every step takes the angular velocity into the body and back by quaternions that single precision leaves "
+           "longer than one, by 5e-8 on average, which multiplies it by 1 + 2e-7: on heavy_top 0.15, 0.27, 0.57 rad/s "
+           "of 150 in 0.1 s at 20, 10, 5 us")
+JITTER = ("every iteration of the joints turns the rounding of positions over the step into velocities: at 70 and 35 "
+          "us on double_pendulum noise of 4e-4 and 9e-4 m/s with 4 iterations, 7e-4 and 1.6e-3 with 8, 2.9e-3 and 6e-3 "
+          "with 32")
+LEFT_BEHIND = ("what a joint corrects turns a body but not its angular velocity, which stays in world axes, so that a "
+               "fast body loses spin: on heavy_top 13.4, 5.4, 2.3 rad/s of 150 in 1 s at 1, 0.5, 0.25 ms; the same "
+               "steps in NumPy lose 13.4, 5.4, 2.4 in double precision, and 0.06, 0.008, 0.001 if the velocity turns "
+               "with the body")
+KNOWN = (
+    Known(("1.8",), ("MuJoCoRK4",), ("heavy_top",), ("tree",), {
+        "order position": 1.8, "order attitude": 1.8, "order velocity": 1.6, "order angular velocity": 1.9}, NAIVE,
+        always=False),
+    *(Known(("1.8",), ("MuJoCoEuler", "MuJoCoImplicitfast"), (scene,), ("tree",), kinds, ROTATED,
+            always=False, rising=True, sizes=dict(zip(STATE, sizes, strict=True)))
+      for scene, kinds, sizes in (
+          ("triple_pendulum", dict.fromkeys(ORDERS, 2.0), (1.4e-3, 3.2e-3, 5.7e-3, 0.012)),
+          ("heavy_top", dict.fromkeys(ORDERS, 2.0) | {"limit attitude": 5.6, "limit velocity": 1.8},
+           (2.6e-3, 0.044, 0.074, 0.89)))),
+    *(Known(("1.8",), ("MuJoCoRK4",), (scene,), ("tree",), dict.fromkeys(ORDERS[1:], 5.0), ROTATED,
+            always=False, rising=True, sizes=dict(zip(STATE, sizes, strict=True)))
+      for scene, sizes in (("double_pendulum", (3.4e-4, 2.5e-4, 1.8e-3, 1.5e-3)),
+                           ("heavy_top", (8.1e-5, 1.9e-3, 2.5e-3, 0.040)))),
+    *(Known(("1.8",), (method,), ("heavy_top",), None,
+            dict.fromkeys(ORDERS, 2.0) | {"limit attitude": 5.2, "limit velocity": 1.4}, SPUN_UP, always=False,
+            rising=True, sizes=dict(zip(STATE, sizes, strict=True)))
+      for method, sizes in (("XPBD", (1.9e-4, 0.035, 0.076, 0.71)), ("SemiImplicit", (1.6e-4, 0.029, 8e-3, 0.57)))),
+    Known(("1.8",), ("XPBD",), ("double_pendulum", "triple_pendulum", "heavy_top"), None,
+          {"interval velocity": 1.3, "interval angular velocity": 1.2}, JITTER, always=False),
+    Known(("1.8",), ("Featherstone", "MuJoCoEuler", "MuJoCoImplicitfast"), ("heavy_top",), None,
+          {"energy": 5.3e8, "level velocity": 8.7}, GYROSCOPIC, practical=True),
+    Known(("1.8",), ("XPBD",), ("heavy_top",), None, {"energy": 2.1}, LEFT_BEHIND, practical=True),
+)
 
-class Newton:
+
+class Newton(Engine):
     """Adapter of Newton: form `tree` or `maximal`, as the method has it."""
 
     name = "newton"
     methods = tuple(FORMS)
     forms = ("tree", "maximal")
     options = frozenset({"form", "softness"})
-    adaptive_methods: tuple[str, ...] = ()
+    orders = MappingProxyType({"MuJoCoRK4": 4})  # the others are first order
+    package = "newton"
+    known_defects = KNOWN
     eps = 2.0**-23
     pace = 4
-
-    def version(self) -> str:
-        """Version of Newton as installed."""
-        return importlib.metadata.version("newton")
-
-    def documented_order(self, scene: Scene, spec: RunSpec) -> int:
-        """First order, but of the classical Runge-Kutta method of MuJoCo."""
-        return 4 if spec.method == "MuJoCoRK4" else 1
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """All three by joint coordinates, none by free bodies."""

@@ -8,7 +8,20 @@ from typing import Annotated, Any
 import typer
 
 from crosscheck.cli.console import say
-from crosscheck.cli.options import Drop, Keyframe, SceneName, figure, loaded
+from crosscheck.cli.options import (
+    Alpha,
+    Beta,
+    CoordinateMap,
+    Drop,
+    Keyframe,
+    Node,
+    Reduce,
+    SceneName,
+    Softness,
+    SpectralRadius,
+    figure,
+    loaded,
+)
 from crosscheck.files import finite
 
 
@@ -18,10 +31,13 @@ def explain(
     method: Annotated[str | None, typer.Option(help="default: the engine's best")] = None,
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the engine's choice")] = None,
     step: Annotated[float | None, typer.Option(help="s, of the whole run; default: one that suits the scene")] = None,
-    softness: Annotated[str | None, typer.Option(help="tight or default (mujoco, maximal)")] = None,
-    node: Annotated[str | None, typer.Option(help="lie or euler_parameters (exudyn)")] = None,
-    alpha: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")] = None,
-    beta: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of positions, not squared")] = None,
+    coordinate_map: CoordinateMap = None,
+    softness: Softness = None,
+    node: Node = None,
+    alpha: Alpha = None,
+    beta: Beta = None,
+    spectral_radius: SpectralRadius = None,
+    reduce: Reduce = None,
     as_json: Annotated[bool, typer.Option("--json", help="print everything as JSON")] = False,
     drop: Drop = False,
     keyframe: Keyframe = None,
@@ -32,8 +48,8 @@ def explain(
     """
     from crosscheck.diagnosis import explain as find
 
-    answer = find(loaded(scene, drop, keyframe), engine, method, form, step, softness=softness, node=node,
-                  alpha=alpha, beta=beta)
+    answer = find(loaded(scene, drop, keyframe), engine, method, form, step, coordinate_map=coordinate_map,
+                  softness=softness, node=node, alpha=alpha, beta=beta, spectral_radius=spectral_radius, reduce=reduce)
     if as_json:
         typer.echo(json.dumps(finite(answer.plain()), indent=1))
     else:

@@ -26,6 +26,12 @@ def _known_map(given: str | Sequence[str] | None) -> Any:
 
 CoordinateMap = Annotated[str | None, typer.Option("--map", callback=_known_map, help=(
     "exp, cayley or ccsk: the map from rotation vectors to rotations (lieeuler); default: exp"))]
+Softness = Annotated[str | None, typer.Option(help="tight or default: MuJoCo's equality constraints")]
+Node = Annotated[str | None, typer.Option(help="lie or euler_parameters: Exudyn's rigid bodies")]
+Alpha = Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")]
+Beta = Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of positions, not squared")]
+SpectralRadius = Annotated[float | None, typer.Option(help="0 to 1, of generalized_alpha; default 0.8")]
+Reduce = Annotated[str | None, typer.Option(help="welded, planar, axis, joints or off (lieeuler)")]
 CoordinateMaps = Annotated[list[str] | None, typer.Option("--map", callback=_known_map, help=(
     "exp, cayley or ccsk; may be repeated: tables have all, figures the first; default: exp"))]
 Step = Annotated[float | None, typer.Option(min=1e-9, help="s, of fixed-step methods; default: one that suits the scene"

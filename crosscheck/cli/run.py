@@ -8,7 +8,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crosscheck.cli.console import say
-from crosscheck.cli.options import CoordinateMap, Drop, Duration, Keyframe, SceneName, loaded
+from crosscheck.cli.options import (
+    Alpha,
+    Beta,
+    CoordinateMap,
+    Drop,
+    Duration,
+    Keyframe,
+    Node,
+    Reduce,
+    SceneName,
+    Softness,
+    SpectralRadius,
+    loaded,
+)
 from crosscheck.cli.states_csv import write_csv
 from crosscheck.document import PASSING, Judged, Run
 from crosscheck.errors import ArgumentError
@@ -28,12 +41,12 @@ def run(
     csv_file: Annotated[str | None, typer.Option("--csv", help="file for the trajectory; - for the terminal")] = None,
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: the best for the scene")] = None,
     coordinate_map: CoordinateMap = None,
-    softness: Annotated[str | None, typer.Option(help="tight or default: MuJoCo's equality constraints")] = None,
-    node: Annotated[str | None, typer.Option(help="lie or euler_parameters: Exudyn's rigid bodies")] = None,
-    alpha: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")] = None,
-    beta: Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of positions, not squared")] = None,
-    spectral_radius: Annotated[float | None, typer.Option(help="0 to 1, of generalized_alpha; default 0.8")] = None,
-    reduce: Annotated[str | None, typer.Option(help="welded, planar, axis, joints or off (lieeuler)")] = None,
+    softness: Softness = None,
+    node: Node = None,
+    alpha: Alpha = None,
+    beta: Beta = None,
+    spectral_radius: SpectralRadius = None,
+    reduce: Reduce = None,
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
     duration: Duration = None,
     drop: Drop = False,

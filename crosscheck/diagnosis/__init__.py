@@ -43,7 +43,7 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
     method : default: the engine's last of the highest documented order
     form : model form; default: the engine's choice
     step : step (s) of the run over the whole scene; default: small against the fastest rate of the scene
-    **options : coordinate_map, alpha, beta, softness, node, for engines that have them, as in `crosscheck.run`
+    **options : coordinate_map, reduce, alpha, softness ..., for engines that have them, as in `crosscheck.run`
 
     Returns
     -------
@@ -86,10 +86,10 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
 def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str | None,
              options: dict[str, Any]) -> Subject:
     from crosscheck import adapters
-    from crosscheck.adapters.base import ENGINE_OPTIONS
     from crosscheck.adapters.foreign.own import completed
     from crosscheck.diagnosis.observe import Subject
     from crosscheck.errors import unknown
+    from crosscheck.running.arguments import engine_options
     from crosscheck.running.methods import best_method
 
     adapter = adapters.get(engine) if isinstance(engine, str) else completed(
@@ -97,13 +97,7 @@ def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str |
     chosen = best_method(adapter, scene) if method is None else method
     if chosen not in adapter.methods:
         raise ArgumentError(unknown(f"method of {adapter.name}", chosen, adapter.methods))
-    given = tuple((name, value) for name, value in options.items() if value is not None)
-    allowed = getattr(adapter, "options", ENGINE_OPTIONS)
-    for name, _ in given:
-        if name not in ENGINE_OPTIONS or name not in allowed:
-            raise ArgumentError(f"{name}: {adapter.name} does not have this option; it has "
-                                f"{', '.join(sorted(allowed)) or 'none'}")
-    return Subject(adapter, chosen, form, given)
+    return Subject(adapter, chosen, form, tuple(engine_options(adapter.name, adapter, chosen, options).items()))
 
 
 def _looked_through(subject: Subject, first: Observation, scene: Scene, step: float | None,

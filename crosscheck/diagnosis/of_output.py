@@ -335,7 +335,7 @@ def floor(subject: Subject, scene: Scene, scale: Scale) -> Noise | None:
     size = rough(y - exact)
     again = float(np.abs(y - scale.flat(two)).max())
     mend = "compute and report in double precision, to the last digit"
-    declared = float(getattr(subject.engine, "eps", 0.0))
+    declared = subject.engine.eps
     if max(size, again) <= MOST_ROUNDINGS * declared and declared > SEEN:
         return Noise(None, max(size, again, declared))
     if again > SEEN:

@@ -88,7 +88,7 @@ def diagnose(subject: Subject, scene: Scene, scale: Scale, step: float | None) -
     except Silent as error:
         return sampled.duration, Late(0.0, 0.0, f"the whole run fails: {error}", [], Evidence(
             "whole run", "numerics", None, None, "a run over the whole scene", note=str(error)))
-    before, least = 0.0, max(DEFECT, ROUNDINGS * float(getattr(subject.engine, "eps", 0.0)))
+    before, least = 0.0, max(DEFECT, ROUNDINGS * subject.engine.eps)
     for k in range(INTERVALS):
         found = defect(sampled, scale, fine, k)
         if step is not None and found > COARSE:  # whatever finer steps do

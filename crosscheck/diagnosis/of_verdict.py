@@ -10,13 +10,13 @@ from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
 from crosscheck.document import Finding, Judged, Run, extended
 from crosscheck.errors import Unsupported
 from crosscheck.judge.plan import PLANS, PROFILES, plan_without_truth
-from crosscheck.judge.verdict import settle, word, worst
+from crosscheck.judge.verdict import word, worst
 from crosscheck.references import TruthError, truth
 from crosscheck.running.attempt import Ran, Refused, attempt
 from crosscheck.scene.file import load_scene, scene_names
 from crosscheck.scene.model import Scene
 from crosscheck.verification.budget import plan_within
-from crosscheck.verification.cell import judge_run
+from crosscheck.verification.cell import judge_run, settled
 from crosscheck.verification.order_study import order_study
 from crosscheck.verification.task import Cell, windowed
 
@@ -56,7 +56,7 @@ def _judged(subject: Subject, scene: Scene, step: float | None, name: str) -> Ju
     cell = Cell(scene.name, name, subject.method, subject.form, plan, most_seconds=MOST_SECONDS)
     short = windowed(scene, plan.window)
     study = order_study(cell, order, short, truth(short), main.findings, False)
-    orders = settle(main, study.findings, adapters.turning)
+    orders = settled(main, study.findings)
     return orders if orders.outcome in ("fail", "known") else main
 
 

@@ -80,7 +80,7 @@ def inspect(scene: Scene | str | os.PathLike[str], engines: Sequence[Any] | None
     probes, skipped = [], {}
     for engine in _BUILT_IN if engines is None else engines:
         adapter = _adapter(engine)
-        forms = (form,) if form is not None else tuple(getattr(adapter, "forms", (None,)))
+        forms = (form,) if form is not None else adapter.forms or (None,)
         for one in forms:
             try:
                 probes.append(probe(adapter, scene, at, one))
@@ -96,10 +96,8 @@ def probe(adapter: Any, scene: Scene, at: States, form: str | None = None) -> Pr
     Raises `Unsupported` if there is no such method or the engine cannot model the scene in this form, and `EngineError`
     if the engine fails.
     """
-    own = getattr(adapter, "probe", None)
-    if own is None and adapter.name not in _BUILT_IN:
-        raise Unsupported(f"the adapter of {adapter.name} has no method probe(scene, states, form)")
-    if own is None:
+    own = adapter.probe
+    if adapter.name in _BUILT_IN:
         own = importlib.import_module(f"crosscheck.inspection.{adapter.name}").probe
     reasons = [adapter.unsupported(scene, RunSpec(method, step=1e-3, form=form)) for method in adapter.methods]
     if None not in reasons:  # a form may be available for some methods only

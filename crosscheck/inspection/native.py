@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from crosscheck.adapters.common.native import Hinge, JointStates, Link, Native
-from crosscheck.errors import CrosscheckError, SceneError, Unsupported
+from crosscheck.errors import CrosscheckError, SceneError
 from crosscheck.inspection.native_differences import Difference, differences, named_alike
 from crosscheck.scene.armature import rotors
 from crosscheck.scene.coordinates import zero_attitude
@@ -105,15 +105,13 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
                          rng.uniform(-1.0, 1.0, size))
     states.position[0], states.velocity[0] = [(joint.start or (0.0,))[0] for joint in joints], 0.0
     natives, refused = [], {}
-    readers = [name for name in built_in.ENTRIES if hasattr(adapters.get(name), "native")]
+    readers = [name for name in built_in.ENTRIES if adapters.get(name).reads_models]
     for name in readers if engines is None else engines:
         try:
-            read: Callable[[str, JointStates], Native] | None = getattr(adapters.get(name), "native", None)
-            if read is None:
-                raise Unsupported(f"{name} reads no model files here")
+            engine = adapters.get(name)
             if outside and name.startswith("mujoco"):  # MuJoCo would read files outside the model's folder
                 raise sources.outside(source, outside[0])
-            found = read(str(source), states)
+            found = engine.native(str(source), states)
             natives.append(dataclasses.replace(found, engine=f"{name} without meshes" if found.refusal else name))
             if found.refusal:
                 refused[name] = found.refusal

@@ -1,7 +1,7 @@
 """The verdict on one run: findings that compare values with bounds and their reasons, and one outcome.
 
 The outcomes are "pass"; "partly" (as "pass", but no bound of the motion reaches over the whole run); "known" (only
-defects that are listed in `judge.known`); "fail"; "error" (the run ended in an unforeseen way); "unsupported" (the
+defects that are listed with the engine); "fail"; "error" (the run ended in an unforeseen way); "unsupported" (the
 engine cannot model the scene); and "unjudged" (the scene has no truth, or the step is too coarse for bounds of the
 motion; all else was judged, and nothing failed).
 """
@@ -28,6 +28,7 @@ from crosscheck.document import (
     Status,
     extended,
 )
+from crosscheck.document.known import Known
 from crosscheck.judge import known, tolerances
 from crosscheck.judge.claim import Claim
 from crosscheck.judge.defects import Defects
@@ -249,17 +250,17 @@ def undecided(findings: list[Finding], orders: dict[str, Order]) -> bool:
     return any(not orders[quantity].settled and not orders[quantity].exhausted for quantity in low)
 
 
-def settle(run: Measured, findings: list[Finding], turning: known.Turning, message: str = "",
+def settle(run: Measured, findings: list[Finding], defects: Sequence[Known], message: str = "",
            judged_until: float | None = None) -> Judged:
     """The verdict on a run: mark known defects, notice those that no longer show, and determine the outcome.
 
-    `turning` is `crosscheck.adapters.turning`. Bounds that the user set are not affected by known defects.
+    `defects` are those of the engine that are about this run. Bounds that the user set are not affected by them.
     """
-    for entry in known.entries(run, turning):
+    for entry in defects:
         seen = [finding for finding in findings if finding.kind in entry.kinds and finding.status != "unjudged"
                 and not finding.why.startswith(tolerances.BY_USER)]
-        alike = entry.alike(findings)
-        failing = [finding for finding in seen if alike and finding.status == "fail" and entry.excuses(finding)]
+        alike = known.alike(entry, findings)
+        failing = [finding for finding in seen if alike and finding.status == "fail" and known.excuses(entry, finding)]
         findings = [replace(each, status="known", detail=entry.reason) if each in failing else each
                     for each in findings]
         # A defect has vanished only if it was looked for: without an order study, nothing is known about orders.

@@ -35,15 +35,33 @@ def request(engine: str, adapter: Engine, method: str, step: float | None, rtol:
             raise ArgumentError(unknown("option", name, OPTIONS))
     if step is not None and rtol is not None:
         raise ArgumentError("step and rtol: only one of them can be given")
-    given = {name: options[name] for name in ENGINE_OPTIONS if options.get(name) is not None}
-    known = getattr(adapter, "options", ENGINE_OPTIONS)
-    for name in ("spin_free", "polish", "monitor"):
-        if not isinstance(options.get(name), bool | np.bool_ | None):
-            raise ArgumentError(f"{name}: True or False is wanted, not {options[name]!r}")
-    if "spin_free" in given:
-        given["spin_free"] = bool(given["spin_free"])
-        if "spin_free" not in known and given.pop("spin_free"):
-            raise Unsupported(f"{engine} {method}: spin_free=True is not available; leave it out")
+    given = engine_options(engine, adapter, method, {name: options.get(name) for name in ENGINE_OPTIONS})
+    flag = options.get("monitor")
+    if not isinstance(flag, bool | np.bool_ | None):
+        raise ArgumentError(f"monitor: True or False is wanted, not {flag!r}")
+    monitor = flag is None or bool(flag)
+    spec = RunSpec(method, _positive("step", step), _positive("rtol", rtol), monitor=monitor, **given)
+    if not adapter.checks_sizes and method not in adapter.adaptive_methods:
+        if spec.rtol is not None:
+            raise ArgumentError(f"rtol: {engine} {method} runs with a fixed step here; give step= (s) instead")
+        if spec.step is None:
+            raise ArgumentError(f"step: {engine} {method} needs a fixed step; give step= (s)")
+    if refused := adapter.refused_map(spec):
+        raise ArgumentError(refused)
+    return spec
+
+
+def engine_options(engine: str, adapter: Engine, method: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options of an engine that are not None, checked; raises `ArgumentError` or `Unsupported`."""
+    given = {name: value for name, value in options.items() if value is not None}
+    known = adapter.options
+    for name in ("spin_free", "polish"):
+        if not isinstance(given.get(name), bool | np.bool_ | None):
+            raise ArgumentError(f"{name}: True or False is wanted, not {given[name]!r}")
+        if name in given:
+            given[name] = bool(given[name])
+    if "spin_free" not in known and given.pop("spin_free", False):
+        raise Unsupported(f"{engine} {method}: spin_free=True is not available; leave it out")
     for name in given:
         if name not in known:
             has = ", ".join(sorted(known)) or "none"
@@ -54,19 +72,7 @@ def request(engine: str, adapter: Engine, method: str, step: float | None, rtol:
     for name in ("alpha", "beta", "spectral_radius"):
         if name in given:
             given[name] = _number(name, given[name], lowest=0.0)
-    flag = options.get("monitor")
-    monitor = flag is None or bool(flag)
-    spec = RunSpec(method, _positive("step", step), _positive("rtol", rtol), monitor=monitor, **given)
-    adaptive = getattr(adapter, "adaptive_methods", None)  # an adapter without them checks step and rtol itself
-    if adaptive is not None and method not in adaptive:
-        if spec.rtol is not None:
-            raise ArgumentError(f"rtol: {engine} {method} runs with a fixed step here; give step= (s) instead")
-        if spec.step is None:
-            raise ArgumentError(f"step: {engine} {method} needs a fixed step; give step= (s)")
-    refused_map = getattr(adapter, "refused_map", None)
-    if refused_map is not None and (refused := refused_map(spec)):
-        raise ArgumentError(refused)
-    return spec
+    return given
 
 
 def overridden(scene: Scene, options: Mapping[str, Any]) -> Scene:

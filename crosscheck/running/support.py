@@ -9,12 +9,11 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 
 from crosscheck import adapters
-from crosscheck.adapters.base import RunSpec
+from crosscheck.adapters.base import Engine, RunSpec
 from crosscheck.adapters.common.links import IDENTITY
 from crosscheck.jobs.grid import Crash, Limits, run_tasks
 from crosscheck.scene.joints import JOINT_TYPES
@@ -54,7 +53,7 @@ def matrix(names: Iterable[str] | None = None) -> tuple[Support, ...]:
     found = []
     for name in adapters.names() if names is None else names:
         adapter = adapters.get(name)
-        for form in _forms(adapter):
+        for form in adapter.forms or (None,):
             found += [_support(adapter, form, minimal) for minimal in minimal_scenes()]
     return tuple(found)
 
@@ -82,21 +81,17 @@ def _of_scene(task: tuple[str, str]) -> list[Support]:
 
     name, engine = task
     adapter, minimal = adapters.get(engine), Minimal("scene", name, load_scene(name))
-    return [dataclasses.replace(_support(adapter, form, minimal), engine=engine) for form in _forms(adapter)]
+    return [dataclasses.replace(_support(adapter, form, minimal), engine=engine) for form in adapter.forms or (None,)]
 
 
-def _forms(adapter: Any) -> tuple[str | None, ...]:
-    return getattr(adapter, "forms", ()) or (None,)
-
-
-def spec(adapter: Any, method: str, form: str | None) -> RunSpec:
+def spec(adapter: Engine, method: str, form: str | None) -> RunSpec:
     """A request that suits the method: with a tolerance if the method is adaptive, else with a fixed step."""
-    if method in getattr(adapter, "adaptive_methods", ()):
+    if method in adapter.adaptive_methods:
         return RunSpec(method, rtol=1e-6, form=form)
     return RunSpec(method, step=DURATION / STEPS, form=form)
 
 
-def _support(adapter: Any, form: str | None, minimal: Minimal) -> Support:
+def _support(adapter: Engine, form: str | None, minimal: Minimal) -> Support:
     reasons = {method: adapter.unsupported(minimal.scene, spec(adapter, method, form)) for method in adapter.methods}
     able = tuple(method for method, reason in reasons.items() if reason is None)
     against = [reason for reason in reasons.values() if reason is not None]

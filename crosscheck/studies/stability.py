@@ -119,8 +119,8 @@ class Stability:
         ask = work.ask
         ways = [Task(scene, engine, method, ask.time_limit, chart, ask.step, ask.duration)
                 for scene in ask.scenes or self.scenes() for engine in work.engines
-                for chart in [all_engines.coordinate_map(engine, ask.coordinate_map)]
-                for method in fixed_step_methods(engine) if ask.methods is None or method in ask.methods]
+                for adapter in [all_engines.get(engine)] for chart in [adapter.takes_map(ask.coordinate_map)]
+                for method in adapter.fixed_step_methods if ask.methods is None or method in ask.methods]
         hashes = {way.scene: load_scene(way.scene).hash for way in ways}
         engines = dict.fromkeys(way.engine for way in ways)
         state = provenance.code_digest(engines, [dataclasses.asdict(ask), hashes])
@@ -206,15 +206,6 @@ def hard_scenes() -> tuple[str, ...]:
     from crosscheck.scene.file import load_scene, scene_names
 
     return tuple(name for name in scene_names() if TAG in load_scene(name).tags)
-
-
-def fixed_step_methods(engine: str) -> tuple[str, ...]:
-    """The methods of an engine that have a fixed step."""
-    adapter = all_engines.get(engine)
-    fixed = getattr(adapter, "fixed_step_methods", None)
-    if fixed is not None:
-        return tuple(fixed)
-    return tuple(name for name in adapter.methods if name not in getattr(adapter, "adaptive_methods", ()))
 
 
 def summary(rows: Sequence[Row]) -> list[Best]:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.adapters.base import ENGINE_OPTIONS, Engine
 from crosscheck.errors import ArgumentError, install, unknown
 from crosscheck.scene.model import Scene
 from crosscheck.scene.schema import Content
@@ -24,8 +25,6 @@ SAMPLING = ("normal", "latin_hypercube")
 MOST_CELLS = 10_000_000
 Value = float | list[float]
 """The value of a parameter: a number, or a vector in the notation of the scene file."""
-
-WAY_OPTIONS = ("form", "coordinate_map", "spin_free", "reduce", "alpha", "beta", "softness", "node")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -178,27 +177,25 @@ def _ways(engines: Any, steps: Sequence[float], rtols: Sequence[float]) -> tuple
         version = engine_version(engine)
         if version == NOT_INSTALLED:
             raise ArgumentError(f"engines: {engine} is not installed; {install(engine)}, or leave it out")
-        adaptive = getattr(adapter, "adaptive_methods", ())
-        fixed = getattr(adapter, "fixed_step_methods", adapter.methods)
         for entry in _several(f"engines.{engine}", methods, "methods"):
             method, options = _method(engine, adapter, entry)
-            controls = [(step, None) for step in steps if method in fixed] + [
-                (None, rtol) for rtol in rtols if method in adaptive]
+            controls = [(step, None) for step in steps if method in adapter.fixed_step_methods] + [
+                (None, rtol) for rtol in rtols if method in adapter.adaptive_methods]
             if not controls:
-                wanted = "rtols" if method in adaptive else "steps"
+                wanted = "rtols" if method in adapter.adaptive_methods else "steps"
                 raise ArgumentError(f"engines.{engine}: {method} needs {wanted} = [..]")
             ways += [Way(engine, version, method, step, rtol, options) for step, rtol in controls]
     return tuple(ways)
 
 
-def _method(engine: str, adapter: Any, entry: Any) -> tuple[str, tuple[tuple[str, Any], ...]]:
+def _method(engine: str, adapter: Engine, entry: Any) -> tuple[str, tuple[tuple[str, Any], ...]]:
     table = {"method": entry} if isinstance(entry, str) else entry
     if not isinstance(table, Mapping) or "method" not in table:
         raise ArgumentError(f'engines.{engine}: "METHOD" or {{ method = "METHOD", form = .. }} is wanted, not '
                             f"{entry!r}")
     for key in table:
-        if key not in ("method", *WAY_OPTIONS):
-            raise ArgumentError(unknown(f"engines.{engine}", key, ("method", *WAY_OPTIONS)))
+        if key not in ("method", *ENGINE_OPTIONS):
+            raise ArgumentError(unknown(f"engines.{engine}", key, ("method", *ENGINE_OPTIONS)))
     if table["method"] not in adapter.methods:
         raise ArgumentError(unknown(f"method of {engine}", table["method"], adapter.methods))
     return table["method"], tuple((key, value) for key, value in table.items() if key != "method")

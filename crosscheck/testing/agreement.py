@@ -159,7 +159,7 @@ def contender(entry: Entry, scene: Scene, truth: Reference, step: float | None =
             options["step"] = step if step is not None else plan_from_truth(scene, truth).steps[
                 max(key for key in (1, 2, 4, 6, 8) if key <= order)]
             if step is None and scene.duration / options["step"] > MOST_STEPS:
-                adaptive = [name for name in getattr(adapter, "adaptive_methods", ()) if left_open and not
+                adaptive = [name for name in adapter.adaptive_methods if left_open and not
                             adapter.unsupported(scene, RunSpec(name, rtol=1e-9, form=options.get("form")))]
                 if adaptive:
                     del options["step"]

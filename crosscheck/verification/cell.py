@@ -78,7 +78,7 @@ def run_cell(cell: Cell) -> Judged:
         more = companions(run, scene, traj, {"coordinate_map": run.coordinate_map})
         main = _main_run(run, scene, [traj, *more], reference, window, held, cell.plan.budgeted)
     if not cell.study:
-        return settle(main.run, override(main.findings, cell.overrides), adapters.turning, main.message, main.until)
+        return settled(main.run, override(main.findings, cell.overrides), main.message, main.until)
     brief = windowed(load_scene(cell.scene), cell.plan.window)  # the whole window, even if the main run is shorter
     study = order_study(cell, order, brief, truth(brief), main.findings, isinstance(outcome, Failed))
     measured = replace(main.run, orders=study.orders, ladder=study.ladder, ladder_cut=study.cut)
@@ -86,11 +86,16 @@ def run_cell(cell: Cell) -> Judged:
         return extended(Judged, measured, outcome="unsupported", message=study.refused, findings=main.findings,
                         judged_until=main.until)
     findings = override([*main.findings, *study.findings], cell.overrides)
-    return settle(measured, findings, adapters.turning, study.message or main.message, main.until)
+    return settled(measured, findings, study.message or main.message, main.until)
 
 
 FIRST = 1.0
 """A single run is judged over this time (s) from its start if no bound reaches over its whole length."""
+
+
+def settled(run: Measured, findings: list[Finding], message: str = "", until: float | None = None) -> Judged:
+    """`settle` with the known defects of the engine that are about this run."""
+    return settle(run, findings, adapters.get(run.engine).defects(run), message, until)
 
 
 def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], first: float = FIRST,
@@ -109,16 +114,16 @@ def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], fi
     except (TruthError, Unsupported) as error:
         maxima = traj.maxima
         findings = [judge_without_truth(scene, traj), *judge_levels(scene, traj, None, None, held, maxima,
-                                                                         adapters.eps(run.engine)),
+                                                                         adapters.get(run.engine).eps),
                     _orthogonality(run, [traj])]
-        judged = settle(_measured(run, scene, traj, None, {}, held, maxima), findings, adapters.turning)
+        judged = settled(_measured(run, scene, traj, None, {}, held, maxima), findings)
         return judged if judged.outcome != "pass" else replace(
             judged, outcome="unjudged", message=f"no truth: {' '.join(str(error).split())}")
     main = _main_run(run, scene, [traj, *companions(run, scene, traj, options)], reference, window, held,
                      budgeted=True)
     coarse = any(finding.kind == "step" for finding in main.findings)
     findings = [*main.findings, *([judge_practical(scene, traj, reference)] if coarse else [])]
-    return settle(main.run, findings, adapters.turning, main.message, main.until)
+    return settled(main.run, findings, main.message, main.until)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -168,7 +173,7 @@ def _main_run(run: Run, scene: Scene, trajectories: Sequence[Trajectory], refere
                              f"body {error.body}, t = {error.time:.4g} s") for name, error in found.items()]
     else:
         left = tolerances.newton_left(scene, reference, traj.stats.get("newton_left", 0.0))
-        claim = Claim(run.documented_order, traj.stats.get("step") or run.step, run.rtol, adapters.eps(run.engine),
+        claim = Claim(run.documented_order, traj.stats.get("step") or run.step, run.rtol, adapters.get(run.engine).eps,
                       newton=left)
         findings, found, bounds = judge_states(scene, traj, reference, window, claim, budgeted)
         findings += judge_invariants(scene, traj, reference, bounds)
@@ -182,11 +187,11 @@ def _main_run(run: Run, scene: Scene, trajectories: Sequence[Trajectory], refere
             except np.linalg.LinAlgError:
                 findings.append(Finding("interval velocity", "fail", np.inf, None, "m/s", "the equations of motion "
                                         "have no solution along the true motion from the run's own states"))
-    levels = judge_levels(scene, traj, reference, bounds, held, maxima, adapters.eps(run.engine),
+    levels = judge_levels(scene, traj, reference, bounds, held, maxima, adapters.get(run.engine).eps,
                           runs[0] if runs else None)
     return _Main(_measured(run, scene, traj, reference, found, held, maxima),
                  [Finding("run", "ok", None, None, "", ENDED), *findings, *levels,
-                  *judge_continuity(scene, traj, reference, adapters.eps(run.engine)),
+                  *judge_continuity(scene, traj, reference, adapters.get(run.engine).eps),
                   _orthogonality(run, trajectories)],
                  None if bounds is None else bounds.until)
 
@@ -200,17 +205,17 @@ def _without_truth(run: Run, cell: Cell, scene: Scene, outcome: Ran | Failed,
         traj, maxima = outcome.trajectory, outcome.trajectory.maxima
         main = _Main(_measured(run, scene, traj, None, {}, held, maxima),
                      [Finding("run", "ok", None, None, "", ENDED), judge_without_truth(scene, traj),
-                      *judge_levels(scene, traj, None, None, held, maxima, adapters.eps(run.engine)),
+                      *judge_levels(scene, traj, None, None, held, maxima, adapters.get(run.engine).eps),
                       _orthogonality(run, [traj])])
-    judged = settle(main.run, override(main.findings, cell.overrides), adapters.turning, main.message)
+    judged = settled(main.run, override(main.findings, cell.overrides), main.message)
     if judged.outcome != "pass":
         return judged
     return replace(judged, outcome="unjudged", message=f"unjudged: no truth ({cell.no_truth})")
 
 
 def _orthogonality(run: Run, trajectories: Sequence[Trajectory]) -> Finding:
-    return judge_orthogonality(trajectories, adapters.on_group(run.engine), adapters.eps(run.engine),
-                               run.documented_order)
+    engine = adapters.get(run.engine)
+    return judge_orthogonality(trajectories, engine.on_group, engine.eps, run.documented_order)
 
 
 def _most(series: np.ndarray, every_step: float | None) -> float:

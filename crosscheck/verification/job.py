@@ -189,7 +189,7 @@ def _planned(cells: list[Cell], truths: list[SceneTruth], settings: Profile, ove
     without = {scene.name: scene.no_truth for scene in truths if scene.no_truth}
     return [dataclasses.replace(cell, plan=plans.get(cell.scene, PENDING), no_truth=without.get(cell.scene, ""),
                                 overrides=overrides, most_seconds=settings.most_seconds,
-                                coordinate_map=adapters.coordinate_map(cell.engine, asked.coordinate_map))
+                                coordinate_map=adapters.get(cell.engine).takes_map(asked.coordinate_map))
             for cell in cells if not (cell.practical and (cell.scene in without or asked.step is not None))]
 
 
@@ -211,7 +211,7 @@ def _records(stages: Stages, cells: list[Cell], truths: list[SceneTruth], within
     scenes = {scene.name: scene for scene in truths}
     # The longest first, so that all workers end at about the same time.
     ready = sorted((index for index, cell in enumerate(cells) if not scenes[cell.scene].failure),
-                   key=lambda index: (-adapters.pace(cells[index].engine), -len(scenes[cells[index].scene].bodies)
+                   key=lambda index: (-adapters.get(cells[index].engine).pace, -len(scenes[cells[index].scene].bodies)
                                       * cells[index].plan.most_steps))
     chosen = [cells[index] for index in ready]
     found = stages.run("cell", functools.partial(with_scenes, contents, guarded_cell), chosen, [

@@ -53,19 +53,19 @@ def ways(scene: Scene, engines: Sequence[str], methods: Sequence[str] | None = N
     default_form : only the form that the engine chooses by itself; the `form` of a way is None then
     asked_map : coordinate map for the engines that have this option
     """
-    from crosscheck.adapters import coordinate_map, get
+    from crosscheck.adapters import get
     from crosscheck.adapters.base import RunSpec
 
     found, missing = [], []
     for name in engines:
-        adapter, chart = get(name), coordinate_map(name, asked_map)
-        adaptive = tuple(getattr(adapter, "adaptive_methods", None) or ())
-        forms = (None,) if default_form else tuple(getattr(adapter, "forms", ())) or (None,)
+        adapter = get(name)
+        chart = adapter.takes_map(asked_map)
+        forms = (None,) if default_form else adapter.forms or (None,)
         for form in forms:
             for method in adapter.methods:
                 if methods is not None and method not in methods:
                     continue
-                varies = method in adaptive
+                varies = method in adapter.adaptive_methods
                 spec = RunSpec(method, None if varies else scene.duration / 64, RTOLS[0] if varies else None, form,
                                coordinate_map=chart)
                 reason = adapter.unsupported(scene, spec)

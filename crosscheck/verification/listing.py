@@ -52,7 +52,7 @@ def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:
     for method in engine.methods:
         cells.append(Cell(scene_name, engine_name, method, None, PENDING, True, profile.rungs,
                           profile.whole))
-        forms = getattr(engine, "forms", ()) if profile.forms else ()
+        forms = engine.forms if profile.forms else ()
         usable = [form for form in forms if engine.unsupported(scene, RunSpec(method, step=1e-3, form=form)) is None]
         # The first usable form is the engine's default, which has a cell already.
         cells += [Cell(scene_name, engine_name, method, form, PENDING, True, profile.rungs, profile.whole, False)

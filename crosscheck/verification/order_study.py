@@ -141,14 +141,14 @@ def order_study(cell: Cell, order: int | None, scene: Scene, reference: Referenc
             break
     if order is None:
         scale = tolerances.scales(scene, reference)
-        floor = tolerances.plateau(scene, reference, scale.of("position"), 1, adapters.eps(cell.engine)).floor
+        floor = tolerances.plateau(scene, reference, scale.of("position"), 1, adapters.get(cell.engine).eps).floor
         return ladder.study([*judge_tolerances(ladder.rungs, floor),
-                             *judge_promise(scene, reference, ladder.rungs, adapters.eps(cell.engine))])
+                             *judge_promise(scene, reference, ladder.rungs, adapters.get(cell.engine).eps)])
     if ladder.cut and len(ladder.rungs) < FEWEST:
         return ladder.study([Finding(f"order {quantity}", "unjudged", None, None, "1", f"documented order {order}",
                                      f"order not measured: {ladder.cut}") for quantity in QUANTITIES])
     scale = tolerances.scales(scene, reference)
-    eps = adapters.eps(cell.engine)
+    eps = adapters.get(cell.engine).eps
     plateaus = {quantity: tolerances.plateau(scene, reference, scale.of(quantity), order, eps)
                 for quantity in QUANTITIES}
     findings, orders = judge_orders(order, ladder.rungs, plateaus)

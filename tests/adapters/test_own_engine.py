@@ -194,3 +194,19 @@ def test_compiled_pinocchio_takes_the_steps_of_its_adapter(method):
     for quantity in ("x", "R", "v", "w", "a"):
         ours, theirs = getattr(compiled, quantity), getattr(plain, quantity)
         assert np.abs(ours - theirs).max() <= 1e-9 * np.abs(theirs).max()
+
+
+def test_an_engine_of_the_user_may_derive_from_the_base_class(tmp_path):
+    file = tmp_path / "derived.py"
+    file.write_text("from crosscheck.adapters.base import Engine\n"
+                    "class Derived(Engine):\n"
+                    "    name, methods, forms, eps, orders = 'derived', ('A', 'B'), ('tree',), 1e-3, {'A': 3}\n"
+                    "    adaptive_methods = ['B']\n"
+                    "    def unsupported(self, scene, spec): return None\n"
+                    "    def run(self, scene, spec): raise ArithmeticError\n")
+    adapter, scene = adapters.get(f"{file}:Derived"), crosscheck.load_scene("single_pendulum")
+    assert adapter.version().startswith("code ")
+    assert (adapter.options, adapter.fixed_step_methods) == (frozenset({"form"}), ("A",))
+    assert [adapter.documented_order(scene, RunSpec(method)) for method in adapter.methods] == [3, None]
+    assert (adapter.held_levels(scene, RunSpec("A")), adapter.checks_sizes) == (frozenset(), False)
+    assert adapter.eps == 2.0**-23  # an engine cannot claim coarser numbers

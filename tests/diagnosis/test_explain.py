@@ -195,6 +195,18 @@ def test_the_command_prints_verdict_evidence_and_mend():
     assert document["exit_code"] == 1
 
 
+def test_the_command_explains_a_method_with_the_options_of_run():
+    def command(*words):
+        return CliRunner().invoke(app, ["explain", "single_pendulum", "--engine", "lieeuler", "--method", *words])
+
+    assert command("rattle2", "--map", "cayley", "--json").exit_code == 0
+    for words, said in ((("rattle4", "--map", "ccsk"), "rattle4 would fall to order 1 with ccsk"),
+                        (("rattle2", "--map", "caley"), "did you mean 'cayley'"),
+                        (("rattle2", "--softness", "tight"), "softness: lieeuler does not have this option"),
+                        (("generalized_alpha", "--spectral-radius", "2"), "spectral_radius")):
+        assert said in str(command(*words).exception), words
+
+
 def test_what_cannot_run_is_one_clear_error(pendulum):
     with pytest.raises(ArgumentError, match="RK5"):
         explain(pendulum, "mujoco", "RK5")

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from crosscheck import adapters, diagnosis
+from crosscheck.adapters.base import Engine
 from crosscheck.diagnosis import of_verdict
 from crosscheck.diagnosis.observe import Subject
 from crosscheck.diagnosis.result import Explanation
 from crosscheck.document import Finding
-from crosscheck.judge import known
-from crosscheck.judge.known import Known
+from crosscheck.document.known import Known
 from crosscheck.judge.plan import PLANS
 from crosscheck.scene.file import load_scene
 from crosscheck.verification.cell import run_cell
@@ -74,10 +74,9 @@ def test_findings_about_reports_are_causes_and_others_are_not():
 
 def test_a_known_defect_in_the_order_study_is_told_with_its_reason(monkeypatch):
     """Newton's MuJoCoRK4 on the fast top: its short runs end in rounding, and `explain` said that verify passes it."""
-    entry = Known("misbuilt", ("",), (METHOD,), (NAME,), None, {"order position": 4.0}, "summed velocities",
+    entry = Known(("",), (METHOD,), (NAME,), None, {"order position": 4.0}, "summed velocities",
                   always=False)
-    monkeypatch.setattr(Known, "covers", lambda self, run, turning: self is entry)
-    monkeypatch.setattr(known, "KNOWN", (entry,))
+    monkeypatch.setattr(Engine, "defects", lambda self, run: (entry,))
     low = Finding("order position", "fail", 2.0, 3.85, "1", "documented order 4")
     monkeypatch.setattr(of_verdict, "order_study", lambda *given: Study([low], {}, []))
     answer = Explanation(NAME, "", METHOD, None, "agrees", "", [], [], [], 1.0, 0.0, 0.0)

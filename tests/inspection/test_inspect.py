@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck.adapters import get
+from crosscheck.adapters.base import Engine
 from crosscheck.cli import app
 from crosscheck.inspection import Inspection, Probe, admissible, inspect, probe
 from crosscheck.inspection.base import LOOSEST, QUANTITIES
@@ -35,7 +36,7 @@ def _force(scene: Scene, **changes: object) -> Scene:
                                       for force in scene.forces))
 
 
-class MisBuilt:
+class MisBuilt(Engine):
     """MuJoCo on another scene than the one it is given, in the states of the one it is given."""
 
     name, methods, forms = "misbuilt", ("RK4",), ("tree",)

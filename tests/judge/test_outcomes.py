@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from crosscheck.document import LEVELS, QUANTITIES, Errors, Finding, Measured, Order, Scales
-from crosscheck.judge import known, tolerances, verdict
+from crosscheck.document.known import Known
+from crosscheck.judge import tolerances, verdict
 from crosscheck.judge.claim import Claim
-from crosscheck.judge.known import Known
 from crosscheck.judge.tolerances import Tol
 from crosscheck.scene import mechanics
 from crosscheck.scene.file import load_scene
@@ -52,12 +52,10 @@ def test_what_only_guards_against_cheats_is_named_where_it_fails(kind, status):
     assert shown.kind == (kind if status == "fail" else "energy")
 
 
-def settled(findings, entry=None, monkeypatch=None, until=1.0, practical=False):
-    if monkeypatch is not None:
-        monkeypatch.setattr(known, "KNOWN", () if entry is None else (entry,))
+def settled(findings, entry=None, until=1.0, practical=False):
     run = Measured(scene="single_pendulum", engine="fake", version="1", method="Plain", form=None, duration=1.0,
                    practical=practical, errors={"position": Errors(unit="m", end=1.0, max=1.0, time=0.0, body="b")})
-    return verdict.settle(run, findings, lambda *_: range(1), judged_until=until)
+    return verdict.settle(run, findings, () if entry is None else (entry,), judged_until=until)
 
 
 @pytest.mark.parametrize(("until", "practical", "outcome"), [
@@ -76,25 +74,25 @@ def test_a_settled_run_says_what_was_judged_of_its_errors():
     assert "too coarse" in settled([found("step", "unjudged")]).message
 
 
-KNOWN = Known("fake", ("1",), ("Plain",), ("single_pendulum",), None, {"position": 3.0, "energy": 1.0},
+KNOWN = Known(("1",), ("Plain",), ("single_pendulum",), None, {"position": 3.0, "energy": 1.0},
               "its documentation says so")
 
 
 def test_a_known_defect_excuses_what_it_names_and_nothing_else(monkeypatch):
-    run = settled([found("position", "fail", 3.0), found("energy", "ok")], KNOWN, monkeypatch)
+    run = settled([found("position", "fail", 3.0), found("energy", "ok")], KNOWN)
     assert [(each.status, each.detail) for each in run.findings] == [("known", KNOWN.reason), ("ok", "")]
-    other = settled([found("position", "fail", 3.0), found("momentum", "fail", 3.0)], KNOWN, monkeypatch)
+    other = settled([found("position", "fail", 3.0), found("momentum", "fail", 3.0)], KNOWN)
     assert [each.status for each in other.findings] == ["known", "fail"]
-    mine = settled([found("position", "fail", 3.0, 2.0, f"{tolerances.BY_USER}: tight")], KNOWN, monkeypatch)
+    mine = settled([found("position", "fail", 3.0, 2.0, f"{tolerances.BY_USER}: tight")], KNOWN)
     assert [each.status for each in mine.findings] == ["fail"]
 
 
 def test_a_known_defect_vanished_only_where_all_of_it_was_looked_for(monkeypatch):
     both = [found("position", "ok"), found("energy", "ok")]
-    assert [each.kind for each in settled(both, KNOWN, monkeypatch).findings] == ["position", "energy", "vanished"]
-    assert settled(both, KNOWN, monkeypatch).outcome == "fail"
+    assert [each.kind for each in settled(both, KNOWN).findings] == ["position", "energy", "vanished"]
+    assert settled(both, KNOWN).outcome == "fail"
     for half in ([both[0]], [both[0], found("energy", "unjudged")], [found("position", "fail", 3.0), both[1]]):
-        assert "vanished" not in [each.kind for each in settled(half, KNOWN, monkeypatch).findings]
+        assert "vanished" not in [each.kind for each in settled(half, KNOWN).findings]
 
 
 @pytest.mark.parametrize(("until", "duration", "partly", "word"), [

@@ -91,12 +91,11 @@ def test_a_generous_bound_lets_pass_what_the_documentation_does_not(monkeypatch)
 
 
 def test_a_known_defect_neither_excuses_the_users_bound_nor_vanishes_by_it(monkeypatch):
-    from crosscheck.judge import known
-    from crosscheck.judge.known import Known
+    from crosscheck.document.known import STATE, Known
 
-    orders = tuple(f"order {name}" for name in (*known.STATE, "intervals"))
-    entry = Known("fake", ("1",), ("Plain",), ("single_pendulum",), None, dict.fromkeys(orders, 1.0), "documented")
-    monkeypatch.setattr(known, "KNOWN", (entry,))
+    orders = tuple(f"order {name}" for name in (*STATE, "intervals"))
+    entry = Known(("1",), ("Plain",), ("single_pendulum",), None, dict.fromkeys(orders, 1.0), "documented")
+    monkeypatch.setattr(FakeEngine, "known_defects", (entry,))
     flaw = {"claimed_order": 2, "real_order": 1, "size": 1e-6}
     assert _record(monkeypatch, **flaw).outcome == "known"
     assert _record(monkeypatch, "order position=1.5", **flaw).outcome == "fail"

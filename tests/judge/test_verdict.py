@@ -8,8 +8,8 @@ import pytest
 from msgspec.structs import replace
 
 from crosscheck.document import QUANTITIES, Finding, Plan, Rung
+from crosscheck.document.known import Known
 from crosscheck.judge import known
-from crosscheck.judge.known import Known
 from crosscheck.judge.metrics import Plateau
 from crosscheck.judge.plan import halved
 from crosscheck.judge.verdict import judge_orders, word, worst
@@ -205,12 +205,12 @@ def test_a_practical_step_is_judged_by_energy_and_held_levels(monkeypatch):
 
 
 def entry(*found):
-    return Known("fake", ("1",), ("Plain",), ("single_pendulum",), None, dict.fromkeys(found, 1.0),
+    return Known(("1",), ("Plain",), ("single_pendulum",), None, dict.fromkeys(found, 1.0),
                  "its documentation says so")
 
 
 def test_a_known_defect_passes_with_its_reason(verdict, monkeypatch):
-    monkeypatch.setattr(known, "KNOWN", (entry("order position", "order attitude", "order velocity",
+    monkeypatch.setattr(FakeEngine, "known_defects", (entry("order position", "order attitude", "order velocity",
                                                "order angular velocity", "order intervals"),))
     record = verdict(claimed_order=2, real_order=1, size=1e-3)
     assert record.outcome == "known"
@@ -218,12 +218,12 @@ def test_a_known_defect_passes_with_its_reason(verdict, monkeypatch):
 
 
 def test_a_known_defect_does_not_cover_another_one(verdict, monkeypatch):
-    monkeypatch.setattr(known, "KNOWN", (entry("energy"),))
+    monkeypatch.setattr(FakeEngine, "known_defects", (entry("energy"),))
     assert verdict(claimed_order=2, real_order=1, size=1e-3).outcome == "fail"
 
 
 def test_a_vanished_defect_fails(verdict, monkeypatch):
-    monkeypatch.setattr(known, "KNOWN", (entry("order position"),))
+    monkeypatch.setattr(FakeEngine, "known_defects", (entry("order position"),))
     record = verdict()
     assert record.outcome == "fail"
     assert worst(record.findings).kind == "vanished"

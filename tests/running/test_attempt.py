@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import crosscheck
-from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.errors import ArgumentError, EngineError, Unsupported
 from crosscheck.report import folder as folder_of_report
 from crosscheck.running.attempt import Failed, Ran, Refused, attempt
@@ -107,9 +107,7 @@ def test_whatever_is_wrong_with_an_answer_is_one_line_of_a_failure(scene: Scene,
 def complete(engine: Resting) -> Any:
     """The engine with all that an adapter has, so that nothing completes or converts what it returns."""
     kind = type(engine)
-    more = {"version": lambda self: "1", "documented_order": lambda self, scene, spec: 1,
-            "held_levels": lambda self, scene, spec: frozenset(), "__module__": "crosscheck.adapters.seeded"}
-    return type(kind.__name__, (kind,), more)(engine.change)
+    return type(kind.__name__, (kind, Engine), {"__module__": "crosscheck.adapters.seeded"})(engine.change)
 
 
 def test_a_right_answer_is_a_run_with_plain_numbers(scene: Scene) -> None:

@@ -102,6 +102,13 @@ def test_numpy_scalars_are_numbers(scene: Scene) -> None:
     assert crosscheck.run(scene, "mujoco", "RK4", step=np.array(0.01), samples=np.array(3)).steps == 20
 
 
+def test_numpys_false_is_false(scene: Scene) -> None:
+    """NumPy's False is not the object False, and had asked for polished attitudes."""
+    rough, same, polished = (crosscheck.run(scene, "lieeuler", "DAE1L_LSE", step=0.01, polish=polish)
+                             for polish in (False, np.False_, True))
+    assert same.R.tolist() == rough.R.tolist() != polished.R.tolist()
+
+
 def test_lieeulers_argument_errors_reach_the_user_as_ours(scene: Scene) -> None:
     with pytest.raises(ArgumentError, match=r"^alpha and beta belong to BAUMGARTE_LE"):
         crosscheck.run(scene, "lieeuler", "DAE1L_LSE", step=0.01, alpha=5.0)

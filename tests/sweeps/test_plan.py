@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from crosscheck.errors import CrosscheckError
+from crosscheck.running.run import run
 from crosscheck.sweeps import plan
 
 GOOD = {"scenes": ["double_pendulum"], "engines": {"lieeuler": ["rattle2", "taylor"]}, "steps": [1e-2, 5e-3],
@@ -19,10 +20,13 @@ def test_cells_are_counted():
     assert asked.cells == 4 * 5 * 3
 
 
-def test_options_of_methods():
-    engines = {"lieeuler": [{"method": "DAE1L_LSE", "coordinate_map": "cayley"}]}
+@pytest.mark.parametrize("options", [{"coordinate_map": "cayley"}, {"polish": False}, {"reduce": "off"},
+                                     {"method": "generalized_alpha", "spectral_radius": 0.5}])
+def test_a_sweep_takes_every_option_of_run(options):
+    engines = {"lieeuler": [{"method": "DAE1L_LSE"} | options]}
     (way,) = plan.read(GOOD | {"engines": engines, "steps": [0.01], "rtols": []}).ways
-    assert way.options == (("coordinate_map", "cayley"),)
+    assert {"method": way.method, **dict(way.options)} == {"method": "DAE1L_LSE"} | options
+    run("single_pendulum", way.engine, way.method, step=way.step, duration=0.1, **dict(way.options))
 
 
 @pytest.mark.parametrize(("change", "words"), [

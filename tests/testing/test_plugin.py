@@ -141,7 +141,7 @@ def test_arguments_come_before_the_marker_and_what_is_missing_is_said(pytester):
         def test_words(crosscheck_run, crosscheck_truth, crosscheck_check):
             with pytest.raises(crosscheck.ArgumentError, match=r"^scene: name it as an argument, or with the marker"):
                 crosscheck_truth()
-            with pytest.raises(crosscheck.ArgumentError, match=r"^engine: a name or an object .* is wanted, not NoneType"):
+            with pytest.raises(crosscheck.ArgumentError, match=r"^engine: a name or an object .* wanted, not NoneType"):
                 crosscheck_run("single_pendulum", step=1e-2)
             with pytest.raises(crosscheck.ArgumentError, match=r"^crosscheck_check: a trajectory of crosscheck_run"):
                 crosscheck_check(crosscheck.run("single_pendulum", "mujoco", "RK4", step=1e-2))

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 import crosscheck
 from crosscheck import adapters
-from crosscheck.adapters.base import RawRun, steps_per_sample
+from crosscheck.adapters.base import Engine, RawRun, steps_per_sample
 from crosscheck.cli.app import app
 from crosscheck.errors import ArgumentError, EngineError, Unsupported
 from crosscheck.verification import walks
@@ -45,7 +45,7 @@ def test_no_method_is_named_where_none_reaches_the_error():
 
 
 @dataclasses.dataclass
-class Known:
+class Known(Engine):
     """Position errors of `floor` + 0.0817 h^order along x; a step costs 10 us, and steps above `limit` (s) fail."""
 
     order: int
@@ -54,6 +54,7 @@ class Known:
     refuses: str | None = None
 
     name = "known"
+    checks_sizes = True
     methods = ("Plain",)
     runs = 0
 
@@ -62,9 +63,6 @@ class Known:
 
     def documented_order(self, scene, spec):
         return self.order
-
-    def held_levels(self, scene, spec):
-        return frozenset()
 
     def unsupported(self, scene, spec):
         return self.refuses

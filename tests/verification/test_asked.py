@@ -26,7 +26,7 @@ ASKED = Asked(coordinate_map="ccsk", step=2e-3, duration=0.4)
 
 def record(method, engine="lieeuler", asked=ASKED):
     scene = prepare_truth(("single_pendulum", True, Profile.most_steps), asked)
-    chart = adapters.coordinate_map(engine, asked.coordinate_map)
+    chart = adapters.get(engine).takes_map(asked.coordinate_map)
     return run_cell(Cell("single_pendulum", engine, method, None, scene.plan, rungs=3, coordinate_map=chart)), scene
 
 

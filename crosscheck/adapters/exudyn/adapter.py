@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import importlib.metadata
 import itertools
 from collections.abc import Callable
+from types import MappingProxyType
 
 import numpy as np
 
-from crosscheck.adapters.base import RawRun, RunSpec, Stats
+from crosscheck.adapters.base import Engine, RawRun, RunSpec, Stats
 from crosscheck.adapters.common import stepping, tree
 from crosscheck.adapters.exudyn import kinematic_tree, models, solving
+from crosscheck.adapters.exudyn.known import KNOWN
 from crosscheck.adapters.exudyn.solving import IMPLICIT, NEWTON_TOLERANCES, load, solve
 from crosscheck.errors import EngineError
 from crosscheck.scene.joints import JOINT_TYPES
@@ -26,7 +27,9 @@ from crosscheck.scene.states import States
 
 __all__ = ["CLEARANCE", "IMPLICIT", "NEWTON_TOLERANCES", "ORDERS", "Exudyn", "cardan_order", "load"]
 
-ORDERS = {"GeneralizedAlpha": 2, "TrapezoidalIndex2": 2, "RK44": 4, "RK67": 6, "DOPRI5": 5}
+ORDERS = MappingProxyType({"GeneralizedAlpha": 2, "TrapezoidalIndex2": 2, "RK44": 4, "RK67": 6, "DOPRI5": 5})
+"""As in Exudyn's documentation."""
+
 PREFERRED_ORDER = "XYZ"
 CLEARANCE = 0.25
 """If |cos| of the middle Cardan angle is below this, another order is used: stiffness grows as its inverse square."""
@@ -35,24 +38,17 @@ SCOUT_STEPS = 2000
 """Number of steps of the preliminary run that looks for gimbal lock."""
 
 
-class Exudyn:
+class Exudyn(Engine):
     """Adapter of Exudyn, forms `maximal`, `pivot` and `tree`, with Lie group or Euler parameter nodes."""
 
     name = "exudyn"
     methods = tuple(ORDERS)
     forms = ("maximal", "pivot", "tree")
     options = frozenset({"form", "node"})
-    dash, marker = "-.", "^"
+    orders = ORDERS
+    package = "exudyn"
+    known_defects = KNOWN
     pace = 1
-    adaptive_methods: tuple[str, ...] = ()
-
-    def version(self) -> str:
-        """Version of Exudyn as installed."""
-        return importlib.metadata.version("exudyn")
-
-    def documented_order(self, scene: Scene, spec: RunSpec) -> int:
-        """The order in Exudyn's documentation."""
-        return ORDERS[spec.method]
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """All levels in joint coordinates; with constraints, the level of the method's index. Rows of rolling disks are

@@ -9,64 +9,51 @@ import os
 import sys
 import time
 import types
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from crosscheck.adapters.base import RawRun, RunSpec, steps_per_sample
+from crosscheck.adapters.base import RawRun, RunSpec, StandIn, steps_per_sample
 from crosscheck.adapters.foreign import code
 from crosscheck.errors import ArgumentError, EngineError, unknown
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
-FIRST = 1
-"""The order assumed for a fixed-step method without a claim of its engine; every convergent method has it."""
+COARSEST = 2.0**-23
+"""Spacing at 1 of single precision: an engine cannot claim coarser numbers."""
 
 
-class Completed:
+class Completed(StandIn):
     """An engine with at least `name`, `methods`, `unsupported` and `run`, and defaults for the rest of `Engine`.
 
     Its `run` may return `States` alone: the wall time is then that of the call, and the number of steps follows from
-    the fixed step. All other attributes are those of the engine.
+    the fixed step.
     """
 
-    def __init__(self, engine: Any, version: str | None, own: str) -> None:
-        self._engine, self._version, self._own = engine, version, own
-        self.name: str = engine.name
-        self.methods: tuple[str, ...] = tuple(engine.methods)
-        self.forms: tuple[str, ...] = tuple(getattr(engine, "forms", ()))
-        self.adaptive_methods: tuple[str, ...]
-        if hasattr(engine, "adaptive_methods") or not hasattr(engine, "documented_order"):
-            self.adaptive_methods = tuple(getattr(engine, "adaptive_methods", ()))  # else documented_order decides
-        self.options = frozenset(getattr(engine, "options", {"form"} if self.forms else ()))
+    known_defects = ()  # nobody excuses findings of his own engine
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # copying and unpickling look up such names before `_engine` exists
-            raise AttributeError(name)
-        return getattr(self._engine, name)
+    def __init__(self, engine: Any, version: str | None, own: str) -> None:
+        super().__init__(engine)
+        self._version, self._own = version, own
+        self.methods, self.forms, self.adaptive_methods = (
+            tuple(given) for given in (self.methods, self.forms, self.adaptive_methods))
+        self.orders = self.orders or {}
+        self.checks_sizes = hasattr(engine, "documented_order") and not hasattr(engine, "adaptive_methods")
+        self.options = frozenset(self.options)
+        self.eps = min(float(self.eps), COARSEST)
 
     def version(self) -> str:
         """The version that the engine or its package states, and the digest of its code."""
         stated = getattr(self._engine, "version", None)
-        said = stated() if callable(stated) else stated or self._version
+        said = (stated() if callable(stated) else stated) or self._version
         return ", ".join([*([] if said is None else [str(said)]), *([f"code {self._own}"] if self._own else [])])
-
-    def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
-        """From the engine's method of this name, else from its table `orders`; None for adaptive methods."""
-        if hasattr(self._engine, "documented_order"):
-            claimed: int | None = self._engine.documented_order(scene, spec)
-            return claimed
-        if spec.method in self.adaptive_methods:
-            return None
-        found: int | None = (getattr(self._engine, "orders", None) or {}).get(spec.method, FIRST)
-        return found
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """From the engine's method of this name, else none."""
-        held = getattr(self._engine, "held_levels", None)
-        return frozenset() if held is None else frozenset(held(scene, spec))
+        held = getattr(self._engine, "held_levels", super().held_levels)
+        return frozenset(held(scene, spec))
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """The engine's answer; forms and scene elements that it does not declare are refused here."""
@@ -167,7 +154,7 @@ def completed(engine: Any, name: str, version: str | None, own: str = "") -> Com
     if not isinstance(methods, tuple | list) or not methods or not all(isinstance(each, str) for each in methods):
         raise ArgumentError(f"engine: {name}: `methods` has to be a tuple of names with at least one, not {methods!r}")
     orders = getattr(engine, "orders", None) or {}
-    if not isinstance(orders, dict) or not set(orders) <= set(methods) or not all(
+    if not isinstance(orders, Mapping) or not set(orders) <= set(methods) or not all(
             isinstance(order, int) and order > 0 for order in orders.values()):
         raise ArgumentError(f"engine: {name}: `orders` has to map names of its methods to whole numbers from 1, "
                             f"not {orders!r}")

@@ -7,7 +7,6 @@ returns raw runs. Its times belong to another interpreter and other libraries, s
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import importlib.metadata
 import os
@@ -20,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.adapters import built_in
-from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.base import RawRun, RunSpec, StandIn
+from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.foreign import remote
 from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported, install
 from crosscheck.files import cache_folder
@@ -41,40 +41,39 @@ LONGEST = 900.0
 """Longest time to make an environment, s."""
 
 
-class Versioned:
+class Versioned(StandIn):
     """An engine in an environment of its own; an `Engine` like the others.
 
     What its adapter says without the engine is asked here, and the rest there.
     """
 
     def __init__(self, name: str) -> None:
-        self._engine, _, version = name.partition("==")
+        self._home, _, version = name.partition("==")
         if "==" in name:
             split(name)
+        super().__init__(built_in.ENTRIES[self._home].make())
         self.name = name
-        self._adapter: Any = built_in.ENTRIES[self._engine].make()
-        self._python = environment(self._engine, version) if version else None
+        self._python = environment(self._home, version) if version else None
         self._worker: Any = None
         if version and version != self.version():  # "3" installs 3.0.0, and reports must name the version that ran
             raise ArgumentError(f"engine: {name!r}: this is version {self.version()}; write "
-                                f"{self._engine}=={self.version()}")
+                                f"{self._home}=={self.version()}")
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # copying and unpickling look up such names before `_adapter` exists
-            raise AttributeError(name)
-        found = getattr(self._adapter, name)
-        return functools.partial(self._call, remote.ask, self._engine, name) if name == "native" else found
+    def native(self, path: str, states: JointStates) -> Native:
+        """The model that the engine makes of a model file in its own environment."""
+        found: Native = self._call(remote.ask, self._home, "native", path, states)
+        return found
 
     def version(self) -> str:
         """Version of the engine in its environment; raises `PackageNotFoundError` if there is none."""
-        if self._python is None and present(self._engine) is None:
-            raise importlib.metadata.PackageNotFoundError(self._engine)
-        found: str = self._call(remote.ask, self._engine, "version")
+        if self._python is None and present(self._home) is None:
+            raise importlib.metadata.PackageNotFoundError(self._home)
+        found: str = self._call(remote.ask, self._home, "version")
         return found
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate in the engine's own environment."""
-        raw: RawRun = self._call(remote.ask, self._engine, "run", scene, spec)
+        raw: RawRun = self._call(remote.ask, self._home, "run", scene, spec)
         raw.stats["own_environment"] = True
         return raw
 
@@ -82,7 +81,7 @@ class Versioned:
         from crosscheck.jobs.workers.process import Crash, Worker
 
         if self._worker is None or not self._worker.alive:
-            python = self._python or present(self._engine)
+            python = self._python or present(self._home)
             if python is None:
                 raise EngineError(f"engine {self.name} is not installed; {install(self.name)}")
             self._worker = Worker(python)

@@ -8,16 +8,16 @@ solved in that metric, with their springs evaluated at the end of the step. With
 from __future__ import annotations
 
 import contextlib
-import importlib.metadata
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
-from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import stepping, tree
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.mujoco import models
+from crosscheck.adapters.mujoco.known import KNOWN
 from crosscheck.adapters.mujoco.models import INTEGRATORS, OBSERVED, build, set_initial_state
 from crosscheck.errors import EngineError
 from crosscheck.scene.joints import JOINT_TYPES
@@ -28,13 +28,12 @@ from crosscheck.scene.states import States
 __all__ = ["INTEGRATORS", "MuJoCo", "build", "set_initial_state"]
 
 
-class Forms:
+class Forms(Engine):
     """What the forms `tree` and `maximal` hold, and with what order: of MuJoCo and of MJX, which take the same models.
     """
 
     forms = ("tree", "maximal")
     options = frozenset({"form", "softness"})
-    adaptive_methods: tuple[str, ...] = ()
 
     def form(self, scene: Scene, spec: RunSpec) -> str:
         """The form used: the requested one, else tree, or maximal if only that can model the scene."""
@@ -77,11 +76,9 @@ class MuJoCo(Forms):
 
     name = "mujoco"
     methods = tuple(INTEGRATORS)
-    dash, marker = "--", "s"
-
-    def version(self) -> str:
-        """Version of MuJoCo as installed."""
-        return importlib.metadata.version("mujoco")
+    package = "mujoco"
+    known_defects = KNOWN
+    reads_models = True
 
     def native(self, path: str, states: JointStates) -> Native:
         """The model that MuJoCo makes of a model file by itself."""

@@ -7,39 +7,35 @@ C++.
 
 from __future__ import annotations
 
-import importlib.metadata
+from types import MappingProxyType
 
 import numpy as np
 
-from crosscheck.adapters.base import RawRun, RunSpec
+from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import lie_steppers, stepping, tree
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.pinocchio import mimics, models
 from crosscheck.adapters.pinocchio.dynamics import Dynamics
+from crosscheck.adapters.pinocchio.known import KNOWN
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
-ORDERS = {"SymplecticEuler": 1, "RK4naive": 4, "RKMK4": 4, "RKMK8": 8}
+ORDERS = MappingProxyType({"SymplecticEuler": 1, "RK4naive": 4, "RKMK4": 4, "RKMK8": 8})
+"""Orders of the tableaus; for RK4naive its authors' claim, which a known defect corrects."""
 
 
-class Pinocchio:
+class Pinocchio(Engine):
     """Adapter of Pinocchio, forms `tree` and `maximal`, under integrators on the configuration space."""
 
     name = "pinocchio"
     methods = tuple(ORDERS)
     forms = ("tree", "maximal")
     options = frozenset({"form", "alpha", "beta"})
-    dash, marker = ":", "D"
+    orders = ORDERS
+    package = "pin"
+    known_defects = KNOWN
+    reads_models = True
     pace = 2
-    adaptive_methods: tuple[str, ...] = ()
-
-    def version(self) -> str:
-        """Version of the package `pin` as installed."""
-        return importlib.metadata.version("pin")
-
-    def documented_order(self, scene: Scene, spec: RunSpec) -> int:
-        """The tableau's order; for RK4naive its authors' claim, while `crosscheck.judge.known` has its real order."""
-        return ORDERS[spec.method]
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """All three in joint coordinates; with constraints on points only, the acceleration level without gains."""

@@ -86,14 +86,12 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
 def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str | None,
              options: dict[str, Any]) -> Subject:
     from crosscheck import adapters
-    from crosscheck.adapters.foreign.own import completed
     from crosscheck.diagnosis.observe import Subject
     from crosscheck.errors import unknown
     from crosscheck.running.arguments import engine_options
     from crosscheck.running.methods import best_method
 
-    adapter = adapters.get(engine) if isinstance(engine, str) else completed(
-        engine, type(engine).__name__, "not stated")
+    adapter = adapters.get(engine)
     chosen = best_method(adapter, scene) if method is None else method
     if chosen not in adapter.methods:
         raise ArgumentError(unknown(f"method of {adapter.name}", chosen, adapter.methods))

@@ -40,7 +40,7 @@ class Completed(StandIn):
         self.methods, self.forms, self.adaptive_methods = (
             tuple(given) for given in (self.methods, self.forms, self.adaptive_methods))
         self.orders = self.orders or {}
-        self.checks_sizes = hasattr(engine, "documented_order") and not hasattr(engine, "adaptive_methods")
+        self.checks_sizes |= hasattr(engine, "documented_order") and not hasattr(engine, "adaptive_methods")
         self.options = frozenset(self.options)
         self.eps = min(float(self.eps), COARSEST)
 

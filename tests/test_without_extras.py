@@ -54,7 +54,11 @@ WORK = {  # and what they say
     f"run brief.toml {RATTLE} --step 0.01": "verdict: pass", "truth brief.toml": "natural coordinates",
     "inspect brief.toml": "lieeuler-crosscheck[mujoco]", "export brief.toml -o out.xml": "written",
     "sweep sweep.toml -o sweep --dry-run": "1 cell, of which 0 finished in sweep and 1 to be computed",
-    f"verify --scene brief.toml {RATTLE} --profile smoke --jobs 1 --out report": "results.json"}
+    f"verify --scene brief.toml {RATTLE} --profile smoke --jobs 1 --out report": "results.json",
+    f"nightly --scene brief.toml {RATTLE[:17]} --profile smoke --out nights": "first run, nothing to compare with",
+    "history add report": "added: ", "history list": "smoke", "history show": "brief",
+    "history accept latest": "accepted: ", "history compare latest latest": "nothing beyond rounding and noise",
+    f"history trend outcome --scene brief.toml {RATTLE}": "pass"}
 LACK = {  # and what
     "run brief.toml --engine mujoco --method RK4 --step 0.01": "mujoco",
     "run brief.toml --engine pinocchio --method RKMK4 --step 0.01": "pinocchio",
@@ -64,12 +68,8 @@ LACK = {  # and what
     "advise brief.toml --engine exudyn --error 1e-2": "exudyn", "explain brief.toml --engine pinocchio": "pinocchio",
     "inspect arm.urdf": "mujoco", "import arm.urdf -o arm.toml": "mujoco", "export brief.toml -o out.py": "exudyn",
     "report report": "report", "report report --format pdf": "report", "report report --format svg": "report",
-    "paper brief.toml": "report", f"nightly --scene brief.toml {RATTLE[:17]} --out nights": "history",
-    "sweep sweep.toml -o sweep": "data",
-    "history list": "history", "history show": "history", "history page": "history",
-    "history add report": "history",
-    "history accept latest": "history", "history compare one two": "history",
-    f"history trend outcome --scene brief.toml {RATTLE}": "history",
+    "paper brief.toml": "report", "history page": "report", "sweep sweep.toml -o sweep": "data",
+    "history list --store postgresql://somebody@127.0.0.1:1/some": "history",
     f"study work-precision brief.toml {RATTLE} --repeats 1": "truth",
     f"study work-precision brief.toml {RATTLE} --repeats 1 --no-bound": "report",
     "study work-precision brief.toml --engine mujoco": "mujoco", f"study stability brief.toml {RATTLE}": "report",

@@ -101,5 +101,6 @@ def complain(message: str) -> None:
 def interrupted() -> str:
     """One line that says what an interrupted command has kept."""
     goes_on = "the same command goes on from here"
-    kept = {"nightly": goes_on, "sweep": goes_on, "study": "what was finished is in the folder of --out"}
+    kept = {"nightly": goes_on, "verify": goes_on, "sweep": goes_on,
+            "study": "what was finished is in the folder of --out"}
     return f"interrupted; {kept.get(' '.join(sys.argv[1:2]), 'nothing was written')}"

@@ -28,6 +28,7 @@ def nightly(
     store: Annotated[str | None, typer.Option(help="history: an SQLite file or postgresql://...; default: "
                                               "CROSSCHECK_STORE, else history.sqlite beside the folder --out"
                                               )] = None,
+    fresh: Annotated[bool, typer.Option(help="compute everything anew")] = True,
     keep: Annotated[int, typer.Option(help="number of reports to keep; the history keeps all runs")] = 14,
 ) -> None:
     """Run everything, compare with the last good run, store the result and write the report.
@@ -41,7 +42,7 @@ def nightly(
     from crosscheck.verification.guarded import limits
 
     wanted = job.Wanted(profile, scene, engine, jobs, limits(time_limit, memory_limit),
-                        Asked(coordinate_map=coordinate_map, step=step, duration=duration), scheduler)
+                        Asked(coordinate_map=coordinate_map, step=step, duration=duration), scheduler, fresh)
     with progress_bar() as progress:
         night = job.nightly(out, wanted, store, keep, progress)
     for line in night.summary.splitlines():

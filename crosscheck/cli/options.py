@@ -38,6 +38,7 @@ Step = Annotated[float | None, typer.Option(min=1e-9, help="s, of fixed-step met
                                             )]
 Scheduler = Annotated[str | None, typer.Option(help="use a Dask scheduler, tcp://host:port, or another executor, "
                                                "module:factory; default: processes on this machine")]
+Fresh = Annotated[bool, typer.Option(help="compute everything anew; default: where CI is set")]
 Duration = Annotated[float | None, typer.Option(min=1e-6, help="s; default: the scene's")]
 
 SceneNames = Annotated[list[str] | None, typer.Option("--scene", help="a built-in name or a path; may be repeated")]

@@ -135,6 +135,7 @@ def stability(
     step: Annotated[float | None, typer.Option(min=1e-9, help="s, the common step; default: one that suits each scene")
                     ] = None,
     duration: options.Duration = None,
+    fresh: Annotated[bool, typer.Option(help="take no searches, which have times, from earlier studies")] = True,
     out: Out = Path("reports/stability"),
 ) -> None:
     """Find the largest usable step (end error below 10 %), the error at a common step, and how larger steps fail.
@@ -143,7 +144,7 @@ def stability(
     """
     from crosscheck.studies.stability import Stability, StabilityAsk
 
-    ask = StabilityAsk(chosen(scene), chosen(engine), chosen(method), time_limit, jobs, step, duration,
+    ask = StabilityAsk(chosen(scene), chosen(engine), chosen(method), time_limit, jobs, step, duration, fresh,
                        coordinate_map=coordinate_map)
     document = _conduct(Stability(), ask, out)
     terminal = console(200)

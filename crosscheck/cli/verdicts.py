@@ -20,6 +20,9 @@ STYLES = {"fail": "bold red", "error": "bold red", "known": "yellow", "unsupport
 def print_verdicts(document: Document, page: Path) -> None:
     """Print passes by engine and scene, every other run, what is wrong and what to trust, the headline, the page."""
     say("engines: " + ", ".join(f"{name} {version}" for name, version in document.meta.engines.items()))
+    if document.meta.reused:
+        say(f"{document.meta.reused} results were computed before, since {(document.meta.reused_since or '')[:10]}; "
+            "--fresh computes them anew")
     terminal = console(160)
     passing: dict[tuple[str, str], list[Record]] = {}
     for record in document.records:

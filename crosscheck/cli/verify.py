@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
+import os
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -32,17 +36,19 @@ def verify(
     tol: Annotated[list[str] | None, typer.Option(help="your own bound, as quantity=value; may be repeated")] = None,
     out: Annotated[Path, typer.Option(help="folder of the report")] = Path("reports/latest"),
     as_json: Annotated[bool, typer.Option("--json", help="print the results as JSON instead of the table")] = False,
+    fresh: options.Fresh = "CI" in os.environ,
     drop: Drop = False,
     keyframe: Keyframe = None,
 ) -> None:
     """Run every method and engine over the scenes, judge the runs, and write the report.
 
-    A run that was killed continues when the command is repeated. Exit code 0: all within tolerance; 1: a verdict
+    Results that were computed before, by this code and these versions, are taken from the table of rows, also after a
+    kill; times are measured anew. Exit code 0: all within tolerance; 1: a verdict
     failed; 2: the run itself failed.
     """
     from crosscheck.cli.verdicts import print_verdicts
     from crosscheck.document import Asked
-    from crosscheck.jobs.resume import resumable
+    from crosscheck.jobs.table import Table
     from crosscheck.judge import overrides
     from crosscheck.report import folder, schema
     from crosscheck.verification import job
@@ -57,11 +63,15 @@ def verify(
     asked = Asked(coordinate_map=coordinate_map, step=step, duration=duration)
     identity = job.fingerprint(profile, scene, engine, within, dataclasses.astuple(within), own, method, asked.words)
     job.check_methods(method, job.select_engines(engine, within))
-    with resumable(out, identity, job.JOURNAL_TYPES) as kept, progress_bar() as progress:
-        if kept.results:
-            typer.echo(f"going on with a run that was killed: {kept.results} results are kept", err=True)
-        results = job.verify(profile, scene, engine, jobs, progress, kept.journal, within, own,
-                             methods=method, asked=asked, scheduler=scheduler)
+    with contextlib.closing(Table.opened()) as table, table.session(
+            identity, shlex.join(["crosscheck", *sys.argv[1:]]), job.ROW_TYPES, fresh) as session:
+        if table.trouble:
+            complain(table.trouble)
+        if session.continued:
+            typer.echo(f"going on with a run that was killed: {session.left} results are kept", err=True)
+        with progress_bar() as progress:
+            results = job.verify(profile, scene, engine, jobs, progress, session, within, own, methods=method,
+                                 asked=asked, scheduler=scheduler)
         page = folder.write(results, out)
     if page.suffix == ".json":
         complain(f"no pages: {install('jinja2')}, then crosscheck report {out}")

@@ -1,4 +1,4 @@
-"""The types of the results: the journal, results.json and the pages all use them.
+"""The types of the results: the table of rows, results.json and the pages all use them.
 
 A run passes through four stages: `Run`, `Measured`, `Judged`, `Timed`. Each returns a new value of its own type, with
 all fields of the stage before. `Document` is the content of results.json, and its JSON Schema is made from these types

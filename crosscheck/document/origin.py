@@ -60,3 +60,5 @@ class Meta(Origin, frozen=True, kw_only=True):
     started: str | None = None  # UTC, ISO 8601; only of a nightly run
     compared_with: str | None = None  # name of the earlier run that `changes` compare with
     asked: Asked = AS_PLANNED
+    reused: int = 0  # number of results that were computed by earlier commands
+    reused_since: str | None = None  # UTC, when the oldest of them was computed

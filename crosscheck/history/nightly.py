@@ -1,16 +1,13 @@
 """The nightly run: it runs everything, compares with the last good run, and writes a report.
 
-The folder of the nights contains a folder for every finished run, `latest` (a link to the newest), `.running` (the
-journal of a run that has not ended) and a lock. A killed run continues from its journal. `latest` always leads to a
-complete report.
+The folder of the nights contains a folder for every finished run, `latest` (a link to the newest) and a lock. A killed
+run is a session in the table of rows, which the next one continues. `latest` always leads to a complete report.
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import datetime
-import json
 import os
 import re
 import secrets
@@ -24,12 +21,12 @@ from msgspec.structs import replace
 
 from crosscheck.document import AS_PLANNED, Asked, Change, Document
 from crosscheck.errors import ArgumentError
-from crosscheck.files import replacing
 from crosscheck.history import store
 from crosscheck.history.changes import compare
 from crosscheck.history.store.figures import SPEED
 from crosscheck.history.summary import summary
-from crosscheck.jobs.journal import Journal
+from crosscheck.jobs.stages import Stages
+from crosscheck.jobs.table import Session, Table
 from crosscheck.report import sites
 
 if TYPE_CHECKING:
@@ -41,9 +38,12 @@ if TYPE_CHECKING:
 NAME = re.compile(r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ-[0-9a-f]{4}")
 """Names of the folders of runs: the start time (UTC), and random digits in case two machines share a store."""
 
-RUNNING, LATEST, LOCK = ".running", "latest", ".lock"
-ASIDE, ABANDONED = ".new-", ".abandoned-"
-"""Prefixes of the names of incomplete folders, and of runs that cannot be continued."""
+LATEST, LOCK = "latest", ".lock"
+ASIDE = ".new-"
+"""Prefix of the names of incomplete folders."""
+
+OLD = re.compile(r"\.running|\.abandoned-.*")
+"""What earlier releases kept of runs that had not ended."""
 
 CONFIRMATIONS = 2
 """How often a suspected change of speed is measured again. It is reported only if all measurements show it."""
@@ -71,6 +71,7 @@ class Wanted:
     limits: Limits | None = None
     asked: Asked = AS_PLANNED
     scheduler: str | None = None
+    fresh: bool = True  # rows that other runs computed do not count
 
     @property
     def command(self) -> str:
@@ -113,38 +114,42 @@ def nightly(out: Path, wanted: Wanted, where: str | Path | None = None, keep: in
 def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress: Progress | None) -> Night:
     from crosscheck.verification import job
 
-    heading, resumed = _begin(out, wanted)
-    journal = Journal(out / RUNNING / "journal.jsonl", job.JOURNAL_TYPES)
-    try:
-        results = job.verify(wanted.profile, wanted.scenes, wanted.engines, wanted.jobs, progress, journal,
+    for leftover in [*out.glob(f"{ASIDE}*"), *out.glob(f".{LATEST}-*"), *filter(_old, out.iterdir())]:
+        _discard(leftover)
+    ask = job.fingerprint(wanted.profile, wanted.scenes, wanted.engines, wanted.limits, wanted.command, str(out))
+    with contextlib.closing(Table.opened()) as table, table.session(
+            ask, wanted.command, job.ROW_TYPES, wanted.fresh) as session:
+        name = f"{session.started[:19].replace(':', '-')}Z-{session.token}"
+        results = job.verify(wanted.profile, wanted.scenes, wanted.engines, wanted.jobs, progress, session,
                              wanted.limits, walk=wanted.profile == "full", asked=wanted.asked,
                              scheduler=wanted.scheduler)
         results = replace(results, meta=replace(
-            results.meta, command=wanted.command, started=heading["started"],
-            time=heading["started"].replace("T", " ")[:16] + " UTC"))
-        results, before = _compared(results, heading["name"], history_store, journal, wanted.limits)
-        document = replace(results, meta=replace(results.meta, seconds=journal.seconds))
-    finally:
-        journal.close()
-    changes = document.changes or []
-    exit_code = max(document.exit_code, int(any(change.bad for change in changes)))
-    text = summary(document, heading["name"], before, exit_code, out / LATEST / "index.html")
-    # If the process is killed between these steps, the next start repeats them. Each step may run twice.
-    store.save(history_store, store.run_from_document(heading["name"], document, good=exit_code == 0))
-    folder = _publish(out, heading["name"], document, text)
-    _point_latest(out, folder.name)
-    sites.tell(out / LATEST)
-    _discard(out / RUNNING)
+            results.meta, command=wanted.command, started=session.started,
+            time=session.started.replace("T", " ")[:16] + " UTC"))
+        results, before = _compared(results, name, history_store, session, wanted.limits)
+        document = replace(results, meta=replace(results.meta, seconds=session.seconds))
+        changes = document.changes or []
+        exit_code = max(document.exit_code, int(any(change.bad for change in changes)))
+        text = summary(document, name, before, exit_code, out / LATEST / "index.html")
+        # If the process is killed between these steps, the next start repeats them. Each step may run twice.
+        store.save(history_store, store.run_from_document(name, document, good=exit_code == 0))
+        folder = _publish(out, name, document, text)
+        _point_latest(out, folder.name)
+        sites.tell(out / LATEST)
     _prune(out, keep)
-    return Night(folder, exit_code, text, changes, resumed)
+    return Night(folder, exit_code, text, changes, session.continued)
+
+
+def _old(path: Path) -> bool:
+    return OLD.fullmatch(path.name) is not None
 
 
 def _folder(out: Path) -> Path:
     try:
         out.mkdir(parents=True, exist_ok=True)
         strange = [path.name for path in out.iterdir() if not (
-            path.name in (RUNNING, LATEST, LOCK) or path.name.startswith((ASIDE, f".{LATEST}-"))
-            or NAME.fullmatch(path.name.removeprefix(ABANDONED)))]
+            path.name in (LATEST, LOCK) or path.name.startswith((ASIDE, f".{LATEST}-")) or _old(path)
+            or NAME.fullmatch(path.name))]
     except OSError as error:
         raise ArgumentError(f"--out {out}: {error.strerror or error}; choose another folder") from None
     if strange:
@@ -167,35 +172,7 @@ def _alone(out: Path) -> Iterator[None]:
         yield
 
 
-def _begin(out: Path, wanted: Wanted) -> tuple[dict[str, str], bool]:
-    """The heading of the run, and whether it continues a killed run.
-
-    A killed run with other code, engines or scenes cannot be continued. Its folder is renamed.
-    """
-    from crosscheck.verification import job
-
-    for leftover in [*out.glob(f"{ASIDE}*"), *out.glob(f".{LATEST}-*")]:
-        _discard(leftover)
-    fingerprint = job.fingerprint(wanted.profile, wanted.scenes, wanted.engines, wanted.limits, wanted.command)
-    path = out / RUNNING / "run.json"
-    with contextlib.suppress(FileNotFoundError, ValueError):
-        heading = json.loads(path.read_text(encoding="utf-8"))
-        if heading["fingerprint"] == fingerprint:
-            return heading, True
-        (out / RUNNING).rename(out / f"{ABANDONED}{heading['name']}")
-    _discard(out / RUNNING)  # a run without a heading has no results
-    now = datetime.datetime.now(datetime.UTC)
-    heading = {"name": f"{now:%Y-%m-%dT%H-%M-%SZ}-{secrets.token_hex(2)}", "started": now.isoformat(timespec="seconds"),
-               "fingerprint": fingerprint}
-    path.parent.mkdir()
-    with replacing(path) as aside:
-        aside.write_text(json.dumps(heading), encoding="utf-8")
-        _sync(aside)
-    _sync(path.parent)
-    return heading, False
-
-
-def _compared(results: Document, name: str, history_store: Engine, journal: Journal, limits: Limits | None
+def _compared(results: Document, name: str, history_store: Engine, session: Session, limits: Limits | None
               ) -> tuple[Document, store.StoredRun | None]:
     """The document with the changes since the last good run, and that run.
 
@@ -212,7 +189,7 @@ def _compared(results: Document, name: str, history_store: Engine, journal: Jour
     for attempt in range(1, CONFIRMATIONS + 1):
         if not doubtful:
             break
-        results = _measured_again(results, doubtful, f"again {attempt}", journal, limits)
+        results = _measured_again(results, doubtful, f"again {attempt}", session, limits)
         found = compare(before, store.run_from_document(name, results), usual)
         doubtful &= {_cell_of(change) for change in found if change.kind == "speed"}
     kept = [change for change in found if change.kind != "speed" or _cell_of(change) in doubtful]
@@ -224,9 +201,8 @@ def _cell_of(change: Change) -> tuple[str, str, bool]:
     return change.scene, change.who, change.bad
 
 
-def _measured_again(results: Document, doubtful: set[tuple[str, str, bool]], name: str, journal: Journal,
+def _measured_again(results: Document, doubtful: set[tuple[str, str, bool]], name: str, session: Session,
                     limits: Limits | None) -> Document:
-    from crosscheck.jobs.journal import Stages
     from crosscheck.judge.plan import profile
     from crosscheck.verification import job
     from crosscheck.verification.speed import measure_speed
@@ -235,7 +211,7 @@ def _measured_again(results: Document, doubtful: set[tuple[str, str, bool]], nam
     # A change of a whole engine has no scene.
     chosen = [index for index, record in enumerate(results.records)
               if (record.scene, record.label) in cells or ("", record.engine) in cells]
-    stages = Stages(1, journal, lambda label: None)
+    stages = Stages(1, session, lambda label: None)
     timed, _ = measure_speed([results.records[index] for index in chosen], profile(results.meta.profile).speed, stages,
                              limits, name)
     records = list(results.records)
@@ -274,13 +250,10 @@ def _point_latest(out: Path, name: str) -> None:
 
 
 def _prune(out: Path, keep: int) -> None:
-    """Keep the newest `keep` finished and abandoned runs and the one of `latest`; remove the others."""
-    for prefix in ("", ABANDONED):
-        names = sorted(path.name for path in out.iterdir()
-                       if path.name.startswith(prefix) and NAME.fullmatch(path.name.removeprefix(prefix)))
-        for name in names[:-keep]:
-            if (out / LATEST).resolve().name != name:
-                _discard(out / name)
+    """Keep the newest `keep` finished runs and the one of `latest`; remove the others."""
+    for name in sorted(path.name for path in out.iterdir() if NAME.fullmatch(path.name))[:-keep]:
+        if (out / LATEST).resolve().name != name:
+            _discard(out / name)
 
 
 def _discard(path: Path) -> None:

@@ -1,1 +1,1 @@
-"""Running tasks that may crash, hang or be interrupted: workers, grids of tasks, journals."""
+"""Running tasks that may crash, hang or be interrupted: workers, grids of tasks, the table of rows."""

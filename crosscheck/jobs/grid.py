@@ -58,7 +58,7 @@ def run_tasks(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int = 
         for future in concurrent.futures.as_completed(flying):
             index = flying[future]
             if future.cancelled() or type(failure := future.exception()).__name__ == "FutureCancelledError":
-                raise CrosscheckError("the scheduler was lost; the results in the journal are kept, and the same "
+                raise CrosscheckError("the scheduler was lost; what ended is kept, and the same "
                                       "command continues from there")
             results[index] = future.result() if failure is None else Crash(f"{type(failure).__name__}: {failure}")
             if done is not None:

@@ -75,7 +75,7 @@ class Task:
 
     @property
     def key(self) -> str:
-        """The name of the task in the journal and in the progress bar."""
+        """The name of the task in its row and in the progress bar."""
         return f"{self.scene} {self.engine} {self.method}"
 
 

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from crosscheck.document import Origin, Part
 from crosscheck.errors import ArgumentError
 from crosscheck.files import cell, plain, put
-
-if TYPE_CHECKING:
-    from crosscheck.jobs.journal import Journal
 
 
 class StudyMeta(Origin, frozen=True, kw_only=True, omit_defaults=True):
@@ -53,30 +48,6 @@ def check(out: Path, study: str) -> None:
         (out / ".writable").unlink()
     except OSError as error:
         raise ArgumentError(f"--out {out}: {error.strerror or error}; choose another folder") from None
-
-
-@contextlib.contextmanager
-def journal(out: Path, study: str, state: str, types: Mapping[str, type]) -> Iterator[Journal]:
-    """The journal of a running study. If a killed study left a journal with the same state, it is continued.
-
-    Parameters
-    ----------
-    out, study : as in `check`
-    state : digest of all that results depend on; journals with another state are removed
-    types : as in `Journal`
-    """
-    from crosscheck.jobs.journal import Journal
-
-    path = out / f".{study}-{state[:16]}.journal"
-    for other in out.glob(f".{study}-*.journal"):
-        if other != path:
-            other.unlink()
-    kept = Journal(path, types)
-    try:
-        yield kept
-    finally:
-        kept.close()
-    path.unlink()
 
 
 def write(out: Path, document: StudyDocument, rows: Sequence[object]) -> None:

@@ -1,10 +1,11 @@
 """The stability map: the largest usable step of every engine and method on every scene.
 
-Every search (`crosscheck.studies.bisection`) runs in a worker process, and its result is written to a journal.
+Every search (`crosscheck.studies.bisection`) runs in a worker process, and its result is a row.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,10 +15,9 @@ import msgspec
 from crosscheck import adapters as all_engines
 from crosscheck.document import Part
 from crosscheck.jobs.grid import Crash, Limits, run_tasks
-from crosscheck.jobs.journal import Journal
+from crosscheck.jobs.table import Session, Table, digest
 from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.running import provenance
-from crosscheck.studies import results_folder
 from crosscheck.studies.bisection import COMMON, USABLE, Row, Task, search
 from crosscheck.studies.results_folder import StudyDocument, StudyMeta
 from crosscheck.studies.study import Ask, Progress, Work
@@ -47,7 +47,7 @@ SHADES = (0.95, 0.5, 0.1, 0.01)
 """Bounds of the shades of the map, as shares of the largest step on the scene. The first shade is as good as the best.
 """
 
-TYPES = {"truth": dict[str, str], "way": Row}
+TYPES = {"way": Row}
 
 
 class Best(Part, frozen=True, kw_only=True):
@@ -101,10 +101,11 @@ class StabilityAsk(Ask):
     jobs: int = 2
     step: float | None = None  # s, the common step; None: one that suits each scene
     duration: float | None = None  # s; None: the scene's
+    fresh: bool = True  # searches of other studies, with their times, do not count
 
 
 class Stability:
-    """How large can steps be? A killed study continues from its journal."""
+    """How large can steps be? A killed study continues."""
 
     name = "stability"
 
@@ -124,15 +125,18 @@ class Stability:
         hashes = {way.scene: load_scene(way.scene).hash for way in ways}
         engines = dict.fromkeys(way.engine for way in ways)
         state = provenance.code_digest(engines, [dataclasses.asdict(ask), hashes])
+        codes = {engine: provenance.code_digest([engine], []) for engine in engines}
+        keys = {way.key: digest("way", codes[way.engine], hashes[way.scene], way) for way in ways}
         found: list[Row | None] = [None] * len(ways)
-        with results_folder.journal(work.out, self.name, state, TYPES) as journal:
+        with contextlib.closing(Table.opened()) as table, table.session(
+                state, ask.command(self.name), TYPES, ask.fresh) as session:
             def kept(index: int, row: Row) -> None:
                 found[index] = row
                 rows = [each for each in found if each is not None]
-                work.keep(rows, journal.seconds)
+                work.keep(rows, session.seconds)
                 work.progress(len(rows), len(ways), ways[index].key)
 
-            _search_all(ways, ask, journal, kept, work.progress)
+            _search_all(ways, keys, ask, session, kept, work.progress)
 
     def document(self, ask: StabilityAsk, meta: StudyMeta, results: list[Row]) -> StabilityDocument:
         """The document with the map, the largest steps on each scene, and every run."""
@@ -144,26 +148,28 @@ class Stability:
         return document.rows
 
 
-def _search_all(ways: list[Task], ask: StabilityAsk, journal: Journal, keep: Callable[[int, Row], None],
-                progress: Progress) -> None:
-    """Give the row of every way to `keep`. Rows in the journal are not computed again."""
-    untrue = _without_truth(list({way.scene: way for way in ways}.values()), ask.jobs, journal, progress)
+def _search_all(ways: list[Task], keys: dict[str, str], ask: StabilityAsk, session: Session,
+                keep: Callable[[int, Row], None], progress: Progress) -> None:
+    """Give the row of every way to `keep`. Those in the table are not computed again."""
     open_ways = []
     for index, way in enumerate(ways):
-        row = journal.get("way", way.key)
-        if row is None and way.scene in untrue:
-            row = _failed(way, untrue[way.scene])
+        row = session.get("way", keys[way.key])
         if row is None:
             open_ways.append(index)
         else:
             keep(index, row)
+    untrue = _without_truth(list({ways[index].scene: ways[index] for index in open_ways}.values()), ask.jobs, progress)
+    for index in open_ways:
+        if (reason := untrue.get(ways[index].scene)) is not None:
+            keep(index, _failed(ways[index], reason))
+    open_ways = [index for index in open_ways if ways[index].scene not in untrue]
 
     def done(place: int, row: Any) -> None:
         way = ways[open_ways[place]]
-        if isinstance(row, Crash):  # not written to the journal, because the cause may have been a busy machine
+        if isinstance(row, Crash):  # not kept, because the cause may have been a busy machine
             keep(open_ways[place], _failed(way, row.message))
         else:
-            keep(open_ways[place], journal.put("way", way.key, row))
+            keep(open_ways[place], session.put("way", keys[way.key], row))
 
     run_tasks(search, [ways[index] for index in open_ways], ask.jobs, done,
               Limits(max(PATIENCE, WAYS * ask.time_limit), MEMORY))
@@ -175,23 +181,20 @@ def _failed(way: Task, reason: str) -> Row:
     return Row(load_scene(way.scene).name, way.engine, way.method, "failed", reason=reason)
 
 
-def _without_truth(ways: list[Task], jobs: int, journal: Journal, progress: Progress) -> dict[str, str]:
+def _without_truth(ways: list[Task], jobs: int, progress: Progress) -> dict[str, str]:
     """Compute the truth of every scene, so that it is in the cache. Returns the scenes without truth, and why.
 
     `ways` has one way per scene.
     """
-    kept = {way.scene: journal.get("truth", way.scene) for way in ways}
-    missing = [scene for scene, entry in kept.items() if entry is None]
+    untrue: dict[str, str] = {}
 
     def done(place: int, result: Any) -> None:
         if isinstance(result, Crash):
-            kept[missing[place]] = {"reason": result.message}
-        else:
-            kept[missing[place]] = journal.put("truth", missing[place], {"reason": ""})
-        progress(place + 1, len(missing), f"truth of {missing[place]}")
+            untrue[ways[place].scene] = result.message
+        progress(place + 1, len(ways), f"truth of {ways[place].scene}")
 
-    run_tasks(prepare, [way for way in ways if way.scene in missing], jobs, done, Limits(TRUTH_LIMIT, MEMORY))
-    return {scene: entry["reason"] for scene, entry in kept.items() if entry["reason"]}
+    run_tasks(prepare, ways, jobs, done, Limits(TRUTH_LIMIT, MEMORY))
+    return untrue
 
 
 def prepare(way: Task) -> None:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import shlex
@@ -12,11 +13,12 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
-from crosscheck import adapters
 from crosscheck.document import Advice
 from crosscheck.errors import ArgumentError, CrosscheckError, said
+from crosscheck.jobs.table import Table
 from crosscheck.running import versions
 from crosscheck.scene.model import Scene
+from crosscheck.verification import walks
 from crosscheck.verification.walks import USELESS, Step, Walk
 
 LEVELS = tuple(10.0**-power for power in range(2, 12))
@@ -48,7 +50,6 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) 
         The two formulations of the truth disagree.
     """
     from crosscheck.scene.file import as_scene
-    from crosscheck.verification.walks import walk
 
     try:
         wanted = float(error)
@@ -59,7 +60,16 @@ def advise(scene: Scene | str | os.PathLike[str], *, engine: str, error: float) 
     loaded = as_scene(scene)
     versions.need([engine])
     name = scene.name if isinstance(scene, Scene) else os.fspath(scene)
-    return choose(walk(loaded, engine), wanted, name)
+    return choose(walked(loaded, engine), wanted, name)
+
+
+def walked(scene: Scene, engine: str) -> Walk:
+    """The walk of an engine from the table, where it is put if it is new; errors as `walks.walk`."""
+    key = walks.key(scene, engine)
+    with contextlib.closing(Table.opened()) as table, table.session(
+            key, f"advise {scene.name} {engine}", {"walk": Walk}) as session:
+        found: Walk | None = session.get("walk", key)
+        return found or session.put("walk", key, walks.walk(scene, engine))
 
 
 def choose(found: Walk, wanted: float, scene: str) -> Advice:
@@ -88,25 +98,18 @@ def breaks_at(found: Walk, best: Step) -> float | None:
     return (broken[-1].step or broken[-1].rtol) if broken else None
 
 
-def of_scenes(scenes: Sequence[str], engines: Sequence[str]) -> list[Advice]:
-    """The advice for all `LEVELS`, for those scenes (names or paths) and engines whose walks are on the disk."""
+def of_walks(scenes: Sequence[str], found: Sequence[Walk | str | None]) -> list[Advice]:
+    """The advice for all `LEVELS` from the walks on scenes (names or paths) that could be made."""
+    return [choose(walk, level, name) for name, walk in zip(scenes, found, strict=True) if isinstance(walk, Walk)
+            for level in LEVELS]
+
+
+def prepare(task: tuple[str, str]) -> Walk | str:
+    """The walk of an engine on a scene, or why it cannot be made."""
     from crosscheck.scene.file import load_scene
-    from crosscheck.verification.walks import kept
-
-    # The user's own engines may crash when they are loaded, and engines in their own environments are slow to start.
-    tame = [engine for engine in engines if not (adapters.is_own(engine) or adapters.has_own_environment(engine))]
-    walked = [(name, kept(load_scene(name), engine)) for name in scenes for engine in tame]
-    return [choose(walk, level, name) for name, walk in walked if walk is not None for level in LEVELS]
-
-
-def prepare(task: tuple[str, str]) -> str:
-    """Make the walk of an engine on a scene unless it is on the disk. Returns why it cannot be made, or ""."""
-    from crosscheck.scene.file import load_scene
-    from crosscheck.verification.walks import walk
 
     scene, engine = task
     try:
-        walk(load_scene(scene), engine)
+        return walks.walk(load_scene(scene), engine)
     except (CrosscheckError, ImportError) as error:
         return said(error)
-    return ""

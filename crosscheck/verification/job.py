@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-import json
 import shlex
 import time
 from collections.abc import Callable, Sequence
@@ -18,11 +17,13 @@ from crosscheck import adapters
 from crosscheck.document import (
     AS_PLANNED,
     PASSING,
+    Advice,
     Asked,
     Document,
     Finding,
     Judged,
     Meta,
+    Point,
     Record,
     Scene,
     SceneTruth,
@@ -34,7 +35,8 @@ from crosscheck.document import (
 from crosscheck.errors import ArgumentError, unknown
 from crosscheck.files import plain, readable
 from crosscheck.jobs.grid import Crash, Limits
-from crosscheck.jobs.journal import Journal, Stages
+from crosscheck.jobs.stages import Stages
+from crosscheck.jobs.table import Session, digest
 from crosscheck.judge import verdict
 from crosscheck.judge.overrides import Overrides
 from crosscheck.judge.plan import PENDING, PLANS, Profile
@@ -48,12 +50,15 @@ from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.speed import measure_speed
 from crosscheck.verification.task import Cell, Contents, own_contents, with_scenes
 from crosscheck.verification.timing import timed
+from crosscheck.verification.walks import Walk
+from crosscheck.verification.walks import key as walk_key
 
 Progress = Callable[[int, int, str], None]
 """Called with (number of finished tasks, number of all tasks, name of the last finished one)."""
 
-JOURNAL_TYPES = {"truth": SceneTruth, "cell": Judged, "speed": list[list[tuple[float, float]]], "walk": str}
-"""Types of the results of each stage, for `crosscheck.jobs.journal`."""
+ROW_TYPES = {"truth": SceneTruth, "cell": Judged, "timing": tuple[list[list[Point]], dict[int, str]],
+             "speed": list[list[tuple[float, float]]], "walk": Walk | str}
+"""Types of the results of each stage, for `crosscheck.jobs.table`."""
 
 
 def select_scenes(names: Sequence[str] | None, every: bool = False) -> list[str]:
@@ -94,10 +99,10 @@ def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[st
 
 
 def verify(profile: str = "default", scenes: Sequence[str] | None = None, engines: Sequence[str] | None = None,
-           jobs: int = 2, progress: Progress | None = None, journal: Journal | None = None,
+           jobs: int = 2, progress: Progress | None = None, session: Session | None = None,
            limits: Limits | None = None, overrides: Overrides = (), walk: bool = False,
            methods: Sequence[str] | None = None, asked: Asked = AS_PLANNED, scheduler: str | None = None) -> Document:
-    """Run the main job and return its document. Nothing is written except the journal.
+    """Run the main job and return its document. Nothing is written except rows.
 
     Parameters
     ----------
@@ -106,7 +111,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     engines, methods : names; None: all
     jobs : number of worker processes
     progress : called as tasks end
-    journal : every result is written to it; results that are in it already are not computed again
+    session : every result is put into its table; what is there already is not computed again
     limits : of one cell; None: those of `crosscheck.verification.guarded`
     overrides : bounds set by the user, from `crosscheck.judge.overrides.read`
     walk : also make the runs for advice, half a minute of processor time per scene and engine
@@ -128,31 +133,31 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     started = time.perf_counter()
     cells = [cell for cell in all_cells(scene_names, engine_names, settings, within)
              if not methods or cell.method in methods]
-    stages = Stages(jobs, journal, _Counter(len(scene_names) * (1 + bool(settings.timing) + settings.speed)
+    stages = Stages(jobs, session, _Counter(len(scene_names) * (1 + bool(settings.timing) + settings.speed)
                                              + len(cells) + walk * len(scene_names) * len(engine_names), progress))
     far = None if scheduler is None else cluster.connect(scheduler, tuple(engine_names))
     with contextlib.nullcontext() if far is None else contextlib.closing(far):
         elsewhere = dataclasses.replace(stages, executor=far.executor if far is not None else None)
         contents = own_contents(scene_names) if far is not None else {}
-        truths = _truths(elsewhere, scene_names, settings, asked, contents)
+        keys = _Keys(session is not None)
+        truths = _truths(elsewhere, keys, scene_names, settings, asked, contents)
         cells = _planned(cells, truths, settings, overrides, asked)
-        records = _records(elsewhere, cells, truths, within, contents)
+        records = _records(elsewhere, keys, cells, truths, within, contents)
     alone = dataclasses.replace(stages, jobs=1)
     if settings.timing:
-        records = timed(cells, records, settings.timing, stages.count, within)
+        records = timed(cells, records, settings.timing, stages, within)
     records, calibration = measure_speed(records, settings.speed, alone, within) if settings.speed else (records, None)
-    if walk:
-        tasks = [(scene.name, engine) for scene in truths if scene.truth is not None for engine in engine_names]
-        names = [f"{scene} {engine}" for scene, engine in tasks]
-        alone.run("walk", advice.prepare, tasks, names, [f"ladders of {name}" for name in names], within)
+    advised = _advice(alone, keys, truths, engine_names, within, walk)
     meta = provenance.describe(engine_names) | {
         "profile": profile, "jobs": jobs, "calibration": calibration, "asked": asked,
         "command": _command(profile, scenes, engines, jobs, overrides, methods, asked),
-        "seconds": journal.seconds if journal is not None else time.perf_counter() - started}
+        "seconds": session.seconds if session is not None else time.perf_counter() - started,
+        "reused": session.reused if session is not None else 0,
+        "reused_since": session.since if session is not None else None}
     rows = [Support(scene=one.item, engine=one.engine, form=one.form, reason=one.reason, methods=list(one.methods))
             for one in support.of_scenes(scene_names, engine_names, within)]
     return replace(document(msgspec.convert(meta, Meta), truths, records, rows),
-                   advice=advice.of_scenes(scene_names, engine_names) or None)
+                   advice=advised or None)
 
 
 def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record],
@@ -171,11 +176,54 @@ def document(meta: Meta, truths: Sequence[SceneTruth], records: Sequence[Record]
     return Document(meta=meta, scenes=scenes, records=shown, exit_code=exit_code(scenes, records), support=rows)
 
 
-def _truths(stages: Stages, names: list[str], settings: Profile, asked: Asked,
+class _Keys:
+    """Keys of rows: digests of all that a result depends on, the code of this project and of the engine included."""
+
+    def __init__(self, wanted: bool) -> None:
+        self._wanted = wanted  # nobody reads keys without a session
+        self._scenes: dict[str, str] = {}
+        self._engines: dict[tuple[str, ...], str] = {}
+
+    def of(self, stage: str, scene: str, engine: str | None, *task: Any) -> str:
+        """The key of a task on a scene."""
+        from crosscheck.scene.file import read_scene
+
+        if not self._wanted:
+            return ""
+        if scene not in self._scenes:
+            self._scenes[scene] = digest(read_scene(scene)[1])
+        names = () if engine is None else (engine,)
+        if names not in self._engines:
+            self._engines[names] = provenance.code_digest(names, [])
+        return digest(stage, self._scenes[scene], self._engines[names], *task)
+
+
+def _advice(stages: Stages, keys: _Keys, truths: list[SceneTruth], engines: Sequence[str], within: Limits,
+            walk: bool) -> list[Advice]:
+    """The advice for all scenes and engines. Without `walk`, for those that were walked before."""
+    from crosscheck.scene.file import load_scene
+
+    # The user's own engines may crash when they are loaded, and engines in their own environments are slow to start.
+    tasks = [(scene.name, engine) for scene in truths if scene.truth is not None for engine in engines
+             if walk or not (adapters.is_own(engine) or adapters.has_own_environment(engine))]
+    if stages.session is None and not walk:
+        return []
+    names = [walk_key(load_scene(scene), engine) for scene, engine in tasks]
+    if walk:
+        labels = [f"ladders of {scene} {engine}" for scene, engine in tasks]
+        found = stages.run("walk", advice.prepare, tasks, names, labels, within, reuse="any rows")
+    else:
+        found = [stages.kept("walk", name, "any rows") for name in names]
+    return advice.of_walks([scene for scene, _ in tasks], found)
+
+
+def _truths(stages: Stages, keys: _Keys, names: list[str], settings: Profile, asked: Asked,
             contents: Contents) -> list[SceneTruth]:
     """The truth of every scene, or why it could not be prepared."""
     found = stages.run("truth", functools.partial(with_scenes, contents, functools.partial(prepare_truth, asked=asked)),
-                       [(name, settings.whole, settings.most_steps) for name in names], names,
+                       [(name, settings.whole, settings.most_steps) for name in names],
+                       [keys.of("truth", name, None, name, settings.whole, settings.most_steps, asked)
+                        for name in names],
                        [f"truth of {name}" for name in names], again=True)  # every run of the scene needs it
     return [SceneTruth(name=name, title=name, description="", source="", hash="", bodies=[], duration=0.0, plan=None,
                        truth=None, scales=None, failure=readable(each.message), details=readable(each.details) or "")
@@ -205,7 +253,7 @@ def _failure(result: Judged | Crash) -> str:
     return f"{first.kind} {first.value:.1e} {first.unit}, bound {first.bound:.1e}"
 
 
-def _records(stages: Stages, cells: list[Cell], truths: list[SceneTruth], within: Limits,
+def _records(stages: Stages, keys: _Keys, cells: list[Cell], truths: list[SceneTruth], within: Limits,
              contents: Contents) -> list[Record]:
     """The records of all cells, in their order, also if a worker crashed or a scene could not be prepared."""
     scenes = {scene.name: scene for scene in truths}
@@ -215,7 +263,7 @@ def _records(stages: Stages, cells: list[Cell], truths: list[SceneTruth], within
                                       * cells[index].plan.most_steps))
     chosen = [cells[index] for index in ready]
     found = stages.run("cell", functools.partial(with_scenes, contents, guarded_cell), chosen, [
-        json.dumps([cell.scene, cell.engine, cell.method, cell.form, cell.practical]) for cell in chosen],
+        keys.of("cell", cell.scene, cell.engine, cell) for cell in chosen],
                        [f"{cell.scene}: {cell.label}" for cell in chosen], within, failure=_failure)
     by_index = dict(zip(ready, found, strict=True))
     judged = []

@@ -18,7 +18,8 @@ from msgspec.structs import replace
 from crosscheck.document import Calibration, Record, Speed
 from crosscheck.errors import CrosscheckError
 from crosscheck.jobs.grid import Crash, Limits
-from crosscheck.jobs.journal import Stages
+from crosscheck.jobs.stages import Stages
+from crosscheck.jobs.table import digest
 
 CALIBRATION = "40 times the LU solutions of 20 dense systems of 6 equations (numpy.linalg.solve)"
 """The calibration kernel: compiled loops over small matrices, as in a multibody step, without any engine's code. The
@@ -187,7 +188,7 @@ def measure_speed(records: Sequence[Record], rounds: int, stages: Stages, within
     rounds : number of processes, one after the other; every run has several turns in each
     stages : with one job, so that nothing else runs
     within : limits of one run
-    name : name of these rounds in the journal
+    name : of these rounds, which are measured once a session
     """
     chosen: dict[str, list[int]] = {}
     for index, record in enumerate(records):
@@ -209,17 +210,17 @@ def _round(stages: Stages, tasks: list[Round], name: str, within: Limits | None)
     """The pairs of each burst of each task. If a run crashes its process, the task is tried once more without it."""
     whole = None if within is None or within.time is None else dataclasses.replace(
         within, time=within.time * max((len(task.bursts) for task in tasks), default=1))
-    keys = [f"{name} {task.scene}" for task in tasks]
+    keys = [digest("speed", name, task) for task in tasks]
     found = stages.run("speed", time_round, tasks, keys, [f"speed of {task.scene}, {name}" for task in tasks],
-                       whole)
+                       whole, reuse="samples")
     for position, task in enumerate(tasks):
         crash = found[position]
         if isinstance(crash, Crash):
             left = [index for index in range(len(task.bursts)) if str(index) != crash.at]
             found[position] = [[] for _ in task.bursts]
             again = dataclasses.replace(task, bursts=tuple(task.bursts[index] for index in left))
-            result = stages.run("speed", time_round, [again], [f"{keys[position]}, without {crash.at}"],
-                                [f"speed of {task.scene}, {name}, again"], whole)[0]
+            result = stages.run("speed", time_round, [again], [digest("speed", name, again)],
+                                [f"speed of {task.scene}, {name}, again"], whole, reuse="samples")[0]
             for index, pairs in zip(left, [] if isinstance(result, Crash) else result, strict=False):
                 found[position][index] = pairs
     return found

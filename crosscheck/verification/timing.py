@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from msgspec.structs import replace
 
 from crosscheck.document import Finding, Point, Record
 from crosscheck.jobs.grid import Crash, Limits, run_tasks
+from crosscheck.jobs.stages import Stages
+from crosscheck.jobs.table import digest
 from crosscheck.jobs.workers import output
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import RTOLS
@@ -27,7 +29,7 @@ MAIN_STEPS = 2000
 """Most steps of the runs at the step of the main run. They are enough to measure the time per step."""
 
 
-def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, count: Callable[[str], None],
+def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, stages: Stages,
           within: Limits) -> list[Record]:
     """The records with stepping times, one scene after the other in a single worker, with nothing else running.
 
@@ -41,10 +43,16 @@ def timed(cells: Sequence[Cell], records: Sequence[Record], repeats: int, count:
             task = Timing(tuple(cells[index] for index in chosen),
                           tuple(records[index].documented_order for index in chosen), repeats,
                           tuple(records[index].step or records[index].rtol or 0.0 for index in chosen))
-            points, reasons = guarded_timing(task, within)
+            key = digest("timing", task)
+            made = stages.kept("timing", key, "samples")
+            if made is None:
+                made = guarded_timing(task, within)
+                if stages.session is not None:
+                    made = stages.session.put("timing", key, made)
+            points, reasons = made
             for position, index in enumerate(chosen):
                 found[index] = _filled_in(records[index], points[position], reasons.get(position))
-        count(f"timing of {scene}")
+        stages.count(f"timing of {scene}")
     return found
 
 

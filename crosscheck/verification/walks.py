@@ -1,4 +1,4 @@
-"""Walks: the errors and times of every method of one engine on one scene at finer and finer steps, stored on the disk.
+"""Walks: the errors and times of every method of one engine on one scene at finer and finer steps.
 
 First all methods, in the default form, are run with halved steps, or with tolerances that fall by half a power of ten.
 The cheapest next run always comes first. Then steps between two halvings are searched for the errors of `LEVELS`, and
@@ -10,22 +10,18 @@ times, as in `crosscheck.run`.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import hashlib
 import heapq
 import itertools
 import math
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from crosscheck import adapters
 from crosscheck.errors import Unsupported
-from crosscheck.files import cache_folder, replacing
+from crosscheck.jobs.table import digest
 from crosscheck.references.base import Reference
 from crosscheck.running.attempt import Outcome, Ran, attempt
 from crosscheck.scene.model import Scene
@@ -118,41 +114,24 @@ class Walk:
         return sorted(found.values(), key=lambda step: step.cost or 0.0)
 
 
-def walk(scene: Scene, engine: str, again: bool = False) -> Walk:
-    """The walk of an engine. It is read from the disk if it is there, unless `again` is given.
+def walk(scene: Scene, engine: str) -> Walk:
+    """The walk of an engine.
 
     Raises `Unsupported` if the engine cannot model the scene, and `TruthError` or `Unsupported` if it has no truth.
     """
-    found = None if again else kept(scene, engine)
-    if found is None:
-        from crosscheck.references import truth
+    from crosscheck.references import truth
 
-        chosen, refused = ways(scene, [engine], default_form=True)
-        if not chosen:
-            raise Unsupported(f"{engine} on scene {scene.name!r}: {refused[0][1] if refused else 'it has no method'}")
-        found = _Walker(scene, engine, truth(scene)).go(chosen)
-        path = _path(scene, engine)
-        with contextlib.suppress(OSError):  # then it is walked again the next time
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with replacing(path) as aside:
-                aside.write_bytes(msgspec.json.encode(found))
-    return found
+    chosen, refused = ways(scene, [engine], default_form=True)
+    if not chosen:
+        raise Unsupported(f"{engine} on scene {scene.name!r}: {refused[0][1] if refused else 'it has no method'}")
+    return _Walker(scene, engine, truth(scene)).go(chosen)
 
 
-def kept(scene: Scene, engine: str) -> Walk | None:
-    """The walk of an engine on the disk that was made by this code and these versions; None if there is none."""
-    try:
-        return msgspec.json.decode(_path(scene, engine).read_bytes(), type=Walk)
-    except (OSError, msgspec.DecodeError):
-        return None
-
-
-def _path(scene: Scene, engine: str) -> Path:
+def key(scene: Scene, engine: str) -> str:
+    """Digest of all that a walk depends on."""
     from crosscheck.running import provenance
 
-    digest = provenance.code_digest([engine], [engine, scene.hash, scene.duration, scene.samples, BUDGET])
-    name = hashlib.sha256(engine.encode()).hexdigest()[:8]
-    return cache_folder() / f"walk-{scene.hash[:24]}-{name}-{digest[:16]}.json"
+    return digest("walk", provenance.code_digest([engine], []), scene.hash, BUDGET)
 
 
 class _Walker:

@@ -4,6 +4,7 @@ import json
 import os
 import random
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -16,6 +17,7 @@ from crosscheck.cli.app import app
 from crosscheck.errors import ArgumentError
 from crosscheck.history import nightly
 from crosscheck.history.store import open_store, recent
+from crosscheck.jobs import table
 from tests import ROOT
 
 SEEDS = ROOT / "tests" / "seeds"
@@ -89,12 +91,20 @@ def test_any_report_can_be_put_into_a_history(undisturbed, tmp_path):
     assert (run.profile, run.good) == ("smoke", True)
 
 
+def rows():
+    """(key, session) of the rows that are in the table."""
+    with sqlite3.connect(os.environ[table.VARIABLE], timeout=60) as connection:
+        try:
+            return connection.execute("SELECT key, session FROM rows_1").fetchall()
+        except sqlite3.OperationalError:  # it is not made yet
+            return []
+
+
 def kill_within(out, words, moment, later=0.0):
-    """Start a nightly run and kill it `later` (s) than its journal has so many lines; whether it was still at work."""
+    """Start a nightly run and kill it `later` (s) than the table has so many rows; whether it was still at work."""
     process = subprocess.Popen(**command(out, *words))
-    journal = out / nightly.RUNNING / "journal.jsonl"
     while process.poll() is None:
-        if journal.exists() and journal.read_bytes().count(b"\n") >= moment:
+        if len(rows()) >= moment:
             time.sleep(later)
             process.send_signal(signal.SIGKILL)
             break
@@ -105,23 +115,28 @@ def kill_within(out, words, moment, later=0.0):
 
 def test_a_killed_night_goes_on_and_ends_as_if_nothing_had_happened(undisturbed, tmp_path):
     out = tmp_path / "nightly"
-    journal = out / nightly.RUNNING / "journal.jsonl"
     for moment in (3, 9):
         assert kill_within(out, QUICK, moment)
         assert not (out / "latest").exists()
-        # What a kill in the midst of a write leaves; the wider run above may have met it or not.
-        with open(journal, "ab") as file:
-            file.write(b'{"stage":"cell","key":"[half')
-    ended = {json.loads(line)["key"]: line for line in journal.read_bytes().splitlines()[:-1]}
-    assert len(ended) >= 9
-    kept = tmp_path / "journal.jsonl"
-    kept.hardlink_to(journal)  # the run removes its journal at the end
+    before = rows()
+    assert len(before) >= 9
     done = night(out, *QUICK)
     assert done.returncode == 0, done.stdout + done.stderr
-    again = {json.loads(line)["key"]: line for line in kept.read_bytes().splitlines()}
-    assert ended.items() <= again.items()  # nothing that had ended was run again
+    assert set(before) <= set(rows())
+    assert len({key for key, _ in rows()}) == len(rows())  # nothing that had ended was run again
     assert timeless(results(out / "latest")) == timeless(results(undisturbed[1] / "latest"))
     assert len(history_names(out)) == 1
+
+
+def test_a_night_computes_everything_anew_unless_it_is_told_not_to(undisturbed, tmp_path):
+    out = tmp_path / "nightly"
+    counts = []
+    for words in ((), (), ("--no-fresh",)):
+        assert night(out, *QUICK, *words).returncode == 0
+        counts.append(len(rows()))
+    assert counts == [counts[0], 2 * counts[0], 2 * counts[0]]
+    assert len(history_names(out)) == 3
+    assert latest(out)["changes"] == []
 
 
 def test_a_wrong_coefficient_and_another_version_are_named_on_the_first_page(undisturbed):
@@ -145,30 +160,23 @@ def test_a_wrong_coefficient_and_another_version_are_named_on_the_first_page(und
     assert timeless(latest(out)) == timeless(before)
 
 
-def test_what_another_version_left_is_set_aside(tmp_path):
+def test_what_an_earlier_release_left_is_removed(tmp_path):
     out = tmp_path / "nightly"
-    wanted = nightly.Wanted("smoke", ["single_pendulum"], ["lieeuler"])
-    out.mkdir()
-    heading, resumed = nightly._begin(out, wanted)
-    assert not resumed
-    assert nightly._begin(out, wanted) == (heading, True)
-    (out / ".running" / "journal.jsonl").write_text("results of old code\n", encoding="utf-8")
-    other, resumed = nightly._begin(out, nightly.Wanted("smoke", ["heavy_top"], ["lieeuler"]))
-    assert not resumed
-    assert other["fingerprint"] != heading["fingerprint"]
-    kept = out / f".abandoned-{heading['name']}" / "journal.jsonl"
-    assert kept.read_text(encoding="utf-8") == "results of old code\n"
+    for name in (".running", ".abandoned-2026-11-01T02-00-00Z-00ff"):
+        (out / name).mkdir(parents=True)
+        (out / name / "journal.jsonl").write_text("results of old code\n", encoding="utf-8")
+    assert night(out, *QUICK).returncode == 0
+    assert not [path.name for path in out.iterdir() if path.name.startswith((".running", ".abandoned"))]
 
 
 def test_so_many_runs_are_kept_and_never_less_than_the_latest(tmp_path):
     names = [f"2026-11-{day:02d}T02-00-00Z-00ff" for day in range(1, 8)]
     for name in names:
         (tmp_path / name).mkdir()
-        (tmp_path / f".abandoned-{name}").mkdir()
     nightly._point_latest(tmp_path, names[0])
     nightly._prune(tmp_path, 3)
     left = {path.name for path in tmp_path.iterdir()}
-    assert left == {"latest", names[0], *names[-3:], *(f".abandoned-{name}" for name in names[-3:])}
+    assert left == {"latest", names[0], *names[-3:]}
 
 
 def test_the_link_changes_at_once(tmp_path):
@@ -200,7 +208,7 @@ def test_ten_kills_at_random_moments(undisturbed, tmp_path):
     out = tmp_path / "nightly"
     generator = random.Random(20261121)
     kills = 0
-    # The moments spread over the journal's lines, so that a busy machine has them too; each somewhere within a task.
+    # The moments spread over the rows, so that a busy machine has them too; each somewhere within a task.
     for moment in sorted(generator.choices(range(12), k=10)):
         kills += kill_within(out, QUICK, moment, generator.uniform(0.0, 0.5))
         if (out / "latest").exists():

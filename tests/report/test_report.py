@@ -14,15 +14,12 @@ from crosscheck import document as types
 from crosscheck import references, report
 from crosscheck.cli.app import app
 from crosscheck.document import (
-    Judged,
     Support,
 )
 from crosscheck.errors import ArgumentError, Unsupported
-from crosscheck.jobs.journal import Journal
 from crosscheck.judge.plan import Profile
 from crosscheck.report import exports, pdf, schema
 from crosscheck.report import folder as report_folder
-from crosscheck.verification import job
 from crosscheck.verification.cell import run_cell
 from crosscheck.verification.scene_truth import prepare_truth
 from crosscheck.verification.task import Cell
@@ -325,12 +322,3 @@ def contains(after, before):
     if isinstance(before, list):
         return len(after) == len(before) and all(map(contains, after, before))
     return after == before
-
-
-def test_a_journal_of_before_is_read(tmp_path):
-    record = json.loads(BEFORE.read_text(encoding="utf-8"))["records"][0] | {"speed": {}}
-    line = {"stage": "cell", "key": "k", "session": 1, "elapsed": 1.0, "result": record}
-    (tmp_path / "journal.jsonl").write_text(json.dumps(line) + "\n")
-    found = Journal(tmp_path / "journal.jsonl", job.JOURNAL_TYPES).get("cell", "k")
-    assert isinstance(found, Judged)
-    assert found.errors["position"].max == record["errors"]["position"]["max"]

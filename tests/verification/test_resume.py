@@ -1,16 +1,17 @@
-"""`crosscheck verify` continues after a kill, only with the same command and code."""
+"""`crosscheck verify` computes only what is missing: after a kill, when it is repeated, and when it asks for more."""
 
-import json
 import os
+import random
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
 
 import pytest
 
-from crosscheck.errors import ArgumentError
-from crosscheck.jobs.resume import resumable
+from crosscheck.jobs import table
+from tests import ROOT
 from tests.history.test_nightly import results, timeless
 
 QUICK = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "lieeuler", "--jobs", "1", *(
@@ -25,18 +26,31 @@ def verify(out, *words):
     return subprocess.run(command(out, *words), capture_output=True, text=True, timeout=1500)
 
 
-def journal_of(out):
-    return out.with_name(f".{out.name}.running") / "journal.jsonl"
+def rows():
+    """(key, session) of the rows that are in the table."""
+    with sqlite3.connect(os.environ[table.VARIABLE], timeout=60) as connection:
+        try:
+            return connection.execute("SELECT key, session FROM rows_1").fetchall()
+        except sqlite3.OperationalError:  # it is not made yet
+            return []
 
 
-def killed(out, words, moment):
-    """Start a run and kill it when its journal has so many lines."""
+def killed(out, words, moment, later=0.0):
+    """Start a run and kill it `later` (s) than the table has so many rows; whether it was still at work."""
     process = subprocess.Popen(command(out, *words), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while process.poll() is None:
-        if journal_of(out).exists() and journal_of(out).read_bytes().count(b"\n") >= moment:
+        if len(rows()) >= moment:
+            time.sleep(later)
             process.send_signal(signal.SIGKILL)
+            break
         time.sleep(0.01)
-    return process.returncode == -signal.SIGKILL
+    return process.wait(60) == -signal.SIGKILL
+
+
+@pytest.fixture(autouse=True)
+def here(monkeypatch):
+    """CI computes everything anew by default."""
+    monkeypatch.delenv("CI", raising=False)
 
 
 @pytest.fixture(scope="module")
@@ -52,62 +66,81 @@ def document(report):
     return {key: value for key, value in timeless(report).items() if key != "meta"}
 
 
-def test_a_killed_run_goes_on_and_ends_as_if_nothing_had_happened(undisturbed, tmp_path):
+def said(done, words):
+    return words in " ".join(done.stdout.split())
+
+
+@pytest.mark.parametrize("fresh", [(), ("--fresh",)])
+def test_a_killed_run_goes_on_and_ends_as_if_nothing_had_happened(undisturbed, tmp_path, fresh):
     out = tmp_path / "out"
     for moment in (1, 4):
-        assert killed(out, QUICK, moment)
+        assert killed(out, (*QUICK, *fresh), moment)
         assert not out.exists()
-    ended = {json.loads(line)["key"]: line for line in journal_of(out).read_bytes().splitlines()}
-    kept = tmp_path / "journal.jsonl"
-    kept.hardlink_to(journal_of(out))  # the run removes its journal at the end
-    done = verify(out, *QUICK)
+    before = rows()
+    done = verify(out, *QUICK, *fresh)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert f"going on with a run that was killed: {len(ended)} results are kept" in done.stderr
-    again = {json.loads(line)["key"]: line for line in kept.read_bytes().splitlines()}
-    assert ended.items() <= again.items()  # nothing that had ended was run again
+    assert f"going on with a run that was killed: {len(before)} results are kept" in done.stderr
+    assert set(before) <= set(rows())
+    assert len({key for key, _ in rows()}) == len(rows()) == 6  # nothing that had ended was run again
     assert document(results(out)) == document(undisturbed)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["journal.jsonl", "out"]
-
-
-def test_another_command_starts_anew(undisturbed, tmp_path):
-    out = tmp_path / "out"
-    assert killed(out, QUICK, 2)
-    done = verify(out, *QUICK, "--tol", "position=1")
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "going on" not in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def kept(out, identity, stages=None):
-    with resumable(out, identity, {"stage": int}) as found:
-        for number in stages or ():
-            found.journal.put("stage", str(number), number)
-        if stages:
-            raise MemoryError
-        return found.results, os.listdir(out.parent)
+@pytest.mark.slow
+def test_thirty_kills_at_random_moments(undisturbed, tmp_path):
+    generator = random.Random(35)
+    kills = 0
+    for _ in range(30):
+        out = tmp_path / "out"
+        if out.exists():  # it had ended: the table is emptied, and it starts anew
+            assert document(results(out)) == document(undisturbed)
+            os.remove(os.environ[table.VARIABLE])
+            out.rename(tmp_path / f"out{kills}")
+        kills += killed(out, QUICK, generator.choice(range(6)), generator.uniform(0.0, 1.0))
+    done = verify(tmp_path / "out", *QUICK)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert document(results(tmp_path / "out")) == document(undisturbed)
+    assert len({key for key, _ in rows()}) == len(rows()) == 6
+    assert kills >= 25
 
 
-def test_an_error_keeps_what_ended_and_an_interrupt_nothing(tmp_path):
-    out = tmp_path / "out"
-    with pytest.raises(MemoryError):
-        kept(out, "one", [1, 2])
-    assert kept(out, "one")[0] == 2
-    assert kept(out, "one")[0] == 0  # that one ended
-    with pytest.raises(MemoryError):
-        kept(out, "one", [1, 2])
-    assert kept(out, "another")[0] == 0
-    with pytest.raises(KeyboardInterrupt), resumable(out, "one", {}):
-        raise KeyboardInterrupt
-    assert list(tmp_path.iterdir()) == []
+def test_asking_again_computes_nothing_and_says_so(undisturbed, tmp_path):
+    assert verify(tmp_path / "first", *QUICK).returncode == 0
+    before = rows()
+    done = verify(tmp_path / "second", *QUICK)
+    assert rows() == before
+    assert said(done, "6 results were computed before, since ")
+    assert document(results(tmp_path / "second")) == document(undisturbed)
+    anew = verify(tmp_path / "third", *QUICK, "--fresh")
+    assert not said(anew, "were computed before")
+    assert sorted(key for key, _ in rows()) == sorted(2 * [key for key, _ in before])
 
 
-def test_two_runs_at_once_share_no_journal(tmp_path):
-    with resumable(tmp_path / "out", "one", {}) as first, resumable(tmp_path / "out", "one", {}) as second:
-        assert first.journal is not None
-        assert second.journal is None
+def test_asking_for_more_computes_the_rest(tmp_path):
+    few = QUICK[:-4]
+    assert verify(tmp_path / "few", *few).returncode == 0
+    before = rows()
+    done = verify(tmp_path / "more", *QUICK)
+    assert said(done, f"{len(before)} results were computed before")
+    assert len(rows()) == len(before) + 2
+    strict = verify(tmp_path / "strict", *QUICK, "--tol", "position=1e-30")
+    assert strict.returncode == 1  # another bound is another verdict
+    assert said(strict, "1 results were computed before")  # the truth
 
 
-def test_a_journal_that_cannot_be_written_is_one_line(tmp_path):
-    (tmp_path / ".out.running").write_text("a file")
-    with pytest.raises(ArgumentError, match="cannot be written"), resumable(tmp_path / "out", "one", {}):
-        pass
+def test_an_edited_engine_or_helper_is_computed_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "helper.py").write_text("GRAIN = 1\n", "utf-8")
+    (tmp_path / "engine.py").write_text("import helper\nfrom tests.right_engines import Projected\n\n\n"
+                                        "class Mine(Projected):\n    grain = helper.GRAIN\n", "utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    words = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", "engine.py:Mine", "--method", "RK4")
+    counts = []
+    for edited in (None, None, "helper.py", "engine.py", None):
+        if edited:
+            with open(tmp_path / edited, "a", encoding="utf-8") as file:
+                file.write("# edited\nEDIT = 1\n")
+        done = verify(tmp_path / "out", *words)
+        assert done.returncode == 0, done.stdout + done.stderr
+        counts.append(len(rows()))
+    assert counts == [2, 2, 3, 4, 4]

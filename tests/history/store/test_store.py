@@ -9,7 +9,7 @@ import threading
 import time
 
 import pytest
-import sqlalchemy  # noqa: TID253 - these tests are about it
+import sqlalchemy
 
 from crosscheck.errors import ArgumentError
 from crosscheck.history.store import (

@@ -1,4 +1,4 @@
-"""Stores for tests: an SQLite file, and a PostgreSQL server of its own in a temporary folder."""
+"""Databases for tests: an SQLite file, and a PostgreSQL server of its own in a temporary folder."""
 
 from __future__ import annotations
 
@@ -73,13 +73,13 @@ def postgresql_server():
 
 @pytest.fixture(params=["sqlite", "postgresql"])
 def url(request, tmp_path):
-    """URL at which an empty store can be made."""
+    """URL of an empty database."""
     if request.param == "sqlite":
-        return f"sqlite:///{tmp_path / 'history.sqlite'}"
+        return f"sqlite:///{tmp_path / 'some.sqlite'}"
     import psycopg
 
     server = request.getfixturevalue("postgresql_server")
-    name = f"history_{uuid.uuid4().hex[:12]}"
+    name = f"test_{uuid.uuid4().hex[:12]}"
     with psycopg.connect(server, autocommit=True) as connection:
         connection.execute(f"CREATE DATABASE {name}")
     return server.rsplit("/", 1)[0] + f"/{name}"

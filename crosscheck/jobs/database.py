@@ -1,19 +1,16 @@
-"""Open a store: check its URL, connect, and update the schema."""
+"""Databases: an SQLite file or a PostgreSQL server, opened by a path or a URL that a user gives."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crosscheck.errors import ArgumentError
-from crosscheck.history.store.migrations import migrate
 
 if TYPE_CHECKING:
     from sqlalchemy import URL, Engine
-
-DEFAULT = Path("reports/history.sqlite")
-"""The store if none is named, relative to the current folder."""
 
 POSTGRESQL_OPTIONS = frozenset({"application_name", "connect_timeout", "host", "sslcert", "sslkey", "sslmode",
                                 "sslrootcert", "target_session_attrs"})
@@ -23,40 +20,40 @@ PATIENCE = 60.0
 """Seconds to wait for another process that writes to the same SQLite file."""
 
 
-def open_store(where: str | Path | None = None) -> Engine:
-    """Open the store at `where`. If needed, it is made, or updated to the newest schema.
+def database(where: str | Path, option: str, prepare: Callable[[Engine], object]) -> Engine:
+    """Connect to the database at `where`, after `prepare`, which makes or updates its schema.
 
     Parameters
     ----------
-    where : path of an SQLite file, or a URL: sqlite:///path, postgresql://user:password@host/database.
-        None: the environment variable CROSSCHECK_STORE, or else `DEFAULT`.
+    where : path of an SQLite file, or a URL: sqlite:///path, postgresql://user:password@host/database
+    option : what the user gave it by, for messages
 
     Raises
     ------
     ArgumentError
-        The URL is wrong, the server does not answer, or the file is not a store of crosscheck.
+        The URL is wrong, the server does not answer, or `prepare` cannot use what is there.
     """
     import sqlalchemy
 
-    url = _url(where)
+    url = _url(str(where), option)
     shown = url.set(drivername=url.get_backend_name(), query={}).render_as_string(hide_password=True)
     if url.get_backend_name() == "sqlite":
-        engine = _sqlite(url)
+        engine = _sqlite(url, option)
     else:
         engine = sqlalchemy.create_engine(url, poolclass=sqlalchemy.pool.NullPool, connect_args={"connect_timeout": 10})
     try:
-        migrate(engine)
+        prepare(engine)
     except sqlalchemy.exc.SQLAlchemyError as error:
         engine.dispose()
-        raise ArgumentError(f"--store {shown}: cannot be used ({_reason(error)}); give the path of an SQLite file or "
+        raise ArgumentError(f"{option} {shown}: cannot be used ({_reason(error)}); give the path of an SQLite file or "
                             "the URL of a PostgreSQL database that answers") from None
 
     @sqlalchemy.event.listens_for(engine, "handle_error")
     def lost(context: Any) -> None:
         error = context.sqlalchemy_exception
         if isinstance(error, sqlalchemy.exc.OperationalError | sqlalchemy.exc.InterfaceError):
-            raise ArgumentError(f"--store {shown}: cannot be used any more ({_reason(error)}); mend this and give the "
-                                "same command again, a nightly run goes on where it was") from None
+            raise ArgumentError(f"{option} {shown}: cannot be used any more ({_reason(error)}); mend this and give the "
+                                "same command again, it goes on where it was") from None
 
     return engine
 
@@ -66,47 +63,44 @@ def _reason(error: Exception) -> str:
     return first.strip()  # the other lines only repeat the statement or give general advice
 
 
-def _url(where: str | Path | None) -> URL:
-    import os
-
+def _url(given: str, option: str) -> URL:
     import sqlalchemy
 
-    given = str(where or os.environ.get("CROSSCHECK_STORE") or DEFAULT)
     # The messages do not quote the given URL, because it may contain a password.
     if "://" not in given:
         if re.search(r":[^@]*@|^//", given):
-            raise ArgumentError("--store: this looks like a URL without its beginning; write postgresql://user:password"
+            raise ArgumentError(f"{option}: this looks like a URL without its beginning; write postgresql://user:password"
                                 "@host:port/database, or the path of an SQLite file")
         return sqlalchemy.URL.create("sqlite", database=given)
     try:
         url = sqlalchemy.make_url(given)
     except (sqlalchemy.exc.ArgumentError, ValueError):  # ValueError: the port is not a number
-        raise ArgumentError("--store: this URL cannot be read; write postgresql://user:password@host:port/database or "
-                            "sqlite:///path") from None
+        raise ArgumentError(f"{option}: this URL cannot be read; write postgresql://user:password@host:port/database "
+                            "or sqlite:///path") from None
     backend = "postgresql" if url.get_backend_name() == "postgres" else url.get_backend_name()  # libpq allows both
     if backend not in ("sqlite", "postgresql"):
-        raise ArgumentError(f"--store: {backend} is not supported; allowed: sqlite, postgresql")
+        raise ArgumentError(f"{option}: {backend} is not supported; allowed: sqlite, postgresql")
     if unknown := set(url.query) - (POSTGRESQL_OPTIONS if backend == "postgresql" else set()):
-        raise ArgumentError(f"--store: ?{min(unknown)}= is not taken in the URL; "
+        raise ArgumentError(f"{option}: ?{min(unknown)}= is not taken in the URL; "
                             + (f"allowed: {', '.join(sorted(POSTGRESQL_OPTIONS))}; a password stands before the host, "
                                "in PGPASSWORD or in ~/.pgpass" if backend == "postgresql" else "leave it out"))
     if backend == "sqlite" and url.host:
-        raise ArgumentError(f"--store: {url.host} is read as a host; write sqlite:///path, with three strokes")
+        raise ArgumentError(f"{option}: {url.host} is read as a host; write sqlite:///path, with three strokes")
     if backend == "postgresql" and "@" in f"{url.host}{url.database}":
-        raise ArgumentError("--store: more than one @ in the URL; write %40 for one in the user's name or password")
+        raise ArgumentError(f"{option}: more than one @ in the URL; write %40 for one in the user's name or password")
     if url.port is not None and not 0 < url.port < 65536:
-        raise ArgumentError(f"--store: {url.port} is no port; write a number from 1 to 65535")
+        raise ArgumentError(f"{option}: {url.port} is no port; write a number from 1 to 65535")
     return url.set(drivername="postgresql+psycopg" if backend == "postgresql" else "sqlite")
 
 
-def _sqlite(url: URL) -> Engine:
+def _sqlite(url: URL, option: str) -> Engine:
     import sqlalchemy
 
     if url.database and url.database != ":memory:":
         try:
             Path(url.database).parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ArgumentError(f"--store {url.database}: {error.strerror or error}") from None
+            raise ArgumentError(f"{option} {url.database}: {error.strerror or error}") from None
     engine = sqlalchemy.create_engine(url, connect_args={"timeout": PATIENCE})
 
     @sqlalchemy.event.listens_for(engine, "connect")

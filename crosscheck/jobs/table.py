@@ -1,0 +1,244 @@
+"""The table of rows: what was computed once, by a digest of all that it depends on, and the sessions that computed it.
+
+A row is the result of one task. It is on the disk before the command goes on, so that a kill loses only the tasks at
+work. A later command finds the row by its key; a fresh one only rows of its own session. Speed is a sample of a session
+and counts in no other.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import hashlib
+import os
+import platform
+import time
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import psutil
+import sqlalchemy as sql
+
+from crosscheck.errors import ArgumentError
+from crosscheck.files import cache_folder, scalar
+from crosscheck.jobs.database import database
+
+VARIABLE = "CROSSCHECK_TABLE"
+
+MOST_BYTES = 2 * 2**30
+"""Size of all results above which those of the oldest sessions are removed."""
+
+_METADATA = sql.MetaData()
+SESSIONS = sql.Table(  # the numbers in the names grow with the format: another release makes tables of its own
+    "sessions_1", _METADATA, sql.Column("id", sql.Integer, primary_key=True),
+    sql.Column("ask", sql.Text, nullable=False, index=True), sql.Column("command", sql.Text, nullable=False),
+    sql.Column("machine", sql.Text, nullable=False), sql.Column("process", sql.Text, nullable=False),
+    sql.Column("started", sql.Text, nullable=False), sql.Column("ended", sql.Text),
+    sql.Column("seconds", sql.Float, nullable=False))
+ROWS = sql.Table(
+    "rows_1", _METADATA, sql.Column("key", sql.String(64), primary_key=True),
+    sql.Column("session", sql.ForeignKey(SESSIONS.c.id), primary_key=True, index=True),
+    sql.Column("stage", sql.Text, nullable=False), sql.Column("result", sql.LargeBinary, nullable=False),
+    sql.Column("size", sql.Integer, nullable=False), sql.Column("written", sql.Text, nullable=False))
+
+
+def digest(*content: Any) -> str:
+    """The key of a row: a digest of plain values, structs and dataclasses."""
+    plain = msgspec.to_builtins(content, str_keys=True, enc_hook=scalar, order="sorted")
+    return hashlib.sha256(msgspec.msgpack.encode(plain)).hexdigest()
+
+
+class Table:
+    """The rows and sessions in an SQLite file or a PostgreSQL database. Several commands may use it at once."""
+
+    def __init__(self, engine: sql.Engine, trouble: str = "") -> None:
+        self.engine, self.trouble = engine, trouble
+
+    @classmethod
+    def opened(cls) -> Table:
+        """The table named by CROSSCHECK_TABLE (a path or a URL), else `rows.sqlite` in the cache folder.
+
+        If the latter cannot be used, `trouble` says why, and rows are kept as long as the process.
+
+        Raises
+        ------
+        ArgumentError
+            The table named by the user cannot be used.
+        """
+        where = os.environ.get(VARIABLE)
+        try:
+            return cls(database(where or cache_folder() / "rows.sqlite", VARIABLE, _prepare))
+        except ArgumentError as error:
+            if where:
+                raise
+            engine = sql.create_engine("sqlite://", poolclass=sql.StaticPool)
+            _METADATA.create_all(engine)
+            return cls(engine, f"{error}; results are kept for this command only")
+
+    @contextlib.contextmanager
+    def session(self, ask: str, command: str, types: Mapping[str, Any], fresh: bool = False) -> Iterator[Session]:
+        """A session of a command, which continues the last one of the same `ask` if that was killed.
+
+        It ends with the context. An error or an interrupt leaves it to be continued.
+
+        Parameters
+        ----------
+        ask : digest of what is asked
+        types : of the results of each stage, for `msgspec`
+        fresh : rows of other sessions do not count
+        """
+        self._evict()
+        found = Session(self.engine, ask, command, types, fresh)
+        try:
+            yield found
+        except BaseException:
+            with contextlib.suppress(ArgumentError, sql.exc.SQLAlchemyError):  # the first error is the one to tell
+                found.leave()
+            raise
+        found.end()
+
+    def close(self) -> None:
+        """Close all connections."""
+        self.engine.dispose()
+
+    def _evict(self) -> None:
+        """Remove the rows of the oldest ended sessions while all are larger than `MOST_BYTES`."""
+        with self.engine.execution_options(writes=True).begin() as connection:
+            sizes = connection.execute(sql.select(ROWS.c.session, sql.func.sum(ROWS.c.size)).join(SESSIONS).where(
+                SESSIONS.c.ended.is_not(None)).group_by(ROWS.c.session).order_by(ROWS.c.session)).all()
+            above = sum(size for _, size in sizes) - MOST_BYTES
+            for session, size in sizes:
+                if above <= 0:
+                    break
+                connection.execute(sql.delete(ROWS).where(ROWS.c.session == session))
+                above -= size
+
+
+class Session:
+    """One asking. `get` and `put` are for results, `sample` for times, which other sessions cannot know."""
+
+    def __init__(self, engine: sql.Engine, ask: str, command: str, types: Mapping[str, Any], fresh: bool) -> None:
+        self._engine, self._types, self.fresh = engine, types, fresh
+        self._opened = time.perf_counter()
+        self._spent: float  # s, before this process
+        self.reused, self.written = 0, 0  # rows of other sessions that this process has read, and its own
+        self.since: str | None = None  # UTC, when the oldest of the reused rows was computed
+        machine = platform.node()
+        own = SESSIONS.c.ask == ask, SESSIONS.c.machine == machine
+        with engine.execution_options(writes=True).begin() as connection:
+            last = connection.execute(sql.select(SESSIONS).where(*own).order_by(SESSIONS.c.id.desc())).first()
+            self._before = connection.execute(sql.select(sql.func.max(SESSIONS.c.id)).where(
+                *own, SESSIONS.c.ended.is_not(None))).scalar()
+            self.continued = last is not None and last.ended is None and not _alive(last.process)
+            if last is not None and self.continued:
+                self._id, self._spent, self.started = last.id, last.seconds, last.started
+                connection.execute(sql.update(SESSIONS).where(SESSIONS.c.id == last.id).values(process=_process()))
+            else:
+                self._spent, self.started = 0.0, _now()
+                key = connection.execute(sql.insert(SESSIONS).values(
+                    ask=ask, command=command, machine=machine, process=_process(), started=self.started,
+                    seconds=0.0)).inserted_primary_key
+                assert key is not None
+                self._id = key[0]
+            self.left: int = connection.execute(sql.select(sql.func.count()).select_from(ROWS).where(
+                ROWS.c.session == self._id)).scalar_one()
+
+    @property
+    def seconds(self) -> float:
+        """Time (s) spent on this session so far, before kills too."""
+        return self._spent + time.perf_counter() - self._opened
+
+    def get(self, stage: str, key: str, ever: bool = False) -> Any:
+        """The result of a task, or None if it has to be computed. `ever`: of any session, even if this one is fresh."""
+        return self._found(stage, key, self._id if self.fresh and not ever else None)
+
+    def sample(self, stage: str, key: str) -> Any:
+        """What this session measured before it was killed.
+
+        If it has computed nothing, it asks for what was there already, and gets what was measured then.
+        """
+        found = self._found(stage, key, self._id)
+        if found is None and not self.written and not self.fresh and self._before is not None:
+            found = self._found(stage, key, self._before)
+        return found
+
+    def _found(self, stage: str, key: str, session: int | None) -> Any:
+        wanted = sql.select(ROWS).where(ROWS.c.key == key, ROWS.c.stage == stage)
+        if session is not None:
+            wanted = wanted.where(ROWS.c.session == session)
+        with self._engine.connect() as connection:
+            row = connection.execute(wanted.order_by(ROWS.c.session.desc())).first()
+        if row is None:
+            return None
+        if row.session != self._id:
+            self.reused += 1
+            self.since = min(self.since or row.written, row.written)
+        return self._typed(stage, row.result)
+
+    def put(self, stage: str, key: str, result: Any) -> Any:
+        """Write a result and return it as `get` returns it, so that a continued command sees the same values."""
+        content = zlib.compress(msgspec.msgpack.encode(result, enc_hook=scalar), 1)
+        own = ROWS.c.key == key, ROWS.c.session == self._id
+        with self._engine.execution_options(writes=True).begin() as connection:
+            connection.execute(sql.delete(ROWS).where(*own))
+            connection.execute(sql.insert(ROWS).values(key=key, session=self._id, stage=stage, result=content,
+                                                       size=len(content), written=_now()))
+            connection.execute(sql.update(SESSIONS).where(SESSIONS.c.id == self._id).values(seconds=self.seconds))
+        self.written += 1
+        return self._typed(stage, content)
+
+    @property
+    def token(self) -> str:
+        """Four letters that tell sessions of the same second on other machines apart."""
+        return digest(platform.node(), self._id, self.started)[:4]
+
+    def end(self) -> None:
+        """The command has ended; the next one of the same ask begins another session."""
+        with self._engine.execution_options(writes=True).begin() as connection:
+            connection.execute(sql.update(SESSIONS).where(SESSIONS.c.id == self._id).values(
+                ended=_now(), seconds=self.seconds))
+
+    def leave(self) -> None:
+        """This process does no more for the session, which the next one of the same ask continues."""
+        with self._engine.execution_options(writes=True).begin() as connection:
+            connection.execute(sql.update(SESSIONS).where(SESSIONS.c.id == self._id).values(process=""))
+
+    def _typed(self, stage: str, content: bytes) -> Any:
+        return msgspec.msgpack.decode(zlib.decompress(content), type=self._types[stage], strict=False)
+
+
+def _prepare(engine: sql.Engine) -> None:
+    if engine.dialect.name == "sqlite":
+        sql.event.listen(engine, "connect", _fast)
+        if engine.url.database:  # readable by its user alone, as it holds whole command lines
+            Path(engine.url.database).touch(mode=0o600)
+    with engine.execution_options(writes=True).begin() as connection:
+        if connection.dialect.name == "postgresql":
+            connection.execute(sql.text("SELECT pg_advisory_xact_lock(:key)"), {"key": 0x726F7773})
+        _METADATA.create_all(connection)
+
+
+def _fast(connection: Any, _: Any) -> None:
+    """Use a write-ahead log, where the disk can: readers never wait, and a write is one append."""
+    if connection.execute("PRAGMA journal_mode = WAL").fetchone()[0] == "wal":
+        connection.execute("PRAGMA synchronous = NORMAL")  # a kill loses nothing, a power cut the last rows
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+
+
+def _process() -> str:
+    """This process, so that another one with the same number is not taken for it."""
+    return f"{os.getpid()} {psutil.Process().create_time():.2f}"
+
+
+def _alive(process: str) -> bool:
+    try:
+        number, began = process.split()
+        return f"{psutil.Process(int(number)).create_time():.2f}" == began
+    except (ValueError, psutil.Error):  # an empty text: it has left the session
+        return False

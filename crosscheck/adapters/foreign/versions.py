@@ -63,18 +63,18 @@ class Versioned:
         if name.startswith("_"):  # copying and unpickling look up such names before `_adapter` exists
             raise AttributeError(name)
         found = getattr(self._adapter, name)
-        return functools.partial(self._call, remote.ask, self._engine, name) if name == "native" else found
+        return functools.partial(self._call, remote.native, self._engine) if name == "native" else found
 
     def version(self) -> str:
         """Version of the engine in its environment; raises `PackageNotFoundError` if there is none."""
         if self._python is None and present(self._engine) is None:
             raise importlib.metadata.PackageNotFoundError(self._engine)
-        found: str = self._call(remote.ask, self._engine, "version")
+        found: str = self._call(remote.version, self._engine)
         return found
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate in the engine's own environment."""
-        raw: RawRun = self._call(remote.ask, self._engine, "run", scene, spec)
+        raw: RawRun = self._call(remote.run, self._engine, scene, spec).raw()
         raw.stats["own_environment"] = True
         return raw
 

@@ -32,6 +32,7 @@ _HOMES = {
     "EngineError": ("errors", "EngineError"),
     "TruthError": ("references.base", "TruthError"),
     "ArgumentError": ("errors", "ArgumentError"),
+    "CrosscheckError": ("errors", "CrosscheckError"),
 }
 """The public names, each with its module and its attribute there."""
 

@@ -5,7 +5,7 @@ from crosscheck.adapters import names as engines
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.export import export_model
 from crosscheck.diagnosis import explain
-from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported
+from crosscheck.errors import ArgumentError, CrosscheckError, EngineError, SceneError, Unsupported
 from crosscheck.inspection import inspect
 from crosscheck.references.base import TruthError
 from crosscheck.running.run import run, truth
@@ -22,7 +22,7 @@ from crosscheck.verification.advice import advise
 __version__: str
 
 __all__ = [
-    "ArgumentError", "EngineError", "RawRun", "RunSpec", "Scene", "SceneError", "States", "Trajectory", "TruthError",
-    "Unsupported", "advise", "assert_agree", "engines", "explain", "export_model", "import_model", "inspect",
-    "load_scene", "methods", "run", "scenes", "sweep", "truth",
+    "ArgumentError", "CrosscheckError", "EngineError", "RawRun", "RunSpec", "Scene", "SceneError", "States",
+    "Trajectory", "TruthError", "Unsupported", "advise", "assert_agree", "engines", "explain", "export_model",
+    "import_model", "inspect", "load_scene", "methods", "run", "scenes", "sweep", "truth",
 ]

@@ -59,3 +59,20 @@ def test_a_seeded_circle_is_found():
     with pytest.raises(ValueError, match="circle"):
         rooms.floors(loop)
     assert rooms.floors({"a": {"b"}, "b": set(), "d": {"a"}}) == {"a": 2, "b": 1, "d": 3}
+
+
+def test_the_picture_is_that_of_the_code():
+    """`python tools/rooms.py --picture docs/static/house.svg` draws it anew."""
+    assert (ROOT / "docs/static/house.svg").read_text("utf-8") == rooms.picture(ROOT)
+
+
+def test_the_picture_leaves_out_what_is_implied():
+    assert rooms.reduced({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == {"a": {"b"}, "b": {"c"}, "c": set()}
+
+
+def test_the_version_of_the_formulas_covers_what_they_import(edges):
+    from crosscheck.references.cache import SHARED
+
+    reached = {target for module in edges if rooms.room(module) == "references"
+               for target in rooms.reachable(edges, module) if rooms.room(target) == "scene"}
+    assert {f"crosscheck.scene.{name}" for name in SHARED} >= reached - {"crosscheck.scene"}

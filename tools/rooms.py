@@ -1,6 +1,7 @@
 """Measure the structure of `crosscheck` from its imports: rooms, floors, imports between rooms, circles.
 
     python tools/rooms.py [FOLDER]        FOLDER: a checkout; default: the one this file is in
+    python tools/rooms.py --picture FILE  writes the picture in CONTRIBUTING.md, as SVG
 
 A room is a folder of the package, or a module beside the folders; `lieeuler` is one room. Imports inside functions and
 for type checkers count like any other. The floor of a room is the longest chain of imports below it.
@@ -156,5 +157,48 @@ def report(root: Path) -> Iterable[str]:
     yield f"imports against the rule {len(broken)}"
 
 
+WIDTH, HEIGHT, ACROSS, UP = 118, 28, 132, 64
+"""Size of a room in the picture, and the distances of neighbours in a floor and of floors, px."""
+
+
+def reduced(edges: Edges) -> Edges:
+    """The edges that no longer path implies: A to C is left out where A leads to B and B to C."""
+    return {node: {target for target in targets
+                   if not any(target in reachable(edges, other) for other in targets - {target})}
+            for node, targets in edges.items()}
+
+
+def picture(root: Path) -> str:
+    """The rooms by floors as SVG, with the imports that no other import implies."""
+    outside = ("__init__", "__main__")
+    rooms = {name: targets for name, targets in between(imports(modules(root))).items() if name not in outside}
+    storeys: dict[int, list[str]] = {}
+    for name, floor in floors(rooms).items():
+        storeys.setdefault(floor, []).append(name)
+    across = max(map(len, storeys.values()))
+    place = {}
+    for floor, names in storeys.items():
+        for k, name in enumerate(sorted(names)):
+            place[name] = (ACROSS * (k + 0.5 + (across - len(names)) / 2), UP * (max(storeys) - floor) + HEIGHT)
+    body = [f'<path d="M{place[name][0]:g} {place[name][1] + HEIGHT / 2:g}L{place[target][0]:g} '
+            f'{place[target][1] - HEIGHT / 2 - 4:g}" class="a" marker-end="url(#m)"/>'
+            for name, targets in sorted(reduced(rooms).items()) for target in sorted(targets)]
+    for name, (x, y) in sorted(place.items()):
+        body.append(f'<rect x="{x - WIDTH / 2:g}" y="{y - HEIGHT / 2:g}" width="{WIDTH}" height="{HEIGHT}" rx="5"/>'
+                    f'<text x="{x:g}" y="{y + 4:g}">{name}</text>')
+    size = f"{across * ACROSS} {UP * (max(storeys) - 1) + 2 * HEIGHT}"
+    return "\n".join([
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size}" role="img" font-family="sans-serif">',
+        "<title>The rooms of the packages. An arrow leads from a room to one that it imports.</title>",
+        "<style>rect{fill:#fff;stroke:#456}text{text-anchor:middle;font-size:13px}.a{stroke:#9ab;fill:none}</style>",
+        '<defs><marker id="m" markerWidth="7" markerHeight="7" refX="5" refY="3" orient="auto">'
+        '<path d="M0 0L6 3L0 6z" fill="#9ab"/></marker></defs>',
+        '<rect width="100%" height="100%" style="stroke:none"/>', *body, "</svg>", ""])
+
+
 if __name__ == "__main__":
-    print(*report(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1]), sep="\n")
+    here = Path(__file__).parents[1]
+    if sys.argv[1:2] == ["--picture"]:
+        Path(sys.argv[2]).write_text(picture(here), encoding="utf-8")
+    else:
+        print(*report(Path(sys.argv[1]) if len(sys.argv) > 1 else here), sep="\n")

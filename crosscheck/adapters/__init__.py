@@ -66,10 +66,11 @@ def _get(name: str) -> Engine:
         return Versioned(name)
     if name in built_in.ENTRIES:
         return built_in.ENTRIES[name].make()
-    from crosscheck.adapters.foreign import own
+    from crosscheck.adapters.foreign import code, own
 
     for point in importlib.metadata.entry_points(group=_GROUP, name=name):
-        return own.completed(point.load()(), name, point.dist.version if point.dist else "unknown")
+        stated = point.dist.version if point.dist else None
+        return own.completed(point.load()(), name, stated, code.digest(point.module))
     if is_own(name):
         return own.load(name, names())
     raise ArgumentError(unknown("engine", name, names()))

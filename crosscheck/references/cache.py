@@ -28,6 +28,10 @@ _DIGEST = "digest"
 _ARRAYS = ("position_derivatives", "attitude_derivatives")
 
 
+SHARED = ("functions", "joints", "model", "states")
+"""Modules of `crosscheck.scene` that the formulas import, directly or not."""
+
+
 @functools.cache
 def formula_version() -> str:
     """Digest of the code that makes references and of the versions of its libraries.
@@ -36,7 +40,8 @@ def formula_version() -> str:
     """
     digest = hashlib.sha256()
     here = pathlib.Path(__file__).parent
-    for source in [*sorted(here.glob("*.py")), here.parent / "scene" / "model.py"]:
+    shared = [here.parent / "scene" / f"{name}.py" for name in SHARED]
+    for source in [*sorted(here.glob("*.py")), *shared]:
         digest.update(source.read_bytes())
     for library in ("heyoka", "scipy", "mpmath"):
         try:

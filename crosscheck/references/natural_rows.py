@@ -89,9 +89,8 @@ def rows_of(scene: Scene) -> Rows:
             for b in range(a, 3):
                 form = np.zeros((24, 24))
                 half = _vector(np.eye(3)[a]).T @ _vector(np.eye(3)[b])
-                form[:12, :12] = 0.5 * (half + half.T)  # r_a . r_b, with a factor 1/2 for a = b
-                terms.append((form * (1.0 if a == b else 2.0) if a != b else form, np.zeros(24),
-                              -0.5 if a == b else 0.0, body, GROUND))
+                form[:12, :12] = half if a == b else half + half.T  # r_a . r_b, with a factor 1/2 for a = b
+                terms.append((form, np.zeros(24), -0.5 if a == b else 0.0, body, GROUND))
     for joint in scene.joints:
         terms += [(*term, joint.parent, joint.child) for term in _of_joint(joint, scene)]
     A, B, c, first, second = zip(*terms, strict=True)

@@ -65,8 +65,7 @@ def code_digest(engine_names: Iterable[str], more: Any) -> str:
     versions = {key: value for key, value in describe(names).items()
                 if key in ("engines", "packages", "python", "machine")}
     found = hashlib.sha256(json.dumps([more, versions], sort_keys=True).encode())
-    own = tuple(path for path in (Path(name.rpartition(":")[0]) for name in names) if path.suffix == ".py")
-    found.update(digest((".",), own))
+    found.update(digest((".",)))
     return found.hexdigest()
 
 

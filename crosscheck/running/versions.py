@@ -51,8 +51,8 @@ def of_package(name: str) -> str:
 
 
 @functools.cache
-def digest(folders: tuple[str, ...], more: tuple[Path, ...] = ()) -> bytes:
-    """Digest of folders of crosscheck, of lieeuler with its kernel, and of the files in `more`.
+def digest(folders: tuple[str, ...]) -> bytes:
+    """Digest of folders of crosscheck and of lieeuler with its kernel.
 
     The result is kept for the life of the process, because later edits of the files do not change the imported code.
     """
@@ -63,7 +63,7 @@ def digest(folders: tuple[str, ...], more: tuple[Path, ...] = ()) -> bytes:
         if found is not None and found.origin:
             origin = Path(found.origin)
             sources += sorted(origin.parent.glob("*.py")) if name == "lieeuler" else [origin]
-    for source in (*sources, *more):
+    for source in sources:
         read.update(source.read_bytes())
     return read.digest()
 

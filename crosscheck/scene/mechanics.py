@@ -75,7 +75,7 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
     for force in scene.forces:
         p = force.parameters
         if force.type.endswith("spring"):
-            undamped = dataclasses.replace(force, parameters=p | {"damping": 0.0})
+            undamped = dataclasses.replace(force, parameters={**p, "damping": 0.0})
             total += pushed(force) - pushed(undamped)
             if force.type == "torsional_spring":
                 total -= p["stiffness"] * (angles[force.joint] - at(p["rest_angle"], states.t)) * at(

@@ -10,7 +10,8 @@ import dataclasses
 import functools
 import hashlib
 import json
-from collections.abc import Container
+import types
+from collections.abc import Container, Mapping
 from typing import Any
 
 import numpy as np
@@ -26,9 +27,16 @@ ELEMENTS = ("armature", "mimic", "drive", "slip", "joint_torque", "function")
 
 
 def _frozen(values: Any, shape: tuple[int, ...]) -> np.ndarray:
-    array = np.array(values, dtype=float).reshape(shape)
-    array.setflags(write=False)
-    return array
+    """A copy that nobody can write to. Its memory is that of a `bytes` object, so that no flag makes it writable."""
+    return np.frombuffer(np.array(values, dtype=float).tobytes()).reshape(shape)
+
+
+class _Record:
+    """Base of the frozen records of a scene. Copies and pickles are made from the fields, which freezes them again."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = (getattr(self, field.name) for field in dataclasses.fields(self))  # type: ignore[arg-type]
+        return type(self), tuple(dict(value) if isinstance(value, Mapping) else value for value in values)
 
 
 def rotation_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
@@ -73,7 +81,7 @@ class Mimic:
 
 
 @dataclasses.dataclass(frozen=True)
-class Body:
+class Body(_Record):
     """A rigid body in its initial state."""
 
     name: str
@@ -91,7 +99,7 @@ class Body:
 
 
 @dataclasses.dataclass(frozen=True)
-class Joint:
+class Joint(_Record):
     """A joint between two bodies, or a body and the ground (index -1)."""
 
     name: str
@@ -122,7 +130,7 @@ class Joint:
 
 
 @dataclasses.dataclass(frozen=True)
-class Force:
+class Force(_Record):
     """A spring-damper, a load or the drive of a joint; `parameters` holds the keys of its type, arrays as tuples.
 
     A constant_force or constant_torque may have a `factor`, a function of time that multiplies it; rest_angle and the
@@ -133,8 +141,11 @@ class Force:
     parent: Any  # body index, -1 for the ground; None for types without one
     child: Any  # body index; None for types without one
     joint: Any  # joint name, for torsional springs, joint torques and joint forces
-    parameters: dict[str, Any]
+    parameters: Mapping[str, Any]
     of_joint: str = ""  # the joint whose damping or stiffness this is
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", types.MappingProxyType(dict(self.parameters)))
 
     @property
     def functions(self) -> tuple[TimeFunction, ...]:
@@ -143,7 +154,7 @@ class Force:
 
 
 @dataclasses.dataclass(frozen=True)
-class Scene:
+class Scene(_Record):
     """An engine-neutral mechanical system with its complete initial state, duration and output times."""
 
     name: str
@@ -178,32 +189,33 @@ class Scene:
     @functools.cached_property
     def masses(self) -> np.ndarray:
         """(n,) masses, kg."""
-        return np.array([body.mass for body in self.bodies])
+        return _frozen([body.mass for body in self.bodies], (-1,))
 
     @functools.cached_property
     def inertias(self) -> np.ndarray:
         """(n, 3, 3) inertias about the centres of mass, body axes, kg m^2."""
-        return np.array([body.inertia for body in self.bodies]).reshape(-1, 3, 3)
+        return _frozen([body.inertia for body in self.bodies], (-1, 3, 3))
 
     @functools.cached_property
     def x0(self) -> np.ndarray:
         """(n, 3) centres of mass, world."""
-        return np.array([body.position for body in self.bodies]).reshape(-1, 3)
+        return _frozen([body.position for body in self.bodies], (-1, 3))
 
     @functools.cached_property
     def R0(self) -> np.ndarray:
         """(n, 3, 3) attitudes, body to world."""
-        return rotation_from_quaternion(np.array([body.attitude for body in self.bodies]).reshape(-1, 4))
+        attitudes = np.array([body.attitude for body in self.bodies]).reshape(-1, 4)
+        return _frozen(rotation_from_quaternion(attitudes), (-1, 3, 3))
 
     @functools.cached_property
     def v0(self) -> np.ndarray:
         """(n, 3) velocities of the centres of mass, world."""
-        return np.array([body.velocity for body in self.bodies]).reshape(-1, 3)
+        return _frozen([body.velocity for body in self.bodies], (-1, 3))
 
     @functools.cached_property
     def w0(self) -> np.ndarray:
         """(n, 3) angular velocities, body axes."""
-        return np.array([body.angular_velocity for body in self.bodies]).reshape(-1, 3)
+        return _frozen([body.angular_velocity for body in self.bodies], (-1, 3))
 
     def beyond(self, known: Container[str] = (), tree: Container[str] = ()) -> str | None:
         """Why an engine that knows only `known` of ELEMENTS cannot model the scene, or None if it can.
@@ -266,32 +278,51 @@ class Scene:
         """A copy with some fields changed, such as `duration` or `samples`."""
         return dataclasses.replace(self, **changes)
 
-    @functools.cached_property
+    @property
+    def key(self) -> str:
+        """SHA-256 of the system: of all that determines its motion, without its times.
+
+        It is computed from the values at each call, so that no altered scene keeps the key of an honest one. The name
+        of the scene and the texts about it do not count; the names of bodies and joints do, because results have them.
+        """
+        return _digest(self._content())
+
+    @property
     def hash(self) -> str:
-        """SHA-256 of everything that determines the motion and its samples; names and descriptions do not count."""
-        content = {
-            "gravity": self.gravity.tolist(), "duration": self.duration, "samples": self.samples,
-            "bodies": [_plain(body) for body in self.bodies],
-            "joints": [_plain(joint) for joint in self.joints],
-            "forces": [_plain(force) for force in self.forces],
-        }
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+        """SHA-256 of the system with its output times."""
+        return _digest(self._content() | {"duration": self.duration, "samples": self.samples})
+
+    def _content(self) -> dict[str, object]:
+        return {"gravity": self.gravity.tolist(), "bodies": [_plain(body) for body in self.bodies],
+                "joints": [_plain(joint) for joint in self.joints],
+                "forces": [_plain(force) for force in self.forces]}
 
 
-_NOT_HASHED = frozenset({"reference", "start", "damping", "stiffness", "rest_position", "of_joint"})
-"""Fields that do not change the motion, or that are also among the forces of the scene."""
+_NOT_HASHED = frozenset({"damping", "stiffness", "rest_position", "of_joint"})
+"""Fields that are also among the forces of the scene."""
+
+_OPTIONAL = frozenset({"armature", "mimic", "drive", "radius", "reference", "start"})
+"""Fields that count only where they are given: scenes without them keep the hash that older releases stored."""
+
+
+def _digest(content: dict[str, object]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def _plain(record: Any) -> dict[str, object]:
     """A dataclass as JSON values; floats keep every bit."""
-    fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)
-              if field.name not in _NOT_HASHED}
-    for name in ("armature", "mimic", "drive", "radius"):  # scenes without them keep their old hash
-        if not fields.get(name):
-            fields.pop(name, None)
-        elif name not in ("armature", "radius"):
-            fields[name] = dataclasses.astuple(fields[name])
-    if "parameters" in fields:
-        fields["parameters"] = {key: dataclasses.astuple(value) if isinstance(value, TimeFunction) else value
-                                for key, value in fields["parameters"].items()}
-    return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in fields.items()}
+    fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
+    return {name: _value(value) for name, value in fields.items()
+            if name not in _NOT_HASHED and not (name in _OPTIONAL and (value is None or _empty(value)))}
+
+
+def _empty(value: Any) -> bool:
+    return isinstance(value, tuple) and not value
+
+
+def _value(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _value(each) for key, each in value.items()}
+    return dataclasses.astuple(value) if isinstance(value, TimeFunction | Mimic) else value

@@ -67,6 +67,15 @@ Machine parallelogram() {
   return m;
 }
 
+// The same with a spring that is stiff for steps of a millisecond.
+Machine stiff_parallelogram() {
+  Machine m = parallelogram();
+  Force spring{Force::Kind::linear_spring, m.system.n(), 1};
+  spring.parent_point = 0.2 * kY, spring.stiffness = 1e5, spring.rest = 1.25;
+  m.system.forces = {spring};
+  return m;
+}
+
 // A hinge, a slide that turns, a rod; springs, dampers and loads of every kind.
 Machine sprung() {
   Machine m;
@@ -117,7 +126,11 @@ Machine pins() {
 
 // `step`: of the methods with a fixed one, s.
 Outcome drive(const Machine& m, const std::string& method, double step, const Record& record) {
-  const Plan plan(m.system);
+  System measured = m.system;
+  for (const Body& body : m.system.bodies) measure(measured, body);
+  for (const Joint& joint : m.system.joints) measure(measured, joint);
+  for (const Force& force : m.system.forces) measure(measured, force);
+  const Plan plan(measured);
   const System& system = plan.system;
   const State start = m.start();
   const std::vector<double> steps{step, 2 * step}, t_eval{0, 0.007, 0.013, 0.05};
@@ -172,11 +185,12 @@ Outcome drive(const Machine& m, const std::string& method, double step, const Re
 int main(int argc, char** argv) {
   if (argc < 3 || argc > 4) return 1;
   const std::string system = argv[1], method = argv[2];
-  const Machine machine = system == "parallelogram" ? parallelogram()
-                          : system == "sprung"      ? sprung()
-                          : system == "tree"        ? tree()
-                          : system == "pins"        ? pins()
-                                                    : pendulum(std::stoi(system));
+  const Machine machine = system == "parallelogram"         ? parallelogram()
+                          : system == "stiff_parallelogram" ? stiff_parallelogram()
+                          : system == "sprung"              ? sprung()
+                          : system == "tree"                ? tree()
+                          : system == "pins"                ? pins()
+                                                            : pendulum(std::stoi(system));
   double sum = 0;
   const Record record = [&](int, const State& state) {
     for (const Frame& frame : state.frames) sum += frame.x.sum();

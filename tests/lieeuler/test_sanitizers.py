@@ -12,8 +12,8 @@ import pytest
 import lieeuler
 from tests import ROOT
 
-METHODS = (*lieeuler.EULER_METHODS, "INDEX1_LE", "BAUMGARTE_LE", "rattle4", "rkmk_fixed", "rkmk_adaptive", "seulex",
-           "taylor")
+METHODS = (*lieeuler.EULER_METHODS, "INDEX1_LE", "BAUMGARTE_LE", "generalized_alpha", "rattle4", "rkmk_fixed",
+           "rkmk_adaptive", "seulex", "taylor")
 pytestmark = pytest.mark.slow  # the program takes a minute of a core to compile
 
 WATCHED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O0")
@@ -48,7 +48,7 @@ def run(program, *arguments):
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("system", ["1", "2", "20", "parallelogram", "sprung"])
+@pytest.mark.parametrize("system", ["1", "2", "20", "parallelogram", "stiff_parallelogram", "sprung"])
 def test_no_fault_in_a_run(watched_driver, system, method):
     assert run(watched_driver, system, method).startswith("status 0 ")
 

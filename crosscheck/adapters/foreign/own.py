@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.adapters.base import RawRun, RunSpec, steps_per_sample
+from crosscheck.adapters.foreign import code
 from crosscheck.errors import ArgumentError, EngineError, unknown
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -31,8 +32,8 @@ class Completed:
     the fixed step. All other attributes are those of the engine.
     """
 
-    def __init__(self, engine: Any, version: str) -> None:
-        self._engine, self._version = engine, version
+    def __init__(self, engine: Any, version: str | None, own: str) -> None:
+        self._engine, self._version, self._own = engine, version, own
         self.name: str = engine.name
         self.methods: tuple[str, ...] = tuple(engine.methods)
         self.forms: tuple[str, ...] = tuple(getattr(engine, "forms", ()))
@@ -47,9 +48,10 @@ class Completed:
         return getattr(self._engine, name)
 
     def version(self) -> str:
-        """The engine's version, a method or a text; else that of its package or file."""
-        own = getattr(self._engine, "version", None)
-        return str(own() if callable(own) else own or self._version)
+        """The version that the engine or its package states, and the digest of its code."""
+        stated = getattr(self._engine, "version", None)
+        said = stated() if callable(stated) else stated or self._version
+        return ", ".join([*([] if said is None else [str(said)]), *([f"code {self._own}"] if self._own else [])])
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
         """From the engine's method of this name, else from its table `orders`; None for adaptive methods."""
@@ -119,6 +121,7 @@ def load(name: str, known: Iterable[str]) -> Completed:
         raise ArgumentError(f"engine: {name!r} is not understood; a class is given as module:Class or "
                             "path/file.py:Class")
     try:
+        own = code.digest(home) if Path(home).suffix == ".py" and Path(home).is_file() else ""  # what comes next
         module = _module(home)
     except ArgumentError:
         raise
@@ -140,11 +143,20 @@ def load(name: str, known: Iterable[str]) -> Completed:
     except Exception as error:
         raise ArgumentError(f"engine: {name} cannot be made without arguments: {type(error).__name__}: {error}"
                             ) from error
-    return completed(engine, name, _version(module))
+    stated = getattr(module, "__version__", None)
+    return completed(engine, name, None if stated is None else str(stated),
+                     own or code.digest(home, getattr(module, "__file__", None)))
 
 
-def completed(engine: Any, name: str, version: str) -> Completed:
-    """`engine` with its defaults; raises `ArgumentError` naming what it lacks. `name`: as the user wrote it."""
+def completed(engine: Any, name: str, version: str | None, own: str = "") -> Completed:
+    """`engine` with its defaults; raises `ArgumentError` naming what it lacks.
+
+    Parameters
+    ----------
+    name : as the user wrote it
+    version : of its module or package; None: it states none
+    own : digest of its code; "": it is an object of the user's program, whose results are not stored
+    """
     for method in ("unsupported", "run"):
         if not callable(getattr(engine, method, None)):
             raise ArgumentError(f"engine: {name} has no method {method}(scene, spec); an engine needs `unsupported` "
@@ -159,7 +171,7 @@ def completed(engine: Any, name: str, version: str) -> Completed:
             isinstance(order, int) and order > 0 for order in orders.values()):
         raise ArgumentError(f"engine: {name}: `orders` has to map names of its methods to whole numbers from 1, "
                             f"not {orders!r}")
-    return Completed(engine, version)
+    return Completed(engine, version, own)
 
 
 def _module(home: str) -> types.ModuleType:
@@ -186,12 +198,3 @@ def _module(home: str) -> types.ModuleType:
         del sys.modules[name]
         raise
     return module
-
-
-def _version(module: types.ModuleType) -> str:
-    """`__version__` of the module, else the digest of its file, so that a history notices edits."""
-    stated = getattr(module, "__version__", None)
-    if stated is not None:
-        return str(stated)
-    source = getattr(module, "__file__", None)
-    return f"file {hashlib.sha256(Path(source).read_bytes()).hexdigest()[:8]}" if source else "unknown"

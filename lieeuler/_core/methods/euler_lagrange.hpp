@@ -70,7 +70,7 @@ class LagrangeStepper : public LagrangeRows<Map> {
   }
   void take_whole_matrix() {
     split_.reset();
-    this->plan_matrix(true);
+    this->plan_matrix(nodes_.doubled());
     matrix_ = LagrangeBlocks(this->plan_, columns_, lu_);
   }
 

@@ -11,6 +11,8 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+
 
 def square_or_die(number: int) -> int:
     """The square; -1 kills the process as a crashing engine would, -2 raises."""
@@ -101,3 +103,41 @@ def die_once(path: Path) -> int:
 def call(task: tuple) -> object:
     """`task[0](*task[1:])`: tasks of several kinds in one worker."""
     return task[0](*task[1:])
+
+
+class Bomb:
+    """Unpickling it makes a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple:
+        return Path.touch, (self.path,)
+
+
+class BombError(ValueError, Bomb):
+    """The same as an error."""
+
+    def __str__(self) -> str:
+        return "an error of the engine's own kind"
+
+
+def returned(path: Path) -> list:
+    """Returns an object of its own."""
+    return [1, Bomb(path)]
+
+
+def raised(path: Path) -> None:
+    """Raises an error of its own."""
+    raise BombError(path)
+
+
+def mistyped(number: int) -> int:
+    """Returns something else than it says."""
+    return "many"  # type: ignore[return-value]
+
+
+def arrays(shape: tuple) -> dict[str, np.ndarray]:
+    """Arrays of every kind that is taken."""
+    values = np.arange(np.prod(shape)).reshape(shape)
+    return {kind: values.astype(kind) for kind in ("?", "i1", "u4", "i8", "f4", "f8")} | {"turned": values.T * 0.1}

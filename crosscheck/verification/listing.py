@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import operator
 from collections.abc import Sequence
 
 from crosscheck.jobs.grid import Crash, Limits, run_tasks
@@ -23,8 +21,8 @@ def all_cells(scene_names: Sequence[str], engine_names: Sequence[str], profile: 
 
     pairs = [(scene, engine) for scene in scene_names for engine in engine_names]
     risky = [pair for pair in pairs if adapters.is_own(pair[1])]
-    told = dict(zip(risky, run_tasks(operator.call, [
-        functools.partial(cells_of, *pair, profile) for pair in risky], 1, limits=within), strict=True))
+    told = dict(zip(risky, run_tasks(_cells, [(*pair, profile) for pair in risky], 1, limits=within),
+                    strict=True))
     cells: list[Cell] = []
     for scene, engine in pairs:
         found = told[scene, engine] if (scene, engine) in told else cells_of(scene, engine, profile)
@@ -33,6 +31,10 @@ def all_cells(scene_names: Sequence[str], engine_names: Sequence[str], profile: 
                      for method in adapters.methods(engine)]
         cells += found
     return cells
+
+
+def _cells(task: tuple[str, str, Profile]) -> list[Cell]:
+    return cells_of(*task)
 
 
 def cells_of(scene_name: str, engine_name: str, profile: Profile) -> list[Cell]:

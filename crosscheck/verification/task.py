@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from crosscheck.document import Plan
 from crosscheck.judge.plan import STUDY_SAMPLES
 from crosscheck.scene.model import Scene
 from crosscheck.scene.schema import Content
+
+T = TypeVar("T")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,7 +80,7 @@ def own_contents(names: Sequence[str]) -> Contents:
     return {name: read_scene(name)[1] for name in names if name not in scene_names()}
 
 
-def with_scenes(contents: Contents, function: Callable[[Any], Any], task: Any) -> Any:
+def with_scenes(contents: Contents, function: Callable[[Any], T], task: Any) -> T:
     """`function(task)`, in which these names stand for these contents. The files need not be on this machine."""
     from crosscheck.scene.file import carry
 

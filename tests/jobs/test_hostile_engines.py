@@ -3,6 +3,7 @@
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from crosscheck.jobs import grid
@@ -90,3 +91,32 @@ def taken_apart(frame):
 
 def test_a_whole_frame_is_taken():
     assert taken_apart(frames.framed(3, b"content")) == b"content"
+
+
+def test_an_object_of_an_engine_runs_nothing_in_the_parent(tmp_path):
+    path = tmp_path / "unpickled"
+    assert "cannot hold an object of type Bomb" in after(tasks.returned, path).message
+    found = after(tasks.raised, path)
+    assert found.message == "BombError: an error of the engine's own kind"
+    assert type(found.error) is ValueError
+    assert not path.exists()
+
+
+def test_a_result_of_another_type_is_a_failure():
+    found, right = grid.run_tasks(tasks.mistyped, [1], 1)[0], grid.run_tasks(tasks.arrays, [(2, 3, 4)], 1)[0]
+    assert "not of the type that was asked for: Expected `int`, got `str`" in found.message
+    for kind, values in tasks.arrays((2, 3, 4)).items():
+        np.testing.assert_array_equal(right[kind], values, strict=True)
+
+
+@pytest.mark.parametrize("content", [("|O", (1,), bytes(8)), ("<f8", (2,), bytes(8)), ("<f8", (-1, -1), bytes(8)),
+                                     ("|V8", (1,), bytes(8)), ("<f8", (1.5,), bytes(8)), "text", ("<f8", (1,))])
+def test_an_array_that_is_none_is_refused(content):
+    with pytest.raises(ValueError, match=r"array|Expected"):
+        frames.decode(frames.encode(content), np.ndarray)
+
+
+def test_a_frame_of_two_gigabytes_is_refused_by_its_header():
+    header = frames.HEADER.pack(b"xchk", 3, 2**31, 0)
+    with pytest.raises(frames.BrokenFrame):
+        frames.size(header, 3)

@@ -61,19 +61,19 @@ class Versioned(StandIn):
 
     def native(self, path: str, states: JointStates) -> Native:
         """The model that the engine makes of a model file in its own environment."""
-        found: Native = self._call(remote.ask, self._home, "native", path, states)
+        found: Native = self._call(remote.native, self._home, path, states)
         return found
 
     def version(self) -> str:
         """Version of the engine in its environment; raises `PackageNotFoundError` if there is none."""
         if self._python is None and present(self._home) is None:
             raise importlib.metadata.PackageNotFoundError(self._home)
-        found: str = self._call(remote.ask, self._home, "version")
+        found: str = self._call(remote.version, self._home)
         return found
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate in the engine's own environment."""
-        raw: RawRun = self._call(remote.ask, self._home, "run", scene, spec)
+        raw: RawRun = self._call(remote.run, self._home, scene, spec).raw()
         raw.stats["own_environment"] = True
         return raw
 

@@ -1,8 +1,7 @@
 """The worker process: it reads requests from its standard input and answers each on its standard output.
 
 Both streams are moved to other descriptors first, so that engines cannot use them. What engines print goes to the
-error stream, which is a file of the parent. Only the standard library is imported here, because this module also runs
-in environments that were made for one version of an engine.
+error stream, which is a file of the parent.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ import threading
 import time
 import traceback
 import warnings
-from typing import Any
 
 from crosscheck.jobs.workers import frames, output
 
@@ -86,7 +84,7 @@ def main() -> None:
     os.dup2(2, 1)
     faulthandler.enable()  # a crash inside an engine then prints where Python was
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
-    output.listen(lambda label: parent.send(pickle.dumps(("at", label))))
+    output.listen(lambda label: parent.send(frames.packed(frames.At(label))))
     said: list[str] = []
     try:
         path = pickle.loads(parent.receive())
@@ -120,26 +118,20 @@ def _end_group() -> None:
 
 
 def _answer(payload: bytes, said: list[str]) -> bytes:
-    """The pickled answer to a pickled (function, arguments): ("done", result, warnings) or ("raised", words, ...)."""
+    """The answer to a pickled (function, arguments)."""
     said.clear()
     with warnings.catch_warnings():
         # Warnings are collected apart from what engines print: the parent shows them to the user.
         warnings.showwarning = lambda *shown: said.append(warnings.formatwarning(*shown[:4]))
         try:
             function, arguments = pickle.loads(payload)
-            answer: tuple[Any, ...] = ("done", function(*arguments))
+            content = frames.encode(function(*arguments))
+            answer: frames.Answer = frames.Done(content, tuple(said))
+            if len(content) > frames.MOST:
+                raise ValueError(f"the result takes {len(content) / 2**30:.3g} GB; at most {frames.MOST / 2**30:g} GB "
+                                 "can be sent")
         except Exception as error:
-            answer = _raised(error)
+            answer = frames.Raised(f"{type(error).__name__}: {error}", traceback.format_exc(),
+                                   tuple(kind.__name__ for kind in type(error).__mro__), str(error), tuple(said))
     output.flush()
-    try:
-        return pickle.dumps((*answer, tuple(said)))
-    except Exception as error:  # the result cannot be pickled
-        return pickle.dumps((*_raised(error), tuple(said)))
-
-
-def _raised(error: Exception) -> tuple[Any, ...]:
-    words, where = f"{type(error).__name__}: {error}", traceback.format_exc()
-    try:
-        return "raised", words, where, pickle.loads(pickle.dumps(error))
-    except Exception:  # many exceptions cannot be pickled, but their texts can
-        return "raised", words, where, None
+    return frames.packed(answer)

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.jobs import threads
+from crosscheck.jobs.workers import frames
 from crosscheck.jobs.workers.frames import BrokenFrame, framed
 from crosscheck.jobs.workers.pipes import TICK, Ended, Pipes, ended
 
@@ -123,10 +124,9 @@ class Worker:
             over.set()
             watch.join()
         if answer is not None:
-            kind, *content, said = answer
-            for text in said:
+            for text in answer.warnings:
                 sys.stderr.write(text)
-            return content[0] if kind == "done" else Crash(*content)
+            return self._result(function, answer)
         self._end_helpers()
         code = self._process.wait()
         printed = self.printed()
@@ -203,7 +203,16 @@ class Worker:
                 if self._mark in process.environ().get(MARK, ""):
                     process.kill()
 
-    def _exchange(self, request: tuple[float | None, bytes]) -> tuple[Any, ...] | None:
+    @staticmethod
+    def _result(function: Callable[..., Any], answer: frames.Done | frames.Raised) -> Any:
+        if isinstance(answer, frames.Raised):
+            return Crash(answer.words, answer.where, answer.error())
+        try:
+            return frames.decode(answer.result, frames.answered(function))
+        except ValueError as error:
+            return Crash(f"the result is not of the type that was asked for: {error}")
+
+    def _exchange(self, request: tuple[float | None, bytes]) -> frames.Done | frames.Raised | None:
         """The answer to a request, or None if the process ended instead."""
         try:
             if not self._number:
@@ -211,10 +220,10 @@ class Worker:
             self._number += 1
             self._pipes.send(framed(self._number, pickle.dumps(request)))
             while True:
-                kind, content, *rest = pickle.loads(self._pipes.receive(self._number))
-                if kind != "at":
-                    return kind, content, *rest
-                self._at = content
+                answer = frames.unpacked(self._pipes.receive(self._number))
+                if not isinstance(answer, frames.At):
+                    return answer
+                self._at = answer.label
         except Ended:
             self._wait()
             if not ended(self._process.pid):
@@ -223,10 +232,6 @@ class Worker:
         except BrokenFrame:
             self.kill("stopped: something in it wrote to the pipe through which it answers")
             return None
-        except Exception as error:  # the frame is complete, but cannot be unpickled in this process
-            words = f"the result cannot be received: {type(error).__name__}: {error}"
-            self.kill(words)
-            return "raised", words, "", error, ()
 
     def _watch(self, limits: Limits, over: threading.Event) -> None:
         """Kill the worker if the running task exceeds its limits."""

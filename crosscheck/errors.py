@@ -29,6 +29,10 @@ class EngineError(CrosscheckError):
     """An engine failed while it ran. The message contains the engine's own message."""
 
 
+class EngineDied(EngineError):
+    """The process of an engine ended, was ended, or answered what is no plain data."""
+
+
 class ArgumentError(CrosscheckError, ValueError):
     """An argument of a public function is wrong. The message names it and lists what is allowed."""
 

@@ -89,13 +89,13 @@ def _get(name: str) -> Engine:
         return Versioned(name)
     if name in built_in.ENTRIES:
         return built_in.ENTRIES[name].make()
-    from crosscheck.adapters.foreign import code, own
+    from crosscheck.adapters.foreign.apart import Stranger
+    from crosscheck.adapters.foreign.remote import Home
 
     for point in importlib.metadata.entry_points(group=_GROUP, name=name):
-        stated = point.dist.version if point.dist else None
-        return own.completed(point.load()(), name, stated, code.digest(point.module))
+        return Stranger(Home(point.value, names(), point.dist.version if point.dist else None))
     if is_own(name):
-        return own.load(name, names())
+        return Stranger(Home(name, names()))
     raise ArgumentError(unknown("engine", name, names()))
 
 

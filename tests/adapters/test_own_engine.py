@@ -162,14 +162,14 @@ def test_the_example_is_as_short_as_promised():
 
 
 def test_states_as_lists_become_arrays():
-    adapter = adapters.get(EXAMPLE)
+    from crosscheck.adapters.foreign import own
+
+    adapter = own.load(EXAMPLE, ())
     scene = crosscheck.load_scene("single_pendulum").replace(duration=0.1, samples=3)
     listed = adapter._engine.run(scene, RunSpec("RK4", step=0.05))
     adapter_like = type("Lists", (), {"name": "lists", "methods": ("RK4",), "unsupported": lambda *_: None,
                                       "run": lambda *_: type(listed)(*(np.asarray(getattr(listed, each)).tolist()
                                                                        for each in ("t", "x", "R", "v", "w")))})
-    from crosscheck.adapters.foreign import own
-
     raw = own.completed(adapter_like(), "lists", "1").run(scene, RunSpec("RK4", step=0.05))
     assert raw.states.R.shape == (3, 1, 3, 3)
 

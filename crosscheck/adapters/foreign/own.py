@@ -93,10 +93,11 @@ def _complete(states: States) -> None:
                 raise EngineError(f"the states hold something else than real numbers in {name}") from None
 
 
-def load(name: str, known: Iterable[str]) -> Completed:
+def load(name: str, known: Iterable[str], stated: str | None = None) -> Completed:
     """The engine given by "module:Class" or "path/file.py:Class".
 
-    Modules are also searched in the current folder. `known` are the names of other engines, for the message.
+    Modules are also searched in the current folder. `known` are the names of other engines, for the message; `stated`
+    is the version of the package that offers it.
 
     Raises
     ------
@@ -130,7 +131,7 @@ def load(name: str, known: Iterable[str]) -> Completed:
     except Exception as error:
         raise ArgumentError(f"engine: {name} cannot be made without arguments: {type(error).__name__}: {error}"
                             ) from error
-    stated = getattr(module, "__version__", None)
+    stated = stated or getattr(module, "__version__", None)
     return completed(engine, name, None if stated is None else str(stated),
                      own or code.digest(home, getattr(module, "__file__", None)))
 

@@ -43,11 +43,12 @@ def plain(raw: RawRun) -> PlainRun:
     fields |= {name: doubles(name, values) for name, values in fields.items() if values is not None}
     states = States(**fields)
     return PlainRun(states, _number("wall_time", float, raw.wall_time), _number("steps", int, raw.steps),
-                    None if raw.step is None else _number("step", float, raw.step), str(raw.status),
-                    {_text(name): _value(name, value) for name, value in _items("stats", raw.stats)},
-                    None if raw.maxima is None else {_text(name): _number(f"maxima {name}", float, value)
-                                                     for name, value in _items("maxima", raw.maxima)},
-                    None if raw.form is None else str(raw.form))
+                    None if raw.step is None else _number("step", float, raw.step), _text("status", raw.status),
+                    {_text("keys of stats", name): _value(name, value) for name, value in _items("stats", raw.stats)},
+                    None if raw.maxima is None else {
+                        _text("keys of maxima", name): _number(f"maxima {name}", float, value)
+                        for name, value in _items("maxima", raw.maxima)},
+                    None if raw.form is None else _text("form", raw.form))
 
 
 def doubles(name: str, values: Any) -> np.ndarray:
@@ -68,10 +69,10 @@ def _number(name: str, kind: Callable[[Any], Any], value: Any) -> Any:
         raise EngineError(f"{name} of a run is a number, not {type(value).__name__}") from None
 
 
-def _text(name: Any) -> str:
-    if not isinstance(name, str):
-        raise EngineError(f"stats and maxima of a run have texts as keys, not {type(name).__name__}")
-    return str(name)
+def _text(name: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise EngineError(f"{name} of a run: a text is wanted, not {type(value).__name__}")
+    return str(value)
 
 
 def _items(name: str, table: Any) -> list[tuple[Any, Any]]:

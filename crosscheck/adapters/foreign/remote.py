@@ -1,34 +1,105 @@
-"""Runs inside the separate environment of an engine, made by `crosscheck.adapters.foreign.versions`.
+"""Runs inside the process of an engine that has one of its own; see `crosscheck.adapters.foreign.apart`.
 
-Only the engine and the packages that its adapter needs are installed there.
+In the environment of a version only the engine and the packages that its adapter needs are installed.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 from crosscheck.adapters import built_in
 from crosscheck.adapters.base import Engine, RunSpec
 from crosscheck.adapters.common.native import JointStates, Native
+from crosscheck.adapters.common.probe import Probe
 from crosscheck.adapters.foreign.plain import PlainRun, plain
 from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
 
 
-def version(engine: str) -> str:
-    """Version of the engine in its environment."""
+@dataclasses.dataclass
+class Card:
+    """What an engine says of itself; the fields of `crosscheck.adapters.base.Engine` with these names."""
+
+    name: str
+    methods: tuple[str, ...]
+    forms: tuple[str, ...]
+    adaptive_methods: tuple[str, ...]
+    fixed_step_methods: tuple[str, ...]
+    orders: dict[str, int]
+    checks_sizes: bool
+    options: frozenset[str]
+    pace: int
+    on_group: bool
+    eps: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Home:
+    """Where an engine of the user comes from; the arguments of `own.load`."""
+
+    name: str
+    known: tuple[str, ...]
+    stated: str | None = None
+
+
+def card(engine: str | Home) -> Card:
+    """The card of an engine. Errors as `own.load`."""
+    found = _adapter(engine)
+    said = {field.name: getattr(found, field.name) for field in dataclasses.fields(Card)}
+    return Card(**said | {"orders": dict(found.orders)})
+
+
+def unsupported(engine: str | Home, scene: Scene, spec: RunSpec) -> str | None:
+    """As the engine's."""
+    return _adapter(engine).unsupported(scene, spec)
+
+
+def documented_order(engine: str | Home, scene: Scene, spec: RunSpec) -> int | None:
+    """As the engine's."""
+    return _adapter(engine).documented_order(scene, spec)
+
+
+def held_levels(engine: str | Home, scene: Scene, spec: RunSpec) -> frozenset[str]:
+    """As the engine's."""
+    return _adapter(engine).held_levels(scene, spec)
+
+
+def refused_map(engine: str | Home, spec: RunSpec) -> str | None:
+    """As the engine's."""
+    return _adapter(engine).refused_map(spec)
+
+
+def turning(engine: str | Home, scene: Scene, form: str | None) -> tuple[int, ...]:
+    """As the engine's."""
+    return tuple(_adapter(engine).turning(scene, form))
+
+
+def probe(engine: str | Home, scene: Scene, states: States, form: str | None) -> Probe:
+    """As the engine's."""
+    found: Probe = _adapter(engine).probe(scene, states, form)
+    return found
+
+
+def version(engine: str | Home) -> str:
+    """As the engine's."""
     return _adapter(engine).version()
 
 
-def run(engine: str, scene: Scene, spec: RunSpec) -> PlainRun:
+def run(engine: str | Home, scene: Scene, spec: RunSpec) -> PlainRun:
     """The run of the adapter."""
     return plain(_adapter(engine).run(scene, spec))
 
 
-def native(engine: str, path: str, states: JointStates) -> Native:
+def native(engine: str | Home, path: str, states: JointStates) -> Native:
     """What the engine's own reader makes of a model file; see `crosscheck.inspection.native`."""
     return _adapter(engine).native(path, states)
 
 
 @functools.cache
-def _adapter(engine: str) -> Engine:
-    return built_in.ENTRIES[engine].make()
+def _adapter(engine: str | Home) -> Engine:
+    if isinstance(engine, str):
+        return built_in.ENTRIES[engine].make()
+    from crosscheck.adapters.foreign import own
+
+    return own.load(engine.name, engine.known, engine.stated)

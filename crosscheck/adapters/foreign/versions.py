@@ -15,6 +15,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,8 @@ from crosscheck.adapters import built_in
 from crosscheck.adapters.base import RawRun, RunSpec, StandIn
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.foreign import remote
-from crosscheck.errors import ArgumentError, EngineError, SceneError, Unsupported, install
+from crosscheck.adapters.foreign.apart import Process, T
+from crosscheck.errors import ArgumentError, EngineError, install
 from crosscheck.files import cache_folder
 from crosscheck.scene.model import Scene
 
@@ -54,46 +56,35 @@ class Versioned(StandIn):
         super().__init__(built_in.ENTRIES[self._home].make())
         self.name = name
         self._python = environment(self._home, version) if version else None
-        self._worker: Any = None
+        self._process: Process | None = None
         if version and version != self.version():  # "3" installs 3.0.0, and reports must name the version that ran
             raise ArgumentError(f"engine: {name!r}: this is version {self.version()}; write "
                                 f"{self._home}=={self.version()}")
 
     def native(self, path: str, states: JointStates) -> Native:
         """The model that the engine makes of a model file in its own environment."""
-        found: Native = self._call(remote.native, self._home, path, states)
-        return found
+        return self._ask(remote.native, path, states)
 
     def version(self) -> str:
         """Version of the engine in its environment; raises `PackageNotFoundError` if there is none."""
         if self._python is None and present(self._home) is None:
             raise importlib.metadata.PackageNotFoundError(self._home)
-        found: str = self._call(remote.version, self._home)
-        return found
+        return self._ask(remote.version)
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate in the engine's own environment."""
-        raw: RawRun = self._call(remote.run, self._home, scene, spec).raw()
+        raw = self._ask(remote.run, scene, spec).raw()
         raw.stats["own_environment"] = True
         return raw
 
-    def _call(self, function: Any, *arguments: Any) -> Any:
-        from crosscheck.jobs.workers.process import Crash, Worker
-
-        if self._worker is None or not self._worker.alive:
-            python = self._python or present(self._home)
-            if python is None:
-                raise EngineError(f"engine {self.name} is not installed; {install(self.name)}")
-            self._worker = Worker(python)
-        answer = self._worker.call(function, arguments)
-        printed = self._worker.printed()
-        if printed and not isinstance(answer, Crash):  # pass on the output of the other process
-            sys.stderr.write(printed)
-        if isinstance(answer, Crash):
-            if isinstance(answer.error, ArgumentError | EngineError | SceneError | Unsupported | ImportError):
-                raise answer.error
-            raise EngineError(f"{self.name}: {answer.message}")
-        return answer
+    def _ask(self, function: Callable[..., T], *arguments: Any) -> T:
+        python = self._python or present(self._home)
+        if python is None:
+            raise EngineError(f"engine {self.name} is not installed; {install(self.name)}")
+        if self._process is None:
+            self._process = Process(self.name, python)
+        found: T = self._process.call(function, self._home, *arguments)
+        return found
 
 
 def split(name: str) -> tuple[str, str]:

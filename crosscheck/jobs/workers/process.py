@@ -203,10 +203,9 @@ class Worker:
                 if self._mark in process.environ().get(MARK, ""):
                     process.kill()
 
-    @staticmethod
-    def _result(function: Callable[..., Any], answer: frames.Done | frames.Raised) -> Any:
+    def _result(self, function: Callable[..., Any], answer: frames.Done | frames.Raised) -> Any:
         if isinstance(answer, frames.Raised):
-            return Crash(answer.words, answer.where, answer.error())
+            return Crash(answer.words, answer.where, answer.error(), self._at)
         try:
             return frames.decode(answer.result, frames.answered(function))
         except ValueError as error:

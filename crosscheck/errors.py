@@ -32,6 +32,8 @@ class EngineError(CrosscheckError):
 class EngineDied(EngineError):
     """The process of an engine ended, was ended, or answered what is no plain data."""
 
+    status = "crashed"
+
 
 class ArgumentError(CrosscheckError, ValueError):
     """An argument of a public function is wrong. The message names it and lists what is allowed."""

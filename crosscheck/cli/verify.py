@@ -61,8 +61,8 @@ def verify(
     scene = scene_files(scene, drop, keyframe)
     within = limits(time_limit, memory_limit)
     asked = Asked(coordinate_map=coordinate_map, step=step, duration=duration)
-    identity = job.fingerprint(profile, scene, engine, within, dataclasses.astuple(within), own, method, asked.words)
-    job.check_methods(method, job.select_engines(engine, within))
+    identity = job.fingerprint(profile, scene, engine, dataclasses.astuple(within), own, method, asked.words)
+    job.check_methods(method, job.select_engines(engine))
     with contextlib.closing(Table.opened()) as table, table.session(
             identity, shlex.join(["crosscheck", *sys.argv[1:]]), job.ROW_TYPES, fresh) as session:
         if table.trouble:

@@ -116,7 +116,7 @@ def _night(out: Path, wanted: Wanted, history_store: Engine, keep: int, progress
 
     for leftover in [*out.glob(f"{ASIDE}*"), *out.glob(f".{LATEST}-*"), *filter(_old, out.iterdir())]:
         _discard(leftover)
-    ask = job.fingerprint(wanted.profile, wanted.scenes, wanted.engines, wanted.limits, wanted.command, str(out))
+    ask = job.fingerprint(wanted.profile, wanted.scenes, wanted.engines, wanted.command, str(out))
     with contextlib.closing(Table.opened()) as table, table.session(
             ask, wanted.command, job.ROW_TYPES, wanted.fresh) as session:
         name = f"{session.started[:19].replace(':', '-')}Z-{session.token}"

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 from msgspec.structs import replace
 
 from crosscheck import adapters
 from crosscheck.document import Finding, Judged
-from crosscheck.errors import ArgumentError, EngineError
-from crosscheck.jobs.grid import Crash, Limits, run_tasks
+from crosscheck.errors import ArgumentError
+from crosscheck.jobs.grid import Limits
 from crosscheck.jobs.workers import output
 from crosscheck.jobs.workers.process import GIGABYTE
 from crosscheck.judge.verdict import beyond
@@ -24,12 +23,6 @@ TIME_LIMIT = 1800.0
 MEMORY_LIMIT = 4.0
 """Limit of resident memory (GB) of one worker process. With all built-in engines loaded it needs 0.2 GB."""
 
-LOADING = 60.0
-"""Shortest time limit (s) for importing the user's own engine, even if that of a run is shorter."""
-
-_LOADED: set[str] = set()
-"""The user's own engines that a worker process has loaded successfully."""
-
 SHOWN = 200
 """Most characters of printed text that a record quotes."""
 
@@ -42,20 +35,11 @@ def limits(time_limit: float | None = TIME_LIMIT, memory_limit: float | None = M
     return Limits(time_limit, None if memory_limit is None else memory_limit * GIGABYTE)
 
 
-def check_engines(names: Sequence[str], within: Limits | None = None) -> None:
-    """Raise `ArgumentError` or `EngineError` for an engine that is unknown, not installed or cannot be loaded.
-
-    The user's own class is first loaded in a worker process, because its module may crash or hang.
-    """
-    risky = [name for name in names if isinstance(name, str) and adapters.is_own(name) and name not in _LOADED]
-    patient = within
-    if within is not None and within.time is not None:
-        patient = dataclasses.replace(within, time=max(LOADING, within.time))
-    for name, found in zip(risky, run_tasks(adapters.methods, risky, 1, limits=patient), strict=True):
-        if isinstance(found, Crash):
-            raise found.error if isinstance(found.error, ArgumentError) else EngineError(
-                f"engine {name} cannot be loaded: {found.message}")
-        _LOADED.add(name)
+def check_engines(names: Sequence[str]) -> None:
+    """Raise `ArgumentError` or `EngineError` for an engine that is unknown, not installed or cannot be loaded."""
+    for name in names:
+        if isinstance(name, str) and adapters.is_own(name):
+            adapters.get(name)
     versions.need(names)
 
 

@@ -74,9 +74,9 @@ def select_scenes(names: Sequence[str] | None, every: bool = False) -> list[str]
     return chosen
 
 
-def select_engines(names: Sequence[str] | None, within: Limits | None = None) -> list[str]:
+def select_engines(names: Sequence[str] | None) -> list[str]:
     """Names of the engines to run. Raises `ArgumentError` or `EngineError` as `check_engines`."""
-    check_engines(names or (), within)
+    check_engines(names or ())
     return list(dict.fromkeys(names or adapters.names()))
 
 
@@ -88,13 +88,12 @@ def check_methods(names: Sequence[str] | None, engines: Sequence[str]) -> None:
             raise ArgumentError(unknown("method", name, known))
 
 
-def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, within: Limits | None,
-                *more: Any) -> str:
+def fingerprint(profile: str, scenes: Sequence[str] | None, engines: Sequence[str] | None, *more: Any) -> str:
     """Digest of all that results depend on: scenes, versions, the code with its kernel, and `more` (JSON values)."""
     from crosscheck.scene.file import load_scene
 
     names = select_scenes(scenes, profile_called(profile).every_scene)
-    return provenance.code_digest(select_engines(engines, within), [
+    return provenance.code_digest(select_engines(engines), [
         profile, [[name, load_scene(name).hash] for name in names], *more])
 
 
@@ -128,7 +127,7 @@ def verify(profile: str = "default", scenes: Sequence[str] | None = None, engine
     settings = profile_called(profile)
     settings = dataclasses.replace(settings, whole=settings.whole or asked.duration is not None)
     within = limits or default_limits()
-    scene_names, engine_names = select_scenes(scenes, settings.every_scene), select_engines(engines, within)
+    scene_names, engine_names = select_scenes(scenes, settings.every_scene), select_engines(engines)
     check_methods(methods, engine_names)
     started = time.perf_counter()
     cells = [cell for cell in all_cells(scene_names, engine_names, settings, within)

@@ -69,7 +69,7 @@ def test_errors_come_through_as_they_are(borrowed):
 def test_an_engine_that_dies_there_is_told_and_started_again(borrowed):
     adapter = adapters.get(borrowed)
     with pytest.raises(crosscheck.EngineError, match=r"^mujoco==.*died while it ran this: SIGABRT"):
-        adapter._call(os.abort)
+        adapter._process.call(os.abort)
     assert crosscheck.run(SCENE, borrowed, "RK4", step=1e-2).status == "success"
 
 

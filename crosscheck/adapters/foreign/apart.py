@@ -19,8 +19,8 @@ from crosscheck.scene.states import States
 
 T = TypeVar("T")
 
-LOADING = 60.0
-"""Time limit (s) for importing an engine of the user."""
+LOADING, MEMORY = 60.0, 4 * 2**30
+"""Time limit (s) and resident memory (bytes) for importing an engine of the user."""
 
 
 class Process:
@@ -30,16 +30,16 @@ class Process:
         self._name, self._python = name, python  # for messages; path of the interpreter, None: this one
         self._worker: Any = None
 
-    def call(self, function: Callable[..., Any], *arguments: Any, seconds: float | None = None) -> Any:
+    def call(self, function: Callable[..., Any], *arguments: Any, loading: bool = False) -> Any:
         """The result of a function there.
 
-        Raises the error that it raises, or `EngineDied`, also if it takes longer.
+        Raises the error that it raises, or `EngineDied`, also if loading takes too long or too much memory.
         """
         from crosscheck.jobs.workers.process import Crash, Limits, Worker
 
         if self._worker is None or not self._worker.alive:
             self._worker = Worker(self._python)
-        answer = self._worker.call(function, arguments, Limits(seconds))
+        answer = self._worker.call(function, arguments, Limits(LOADING, MEMORY) if loading else None)
         if isinstance(answer, Crash):
             if isinstance(answer.error, ArgumentError | EngineError | SceneError | Unsupported | ImportError):
                 raise answer.error
@@ -59,7 +59,7 @@ class Stranger(Engine):
     def __init__(self, home: remote.Home) -> None:
         self._home, self._process = home, Process(home.name)
         try:
-            card: remote.Card = self._process.call(remote.card, home, seconds=LOADING)
+            card: remote.Card = self._process.call(remote.card, home, loading=True)
         except EngineDied as error:
             raise EngineError(f"engine {home.name} cannot be loaded: {error}") from None
         vars(self).update(vars(card))

@@ -41,8 +41,9 @@ SESSIONS = sql.Table(  # the numbers in the names grow with the format: another 
 ROWS = sql.Table(
     "rows_1", _METADATA, sql.Column("key", sql.String(64), primary_key=True),
     sql.Column("session", sql.ForeignKey(SESSIONS.c.id), primary_key=True, index=True),
-    sql.Column("stage", sql.Text, nullable=False), sql.Column("result", sql.LargeBinary, nullable=False),
-    sql.Column("size", sql.Integer, nullable=False), sql.Column("written", sql.Text, nullable=False))
+    sql.Column("stage", sql.Text, nullable=False), sql.Column("size", sql.Integer, nullable=False),
+    sql.Column("written", sql.Text, nullable=False),
+    sql.Column("result", sql.LargeBinary, nullable=False))  # the last: sizes are summed without reading results
 
 
 def digest(*content: Any) -> str:
@@ -129,7 +130,8 @@ class Session:
         machine = platform.node()
         own = SESSIONS.c.ask == ask, SESSIONS.c.machine == machine
         with engine.execution_options(writes=True).begin() as connection:
-            last = connection.execute(sql.select(SESSIONS).where(*own).order_by(SESSIONS.c.id.desc())).first()
+            last = connection.execute(sql.select(SESSIONS).where(*own).order_by(SESSIONS.c.id.desc()).limit(1)
+                                      .with_for_update()).first()  # so that of two commands one continues it
             self._before = connection.execute(sql.select(sql.func.max(SESSIONS.c.id)).where(
                 *own, SESSIONS.c.ended.is_not(None))).scalar()
             self.continued = last is not None and last.ended is None and not _alive(last.process)

@@ -16,7 +16,7 @@ import numpy as np
 
 from crosscheck import adapters
 from crosscheck.adapters.base import Engine, RawRun, Stats
-from crosscheck.errors import CrosscheckError, EngineError, Unsupported, install, said
+from crosscheck.errors import CrosscheckError, EngineDied, EngineError, Unsupported, install, said
 from crosscheck.files import plain, readable
 from crosscheck.running import arguments
 from crosscheck.running.trajectory import Trajectory, derive
@@ -99,6 +99,15 @@ def attempt(scene: Scene, engine: str | Engine, method: str, step: float | None 
         return Failed(_wrapped(f"{name} cannot be imported: {error}; {install(name)}", error))
     except Exception as error:
         return Failed(_wrapped(f"{name} {method}: {type(error).__name__}: {error}", error))
+
+
+def lasting(outcome: Outcome) -> Outcome:
+    """The outcome, if it is worth keeping; raises the error of an engine whose process has died, which may have been
+    killed from outside.
+    """
+    if isinstance(outcome, Failed) and isinstance(outcome.error, EngineDied):
+        raise outcome.error
+    return outcome
 
 
 def _wrapped(text: str, cause: Exception) -> EngineError:

@@ -118,11 +118,11 @@ def tried(goal: Target, engine: str, method: str, steps: int) -> Attempt:
 
     Raises `Unsupported` if the engine cannot run the scene with this method.
     """
-    from crosscheck.running.attempt import Failed, Refused, attempt
+    from crosscheck.running.attempt import Failed, Refused, attempt, lasting
 
     began = time.perf_counter()
-    outcome = attempt(goal.scene, engine, method, goal.scene.duration / steps, monitor=False,
-                      coordinate_map=goal.coordinate_map)
+    outcome = lasting(attempt(goal.scene, engine, method, goal.scene.duration / steps, monitor=False,
+                      coordinate_map=goal.coordinate_map))
     if isinstance(outcome, Refused) or (isinstance(outcome, Failed) and isinstance(outcome.error, ArgumentError)):
         raise outcome.error
     if isinstance(outcome, Failed):

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from msgspec.structs import replace
 
 from crosscheck.document import Advice
-from crosscheck.errors import ArgumentError, CrosscheckError, said
+from crosscheck.errors import ArgumentError, CrosscheckError, EngineDied, said
 from crosscheck.jobs.table import Table
 from crosscheck.running import versions
 from crosscheck.scene.model import Scene
@@ -111,5 +111,7 @@ def prepare(task: tuple[str, str]) -> Walk | str:
     scene, engine = task
     try:
         return walks.walk(load_scene(scene), engine)
+    except EngineDied:
+        raise
     except (CrosscheckError, ImportError) as error:
         return said(error)

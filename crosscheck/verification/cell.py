@@ -30,7 +30,7 @@ from crosscheck.judge.verdict import (
     settle,
 )
 from crosscheck.references.base import Reference
-from crosscheck.running.attempt import Failed, Ran, Refused, attempt
+from crosscheck.running.attempt import Failed, Ran, Refused, attempt, lasting
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
@@ -63,8 +63,8 @@ def run_cell(cell: Cell) -> Judged:
     reason = engine.unsupported(scene, spec)
     if reason is not None:
         return _refused(run, reason)
-    outcome = attempt(scene, run.engine, run.method, run.step, run.rtol, form=run.form,
-                      coordinate_map=run.coordinate_map)
+    outcome = lasting(attempt(scene, run.engine, run.method, run.step, run.rtol, form=run.form,
+                      coordinate_map=run.coordinate_map))
     if isinstance(outcome, Refused):
         return replace(_refused(run, outcome.why), duration=scene.duration)
     held = engine.held_levels(scene, spec)
@@ -156,8 +156,8 @@ def companions(run: Run, scene: Scene, traj: Trajectory, options: Mapping[str, A
         return []
     count = round(float(traj.t[1] - traj.t[0]) / step)
     counts = [count // 2, count // 4] if count >= 4 else [2 * count, 4 * count]
-    outcomes = (attempt(scene, run.engine, run.method, float(traj.t[1] - traj.t[0]) / each, form=run.form,
-                        monitor=False, **options) for each in counts[:2 if order == 1 else 1])
+    outcomes = (lasting(attempt(scene, run.engine, run.method, float(traj.t[1] - traj.t[0]) / each, form=run.form,
+                        monitor=False, **options)) for each in counts[:2 if order == 1 else 1])
     return [each.trajectory for each in outcomes if isinstance(each, Ran)]
 
 

@@ -23,7 +23,7 @@ from crosscheck.judge.substeps import judge_substeps
 from crosscheck.judge.verdict import judge_orders, undecided
 from crosscheck.references.base import Reference
 from crosscheck.references.rates import fastest
-from crosscheck.running.attempt import Ran, Refused, attempt
+from crosscheck.running.attempt import Ran, Refused, attempt, lasting
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
 from crosscheck.scene.spanning import spanning_tree
@@ -71,8 +71,8 @@ class _Ladder:
         step, rtol = (None, size) if self.order is None else (size, None)
         began = clock()
         cell = self.cell
-        outcome = attempt(self.scene, cell.engine, cell.method, step, rtol, form=cell.form, monitor=False,
-                          coordinate_map=cell.coordinate_map)
+        outcome = lasting(attempt(self.scene, cell.engine, cell.method, step, rtol, form=cell.form, monitor=False,
+                          coordinate_map=cell.coordinate_map))
         self._costs.append(clock() - began)
         if not isinstance(outcome, Ran):
             self.rungs.append(Rung(step=step, rtol=rtol, message=outcome.why))

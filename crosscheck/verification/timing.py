@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from msgspec.structs import replace
 
 from crosscheck.document import Finding, Point, Record
-from crosscheck.errors import EngineDied
 from crosscheck.jobs.grid import Crash, Limits, run_tasks
 from crosscheck.jobs.stages import Stages
 from crosscheck.jobs.table import digest
@@ -17,7 +16,7 @@ from crosscheck.jobs.workers import output
 from crosscheck.judge.metrics import errors
 from crosscheck.judge.plan import RTOLS
 from crosscheck.judge.verdict import beyond
-from crosscheck.running.attempt import Failed, Ran, attempt
+from crosscheck.running.attempt import Ran, attempt, lasting
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
@@ -124,10 +123,8 @@ def time_cells(timing: Timing) -> list[list[Point]]:
                 shorter = brief
                 if main and step is not None:
                     shorter = brief.replace(duration=min(brief.duration, MAIN_STEPS * step))
-                outcome = attempt(shorter, cell.engine, cell.method, step, rtol, form=cell.form, monitor=False,
-                                  coordinate_map=cell.coordinate_map)
-                if isinstance(outcome, Failed) and isinstance(outcome.error, EngineDied):
-                    raise outcome.error  # not a step that is too coarse; `guarded_timing` goes on without this cell
+                outcome = lasting(attempt(shorter, cell.engine, cell.method, step, rtol, form=cell.form, monitor=False,
+                                  coordinate_map=cell.coordinate_map))
                 if isinstance(outcome, Ran):
                     runs[index].setdefault((rung, size), []).append(outcome.trajectory)
     result = []

@@ -23,7 +23,7 @@ from crosscheck import adapters
 from crosscheck.errors import Unsupported
 from crosscheck.jobs.table import digest
 from crosscheck.references.base import Reference
-from crosscheck.running.attempt import Outcome, Ran, attempt
+from crosscheck.running.attempt import Outcome, Ran, attempt, lasting
 from crosscheck.scene.model import Scene
 from crosscheck.verification.ladder import Way, ways
 
@@ -194,7 +194,7 @@ class _Walker:
         costs: list[float] = []
         while True:
             began = self._busy()
-            outcome = attempt(self._scene, self._engine, step.method, step.step, step.rtol, monitor=False)
+            outcome = lasting(attempt(self._scene, self._engine, step.method, step.step, step.rtol, monitor=False))
             if not isinstance(outcome, Ran):
                 return outcome, math.inf
             costs.append(min(outcome.trajectory.wall_time, self._busy() - began))

@@ -144,3 +144,20 @@ def test_an_edited_engine_or_helper_is_computed_again(tmp_path, monkeypatch):
         assert done.returncode == 0, done.stdout + done.stderr
         counts.append(len(rows()))
     assert counts == [2, 2, 3, 4, 4]
+
+
+def test_a_run_that_was_killed_is_tried_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    (tmp_path / "engine.py").write_text(
+        "import os, pathlib\nfrom tests.right_engines import Projected\n\n\nclass Mine(Projected):\n"
+        "    def run(self, scene, spec):\n"
+        f"        mark = pathlib.Path({str(tmp_path / 'mark')!r})\n"
+        "        if not mark.exists():\n            mark.touch()\n            os.kill(os.getpid(), 9)\n"
+        "        return super().run(scene, spec)\n", "utf-8")
+    words = ("--profile", "smoke", "--scene", "single_pendulum", "--engine", f"{tmp_path / 'engine.py'}:Mine",
+             "--method", "RK4")
+    first = verify(tmp_path / "out", *words)
+    assert said(first, "SIGKILL"), first.stdout
+    assert (first.returncode, len(rows())) == (1, 1)
+    assert verify(tmp_path / "out", *words).returncode == 0
+    assert len(rows()) == 2

@@ -10,8 +10,7 @@ from crosscheck.errors import ArgumentError, SceneError
 from crosscheck.files import put
 from crosscheck.scene.file import as_scene
 from crosscheck.scene.model import Scene
-from crosscheck.scene.models.mjcf import mjcf
-from crosscheck.scene.models.urdf import urdf
+from crosscheck.scene.models.writing import mjcf, urdf
 
 
 def export_model(scene: Scene | str | os.PathLike[str], path: str | os.PathLike[str]) -> None:

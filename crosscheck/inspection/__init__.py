@@ -72,8 +72,8 @@ def inspect(scene: Scene | str | os.PathLike[str], engines: Sequence[Any] | None
 
             return native.inspect(scene, engines, count, seed, against)
         scene = as_scene(scene)
-    from crosscheck.inspection import admissible, compare
-    from crosscheck.inspection.reference import reference
+    from crosscheck.inspection import admissible
+    from crosscheck.inspection.reference import deviations, reference
 
     at = admissible.states(scene, count, seed)
     truth = reference(scene, at)
@@ -86,7 +86,7 @@ def inspect(scene: Scene | str | os.PathLike[str], engines: Sequence[Any] | None
                 probes.append(probe(adapter, scene, at, one))
             except (Unsupported, EngineError) as error:
                 skipped[f"{adapter.name} {one}" if one else adapter.name] = str(error)
-    found = [deviation for one in probes for deviation in compare.deviations(scene, truth, one)]
+    found = [deviation for one in probes for deviation in deviations(scene, truth, one)]
     return Inspection(scene, at, truth.probe, tuple(probes), tuple(found), skipped)
 
 

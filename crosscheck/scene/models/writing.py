@@ -1,10 +1,28 @@
-"""Writes the content of a scene file as TOML; numbers keep every bit."""
+"""Writes scenes: their files as TOML, and as the model files MJCF and URDF, which hold trees of bodies."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from crosscheck.errors import SceneError
+from crosscheck.scene.coordinates import at_start, zero_attitude
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.mechanics import torsion_angles
+from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation
+from crosscheck.scene.vectors import slide_direction
+
+SECOND_NAMES = {"slide": " slide", "slide n1": " slide 1", "slide n2": " slide 2", "turn child": " second"}
+"""Suffixes for the MJCF joints of a joint with several coordinates, by words of `JointType.motion`."""
+
+WORLD = "world"
+TYPES = {"revolute": "continuous", "prismatic": "prismatic", "fixed": "fixed"}
+FAR = 1e9
+"""m. A prismatic joint of a URDF must have limits."""
 
 
 def toml(content: Mapping[str, Any]) -> str:
@@ -26,3 +44,223 @@ def _value(value: Any) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_value, value)) + "]"
     return repr(value)
+
+
+def mjcf(scene: Scene) -> Element:
+    """The root element of an MJCF; raises `SceneError` that names what it cannot hold.
+
+    Body frames are at the centres of mass in the initial pose, the reference of all joints.
+    """
+    order, loops = _grown(scene, "MJCF")
+    root = Element("mujoco", model=scene.name)
+    SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
+    SubElement(root, "option", gravity=_numbers(scene.gravity))
+    elements = {GROUND: SubElement(root, "worldbody")}
+    start = {}
+    for body, joint in order:
+        parent = GROUND if joint is None else joint.parent
+        elements[body] = _mjcf_body(scene, elements[parent], body, parent)
+        start[scene.bodies[body].name] = _mjcf_joints(scene, elements[body], body, joint)
+    equality = Element("equality")
+    names = [body.name for body in scene.bodies]
+    for joint in loops:
+        if joint.type != "spherical":
+            raise _refused(scene, "MJCF", f"joint {joint.name!r}, which closes a loop and is of type {joint.type}")
+        made = SubElement(equality, "connect", name=joint.name, body1=names[joint.child],
+                          anchor=_numbers(joint.child_anchor))
+        if joint.parent != GROUND:
+            made.set("body2", names[joint.parent])
+    for joint in scene.joints:
+        if joint.drive is not None:
+            raise _refused(scene, "MJCF", f"the drive of joint {joint.name!r}")
+        if joint.mimic is not None:
+            # of the ways from the references, which are the start
+            SubElement(equality, "joint", joint1=joint.name, joint2=joint.mimic.joint, polycoef=_numbers(
+                (0.0, joint.mimic.ratio, 0.0, 0.0, 0.0)))
+    if len(equality):
+        root.append(equality)
+    for number, force in enumerate(scene.forces):
+        _mjcf_force(scene, root, elements, number, force)
+    walked = [start[element.get("name", "")] for element in elements[GROUND].iter("body")]  # MuJoCo's order
+    SubElement(SubElement(root, "keyframe"), "key", name="start",
+               qpos=_numbers(value for q, _ in walked for value in q),
+               qvel=_numbers(value for _, v in walked for value in v))
+    return root
+
+
+def _mjcf_body(scene: Scene, parent_element: Element, body: int, parent: int) -> Element:
+    x, R = (np.zeros(3), np.eye(3)) if parent == GROUND else (scene.x0[parent], scene.R0[parent])
+    element = SubElement(parent_element, "body", name=scene.bodies[body].name,
+                         pos=_numbers(R.T @ (scene.x0[body] - x)),
+                         quat=_numbers(quaternion_from_rotation(R.T @ scene.R0[body])))
+    J = scene.inertias[body]
+    SubElement(element, "inertial", pos="0 0 0", mass=repr(float(scene.masses[body])), fullinertia=_numbers(
+        J[entry] for entry in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))))
+    return element
+
+
+def _mjcf_joints(scene: Scene, element: Element, body: int, joint: Joint | None) -> tuple[list[float], list[float]]:
+    """Add the MJCF joints of a body; returns their qpos and qvel."""
+    if joint is None:
+        SubElement(element, "freejoint", name=f"{scene.bodies[body].name} free")
+        return ([*scene.x0[body], *scene.bodies[body].attitude], [*scene.v0[body], *scene.w0[body]])
+    kind = JOINT_TYPES[joint.type]
+    if kind.motion and not kind.coordinates:
+        raise _refused(scene, "MJCF", f"joint {joint.name!r} of type {joint.type}")
+    if not kind.motion:
+        return [], []
+    q, v = at_start(scene)[joint.name]
+
+    def add(name: str, kind: str, axis: np.ndarray | None, k: int) -> None:
+        made = SubElement(element, "joint", name=name, type=kind, pos=_numbers(joint.child_anchor))
+        if axis is not None:
+            made.set("axis", _numbers(axis))
+            made.set("ref", repr(float(q[k])))
+        for key in ("armature", "damping", "stiffness"):
+            values = getattr(joint, key)
+            if any(values):
+                made.set(key, repr(float(values[k])))
+        if any(joint.stiffness):
+            made.set("springref", repr(float((joint.rest_position or (0.0, 0.0))[k])))
+
+    if kind.coordinates == ("ball",):
+        add(joint.name, "ball", None, 0)
+        return [1.0, 0.0, 0.0, 0.0], list(v)
+    for k, word in enumerate(kind.coordinates):
+        axis = joint.child_axis
+        if word == "turn parent" or word.startswith("slide n"):
+            inner = np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]
+            axis = scene.R0[body].T @ inner @ (joint.parent_axis if word == "turn parent" else
+                                               slide_direction(word, joint.parent_axis))
+        name = joint.name + (SECOND_NAMES.get(word, "") if len(kind.coordinates) > 1 else "")
+        add(name, "slide" if word.startswith("slide") else "hinge", axis, k)
+    return list(q), list(v)
+
+
+def _mjcf_force(scene: Scene, root: Element, elements: dict[int, Element], number: int, force: Force) -> None:
+    if force.of_joint:
+        return
+    p = force.parameters
+    if force.type == "linear_spring":
+        tendons = root.find("tendon")
+        spatial = SubElement(SubElement(root, "tendon") if tendons is None else tendons, "spatial",
+                             name=f"spring {number}", stiffness=repr(float(p["stiffness"])),
+                             damping=repr(float(p["damping"])), springlength=repr(float(p["free_length"])))
+        for end, body, point in (("parent", force.parent, p["parent_point"]), ("child", force.child, p["child_point"])):
+            name = f"spring {number} {end}"
+            SubElement(elements[body], "site", name=name, pos=_numbers(point))
+            SubElement(spatial, "site", site=name)
+        return
+    if force.type != "torsional_spring" or force.functions:
+        moving = " whose rest angle depends on time" if force.functions else ""
+        raise _refused(scene, "MJCF", f"forces[{number}], a {force.type}{moving}")
+    joint = next(element for element in root.iter("joint") if element.get("name") == force.joint)
+    if "stiffness" in joint.attrib or "damping" in joint.attrib:
+        raise _refused(scene, "MJCF", f"forces[{number}], a second spring of joint {force.joint!r}")
+    angle = float(torsion_angles(scene, scene.R0[None])[force.joint][0])
+    joint.set("stiffness", repr(float(p["stiffness"])))
+    joint.set("damping", repr(float(p["damping"])))
+    joint.set("springref", repr(float(joint.get("ref", "0")) + p["rest_angle"] - angle))
+
+
+def urdf(scene: Scene) -> Element:
+    """The root element of a URDF; raises `SceneError` that names what it cannot hold.
+
+    The frame of a link is at its joint, with the axes of the body.
+    """
+    _check_urdf(scene)
+    order, loops = _grown(scene, "URDF")
+    if loops:
+        raise _refused(scene, "URDF", f"joint {loops[0].name!r}, which closes a loop")
+    root = Element("robot", name=scene.name)
+    SubElement(root, "link", name=WORLD)
+    origins = {GROUND: np.zeros(3)}  # of the link frames, from the centre of mass in the body's axes
+    for body, joint in order:
+        if joint is None:
+            raise _refused(scene, "URDF", f"the free body {scene.bodies[body].name!r}")
+        origins[body] = joint.child_anchor
+        _urdf_link(scene, root, body, joint)
+        _urdf_joint(scene, root, joint, origins)
+    return root
+
+
+def _check_urdf(scene: Scene) -> None:
+    if np.abs(scene.gravity - [0.0, 0.0, -9.81]).max() > 0:
+        raise _refused(scene, "URDF", f"gravity {scene.gravity.tolist()}, it has none of its own and engines take "
+                      "(0, 0, -9.81)")
+    for number, force in enumerate(scene.forces):
+        if not force.of_joint:
+            raise _refused(scene, "URDF", f"forces[{number}], a {force.type}")
+    for joint in scene.joints:
+        if joint.type not in TYPES:
+            raise _refused(scene, "URDF", f"joint {joint.name!r} of type {joint.type}")
+        for key, there in (("armature", any(joint.armature)), ("stiffness", any(joint.stiffness)),
+                           ("drive", joint.drive is not None)):
+            if there:
+                raise _refused(scene, "URDF", f"the {key} of joint {joint.name!r}")
+    if any(body.name == WORLD for body in scene.bodies):
+        raise _refused(scene, "URDF", f'a body named "{WORLD}", which is its name for the ground')
+
+
+def _urdf_link(scene: Scene, root: Element, body: int, joint: Joint) -> None:
+    inertial = SubElement(SubElement(root, "link", name=scene.bodies[body].name), "inertial")
+    SubElement(inertial, "origin", xyz=_numbers(-joint.child_anchor), rpy="0 0 0")
+    SubElement(inertial, "mass", value=repr(float(scene.masses[body])))
+    J = scene.inertias[body]
+    SubElement(inertial, "inertia", {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(J[i, j]))
+                                     for i in range(3) for j in range(i, 3)})
+
+
+def _urdf_joint(scene: Scene, root: Element, joint: Joint, origins: dict[int, np.ndarray]) -> None:
+    from scipy.spatial.transform import Rotation
+
+    made = SubElement(root, "joint", name=joint.name, type=TYPES[joint.type])
+    SubElement(made, "parent", link=WORLD if joint.parent == GROUND else scene.bodies[joint.parent].name)
+    SubElement(made, "child", link=scene.bodies[joint.child].name)
+    relative = zero_attitude(joint)
+    if joint.type != "revolute" and joint.reference is None:  # the joint keeps the initial attitude
+        inner = np.eye(3) if joint.parent == GROUND else scene.R0[joint.parent]
+        relative = inner.T @ scene.R0[joint.child]
+    SubElement(made, "origin", xyz=_numbers(joint.parent_anchor - origins[joint.parent]),
+               rpy=_numbers(Rotation.from_matrix(relative).as_euler("xyz")))
+    if joint.child_axis is not None:
+        SubElement(made, "axis", xyz=_numbers(joint.child_axis))
+    if joint.type == "prismatic":
+        SubElement(made, "limit", lower=repr(-FAR), upper=repr(FAR), effort=repr(FAR), velocity=repr(FAR))
+    if any(joint.damping):
+        SubElement(made, "dynamics", damping=repr(float(joint.damping[0])))
+    if joint.mimic is not None:
+        SubElement(made, "mimic", joint=joint.mimic.joint, multiplier=repr(joint.mimic.ratio),
+                   offset=repr(joint.mimic.offset))
+
+
+def _numbers(values: Iterable[float]) -> str:
+    """Numbers as text for an attribute, with every bit."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _refused(scene: Scene, form: str, what: str) -> SceneError:
+    """The error for something that a format cannot hold."""
+    return SceneError(f"{scene.name}: {form} cannot hold {what}")
+
+
+def _grown(scene: Scene, form: str) -> tuple[list[tuple[int, Joint | None]], list[Joint]]:
+    """((body, its joint or None if it is free), parents first; the joints that close loops)."""
+    hung: dict[int, Joint] = {}
+    loops = []
+    for joint in scene.joints:
+        if joint.child in hung or joint.type == "distance":
+            loops.append(joint)
+        else:
+            hung[joint.child] = joint
+    order: list[tuple[int, Joint | None]] = []
+    placed = {GROUND}
+    while len(order) < scene.n:
+        ready = [body for body in range(scene.n) if body not in placed
+                 and (body not in hung or hung[body].parent in placed)]
+        if not ready:
+            names = [hung[body].name for body in range(scene.n) if body not in placed]
+            raise _refused(scene, form, f"the circle of the joints {', '.join(map(repr, names))}")
+        order += [(body, hung.get(body)) for body in ready]
+        placed |= set(ready)
+    return order, loops

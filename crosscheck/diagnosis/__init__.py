@@ -10,18 +10,33 @@ from __future__ import annotations
 
 import os
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from crosscheck import adapters
 from crosscheck.adapters.base import Engine
+from crosscheck.diagnosis import (
+    altered,
+    fit,
+    misreadings,
+    observe,
+    of_model,
+    of_output,
+    of_run,
+    of_stepping,
+    of_verdict,
+    shown,
+)
+from crosscheck.diagnosis.observe import Observation, Subject
+from crosscheck.diagnosis.of_output import Noise
+from crosscheck.diagnosis.physics import of_scene
 from crosscheck.diagnosis.result import Evidence, Explanation, NamedCause
-from crosscheck.errors import ArgumentError, EngineError, Unsupported
+from crosscheck.errors import ArgumentError, EngineError, Unsupported, unknown
+from crosscheck.running.arguments import engine_options
+from crosscheck.running.methods import best_method
+from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
-
-if TYPE_CHECKING:
-    from crosscheck.diagnosis.observe import Observation, Subject
-    from crosscheck.diagnosis.of_output import Noise
 
 __all__ = ["Evidence", "Explanation", "NamedCause", "explain"]
 
@@ -59,9 +74,6 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
     EngineError
         The engine failed on the first short runs. The message is its own.
     """
-    from crosscheck.diagnosis import observe, of_output, of_verdict
-    from crosscheck.scene import file as scene_file
-
     began = time.perf_counter()
     loaded = scene_file.as_scene(scene)
     subject = _subject(loaded, engine, method, form, options)
@@ -85,12 +97,6 @@ def explain(scene: Scene | str | os.PathLike[str], engine: Any, method: str | No
 
 def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str | None,
              options: dict[str, Any]) -> Subject:
-    from crosscheck import adapters
-    from crosscheck.diagnosis.observe import Subject
-    from crosscheck.errors import unknown
-    from crosscheck.running.arguments import engine_options
-    from crosscheck.running.methods import best_method
-
     adapter = adapters.get(engine)
     chosen = best_method(adapter, scene) if method is None else method
     if chosen not in adapter.methods:
@@ -101,8 +107,6 @@ def _subject(scene: Scene, engine: str | Engine, method: str | None, form: str |
 def _looked_through(subject: Subject, first: Observation, scene: Scene, step: float | None,
                     answer: Explanation) -> None:
     """Look at the whole run if its beginning agrees, and add what is found to `answer`."""
-    from crosscheck.diagnosis import of_model, of_run
-
     answer.window, late = of_run.diagnose(subject, scene, first.scale, step)
     if late is None:
         answer.conclude([])
@@ -124,19 +128,6 @@ def _looked_through(subject: Subject, first: Observation, scene: Scene, step: fl
 
 def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explanation:
     """Compare the limit with truth, look for causes of a difference, and compare the motion of the altered model."""
-    from crosscheck.diagnosis import (
-        altered,
-        fit,
-        misreadings,
-        observe,
-        of_model,
-        of_output,
-        of_rounding,
-        of_stepping,
-        shown,
-    )
-    from crosscheck.diagnosis.physics import of_scene
-
     scene, scale = first.scene, first.scale
     deviation = float(np.abs(first.y - scale.flat(observe.true_motion(scene))).max())
     answer = Explanation(scene.name, subject.engine.name, subject.method, subject.form, "agrees", "", [], [], [],
@@ -153,7 +144,7 @@ def _judged(subject: Subject, first: Observation, noise: Noise | None) -> Explan
             return answer
     differs = deviation > max(AGREES, fit.EXPLAINED * first.noise)
     if differs and noise is not None and noise.cause is None and subject.order(scene) is not None:
-        cause, evidence = of_rounding.diagnose(subject, scene, scale)
+        cause, evidence = of_stepping.adds_up(subject, scene, scale)
         answer.evidence.append(evidence)
         answer.tried += 1
         if cause is not None:  # it hides whatever is smaller

@@ -7,7 +7,7 @@ import itertools
 
 import numpy as np
 
-from crosscheck.diagnosis import fit, misreadings, of_anchors, of_mimics, of_output, softness, variants
+from crosscheck.diagnosis import fit, misreadings, of_joints, of_output, variants
 from crosscheck.diagnosis.hypotheses import Context, causes
 from crosscheck.diagnosis.observe import REACH, Observation, Scale, Silent, Subject, observe, rates, window
 from crosscheck.diagnosis.physics import Physics, Terms, of_scene
@@ -75,7 +75,7 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
         return result
     report = _reports([each for each, _ in observations], result)
     shown = [undone(each, forces, report) for each, forces in observations]
-    coupled = of_mimics.diagnose(shown, whole)
+    coupled = of_joints.mimics(shown, whole)
     if coupled is not None:
         result.tried += 1
         result.evidence.append(coupled[1])
@@ -83,7 +83,7 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
             result.causes += coupled[0]
             result.told = True
             return result
-    elsewhere = of_anchors.diagnose(shown, whole)
+    elsewhere = of_joints.anchors(shown, whole)
     result.tried += bool(scene.joints)
     if elsewhere is not None:
         result.causes.append(elsewhere[0])
@@ -92,7 +92,7 @@ def diagnose(subject: Subject, first: Observation, alone: bool = False) -> Model
         return result
     _frozen(shown, result)
     _starts(shown, result)
-    result.soft = softness.gives_way(shown[0], result.absent)
+    result.soft = of_joints.gives_way(shown[0], result.absent)
     _accelerations(shown, whole, result)
     return result
 
@@ -241,11 +241,11 @@ def _accelerations(shown: list[Shown], whole: Scene, result: ModelFinding) -> No
             result.evidence += [_evidence(each, wrong, quantity) for each in found]
             _name(found, full, result)
             return
-        if not softness.lawful(shown, result.absent):
+        if not of_joints.lawful(shown, result.absent):
             result.soft = False
             result.unexplained.append("joints open, but not as forces of their opening and its rate would let them")
             return
-        opening = softness.opening(shown[0], result.absent)
+        opening = of_joints.opening(shown[0], result.absent)
         result.evidence.append(Evidence("soft constraint", "constraint", wrong, remaining, quantity, opening,
                                         remaining <= fit.EXPLAINED, "with constraint forces of any law"))
         result.causes.append(NamedCause("soft constraint", opening, "tighten the joints, or use coordinates or "

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -24,6 +25,7 @@ from crosscheck.diagnosis.observe import (
     extrapolated,
     observe,
     rates,
+    true_motion,
     window,
 )
 from crosscheck.diagnosis.physics import Physics
@@ -378,3 +380,61 @@ def _gain(subject: Subject, first: Observation, known: Known, result: NumericsFi
     else:
         result.unexplained.append("constraint errors change by no law of constant gains")
     return (damping * scale.rate, stiffness * scale.rate**2) if holds else NO_GAIN
+
+
+# --- rounding that adds up --------------------------------------------------------------------------------------------
+
+
+# Rounding to nearest, either side alike, grows as the root of the number of steps, in another direction in every run.
+# Where each step rounds to the same side, errors grow with that number.
+
+DOUBLINGS = (64, 128, 256, 512, 1024, 2048)
+"""Steps per sample interval. The errors of three in a row have to double."""
+
+LEAST_RATIO, MOST_RATIO = 1.6, 2.7
+"""Ratio of the errors at half a step and at the step. It is 2 if every step adds alike; what quaternions round differs
+from run to run. Random rounding has 1.4, and what a wrong model leaves 1."""
+
+ALONG = 0.95
+"""Least cosine between the errors of two runs. Those of noise are at right angles to each other."""
+
+PATIENCE = 5.0
+"""Time (s) of one run beyond which no finer step is tried."""
+
+ADDS_UP = "rounding that adds up"
+MEND_ROUNDING = ("find what every step rounds to the same side, such as velocities that are turned there and back by "
+                 "quaternions that are not quite of length one, and leave it out or compute it in double precision")
+
+
+def adds_up(subject: Subject, scene: Scene, scale: Scale) -> tuple[NamedCause | None, Evidence]:
+    """The cause if errors double with the number of steps and keep their direction, and the evidence in any case.
+
+    `scene` has the duration and output times of an observation. The subject has fixed steps.
+    """
+    exact = scale.flat(true_motion(scene))
+    interval, gaps = scene.duration / (scene.samples - 1), list[np.ndarray]()
+    for count in DOUBLINGS:
+        began = time.perf_counter()
+        try:
+            gaps.append(scale.flat(subject.run(scene, interval / count).states) - exact)
+        except Silent:
+            break
+        if len(gaps) >= 3 and all(_doubles(*pair) for pair in zip(gaps[-3:-1], gaps[-2:], strict=True)):
+            steps = count * (scene.samples - 1)
+            size, left = float(np.abs(gaps[-1]).max()), float(np.abs(gaps[-1] - 2 * gaps[-2]).max())
+            text = (f"{size / steps:.1e} a step in {steps} steps, errors double with their number; any other "
+                    f"difference is below {left:.1e}")
+            return NamedCause(ADDS_UP, text, MEND_ROUNDING), _rounding(text, True)
+        if time.perf_counter() - began > PATIENCE:
+            break
+    return None, _rounding("errors do not double with the number of steps", False)
+
+
+def _doubles(coarse: np.ndarray, fine: np.ndarray) -> bool:
+    """Whether the error of a run (T, n, 18) is about twice that of another one, in the same direction."""
+    one, two = float(np.linalg.norm(coarse)), float(np.linalg.norm(fine))
+    return one > 0.0 and LEAST_RATIO <= two / one <= MOST_RATIO and float(np.vdot(coarse, fine)) >= ALONG * one * two
+
+
+def _rounding(text: str, holds: bool) -> Evidence:
+    return Evidence(ADDS_UP, "numerics", None, None, "errors at a step and at half of it", text, holds)

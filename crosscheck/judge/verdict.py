@@ -35,6 +35,7 @@ from crosscheck.judge.defects import Defects
 from crosscheck.judge.metrics import Error, Plateau, errors, observed_order
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
+from crosscheck.scene import mechanics
 from crosscheck.scene.model import Scene
 
 SINGLE = 2.0**-23
@@ -106,8 +107,6 @@ def _arithmetic(scene: Scene, truth: Reference, claim: Claim, steps: int) -> Fin
 
 def _conservative(scene: Scene, truth: Reference) -> bool:
     """Whether the true motion conserves energy and vertical momentum, within the error of truth."""
-    from crosscheck.scene import mechanics
-
     scale = tolerances.scales(scene, truth)
     pairs = [(mechanics.energy(scene, truth.states), scale.kinetic),
              (mechanics.momentum_vertical(scene, truth.states), scale.momentum)]
@@ -117,8 +116,6 @@ def _conservative(scene: Scene, truth: Reference) -> bool:
 
 def judge_invariants(scene: Scene, traj: Any, truth: Reference, bounds: Bounds) -> list[Finding]:
     """Judge energy and vertical angular momentum against those of truth, up to the time that the bounds judge."""
-    from crosscheck.scene import mechanics
-
     keep, where = truth.t <= bounds.until * (1 + 1e-12), f"up to {bounds.until:g} s"
     exact_energy = mechanics.energy(scene, truth.states)
     exact_momentum = mechanics.momentum_vertical(scene, truth.states)
@@ -135,8 +132,6 @@ def judge_practical(scene: Scene, traj: Any, truth: Reference) -> Finding:
     If other forces or drives act, the range of the true kinetic energy is added, which without gravity comes from them
     alone. A run with a larger error shows another motion than that of the scene.
     """
-    from crosscheck.scene import mechanics
-
     scale = tolerances.scales(scene, truth)
     # A constant energy is known for all times, one that loads and dampers change only up to the horizon.
     keep = slice(None) if _conservative(scene, truth) else truth.t <= truth.horizon * (1 + 1e-12)

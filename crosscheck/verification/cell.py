@@ -10,14 +10,14 @@ import numpy as np
 from msgspec.structs import replace
 
 from crosscheck import adapters
+from crosscheck.adapters.base import RunSpec
 from crosscheck.document import LEVELS, Finding, Judged, Level, Measured, Run, extended
 from crosscheck.errors import Unsupported
 from crosscheck.judge import tolerances
 from crosscheck.judge.accelerations import judge_accelerations
 from crosscheck.judge.claim import Claim
-from crosscheck.judge.continuity import judge_continuity
+from crosscheck.judge.continuity import judge_continuity, judge_orthogonality
 from crosscheck.judge.defects import MOST_BODIES, Defects, measured
-from crosscheck.judge.group import judge_orthogonality
 from crosscheck.judge.intervals import judge_intervals, judge_noise, judge_windows, unjudged
 from crosscheck.judge.metrics import Error, errors
 from crosscheck.judge.overrides import override
@@ -29,10 +29,13 @@ from crosscheck.judge.verdict import (
     judge_without_truth,
     settle,
 )
+from crosscheck.references import TruthError, truth
 from crosscheck.references.base import Reference
 from crosscheck.running.attempt import Failed, Ran, Refused, attempt, lasting
 from crosscheck.running.provenance import NOT_INSTALLED, engine_version
 from crosscheck.running.trajectory import Trajectory
+from crosscheck.scene import mechanics
+from crosscheck.scene.file import load_scene
 from crosscheck.scene.model import Scene
 from crosscheck.verification.curves import run_curves
 from crosscheck.verification.order_study import order_study
@@ -43,10 +46,6 @@ ENDED = "a run has to reach its end"
 
 def run_cell(cell: Cell) -> Judged:
     """Run and judge one cell. A failing run gets a verdict, too."""
-    from crosscheck.adapters.base import RunSpec
-    from crosscheck.references import truth
-    from crosscheck.scene.file import load_scene
-
     version = engine_version(cell.engine)
     run = Run(scene=cell.scene, engine=cell.engine, version=version, method=cell.method, form=cell.form,
               practical=cell.practical)
@@ -105,8 +104,6 @@ def judge_run(run: Run, scene: Scene, traj: Trajectory, held: frozenset[str], fi
     If no bound reaches over the whole run, the `first` seconds are judged. `options` are those of the run: the engine
     is run with them at other steps, too.
     """
-    from crosscheck.references import TruthError, truth
-
     try:
         if scene.n > MOST_BODIES:
             raise Unsupported("the truth of so many bodies takes minutes")
@@ -228,8 +225,6 @@ def _energy_error(scene: Scene, traj: Trajectory, reference: Reference | None, s
 
     If there is truth, the work is that of the true motion.
     """
-    from crosscheck.scene import mechanics
-
     if not scene.worked_on:
         return max(float(np.abs(traj.energy - traj.energy[0]).max() / size), maxima.get("energy_error", 0.0))
     expected = traj.energy[0] + traj.work if reference is None else mechanics.energy(scene, reference.states)
@@ -239,8 +234,6 @@ def _energy_error(scene: Scene, traj: Trajectory, reference: Reference | None, s
 def _measured(run: Run, scene: Scene, traj: Trajectory, reference: Reference | None, found: Mapping[str, Error],
               held: frozenset[str], maxima: Mapping[str, float]) -> Measured:
     """The measured values of a run."""
-    from crosscheck.scene import mechanics
-
     size = (float(mechanics.kinetic_energy(scene, traj).max()) or 1.0 if reference is None else
             tolerances.scales(scene, reference).kinetic)
     levels = {}

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from crosscheck.diagnosis import of_anchors
+from crosscheck.diagnosis import of_joints
 from crosscheck.diagnosis.observe import Observation, scale_of, true_motion, window
 from crosscheck.diagnosis.shown import Shown
 from crosscheck.scene.file import load_scene
@@ -41,7 +41,7 @@ def test_a_joint_that_opens_by_little_more_than_its_noise_has_no_other_anchors(s
     noise = 10 * NOISE * scale.length * scale.rate
     part, waves = as_from(seen, np.array([1.0, 0.0, 0.0])), np.sin(np.outer(scale.rate * t, (9.0, 12.0, 15.0)))
     opening = 0.7 * part / np.abs(part).max() + 0.5 * waves / np.abs(waves).max()
-    before, found = of_anchors.fitted([opened(seen, 1.1 * noise * opening / np.abs(opening).max())], 1)
+    before, found = of_joints.fitted_anchors([opened(seen, 1.1 * noise * opening / np.abs(opening).max())], 1)
     assert before == pytest.approx(1.1)
     assert found is None
 
@@ -50,7 +50,7 @@ def test_a_joint_that_opens_by_little_more_than_its_noise_has_no_other_anchors(s
 def test_anchors_that_are_elsewhere_are_found_from_a_few_times_the_noise_on(seen, times):
     scale = seen.observation.scale
     d = np.array([times * 10 * NOISE * scale.length, 0.0, 0.0])
-    before, found = of_anchors.fitted([opened(seen, as_from(seen, d))], 1)
+    before, found = of_joints.fitted_anchors([opened(seen, as_from(seen, d))], 1)
     assert before > 1.0
     assert list(found) == ["child_anchor"]
     assert np.abs(as_from(seen, found["child_anchor"] - d)).max() < 1e-6

@@ -1,0 +1,247 @@
+"""Joints that hold elsewhere, follow another joint otherwise, or give way: fitted to the motion that an engine shows.
+
+The point of a joint moves with both bodies: v + R (w x s) is the same on either side, and is linear in the anchors s.
+Fitted anchors and mimics are a cause only if the accelerations are those of the scene with its joints so altered.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+
+from crosscheck.diagnosis import fit
+from crosscheck.diagnosis.misreadings import POINTS
+from crosscheck.diagnosis.observe import REACH
+from crosscheck.diagnosis.physics import Terms, of_scene
+from crosscheck.diagnosis.result import Evidence, NamedCause
+from crosscheck.diagnosis.shown import FAITHFUL, Shown, data, points_of
+from crosscheck.scene import mechanics
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import histories
+from crosscheck.scene.model import GROUND, Joint, Mimic, Scene
+from crosscheck.scene.vectors import cross
+
+SIDES = (("child_anchor",), ("parent_anchor",), ("child_anchor", "parent_anchor"))
+
+LEFT = 0.1
+"""Share of the speed at which a joint opens that other anchors may leave. Where runs hardly converge, that speed is of
+the size of its noise, and many anchors take a part of it away."""
+
+Moves = dict[str, np.ndarray]
+"""Displacements (m) of the anchors of one joint, in the axes of their bodies."""
+
+
+def anchors(shown: list[Shown], whole: Scene) -> tuple[NamedCause, Evidence] | None:
+    """The cause if the motion is that of joints at other points. `whole` has every force that any copy has."""
+    scene = shown[0].observation.scene
+    if any(joint.type not in POINTS for joint in scene.joints):
+        return None
+    moves: dict[int, Moves] = {}
+    worst = 0.0
+    for k in range(len(scene.joints)):
+        before, found = fitted_anchors(shown, k)
+        worst = max(worst, before)
+        if found is None:
+            return None
+        moves[k] = found
+    moves = {k: found for k, found in moves.items() if found}
+    if not moves:
+        return None
+    altered = [dataclasses.replace(each, observation=dataclasses.replace(each.observation, scene=moved(
+        each.observation.scene, moves))) for each in shown]
+    right = of_scene(whole, len(shown))
+    left = float(np.abs(data(altered, right, False, 1).residual(right)).max())
+    text = "; ".join(f"joint {scene.joints[k].name!r}: {side.replace('_anchor', '')}'s anchor off by "
+                     f"({', '.join(f'{value:.5g}' for value in d)}) m" for k, found in moves.items()
+                     for side, d in found.items())
+    holds = left <= fit.EXPLAINED
+    evidence = Evidence("anchors", "model", worst, left, "speed at which joints open, then accelerations with the "
+                        "fitted anchors, over their noise", text, holds)
+    return (NamedCause("anchors", text, "check the anchors that the engine is given, and the point of the body that it "
+                       "takes for the centre of mass"), evidence) if holds else None
+
+
+def moved(scene: Scene, moves: dict[int, Moves]) -> Scene:
+    """The scene with these anchors moved. Its bodies stay where they are."""
+    joints: list[Joint] = list(scene.joints)
+    for k, found in moves.items():
+        joints[k] = dataclasses.replace(joints[k], **{side: getattr(joints[k], side) + d for side, d in found.items()})
+    return scene.replace(joints=tuple(joints))
+
+
+def fitted_anchors(shown: list[Shown], k: int) -> tuple[float, Moves | None]:
+    """(speed over its noise at which the k-th joint opens, the fewest moved anchors that keep it closed, or None).
+
+    A joint may open at a constant speed of its own in every copy.
+    """
+    rows: dict[str, list[np.ndarray]] = {"child_anchor": [], "parent_anchor": []}
+    gaps, copies = [], []
+    for each in shown:
+        scene, scale, states = each.observation.scene, each.observation.scale, each.states
+        joint, noise = scene.joints[k], FAITHFUL + fit.EXPLAINED * each.observation.noise
+        gap = np.zeros((len(states.t), 3))
+        for sign, body, side in ((1.0, joint.child, "child_anchor"), (-1.0, joint.parent, "parent_anchor")):
+            if body == GROUND:
+                continue
+            turning = sign * cross(states.R[:, body], states.w[:, body, None])  # R hat(w), row by row
+            gap += sign * states.v[:, body] + turning @ getattr(joint, side)
+            rows[side].append(turning.reshape(-1, 3) / (noise * scale.length * scale.rate))
+        gaps.append(gap.ravel() / (noise * scale.length * scale.rate))
+        copies.append(np.tile(np.eye(3), (len(gap), 1)) / (noise * scale.length * scale.rate))
+    opening = np.concatenate(gaps)
+    before = float(np.abs(opening).max())
+    if before <= 1.0:
+        return before, {}
+    constant = np.zeros((len(opening), 3 * len(copies)))
+    at = 0
+    for number, block in enumerate(copies):
+        constant[at:at + len(block), 3 * number:3 * number + 3] = block
+        at += len(block)
+    for kept, sides in itertools.product((False, True), SIDES):
+        if all(rows[side] for side in sides):
+            columns = [np.concatenate(rows[side]) for side in sides] + ([constant] if kept else [])
+            design = np.column_stack(columns)
+            found = np.linalg.lstsq(design, -opening, rcond=1e-9)[0]
+            if float(np.abs(opening + design @ found).max()) <= min(1.0, LEFT * before):
+                return before, {side: found[3 * place:3 * place + 3] for place, side in enumerate(sides)}
+    return before, None
+
+
+# --- mimics -----------------------------------------------------------------------------------------------------------
+
+
+EXACT = 1e-6
+"""Relative: a fitted ratio nearer than this to one that has a name is that one."""
+
+
+def mimics(shown: list[Shown], whole: Scene) -> tuple[list[NamedCause], Evidence] | None:
+    """Causes and their evidence; None if all mimics are the scene's. `whole` has every force that any copy has."""
+    causes: list[NamedCause] = []
+    altered: dict[str, Mimic | None] = {}
+    worst = 0.0
+    for joint in shown[0].observation.scene.joints:
+        if joint.mimic is None:
+            continue
+        before, altered[joint.name] = fitted_mimic(shown, joint, joint.mimic)
+        worst = max(worst, before)
+        if before > 1.0:
+            causes.append(_named_mimic(joint.name, joint.mimic, altered[joint.name]))
+    if not causes:
+        return None
+    copies = []
+    for each in shown:
+        scene = each.observation.scene
+        scene = scene.replace(joints=tuple(joint if joint.mimic is None else dataclasses.replace(
+            joint, mimic=altered[joint.name]) for joint in scene.joints))
+        copies.append(dataclasses.replace(each, observation=dataclasses.replace(each.observation, scene=scene)))
+    right = of_scene(whole, len(shown))
+    left = float(np.abs(data(copies, right, False, 1).residual(right)).max())
+    return causes, Evidence(
+        "mimic", "model", worst, left, "gap of the joints that follow others, then accelerations with their mimics so "
+        "altered, over their noise", "; ".join(cause.magnitude for cause in causes), left <= fit.EXPLAINED)
+
+
+def fitted_mimic(shown: list[Shown], joint: Joint, mimic: Mimic) -> tuple[float, Mimic | None]:
+    """(largest gap of the joint over its noise, the mimic that it shows). The mimic is None if no ratio fits."""
+    gaps, rates, turns = [], [], []
+    for each in shown:
+        scene, scale = each.observation.scene, each.observation.scale
+        if all(other.name != joint.name or other.mimic is None for other in scene.joints):
+            continue
+        found = histories(scene, each.states)
+        follower, leader = found[joint.name], found[mimic.joint]
+        size = scale.length if joint.type == "prismatic" else 1.0
+        noise = size * (FAITHFUL + fit.EXPLAINED * each.observation.noise) * (1.0 + abs(mimic.ratio))
+        gaps.append((follower.position - mimic.ratio * leader.position - mimic.offset) / noise)
+        rates.append(np.column_stack([follower.velocity, leader.velocity]) / (noise * scale.rate))
+        turns.append((follower.position, leader.position))
+    speed, leading = np.concatenate(rates).T
+    gap = max(float(np.abs(each).max()) for each in (*gaps, speed - mimic.ratio * leading))
+    if gap <= 1.0:
+        return gap, mimic
+    ratio = float(speed @ leading / max(leading @ leading, 1e-300))
+    ratio = next((value for value in (mimic.ratio, -mimic.ratio, 1 / mimic.ratio if mimic.ratio else 0.0)
+                  if abs(ratio - value) <= EXACT * abs(value)), ratio)
+    if np.abs(speed - ratio * leading).max() > 1.0:
+        return gap, None
+    # If the ratio is another one, the offset is that of the start, whatever it is.
+    offset = float(np.mean(turns[0][0] - ratio * turns[0][1]))
+    return gap, dataclasses.replace(mimic, ratio=ratio, offset=offset)
+
+
+def _named_mimic(name: str, mimic: Mimic, found: Mimic | None) -> NamedCause:
+    mend = f"check the mimic of joint {name!r} that reaches the engine"
+    if found is None:
+        return NamedCause("missing mimic", f"joint {name!r} does not follow joint {mimic.joint!r}", mend)
+    if found.ratio == mimic.ratio:
+        return NamedCause("mimic offset", f"joint {name!r} follows joint {mimic.joint!r} with the offset "
+                          f"{found.offset:.5g} in place of {mimic.offset:.5g}", mend)
+    kind = {-mimic.ratio: "sign", 1 / mimic.ratio if mimic.ratio else 0.0: "direction"}.get(found.ratio, "ratio")
+    return NamedCause(f"mimic {kind}", f"joint {name!r} follows joint {mimic.joint!r} with the ratio "
+                      f"{found.ratio:.5g} in place of {mimic.ratio:.5g}", mend)
+
+
+# --- softness ---------------------------------------------------------------------------------------------------------
+
+
+LAWFUL = 0.95
+"""Least part of constraint forces or accelerations that a linear law of the opening has to reproduce."""
+
+
+def gives_way(shown: Shown, absent: int | None) -> bool:
+    """Whether joints are closed at the start and open in the limit of small steps, as if springs held them."""
+    scene, scale, states = shown.observation.scene, shown.observation.scale, shown.states
+    constraints = Constraints(scene)
+    rows = constraints.rows_without(absent)
+    if not rows.size:
+        return False
+    gaps = np.abs(constraints.position(states.x, states.R)[:, rows]) / scale.length
+    limit = FAITHFUL + fit.EXPLAINED * shown.observation.noise
+    opening = float(gaps.max())
+    return bool(gaps[0].max() <= limit < opening)
+
+
+def lawful(shown: list[Shown], absent: int | None) -> bool:
+    """Whether constraint forces, or accelerations, are linear in Phi and G u, with constants of their own per row."""
+    columns: list[list[np.ndarray]] = [[], [], [], []]
+    for each in shown:
+        scene, scale = each.observation.scene, each.observation.scale
+        constraints = Constraints(scene)
+        if constraints.m != Constraints(shown[0].observation.scene).m:
+            continue
+        inner = slice(REACH, len(each.states.t) - REACH)
+        x, R, v, w = (getattr(each.states, name)[inner] for name in ("x", "R", "v", "w"))
+        a, alpha = each.accelerations[:, :, :3], each.accelerations[:, :, 3:]
+        points, _ = points_of([(0, each)], 1)
+        physics = of_scene(scene)
+        effort = Terms(scene, points, each.forces).forces(physics).reshape(len(x), -1)
+        mass = np.linalg.inv(mechanics.inverse_mass(scene))
+        G = constraints.jacobian(x, R)
+        left = effort - np.concatenate([a, alpha], axis=2).reshape(len(x), -1) @ mass
+        lam = np.array([np.linalg.lstsq(one.T, row, rcond=1e-9)[0] for one, row in zip(G, left, strict=True)])
+        rows = constraints.rows_without(absent)
+        for column, values in zip(columns, (constraints.position(x, R) / scale.length, constraints.velocity(
+                x, R, v, w) / (scale.length * scale.rate), lam, constraints.acceleration(x, R, v, w, a, alpha)),
+                strict=True):
+            column.append(values[:, rows])
+    gaps, speeds, lam, accelerations = (np.concatenate(column) for column in columns)
+    return max(_linear(gaps, speeds, lam), _linear(gaps, speeds, accelerations)) >= LAWFUL
+
+
+def _linear(gaps: np.ndarray, speeds: np.ndarray, answers: np.ndarray) -> float:
+    """Part of the answers (P, m) that is linear in gaps and speeds of the same row."""
+    left = 0.0
+    for row in range(answers.shape[1]):
+        design = np.column_stack([gaps[:, row], speeds[:, row]])
+        factors = np.linalg.lstsq(design, answers[:, row], rcond=None)[0]
+        left += float(np.sum((answers[:, row] - design @ factors) ** 2))
+    return 1.0 - left / max(float(np.sum(answers**2)), 1e-300)
+
+
+def opening(shown: Shown, absent: int | None) -> str:
+    """The largest opening of joints, in words."""
+    scene, states, constraints = shown.observation.scene, shown.states, Constraints(shown.observation.scene)
+    gaps = np.abs(constraints.position(states.x, states.R)[:, constraints.rows_without(absent)])
+    return f"joints open to {gaps.max():.3g} m within {scene.duration:.3g} s at vanishing steps"

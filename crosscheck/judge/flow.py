@@ -14,7 +14,7 @@ import numpy as np
 
 from crosscheck.document import Scales
 from crosscheck.references.base import Reference
-from crosscheck.references.rates import fastest
+from crosscheck.references.maximal import fastest
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene

@@ -19,7 +19,7 @@ import numpy as np
 from crosscheck.document import QUANTITIES, Scales
 from crosscheck.judge.metrics import Plateau
 from crosscheck.references.base import Reference
-from crosscheck.references.rates import fastest
+from crosscheck.references.maximal import fastest
 from crosscheck.scene.model import GROUND, Scene
 
 EPS = float(np.finfo(float).eps)

@@ -6,24 +6,99 @@ and velocity levels. On the constraint manifold the damping has no effect, so a 
 DAMPING^2. With dependent rows, the accelerations are the least-norm correction of the free ones in the metric of M,
 with the rank found once at the start. Attitudes are quaternions; the angle of a torsional spring is a state. The ground
 is one more body at the end of every array, without columns in the Jacobian.
+
+Rotor inertia of a joint takes its rate as a row, with the drift in its derivative. The rate of a hinge is the
+difference of the two angular velocities along its axis, which is fixed in both bodies. A slide s along e has d2s/dt2 =
+e . d" + s (|w|^2 - (e . w)^2), with d" the acceleration of the child's anchor minus that of the parent's, and w the
+angular velocity of the parent; the child's differs from it only along e.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.integrate import DOP853
+from scipy.integrate import DOP853, Radau
 
-from crosscheck.references import stiffness
 from crosscheck.references.base import TruthError
-from crosscheck.references.rotors import rotors
 from crosscheck.references.world import Motion, cross, rotation, turned
 from crosscheck.references.world_loads import ConstantLoad, JointLoad, LinearSpring, TorsionalSpring
 from crosscheck.references.world_rows import Coupled, Driven, Relations, kinds
-from crosscheck.scene.model import Scene
+from crosscheck.scene.model import Joint, Scene
 from crosscheck.scene.states import States
+
+DECAYS = 5000.0
+"""The implicit method is used if the rate of the fastest decay times the duration exceeds this: the stability of an
+explicit method would require a hundred thousand evaluations or more."""
+
+IMPLICIT_RTOL = 1e-12
+"""Tolerance of the implicit method: a tenth of it gives the same error with twice the evaluations."""
+
+QUIET = 100.0
+"""Highest rate (1/s) at which rounding stays within the tightest tolerance. The rounding error of a position causes an
+acceleration, larger by the square of the rate, and changes the velocity of one step by the rate times that error. With
+a tolerance below that, noise would make the steps ever shorter."""
+
+DIFFERENCE = 1e-6
+"""Step of the central differences of the rates, relative to entries of order one."""
+
+
+def eigenvalues(rates: Callable[[float, np.ndarray], np.ndarray], start: np.ndarray) -> np.ndarray:
+    """Eigenvalues (1/s) of the derivative of dy/dt = rates(t, y) with respect to y at `start`."""
+    columns = [rates(0.0, start + step) - rates(0.0, start - step) for step in DIFFERENCE * np.eye(len(start))]
+    return np.linalg.eigvals(np.array(columns).T / (2 * DIFFERENCE))
+
+
+def integrator_for(values: np.ndarray, duration: float, tightest: float) -> tuple[type[Any], float]:
+    """Integrator and relative tolerance for equations with these eigenvalues (1/s) over `duration` (s).
+
+    `tightest`: the relative tolerance if nothing is stiff.
+    """
+    if -values.real.min() * duration > DECAYS:
+        return Radau, IMPLICIT_RTOL
+    return DOP853, tightest * max(1.0, float(np.abs(values).max()) / QUIET)
+
+
+TURNS = {"revolute": (True,), "prismatic": (False,), "cylindrical": (True, False)}
+
+
+@dataclasses.dataclass(frozen=True)
+class Rotor:
+    """One coordinate of a joint with rotor inertia, kg m^2 or kg."""
+
+    joint: Joint
+    inertia: float
+    turns: bool
+
+    def row(self, motion: Motion) -> tuple[np.ndarray, float]:
+        """(row (n + 1, 6), drift) with d(rate)/dt = row . du/dt + drift; v in world, w in body axes."""
+        joint, x, R = self.joint, motion.x, motion.R
+        row = np.zeros((len(x), 6))
+        if self.turns:
+            row[joint.child, 3:] += joint.child_axis
+            row[joint.parent, 3:] -= joint.parent_axis
+            return row, 0.0
+        e = R[joint.parent] @ joint.parent_axis
+        ends = []
+        for body, anchor, sign in ((joint.child, joint.child_anchor, 1.0), (joint.parent, joint.parent_anchor, -1.0)):
+            row[body, :3] += sign * e
+            row[body, 3:] += sign * np.cross(anchor, R[body].T @ e)
+            centripetal = R[body] @ np.cross(motion.w[body], np.cross(motion.w[body], anchor))
+            ends.append((x[body] + R[body] @ anchor, centripetal))
+        spin = R[joint.parent] @ motion.w[joint.parent]
+        slide = float(e @ (ends[0][0] - ends[1][0]))
+        turning = float(spin @ spin - (e @ spin) ** 2)
+        return row, float(e @ (ends[0][1] - ends[1][1])) + slide * turning
+
+
+def rotors(scene: Scene) -> list[Rotor]:
+    """All coordinates of a scene with rotor inertia."""
+    return [Rotor(joint, value, turns) for joint in scene.joints
+            for value, turns in zip(joint.armature, TURNS.get(joint.type, ()), strict=False) if value]
+
 
 RTOL = 3e-15  # a thousand such steps stay near 1e-12; looser ones take 15 % less time and have several times the error
 # Loops with dependent rows pass flat positions fast and dead points slowly: an energy error made in the former grows in
@@ -79,7 +154,7 @@ class Maximal:
         self.graded = self._graded()
         self.integrator: tuple[type[Any], float] = DOP853, RTOL if self.rank is None else RTOL_DEPENDENT
         if self.springs or self.torsions:
-            self.integrator = stiffness.integrator(stiffness.eigenvalues(self.rates, self.initial()), scene.duration,
+            self.integrator = integrator_for(eigenvalues(self.rates, self.initial()), scene.duration,
                                                    self.integrator[1])
         self.source = f"{self.integrator[0].__name__} (SciPy), maximal coordinates"
 
@@ -322,3 +397,11 @@ class Maximal:
         motion, angles = self.motion(y, t)
         a, alpha = self.accelerations(motion, angles)
         return motion.x[:-1], motion.R[:-1], motion.v[:-1], motion.w[:-1], a, alpha
+
+
+def fastest(scene: Scene) -> float:
+    """Rate (1/s) of the fastest decay or oscillation of a scene with springs, at its start; 0 without springs."""
+    if not any(force.type.endswith("spring") for force in scene.forces):
+        return 0.0
+    equations = Maximal(scene)
+    return float(max(abs(eigenvalues(equations.rates, equations.initial()))))

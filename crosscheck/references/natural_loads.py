@@ -1,4 +1,4 @@
-"""Springs, dampers and constant loads in natural coordinates, coefficient by coefficient.
+"""Series of the motion in natural coordinates, and springs, dampers and loads, coefficient by coefficient.
 
 A force F at a point s of a body acts on (x, r1, r2, r3) by (F, s1 F, s2 F, s3 F). A torque T does the work T . w with
 w = (r1 x r1' + r2 x r2' + r3 x r3') / 2 and acts by T x rk / 2 on each column.
@@ -9,9 +9,56 @@ from __future__ import annotations
 import numpy as np
 
 from crosscheck.errors import Unsupported
-from crosscheck.references.natural_series import LONG, Motion, crossed, product
 from crosscheck.scene.functions import TimeFunction, Value
 from crosscheck.scene.model import GROUND, Force, Scene
+
+LONG = np.longdouble
+
+
+class Motion:
+    """Coefficients of q, (order + 1, n + 1, 4, 3), the ground last, and of angles of torsional springs."""
+
+    def __init__(self, q: np.ndarray, rate: np.ndarray, angles: np.ndarray, order: int) -> None:
+        self.q = np.zeros((order + 1, *q.shape), LONG)
+        self.q[0], self.q[1] = q, rate
+        self.angles = np.zeros((order + 1, len(angles)), LONG)
+        self.angles[0] = angles
+
+    def at(self, tau: np.longdouble) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """q, q', q'' and angles at a time after the start of the step."""
+        q, rate, second = np.zeros((3, *self.q.shape[1:]), LONG)
+        angles = np.zeros(self.angles.shape[1], LONG)
+        for k in range(len(self.q) - 1, -1, -1):
+            q, angles = q * tau + self.q[k], angles * tau + self.angles[k]
+            rate = rate * tau + k * self.q[k] if k else rate
+            second = second * tau + k * (k - 1) * self.q[k] if k > 1 else second
+        return q, rate, second, angles
+
+    def vector(self, body: int, own: np.ndarray, k: int) -> np.ndarray:
+        """k-th coefficient of a vector fixed in a body, world axes."""
+        found: np.ndarray = own @ self.q[k, body, 1:]
+        return found
+
+    def point(self, body: int, own: np.ndarray, k: int) -> np.ndarray:
+        """k-th coefficient of a point fixed in a body."""
+        found: np.ndarray = self.q[k, body, 0] + own @ self.q[k, body, 1:]
+        return found
+
+
+def product(one: np.ndarray, other: np.ndarray, k: int) -> np.ndarray:
+    """k-th coefficient of the product of a scalar series and a series of numbers or vectors."""
+    weights = one[k::-1] if k else one[:1]
+    found: np.ndarray = np.tensordot(weights, other[:k + 1], 1)
+    return found
+
+
+def crossed(one: np.ndarray, other: np.ndarray, k: int) -> np.ndarray:
+    """k-th coefficient of the cross product of series of vectors; `other` may hold several vectors per coefficient."""
+    first = one[k::-1] if k else one[:1]
+    first = first.reshape(len(first), *(1,) * (other.ndim - 2), 3)
+    found: np.ndarray = np.cross(first, other[:k + 1]).sum(axis=0)
+    return found
+
 
 OPPOSITE = 1e-6  # axes closer to opposite than this have no unique shortest turn between them
 

@@ -16,7 +16,7 @@ from crosscheck.references.agreement import USABLE, Solved, difference
 from crosscheck.references.base import Reference, TruthError
 from crosscheck.references.maximal import Maximal
 from crosscheck.references.natural import SOURCE, Natural
-from crosscheck.references.natural_series import Motion
+from crosscheck.references.natural_loads import Motion
 from crosscheck.references.series import ORDERS
 from crosscheck.references.tree import scene_length
 from crosscheck.scene.model import Scene

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from crosscheck.document import Plan
 from crosscheck.judge.plan import PLANS, SHARE, STUDY_SAMPLES, halved, parts, plan_from_truth
-from crosscheck.references.rates import fastest
+from crosscheck.references.maximal import fastest
 from crosscheck.scene.model import Scene
 
 WINDOWS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002)

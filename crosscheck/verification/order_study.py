@@ -22,7 +22,7 @@ from crosscheck.judge.richardson import judge_limit
 from crosscheck.judge.substeps import judge_substeps
 from crosscheck.judge.verdict import judge_orders, undecided
 from crosscheck.references.base import Reference
-from crosscheck.references.rates import fastest
+from crosscheck.references.maximal import fastest
 from crosscheck.running.attempt import Ran, Refused, attempt, lasting
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene.model import Scene

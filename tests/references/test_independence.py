@@ -37,11 +37,10 @@ def test_imports_nothing_under_test(file):
     assert not imported(file) & {"mujoco", "pinocchio", "exudyn", "importlib.import_module"}
 
 
-SERIES = {"taylor", "articulated", "joint_motion", "loops", "tree", "tree_loads", "generic", "series",
-          "rolling"}
-CLOSED = {"closed_form", "free_body", "elliptic"}
-MAXIMAL = {"maximal", "world", "world_rows", "world_contacts", "world_loads", "stiffness", "rates", "rotors"}
-NATURAL = {"natural", "natural_rows", "natural_loads", "natural_series"}
+SERIES = {"taylor", "articulated", "joint_motion", "loops", "tree", "tree_loads", "generic", "series"}
+CLOSED = {"closed_form"}
+MAXIMAL = {"maximal", "world", "world_rows", "world_loads"}
+NATURAL = {"natural", "natural_loads"}
 
 
 def test_the_formulations_share_no_equations():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from crosscheck.errors import Unsupported
-from crosscheck.references import TruthError, maximal, natural, natural_rows
+from crosscheck.references import TruthError, maximal, natural
 from crosscheck.references.agreement import difference
 from crosscheck.references.taylor import Taylor
 from crosscheck.scene.file import load_scene
@@ -44,8 +44,8 @@ def test_it_is_nearer_to_the_series_than_the_second_one_is():
 
 @pytest.mark.parametrize("sign", [-1.0, 1 + 1e-6])
 def test_a_wrong_row_shows(sign, monkeypatch, double):
-    original = natural_rows._point
-    monkeypatch.setattr(natural_rows, "_point", lambda own: original(sign * np.asarray(own)))
+    original = natural._point
+    monkeypatch.setattr(natural, "_point", lambda own: original(sign * np.asarray(own)))
     try:
         found = natural.Natural(double).run()
     except TruthError:  # anchors of the other sign leave a start that no joint closes

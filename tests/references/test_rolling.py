@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import crosscheck
-from crosscheck.references import maximal, rolling, world_contacts
+from crosscheck.references import loops, maximal, world_rows
 from crosscheck.references.taylor import Taylor
 from crosscheck.scene.functions import at
 
@@ -47,8 +47,9 @@ MISTAKES = {
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_seeded_mistake_in_one_shows(mistake, monkeypatch):
-    monkeypatch.setattr("crosscheck.references.loops.terms",
-                        lambda *arguments: MISTAKES[mistake](*rolling.terms(*arguments)))
+    original = loops._contact_terms
+    monkeypatch.setattr("crosscheck.references.loops._contact_terms",
+                        lambda *arguments: MISTAKES[mistake](*original(*arguments)))
     first, second = accelerations("wobbling_disk")
     assert np.abs(first - second).max() > 1e6 * ROUNDING * np.abs(second).max()
 
@@ -59,7 +60,7 @@ def test_other_directions_of_slip_move_nothing():
     other = maximal.Maximal(scene)
     motion = other.motion(other.initial())
     before = np.concatenate(other.accelerations(*motion), axis=1)
-    contacts = next(kind for kind in other.constraints if isinstance(kind, world_contacts.Contacts))
+    contacts = next(kind for kind in other.constraints if isinstance(kind, world_rows.Contacts))
     c, s = np.cos(0.7), np.sin(0.7)
     contacts.planes = [np.array([[c, s], [-s, c]]) @ plane for plane in contacts.planes]
     after = np.concatenate(other.accelerations(*motion), axis=1)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853, Radau
 
-from crosscheck.references import compute, stiffness
+from crosscheck.references import compute, maximal
 from crosscheck.references.maximal import RTOL, Maximal
 from crosscheck.scene.file import load_scene
 
 
 def test_eigenvalues_are_those_of_the_equations():
     A = np.array([[0.0, 1.0], [-25.0, -6.0]])  # -3 +- 4i
-    values = stiffness.eigenvalues(lambda t, y: A @ y, np.array([0.7, -0.2]))
+    values = maximal.eigenvalues(lambda t, y: A @ y, np.array([0.7, -0.2]))
     assert sorted(values, key=lambda value: value.imag) == pytest.approx([-3 - 4j, -3 + 4j], rel=1e-7)
 
 
@@ -19,7 +19,7 @@ def test_eigenvalues_are_those_of_the_equations():
     ([50j, -50j, -1.0], DOP853, RTOL), ([1000j, -1000j], DOP853, 10 * RTOL), ([-2e4, -50.0], Radau, 1e-12),
     ([2e4, -1.0], DOP853, 200 * RTOL)])
 def test_fast_decay_asks_for_the_implicit_method_and_fast_oscillation_for_a_looser_one(values, integrator, rtol):
-    found = stiffness.integrator(np.array(values), 1.0, RTOL)
+    found = maximal.integrator_for(np.array(values), 1.0, RTOL)
     assert found[0] is integrator
     assert found[1] == pytest.approx(rtol)
 

@@ -29,33 +29,33 @@ def advise(
 
     from crosscheck.verification.advice import advise as find
 
-    found = find(scene, engine=engine, error=error)
+    advice = find(scene, engine=engine, error=error)
     if as_json:
-        typer.echo(json.dumps(msgspec.to_builtins(found), indent=1))
+        typer.echo(json.dumps(msgspec.to_builtins(advice), indent=1))
     else:
-        tell(found)
-    raise typer.Exit(int(found.method is None))
+        tell(advice)
+    raise typer.Exit(int(advice.method is None))
 
 
-def tell(found: Advice) -> None:
+def tell(each: Advice) -> None:
     """Print an advice; the line of the command is not folded, so that it can be copied."""
-    for line in words(found):
+    for line in words(each):
         if line.startswith("command "):
             print(line)
         else:
             say(line, hang=9)
 
 
-def words(found: Advice) -> list[str]:
+def words(each: Advice) -> list[str]:
     """The lines of an advice."""
-    asked = f"{found.scene} with {found.engine}, position error at most {found.wanted:g} m up to {found.until:g} s"
-    if found.method is None:
-        least = "no run ended" if found.least is None else f"the least error found is {found.least:.1e} m"
+    asked = f"{each.scene} with {each.engine}, position error at most {each.wanted:g} m up to {each.until:g} s"
+    if each.method is None:
+        least = "no run ended" if each.least is None else f"the least error found is {each.least:.1e} m"
         return [f"{asked}: no method reaches it, {least}"]
-    size = f"step     {figure(found.step)} s" if found.step else f"rtol     {figure(found.rtol)}"
-    breaks = "at no step tried; the longest is the time between two outputs" if found.breaks_at is None else (
-        f"at {'step' if found.step else 'rtol'} {figure(found.breaks_at)}{' s' if found.step else ''}: there it fails, "
+    size = f"step     {figure(each.step)} s" if each.step else f"rtol     {figure(each.rtol)}"
+    breaks = "at no step tried; the longest is the time between two outputs" if each.breaks_at is None else (
+        f"at {'step' if each.step else 'rtol'} {figure(each.breaks_at)}{' s' if each.step else ''}: there it fails, "
         "or is wrong by a tenth of the scene's size")
-    return [asked, f"method   {found.method}{f', form {found.form}' if found.form else ''}", size,
-            f"error    {found.error:.1e} m", f"cost     {found.cost or 0.0:.3g} s of stepping",
-            f"breaks   {breaks}", f"command  {found.command}"]
+    return [asked, f"method   {each.method}{f', form {each.form}' if each.form else ''}", size,
+            f"error    {each.error:.1e} m", f"cost     {each.cost or 0.0:.3g} s of stepping",
+            f"breaks   {breaks}", f"command  {each.command}"]

@@ -43,18 +43,18 @@ def inspect(
         native = examine_natively(scene, engine or None, states, seed, against)
         printed(native, say)
         raise typer.Exit(0 if native.agree else 1)
-    found = examine(load_scene(scene), engine or None, form, states, seed)
-    _print(found)
-    if not found.probes:
+    result = examine(load_scene(scene), engine or None, form, states, seed)
+    _print(result)
+    if not result.probes:
         raise ArgumentError(f"{scene}: none of the engines asked for can be inspected on this scene")
-    raise typer.Exit(0 if found.agree else 1)
+    raise typer.Exit(0 if result.agree else 1)
 
 
-def _print(found: Inspection) -> None:
+def _print(result: Inspection) -> None:
     from crosscheck.inspection.base import QUANTITIES
 
     terminal = console(200)
-    truth, scene = found.truth, found.scene
+    truth, scene = result.truth, result.scene
     assert truth.masses is not None
     assert truth.x is not None
     assert truth.kinetic is not None
@@ -63,25 +63,25 @@ def _print(found: Inspection) -> None:
     terminal.print(
         f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {truth.masses.sum():.6g} kg, centre of mass at t = 0 "
         f"({', '.join(f'{value:.6g}' for value in centre)}) m, kinetic energy {truth.kinetic[0]:.6g} J, potential "
-        f"{truth.potential[0]:.6g} J; compared at the start and {counted(len(found.states.t) - 1, 'random state')}")
-    by_cell = {(d.engine, d.form, d.quantity): d for d in found.deviations}
-    rows = {quantity: [by_cell.get((probe.engine, probe.form, quantity)) for probe in found.probes]
+        f"{truth.potential[0]:.6g} J; compared at the start and {counted(len(result.states.t) - 1, 'random state')}")
+    by_cell = {(d.engine, d.form, d.quantity): d for d in result.deviations}
+    rows = {quantity: [by_cell.get((probe.engine, probe.form, quantity)) for probe in result.probes]
             for quantity in QUANTITIES}
-    print_table(terminal, [key("largest relative deviation"), *figures(*(probe.label for probe in found.probes))],
+    print_table(terminal, [key("largest relative deviation"), *figures(*(probe.label for probe in result.probes))],
                 [[quantity, *map(_cell, cells)] for quantity, cells in rows.items() if any(cells)])
-    if found.probes:
+    if result.probes:
         terminal.print("over the size of each quantity; -: this model does not tell it; !: beyond its bound")
-    for probe in found.probes:
+    for probe in result.probes:
         for reason in dict.fromkeys(probe.notes.values()):
             missing = ", ".join(quantity for quantity, note in probe.notes.items() if note == reason)
             terminal.print(f"{probe.label} does not tell {missing}: {reason}", markup=False)
-    for label, reason in found.skipped.items():
+    for label, reason in result.skipped.items():
         terminal.print(f"{label} is left out: {reason}", markup=False)
-    if found.offenders:
-        terminal.print(f"FIRST OFFENDER: {found.offenders[0]}", markup=False, style="bold red")
-    elif found.probes:
-        terminal.print(f"all agree with truth: no deviation of {len(found.probes)} models is beyond its bound")
-    for offender in found.offenders[1:]:
+    if result.offenders:
+        terminal.print(f"FIRST OFFENDER: {result.offenders[0]}", markup=False, style="bold red")
+    elif result.probes:
+        terminal.print(f"all agree with truth: no deviation of {len(result.probes)} models is beyond its bound")
+    for offender in result.offenders[1:]:
         terminal.print(f"  then: {offender}", markup=False)
 
 

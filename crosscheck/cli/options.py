@@ -77,10 +77,10 @@ def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None) -
     from crosscheck.files import cache_folder
     from crosscheck.scene.models import import_file, is_model
 
-    found = []
+    files = []
     for name in names:
         if not is_model(name):
-            found.append(name)
+            files.append(name)
             continue
         key = hashlib.sha256(repr((os.path.abspath(name), drop, keyframe)).encode()).hexdigest()[:12]
         target = cache_folder() / "models" / key / f"{Path(name).stem}.toml"
@@ -88,8 +88,8 @@ def scene_files(names: Iterable[str] | None, drop: bool, keyframe: str | None) -
         scene = import_file(name, target, drop=drop, keyframe=keyframe)
         for words in scene.left_out:
             typer.echo(f"left out of {name}: {words}", err=True)
-        found.append(str(target))
-    return found
+        files.append(str(target))
+    return files
 
 
 def scenes(default: str) -> Any:

@@ -68,10 +68,10 @@ def run(
              "beta": beta, "spectral_radius": spectral_radius, "reduce": reduce, "samples": samples,
              "duration": duration}
     options = {key: value for key, value in given.items() if value is not None}
-    found = loaded(scene, drop, keyframe)
-    traj = run_scene(found, engine, method, step=step, rtol=rtol, **options)
+    prepared = loaded(scene, drop, keyframe)
+    traj = run_scene(prepared, engine, method, step=step, rtol=rtol, **options)
     if csv_file is not None:
-        write_csv(found, traj, csv_file)
+        write_csv(prepared, traj, csv_file)
     if csv_file != "-":
         judged = _judged(str(scene), traj, engine, step, rtol, options)
         _print_run(traj.scene, traj, csv_file, step)

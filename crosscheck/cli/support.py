@@ -21,15 +21,15 @@ def support(
     from crosscheck import adapters
     from crosscheck.running.support import matrix
 
-    found = matrix(engine or None)
-    columns = list(dict.fromkeys((entry.engine, entry.form) for entry in found))
-    cells = {(entry.engine, entry.form, entry.kind, entry.item): entry for entry in found}
+    entries = matrix(engine or None)
+    columns = list(dict.fromkeys((entry.engine, entry.form) for entry in entries))
+    cells = {(entry.engine, entry.form, entry.kind, entry.item): entry for entry in entries}
     notes: dict[tuple[str, str], int] = {}  # footnote numbers, by engine with form and reason
-    for entry in found:
+    for entry in entries:
         if entry.reason is not None:
             notes.setdefault(_note(entry), len(notes) + 1)
     rows, last = [], ""
-    for kind, item in dict.fromkeys((entry.kind, entry.item) for entry in found):
+    for kind, item in dict.fromkeys((entry.kind, entry.item) for entry in entries):
         if kind != last:
             rows.append((f"{kind}:", *("" for _ in columns)))
         row = [cells[name, form, kind, item] for name, form in columns]

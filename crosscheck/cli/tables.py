@@ -84,20 +84,20 @@ def _widths(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int
     """Widths of the columns of a block: the least width of each; the rest goes to words, then to titles."""
     keys = max(1, sum(column.key for column in columns))
     cells = [[row[k] for row in rows] for k in range(len(columns))]
-    found = [_least(column, cells[k], width // (SHARE * keys) if column.key else 0)
+    widths = [_least(column, cells[k], width // (SHARE * keys) if column.key else 0)
              for k, column in enumerate(columns)]
     natural = [max(len(line) for cell in (column.title, *cells[k]) for line in (cell.splitlines() or [""]))
                for k, column in enumerate(columns)]
-    left = width - sum(found) - GAP * (len(columns) - 1)
+    left = width - sum(widths) - GAP * (len(columns) - 1)
     for kind in (True, False):
         wanting = sorted((k for k, column in enumerate(columns) if column.words is kind),
-                         key=lambda k: natural[k] - found[k])
+                         key=lambda k: natural[k] - widths[k])
         for place, k in enumerate(wanting):
             room = left // (len(wanting) - place) if kind else left
-            more = max(0, min(natural[k] - found[k], room))
-            found[k] += more
+            more = max(0, min(natural[k] - widths[k], room))
+            widths[k] += more
             left -= more
-    return found
+    return widths
 
 
 def _print(terminal: Console, columns: Sequence[Column], rows: Sequence[Sequence[str]], styles: Sequence[str]) -> None:

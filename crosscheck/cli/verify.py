@@ -5,18 +5,28 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
+import math
 import os
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from crosscheck.cli import options
-from crosscheck.cli.console import complain, progress_bar
+from crosscheck.cli.console import complain, console, progress_bar, say
 from crosscheck.cli.options import Drop, EngineNames, Keyframe, SceneNames, scene_files
+from crosscheck.cli.tables import figures, key, print_table
+from crosscheck.document import Document, Record
 from crosscheck.errors import ArgumentError, install
+from crosscheck.report.headline import OUTCOMES, headline, judged_share, sentence, state
+from crosscheck.report.overview import worst_first
+
+COLUMNS = (key("scene"), key("run"), *figures("verdict", "step or rtol", "order", "position error, m", "bound, m",
+                                              "judged to", "energy error", "us/step"))
+STYLES = {"fail": "bold red", "error": "bold red", "known": "yellow", "unsupported": "dim"}
 
 
 def verify(
@@ -46,7 +56,6 @@ def verify(
     kill; times are measured anew. Exit code 0: all within tolerance; 1: a verdict
     failed; 2: the run itself failed.
     """
-    from crosscheck.cli.verdicts import print_verdicts
     from crosscheck.document import Asked
     from crosscheck.jobs.table import Table
     from crosscheck.judge import overrides
@@ -80,3 +89,76 @@ def verify(
     else:
         print_verdicts(results, page)
     raise typer.Exit(results.exit_code)
+
+
+def print_verdicts(document: Document, page: Path) -> None:
+    """Print passes by engine and scene, every other run, what is wrong and what to trust, the headline, the page."""
+    say("engines: " + ", ".join(f"{name} {version}" for name, version in document.meta.engines.items()))
+    if document.meta.reused:
+        say(f"{document.meta.reused} results were computed before, since {(document.meta.reused_since or '')[:10]}; "
+            "--fresh computes them anew")
+    terminal = console(160)
+    passing: dict[tuple[str, str], list[Record]] = {}
+    for record in document.records:
+        if record.outcome in ("pass", "partly"):
+            passing.setdefault((record.scene, record.engine), []).append(record)
+    for (name, engine), records in passing.items():
+        _print_passes(name, engine, records)
+    told = [record for record in document.records if record.outcome in ("known", "fail", "error")]
+    if told:
+        print_table(terminal, COLUMNS, [_row(record) for record in told],
+                    styles=[STYLES.get(record.outcome, "") for record in told])
+    for group in worst_first(document.records):
+        symbol, word, _ = OUTCOMES[group.outcome]
+        loud = word.upper() if group.outcome in ("fail", "error") else word
+        say(f"{symbol} {loud}: {group.engine + ': ' if group.engine else ''}{group.why}")
+        for record, _ in group.runs:
+            say(f"{record.scene}, {record.label}: {sentence(record)}", 4)
+    for line in dict.fromkeys(f"{record.scene}, {record.label}: {finding.why}" for record in document.records
+                              for finding in record.findings if finding.kind == "arithmetic"):
+        say(line)
+    left_out: dict[str, list[str]] = {}
+    for record in document.records:
+        if record.outcome in ("unsupported", "unjudged"):
+            symbol, word, _ = OUTCOMES[state(record)]
+            left_out.setdefault(f"{symbol} {word} {record.scene}, {record.message}", []).append(record.label)
+    for message, labels in left_out.items():
+        say(f"{message}: {', '.join(labels)}")
+    for scene in document.scenes:
+        say(f"{scene.name}: {scene.trust}")
+        for row in scene.engines if len(scene.engines) > 1 else ():
+            known = row.recommended is not None and row.recommended == scene.recommended
+            say(f"{row.engine}: as said; {row.passing} of {row.runs} runs pass." if known else row.text, 4)
+    say(f"{headline(document)} ({document.meta.seconds:.0f} s)")
+    print(f"report: {page}")
+
+
+def _print_passes(scene: str, engine: str, passing: Sequence[Record]) -> None:
+    """Print one line for all passing runs of an engine on a scene; the page lists each of them."""
+    part = [record for record in passing if state(record) == "partly"]
+    best = min(passing, key=lambda record: record.judged_error)
+    line = f"✓ {scene}, {engine}: {len(passing)} run{' passes' if len(passing) == 1 else 's pass'}"
+    if part:
+        line += f" ({len(part)} over {100 * judged_share(part):.0f} % of {'its' if len(part) == 1 else 'their'} time)"
+    if math.isfinite(best.judged_error):
+        line += (f", least position error {best.judged_error:.1e} m by {best.label.removeprefix(f'{engine} ')} at "
+                 f"{_size(best)}")
+    say(line)
+
+
+def _row(record: Record) -> tuple[str, ...]:
+    position, fitted = record.errors.get("position"), record.orders.get("position")
+    order = fitted.observed if fitted else None
+    return (record.scene, record.label, f"{OUTCOMES[record.outcome][0]} {record.word}", _size(record),
+            "" if order is None else f"{order:.2f}", _number(position.judged if position else None),
+            _number(position.bound if position else None),
+            "" if record.judged_until is None else f"{record.judged_until:g} s", _number(record.energy_error),
+            "" if record.us_per_step is None else f"{record.us_per_step:.3g}")
+
+
+def _size(record: Record) -> str:
+    return f"{record.step:g} s" if record.step else f"rtol {record.rtol:g}" if record.rtol else ""
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.1e}" if value < 0.1 or value >= 1000 else f"{value:.2f}"

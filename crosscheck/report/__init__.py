@@ -18,7 +18,6 @@ from crosscheck.document.curves import RunCurves, SceneCurves
 from crosscheck.errors import ArgumentError
 from crosscheck.files import put
 from crosscheck.report import data, exports, names, pages, schema, sites
-from crosscheck.report.badge import badge
 
 STATIC = ("report.css", "theme.js", "site.js", "tables.js", "decision.js", "emphasis.js", "plots.js",
           "study.js", "scene.js", "pens.js", "geometry.js", "playback.js")
@@ -131,7 +130,7 @@ def _tables(document: Document) -> Iterator[tuple[str, str]]:
             yield names.data_file(scene), data.curves_script(document, scene)
     yield "results.csv", exports.table(document)
     yield "junit.xml", exports.junit(document)
-    yield "badge.svg", badge(document)
+    yield "badge.svg", exports.badge(document)
     yield "results.json", json.dumps(schema.plain(document), separators=(",", ":"), allow_nan=False)
 
 

@@ -1,4 +1,4 @@
-"""The results for other programs: CSV, JUnit XML, JSON."""
+"""The results for other programs: CSV, Parquet, JUnit XML, and a badge."""
 
 from __future__ import annotations
 
@@ -12,35 +12,41 @@ from typing import Any
 
 from crosscheck.document import LEVELS, QUANTITIES, Document, Record
 from crosscheck.files import cell, readable, replacing
-from crosscheck.report.headline import number, sentence
+from crosscheck.report.headline import number, sentence, state
+
+LETTER = 7
+"""Width of a letter in pixels. `textLength` stretches the text to it, whatever the font."""
+
+COLOURS = {0: "#1a7f37", 1: "#b3261e"}
+"""Colour by exit code. White letters on both have a contrast above 4.5."""
 
 
 def columns(document: Document) -> list[tuple[str, Callable[[Record], Any]]]:
     """The columns of results.csv and results.parquet: titles with units, and functions that read a record's value."""
     hashes = {scene.name: scene.hash for scene in document.scenes}
-    found: list[tuple[str, Callable[[Record], Any]]] = [
+    titled: list[tuple[str, Callable[[Record], Any]]] = [
         (name, operator.attrgetter(name))
         for name in ("scene", "engine", "version", "method", "form", "outcome", "status")]
-    found += [("step [s]", lambda r: r.step), ("rtol", lambda r: r.rtol),
+    titled += [("step [s]", lambda r: r.step), ("rtol", lambda r: r.rtol),
                 ("documented order", lambda r: r.documented_order),
                 ("verdict", lambda r: r.word), ("duration [s]", lambda r: r.duration),
                 ("judged until [s]", lambda r: r.judged_until)]
     for name, unit in QUANTITIES.items():
-        found += [(f"{name} {field} [{unit}]", _of("errors", name, key))
+        titled += [(f"{name} {field} [{unit}]", _of("errors", name, key))
                     for key, field in (("end", "end error"), ("max", "max error"), ("judged", "judged error"),
                                          ("bound", "bound"))]
-        found.append((f"{name} order", _of("orders", name, "observed")))
-    found += [("energy error over largest kinetic energy", lambda r: r.energy_error),
+        titled.append((f"{name} order", _of("orders", name, "observed")))
+    titled += [("energy error over largest kinetic energy", lambda r: r.energy_error),
                 ("energy error over |E(0)|", lambda r: r.energy_error_by_start),
                 ("vertical momentum error [kg m^2/s]", lambda r: r.momentum_error)]
     for name in LEVELS:
-        found.append((f"constraint {name}, max over steps",
+        titled.append((f"constraint {name}, max over steps",
                       _of("levels", name, "max")))
-    found += [("orthogonality", lambda r: r.orthogonality), ("steps", lambda r: r.steps),
+    titled += [("orthogonality", lambda r: r.orthogonality), ("steps", lambda r: r.steps),
                 ("wall time [s]", lambda r: r.wall_time), ("us per step", lambda r: r.us_per_step),
                 ("worst finding", sentence), ("message", lambda r: r.message),
                 ("scene hash", lambda r: hashes.get(r.scene, "")), ("command", lambda r: r.command)]
-    return found
+    return titled
 
 
 def _of(part: str, name: str, key: str) -> Callable[[Record], Any]:
@@ -102,3 +108,20 @@ def junit(document: Document) -> str:
         suite.set("tests", str(len(records)))
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + readable(ElementTree.tostring(root, encoding="unicode")) + "\n"
+
+
+def badge(document: Document) -> str:
+    """A small SVG for a README, with the numbers of runs that pass, pass partly and fail."""
+    failing = sum(record.outcome in ("fail", "error") for record in document.records)
+    passing = sum(state(record) in ("pass", "known") for record in document.records)
+    part = sum(state(record) == "partly" for record in document.records)
+    counts = {"pass": passing, "partly": part, "fail": failing}
+    told = ", ".join(f"{count} {word}" for word, count in counts.items() if count) or "nothing ran"
+    colour = COLOURS.get(document.exit_code, "#5f6368") if any(counts.values()) else "#5f6368"
+    left, right = (LETTER * len(word) + 12 for word in ("crosscheck", told))
+    return (f'<svg xmlns="http://www.w3.org/2000/svg" width="{left + right}" height="20" role="img" '
+            f'aria-label="crosscheck: {told}"><title>crosscheck: {told}</title>'
+            f'<rect width="{left}" height="20" fill="#444"/><rect x="{left}" width="{right}" height="20" '
+            f'fill="{colour}"/><g fill="#fff" font-family="Verdana,sans-serif" font-size="11">'
+            f'<text x="6" y="14" textLength="{left - 12}">crosscheck</text>'
+            f'<text x="{left + 6}" y="14" textLength="{right - 12}">{told}</text></g></svg>\n')

@@ -98,14 +98,14 @@ def _worse(changes: Sequence[Change] | None) -> str:
 
 def _not_judged(scenes: Sequence[Scene]) -> str:
     """The scenes without truth, and why."""
-    found = [(spoken(scene.title), reason) for scene in scenes if (reason := why_no_truth(scene))]
-    if not found:
+    unjudged = [(spoken(scene.title), reason) for scene in scenes if (reason := why_no_truth(scene))]
+    if not unjudged:
         return ""
-    if len(found) == 1:
-        return f"{found[0][0]} could not be judged: {found[0][1]}"
-    more = f" and {len(found) - SPARED} more" if len(found) > SPARED else ""
-    return (f"{len(found)} scenes could not be judged: "
-            + ", ".join(f"{name} ({reason})" for name, reason in found[:SPARED]) + more)
+    if len(unjudged) == 1:
+        return f"{unjudged[0][0]} could not be judged: {unjudged[0][1]}"
+    more = f" and {len(unjudged) - SPARED} more" if len(unjudged) > SPARED else ""
+    return (f"{len(unjudged)} scenes could not be judged: "
+            + ", ".join(f"{name} ({reason})" for name, reason in unjudged[:SPARED]) + more)
 
 
 def why_no_truth(scene: Scene) -> str:

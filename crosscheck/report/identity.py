@@ -64,13 +64,13 @@ class Look:
 
 def looks(labels: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Look]]:
     """Looks by engine and label: engine, method and, in brackets, the form."""
-    found: dict[str, dict[str, Look]] = {}
+    by_engine: dict[str, dict[str, Look]] = {}
     for engine, own in labels.items():
         name = engine.partition("==")[0]
         methods = METHODS.get(name, "").split()
         forms = len(FORMS) if name != "lieeuler" else 1
         free, taken = itertools.count(forms * len(methods)), set()
-        found[engine] = {}
+        by_engine[engine] = {}
         for label in own:
             method, _, form = label.removeprefix(f"{engine} ").partition(" (")
             row = FORMS.get(form.rstrip(")") or "tree", forms) if forms > 1 else 0 if form in ("", "maximal)") else 1
@@ -78,8 +78,8 @@ def looks(labels: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Look]]:
             if place in taken:
                 place = next(free)
             taken.add(place)
-            found[engine][label] = look(engine, place)
-    return found
+            by_engine[engine][label] = look(engine, place)
+    return by_engine
 
 
 def of_runs(runs: Iterable[tuple[str, str]]) -> dict[str, dict[str, Look]]:

@@ -28,9 +28,9 @@ def find_browser() -> str:
             raise ArgumentError(f"CROSSCHECK_BROWSER={named}: no such program; name a Chromium or Chrome, or unset it")
         return str(shutil.which(named))
     for name in BROWSERS:
-        found = shutil.which(name)
-        if found:
-            return found
+        program = shutil.which(name)
+        if program:
+            return program
     raise ArgumentError("--format pdf needs Chromium or Chrome to print the pages, and none is installed (Debian, "
                         "Ubuntu: apt-get install chromium); or name one in CROSSCHECK_BROWSER")
 

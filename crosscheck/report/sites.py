@@ -27,10 +27,10 @@ HEAD = 700
 
 def tell(folder: Path) -> None:
     """Write `FILE` into this folder and its neighbours. A folder that cannot be written keeps its old file."""
-    found = _around(folder)
-    for here in found:
+    folders = _around(folder)
+    for here in folders:
         with contextlib.suppress(OSError):
-            put(here / FILE, _script(found, here))
+            put(here / FILE, _script(folders, here))
 
 
 def script(folder: Path) -> str:
@@ -43,27 +43,27 @@ def _around(folder: Path) -> dict[Path, list[tuple[str, str, str]]]:
     # Nightly runs share a folder in which `latest` is a link. The neighbours are those of that folder.
     home = folder.absolute().parent
     home = home.parent if (home / "latest").is_symlink() else home
-    found = [path for pattern in ("*", "*/latest") for path in sorted(home.glob(pattern))
+    folders = [path for pattern in ("*", "*/latest") for path in sorted(home.glob(pattern))
              if all((path / name).is_file() for name in ("index.html", "report.css", "theme.js"))]
-    return {path: _pages(path) for path in found if path.parent == home or path.is_symlink()}
+    return {path: _pages(path) for path in folders if path.parent == home or path.is_symlink()}
 
 
-def _script(found: dict[Path, list[tuple[str, str, str]]], here: Path) -> str:
+def _script(folders: dict[Path, list[tuple[str, str, str]]], here: Path) -> str:
     told = [{"name": (path.parent if path.is_symlink() else path).name, "here": path == here,
              "report": (path / "results.json").is_file(),
              "pages": [[kind, title, (Path(os.path.relpath(path, here)) / name).as_posix()]
                        for kind, title, name in pages]}
-            for path, pages in found.items()]
+            for path, pages in folders.items()]
     return f"window.CROSSCHECK_SITES = {json.dumps(told, separators=(',', ':'))};\n".replace("</", "<\\/")
 
 
 def _pages(folder: Path) -> list[tuple[str, str, str]]:
     """Kind, title and file of every page of a folder. The first page comes first."""
-    found = []
+    titled = []
     for path in folder.glob("*.html"):
         kind = path.stem.partition("-")[0]
         with contextlib.suppress(OSError, UnicodeDecodeError), path.open(encoding="utf-8") as page:
             title = re.search(r"<title>crosscheck: (.*?)</title>", page.read(HEAD))
             if title:
-                found.append((kind if kind in KINDS else "study", html.unescape(title[1]), path.name))
-    return sorted(found, key=lambda page: (KINDS.index(page[0]), page[1]))
+                titled.append((kind if kind in KINDS else "study", html.unescape(title[1]), path.name))
+    return sorted(titled, key=lambda page: (KINDS.index(page[0]), page[1]))

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from crosscheck.report.badge import badge
+from crosscheck.report.exports import badge
 from tests.history.store.documents import document, record
 
 

@@ -47,8 +47,7 @@ class Method:
     gains : (alpha, beta) or None
         Default Baumgarte gains, 1/s; None if the method takes none.
     composition : tuple of float
-        Weights of the stages of a composition of RATTLE steps. RATTLE is half a step of DAE2H_LSE followed by half a
-        step of its adjoint.
+        Weights of the stages of a composition of RATTLE steps, equation (9.1) of docs/theory.md.
     spectral_radius : float or None
         Default spectral radius at infinite frequency of generalized-alpha; None for other methods.
     tableau : Tableau or None
@@ -140,7 +139,7 @@ METHODS: dict[str, Method] = {
         Method("DAE2H_LSE", "hamilton", "stabilised", False, ("position", "velocity"), 1,
                f"{_P1}, in the form of {_BM}"),
         Method("DAE1H_LSE", "hamilton", "stabilised", True, _ALL, 1, f"{_P1}, in the form of {_BM}"),
-        Method("INDEX1_LE", "lagrange", "acceleration", False, ("acceleration",), 1, f"{_P1}, comparator"),
+        Method("INDEX1_LE", "lagrange", "acceleration", False, ("acceleration",), 1, f"{_P2}, comparator"),
         Method("BAUMGARTE_LE", "lagrange", "acceleration", False, (), 1,
                f"{_P1}, comparator; doi:10.1016/0045-7825(72)90018-7", gains=(5.0, 5.0)),
         Method("generalized_alpha", "lagrange", "stabilised", True, _ALL, 2, _BCA, spectral_radius=0.8),

@@ -86,6 +86,8 @@ def blocks() -> list[Block]:
         text = path.read_text("utf-8")
         found += [Block(str(path.relative_to(ROOT)), text[:match.start("language")].count("\n") + 1, match["language"],
                         match["text"], match["how"] or "") for match in BLOCK.finditer(text)]
+        found += [Block(path.name, text[:match.start()].count("\n") + 1, "sh", match[1] + "\n", "")
+                  for match in re.finditer(r"\| `(crosscheck [^`]+)` \|", text) if path.name == "README.md"]
     return [block for block in found if block.language not in SHOWN and block.document != "docs/papers.md"]
 
 

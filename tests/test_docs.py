@@ -113,6 +113,20 @@ def test_equations_are_numbered_once_and_cited_ones_exist():
     assert "METHODS section" not in sources()
 
 
+def test_the_bibliography_is_whole():
+    """Every key once, every cited key and every DOI of the repository there, every key cited or its DOI named."""
+    text = (ROOT / "docs" / "references.bib").read_text("utf-8")
+    entries = {entry[1]: entry[0] for entry in re.finditer(r"^@\w+\{(\w+),.*?^\}", text, re.DOTALL | re.MULTILINE)}
+    assert len(entries) == text.count("\n@")
+    dois = {key: match[1] for key, entry in entries.items() if (match := re.search(r"doi\s*= \{([^}]+)\}", entry))}
+    written = sources() + "".join(document.read_text("utf-8") for document in DOCUMENTS)
+    cited = set(re.findall(r"\[([a-z_]+_\d{4})(?:, [^\]]+)?\]", written))
+    assert cited <= set(entries)
+    named = set(re.findall(r"10\.\d{4,5}/[\w.()/:-]+\w", written))
+    assert {doi for doi in named if doi not in dois.values()} == set()
+    assert {key for key in entries if key not in cited and dois.get(key) not in named} == set()
+
+
 @pytest.mark.slow  # .ci/run builds it by `make docs`
 def test_the_site_is_built_without_warnings_and_asks_no_network(tmp_path):
     pytest.importorskip("sphinx")

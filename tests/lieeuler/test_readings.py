@@ -110,3 +110,26 @@ def test_the_step_that_newton_fails_has_no_solution(name, h):
     assert reached[0] == 1  # the solution of the step before is found
     assert reached[1] < 1
     print(f"{name}: the solutions turn back at {reached[1]:.3f} of the step after {last:.6g} s")
+
+
+def free_move(body, u, h, coordinate_map):
+    """Velocities after a step of RATTLE without forces or joints: one whole turn by a discrete velocity."""
+    xi = oracle.newton(lambda z: body.momenta(h, z, coordinate_map)[0] - body.M @ u, u)
+    return np.linalg.solve(body.M, body.momenta(h, xi, coordinate_map)[1])
+
+
+@pytest.mark.parametrize("name", ["exp", "cayley"])
+def test_rattle_moves_once_and_not_in_two_halves(name):
+    """Half a step of the Euler map and half a step of its adjoint are two turns: other velocities, at third order."""
+    body, u = oracle.Chain([1.0], [np.diag([0.1, 0.2, 0.15])], [], np.zeros(3)), np.r_[0, 0, 0, 0.5, 0.3, 1]
+    problem = lieeuler.Problem([lieeuler.Body(1.0, body.inertias[0])], [], [0, 0, 0],
+                               x=[[0, 0, 0]], R=[np.eye(3)], v=[u[:3]], w=[u[3:]])
+    differences = []
+    for h in (0.1, 0.05):
+        once = free_move(body, u, h, oracle.MAPS[name])
+        halves = free_move(body, free_move(body, u, h / 2, oracle.MAPS[name]), h / 2, oracle.MAPS[name])
+        kernel = lieeuler.integrate(problem, "rattle2", h, [0, h], coordinate_map=name).w[-1, 0]
+        assert np.abs(kernel - once[3:]).max() < 1e-14  # some roundings of velocities of 1 rad/s
+        differences.append(np.abs(once - halves).max())
+    assert differences[0] / differences[1] == pytest.approx(8, abs=0.5)
+    assert differences[1] > 1e-7

@@ -10,9 +10,9 @@
 //
 // Rows of slip, A u = 0 alone, are A M^-1 p = 0 at every level.
 //
-// RATTLE is half a step of the last one followed by half a step of its adjoint. This replaces h before f_app (and in
-// Lam) by h/2, and adds p <- p + h/2 f_app(q, xi) before the projection. It is symmetric and of second order. For the
-// rows of slip it takes (A(q_n) + A(q)) xi = 0, and A M^-1 p = 0 after the projection.
+// RATTLE, equation (9.1) of docs/theory.md, replaces h before f_app (and in Lam) by h/2, and adds
+// p <- p + h/2 f_app(q, xi) before the projection. It is symmetric and of second order. For the rows of slip it takes
+// (A(q_n) + A(q)) xi = 0, and A M^-1 p = 0 after the projection.
 //
 // Unknowns: xi of each body, Lam of each joint.
 #pragma once

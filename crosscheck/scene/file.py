@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import difflib
 import json
 import os
 import re
@@ -86,8 +87,9 @@ def read_scene(name_or_path: str | os.PathLike[str]) -> tuple[Path, Content]:
         if isinstance(name_or_path, os.PathLike) or path.name != text:
             raise SceneError(f"{printable(text)}: the name of the file: a scene file ends in .toml or .json; rename it")
         if text not in scene_names():
-            raise SceneError(f'"{printable(text)}": no built-in scene has this name; {nearest(text, scene_names())}'
-                             f"write one of {listed(scene_names())} or a path that ends in .toml or .json")
+            near = difflib.get_close_matches(text, scene_names(), n=3, cutoff=0.0)
+            raise SceneError(f'"{printable(text[:80])}": no built-in scene has this name; {nearest(text, near)}the nearest are '
+                             f"{listed(near)}, `crosscheck list` names all; or write a path that ends in .toml or .json")
         path = _folder() / f"{text}.toml"
     try:
         return path, _read(path)

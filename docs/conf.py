@@ -31,9 +31,9 @@ napoleon_use_ivar = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings say types, with shapes and units
 html_math_renderer = "mathml"
-html_theme = "alabaster"
-html_theme_options = {"page_width": "1200px", "body_max_width": "auto", "sidebar_width": "13rem",
-                      "code_font_size": "0.74em"}
+html_theme = "furo"  # light and dark, any width, and a search that needs no server
+html_title = "lieeuler + crosscheck"
+html_theme_options = {"footer_icons": []}
 highlight_language = "bash"  # of blocks that name none: commands
 html_show_sourcelink = False
 html_static_path = ["static"]

@@ -88,8 +88,9 @@ def read_scene(name_or_path: str | os.PathLike[str]) -> tuple[Path, Content]:
             raise SceneError(f"{printable(text)}: the name of the file: a scene file ends in .toml or .json; rename it")
         if text not in scene_names():
             near = difflib.get_close_matches(text, scene_names(), n=3, cutoff=0.0)
-            raise SceneError(f'"{printable(text[:80])}": no built-in scene has this name; {nearest(text, near)}the nearest are '
-                             f"{listed(near)}, `crosscheck list` names all; or write a path that ends in .toml or .json")
+            raise SceneError(f'"{printable(text[:80])}": no built-in scene has this name; {nearest(text, near)}'
+                             f"the nearest are {listed(near)}, `crosscheck list` names all; or write a path that ends "
+                             "in .toml or .json")
         path = _folder() / f"{text}.toml"
     try:
         return path, _read(path)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import re
 import shlex
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -17,6 +19,7 @@ from crosscheck.cli.app import app
 from crosscheck.studies.paper import figures, runs
 from tests import ROOT
 
+EPS = float(np.finfo(float).eps)
 PAGE = (ROOT / "docs" / "papers.md").read_text("utf-8")
 SHORTER = {"crosscheck paper": ["--duration", "0.1", "--step", "0.01", "--format", "svg", "--method", "DAE1L_LSE"],
            "crosscheck study": ["--steps", "2000"], "crosscheck run": ["--duration", "0.1"], "crosscheck support": [],
@@ -62,6 +65,60 @@ def test_every_method_scene_and_figure_is_named():
     drawn = figures.drawings(runs.measure(scene, runs.Request(step=0.01), lambda what: None), "DAE1L_LSE")
     assert {f"<scene>-{drawing.name.replace('pendulum', '<body>')}" for drawing in drawn} <= set(
         re.findall(r"`(<scene>-[^`]+)`", PAGE))
+
+
+LEVELS = ("position", "velocity", "acceleration")
+SENTENCES = [
+    ("DAE3L_LE", "considers only the displacement constraints. Therefore, it will cause the velocity and acceleration "
+                 "constraint violation", {"position"}),
+    ("DAE2L_LE", "considers only the velocity constraints, and it will cause the displacement and acceleration "
+                 "constraint violation", {"velocity"}),
+    ("DAE2L_LSE", "only the displacement and velocity constraints are satisfied, while the acceleration constraints "
+                  "violation still exist", {"position", "velocity"}),
+    ("DAE1L_LSE", "can keep the stability of displacement, velocity, and acceleration constraints at the same time",
+     set(LEVELS)),
+    ("DAE1H_LSE", "DAE1L_LSE and DAE1H_LSE are all kept in a very small range", set(LEVELS)),
+    ("DAE3H_LE", "named similarly", {"position"}), ("DAE2H_LE", "named similarly", {"velocity"}),
+    ("DAE2H_LSE", "named similarly", {"position", "velocity"}),
+    ("INDEX1_LE", "can only keep one of the stabilities", {"acceleration"}),
+    ("BAUMGARTE_LE", "This method only improves the constraint violation partly", set()),
+]
+"""What P1 says of a method's constraints, and the levels that are held by it. All others are violated, by O(h)."""
+
+
+ROUNDING = {"position": 50 * EPS * 4.0, "velocity": 50 * EPS * 8.0, "acceleration": 50 * EPS * 8.0 / 1e-3}
+"""50 eps of lengths of 4 m, of speeds of 8 m/s, and of their differences over a step: INDEX1_LE has a = (u - u_n)/h."""
+
+
+@functools.cache
+def levels(method, step):
+    """The largest constraint levels, the orthogonality and the end error, m, over a second of the double pendulum."""
+    scene = crosscheck.load_scene("double_pendulum").replace(duration=1.0, samples=11)
+    traj = crosscheck.run(scene, "lieeuler", method, step=step)
+    error = np.linalg.norm(traj.x[-1] - crosscheck.truth(scene).states.x[-1], axis=-1).max()
+    return {level: traj.stats[f"constraint_{level}"] for level in LEVELS}, traj.stats["orthogonality"], error
+
+
+@pytest.mark.parametrize(("method", "sentence", "held"), SENTENCES, ids=[method for method, *_ in SENTENCES])
+def test_what_the_prose_says_of_a_method(method, sentence, held):
+    coarse, orthogonality, error = levels(method, 2e-3)
+    fine, _, smaller = levels(method, 1e-3)
+    for level in LEVELS:
+        if level in held:
+            assert coarse[level] < ROUNDING[level], (sentence, level)
+        elif (method, level) not in FIRST_STEP:
+            assert coarse[level] > 1e-4, (sentence, level)
+            assert coarse[level] / fine[level] == pytest.approx(2, abs=0.35), (sentence, level)
+    assert error / smaller == pytest.approx(2, abs=0.2), "the first-order discretization"
+    assert orthogonality < 1e-14, "the orthogonality preservation of the rotation matrix"
+
+
+FIRST_STEP = {("DAE3L_LE", "acceleration"), ("DAE3H_LE", "acceleration")}
+"""Violated by half of gamma in the first step whatever its size: docs/theory.md, section 5."""
+
+
+def test_baumgarte_is_partly_better_than_index_1():
+    assert levels("BAUMGARTE_LE", 2e-3)[0]["position"] < 0.5 * levels("INDEX1_LE", 2e-3)[0]["position"]
 
 
 @pytest.mark.parametrize("spelling", ["DAE1_IELS", "DAE1L_LES"])

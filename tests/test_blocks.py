@@ -227,7 +227,7 @@ def test_python_runs(block, tmp_path, monkeypatch):
 READERS = {"compound_pendulum.toml": crosscheck.load_scene, "door.toml": crosscheck.load_scene,
            "sweep.toml": plan.read, "my.toml": overrides.read}
 ARM = """
-schema = 2
+schema = 3
 name = "arm"
 description = "an arm on a hinge"
 source = "own"
@@ -269,6 +269,9 @@ def test_a_file_is_read(block, tmp_path):
         for force in content.get("forces", ()):
             (tmp_path / "arm.json").write_text(json.dumps(tomllib.loads(ARM) | {"forces": [force]}))
             assert len(crosscheck.load_scene(tmp_path / "arm.json").forces) == 1
+        watched = {key: content[key] for key in ("shapes", "monitors") if key in content}
+        (tmp_path / "arm.json").write_text(json.dumps(tomllib.loads(ARM) | watched))
+        assert len(crosscheck.load_scene(tmp_path / "arm.json").monitors) == len(watched.get("monitors", ()))
 
 
 def test_the_workflows_of_the_documents_are_workflows():

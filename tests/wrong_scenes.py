@@ -50,7 +50,7 @@ def other_joint(kind, **keys):
 WRONG = [  # name, changes, words of entry and problem, words of the mend
     # the top of the file
     ("no version", {"schema": GONE}, "schema: missing", "add schema = 1"),
-    ("newer version", {"schema": 3}, "schema: version 3", "write schema = 1"),
+    ("newer version", {"schema": 4}, "schema: version 4", "write schema = 1"),
     ("version as text", {"schema": "1"}, "schema: version '1'", "write schema = 1"),
     ("version as truth", {"schema": True}, "schema: version True", "write schema = 1"),
     ("key misspelt", {"duraton": 1.0}, 'duraton: unknown key "duraton"', 'did you mean "duration"?'),

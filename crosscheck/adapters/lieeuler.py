@@ -15,7 +15,7 @@ from crosscheck.errors import ArgumentError, CrosscheckError
 from crosscheck.scene.coordinates import offset_from_half_turn, zero_attitude
 from crosscheck.scene.functions import TimeFunction, Value
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import ELEMENTS, GROUND, Force, Joint, Scene
+from crosscheck.scene.model import GROUND, SMOOTH, Force, Joint, Scene
 from crosscheck.scene.states import States
 
 
@@ -137,7 +137,7 @@ class LieEuler(Engine):
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """All joints and forces are modelled, redundant constraints included."""
-        if reason := scene.beyond(ELEMENTS):
+        if reason := scene.beyond(SMOOTH):
             return reason
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"

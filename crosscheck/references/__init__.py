@@ -16,7 +16,7 @@ import numpy as np
 
 from crosscheck.errors import Unsupported
 from crosscheck.references.base import Chaotic, Reference, TruthError
-from crosscheck.scene.model import ELEMENTS, Scene
+from crosscheck.scene.model import SMOOTH, Scene
 
 if TYPE_CHECKING:
     from crosscheck.references.agreement import Agreement, Solved
@@ -42,7 +42,7 @@ def truth(scene: Scene) -> Reference:
     from crosscheck.references import cache
     from crosscheck.references.tree import bound, unfold
 
-    if reason := scene.beyond(ELEMENTS):
+    if reason := scene.beyond(SMOOTH) or ("monitors are not built here" if scene.monitors else None):
         raise Unsupported(f"truth of {scene.name!r}: {reason}")
     refused = [joint for joint in scene.joints if bound(scene, joint)]
     if refused and (closing := [joint.name for joint in unfold(scene)[1] if joint in refused]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import numpy as np
 
@@ -15,7 +16,9 @@ from crosscheck.scene.schema import Content, EntryError, decode
 def scene_from(data: Content, origin: str | os.PathLike[str]) -> Scene:
     """The scene with this content of a file; raises `SceneError`, which names `origin`, the entry and the mend."""
     try:
-        return _assembled(checks.draft(decode(data)))
+        scene = _assembled(checks.draft(decode(data), Path(origin).parent))
+        checks.check_start(scene)
+        return scene
     except EntryError as error:
         raise SceneError(printable(f"{os.fsdecode(origin)}: {error}")) from None
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
+from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from crosscheck.scene import joint_options
+from crosscheck.scene import coordinates, joint_options, meshes
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.laws import SIZES, Monitor, Shape
 from crosscheck.scene.model import GROUND, Body, Force, Joint, Scene
 from crosscheck.scene.schema import (
     LARGEST,
@@ -21,8 +23,12 @@ from crosscheck.scene.schema import (
     JointEntry,
     JointForceEntry,
     JointTorqueEntry,
+    MonitorEntry,
     SceneEntry,
+    ServoEntry,
+    ShapeEntry,
     TorsionalSpringEntry,
+    TouchEntry,
     listed,
     nearest,
 )
@@ -35,6 +41,9 @@ inequality (a thin disc: I_z = I_x + I_y) to about 1e-15; a thousand times that 
 
 SMALLEST = 1 / LARGEST
 """Smallest mass, moment of inertia, rod length or duration, so that its reciprocal stays in range."""
+
+START_TOLERANCE = 1e-8
+"""How far a start may be beyond a limit or a monitor, rad or m, relative to its value above 1: that of ten digits."""
 
 MOST_SAMPLES = 10**7
 """Largest number of output times; the states of one body then take a gigabyte and a half."""
@@ -62,11 +71,14 @@ class Draft:
     given_spins: tuple[bool, ...] | None = None
 
 
-def draft(entry: SceneEntry) -> Draft:
-    """Check values and names of a decoded scene file; raises `EntryError` for the first error found."""
+def draft(entry: SceneEntry, folder: Path = Path()) -> Draft:
+    """Check values and names of a decoded scene file; raises `EntryError` for the first error found.
+
+    `folder` is where it looks for mesh files.
+    """
     _check_run(entry)
-    _check_names("bodies", [body.name for body in entry.bodies])
-    _check_names("joints", [joint.name for joint in entry.joints])
+    for group, tables in (("bodies", entry.bodies), ("joints", entry.joints), ("shapes", entry.shapes)):
+        _check_names(group, [table.name for table in tables])
     bodies = {body.name: index for index, body in enumerate(entry.bodies)}
     types = {joint.name: joint.type for joint in entry.joints}
     scene = Scene(
@@ -75,8 +87,12 @@ def draft(entry: SceneEntry) -> Draft:
         bodies=tuple(_body(f'bodies[{i}] "{body.name}"', body) for i, body in enumerate(entry.bodies)),
         joints=tuple(_joint(entry, bodies, i, joint) for i, joint in enumerate(entry.joints)),
         forces=tuple(made for i, force in enumerate(entry.forces)
-                     for made in _forces(bodies, types, i, force, entry.duration)),
+                     for made in (_servo(entry, i, force) if isinstance(force, ServoEntry) else
+                                  _forces(bodies, types, i, force, entry.duration))),
         left_out=tuple(entry.left_out),
+        shapes=tuple(_shape(bodies, f'shapes[{i}] "{shape.name}"', shape, folder)
+                     for i, shape in enumerate(entry.shapes)),
+        monitors=tuple(_monitor(entry, i, monitor) for i, monitor in enumerate(entry.monitors)),
     )
     starts = (Start(i, *joint_options.start(f'joints[{i}] "{joint.name}"', joint, entry.joints, entry.duration))
               for i, joint in enumerate(entry.joints))
@@ -209,7 +225,8 @@ def _joint(scene: SceneEntry, bodies: Mapping[str, int], index: int, joint: Join
                  parent_axis, child_axis, joint.length, joint.radius, reference,
                  joint_options.start(entry, joint, scene.joints, scene.duration)[0],
                  mimic=joint_options.mimic(entry, joint, scene.joints), **elastic,
-                 drive=joint_options.drive(entry, joint, scene.duration))
+                 drive=joint_options.drive(entry, joint, scene.duration),
+                 dry_friction=joint_options.dry_friction(entry, joint), limits=joint_options.limits(entry, joint))
 
 
 def _forces(bodies: Mapping[str, int], types: Mapping[str, str], index: int, force: ForceEntry,
@@ -244,11 +261,132 @@ def _forces(bodies: Mapping[str, int], types: Mapping[str, str], index: int, for
                     for axis, value in timed]
 
 
-def _axial_joint(entry: str, types: Mapping[str, str], name: str, slides: bool) -> str:
-    """The name, checked to be that of a joint with an angle, or of a slide."""
+def _servo(scene: SceneEntry, index: int, force: ServoEntry) -> list[Force]:
+    """A servo, with those of its keys that the file gives."""
+    entry = f"forces[{index}] (servo)"
+    joint = _single_joint(f"{entry}: joint", scene, force.joint)
+    for key in ("mimic", "drive"):
+        if getattr(joint, key) is not None:
+            raise EntryError(f"{entry}: joint", f'"{joint.name}" has a {key}, which says all of its motion',
+                             "name a joint that moves by itself" + (", or the one that it follows"
+                                                                    if key == "mimic" else ""))
+    values = {key: joint_options.function(f"{entry}: {key}", value, scene.duration)
+              for key, value in msgspec.structs.asdict(force).items() if key != "joint" and value is not None}
+    for key in ("proportional", "derivative", "delay"):
+        if values[key] < 0:
+            raise EntryError(f"{entry}: {key}", f"{values[key]:g} is negative", f"write {_WANTED[key]} >= 0")
+    for key in ("period", "no_load_speed"):
+        if values.get(key, 1.0) <= 0:
+            raise EntryError(f"{entry}: {key}", f"{values[key]:g} is not positive", "write a number > 0")
+    if force.delay and force.period is None:
+        raise EntryError(f"{entry}: delay", "counts periods, and there is no period", "add period, a number of s > 0")
+    if force.no_load_speed is not None and force.effort_limit is None:
+        raise EntryError(f"{entry}: no_load_speed", "there is no limit that falls to 0 there", "add effort_limit")
+    if force.target_velocity is None and isinstance(values["target"], TimeFunction):
+        values["target_velocity"] = values["target"].derivative(1)
+    if isinstance(limit := force.effort_limit, float):
+        if limit <= 0:
+            raise EntryError(f"{entry}: effort_limit", f"{limit:g} is not positive", "write a number > 0")
+        values["effort_limit"] = (-limit, limit)
+    elif limit is not None and limit[0] >= limit[1]:
+        raise EntryError(f"{entry}: effort_limit", f"lower {limit[0]:g} is not below upper {limit[1]:g}",
+                         "write [lower, upper]")
+    return [Force("servo", None, None, joint.name, values)]
+
+
+_WANTED = {"proportional": "a number", "derivative": "a number", "delay": "a whole number"}
+
+
+def _shape(bodies: Mapping[str, int], entry: str, shape: ShapeEntry, folder: Path) -> Shape:
+    words = SIZES[shape.type]
+    if len(shape.size) != len(words):
+        raise EntryError(f"{entry}: size", f"{len(shape.size)} given, a {shape.type} has {len(words)}",
+                         f"write [{', '.join(words)}] in m" if words else "remove it")
+    if any(value <= 0 for value in shape.size):
+        raise EntryError(f"{entry}: size", f"{min(shape.size):g} m is not positive", "write numbers of m > 0")
+    points = np.array(shape.points).reshape(-1, 3)
+    for key, given in (("file", shape.file is not None), ("points", bool(shape.points))):
+        if given and shape.type != "mesh":
+            raise EntryError(f"{entry}: {key}", f"a {shape.type} has none", "remove it")
+    if shape.type == "mesh":
+        if (shape.file is None) == (not shape.points):
+            raise EntryError(f"{entry}: file", "a mesh has a file or points, one of the two",
+                             'write file = "foot.stl", or points')
+        if shape.file is not None:
+            points = meshes.points(f"{entry}: file", folder / shape.file)
+        if np.linalg.matrix_rank(points - points.mean(axis=0)) < 3:
+            raise EntryError(f"{entry}: {'points' if shape.file is None else 'file'}", "its points lie in a plane",
+                             "give points that enclose a volume")
+    body = _body_index(f"{entry}: body", bodies, shape.body, ground=True)
+    attitude = _unit(f"{entry}: attitude", shape.attitude, "write a quaternion w, x, y, z")
+    return Shape(shape.name, body, shape.type, tuple(shape.size), tuple(shape.position), tuple(attitude.tolist()),
+                 tuple(tuple(point) for point in points.tolist()))
+
+
+def _monitor(scene: SceneEntry, index: int, monitor: MonitorEntry) -> Monitor:
+    kind = str(monitor.__struct_config__.tag)
+    entry = f"monitors[{index}] ({kind})"
+    if not isinstance(monitor, TouchEntry):
+        joint = _single_joint(f"{entry}: joint", scene, monitor.joint)
+        if kind == "effort" and not any(getattr(force, "joint", None) == joint.name and isinstance(
+                force, ServoEntry | JointTorqueEntry | JointForceEntry) for force in scene.forces):
+            raise EntryError(f"{entry}: joint", f'"{joint.name}" has no servo, joint_torque or joint_force',
+                             "name a joint with an actuator")
+        lower, upper = joint_options.range_of(entry, monitor.lower, monitor.upper)
+        return Monitor(kind, joint=joint.name, lower=lower, upper=upper)
+    shapes = {shape.name: shape for shape in scene.shapes}
+    for name in monitor.shapes:
+        if name not in shapes:
+            raise EntryError(f"{entry}: shapes", f'no shape is named "{name}"', f"{nearest(name, shapes)}write two of "
+                             f"{listed(shapes) or '(the scene has no shapes)'}")
+    if monitor.margin < 0:
+        raise EntryError(f"{entry}: margin", f"{monitor.margin:g} m is negative", "write a number of m >= 0")
+    first, second = (shapes[name] for name in monitor.shapes)
+    if first.body == second.body:
+        raise EntryError(f"{entry}: shapes", f'both are of "{first.body}" and never move against each other',
+                         "name shapes of two bodies")
+    return Monitor(kind, monitor.shapes, monitor.margin)
+
+
+def _known_joint(entry: str, types: Container[str], names: Sequence[str], name: str) -> None:
     if name not in types:
         raise EntryError(entry, f'no joint is named "{name}"',
-                         f"{nearest(name, types)}write one of {listed(types) or '(the scene has no joints)'}")
+                         f"{nearest(name, names)}write one of {listed(names) or '(the scene has no joints)'}")
+
+
+def _single_joint(entry: str, scene: SceneEntry, name: str) -> JointEntry:
+    """The joint with this name, checked to be a hinge or a slide."""
+    joints = {joint.name: joint for joint in scene.joints}
+    _known_joint(entry, joints, list(joints), name)
+    if joints[name].type not in ("revolute", "prismatic"):
+        raise EntryError(entry, f'"{name}" is a {joints[name].type} joint, not one with a single angle or slide',
+                         'name a joint of type "revolute", "prismatic"')
+    return joints[name]
+
+
+def check_start(scene: Scene) -> None:
+    """Raise if the complete initial state is beyond a limit or a monitor."""
+    now = {}
+    if scene.monitors or any(joint.limits for joint in scene.joints):
+        now = coordinates.at_start(scene)
+    for index, joint in enumerate(scene.joints):
+        for limits, q in zip(joint.limits, now.get(joint.name, ((),))[0], strict=False):
+            if limits is not None and abs(limits.depth(q)) > START_TOLERANCE * max(1.0, abs(q)):
+                raise EntryError(f'joints[{index}] "{joint.name}": limits', f"the start, {q:.6g}, is beyond "
+                                 f"[{limits.lower:g}, {limits.upper:g}]", "start inside, or correct the limits")
+    for index, monitor in enumerate(scene.monitors):
+        if monitor.joint is None:
+            continue
+        q, rate = (float(value[0]) for value in now[monitor.joint])
+        value = {"range": q, "speed": rate, "effort": scene.effort_at_start(monitor.joint, q, rate)}[monitor.type]
+        if max(monitor.lower - value, value - monitor.upper) > START_TOLERANCE * max(1.0, abs(value)):
+            raise EntryError(f"monitors[{index}] ({monitor.type})", f'"{monitor.joint}" starts with {value:.6g}, '
+                             f"beyond [{monitor.lower:g}, {monitor.upper:g}]", "start inside, or correct the monitor")
+
+
+def _axial_joint(entry: str, types: Mapping[str, str], name: str, slides: bool) -> str:
+    """The name, checked to be that of a joint with an angle, or of a slide."""
+    _known_joint(entry, types, list(types), name)
     fitting = [kind for kind, known in JOINT_TYPES.items()
                if (known.coordinates == ("slide",) if slides else known.has_angle)]
     if types[name] not in fitting:

@@ -89,7 +89,7 @@ def relative_rates(joint: Joint, position: np.ndarray, velocity: np.ndarray) -> 
 
 def histories(scene: Scene, states: Motion) -> dict[str, JointHistory]:
     """Coordinates of every joint that has them, over the times of `states`."""
-    return {joint.name: _history(joint, states) for joint in scene.joints
+    return {joint.name: history(joint, states) for joint in scene.joints
             if JOINT_TYPES[joint.type].coordinates}
 
 
@@ -109,7 +109,8 @@ def at_start(scene: Scene) -> dict[str, tuple[np.ndarray, np.ndarray]]:
             for name, each in histories(scene, states).items()}
 
 
-def _history(joint: Joint, states: Motion) -> JointHistory:
+def history(joint: Joint, states: Motion) -> JointHistory:
+    """Coordinates of one joint that has them, over the times of `states`."""
     still, ground = np.zeros((len(states.t), 3)), np.broadcast_to(np.eye(3), (len(states.t), 3, 3))
     parent, child = joint.parent, joint.child
     Rp = ground if parent == GROUND else states.R[:, parent]

@@ -59,6 +59,13 @@ class TimeFunction:
                             tuple((a * w**order, w, phase + order * math.pi / 2) for a, w, phase in self.terms))
 
     @property
+    def jumps(self) -> bool:
+        """Whether the value itself jumps, as that of `hold` does."""
+        ends = zip(self.breaks[1:], self.pieces, self.breaks, self.pieces[1:], strict=False)
+        return any(abs(np.polynomial.polynomial.polyval(end - start, np.array(piece)) - following[0])
+                   > 1e-9 * max(1.0, abs(following[0])) for end, piece, start, following in ends)
+
+    @property
     def inner_breaks(self) -> tuple[float, ...]:
         """Times at which a derivative jumps."""
         return self.breaks[1:]
@@ -91,3 +98,15 @@ def spline(times: Sequence[float], values: Sequence[float]) -> TimeFunction:
 
     found = CubicSpline(np.array(times), np.array(values))
     return TimeFunction(tuple(times[:-1]), tuple(tuple(piece[::-1]) for piece in found.c.T.tolist()))
+
+
+def hold(times: Sequence[float], values: Sequence[float]) -> TimeFunction:
+    """Each value from its time on until the next, the first one also before."""
+    return TimeFunction(tuple(times), tuple((value,) for value in values))
+
+
+def linear(times: Sequence[float], values: Sequence[float]) -> TimeFunction:
+    """Straight between the values of a table, constant before and after; slopes are those to the right."""
+    slopes = np.diff(values) / np.diff(times)
+    pieces = [*zip(values[:-1], slopes.tolist(), strict=True), (values[-1],)]
+    return TimeFunction((times[0] - 1.0, *times), ((values[0],), *pieces))

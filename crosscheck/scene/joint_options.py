@@ -16,11 +16,16 @@ from typing import Any
 from crosscheck.scene import functions
 from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.laws import DryFriction, Limits
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import Force, Joint, Mimic, Scene
 from crosscheck.scene.schema import (
+    DryFrictionEntry,
     EntryError,
+    HoldEntry,
     JointEntry,
+    LimitsEntry,
+    LinearEntry,
     PolynomialEntry,
     SineEntry,
     SplineEntry,
@@ -114,8 +119,78 @@ def drive(entry: str, joint: JointEntry, duration: float) -> functions.TimeFunct
     for key in ("position", "velocity", "mimic", "armature"):
         if getattr(joint, key) is not None:
             raise EntryError(f"{entry}: {key}", "the drive of the joint says all of its motion", "remove it")
+    if isinstance(joint.drive, HoldEntry | LinearEntry):
+        raise EntryError(f"{entry}: drive", "the rate of a driven joint cannot jump", "write a polynomial, sine or "
+                         "spline")
     found: functions.TimeFunction = function(f"{entry}: drive", joint.drive, duration)
     return found
+
+
+def dry_friction(entry: str, joint: JointEntry) -> tuple[DryFriction | None, ...]:
+    """The dry friction of each coordinate; empty if the file has none."""
+    given = _of_coordinates(entry, joint, "dry_friction")
+    found = []
+    for place, each in given:
+        sliding, static = (each.sliding, each.static) if isinstance(each, DryFrictionEntry) else (each, None)
+        static = sliding if static is None else static
+        if sliding < 0:
+            raise EntryError(place, f"{sliding:g} is negative", "write a number >= 0")
+        if static < sliding:
+            raise EntryError(place, f"static {static:g} is below sliding {sliding:g}",
+                             "write a static value that is not smaller")
+        found.append(DryFriction(sliding, static) if static else None)
+    return tuple(found) if any(found) else ()
+
+
+def limits(entry: str, joint: JointEntry) -> tuple[Limits | None, ...]:
+    """The range of each coordinate; empty if the file has none."""
+    found: list[Limits | None] = []
+    for place, each in _of_coordinates(entry, joint, "limits"):
+        if each == LimitsEntry() and isinstance(joint.limits, list):
+            found.append(None)
+            continue
+        lower, upper = range_of(place, each.lower, each.upper)
+        soft = each.stiffness is not None or each.damping is not None
+        if soft and each.restitution is not None:
+            raise EntryError(f"{place}: restitution", "a stop with a spring and damper has none",
+                             "remove it, or remove stiffness and damping")
+        if soft and not each.stiffness:
+            raise EntryError(f"{place}: stiffness", "missing, beside damping" if each.stiffness is None else
+                             "a stop of stiffness 0 holds nothing", "write a number > 0")
+        for key in ("stiffness", "damping"):
+            if (getattr(each, key) or 0.0) < 0:
+                raise EntryError(f"{place}: {key}", f"{getattr(each, key):g} is negative", "write a number >= 0")
+        if not 0.0 <= (each.restitution or 0.0) <= 1.0:
+            raise EntryError(f"{place}: restitution", f"{each.restitution:g} is not between 0 and 1",
+                             "write a number from 0 to 1")
+        found.append(Limits(lower, upper, each.restitution or 0.0, each.stiffness, each.damping or 0.0))
+    return tuple(found) if any(found) else ()
+
+
+def range_of(entry: str, lower: float | None, upper: float | None) -> tuple[float, float]:
+    """The two ends of a range, of which one may be left out."""
+    if lower is None and upper is None:
+        raise EntryError(f"{entry}: lower", "missing, and upper too", "write at least one of the two")
+    if lower is not None and upper is not None and lower >= upper:
+        raise EntryError(f"{entry}: lower", f"{lower:g} is not below upper {upper:g}", "write the smaller one as lower")
+    return -math.inf if lower is None else lower, math.inf if upper is None else upper
+
+
+def _of_coordinates(entry: str, joint: JointEntry, key: str) -> list[tuple[str, Any]]:
+    """The place in words and the value of a key for each coordinate; empty if the file does not give it."""
+    given = getattr(joint, key)
+    if given is None:
+        return []
+    entry = f"{entry}: {key}"
+    if not JOINT_TYPES[joint.type].is_elastic or JOINT_TYPES[joint.type].positions > 2:
+        raise EntryError(entry, f"a {joint.type} joint cannot have it",
+                         'remove it, or use a joint of type "revolute", "prismatic", "cylindrical"')
+    if joint.drive is not None:
+        raise EntryError(entry, "the drive of the joint says all of its motion", "remove it")
+    values, count = given if isinstance(given, list) else [given], JOINT_TYPES[joint.type].positions
+    if len(values) != count:
+        raise EntryError(entry, f"{len(values)} given", "write one" if count == 1 else f"write a list of {count}")
+    return [(entry if count == 1 else f"{entry}[{k}]", value) for k, value in enumerate(values)]
 
 
 def function(entry: str, given: Any, duration: float) -> Any:
@@ -128,16 +203,23 @@ def function(entry: str, given: Any, duration: float) -> Any:
         case SineEntry(terms, offset):
             return functions.sine(terms, offset)
         case SplineEntry(times, values):
-            if len(times) != len(values) or len(times) < 2:
-                raise EntryError(f"{entry}: values", f"{len(values)} given for {len(times)} times", "write as many "
-                                 "values as times, at least two")
-            if any(b <= a for a, b in itertools.pairwise(times)):
-                raise EntryError(f"{entry}: times", "do not increase", "write them in order, each once")
+            _check_table(entry, times, values, 2)
             if times[0] > 0 or times[-1] < duration:
                 raise EntryError(f"{entry}: times", f"reach from {times[0]:g} to {times[-1]:g} s", "cover the whole "
                                  f"run, 0 to {duration:g} s")
             return functions.spline(times, values)
+        case HoldEntry(times, values) | LinearEntry(times, values):
+            _check_table(entry, times, values, 1 if isinstance(given, HoldEntry) else 2)
+            return (functions.hold if isinstance(given, HoldEntry) else functions.linear)(times, values)
     return given
+
+
+def _check_table(entry: str, times: Sequence[float], values: Sequence[float], least: int) -> None:
+    if len(times) != len(values) or len(times) < least:
+        raise EntryError(f"{entry}: values", f"{len(values)} given for {len(times)} times",
+                         f"write as many values as times, at least {'one' if least == 1 else 'two'}")
+    if any(b <= a for a, b in itertools.pairwise(times)):
+        raise EntryError(f"{entry}: times", "do not increase", "write them in order, each once")
 
 
 def with_forces(scene: Scene) -> Scene:

@@ -6,14 +6,18 @@ Arrays have a leading time axis: x, v (T, n, 3) world, R (T, n, 3, 3) body to wo
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
 from crosscheck.scene.armature import rotors
 from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import history
 from crosscheck.scene.functions import at
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.laws import Limits, Servo
 from crosscheck.scene.model import GROUND, Force, Joint, Scene
 from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import Motion, States
@@ -49,6 +53,8 @@ def potential_energy(scene: Scene, x: np.ndarray, R: np.ndarray, angles: dict[st
             energy = energy + 0.5 * p["stiffness"] * (np.linalg.norm(d, axis=-1) - p["free_length"]) ** 2
         elif force.type == "torsional_spring":
             energy = energy + 0.5 * p["stiffness"] * (angles[force.joint] - at(p["rest_angle"], t)) ** 2
+    for joint, k, limits in _soft_limits(scene):
+        energy = energy + limits.energy(_position(scene, joint, k, x, R, angles))
     found: np.ndarray = energy
     return found
 
@@ -61,7 +67,10 @@ def energy(scene: Scene, states: Motion) -> np.ndarray:
 
 
 def power(scene: Scene, states: Motion) -> np.ndarray:
-    """dE/dt of `energy`, (T,) in W, by loads, dampers, springs with a moving rest angle, and prescribed joints."""
+    """dE/dt of `energy`, (T,) in W, by loads, dampers, springs with a moving rest angle, and prescribed joints.
+
+    What a sampled servo holds does not follow from the state: its power is not a number. Impacts have none.
+    """
     angles = torsion_angles(scene, states.R, states.w, states.t)
     total = np.zeros(len(states.t))
     u = np.concatenate([states.v, states.w], axis=-1)
@@ -82,6 +91,13 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
                     p["rest_angle"], states.t, 1)
         else:
             total += pushed(force)
+    for joint in scene.joints:
+        for k, friction in enumerate(joint.dry_friction):
+            if friction is not None:
+                total -= friction.sliding * abs(_rate(joint, k, states))
+    for joint, k, limits in _soft_limits(scene):
+        q, rate = _position(scene, joint, k, states.x, states.R, angles), _rate(joint, k, states)
+        total += (limits.force(q, rate) - limits.force(q, 0.0)) * rate
     rows = Constraints(scene)
     if rows.drives:  # the reaction -G^T lam does the work -lam . G u
         lam = index1(scene, states.x, states.R, states.v, states.w, angles, states.t)[2]
@@ -124,29 +140,35 @@ def orthogonality(R: np.ndarray) -> np.ndarray:
 
 def torsion_angles(scene: Scene, R: np.ndarray, w: np.ndarray | None = None, t: np.ndarray | None = None,
                    previous: dict[str, float] | None = None) -> dict[str, np.ndarray]:
-    """Angles of the joints that carry a torsional spring, (T,) in rad, continuous along the time axis.
+    """Angles of joints that carry a torsional spring, limits or a servo, (T,) in rad, continuous along the time axis.
 
-    Each angle is unwrapped from the one before it. With rates from `w` at times `t` it is unwrapped from the predicted
-    angle, which works even if a sample interval holds more than half a turn. The first angle lies in (-pi, pi], or is
-    unwrapped from `previous`, the last angles of the previous batch.
+    Each angle is unwrapped from the one before it. With rates from `w` at times
+    `t` it is unwrapped from the predicted angle, which works even if a sample interval holds more than half a turn. The
+    first angle lies in (-pi, pi], or is unwrapped from `previous`, the last angles of the previous batch.
     """
     angles = {}
-    sprung = {force.joint for force in scene.forces if force.type == "torsional_spring"}
-    for joint in (joint for joint in scene.joints if joint.name in sprung):
-        # theta in R_parent^T R_child = exp(theta hat(parent_axis)) Q0
-        n1, n2 = normal_references(joint.parent_axis)
-        pointer = _turn(R, joint.child, shortest_rotation(joint.child_axis, joint.parent_axis).T @ n1)
-        sine = np.einsum("tk,tk->t", _turn(R, joint.parent, n2), pointer)
-        cosine = np.einsum("tk,tk->t", _turn(R, joint.parent, n1), pointer)
+    sprung = {force.joint for force in scene.forces if force.type in ("torsional_spring", "servo")}
+    sprung |= {joint.name for joint in scene.joints if any(joint.limits)}
+    for joint in (joint for joint in scene.joints if joint.name in sprung and JOINT_TYPES[joint.type].has_angle):
         rate = None if w is None else _torsion_rate(joint, R, w)
-        angles[joint.name] = continuous(np.arctan2(sine, cosine), None if previous is None else previous[joint.name],
-                                        rate, t)
+        angles[joint.name] = continuous(_torsion(joint, R), None if previous is None else previous[joint.name], rate, t)
     return angles
+
+
+def _torsion(joint: Joint, R: np.ndarray) -> np.ndarray:
+    """theta in R_parent^T R_child = exp(theta hat(parent_axis)) Q0, (T,), in (-pi, pi]."""
+    n1, n2 = normal_references(joint.parent_axis)
+    pointer = _turn(R, joint.child, shortest_rotation(joint.child_axis, joint.parent_axis).T @ n1)
+    found: np.ndarray = np.arctan2(np.einsum("tk,tk->t", _turn(R, joint.parent, n2), pointer),
+                                   np.einsum("tk,tk->t", _turn(R, joint.parent, n1), pointer))
+    return found
 
 
 def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
                    angles: dict[str, np.ndarray] | None = None, t: np.ndarray | float = 0.0) -> np.ndarray:
     """f(q, u, t) of M du/dt = f - G^T lam, (T, 6n): per body the force (world) and the torque - w x J w (body axes).
+
+    Dry friction counts where a joint moves, soft limits do, rigid stops do not; of sampled servos nothing is known.
 
     `angles` as from `torsion_angles`; by default they are unwrapped along the time axis of R. `t`: the times.
     """
@@ -155,9 +177,16 @@ def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w:
     f[:, :, 3:] = -cross(w, np.einsum("njk,tnk->tnj", scene.inertias, w))
     if angles is None:
         angles = torsion_angles(scene, R)
-    states = States(np.empty(0), x, R, v, w)
+    states = States(np.zeros(len(x)), x, R, v, w)
     for force in scene.forces:
         _add_of_force(f, scene, force, states, angles, t)
+    for joint in scene.joints:
+        for k, (friction, limits) in enumerate(itertools.zip_longest(joint.dry_friction, joint.limits)):
+            if friction is not None:
+                _add_along(f, R, joint, k, friction.force(_rate(joint, k, states)))
+            if limits is not None and not limits.rigid:
+                q = _position(scene, joint, k, x, R, angles)
+                _add_along(f, R, joint, k, limits.force(q, _rate(joint, k, states)))
     return f.reshape(len(x), 6 * scene.n)
 
 
@@ -178,24 +207,58 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
         _add_force(f, R, force.child, p["child_point"], -pull)
         _add_force(f, R, force.parent, p["parent_point"], pull)
     elif joint is not None:
-        axis = _turn(R, joint.parent, joint.parent_axis)
-        if force.type == "joint_force":
-            push = np.broadcast_to(at(p["force"], t), len(x))[:, None] * axis
-            _add_force(f, R, joint.child, joint.child_anchor, push)
-            _add_force(f, R, joint.parent, joint.parent_anchor, -push)
-            return
-        if force.type == "joint_torque":
-            size = np.broadcast_to(at(p["torque"], t), len(x))
+        turn = JOINT_TYPES[joint.type].coordinates.index("slide" if joint.type == "prismatic" else "turn")
+        if force.type == "servo":
+            servo = Servo(**p)
+            size = np.full(len(x), np.nan) if servo.period is not None else servo.effort(
+                t, _position(scene, joint, turn, x, R, angles), _rate(joint, turn, states))
+        elif force.type.startswith("joint_"):
+            size = np.broadcast_to(at(p[force.type.removeprefix("joint_")], t), len(x))
         else:
             size = -(p["stiffness"] * (angles[joint.name] - at(p["rest_angle"], t))
                      + p["damping"] * _torsion_rate(joint, R, w))
-        _add_torque(f, R, joint.child, size[:, None] * axis)
-        _add_torque(f, R, joint.parent, -size[:, None] * axis)
+        _add_along(f, R, joint, turn, size)
     elif force.type == "constant_force":
         push = factor * _in_world(p["force"], p["frame"], R[:, force.child])
         _add_force(f, R, force.child, p["child_point"], push)
     else:
         _add_torque(f, R, force.child, factor * _in_world(p["torque"], p["frame"], R[:, force.child]))
+
+
+def _add_along(f: np.ndarray, R: np.ndarray, joint: Joint, k: int, size: np.ndarray) -> None:
+    """Add a force or torque (T,) along coordinate k of a joint: on the child, the opposite on the parent."""
+    push = size[:, None] * _turn(R, joint.parent, joint.parent_axis)
+    if JOINT_TYPES[joint.type].coordinates[k] == "slide":
+        _add_force(f, R, joint.child, joint.child_anchor, push)
+        _add_force(f, R, joint.parent, joint.parent_anchor, -push)
+    else:
+        _add_torque(f, R, joint.child, push)
+        _add_torque(f, R, joint.parent, -push)
+
+
+def _soft_limits(scene: Scene) -> Iterator[tuple[Joint, int, Limits]]:
+    return ((joint, k, limits) for joint in scene.joints for k, limits in enumerate(joint.limits)
+            if limits is not None and not limits.rigid)
+
+
+def _position(scene: Scene, joint: Joint, k: int, x: np.ndarray, R: np.ndarray,
+              angles: dict[str, np.ndarray]) -> np.ndarray:
+    """Coordinate k of a joint with limits or a servo, (T,); `angles` as from `torsion_angles`, which lack its zero."""
+    def of(x: np.ndarray, R: np.ndarray) -> np.ndarray:
+        values = history(joint, States(np.zeros(len(x)), x, R, np.zeros_like(x), np.zeros_like(x))).position
+        return values if values.ndim == 1 else values[:, k]
+
+    if JOINT_TYPES[joint.type].coordinates[k] == "slide":
+        return of(x, R)
+    started = of(scene.x0[None], scene.R0[None]) - _torsion(joint, scene.R0[None])
+    found: np.ndarray = angles[joint.name] + started
+    return found
+
+
+def _rate(joint: Joint, k: int, states: Motion) -> np.ndarray:
+    """The rate of coordinate k of a joint, (T,)."""
+    values = history(joint, states).velocity
+    return values if values.ndim == 1 else values[:, k]
 
 
 def inverse_mass(scene: Scene) -> np.ndarray:

@@ -16,14 +16,24 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.scene.functions import TimeFunction
+from crosscheck.scene.functions import TimeFunction, at
 from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.laws import DryFriction, Limits, Monitor, Servo, Shape
 
 GROUND = -1
 """Body index of the ground."""
 
-ELEMENTS = ("armature", "mimic", "drive", "slip", "joint_torque", "function")
-"""Elements of scenes that an engine must declare if it can model them."""
+SMOOTH = ("armature", "mimic", "drive", "slip", "joint_torque", "function")
+"""Elements of scenes without jumps that an engine must declare if it can model them."""
+
+ELEMENTS = (*SMOOTH, "dry_friction", "static_friction", "limits", "soft_limits", "servo", "sampled_servo",
+            "effort_limit", "no_load_speed", "hold")
+"""All elements that an engine must declare. A servo may need four: effort_limit and no_load_speed cut it."""
+
+
+COORDINATE_NAMES = {"turn": "angle", "slide": "slide", "slide n1": "x", "slide n2": "y", "turn parent": "first",
+                    "turn child": "second"}
+"""The coordinates of joints that have several, by the words of `JointType.coordinates`."""
 
 
 def _frozen(values: Any, shape: tuple[int, ...]) -> np.ndarray:
@@ -120,6 +130,8 @@ class Joint(_Record):
     rest_position: tuple[float, ...] = ()
     mimic: Mimic | None = None
     drive: TimeFunction | None = None  # the coordinate, rad or m, of a revolute or prismatic joint
+    dry_friction: tuple[DryFriction | None, ...] = ()  # per coordinate, as the next
+    limits: tuple[Limits | None, ...] = ()
 
     def __post_init__(self) -> None:
         for field in ("parent_anchor", "child_anchor", "parent_axis", "child_axis"):
@@ -168,6 +180,8 @@ class Scene(_Record):
     source: str = ""
     tags: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()  # what an import dropped; not part of the hash
+    shapes: tuple[Shape, ...] = ()
+    monitors: tuple[Monitor, ...] = ()  # the scene describes the motion until the first of these
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", _frozen(self.gravity, (3,)))
@@ -226,24 +240,73 @@ class Scene(_Record):
             return "needs a joint coordinate: form tree has them" if element in tree else "is not built here"
 
         for joint in self.joints:
-            for element, there in (("armature", any(joint.armature)), ("mimic", joint.mimic is not None),
-                                   ("drive", joint.drive is not None)):
+            for element, there, what in (
+                    ("armature", any(joint.armature), "the key armature"),
+                    ("mimic", joint.mimic is not None, "the key mimic"),
+                    ("drive", joint.drive is not None, "the key drive"),
+                    ("dry_friction", any(joint.dry_friction), "the key dry_friction"),
+                    ("static_friction", any(each and each.static > each.sliding for each in joint.dry_friction),
+                     "dry_friction with a static value above the sliding one"),
+                    ("limits", any(each and each.rigid for each in joint.limits), "limits with rigid stops"),
+                    ("soft_limits", any(each and not each.rigid for each in joint.limits),
+                     "limits with stiffness and damping")):
                 if there and element not in known:
-                    return f"joint {joint.name!r} has the key {element}, which {why(element)}"
+                    return f"joint {joint.name!r} has {what}, which {why(element)}"
             if JOINT_TYPES[joint.type].slips and "slip" not in known:
                 return (f"joint {joint.name!r} is a {joint.type}, whose rows against slip hold velocities alone; "
                         "such rows are not built here")
         for index, force in enumerate(self.forces):
             if force.type.startswith("joint_") and "joint_torque" not in known:
                 return f"forces[{index}] is a {force.type}, a type that {why('joint_torque')}"
+            if force.type == "servo":
+                for element, key in (("servo", "proportional"), ("sampled_servo", "period"),
+                                     ("effort_limit", "effort_limit"), ("no_load_speed", "no_load_speed")):
+                    if key in force.parameters and element not in known:
+                        what = "a type" if element == "servo" else f"its {key}"
+                        return f"forces[{index}] is a servo of joint {force.joint!r}, {what} that {why(element)}"
             if force.functions and "function" not in known:
                 return f"forces[{index}] ({force.type}) depends on time, which is not built here"
+            if "hold" not in known and any(function.jumps for function in force.functions):
+                return f"forces[{index}] ({force.type}) has a function of time that jumps, which is not built here"
         return None
+
+    @functools.cached_property
+    def servos(self) -> tuple[tuple[str, Servo], ...]:
+        """The servos with the names of their joints, in the order of the forces."""
+        return tuple((force.joint, Servo(**force.parameters)) for force in self.forces if force.type == "servo")
+
+    def effort_at_start(self, joint: str, q: float, rate: float) -> float:
+        """What the actuators of a joint give at t = 0, where its coordinate and rate are these."""
+        given = [at(force.parameters.get("torque", force.parameters.get("force")), 0.0) for force in self.forces
+                 if force.joint == joint and force.type.startswith("joint_")]
+        return float(sum(given) + sum(servo.held[0] if servo.held else 0.0 if servo.delay else
+                                      servo.effort(0.0, q, rate) for name, servo in self.servos if name == joint))
+
+    @functools.cached_property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates: of free bodies, whose joints only lead on, then in the order of the joints.
+
+        A joint with one coordinate gives it its name. A ball's are the rotation vector of a small turn in child axes, a
+        free body's its position in the world and such a turn in its own axes.
+        """
+        carried = {joint.child for joint in self.joints}
+        found = [f"{body.name}.{part}" for k, body in enumerate(self.bodies) if k not in carried
+                 for part in ("x", "y", "z", "rx", "ry", "rz")]
+        for joint in self.joints:
+            words = JOINT_TYPES[joint.type].coordinates
+            parts = ("rx", "ry", "rz") if words == ("ball",) else tuple(COORDINATE_NAMES[word] for word in words)
+            found += [joint.name] if len(parts) == 1 else [f"{joint.name}.{part}" for part in parts]
+        return tuple(found)
+
+    @property
+    def has_laws(self) -> bool:
+        """Whether a joint has dry friction, limits or a servo, so that forces or rates may jump with the state."""
+        return bool(self.servos) or any(joint.dry_friction or joint.limits for joint in self.joints)
 
     @property
     def timed(self) -> bool:
         """Whether anything depends on time."""
-        return bool(self.functions)
+        return bool(self.functions) or any(servo.period is not None for _, servo in self.servos)
 
     @property
     def functions(self) -> tuple[TimeFunction, ...]:
@@ -254,8 +317,8 @@ class Scene(_Record):
     @property
     def worked_on(self) -> bool:
         """Whether loads, dampers or functions of time may do work, so that the energy is not conserved."""
-        return self.timed or any(not force.type.endswith("spring") or force.parameters["damping"] > 0
-                                 for force in self.forces)
+        return self.timed or self.has_laws or any(
+            not force.type.endswith("spring") or force.parameters["damping"] > 0 for force in self.forces)
 
     def delayed(self, by: float) -> Scene:
         """The scene with its functions of time delayed by this many seconds."""
@@ -263,7 +326,9 @@ class Scene(_Record):
             return self
         forces = (dataclasses.replace(force, parameters={
             key: value.delayed(by) if isinstance(value, TimeFunction) else value
-            for key, value in force.parameters.items()}) for force in self.forces)
+            for key, value in force.parameters.items()} | (
+                {"phase": (force.parameters.get("phase", 0.0) + by) % force.parameters["period"]}
+                if force.parameters.get("period") else {})) for force in self.forces)
         joints = (joint if joint.drive is None else dataclasses.replace(joint, drive=joint.drive.delayed(by))
                   for joint in self.joints)
         return self.replace(forces=tuple(forces), joints=tuple(joints))
@@ -295,13 +360,16 @@ class Scene(_Record):
     def _content(self) -> dict[str, object]:
         return {"gravity": self.gravity.tolist(), "bodies": [_plain(body) for body in self.bodies],
                 "joints": [_plain(joint) for joint in self.joints],
-                "forces": [_plain(force) for force in self.forces]}
+                "forces": [_plain(force) for force in self.forces]} | {
+                    group: [dataclasses.astuple(each) for each in given]
+                    for group, given in (("shapes", self.shapes), ("monitors", self.monitors)) if given}
 
 
 _NOT_HASHED = frozenset({"damping", "stiffness", "rest_position", "of_joint"})
 """Fields that are also among the forces of the scene."""
 
-_OPTIONAL = frozenset({"armature", "mimic", "drive", "radius", "reference", "start"})
+_OPTIONAL = frozenset({"armature", "mimic", "drive", "radius", "reference", "start", "dry_friction",
+                       "limits"})
 """Fields that count only where they are given: scenes without them keep the hash that older releases stored."""
 
 
@@ -325,4 +393,6 @@ def _value(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, Mapping):
         return {key: _value(each) for key, each in value.items()}
+    if isinstance(value, tuple) and any(isinstance(each, DryFriction | Limits) for each in value):
+        return [None if each is None else dataclasses.astuple(each) for each in value]
     return dataclasses.astuple(value) if isinstance(value, TimeFunction | Mimic) else value

@@ -5,22 +5,31 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, Literal, get_args
 
 import msgspec
 
 from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.laws import SIZES
 
-VERSIONS = (1, 2)
+VERSIONS = (1, 2, 3)
 """The versions of the scene format this package reads."""
 
-SECOND = {"joints": ("reference_attitude", "position", "velocity", "armature", "damping", "stiffness", "rest_position",
-                     "mimic", "drive", "radius"), "": ("left_out",)}
-"""Keys that need version 2 of the format, by table."""
+KEYS: dict[int, dict[str, tuple[str, ...]]] = {
+    2: {"joints": ("reference_attitude", "position", "velocity", "armature", "damping", "stiffness", "rest_position",
+                   "mimic", "drive", "radius"), "": ("left_out",)},
+    3: {"joints": ("dry_friction", "limits"), "": ("shapes", "monitors")}}
+"""Keys that each later version of the format brought, by table."""
 
-VERSION_2_TYPES = {"forces": ("joint_torque", "joint_force"),
-                   "joints": tuple(name for name, kind in JOINT_TYPES.items() if kind.slips)}
+TYPES: dict[int, dict[str, tuple[str, ...]]] = {
+    2: {"forces": ("joint_torque", "joint_force"),
+        "joints": tuple(name for name, kind in JOINT_TYPES.items() if kind.slips)},
+    3: {"forces": ("servo",)}}
+"""Types that each later version brought, by table."""
+
+FUNCTIONS = {"polynomial": 2, "sine": 2, "spline": 2, "hold": 3, "linear": 3}
+"""The version that brought each function of time."""
 
 LARGEST = 1e100
 """Largest magnitude of a number in a scene: a product of three such numbers is still a finite double."""
@@ -84,9 +93,40 @@ class SplineEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_f
     values: list[float]
 
 
-FunctionEntry = PolynomialEntry | SineEntry | SplineEntry
-Timed = float | PolynomialEntry | SineEntry | SplineEntry
+class HoldEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="hold"):
+    """A function of time: each value until the next time."""
+
+    times: list[float]
+    values: list[float]
+
+
+class LinearEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag="linear"):
+    """A function of time: straight between the values."""
+
+    times: list[float]
+    values: list[float]
+
+
+FunctionEntry = PolynomialEntry | SineEntry | SplineEntry | HoldEntry | LinearEntry
+Timed = float | PolynomialEntry | SineEntry | SplineEntry | HoldEntry | LinearEntry
 TimedVector = tuple[Timed, Timed, Timed]
+
+
+class DryFrictionEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The key `dry_friction` of one of [[joints]], where the static value differs from the sliding one."""
+
+    sliding: float
+    static: float | None = None
+
+
+class LimitsEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The key `limits` of one of [[joints]]."""
+
+    lower: float | None = None
+    upper: float | None = None
+    restitution: float | None = None
+    stiffness: float | None = None
+    damping: float | None = None
 
 
 class JointEntry(msgspec.Struct, frozen=True):
@@ -111,6 +151,8 @@ class JointEntry(msgspec.Struct, frozen=True):
     rest_position: float | list[float] | None = None
     mimic: MimicEntry | None = None
     drive: FunctionEntry | None = None
+    dry_friction: float | DryFrictionEntry | list[float | DryFrictionEntry] | None = None
+    limits: LimitsEntry | list[LimitsEntry] | None = None
 
 
 class LinearSpringEntry(msgspec.Struct, frozen=True, tag_field="type", tag="linear_spring"):
@@ -165,9 +207,72 @@ class ConstantTorqueEntry(msgspec.Struct, frozen=True, tag_field="type", tag="co
     torque: TimedVector
 
 
+class ServoEntry(msgspec.Struct, frozen=True, tag_field="type", tag="servo"):
+    """One of [[forces]]: a controller of a revolute or prismatic joint."""
+
+    joint: str
+    target: Timed = 0.0
+    target_velocity: Timed | None = None
+    feedforward: Timed = 0.0
+    proportional: float = 0.0
+    derivative: float = 0.0
+    effort_limit: float | tuple[float, float] | None = None
+    no_load_speed: float | None = None
+    period: float | None = None
+    delay: int = 0
+
+
 ForceEntry = (LinearSpringEntry | TorsionalSpringEntry | ConstantForceEntry | ConstantTorqueEntry | JointTorqueEntry
-              | JointForceEntry)
+              | JointForceEntry | ServoEntry)
 FORCE_ENTRIES = {str(cls.__struct_config__.tag): cls for cls in get_args(ForceEntry)}
+
+
+class ShapeEntry(msgspec.Struct, frozen=True):
+    """One of [[shapes]]."""
+
+    name: str
+    body: str
+    type: str
+    size: list[float] = []
+    position: Vector = (0.0, 0.0, 0.0)
+    attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    file: str | None = None
+    points: list[Vector] = []
+
+
+class TouchEntry(msgspec.Struct, frozen=True, tag_field="type", tag="touch"):
+    """One of [[monitors]]: two shapes closer than a margin."""
+
+    shapes: tuple[str, str]
+    margin: float = 0.0
+
+
+class RangeEntry(msgspec.Struct, frozen=True, tag_field="type", tag="range"):
+    """One of [[monitors]]: the coordinate of a joint leaves its range."""
+
+    joint: str
+    lower: float | None = None
+    upper: float | None = None
+
+
+class SpeedEntry(msgspec.Struct, frozen=True, tag_field="type", tag="speed"):
+    """One of [[monitors]]: the rate of a joint leaves its range."""
+
+    joint: str
+    lower: float | None = None
+    upper: float | None = None
+
+
+class EffortEntry(msgspec.Struct, frozen=True, tag_field="type", tag="effort"):
+    """One of [[monitors]]: what the actuator of a joint gives leaves its range."""
+
+    joint: str
+    lower: float | None = None
+    upper: float | None = None
+
+
+MonitorEntry = TouchEntry | RangeEntry | SpeedEntry | EffortEntry
+MONITOR_ENTRIES = {str(cls.__struct_config__.tag): cls for cls in get_args(MonitorEntry)}
 
 
 class SceneEntry(msgspec.Struct, frozen=True):
@@ -186,6 +291,8 @@ class SceneEntry(msgspec.Struct, frozen=True):
     tags: list[str] = []
     assemble: bool = False
     left_out: list[str] = []
+    shapes: list[ShapeEntry] = []
+    monitors: list[MonitorEntry] = []
 
 
 _VECTOR_METRES = "three numbers in m"
@@ -212,6 +319,18 @@ _EXPECTED = {
     "torque": "three numbers or functions of time in N m (one about a joint)", "coefficients": "a list of numbers",
     "terms": "rows of amplitude, angular frequency, phase", "times": "a list of s", "values": "a list of numbers",
     "drive": 'a function of time, { type = "sine", terms = [[0.5, 3.0, 0.0]] }',
+    "dry_friction": "a number >= 0 in N m or N, or { sliding = 0.5, static = 0.7 }",
+    "limits": "a table, { lower = -1.0, upper = 2.0 }, in rad or m", "sliding": "a number >= 0 in N m or N",
+    "static": "a number not below the sliding one", "lower": "a number", "upper": "a number",
+    "restitution": "a number from 0 to 1", "target": "a number or a function of time in rad or m",
+    "target_velocity": "a number or a function of time in rad/s or m/s",
+    "feedforward": "a number or a function of time in N m or N", "proportional": "a number >= 0 in N m/rad or N/m",
+    "derivative": "a number >= 0 in N m s/rad or N s/m", "effort_limit": "a number > 0 in N m or N, or [lower, upper]",
+    "no_load_speed": "a number > 0 in rad/s or m/s", "period": "a number of s > 0", "delay": "a whole number >= 0",
+    "shapes": "[[shapes]] tables (of a monitor: the names of two)", "monitors": "[[monitors]] tables",
+    "margin": "a number of m >= 0",
+    "body": '"ground" or the name of a body', "size": "a list of numbers of m > 0", "file": "the name of a mesh file",
+    "points": "rows of three numbers in m",
 }
 
 
@@ -265,35 +384,42 @@ def _check_version(data: Content) -> None:
         raise EntryError("schema", "missing", "add schema = 1 at the top of the file")
     if type(data["schema"]) is not int or data["schema"] not in VERSIONS:
         raise EntryError("schema", f"version {data['schema']!r} is not known here", "write schema = 1")
-    if data["schema"] >= 2:
-        return
-    for group, types in VERSION_2_TYPES.items():
+    for version in VERSIONS[data["schema"]:]:
+        if (path := _of_version(data, version)) is not None:
+            brought = KEYS[version].get("" if len(path) == 1 else str(path[0]), ())
+            what = "is a key of" if path[-1] in brought else "is of"
+            raise EntryError(entry_name(data, path), f"{what} version {version}",
+                             f"write schema = {version} at the top")
+
+
+def _of_version(data: Content, version: int) -> tuple[str | int, ...] | None:
+    """The place of the first key, type or function of time that this version brought, or None."""
+    for key in KEYS[version].get("", ()):
+        if key in data:
+            return (key,)
+    for group in ("joints", "forces"):
         tables = data.get(group, [])
         for index, table in enumerate(tables if isinstance(tables, list) else []):
             for key, value in table.items() if isinstance(table, dict) else ():
-                timed = group == "forces" and any(isinstance(part, dict) for part in (
-                    value if isinstance(value, list) else [value]))
-                if (key == "type" and value in types) or timed:
-                    raise EntryError(entry_name(data, (group, index, key)), "is of version 2",
-                                     "write schema = 2 at the top")
-    for group, keys in SECOND.items():
-        tables = data.get(group, []) if group else [data]
-        for index, table in enumerate(tables if isinstance(tables, list) else []):
-            for key in keys:
-                if isinstance(table, dict) and key in table:
-                    path = (group, index, key) if group else (key,)
-                    raise EntryError(entry_name(data, path), "is a key of version 2", "write schema = 2 at the top")
+                parts = value if isinstance(value, list) else [value]
+                brought = any(isinstance(part, dict) and FUNCTIONS.get(str(part.get("type")), 2) == version
+                              for part in parts)
+                if (key in KEYS[version].get(group, ()) or brought
+                        or (key == "type" and value in TYPES[version].get(group, ()))):
+                    return group, index, key
+    return None
 
 
 def _check_keys(data: Content) -> None:
     """Refuse unknown keys before msgspec does, so that a misspelt key is not reported as a missing one."""
     _check_table_keys(data, (), SceneEntry.__struct_fields__)
-    for group in ("bodies", "joints", "forces"):
+    typed: dict[str, Mapping[str, Any]] = {"forces": FORCE_ENTRIES, "monitors": MONITOR_ENTRIES}
+    for group in ("bodies", "joints", "forces", "shapes", "monitors"):
         tables = data.get(group, [])
         for index, table in enumerate(tables if isinstance(tables, list) else []):
             if not isinstance(table, dict):
                 continue
-            types = tuple(FORCE_ENTRIES if group == "forces" else JOINT_TYPES if group == "joints" else ())
+            types = tuple(typed.get(group, JOINT_TYPES if group == "joints" else SIZES if group == "shapes" else ()))
             kind = table.get("type")
             if types and (not isinstance(kind, str) or kind not in types):
                 entry = entry_name(data, (group, index, "type"))
@@ -301,10 +427,11 @@ def _check_keys(data: Content) -> None:
                     raise EntryError(entry, "missing", f"add type = one of {listed(types)}")
                 hint = nearest(kind, types) if isinstance(kind, str) else ""
                 raise EntryError(entry, f"unknown type {kind!r}", f"{hint}write one of {listed(types)}")
-            if group == "forces":
-                allowed = ("type", *FORCE_ENTRIES[str(kind)].__struct_fields__)
+            if group in typed:
+                allowed = ("type", *typed[group][str(kind)].__struct_fields__)
             else:
-                allowed = (BodyEntry if group == "bodies" else JointEntry).__struct_fields__
+                plain = {"bodies": BodyEntry, "joints": JointEntry, "shapes": ShapeEntry}[group]
+                allowed = plain.__struct_fields__
             _check_table_keys(data, (group, index), allowed)
 
 

@@ -14,7 +14,7 @@ from crosscheck.scene import coordinates, mechanics
 from crosscheck.scene.checks import Draft, Start
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import GROUND, Body, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.model import GROUND, Body, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
 from crosscheck.scene.schema import EntryError
 from crosscheck.scene.states import Motion
 
@@ -47,6 +47,7 @@ def restarted(scene: Scene, motion: Motion, k: int, duration: float, samples: in
     """The scene started from the state of a motion at sample k, which becomes time zero.
 
     Angles of torsional springs start within half a turn: earlier whole turns are subtracted from their rest angles.
+    Those of joints with limits or a servo go on with their whole turns. What a sampled servo holds is not known here.
     """
     state = Configuration(motion.x[k], quaternion_from_rotation(motion.R[k]), motion.v[k], motion.w[k])
     begun = scene.delayed(-float(motion.t[k])).replace(duration=duration, samples=samples,
@@ -60,7 +61,15 @@ def restarted(scene: Scene, motion: Motion, k: int, duration: float, samples: in
             rest = rest.plus(-angle) if isinstance(rest, TimeFunction) else rest - angle
             force = dataclasses.replace(force, parameters={**force.parameters, "rest_angle": rest})
         forces.append(force)
-    return begun.replace(forces=tuple(forces))
+    kept = {joint for joint, _ in scene.servos} | {joint.name for joint in scene.joints if any(joint.limits)}
+    joints = (dataclasses.replace(joint, start=_coordinates_at(joint, motion, k)) if joint.name in kept else joint
+              for joint in begun.joints)
+    return begun.replace(forces=tuple(forces), joints=tuple(joints) if kept else begun.joints)
+
+
+def _coordinates_at(joint: Joint, motion: Motion, k: int) -> tuple[float, ...]:
+    positions = np.atleast_2d(coordinates.history(joint, motion).position.T).T
+    return tuple(positions[k].tolist())
 
 
 def anchor_length(scene: Scene) -> float:

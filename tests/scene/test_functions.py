@@ -14,6 +14,7 @@ KINDS = {
     "polynomial": functions.polynomial([1.0, -2.0, 0.0, 0.5]),
     "sine": functions.sine([(2.0, 3.0, 0.4), (-0.5, 11.0, 1.0)], 0.7),
     "spline": functions.spline(*TABLE),
+    "linear": functions.linear([0.5, 1.0, 1.5], [1.0, -2.0, 0.5]), "hold": functions.hold([0.5, 1.0], [1.0, -2.0]),
     "mixed": functions.TimeFunction((0.0, 0.8), ((1.0, 2.0), (2.6, 2.0, -3.0)), ((0.3, 5.0, 0.1),)),
 }
 T = np.linspace(0.0, 2.0, 41)
@@ -42,6 +43,15 @@ def test_series_of_the_kernel_and_of_extended_precision_are_the_derivatives(kind
         size = max(1.0, np.abs(wanted).max())
         np.testing.assert_allclose(kernel.expand(t, 8), wanted, rtol=0, atol=1e-14 * size)
         np.testing.assert_allclose(series_of(f, np.longdouble(t), 8).astype(float), wanted, rtol=0, atol=1e-14 * size)
+
+
+def test_tables_are_held_or_straight_between_their_times_and_constant_outside():
+    t = np.array([0.0, 0.5, 0.75, 1.0, 1.25, 2.0])
+    np.testing.assert_allclose(KINDS["linear"](t), np.interp(t, [0.5, 1.0, 1.5], [1.0, -2.0, 0.5]), rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(KINDS["linear"](t, 1), [0.0, -6.0, -6.0, 5.0, 5.0, 0.0])  # slopes to the right
+    np.testing.assert_array_equal(KINDS["hold"](t), [1.0, 1.0, 1.0, -2.0, -2.0, -2.0])
+    np.testing.assert_array_equal(KINDS["hold"](t, 1), np.zeros(6))
+    assert {kind for kind, function in KINDS.items() if function.jumps} == {"hold"}
 
 
 def test_delay_and_factor():

@@ -12,12 +12,14 @@ import pytest
 import crosscheck
 from crosscheck.scene import model
 from crosscheck.scene.functions import TimeFunction
+from crosscheck.scene.laws import DryFriction, Limits
 from crosscheck.scene.model import Mimic
 
 OTHER = {  # another value of each field that has none in the scenes below
     "mimic": Mimic("other", 2.0), "drive": TimeFunction(terms=((0.1, 2.0, 0.0),)), "reference": [0.0, 1.0, 0.0, 0.0],
     "start": (-0.2,), "armature": (0.3,), "length": 2.0, "radius": 2.0, "parent_axis": [0.0, 1.0, 0.0],
-    "child_axis": [0.0, 1.0, 0.0], "joint": "other"}
+    "child_axis": [0.0, 1.0, 0.0], "joint": "other",
+    "dry_friction": (DryFriction(0.5, 0.5),), "limits": (Limits(-1.0),)}
 
 AMONG_FORCES = {"damping", "stiffness", "rest_position", "of_joint"}
 """Fields of joints that are forces of the scene, too."""

@@ -28,7 +28,7 @@ _DIGEST = "digest"
 _ARRAYS = ("position_derivatives", "attitude_derivatives")
 
 
-SHARED = ("functions", "joints", "model", "states")
+SHARED = ("functions", "joints", "laws", "model", "states")
 """Modules of `crosscheck.scene` that the formulas import, directly or not."""
 
 

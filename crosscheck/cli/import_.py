@@ -16,7 +16,10 @@ def import_(
     out: Annotated[Path, typer.Option("--out", "-o", help="the scene file, .toml")],
     drop: Drop = False,
     keyframe: Keyframe = None,
-    base: Annotated[str, typer.Option(help="of a URDF: fixed or free")] = "fixed",
+    base: Annotated[str, typer.Option(help="fixed or free: the body or link that everything hangs on")] = "fixed",
+    balance: Annotated[bool, typer.Option("--balance", help="replace inertias that no body can have, as MuJoCo's "
+                                          "balanceinertia does")] = False,
+    root: Annotated[str | None, typer.Option(help="take only this link or body and what hangs on it")] = None,
     duration: Annotated[float, typer.Option(help="s, of the scene")] = 2.0,
     samples: Annotated[int, typer.Option(help="number of output times of the scene")] = 101,
 ) -> None:
@@ -29,7 +32,8 @@ def import_(
     from crosscheck.scene.models import import_file
     from crosscheck.scene.models.words import quoted, together
 
-    scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples)
+    scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples,
+                        balance=balance, root=root)
     typer.echo(f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {counted(len(scene.joints), 'joint')}, "
                f"{counted(len(scene.forces), 'force')}")
     typer.echo(f"written: {out}")

@@ -29,7 +29,8 @@ def is_model(path: object) -> bool:
 
 def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None, drop: bool = False,
                  base: Literal["fixed", "free"] = "fixed", qpos: Sequence[float] | None = None,
-                 qvel: Sequence[float] | None = None, duration: float = 2.0, samples: int = 101) -> Scene:
+                 qvel: Sequence[float] | None = None, duration: float = 2.0, samples: int = 101,
+                 balance: bool = False, root: str | None = None) -> Scene:
     """An MJCF or URDF file as a scene.
 
     Parameters
@@ -41,12 +42,16 @@ def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None
     drop
         Leave out what a scene cannot hold and list it in `left_out`. By default such a model is refused.
     base
-        Whether the base of a URDF is "fixed" to the world or "free".
+        Whether the base is as the file has it, that of a URDF "fixed" to the world, or "free".
     qpos, qvel
         The start in the coordinates of the compiled MuJoCo model: joints in file order, after the position and
         quaternion w, x, y, z of a free base. Default: the model's reference, at rest.
     duration, samples
         Duration of the scene, s, and number of output times.
+    balance
+        Replace inertias that no body can have as MuJoCo's `balanceinertia` does, and list it in `left_out`.
+    root
+        Take only this link of a URDF, or this body in the world of an MJCF, and what hangs on it.
 
     Raises
     ------
@@ -58,7 +63,7 @@ def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None
     from crosscheck.scene.building import scene_from
 
     content = table(path, keyframe=keyframe, drop=drop, base=base, qpos=qpos, qvel=qvel, duration=duration,
-                    samples=samples)
+                    samples=samples, balance=balance, root=root)
     return scene_from(content, path)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from crosscheck.errors import SceneError, missing
-from crosscheck.scene.models import source
+from crosscheck.scene.models import known, source
 from crosscheck.scene.models.source import Source
 
 
@@ -38,10 +39,11 @@ def listening() -> Iterator[list[str]]:
         mujoco.set_mju_user_warning(before)
 
 
-def compiled(model: Source, base: str = "fixed", bare: bool = True) -> Any:
+def compiled(model: Source, base: str = "fixed", bare: bool = True, balance: bool = False) -> Any:
     """The `mujoco.MjModel` of a source.
 
     `bare` removes all geometry from a URDF, so that MuJoCo needs no meshes and makes no mass from collision shapes.
+    `balance` lets MuJoCo replace inertias that no body can have.
     """
     try:
         import mujoco
@@ -51,16 +53,27 @@ def compiled(model: Source, base: str = "fixed", bare: bool = True) -> Any:
         _prepare_urdf(model, base, bare)
     else:
         _prepare_mjcf(model)
+    if balance:
+        _compiler(model).set("balanceinertia", "true")
     with listening():
         try:
             spec = mujoco.MjSpec.from_string(model.text)
             spec.modelfiledir = str(model.path.parent.resolve())
-            if model.is_urdf and base == "free":
-                spec.worldbody.first_body().add_freejoint()
+            if base == "free":
+                _free(spec)
             return spec.compile()
         except Exception as error:  # MuJoCo raises ValueError, and its own FatalError
-            words = " ".join(str(error).split()).removeprefix("Error: ")
-            raise SceneError(f"{model.path}: MuJoCo cannot read it: {words}") from None
+            words = model.told(str(error))
+            offer = "" if "balanceinertia" not in words or balance else (
+                "; --balance (balance=True) lets MuJoCo replace such inertias, and lists it")
+            raise SceneError(f"{model.path}: MuJoCo cannot read it: {words}{offer}") from None
+
+
+def _free(spec: Any) -> None:
+    """Let the base move freely: of the bodies in the world without a joint, the one with the most bodies on it."""
+    held = [body for body in spec.worldbody.bodies if not body.joints and not body.mocap]
+    if held:
+        max(held, key=lambda body: len(body.find_all("body"))).add_freejoint()
 
 
 def _prepare_urdf(model: Source, base: str, bare: bool) -> None:
@@ -71,12 +84,21 @@ def _prepare_urdf(model: Source, base: str, bare: bool) -> None:
         try:
             _merge(model.root, drop_root=base == "fixed")
         except ValueError as error:
-            raise SceneError(f"{model.path}: an inertial or origin is not written in numbers: {error}") from None
-    for extension in model.root.findall("mujoco"):
-        model.root.remove(extension)
-    extension = SubElement(model.root, "mujoco")
-    SubElement(extension, "compiler", fusestatic="false", strippath="false", balanceinertia="false",
-                           discardvisual="true")
+            raise SceneError(f"{model.path}: {error}; correct it there") from None
+    for key in set(_compiler(model).keys()) - set(str(known.URDF["compiler"]).split()):
+        del _compiler(model).attrib[key]  # they change masses before these are merged, and are named as not known
+    for key, value in (("fusestatic", "false"), ("strippath", "false"), ("discardvisual", "true")):
+        _compiler(model).set(key, value)
+
+
+def _compiler(model: Source) -> Element:
+    """The last <compiler> of a model, which is made if there is none; that of a URDF is in its element <mujoco>."""
+    holder = model.root
+    if model.is_urdf:
+        extension = model.root.find("mujoco")
+        holder = SubElement(model.root, "mujoco") if extension is None else extension
+    compilers = holder.findall("compiler")
+    return compilers[-1] if compilers else SubElement(holder, "compiler")
 
 
 def _prepare_mjcf(model: Source) -> None:
@@ -86,29 +108,29 @@ def _prepare_mjcf(model: Source) -> None:
             if child.tag in ("texture", "skin", "material") and parent.tag in ("asset", "default"):
                 parent.remove(child)
         parent.attrib.pop("material", None)
-    missing = {}
+    absent: dict[str | None, str] = {}
     for element, name, target in source.files(model):
         if element.tag != "mesh" and target is None:
             raise source.outside(model.path, name)
         if element.tag == "mesh" and (target is None or not target.is_file()):
-            missing[element.get("name") or Path(name).stem] = (
-                f"{name}, which is {'missing' if target else 'outside its folder'}", element)
-    for asset in model.root.findall("asset"):
-        for _, element in missing.values():
-            if element in list(asset):
-                asset.remove(element)
-    for body in model.root.iter("body"):
-        for geom in body.findall("geom"):
-            if geom.get("mesh") not in missing:
-                continue
-            if body.find("inertial") is None:
-                raise SceneError(f"{model.path}: body {body.get('name')!r} has its mass from the mesh "
-                                 f"{missing[geom.get('mesh', '')][0]}; put it there or give an inertial")
-            body.remove(geom)
-    world = model.root.find("worldbody")
-    for geom in [] if world is None else world.findall("geom"):
-        if world is not None and geom.get("mesh") in missing:
-            world.remove(geom)
+            absent[element.get("name") or Path(name).stem] = (
+                f"{name}, which is {'missing' if target else 'outside its folder'}")
+    if not absent:
+        return
+    shaped = any(each.get("inertiafromgeom") == "true" for each in model.root.iter("compiler"))
+    bodies = {child: body for body in model.root.iter("body") for child in body.iter() if child.tag != "body"}
+    for parent in list(model.root.iter()):
+        for child in list(parent):
+            if child.tag == "mesh" and (child.get("name") or Path(child.get("file", "")).stem) in absent:
+                parent.remove(child)
+            elif child.tag in ("geom", "site") and child.get("mesh") in absent:
+                body = bodies.get(child)
+                weightless = child.tag == "site" or "0" in (child.get("mass"), child.get("density"))
+                if body is not None and not weightless and (shaped or body.find("inertial") is None):
+                    raise SceneError(f"{model.path}: body {body.get('name')!r} ({source.place(body)}) has its mass "
+                                     f"from the mesh {absent[child.get('mesh')]}; put it beside the model or give an "
+                                     "inertial")
+                parent.remove(child)
 
 
 @dataclasses.dataclass
@@ -131,13 +153,16 @@ def _merge(root: Element, drop_root: bool) -> None:
     joints = [joint for joint in root.findall("joint") if joint.find("child") is not None]
     children = {_end(joint, "child"): joint for joint in joints}
 
-    def depth(name: str) -> int:
-        steps = 0
-        while name in children and steps <= len(children):
-            name, steps = _end(children[name], "parent"), steps + 1
-        return steps
-
-    for name in sorted(links, key=depth, reverse=True):  # the deepest first; the parsers refuse a circle of joints
+    inner = {name for joint in joints if (name := _end(joint, "parent")) in links}
+    order = [name for name in links if name not in inner]  # the deepest first; the parsers refuse a circle of joints
+    waiting = Counter(_end(joint, "parent") for joint in joints)
+    for name in order:
+        if name in children:
+            parent = _end(children[name], "parent")
+            waiting[parent] -= 1
+            if not waiting[parent] and parent in links:
+                order.append(parent)
+    for name in order:
         joint = children.get(name)
         parent = "" if joint is None else _end(joint, "parent")
         if joint is not None and joint.get("type") == "fixed" and parent in inertials and inertials[name] is not None:
@@ -157,15 +182,21 @@ def _end(joint: Element, which: str) -> str:
     return "" if element is None else element.get("link", "")
 
 
-def _numbers(text: str | None, count: int) -> np.ndarray:
-    values = np.array([_finite(word) for word in (text or "").split()])
-    return values if len(values) == count else np.zeros(count)
+def _numbers(element: Element, key: str) -> np.ndarray:
+    words = element.get(key, "0 0 0").split()
+    if len(words) != 3:
+        raise ValueError(f"{source.label(element)}: {key} has {len(words)} numbers, not three")
+    return np.array([finite(element, word) for word in words])
 
 
-def _finite(word: str) -> float:
-    value = float(word)
+def finite(element: Element, word: str) -> float:
+    """A number in an attribute of the element; raises `ValueError` that names its line."""
+    try:
+        value = float(word)
+    except ValueError:
+        raise ValueError(f"{source.label(element)}: {word!r} is not written in numbers") from None
     if not math.isfinite(value):
-        raise ValueError(f"{word!r} is not finite")
+        raise ValueError(f"{source.label(element)}: {word!r} is not finite")
     return value
 
 
@@ -174,17 +205,19 @@ def _pose(origin: Element | None) -> tuple[np.ndarray, np.ndarray]:
 
     if origin is None:
         return np.zeros(3), np.eye(3)
-    return (_numbers(origin.get("xyz"), 3), Rotation.from_euler("xyz", _numbers(origin.get("rpy"), 3)).as_matrix())
+    return _numbers(origin, "xyz"), Rotation.from_euler("xyz", _numbers(origin, "rpy")).as_matrix()
 
 
 def _read(link: Element) -> Inertial | None:
     inertial = link.find("inertial")
-    mass = None if inertial is None else inertial.find("mass")
-    values = None if inertial is None else inertial.find("inertia")
-    if inertial is None or mass is None or values is None:
+    if inertial is None:
         return None
-    m, (com, R) = _finite(mass.get("value", "0")), _pose(inertial.find("origin"))
-    J = np.array([[_finite(values.get(f"i{min(a, b)}{max(a, b)}", "0")) for b in "xyz"] for a in "xyz"])
+    mass, values = inertial.find("mass"), inertial.find("inertia")
+    if mass is None:
+        raise ValueError(f"{source.label(link)} has an inertial without a mass")
+    m, (com, R) = finite(mass, mass.get("value", "0")), _pose(inertial.find("origin"))
+    J = np.zeros((3, 3)) if values is None else np.array(
+        [[finite(values, values.get(f"i{min(a, b)}{max(a, b)}", "0")) for b in "xyz"] for a in "xyz"])
     return Inertial(m, m * com, R @ J @ R.T + m * (com @ com * np.eye(3) - np.outer(com, com)))
 
 

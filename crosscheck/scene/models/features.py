@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.scene.model import rotation_from_quaternion
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.schema import Content as Table
 
@@ -14,6 +15,10 @@ MOST_NAMED = 6
 
 UNREACHABLE = 1e6
 """rad or m. A URDF that needs no limits writes limits at least this far away."""
+
+MOST_OPEN, ROUNDED = 1e-3, 1e-9
+"""rad, and relative to the model's size: a loop that is open by more is not closed by the start of the file; one open
+by less than the second is closed up to rounding."""
 
 
 def collect(reading: Reading, joints: list[Table]) -> tuple[list[Table], list[Table]]:
@@ -93,21 +98,41 @@ def _label(m: Any, body: int) -> str:
 
 def _actuators(reading: Reading) -> None:
     """List as lost the actuators that act at the state's control; a motor with zero control does nothing."""
-    import mujoco
-
-    m, d = reading.model, reading.data
+    m = reading.model
     if _off(reading, "ACTUATION"):
         return
     acting = []
-    for a in range(m.nu):
-        fixed = m.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
-        idle = fixed and (m.actuator_gainprm[a, 0] == 0 or (d.ctrl[a] == 0 and m.actuator_actadr[a] < 0))
-        biased = m.actuator_biastype[a] != mujoco.mjtBias.mjBIAS_NONE and np.any(m.actuator_biasprm[a])
+    for a in range(m.nactuator):
         passive = any(np.any(getattr(m, field)[a]) for field in ("actuator_damping", "actuator_dampingpoly",
-                                                                 "actuator_armature") if hasattr(m, field))
-        if not idle or biased or passive:
+                                                                 "actuator_armature"))
+        shut = int(m.opt.disableactuator) >> int(m.actuator_group[a]) & 1
+        if passive or (not shut and _acts(reading, a)):
             acting.append(m.actuator(a).name or f"actuator {a}")
     reading.lost += _named("actuator", acting)
+    clamped = [j for j in range(m.njnt) if m.nactuator and m.jnt_actfrclimited[j]
+               and not m.jnt_actfrcrange[j, 0] <= 0 <= m.jnt_actfrcrange[j, 1]]
+    reading.lost += _named("range of the actuator force on joint", [m.jnt(j).name or f"joint {j}" for j in clamped])
+
+
+def _acts(reading: Reading, a: int) -> bool:
+    """Whether an actuator exerts a force at the state's control, or at another state with it."""
+    import mujoco
+
+    m, d = reading.model, reading.data
+    if m.actuator_forcelimited[a] and not m.actuator_forcerange[a, 0] <= 0 <= m.actuator_forcerange[a, 1]:
+        return True
+    if m.actuator_biastype[a] != mujoco.mjtBias.mjBIAS_NONE and np.any(m.actuator_biasprm[a]):
+        return True
+    fixed = m.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
+    if fixed and m.actuator_gainprm[a, 0] == 0:
+        return False
+    if m.actuator_actadr[a] >= 0 or not (fixed or m.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_AFFINE):
+        return True
+    its = slice(int(m.actuator_ctrladr[a]), int(m.actuator_ctrladr[a]) + int(m.actuator_ctrlnum[a]))
+    control, ranges = d.ctrl[its], m.actuator_ctrlrange[its]  # both per control, of which an actuator may have several
+    if not _off(reading, "CLAMPCTRL"):
+        control = np.where(m.actuator_ctrllimited[its], np.clip(control, ranges[:, 0], ranges[:, 1]), control)
+    return bool(np.any(control))
 
 
 def _tendons(reading: Reading) -> list[Table]:
@@ -151,12 +176,21 @@ def _compensation(reading: Reading) -> list[Table]:
     if _off(reading, "GRAVITY"):
         return []
     made = []
+    idle = m.nactuator == 0 or _off(reading, "ACTUATION")  # MuJoCo then leaves out what actuators should compensate
     for body in np.flatnonzero(m.body_gravcomp):
-        group = int(reading.groups[body])
-        if group:
-            name, point = reading.end(group, d.xipos[body])
-            made.append({"type": "constant_force", "child": name, "child_point": point, "frame": "world",
-                         "force": (-m.body_gravcomp[body] * m.body_mass[body] * m.opt.gravity).tolist()})
+        group, above, carried = int(reading.groups[body]), int(body), set()
+        while above:
+            first = int(m.body_jntadr[above])
+            carried |= {bool(m.jnt_actgravcomp[j]) for j in range(first, first + int(m.body_jntnum[above]))}
+            above = int(m.body_parentid[above])
+        if not group or (idle and carried == {True}):
+            continue
+        if True in carried and (idle or np.any(m.jnt_actfrclimited & m.jnt_actgravcomp)):
+            reading.lost += _named("gravity compensation by actuators of body", [_label(m, int(body))])
+            continue
+        name, point = reading.end(group, d.xipos[body])
+        made.append({"type": "constant_force", "child": name, "child_point": point, "frame": "world",
+                     "force": (-m.body_gravcomp[body] * m.body_mass[body] * m.opt.gravity).tolist()})
     return made
 
 
@@ -207,22 +241,47 @@ def _equalities(reading: Reading, joints: list[Table]) -> list[Table]:
 
 
 def _closed(reading: Reading, e: int, name: str, kind: str) -> Table | None:
-    import mujoco
-
+    """The joint of a connect or weld; None if it joins nothing, or is open at the start and listed as lost."""
     m, d = reading.model, reading.data
-    ids = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
-    if m.eq_objtype[e] == mujoco.mjtObj.mjOBJ_SITE:
-        groups = [int(reading.groups[m.site_bodyid[site]]) for site in ids]
-        points = [d.site_xpos[site] for site in ids]
-    else:
-        groups = [int(reading.groups[body]) for body in ids]
-        local = m.eq_data[e]
-        offsets = (local[0:3], local[3:6]) if kind == "spherical" else (
-            local[3:6] + d.xmat[ids[0]].reshape(3, 3).T @ d.xmat[ids[1]].reshape(3, 3) @ local[0:3], local[0:3])
-        points = [d.xpos[body] + d.xmat[body].reshape(3, 3) @ offset for body, offset in zip(ids, offsets, strict=True)]
+    ends, turn = closure_ends(m, d, e)
+    groups = [int(reading.groups[body]) for body, _ in ends]
+    points = [d.xpos[body] + d.xmat[body].reshape(3, 3) @ offset for body, offset in ends]
     if groups[0] == groups[1]:
         return None
+    size = max(1.0, float(np.abs(d.xpos).max()))
+    gap, angle = float(np.linalg.norm(points[0] - points[1])), turned_by(m, d, ends, turn) if kind == "fixed" else 0.0
+    if gap > MOST_OPEN * size or angle > MOST_OPEN:
+        words = f"{gap:.3g} m" + (f" and {np.degrees(angle):.3g} degrees" if angle else "")
+        reading.lost.append(f"equality {name!r}, which is open by {words} at the start")
+        return None
+    if gap > ROUNDED * size:
+        reading.noted.append(f"equality {name!r} is taken as closed where it is open by {gap:.3g} m")
     if groups[1] == 0:
         groups, points = groups[::-1], points[::-1]
-    (parent, near), (child, far) = (reading.end(*each) for each in zip(groups, points, strict=True))
+    (parent, near), (child, far) = (reading.end(group, points[0]) for group in groups)
     return {"name": name, "type": kind, "parent": parent, "child": child, "parent_anchor": near, "child_anchor": far}
+
+
+def closure_ends(m: Any, d: Any, e: int) -> tuple[list[tuple[int, np.ndarray]], np.ndarray]:
+    """((body, point in its frame) of both ends of a connect or weld, attitude of the second body in the first).
+
+    The attitude counts for a weld. Sites coincide; between bodies, MuJoCo keeps the anchors of both, and for a weld the
+    relative attitude, in `eq_data`.
+    """
+    import mujoco
+
+    ids, data = (int(m.eq_obj1id[e]), int(m.eq_obj2id[e])), m.eq_data[e]
+    if m.eq_objtype[e] == mujoco.mjtObj.mjOBJ_SITE:
+        axes = [rotation_from_quaternion(m.site_quat[site]) for site in ids]
+        return [(int(m.site_bodyid[site]), m.site_pos[site].copy()) for site in ids], axes[0] @ axes[1].T
+    if m.eq_type[e] == mujoco.mjtEq.mjEQ_CONNECT:
+        return [(ids[0], data[0:3].copy()), (ids[1], data[3:6].copy())], np.eye(3)
+    return [(ids[0], data[3:6].copy()), (ids[1], data[0:3].copy())], rotation_from_quaternion(data[6:10])
+
+
+def turned_by(m: Any, d: Any, ends: list[tuple[int, np.ndarray]], turn: np.ndarray) -> float:
+    """Angle, rad, by which the second body is away from its attitude in the first."""
+    one, other = (d.xmat[body].reshape(3, 3) for body, _ in ends)
+    away = other.T @ one @ turn
+    axial = np.array([away[2, 1] - away[1, 2], away[0, 2] - away[2, 0], away[1, 0] - away[0, 1]]) / 2
+    return float(np.arctan2(np.linalg.norm(axial), (np.trace(away) - 1) / 2))

@@ -46,6 +46,7 @@ class Reading:
     bodies: dict[int, Rigid]
     lost: list[str]  # can be left out, but would change the motion
     impossible: list[str]  # cannot be left out
+    noted: list[str] = dataclasses.field(default_factory=list)  # read otherwise than it is written, which is told
 
     @functools.cached_property
     def groups(self) -> np.ndarray:
@@ -74,6 +75,14 @@ def grouped(model: Any) -> np.ndarray:
     groups: np.ndarray = model.body_weldid.copy()
     groups[model.body_mocapid[groups] >= 0] = 0
     return groups
+
+
+def gravity(model: Any) -> np.ndarray:
+    """(3,) the gravity of a compiled model, m/s^2; zero if its flag disables it."""
+    import mujoco
+
+    weightless = int(model.opt.disableflags) & mujoco.mjtDisableBit.mjDSBL_GRAVITY
+    return np.zeros(3) if weightless else np.array(model.opt.gravity)
 
 
 def bodies(model: Any, data: Any) -> dict[int, Rigid]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,26 +11,37 @@ from typing import Any
 import numpy as np
 
 from crosscheck.errors import ArgumentError, SceneError, unknown
-from crosscheck.scene.models import compiling, features, neutral, source
+from crosscheck.scene.building import scene_from
+from crosscheck.scene.models import checking, compiling, features, known, neutral, source
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.models.source import Source
 from crosscheck.scene.models.words import quoted, together
 from crosscheck.scene.schema import Content as Table
 
+MOST_ROOTS = 6
+"""Largest number of names in a message."""
+
 
 def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop: bool = False, base: str = "fixed",
           qpos: Sequence[float] | None = None, qvel: Sequence[float] | None = None, duration: float = 2.0,
-          samples: int = 101) -> Table:
+          samples: int = 101, balance: bool = False, root: str | None = None) -> Table:
     """The content of a scene file, see `crosscheck.import_model`."""
     if not isinstance(path, str | os.PathLike):
         raise ArgumentError(f"path: the name of a model file is wanted, not {type(path).__name__}")
     if base not in ("fixed", "free"):
         raise ArgumentError(unknown("base", base, ("fixed", "free")))
     model = source.read(Path(path))
-    m = compiling.compiled(model, base)  # raises with advice if MuJoCo is not installed
-    import mujoco
-
-    reading = read(model, m, _start(model, m, keyframe, qpos, qvel))
+    if root is not None:
+        source.cut(model, root)
+    if model.is_urdf and len(tops := source.roots(model)) > 1:
+        raise SceneError(f"{model.path}: has {len(tops)} roots, {', '.join(map(repr, tops[:MOST_ROOTS]))}; a URDF is "
+                         f"one tree: join them by fixed joints, or give --root {tops[0]} for a part")
+    lost = [*known.unknown(model), *(_urdf_limits(model) if model.is_urdf else ())]
+    m, noted = _compiled(model, base, balance)  # raises with advice if MuJoCo is not installed
+    d = _start(model, m, keyframe, qpos, qvel)
+    reading = read(model, m, d)
+    reading.lost += lost
+    reading.noted += noted
     joints = neutral.joint_tables(reading)
     further, forces = features.collect(reading, joints)
     if model.is_urdf:
@@ -40,24 +52,70 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
             else:
                 reading.lost.append(f"mimic of joint {name!r}")
         _check_against_pinocchio(model, reading, base)
+    checking.loops(reading)
+    _check_motion(model, reading)
     if reading.impossible:
-        raise SceneError(f"{model.path}: cannot be a scene: {'; '.join(reading.impossible)}")
+        raise SceneError(f"{model.path}: cannot be a scene: {'; '.join(map(model.located, reading.impossible))}")
     if reading.lost and not drop:
-        raise SceneError(f"{model.path}: a scene cannot hold {'; '.join(together(map(quoted, reading.lost)))}; give "
-                         "--drop (drop=True) to leave all this out")
-    weightless = int(m.opt.disableflags) & mujoco.mjtDisableBit.mjDSBL_GRAVITY
-    gravity = np.zeros(3) if weightless else m.opt.gravity
-    if model.is_urdf:
-        gravity = np.array([0.0, 0.0, -9.81])
+        words = "; ".join(together(quoted(model.located(each)) for each in reading.lost))
+        raise SceneError(f"{model.path}: a scene cannot hold {words}; give --drop (drop=True) to leave all this out")
+    left_out = [*reading.lost, *reading.noted]
     content: Table = {
         "schema": 2, "name": _name(model),
-        "description": "; ".join([f"imported from {Path(path).name}",
-                                  *(f"left out: {words}" for words in reading.lost)]),
-        "source": Path(path).name, "tags": ["imported"], "gravity": np.asarray(gravity).tolist(),
-        "duration": duration, "samples": samples, "left_out": reading.lost,
+        "description": "; ".join([f"imported from {Path(path).name}", *(f"left out: {words}" for words in left_out)]),
+        "source": Path(path).name, "tags": ["imported"], "gravity": neutral.gravity(m).tolist(),
+        "duration": duration, "samples": samples, "left_out": left_out,
         "bodies": [neutral.body_table(body) for body in reading.bodies.values()],
         "joints": _distinct([*joints, *further]), "forces": forces}
     return {key: value for key, value in content.items() if value not in ([], "")}
+
+
+def _check_motion(model: Source, reading: Reading) -> None:
+    """List as lost that MuJoCo accelerates the bodies otherwise than the scene does, in a state away from the start."""
+    if len(reading.bodies) > checking.MOST_BODIES or any(map(checking.unlike, reading.lost)):
+        return
+    d = checking.away(reading)
+    there = read(model, reading.model, d)
+    joints = neutral.joint_tables(there)
+    _, forces = features.collect(there, joints)
+    if there.impossible:
+        return
+    for joint in joints:
+        joint.pop("mimic", None)  # the constraints that MuJoCo solves softly are left out on both sides
+    checking.motion(reading, d, scene_from({
+        "schema": 2, "name": "away", "gravity": neutral.gravity(reading.model).tolist(), "duration": 1.0, "samples": 2,
+        "bodies": [neutral.body_table(body) for body in there.bodies.values()], "joints": _distinct(joints),
+        "forces": forces}, model.path))
+
+
+def _compiled(model: Source, base: str, balance: bool) -> tuple[Any, list[str]]:
+    """(the compiled model, what was replaced in it); with `balance` also one that has inertias that no body has."""
+    if not balance:
+        return compiling.compiled(model, base), []
+    try:
+        return compiling.compiled(copy.deepcopy(model), base), []
+    except SceneError as error:
+        m = compiling.compiled(model, base, balance=True)
+        return m, [f"inertias replaced by their mean, {str(error).partition(': ')[2].partition('; --balance')[0]}"]
+
+
+def _urdf_limits(model: Source) -> list[str]:
+    """Limits that MuJoCo takes as none: the same below and above. Raises where the lower one lies above the upper."""
+    held = []
+    for joint in model.root.findall("joint"):
+        limit = joint.find("limit")
+        if limit is None or joint.get("type") not in ("revolute", "prismatic"):
+            continue
+        try:
+            lower, upper = (compiling.finite(limit, limit.get(key, "0")) for key in ("lower", "upper"))
+        except ValueError as error:
+            raise SceneError(f"{model.path}: {error}; correct it there") from None
+        if lower > upper:
+            raise SceneError(f"{model.path}: {source.place(limit)}: the lower limit {lower:g} of joint "
+                             f"{joint.get('name')!r} lies above the upper one {upper:g}; exchange them")
+        if lower == upper:
+            held.append(f"limits of joint {joint.get('name')!r}, {lower:g} and {upper:g}")
+    return held
 
 
 def read(model: Source, m: Any, d: Any) -> Reading:
@@ -67,10 +125,11 @@ def read(model: Source, m: Any, d: Any) -> Reading:
     with compiling.listening():
         mujoco.mj_fwdPosition(m, d)
         mujoco.mj_fwdVelocity(m, d)
-    found = neutral.bodies(m, d)
-    if not found:
-        raise SceneError(f"{model.path}: nothing in it moves; a scene needs at least one body on a joint")
-    return Reading(m, d, found, [], [])
+    moving = neutral.bodies(m, d)
+    if not moving:
+        offer = "; give --base free (base='free') to let its base move" if m.nbody > 1 or model.is_urdf else ""
+        raise SceneError(f"{model.path}: nothing in it moves; a scene needs at least one body on a joint{offer}")
+    return Reading(m, d, moving, [], [])
 
 
 def _start(model: Source, m: Any, keyframe: str | int | None, qpos: Sequence[float] | None,

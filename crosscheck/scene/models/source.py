@@ -7,9 +7,11 @@ import re
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
 
-from crosscheck.errors import SceneError
+from crosscheck.errors import SceneError, unknown
 
 LARGEST = 64 * 2**20
 """Largest size of a model file, bytes; large robot descriptions have a hundredth of it."""
@@ -17,13 +19,26 @@ LARGEST = 64 * 2**20
 MOST_ELEMENTS, DEEPEST = 10**5, 400
 """Largest number of elements of a model after replication, and of nested levels; the engines' parsers stop at 500."""
 
+LONGEST_NAME, MOST_RESERVED = 1000, 10**6
+"""Most characters of a name, and the largest number in <size>, by which MuJoCo reserves memory."""
+
+
+_NAMES = ("name", "class", "childclass", "model", "link", "joint", "body", "file")
+
+
+class Node(Element):
+    """An element that knows its line in the file."""
+
+    line = 0
+    file = ""  # the included file that it comes from; "" is the model itself
+
 
 @dataclasses.dataclass
 class Source:
     """A model as one XML tree, its includes expanded."""
 
     path: Path
-    root: ElementTree.Element
+    root: Element
 
     @property
     def is_urdf(self) -> bool:
@@ -32,8 +47,81 @@ class Source:
 
     @property
     def text(self) -> str:
-        """The whole as XML."""
-        return ElementTree.tostring(self.root, encoding="unicode")
+        """The whole as XML, with every element on a line of its own, so that engines' line numbers count elements."""
+        pieces: list[str] = []
+        stack: list[Element | str] = [self.root]
+        while stack:
+            part = stack.pop()
+            if isinstance(part, str):
+                pieces.append(part)
+                continue
+            attributes = "".join(f" {key}={quoteattr(value)}" for key, value in part.items())
+            pieces.append(f"\n<{part.tag}{attributes}>")
+            stack += [f"</{part.tag}>", *reversed(part)]
+        return "".join(pieces).lstrip("\n")
+
+    def told(self, words: str) -> str:
+        """An engine's message about `text` with the lines of the file."""
+        nodes = list(self.root.iter())
+
+        def line(match: re.Match[str]) -> str:
+            number = int(match[1])
+            return place(nodes[number - 1]) if 0 < number <= len(nodes) else match[0]
+
+        return re.sub(r"line (\d{1,9})", line, " ".join(words.split()).removeprefix("Error: "))
+
+    def located(self, words: str) -> str:
+        """A sentence with the line of the element that it names in quotes, if there is one."""
+        if (name := re.search(r"'([^']+)'", words)) is None or "(line" in words:
+            return words
+        kind = "link" if self.is_urdf else "body"
+        kinds = [tag for tag in ("joint", "actuator", "tendon", "equality", kind) if tag in words] or [kind]
+        nodes = [node for node in self.root.iter() if node.get("name") == name[1] and node.tag != "site"]
+        best = next((node for node in nodes if node.tag in kinds), nodes[0] if nodes else None)
+        return words if best is None or not place(best) else f"{words} ({place(best)})"
+
+
+def roots(model: Source) -> list[str]:
+    """Names of the links of a URDF that are on no joint."""
+    held = {child.get("link") for joint in model.root.findall("joint") for child in joint.findall("child")}
+    return [name for link in model.root.findall("link") if (name := link.get("name", "")) not in held]
+
+
+def cut(model: Source, root: str) -> None:
+    """Keep only the link or body `root`, and what hangs on it; raises `SceneError` if there is none."""
+    if model.is_urdf:
+        names = [link.get("name", "") for link in model.root.findall("link")]
+        def end(joint: Element, key: str) -> str:
+            return "".join(each.get("link", "") for each in joint.findall(key))
+
+        ends = [(joint, end(joint, "parent"), end(joint, "child")) for joint in model.root.findall("joint")]
+        kept = {root}
+        for _ in names:
+            kept |= {child for _, parent, child in ends if parent in kept}
+        away = [link for link in model.root.findall("link") if link.get("name") not in kept]
+        away += [joint for joint, parent, _ in ends if parent not in kept]
+        holder = model.root
+    else:
+        tops = [body for world in model.root.findall("worldbody") for body in world.findall("body")]
+        names = [body.get("name", "") for body in tops]
+        away = [body for body in tops if body.get("name") != root]
+        holder = next(iter(model.root.findall("worldbody")), model.root)
+    if root not in names:
+        raise SceneError(f"{model.path}: {unknown('root', root, names)}")
+    for element in away:
+        holder.remove(element)
+
+
+def place(element: Element) -> str:
+    """The line of an element in words; "" if it comes from no file."""
+    line, file = getattr(element, "line", 0), getattr(element, "file", "")
+    return f"line {line}{f' of {file}' if file else ''}" if line else ""
+
+
+def label(element: Element) -> str:
+    """An element in words: its tag, name and line."""
+    name = f" {element.get('name')!r}" if element.get("name") else ""
+    return f"<{element.tag}>{name}" + (f" ({place(element)})" if place(element) else "")
 
 
 def read(path: Path) -> Source:
@@ -43,8 +131,10 @@ def read(path: Path) -> Source:
                          f"{path.stem}.urdf) and give the URDF")
     root = _parsed(path)
     _check_size(path, root)
-    if root.tag == "robot" and re.search(rb"<xacro:", re.sub(rb"<!--.*?-->", b"", path.read_bytes(), flags=re.DOTALL)):
-        raise SceneError(f"{path}: holds xacro elements; run xacro first and give the URDF that it writes")
+    _check_reserved(path, root)
+    macro = next((node for node in root.iter() if "xacro:" in node.tag), None)
+    if root.tag == "robot" and macro is not None:
+        raise SceneError(f"{path}: {place(macro)} is a xacro element; run xacro first and give the URDF that it writes")
     if root.tag not in ("mujoco", "robot"):
         raise SceneError(f"{path}: the root element is <{root.tag}>; a model file begins with <mujoco> or <robot>")
     if root.tag == "mujoco":
@@ -53,7 +143,7 @@ def read(path: Path) -> Source:
     return Source(path, root)
 
 
-def _parsed(path: Path) -> ElementTree.Element:
+def _parsed(path: Path) -> Node:
     try:
         about = path.stat()
         if not stat.S_ISREG(about.st_mode):
@@ -66,17 +156,39 @@ def _parsed(path: Path) -> ElementTree.Element:
         raise SceneError(f"{path}: cannot be read, {(error.strerror or str(error)).lower()}; check the path") from None
     except ValueError:
         raise SceneError(f"{path!s}: no file can have this name; correct it") from None
-    if re.search(rb"<!(DOCTYPE|ENTITY)", data, re.IGNORECASE):
-        raise SceneError(f"{path}: declares a document type or entities, which no model needs and which can read other "
-                         "files; remove the declaration")
+    return _tree(path, data)
+
+
+def _tree(path: Path, data: bytes) -> Node:
+    """The tree of an XML text with the line of each element; a document type is refused in every encoding."""
+    parser, builder = expat.ParserCreate(), TreeBuilder(element_factory=Node)
+    parser.buffer_text = True
+
+    def refuse(*_: object) -> None:
+        raise SceneError(f"{path}: line {parser.CurrentLineNumber} declares a document type or entities, which no "
+                         "model needs and which can read other files; remove the declaration")
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        name = next((value for key, value in attributes.items() if key in _NAMES and len(value) > LONGEST_NAME), None)
+        if name is not None:
+            raise SceneError(f"{path}: line {parser.CurrentLineNumber}: a name has {len(name)} characters; at most "
+                             f"{LONGEST_NAME} are taken, shorten it")
+        node = builder.start(tag, attributes)
+        assert isinstance(node, Node)
+        node.line = parser.CurrentLineNumber
+
+    parser.StartDoctypeDeclHandler, parser.EntityDeclHandler = refuse, refuse
+    parser.StartElementHandler, parser.EndElementHandler = start, builder.end
     try:
-        root = ElementTree.fromstring(data)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        parser.Parse(data, True)
+        root = builder.close()
+    except (expat.ExpatError, AssertionError, ValueError, LookupError) as error:
         raise SceneError(f"{path}: not XML, {' '.join(str(error).split())[:120]}; correct it there") from None
+    assert isinstance(root, Node)
     return root
 
 
-def _check_size(path: Path, root: ElementTree.Element) -> None:
+def _check_size(path: Path, root: Element) -> None:
     """Raise if elements are nested too deep, or are too many after <replicate> and the like are expanded."""
     total, level = 0, [(root, 1)]
     for _ in range(DEEPEST):
@@ -90,7 +202,16 @@ def _check_size(path: Path, root: ElementTree.Element) -> None:
         raise SceneError(f"{path}: elements are nested more than {DEEPEST} deep, no engine reads that; flatten them")
 
 
-def _copies(element: ElementTree.Element) -> int:
+def _check_reserved(path: Path, root: Element) -> None:
+    """Raise if <size> would make MuJoCo reserve memory for more than any model has."""
+    for size in root.iter("size"):
+        for key, value in size.items():
+            if key.startswith("n") and value.strip().isdecimal() and int(value.strip()[:10]) > MOST_RESERVED:
+                raise SceneError(f"{path}: {place(size)}: {key} reserves room for {value[:20]} entries, more than "
+                                 f"{MOST_RESERVED}; lower it")
+
+
+def _copies(element: Element) -> int:
     """How often MuJoCo repeats the content of an element."""
     found = 1
     for word in element.get("count", "").split() if element.tag in ("replicate", "composite", "flexcomp") else ():
@@ -98,7 +219,7 @@ def _copies(element: ElementTree.Element) -> int:
     return found
 
 
-def files(model: Source) -> Iterator[tuple[ElementTree.Element, str, Path | None]]:
+def files(model: Source) -> Iterator[tuple[Element, str, Path | None]]:
     """(element, name, path or None if outside the model's folder) of all files to which a model refers.
 
     A URDF has none, because MuJoCo strips their paths, unless the file forbids that.
@@ -131,7 +252,7 @@ def outside(path: Path, name: str) -> SceneError:
     return SceneError(f"{path}: refers to {name}, which is outside its folder; move it beside the model")
 
 
-def _expand(path: Path, element: ElementTree.Element, folder: Path, above: tuple[Path, ...]) -> None:
+def _expand(path: Path, element: Element, folder: Path, above: tuple[Path, ...]) -> None:
     """Replace every <include> by the content of its file."""
     for index, child in reversed(list(enumerate(element))):
         if child.tag != "include":
@@ -146,6 +267,9 @@ def _expand(path: Path, element: ElementTree.Element, folder: Path, above: tuple
         if len(above) > 32:
             raise SceneError(f"{path}: includes are nested more than 32 deep; flatten them")
         included = _parsed(target)
+        for node in included.iter():
+            assert isinstance(node, Node)
+            node.file = name
         _check_size(target, included)
         _expand(path, included, folder, (*above, target))
         element.remove(child)

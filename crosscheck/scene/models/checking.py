@@ -1,0 +1,98 @@
+"""Checks what was made of a compiled MuJoCo model by MuJoCo's own numbers, away from the start."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+
+from crosscheck.scene.mechanics import index1
+from crosscheck.scene.model import Scene
+from crosscheck.scene.models.features import closure_ends, turned_by
+from crosscheck.scene.models.neutral import Reading
+
+AWAY, SEED = 0.1, 20240
+"""Size of the velocity with which the checked state lies one second from the start, and seed of its direction."""
+
+ALIKE = 1e-9
+"""Largest difference of a residual, relative to the size of the model: both are rounded from the same numbers."""
+
+MOST_BODIES = 64
+"""Largest model whose accelerations are checked: the scene's are solved densely."""
+
+LOOSEST = 1e-6
+"""Largest difference of accelerations, relative to the largest: it leaves room for mass matrices of condition 1e9."""
+
+_CONSTRAINTS = ("limits of", "dry friction", "contacts of", "equality", "mimic of", "actuator", "range of the actuator",
+                "the element <transmission>")
+"""Beginnings of what is left out and is also missing in the smooth accelerations of MuJoCo without actuators."""
+
+
+def unlike(words: str) -> bool:
+    """Whether what is left out in these words changes the accelerations that `motion` compares."""
+    return not words.startswith(_CONSTRAINTS)
+
+
+def away(reading: Reading) -> Any:
+    """The `mujoco.MjData` of a seeded state near that of the reading, in motion."""
+    import mujoco
+
+    m, d, rng = reading.model, copy.copy(reading.data), np.random.default_rng(SEED)
+    mujoco.mj_integratePos(m, d.qpos, AWAY * rng.normal(size=m.nv), 1.0)
+    d.qvel[:] = rng.normal(size=m.nv)
+    return d
+
+
+def motion(reading: Reading, d: Any, scene: Scene) -> None:
+    """List as lost that MuJoCo accelerates the bodies otherwise than the scene does, both in the state of `d`."""
+    import mujoco
+
+    m = copy.copy(reading.model)
+    if any(words.startswith("actuator") for words in reading.lost):
+        m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
+    mujoco.mj_forward(m, d)
+    d.qacc[:] = d.qacc_smooth
+    mujoco.mj_rnePostConstraint(m, d)
+    a, alpha, _ = index1(scene, scene.x0[None], scene.R0[None], scene.v0[None], scene.w0[None])
+    gaps, sizes = [], [1.0]
+    for k, body in enumerate(reading.bodies.values()):
+        rate = np.zeros((6, 1))
+        mujoco.mj_objectAcceleration(m, d, mujoco.mjtObj.mjOBJ_XBODY, body.index, rate, 0)
+        turning = rate[:3, 0]
+        # from the body's frame to the common centre of mass
+        arm, w = scene.x0[k] - d.xpos[body.index], scene.R0[k] @ scene.w0[k]
+        moving = rate[3:, 0] + scene.gravity + np.cross(turning, arm) + np.cross(w, np.cross(w, arm))
+        gaps.append(float(max(np.abs(moving - a[0, k]).max(), np.abs(turning - scene.R0[k] @ alpha[0, k]).max())))
+        sizes += [float(np.abs(moving).max()), float(np.abs(turning).max())]
+    if not max(gaps) <= LOOSEST * max(sizes):
+        worst = int(np.argmax(gaps))
+        reading.lost.append(f"something that moves body {scene.bodies[worst].name!r} in MuJoCo and that the reader "
+                            f"does not know: accelerations differ by {max(gaps):.3g} m/s^2 or rad/s^2")
+
+
+def loops(reading: Reading) -> None:
+    """List as lost the loops whose residual is not that of MuJoCo's own constraint in a state where they are open."""
+    import mujoco
+
+    m = reading.model
+    closed = [e for e in range(m.neq) if m.eq_type[e] in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
+             and reading.data.eq_active[e]]
+    off = int(m.opt.disableflags) & (mujoco.mjtDisableBit.mjDSBL_EQUALITY | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    if not closed or off:
+        return
+    d = away(reading)
+    mujoco.mj_fwdPosition(m, d)
+    size = max(1.0, float(np.abs(d.xpos).max()))
+    for e in closed:
+        rows = (d.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY) & (d.efc_id == e)
+        theirs = d.efc_pos[rows]
+        ends, turn = closure_ends(m, d, e)
+        one, other = (d.xpos[body] + d.xmat[body].reshape(3, 3) @ offset for body, offset in ends)
+        gaps = [float(np.abs(theirs[:3] - (one - other)).max())]
+        if len(theirs) == 6 and m.eq_data[e, 10]:
+            gaps.append(abs(float(np.linalg.norm(theirs[3:])) / abs(m.eq_data[e, 10])
+                            - abs(np.sin(turned_by(m, d, ends, turn) / 2))))
+        if not max(gaps) < ALIKE * size:
+            reading.lost.append(f"equality {m.equality(e).name or f'equality {e}'!r}, which MuJoCo and the reader take "
+                                f"differently: by {max(gaps):.3g} m or rad")

@@ -1,0 +1,94 @@
+"""Every element and attribute of model files that the reader knows; what is not on this list is named, never ignored.
+
+An attribute on the list is in the numbers that MuJoCo compiles and the reader takes over, or it is checked there by
+`crosscheck.scene.models.features`, or it says nothing about the motion. A tag with None has only such attributes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from xml.etree.ElementTree import Element
+
+from crosscheck.scene.models.source import Source, label
+
+_PLACE = "pos quat axisangle euler xyaxes zaxis"
+_SOFT = "solimp solref solimpfriction solimplimit solreffriction solreflimit margin group user class name"
+_TENDON = f"{_SOFT} limited range frictionloss actuatorfrclimited actuatorfrcrange stiffness damping armature " \
+          "springlength material rgba width"
+
+MJCF: Mapping[str, str | None] = {
+    "mujoco": "model", "include": "file", "default": "class", "worldbody": f"{_PLACE} name childclass", "asset": "",
+    "compiler": "alignfree angle assetdir autolimits balanceinertia boundinertia boundmass conflict discardvisual "
+                "eulerseq fitaabb fusestatic inertiafromgeom inertiagrouprange meshdir saveinertial settotalmass "
+                "savecanonical savecompiled strippath texturedir usethread",
+    "option": "timestep integrator cone jacobian solver iterations tolerance ls_iterations ls_tolerance impratio "
+              "noslip_iterations noslip_tolerance ccd_iterations ccd_tolerance sdf_iterations sdf_initpoints o_margin "
+              "o_solref o_solimp o_friction gravity wind magnetic density viscosity actuatorgroupdisable "
+              "sleep_tolerance",
+    "flag": "actuation autoreset clampctrl constraint contact damper energy equality eulerdamp filterparent "
+            "frictionloss fwdinv gravity invdiscrete island limit midphase multiccd nativeccd override refsafe sensor "
+            "spring warmstart diagexact ipc speculative passive",
+    "body": f"{_PLACE} name childclass mocap gravcomp user", "frame": f"{_PLACE} name childclass", "replicate": None,
+    "attach": None, "composite": None, "inertial": f"{_PLACE} mass diaginertia fullinertia",
+    "joint": f"{_SOFT} type {_PLACE} axis springdamper limited range actuatorfrclimited actuatorfrcrange ref springref "
+             "actuatorgravcomp stiffness damping armature frictionloss",
+    "freejoint": "name group align", "geom": None, "site": None, "mesh": None, "hfield": None, "model": None,
+    "plugin": None, "config": None, "extension": None, "instance": None,
+    "contact": None, "pair": None, "exclude": None, "tendon": "", "spatial": _TENDON, "fixed": _TENDON, "pulley": None,
+    "tendon joint": None, "equality": None, "equality joint": None, "connect": None, "weld": None, "distance": None,
+    "equality tendon": None, "equality flex": None, "flexvert": None, "flexstrain": None,
+    "keyframe": "", "key": "act ctrl mpos mquat name qpos qvel time"}
+"""Of MJCF, by tag, or by parent and tag."""
+
+URDF: Mapping[str, str | None] = {
+    "robot": "name version", "link": "name type", "inertial": "", "origin": "xyz rpy", "mass": "value",
+    "inertia": "ixx iyy izz ixy ixz iyz", "joint": "name type", "parent": "link", "child": "link", "axis": "xyz",
+    "limit": "lower upper effort velocity acceleration deceleration jerk", "dynamics": "damping friction",
+    "mimic": "joint multiplier offset", "gazebo": "reference", "mujoco": "", "size": None, "option": MJCF["option"],
+    "flag": MJCF["flag"],
+    "compiler": "angle assetdir meshdir texturedir strippath discardvisual fusestatic usethread balanceinertia "
+                "autolimits fitaabb"}
+"""Of URDF, and of the element <mujoco> in it."""
+
+WHOLE: Mapping[str, frozenset[str]] = {
+    "mujoco": frozenset(("visual", "statistic", "size", "custom", "sensor", "texture", "material", "skin", "light",
+                         "camera", "lengthrange", "actuator", "deformable", "flexcomp", "general", "motor", "position",
+                         "velocity", "intvelocity", "orientation", "pid", "damper", "cylinder", "muscle", "adhesion",
+                         "dcmotor")),
+    "robot": frozenset(("visual", "collision", "material", "calibration", "safety_controller"))}
+"""Elements known with all that is in them: pictures and sensors, and what the compiled model names by itself."""
+
+GAZEBO = frozenset(("material", "mu1", "mu2", "kp", "kd", "minDepth", "min_depth", "maxVel", "max_vel", "maxContacts",
+                    "selfCollide", "self_collide", "fdir1", "laserRetro", "sensor", "plugin", "visual", "collision",
+                    "provideFeedback", "stopCfm", "stopErp", "disableFixedJointLumping", "preserveFixedJoint"))
+"""Children of <gazebo>, from looks, sensors and contacts, that do not change the motion."""
+
+
+def unknown(model: Source) -> Iterator[str]:
+    """What the file says and the reader does not know, in words."""
+    table, whole = (URDF if model.is_urdf else MJCF), WHOLE[model.root.tag]
+
+    def walk(element: Element, parent: str) -> Iterator[str]:
+        if element.tag in whole:
+            return
+        key = f"{parent} {element.tag}" if f"{parent} {element.tag}" in table else element.tag
+        if key not in table:
+            yield f"the element {label(element)}"
+            return
+        known = table[key]
+        for attribute, value in element.items() if known is not None else ():
+            if attribute not in str(known).split() and not attribute.startswith("xmlns") and _says(value):
+                yield f"the attribute {attribute} of {label(element)}"
+        for child in element:
+            if element.tag == "gazebo":
+                if child.tag not in GAZEBO:
+                    yield f"the element {child.tag} of {label(element)}"
+            else:
+                yield from walk(child, element.tag)
+
+    yield from dict.fromkeys(walk(model.root, ""))
+
+
+def _says(value: str) -> bool:
+    """Whether an attribute says anything: not where all its values are zero or off."""
+    return any(word not in ("0", "0.0", "0.", "false", "disable", "none", "auto") for word in value.split())

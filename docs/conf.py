@@ -6,6 +6,7 @@ import importlib.metadata
 import os
 import re
 import sys
+import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,8 +59,39 @@ def take(app: Sphinx, docname: str, source: list[str]) -> None:
         page = next((f"{name}.md" for name, path in ELSEWHERE.items() if target == str(DOCS.parent / path)), None)
         return f"]({page or os.path.relpath(target, (DOCS / docname).parent)}{link[2] or ''})"
 
-    source[0] = LINK.sub(led, source[0])
+    source[0] = LINK.sub(led, source[0]) + MADE.get(docname, str)()
 
+
+def commands() -> str:
+    """All commands with their options."""
+    from typer.cli import get_docs_for_click
+    from typer.main import get_command
+
+    from crosscheck.cli.app import app
+
+    command = get_command(app)
+    context = command.make_context("crosscheck", ["list"], resilient_parsing=True)
+    text = get_docs_for_click(obj=command, ctx=context, name="crosscheck")
+    return text[text.index("\n## "):]
+
+
+def tolerances() -> str:
+    """All entries of tolerances.toml as tables."""
+    entries = tomllib.loads((DOCS.parent / "crosscheck" / "judge" / "tolerances.toml").read_text(encoding="utf-8"))
+    bounds = "".join(row(name, each.get("unit", ""), each["rule"], each["why"])
+                     for name, each in entries["bound"].items())
+    constants = "".join(row(name, each["value"], each["why"]) for name, each in entries["constant"].items())
+    return (f"\n## Bounds\n\n| of | unit | rule | reason |\n|---|---|---|---|\n{bounds}\n"
+            f"\n## Constants\n\n| name | value | reason |\n|---|---|---|\n{constants}")
+
+
+def row(*cells: object) -> str:
+    """A row of a table."""
+    return "| " + " | ".join(str(cell).replace("|", r"\|") for cell in cells) + " |\n"
+
+
+MADE = {"commands": commands, "bounds": tolerances}
+"""What is added to a page when the site is built."""
 
 TAG = re.compile(r"\\tag\{([^}]*)\}")
 

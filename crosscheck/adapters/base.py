@@ -100,6 +100,11 @@ class RawRun:
     stats: Stats = dataclasses.field(default_factory=lambda: Stats())
     maxima: dict[str, float] | None = None
     form: str | None = None
+    sensors: Mapping[str, np.ndarray] | None = None  # readings that the engine made itself; kept in `states`
+
+    def __post_init__(self) -> None:
+        if self.sensors is not None and isinstance(self.states, States):
+            self.states.sensors = self.sensors
 
 
 FIRST = 1

@@ -172,7 +172,7 @@ class LieEuler(Engine):
             raise IntegrationError(ended.status, ended.advice, ended.solution) from ended
         except lieeuler.LieEulerError as error:
             raise ArgumentError(str(error)) from error
-        fields = [field.name for field in dataclasses.fields(States)]
+        fields = [field.name for field in dataclasses.fields(States) if not field.kw_only]
         stats = solution.stats
         counters = Stats(
             rejected_steps=stats.rejected_steps, force_evaluations=stats.force_evaluations,
@@ -181,6 +181,6 @@ class LieEuler(Engine):
             reduce=stats.reduce, spin_free=tuple(scene.bodies[body].name for body in stats.spin_free))
         maxima = {key: value for key, value in stats.maxima.items() if key != "kinetic"}
         return RawRun(
-            states=States(**{field: np.asarray(getattr(solution, field)) for field in fields}),
+            states=States(*(np.asarray(getattr(solution, field)) for field in fields)),
             wall_time=stats.wall_time, steps=stats.steps, step=stats.step, status=solution.status.value,
             stats=counters, maxima=maxima or None, form="maximal")

@@ -66,7 +66,8 @@ class MJX(Forms):
         built = build(scene, spec.method, h, form, softness)
         start = mujoco.MjData(built)
         set_initial_state(scene, built, start)
-        observed = build(scene, "Euler", h, form, softness, True)
+        unwatched = scene.replace(sensors=())  # MJX lacks some of MuJoCo's sensors
+        observed = build(unwatched, "Euler", h, form, softness, True)
         try:
             model, bench = mjx.put_model(built), mjx.put_model(observed)
         except NotImplementedError as error:
@@ -98,7 +99,7 @@ class MJX(Forms):
             return np.concatenate(parts)
 
         def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray | None) -> States:
-            return sensed(scene, t, observe(t, q, v) if a is None else a)
+            return sensed(unwatched, t, observe(t, q, v) if a is None else a, form)
 
         steps(model, data, 0, 1)  # compile before the clock runs
         raw = stepping.march(scene, spec, (np.array(start.qpos), np.array(start.qvel)), advance, convert, observe)

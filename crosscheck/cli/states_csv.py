@@ -11,6 +11,7 @@ from typing import IO, Any
 
 from crosscheck.errors import ArgumentError
 from crosscheck.files import replacing
+from crosscheck.scene.sensors import columns, unit
 
 
 def write_csv(scene: Any, states: Any, target: str) -> None:
@@ -26,6 +27,10 @@ def write_csv(scene: Any, states: Any, target: str) -> None:
              "constraint_velocity": "constraint velocity", "constraint_acceleration": "constraint acceleration",
              "orthogonality": "orthogonality"}
     series = {title: getattr(states, name) for name, title in extra.items() if getattr(states, name, None) is not None}
+    units = {sensor.name: unit(scene, sensor) for sensor in scene.sensors}
+    read = getattr(states, "sensors", None) or {}
+    series |= {f"{column} [{units[name]}]": values for name in read
+               for column, values in columns({name: read[name]}).items()}
     with _stream(target) as stream:
         writer = csv.writer(stream)
         writer.writerow(header + list(series))

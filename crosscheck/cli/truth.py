@@ -20,7 +20,7 @@ def truth(
 ) -> None:
     """Print the independent truth of a scene: its sources, its error, the end state."""
     from crosscheck.references import Chaotic
-    from crosscheck.references import truth as truth_of
+    from crosscheck.running.run import truth as truth_of
 
     shown = loaded(scene, drop, keyframe)
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -37,6 +38,11 @@ class Reference:
         It is the larger of the difference of the formulations and the effect of rounding on the scene.
         """
         return max(self.allowed, self.disagreement)
+
+    @property
+    def sensors(self) -> Mapping[str, np.ndarray]:
+        """The readings of the scene's sensors, where `crosscheck.truth` made this; NaN where they are not unique."""
+        return self.states.sensors or {}
 
     @property
     def t(self) -> np.ndarray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
+from collections.abc import Mapping
 from typing import Any, cast
 
 import msgspec
@@ -20,6 +21,7 @@ from crosscheck.errors import CrosscheckError, EngineDied, EngineError, Unsuppor
 from crosscheck.files import plain, readable
 from crosscheck.running import arguments
 from crosscheck.running.trajectory import Trajectory, derive
+from crosscheck.scene import sensors
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.model import Scene
 from crosscheck.scene.monitor import MAXIMA
@@ -121,6 +123,8 @@ def _checked(who: str, scene: Scene, raw: RawRun) -> RawRun:
     if not isinstance(raw, RawRun):
         raise EngineError(f"{who} returned {type(raw).__name__}, not crosscheck.adapters.base.RawRun")
     _check_states(who, scene, raw)
+    if raw.states.sensors:
+        raw.states.sensors = _checked_sensors(who, scene, raw.states.sensors)
     whole = isinstance(raw.steps, numbers.Integral) and not isinstance(raw.steps, bool)
     if not whole or not 1 <= raw.steps <= MOST_STEPS:
         raise EngineError(f"{who} returned steps of {_brief(raw.steps)}, not a whole number from 1")
@@ -161,6 +165,30 @@ def _brief(value: Any) -> str:
         return repr(value[:60])
     short = isinstance(value, float | np.number | None) or (isinstance(value, int) and abs(value) < MOST_STEPS**2)
     return str(value) if short else type(value).__name__
+
+
+def _checked_sensors(who: str, scene: Scene, given: Any) -> dict[str, np.ndarray]:
+    """The readings that an engine made itself, as doubles of the shape that each sensor has."""
+    known = {sensor.name: sensor for sensor in scene.sensors}
+    checked = {}
+    for name, values in given.items() if isinstance(given, Mapping) else [(_brief(given), None)]:
+        if name not in known:
+            raise EngineError(f"{who} returned sensors of the name {_brief(name)}, which the scene has not; it has "
+                              f"{', '.join(known) or 'none'}")
+        wanted = sensors.shape(scene, known[name], scene.samples)
+        try:
+            array = np.asarray(values)
+            if array.dtype.kind not in "iuf":
+                raise TypeError
+            array = array.astype(float).reshape(wanted) if array.size == math.prod(wanted) else array
+        except (TypeError, ValueError):
+            raise EngineError(f"{who} returned sensor {name!r} as something else than real numbers") from None
+        if array.shape != wanted:
+            raise EngineError(f"{who} returned sensor {name!r} of shape {array.shape}, not {wanted}")
+        if not np.isfinite(array).all():
+            raise EngineError(f"{who} returned sensor {name!r} with values that are not finite")
+        checked[name] = array
+    return checked
 
 
 def _check_states(who: str, scene: Scene, raw: RawRun) -> None:

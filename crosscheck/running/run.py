@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from crosscheck import references
 from crosscheck.adapters.base import Engine
+from crosscheck.references.base import Reference
 from crosscheck.running.attempt import Ran, attempt
 from crosscheck.running.trajectory import Trajectory
 from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
-
-if TYPE_CHECKING:
-    from crosscheck.references.base import Reference
+from crosscheck.scene.sensors import readings
 
 
 def run(scene: Scene | str | os.PathLike[str], engine: str | Engine, method: str, step: float | None = None,
@@ -71,6 +71,7 @@ def truth(scene: Scene | str | os.PathLike[str]) -> Reference:
         The two formulations of the truth disagree by more than the conditioning of the scene explains.
     """
     loaded = scene_file.as_scene(scene)
-    from crosscheck import references
-
-    return references.truth(loaded)
+    reference = references.truth(loaded)
+    if loaded.sensors:
+        reference.states.sensors = readings(loaded, reference.states)
+    return reference

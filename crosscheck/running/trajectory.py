@@ -4,24 +4,32 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import html
+import os
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from crosscheck.adapters.base import RawRun, Stats
-from crosscheck.running import export
+from crosscheck.errors import ArgumentError, missing
 from crosscheck.scene import mechanics
 from crosscheck.scene.constraints import Constraints
 from crosscheck.scene.coordinates import JointHistory, histories
 from crosscheck.scene.model import Scene
 from crosscheck.scene.monitor import MAXIMA, level_norms
+from crosscheck.scene.sensors import Readings, readings
+from crosscheck.scene.sensors import columns as sensor_columns
+from crosscheck.scene.states import States
 
 if TYPE_CHECKING:
-    import os
-
     import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
+
+VECTORS = {"x": "m", "v": "m/s", "w": "rad/s", "a": "m/s^2", "alpha": "rad/s^2"}
+SERIES = {"energy": "J", "kinetic_energy": "J", "momentum_vertical": "kg m^2/s", "orthogonality": "1",
+          "constraint_position": "m", "constraint_velocity": "m/s", "constraint_acceleration": "m/s^2"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +64,7 @@ class Trajectory:
     steps: int
     status: str
     stats: Stats  # counters of the run, "step" (s), and the maxima over every step under the keys of MAXIMA
+    own_sensors: Mapping[str, np.ndarray] | None = None  # readings that the engine made itself
 
     @functools.cached_property
     def work(self) -> np.ndarray:
@@ -68,28 +77,139 @@ class Trajectory:
                 f"{self.status}, {len(self.t)} samples to {until}, {self.steps} steps)")
 
     def _repr_html_(self) -> str:
-        return export.table(self)
+        """A small HTML table of the run's main figures, for a notebook."""
+        rows = {"scene": self.scene.name, "engine": f"{self.engine} {self.method}", "form": self.form or "",
+                "status": self.status, "until": f"{self.t[-1]:g} s" if len(self.t) else "", "steps": str(self.steps),
+                "stepping": f"{1e3 * self.wall_time:.3g} ms",
+                "change of energy": f"{np.ptp(self.energy):.3g} J" if len(self.t) else "",
+                "largest joint gap": f"{np.max(self.constraint_position, initial=0.0):.3g} m"}
+        lines = "".join(f"<tr><th>{name}</th><td>{html.escape(value)}</td></tr>" for name, value in rows.items())
+        return f"<table>{lines}</table>"
 
     def to_frame(self) -> pd.DataFrame:
-        """As a `pandas.DataFrame` with one row per output time (needs the extra `data`)."""
-        return export.frame(self)
+        """A `pandas.DataFrame` with one row per output time, indexed by `t` (s); needs the extra `data`.
+
+        The columns are "BODY.x_x" ... "BODY.R_33" ... "BODY.w_z" for every body, then energies, constraint levels,
+        multipliers, and sensors as "NAME" or "NAME.x", all in SI units.
+        """
+        try:
+            import pandas as pd
+        except ImportError as error:
+            raise ArgumentError(f"to_frame: {missing(error)}") from None
+        columns: dict[str, np.ndarray] = {}
+        for k, body in enumerate(self.scene.bodies):
+            for name in ("x", "R", *tuple(VECTORS)[1:]):
+                values = getattr(self, name)
+                if values is None:
+                    continue
+                if name == "R":
+                    columns |= {f"{body.name}.R_{i + 1}{j + 1}": values[:, k, i, j] for i in range(3) for j in range(3)}
+                else:
+                    columns |= {f"{body.name}.{name}_{axis}": values[:, k, i] for i, axis in enumerate("xyz")}
+        columns |= {name: getattr(self, name) for name in SERIES if getattr(self, name) is not None}
+        if self.lam is not None:
+            columns |= {f"lam_{row}": self.lam[:, row] for row in range(self.lam.shape[1])}
+        columns |= sensor_columns(self.sensors)
+        made = pd.DataFrame(columns, index=pd.Index(self.t, name="t"))
+        made.attrs = self._attributes()
+        return made
 
     def to_xarray(self) -> xr.Dataset:
-        """As an `xarray.Dataset` over t, body and axis, with units (needs the extra `data`)."""
-        return export.dataset(self)
+        """An `xarray.Dataset` over t, body and axis, with units as attributes (needs the extra `data`)."""
+        try:
+            import xarray as xr
+        except ImportError as error:
+            raise ArgumentError(f"to_xarray: {missing(error)}") from None
+        axis = list("xyz")
+        arrays: dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]] = {
+            name: (("t", "body", "axis"), getattr(self, name), {"units": unit})
+            for name, unit in VECTORS.items() if getattr(self, name) is not None}
+        arrays["R"] = (("t", "body", "axis", "body_axis"), self.R,
+                       {"units": "1", "long_name": "attitude, body to world"})
+        arrays |= {name: (("t",), getattr(self, name), {"units": unit}) for name, unit in SERIES.items()
+                   if getattr(self, name) is not None}
+        if self.lam is not None:
+            arrays["lam"] = (("t", "row"), self.lam, {})
+        arrays |= {name: (("t", f"{name} part")[:values.ndim], values, {"source": self.sensors.source[name]})
+                   for name, values in self.sensors.items()}
+        coordinates = {"t": ("t", self.t, {"units": "s"}), "body": [body.name for body in self.scene.bodies],
+                       "axis": axis, "body_axis": axis}
+        return xr.Dataset(arrays, coordinates, self._attributes())
 
     def plot(self) -> Figure:
         """A matplotlib figure of heights, angular speeds, energy and constraint levels (needs the extra `report`)."""
-        return export.figure(self)
+        try:
+            from matplotlib.figure import Figure
+        except ImportError as error:
+            raise ArgumentError(f"plot: {missing(error)}") from None
+        made = Figure(figsize=(9, 6), layout="constrained")
+        heights, speeds, energy, levels = made.subplots(2, 2, sharex=True).ravel()
+        for k, body in enumerate(self.scene.bodies):
+            heights.plot(self.t, self.x[:, k, 2], label=body.name)
+            speeds.plot(self.t, np.linalg.norm(self.w[:, k], axis=1), label=body.name)
+        energy.plot(self.t, self.energy - self.energy[0])
+        for name in ("constraint_position", "constraint_velocity", "constraint_acceleration"):
+            values = getattr(self, name)
+            if values is not None:
+                levels.semilogy(self.t, np.maximum(values, np.finfo(float).tiny),
+                                label=name.removeprefix("constraint_"))
+        for axes, title in ((heights, "z (m)"), (speeds, "|w| (rad/s)"), (energy, "energy - start (J)"),
+                            (levels, "constraint levels (SI)")):
+            axes.set_ylabel(title)
+        for axes in (energy, levels):
+            axes.set_xlabel("t (s)")
+        heights.legend(frameon=False)
+        levels.legend(frameon=False)
+        made.suptitle(f"{self.scene.name}: {self.engine} {self.method}")
+        return made
 
     def to_rerun(self, path: str | os.PathLike[str]) -> None:
-        """Write bodies, paths and energies for the rerun viewer (.rrd, single precision; needs the extra `rerun`)."""
-        export.record(self, path)
+        """Write bodies, paths and energies for the rerun viewer (.rrd, single precision; needs the extra `rerun`).
+
+        A body is drawn as the ellipsoid of uniform density that has its mass and principal moments of inertia.
+        """
+        try:
+            import rerun as rr
+        except ImportError as error:
+            raise ArgumentError(f"to_rerun: {missing(error)}") from None
+        recording = rr.RecordingStream(f"crosscheck {self.scene.name}", send_properties=False)
+        try:
+            recording.save(os.fspath(path))
+        except (OSError, RuntimeError) as error:
+            raise ArgumentError(f"to_rerun {os.fspath(path)}: the file cannot be written ({error})") from None
+        recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        times = [rr.TimeColumn("t", duration=self.t)]
+        for k, body in enumerate(self.scene.bodies):
+            moments, axes = np.linalg.eigh(self.scene.inertias[k])
+            # An ellipsoid with semi-axes a, b, c has the moments m (b^2 + c^2) / 5 and so on.
+            # Hence a^2 = 5 (sum of the moments / 2 - its own moment) / m.
+            half = np.sqrt(np.maximum(2.5 * (moments.sum() - 2 * moments), 0.0) / body.mass)
+            axes[:, 0] *= np.linalg.det(axes)  # a rotation, not a reflection
+            recording.send_columns(f"bodies/{body.name}", times, rr.Transform3D.columns(
+                translation=self.x[:, k], mat3x3=self.R[:, k]))
+            recording.log(f"bodies/{body.name}/shape", rr.Transform3D(mat3x3=axes), rr.Ellipsoids3D(
+                half_sizes=[half], labels=[body.name]), static=True)
+            recording.log(f"paths/{body.name}", rr.LineStrips3D([self.x[:, k]]), static=True)
+        for name in SERIES:
+            if (values := getattr(self, name)) is not None:
+                recording.send_columns(f"figures/{name}", times, rr.Scalars.columns(scalars=values))
+        recording.disconnect()
+
+    def _attributes(self) -> dict[str, str | int | float]:
+        return {"scene": self.scene.name, "scene_hash": self.scene.hash, "engine": self.engine, "method": self.method,
+                "form": self.form or "", "status": self.status, "steps": int(self.steps),
+                "wall_time": float(self.wall_time)}
 
     @functools.cached_property
     def joints(self) -> dict[str, JointHistory]:
         """`.position` and `.velocity` over time, by name, of the joints that have coordinates."""
         return histories(self.scene, self)
+
+    @functools.cached_property
+    def sensors(self) -> Readings:
+        """Readings of the scene's sensors by name, (T, 3), (T, 4) or (T,); `.source` says who made each."""
+        states = States(self.t, self.x, self.R, self.v, self.w, self.a, self.alpha)
+        return readings(self.scene, states, self.own_sensors)
 
     @property
     def maxima(self) -> dict[str, float]:
@@ -125,4 +245,4 @@ def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
             momentum_vertical=mechanics.momentum_vertical(scene, s), orthogonality=mechanics.orthogonality(s.R),
             reactions=None if lam is None else constraints.reactions(s.x, s.R, lam), wall_time=raw.wall_time,
             steps=raw.steps, status=raw.status,
-            stats=cast(Stats, {**raw.stats, "step": raw.step, **(raw.maxima or {})}), **levels)
+            stats=cast(Stats, {**raw.stats, "step": raw.step, **(raw.maxima or {})}), own_sensors=s.sensors, **levels)

@@ -22,7 +22,13 @@ def rotors(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndar
     for joint in scene.joints:
         for value, word in zip(joint.armature, JOINT_TYPES[joint.type].coordinates, strict=False):
             if value:
-                yield value, *(_turn(joint, scene, x) if word == "turn" else _slide(joint, scene, x, R, v, w))
+                yield value, *rate_row(joint, word, scene, x, R, v, w)
+
+
+def rate_row(joint: Joint, word: str, scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray,
+             w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """S (T, 6n) and s (T,) of a coordinate, "turn" or "slide"."""
+    return _turn(joint, scene, x) if word == "turn" else _slide(joint, scene, x, R, v, w)
 
 
 def _turn(joint: Joint, scene: Scene, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

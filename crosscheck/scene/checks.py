@@ -32,6 +32,7 @@ from crosscheck.scene.schema import (
     listed,
     nearest,
 )
+from crosscheck.scene.sensors import sensors_of, sites_of
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
@@ -77,7 +78,8 @@ def draft(entry: SceneEntry, folder: Path = Path()) -> Draft:
     `folder` is where it looks for mesh files.
     """
     _check_run(entry)
-    for group, tables in (("bodies", entry.bodies), ("joints", entry.joints), ("shapes", entry.shapes)):
+    for group, tables in (("bodies", entry.bodies), ("joints", entry.joints), ("shapes", entry.shapes),
+                          ("sites", entry.sites), ("sensors", entry.sensors)):
         _check_names(group, [table.name for table in tables])
     bodies = {body.name: index for index, body in enumerate(entry.bodies)}
     types = {joint.name: joint.type for joint in entry.joints}
@@ -93,7 +95,9 @@ def draft(entry: SceneEntry, folder: Path = Path()) -> Draft:
         shapes=tuple(_shape(bodies, f'shapes[{i}] "{shape.name}"', shape, folder)
                      for i, shape in enumerate(entry.shapes)),
         monitors=tuple(_monitor(entry, i, monitor) for i, monitor in enumerate(entry.monitors)),
+        sites=sites_of(entry.sites, bodies),
     )
+    scene = scene.replace(sensors=sensors_of(entry.sensors, scene))
     starts = (Start(i, *joint_options.start(f'joints[{i}] "{joint.name}"', joint, entry.joints, entry.duration))
               for i, joint in enumerate(entry.joints))
     held = {i for i, joint in enumerate(entry.joints)

@@ -109,8 +109,20 @@ def at_start(scene: Scene) -> dict[str, tuple[np.ndarray, np.ndarray]]:
             for name, each in histories(scene, states).items()}
 
 
-def history(joint: Joint, states: Motion) -> JointHistory:
-    """Coordinates of one joint that has them, over the times of `states`."""
+@dataclasses.dataclass(frozen=True)
+class Relative:
+    """The motion of a joint's child as its parent sees it, (T, 3) each, in the parent's axes."""
+
+    turn: np.ndarray  # (T, 3, 3) from child to parent axes
+    w: np.ndarray  # relative angular velocity
+    d: np.ndarray  # from the parent's anchor to the child's
+    rate: np.ndarray  # d' as seen from the parent
+    spinning: np.ndarray | None = None  # w' and d'', where the states have accelerations
+    speeding: np.ndarray | None = None
+
+
+def relative(joint: Joint, states: Motion, accelerated: bool = False) -> Relative:
+    """The relative motion over the times of `states`; with `accelerated`, they have to be `States` with a and alpha."""
     still, ground = np.zeros((len(states.t), 3)), np.broadcast_to(np.eye(3), (len(states.t), 3, 3))
     parent, child = joint.parent, joint.child
     Rp = ground if parent == GROUND else states.R[:, parent]
@@ -121,19 +133,48 @@ def history(joint: Joint, states: Motion) -> JointHistory:
     outer = np.einsum("tij,tj->ti", Rc, wc)
     reach = xc + arm - xp
     d = np.einsum("tji,tj->ti", Rp, reach) - joint.parent_anchor
-    rate = np.einsum("tji,tj->ti", Rp, vc + cross(outer, arm) - vp - cross(spin, reach))
-    relative = np.swapaxes(Rp, 1, 2) @ Rc
-    w = np.einsum("tji,tj->ti", Rp, outer - spin)
+    speed = vc + cross(outer, arm) - vp - cross(spin, reach)
+    rate, w = (np.einsum("tji,tj->ti", Rp, vector) for vector in (speed, outer - spin))
+    turn = np.swapaxes(Rp, 1, 2) @ Rc
+    if not accelerated:
+        return Relative(turn, w, d, rate)
+    assert isinstance(states, States)
+    assert states.a is not None
+    assert states.alpha is not None
+    ap, bp = (still if parent == GROUND else values[:, parent] for values in (states.a, states.alpha))
+    sweep, swing = np.einsum("tij,tj->ti", Rp, bp), np.einsum("tij,tj->ti", Rc, states.alpha[:, child])
+    beyond = (states.a[:, child] + cross(swing, arm) + cross(outer, cross(outer, arm)) - ap - cross(sweep, reach)
+              - cross(spin, cross(spin, reach)) - 2.0 * cross(spin, speed))
+    return Relative(turn, w, d, rate, np.einsum("tji,tj->ti", Rp, swing - sweep) - cross(wp, w),
+                    np.einsum("tji,tj->ti", Rp, beyond))
+
+
+def accelerations(joint: Joint, states: States) -> np.ndarray:
+    """The derivatives of a joint's rates, (T,) or (T, count), from states with accelerations."""
+    moved = relative(joint, states, accelerated=True)
+    assert moved.spinning is not None
+    assert moved.speeding is not None
+    if JOINT_TYPES[joint.type].coordinates == ("ball",):
+        found: np.ndarray = np.einsum("tji,tj->ti", moved.turn, moved.spinning)
+        return found
+    columns = [_coordinate(word, joint, moved.turn, moved.spinning, moved.d, moved.speeding)[1]
+               for word in JOINT_TYPES[joint.type].coordinates]
+    return np.stack(columns, axis=1) if len(columns) > 1 else columns[0]
+
+
+def history(joint: Joint, states: Motion) -> JointHistory:
+    """Coordinates of one joint that has them, over the times of `states`."""
+    moved = relative(joint, states)
     words = JOINT_TYPES[joint.type].coordinates
     if words == ("ball",):
-        position, velocity = quaternion_from_rotation(zero_attitude(joint).T @ relative), np.einsum(
-            "tji,tj->ti", relative, w)
+        position, velocity = quaternion_from_rotation(zero_attitude(joint).T @ moved.turn), np.einsum(
+            "tji,tj->ti", moved.turn, moved.w)
         flips = np.cumprod(np.where(np.einsum("tk,tk->t", position[1:], position[:-1]) < 0, -1.0, 1.0))
         position[1:] *= flips[:, None]
         return JointHistory(position, velocity)
     columns = []
     for k, word in enumerate(words):
-        values, rates = _coordinate(word, joint, relative, w, d, rate)
+        values, rates = _coordinate(word, joint, moved.turn, moved.w, moved.d, moved.rate)
         if word.startswith("turn"):
             values = continuous(values, None if joint.start is None else joint.start[k], rates, states.t)
         columns.append((values, rates))

@@ -76,9 +76,7 @@ def power(scene: Scene, states: Motion) -> np.ndarray:
     u = np.concatenate([states.v, states.w], axis=-1)
 
     def pushed(force: Force) -> np.ndarray:
-        f = np.zeros_like(u)
-        _add_of_force(f, scene, force, states, angles, states.t)
-        found: np.ndarray = np.einsum("tnk,tnk->t", f, u)
+        found: np.ndarray = np.einsum("tnk,tnk->t", force_on_bodies(scene, force, states, angles), u)
         return found
 
     for force in scene.forces:
@@ -188,6 +186,13 @@ def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w:
                 q = _position(scene, joint, k, x, R, angles)
                 _add_along(f, R, joint, k, limits.force(q, _rate(joint, k, states)))
     return f.reshape(len(x), 6 * scene.n)
+
+
+def force_on_bodies(scene: Scene, force: Force, states: Motion, angles: dict[str, np.ndarray]) -> np.ndarray:
+    """The force (world) and the torque (body axes) of one force of the scene on every body, (T, n, 6)."""
+    f = np.zeros((len(states.t), scene.n, 6))
+    _add_of_force(f, scene, force, states, angles, states.t)
+    return f
 
 
 def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, angles: dict[str, np.ndarray],

@@ -166,6 +166,31 @@ class Force(_Record):
 
 
 @dataclasses.dataclass(frozen=True)
+class Site(_Record):
+    """A frame fixed to a body, or to the ground (index -1)."""
+
+    name: str
+    body: int
+    position: np.ndarray  # (3,) from the body's centre of mass, its axes; world for the ground
+    attitude: np.ndarray  # (4,) unit quaternion w, x, y, z of the site in the body
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", _frozen(self.position, (3,)))
+        object.__setattr__(self, "attitude", _frozen(self.attitude, (4,)))
+
+
+@dataclasses.dataclass(frozen=True)
+class Sensor:
+    """Something that is measured; its types are those of `crosscheck.scene.sensors`."""
+
+    name: str
+    type: str
+    site: str | None = None
+    joint: str | None = None
+    frame: str = ""  # "site" or "world"; "" for types without axes
+
+
+@dataclasses.dataclass(frozen=True)
 class Scene(_Record):
     """An engine-neutral mechanical system with its complete initial state, duration and output times."""
 
@@ -182,6 +207,8 @@ class Scene(_Record):
     left_out: tuple[str, ...] = ()  # what an import dropped; not part of the hash
     shapes: tuple[Shape, ...] = ()
     monitors: tuple[Monitor, ...] = ()  # the scene describes the motion until the first of these
+    sites: tuple[Site, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", _frozen(self.gravity, (3,)))
@@ -354,8 +381,10 @@ class Scene(_Record):
 
     @property
     def hash(self) -> str:
-        """SHA-256 of the system with its output times."""
-        return _digest(self._content() | {"duration": self.duration, "samples": self.samples})
+        """SHA-256 of the system with its output times and sensors."""
+        watched = {key: [_plain(record) for record in records]
+                   for key, records in (("sites", self.sites), ("sensors", self.sensors)) if records}
+        return _digest(self._content() | {"duration": self.duration, "samples": self.samples} | watched)
 
     def _content(self) -> dict[str, object]:
         return {"gravity": self.gravity.tolist(), "bodies": [_plain(body) for body in self.bodies],

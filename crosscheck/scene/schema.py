@@ -19,7 +19,7 @@ VERSIONS = (1, 2, 3)
 KEYS: dict[int, dict[str, tuple[str, ...]]] = {
     2: {"joints": ("reference_attitude", "position", "velocity", "armature", "damping", "stiffness", "rest_position",
                    "mimic", "drive", "radius"), "": ("left_out",)},
-    3: {"joints": ("dry_friction", "limits"), "": ("shapes", "monitors")}}
+    3: {"joints": ("dry_friction", "limits"), "": ("shapes", "monitors", "sites", "sensors")}}
 """Keys that each later version of the format brought, by table."""
 
 TYPES: dict[int, dict[str, tuple[str, ...]]] = {
@@ -273,6 +273,23 @@ class EffortEntry(msgspec.Struct, frozen=True, tag_field="type", tag="effort"):
 
 MonitorEntry = TouchEntry | RangeEntry | SpeedEntry | EffortEntry
 MONITOR_ENTRIES = {str(cls.__struct_config__.tag): cls for cls in get_args(MonitorEntry)}
+class SiteEntry(msgspec.Struct, frozen=True):
+    """One of [[sites]]."""
+
+    name: str
+    body: str
+    position: Vector = (0.0, 0.0, 0.0)
+    attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+
+class SensorEntry(msgspec.Struct, frozen=True):
+    """One of [[sensors]]; `crosscheck.scene.sensors` has the types."""
+
+    name: str
+    type: str
+    site: str | None = None
+    joint: str | None = None
+    frame: Literal["site", "world"] | None = None
 
 
 class SceneEntry(msgspec.Struct, frozen=True):
@@ -293,14 +310,20 @@ class SceneEntry(msgspec.Struct, frozen=True):
     left_out: list[str] = []
     shapes: list[ShapeEntry] = []
     monitors: list[MonitorEntry] = []
+    sites: list[SiteEntry] = []
+    sensors: list[SensorEntry] = []
 
 
+_ENTRIES: dict[str, Any] = {"bodies": BodyEntry, "joints": JointEntry, "shapes": ShapeEntry, "sites": SiteEntry,
+                            "sensors": SensorEntry}
 _VECTOR_METRES = "three numbers in m"
 _EXPECTED = {
     "schema": "2", "name": 'a name in quotes', "description": "one line in quotes", "source": "text in quotes",
     "tags": 'a list of words, ["smooth"]', "gravity": "three numbers in m/s^2, [0.0, 0.0, -9.81]",
     "duration": "a number of seconds > 0", "samples": "a whole number >= 2", "assemble": "true or false",
     "bodies": "at least one [[bodies]] table", "joints": "[[joints]] tables", "forces": "[[forces]] tables",
+    "sites": "[[sites]] tables", "sensors": "[[sensors]] tables", "body": '"ground" or the name of a body',
+    "site": "the name of one of [[sites]]",
     "mass": "a number of kg > 0", "inertia": "three rows of three numbers in kg m^2",
     "attitude": "a quaternion of four numbers w, x, y, z", "angular_velocity": "three numbers in rad/s, body axes",
     "position": _VECTOR_METRES, "velocity": "three numbers in m/s",
@@ -329,7 +352,7 @@ _EXPECTED = {
     "no_load_speed": "a number > 0 in rad/s or m/s", "period": "a number of s > 0", "delay": "a whole number >= 0",
     "shapes": "[[shapes]] tables (of a monitor: the names of two)", "monitors": "[[monitors]] tables",
     "margin": "a number of m >= 0",
-    "body": '"ground" or the name of a body', "size": "a list of numbers of m > 0", "file": "the name of a mesh file",
+    "size": "a list of numbers of m > 0", "file": "the name of a mesh file",
     "points": "rows of three numbers in m",
 }
 
@@ -414,7 +437,7 @@ def _check_keys(data: Content) -> None:
     """Refuse unknown keys before msgspec does, so that a misspelt key is not reported as a missing one."""
     _check_table_keys(data, (), SceneEntry.__struct_fields__)
     typed: dict[str, Mapping[str, Any]] = {"forces": FORCE_ENTRIES, "monitors": MONITOR_ENTRIES}
-    for group in ("bodies", "joints", "forces", "shapes", "monitors"):
+    for group in ("bodies", "joints", "forces", "shapes", "monitors", "sites", "sensors"):
         tables = data.get(group, [])
         for index, table in enumerate(tables if isinstance(tables, list) else []):
             if not isinstance(table, dict):
@@ -430,8 +453,7 @@ def _check_keys(data: Content) -> None:
             if group in typed:
                 allowed = ("type", *typed[group][str(kind)].__struct_fields__)
             else:
-                plain = {"bodies": BodyEntry, "joints": JointEntry, "shapes": ShapeEntry}[group]
-                allowed = plain.__struct_fields__
+                allowed = _ENTRIES[group].__struct_fields__
             _check_table_keys(data, (group, index), allowed)
 
 

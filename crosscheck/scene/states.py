@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
@@ -23,6 +24,7 @@ class States:
     a: np.ndarray | None = None  # (T, n, 3)
     alpha: np.ndarray | None = None  # (T, n, 3)
     lam: np.ndarray | None = None  # (T, m)
+    sensors: Mapping[str, np.ndarray] | None = dataclasses.field(default=None, kw_only=True)  # by name, (T, ...)
 
 
 class Motion(Protocol):

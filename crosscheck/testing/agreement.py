@@ -11,13 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck import adapters, references
+from crosscheck.adapters.base import RunSpec
 from crosscheck.document import QUANTITIES
 from crosscheck.errors import ArgumentError
 from crosscheck.judge import tolerances
 from crosscheck.judge.metrics import differences
+from crosscheck.judge.plan import plan_from_truth
 from crosscheck.judge.tolerances import Tol
 from crosscheck.references.base import Reference
 from crosscheck.running.methods import best_method
+from crosscheck.running.run import run as run_scene
+from crosscheck.scene import file as scene_file
 from crosscheck.scene.model import Scene
 
 Entry = str | Sequence[Any]
@@ -68,10 +73,6 @@ def assert_agree(scene: Scene | str | os.PathLike[str], engines: Entry | Sequenc
         As `crosscheck.run` and `crosscheck.truth`.
     """
     __tracebackhide__ = True  # so that pytest shows the line of the test
-    from crosscheck import references
-    from crosscheck.running.run import run as run_scene
-    from crosscheck.scene import file as scene_file
-
     loaded = scene_file.as_scene(scene)
     if not isinstance(engines, Iterable) or isinstance(engines, Mapping):
         raise ArgumentError(f"engines: a name or a list of them is wanted, not {engines!r}")
@@ -129,10 +130,6 @@ def contender(entry: Entry, scene: Scene, truth: Reference, step: float | None =
     Unsupported
         No method of the engine can run the scene.
     """
-    from crosscheck import adapters
-    from crosscheck.adapters.base import RunSpec
-    from crosscheck.judge.plan import plan_from_truth
-
     options: dict[str, Any] = {}
     if isinstance(entry, str):
         engine, method = adapters.split(entry)
@@ -172,9 +169,6 @@ def contender(entry: Entry, scene: Scene, truth: Reference, step: float | None =
 
 
 def _documented_bounds(scene: Scene, truth: Reference, each: Contender, traj: Any) -> dict[str, Tol]:
-    from crosscheck import adapters
-    from crosscheck.adapters.base import RunSpec
-
     given = dict(each.options)
     spec = RunSpec(each.method, given.get("step"), given.get("rtol"), given.get("form"))
     order = adapters.get(each.engine).documented_order(scene, spec)

@@ -39,9 +39,13 @@ class PlainRun:
 
 def plain(raw: RawRun) -> PlainRun:
     """The result as plain data, every array C-contiguous and of doubles. Raises `EngineError` naming what is not."""
-    fields: dict[str, Any] = {field.name: getattr(raw.states, field.name) for field in dataclasses.fields(States)}
+    fields: dict[str, Any] = {field.name: getattr(raw.states, field.name) for field in dataclasses.fields(States)
+                              if not field.kw_only}
     fields |= {name: doubles(name, values) for name, values in fields.items() if values is not None}
-    states = States(**fields)
+    sensors = None if raw.states.sensors is None else {
+        _text("keys of sensors", name): doubles(f"sensor {name!r}", values)
+        for name, values in _items("sensors", raw.states.sensors)}
+    states = States(**fields, sensors=sensors)
     return PlainRun(states, _number("wall_time", float, raw.wall_time), _number("steps", int, raw.steps),
                     None if raw.step is None else _number("step", float, raw.step), _text("status", raw.status),
                     {_text("keys of stats", name): _value(name, value) for name, value in _items("stats", raw.stats)},

@@ -94,7 +94,8 @@ class MuJoCo(Forms):
         model = build(scene, spec.method, stepping.fixed_step(scene, spec)[1], form, softness)
         data = mujoco.MjData(model)
         set_initial_state(scene, model, data)
-        accelerate, convert = _evaluation(scene, build(scene, "Euler", model.opt.timestep, form, softness, True))
+        accelerate, convert = _evaluation(
+            scene, build(scene, "Euler", model.opt.timestep, form, softness, True), form)
         with listening() as warnings, _controlled(models.controls(scene)):
             advance = _advance(model, data, warnings, scene.timed)
             raw = stepping.march(scene, spec, (data.qpos.copy(), data.qvel.copy()), advance, convert, accelerate)
@@ -104,7 +105,7 @@ class MuJoCo(Forms):
         return raw
 
 
-def _evaluation(scene: Scene, model: Any) -> tuple[Callable[..., np.ndarray], stepping.Convert]:
+def _evaluation(scene: Scene, model: Any, form: str) -> tuple[Callable[..., np.ndarray], stepping.Convert]:
     """Two functions: (t, q, v) -> values of the `OBSERVED` sensors, row by row, and these -> states.
 
     After a step MuJoCo's accelerations are those of its start, so they are evaluated again here. `model` has the
@@ -132,18 +133,22 @@ def _evaluation(scene: Scene, model: Any) -> tuple[Callable[..., np.ndarray], st
         return seen
 
     def convert(t: np.ndarray, q: np.ndarray, v: np.ndarray, seen: np.ndarray | None) -> States:
-        return sensed(scene, t, observe(t, q, v) if seen is None else seen)
+        return sensed(scene, t, observe(t, q, v) if seen is None else seen, form)
 
     return observe, convert
 
 
-def sensed(scene: Scene, t: np.ndarray, seen: np.ndarray) -> States:
-    """The states at the times t, (T,), of which the sensors `OBSERVED` read the rows of `seen`."""
-    ends = np.cumsum([length for _, length in OBSERVED])[:-1]
-    x, turned, v, spin, a, alpha = np.split(seen.reshape(len(t), scene.n, -1), ends, axis=-1)
+def sensed(scene: Scene, t: np.ndarray, seen: np.ndarray, form: str) -> States:
+    """The states at the times t, (T,), of which the sensors `OBSERVED` and `NATIVE` read the rows of `seen`."""
+    *ends, length = np.cumsum([length for _, length in OBSERVED])
+    frames, rest = seen[:, :length * scene.n], seen[:, length * scene.n:]
+    x, turned, v, spin, a, alpha = np.split(frames.reshape(len(t), scene.n, -1), ends, axis=-1)
     R = rotation_from_quaternion(turned)
+    own = {}
+    for sensor, _ in models.native_sensors(scene, form):
+        own[sensor.name], rest = np.split(rest, [4 if sensor.type == "attitude" else 3], axis=1)
     return States(t, x, R, v, np.einsum("tnji,tnj->tni", R, spin), a + scene.gravity,
-                  np.einsum("tnji,tnj->tni", R, alpha))
+                  np.einsum("tnji,tnj->tni", R, alpha), sensors=own or None)
 
 
 @contextlib.contextmanager

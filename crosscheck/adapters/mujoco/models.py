@@ -16,7 +16,7 @@ from crosscheck.errors import Unsupported
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import torsion_angles
-from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation
+from crosscheck.scene.model import GROUND, Force, Joint, Scene, Sensor, quaternion_from_rotation
 from crosscheck.scene.spanning import Branch, spanning_tree
 from crosscheck.scene.vectors import slide_direction
 
@@ -88,6 +88,23 @@ EQUALITY_DATA = 12
 """Numbers that MuJoCo has for every equality constraint; one between coordinates is a polynomial of the first five."""
 OBSERVED = (("POS", 3), ("QUAT", 4), ("LINVEL", 3), ("ANGVEL", 3), ("LINACC", 3), ("ANGACC", 3))
 """Sensors of a body's frame and their lengths, in world axes; their accelerations include minus gravity."""
+NATIVE = {("position", "world"): "FRAMEPOS", ("attitude", ""): "FRAMEQUAT", ("velocity", "world"): "FRAMELINVEL",
+          ("velocity", "site"): "VELOCIMETER", ("angular_velocity", "world"): "FRAMEANGVEL",
+          ("angular_velocity", "site"): "GYRO", ("gyroscope", "site"): "GYRO", ("acceleration", "world"): "FRAMELINACC",
+          ("angular_acceleration", "world"): "FRAMEANGACC", ("accelerometer", "site"): "ACCELEROMETER",
+          ("force", "site"): "FORCE", ("torque", "site"): "TORQUE"}
+"""MuJoCo's sensors at a site that stand for sensors of a scene, by type and frame."""
+
+
+def native_sensors(scene: Scene, form: str) -> list[tuple[Sensor, str]]:
+    """The sensors of a scene that MuJoCo has itself. Its force and torque are those between the body of the site and
+    the one that carries it in the tree."""
+    branches, _ = closures(scene, form)
+    sites = {site.name: site.body for site in scene.sites}
+    carried = {branch.joint.name: branch.body for branch in branches if branch.joint is not None and branch.outward}
+    return [(sensor, NATIVE[sensor.type, sensor.frame]) for sensor in scene.sensors
+            if (sensor.type, sensor.frame) in NATIVE
+            and (sensor.joint is None or carried.get(sensor.joint) == sites[sensor.site or ""])]
 
 
 def build(scene: Scene, method: str, step: float, form: str = "tree", softness: str = "tight",
@@ -101,7 +118,7 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     form : "tree" or "maximal".
     softness : of equality constraints; "tight": the stiffest that MuJoCo allows, solref 2 step and solimp 0.9999;
         "default": MuJoCo's default, solref 0.02 s and solimp 0.9 to 0.95.
-    observed : add the sensors `OBSERVED` of every body, which take time in every step.
+    observed : add the sensors `OBSERVED` of every body, which take time in every step, then those of `NATIVE`.
     """
     import mujoco
 
@@ -138,6 +155,11 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
         for quantity, _ in OBSERVED:
             spec.add_sensor(type=getattr(mujoco.mjtSensor, f"mjSENS_FRAME{quantity}"),
                             objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=str(k))
+    for site in scene.sites if observed else ():
+        frames[site.body].add_site(name=f"site {site.name}", pos=site.position, quat=site.attitude)
+    for sensor, kind in native_sensors(scene, form) if observed else ():
+        spec.add_sensor(type=getattr(mujoco.mjtSensor, f"mjSENS_{kind}"), objtype=mujoco.mjtObj.mjOBJ_SITE,
+                        objname=f"site {sensor.site}")
     return spec.compile()
 
 

@@ -52,9 +52,8 @@ def chain(n: int) -> Scene:
         bodies.append(dataclasses.replace(body, name=f"body {k}", position=tip + arm, attitude=attitude,
                                           velocity=np.zeros(3), angular_velocity=np.zeros(3)))
         tip = tip + 2 * arm
-        upper = dataclasses.replace(link, name=f"joint {k}", parent=k - 1, child=k, parent_anchor=half)
-        joint = upper if k else pivot
-        joints.append(dataclasses.replace(joint, child_anchor=-half))
+        joint = dataclasses.replace(link, parent=k - 1, child=k, parent_anchor=half) if k else pivot
+        joints.append(dataclasses.replace(joint, name=f"joint {k}", child_anchor=-half))
     return base.replace(name=f"chain of {n}", bodies=tuple(bodies), joints=tuple(joints))
 
 

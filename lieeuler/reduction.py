@@ -29,7 +29,7 @@ def reductions(problem: Problem, method: Method, wanted: str | None) -> list[Wel
     ArgumentError
         The wanted word is not known, or does not apply.
     """
-    if not (wanted is None or wanted in WORDS):
+    if not (wanted is None or (isinstance(wanted, str) and wanted in WORDS)):
         raise ArgumentError(f"reduce must be one of {', '.join(WORDS)}, not {wanted!r}")
     if wanted == "off" or (wanted is None and method.order == 1 and "rtol" not in method.controls):
         return []

@@ -227,19 +227,29 @@ class Constraints:
 
     def reactions(self, x: np.ndarray, R: np.ndarray, lam: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Force (T, 3) in N and torque (T, 3) in N m of each joint on its child, world axes, at the child's anchor."""
-        G = self._jacobian(x, R).reshape(len(x), self._all_rows, self.scene.n, 6)
         lam = np.concatenate([lam, *(-follower.mimic.ratio * lam[:, follower.row, None]
                                      for follower in self.followers)], axis=1)
-        result = {}
-        for joint in self.scene.joints:
-            rows = [*range(self.m)[self.rows[joint.name]],
-                    *(follower.leader for follower in self.followers if follower.joint is joint)]
-            wrench = -np.einsum("trk,tr->tk", G[:, rows, joint.child], lam[:, rows])
-            force = wrench[:, :3]
-            attitude = R[:, joint.child]
-            about_com = np.einsum("tij,tj->ti", attitude, wrench[:, 3:])
-            result[joint.name] = force, about_com - cross(attitude @ joint.child_anchor, force)
-        return result
+        joints, names = self.scene.joints, list(self.rows)
+        owner = np.empty(self._all_rows, dtype=int)  # the joint whose rows they are
+        for index, rows in enumerate(self.rows.values()):
+            owner[rows] = index
+        for follower in self.followers:
+            owner[follower.leader] = names.index(follower.joint.name)
+        children = np.array([joint.child for joint in joints], dtype=int)
+        wrench = np.zeros((len(x), len(joints), 6))  # force, and torque about the centre of mass in body axes
+        for part in self._parts(len(x)):
+            for rows, body, linear, angular in self._blocks(x[part], R[part]):
+                mine = children[owner[rows[:, 0]]] == body
+                for first, block in ((0, linear), (3, angular)):
+                    if block is not None and mine.any():
+                        pull = np.einsum("tkri,tkr->tki", np.broadcast_to(
+                            block, (len(x[part]), *block.shape[-3:]))[:, mine], lam[part][:, rows[mine]])
+                        np.subtract.at(wrench[part, :, first:first + 3], (slice(None), owner[rows[mine, 0]]), pull)
+        attitude = R[:, children]
+        force, about_com = wrench[:, :, :3], np.einsum("tkij,tkj->tki", attitude, wrench[:, :, 3:])
+        arm = np.einsum("tkij,kj->tki", attitude, np.array([joint.child_anchor for joint in joints]).reshape(-1, 3))
+        torque = about_com - cross(arm, force)
+        return {name: (force[:, k], torque[:, k]) for k, name in enumerate(names)}
 
 
 def _with_ground(values: np.ndarray, ground: np.ndarray = _ZERO) -> np.ndarray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,9 +23,15 @@ from crosscheck.scene.spanning import spanning_tree
 from crosscheck.scene.states import Motion, States
 from crosscheck.scene.vectors import continuous, cross, normal_references, shortest_rotation
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 RANK_TOLERANCE = 1e-9
 """Singular values of G M^-1/2 below this fraction of the largest count as redundant rows. Rounding leaves those near
 1e-16; the singular values of independent rows in realistic mechanisms are far above."""
+
+FEW_BODIES = 96
+"""Up to here dense index-1 systems take less time than sparse ones, or no more than some milliseconds."""
 
 
 def kinetic_energy(scene: Scene, states: Motion) -> np.ndarray:
@@ -278,24 +284,33 @@ def inverse_mass(scene: Scene) -> np.ndarray:
 def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray,
            angles: dict[str, np.ndarray] | None = None,
            t: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Accelerations and multipliers that satisfy G du/dt + gamma = 0 at the given states and times, by dense algebra.
+    """Accelerations and multipliers that satisfy G du/dt + gamma = 0 at the given states and times.
 
     Returns a (T, n, 3) world, alpha (T, n, 3) body axes, lam (T, m). If rows are redundant lam has least norm, with the
-    rank found at the first state.
+    rank found at the first state. By dense algebra; open trees of more than `FEW_BODIES` without rotors by sparse.
     """
-    constraints = Constraints(scene)
-    inverse, forces = inverse_mass(scene)[None], applied_forces(scene, x, R, v, w, angles, t)
-    if any(any(joint.armature) for joint in scene.joints):
-        mass = np.linalg.inv(inverse)
+    constraints, forces = Constraints(scene), applied_forces(scene, x, R, v, w, angles, t)
+    gamma = constraints.gamma(x, R, v, w, t)
+    closing = spanning_tree(scene)[1]
+    turning = any(any(joint.armature) for joint in scene.joints)
+    if scene.n > FEW_BODIES and constraints.m and not closing and not turning:
+        solved = [_sparse_index1(scene, constraints.sparse_jacobian(x[k], R[k]), forces[k], gamma[k])
+                  for k in range(len(x))]
+        rates, lam = (np.array(each) for each in zip(*solved, strict=True))
+        rates = rates.reshape(len(x), scene.n, 6)
+        return rates[:, :, :3], rates[:, :, 3:], lam
+    inverse = inverse_mass(scene)[None]
+    if turning:
         for inertia, S, bias in rotors(scene, x, R, v, w):
-            mass = mass + inertia * S[:, :, None] * S[:, None, :]
+            # Rank one of M, as a change of its inverse: it stays accurate for the largest of inertias.
+            column = (inverse @ S[:, :, None])[:, :, 0]
+            weight = 1 / (1 / inertia + np.einsum("tk,tk->t", S, column))
             forces = forces - inertia * bias[:, None] * S
-        inverse = np.linalg.inv(mass)
+            inverse = inverse - weight[:, None, None] * column[:, :, None] * column[:, None, :]
     rates = (forces[:, None] @ inverse)[:, 0]
     lam = np.zeros((len(x), constraints.m))
     if constraints.m:
-        G, gamma = constraints.jacobian(x, R), constraints.gamma(x, R, v, w, t)
-        _, closing = spanning_tree(scene)
+        G = constraints.jacobian(x, R)
         solve = _schur_solver(G, inverse, independent=not closing)  # an open tree has no redundant rows
         # The second pass restores the digits that G M^-1 G^T loses when a light body carries a heavy one.
         for _ in range(2):
@@ -306,12 +321,31 @@ def index1(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndar
     return rates[:, :, :3], rates[:, :, 3:], lam
 
 
+def _sparse_index1(scene: Scene, G: csr_array, force: np.ndarray, gamma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """du/dt (6n,) and lam (m,) at one state of an open tree, at a cost proportional to the number of bodies."""
+    from scipy.sparse import bsr_array
+    from scipy.sparse.linalg import splu
+
+    blocks = np.zeros((2 * scene.n, 3, 3))
+    blocks[0::2] = np.eye(3) / scene.masses[:, None, None]
+    blocks[1::2] = np.linalg.inv(scene.inertias)
+    size = 6 * scene.n
+    inverse = bsr_array((blocks, np.arange(2 * scene.n), np.arange(2 * scene.n + 1)), shape=(size, size))
+    S = splu((G @ inverse @ G.T).tocsc())
+    rates, lam = inverse @ force, np.zeros(len(gamma))
+    for _ in range(2):  # as in the dense algebra
+        more = S.solve(G @ rates + gamma)
+        rates = rates - inverse @ (G.T @ more)
+        lam += more
+    return rates, lam
+
+
 def _schur_solver(G: np.ndarray, inverse: np.ndarray, independent: bool) -> Callable[[np.ndarray], np.ndarray]:
     """lam of G M^-1 G^T lam = rhs, (T, m), as a function of rhs, with least norm if rows are redundant.
 
     `independent` skips the search for the rank, which takes as long as a hundred solutions.
     """
-    scaled = G @ np.linalg.cholesky(inverse)
+    scaled = G @ _root(inverse)
     rank = count = G.shape[1]
     if not independent:
         singular = np.linalg.svd(scaled[0], compute_uv=False)
@@ -322,6 +356,16 @@ def _schur_solver(G: np.ndarray, inverse: np.ndarray, independent: bool) -> Call
     U, sigma, _ = np.linalg.svd(scaled, full_matrices=False)
     U, sigma = U[:, :, :rank], sigma[:, :rank]
     return lambda rhs: np.einsum("tmr,tr,tr->tm", U, 1 / sigma**2, np.einsum("tmr,tm->tr", U, rhs))
+
+
+def _root(inverse: np.ndarray) -> np.ndarray:
+    """A root of each M^-1: a lower triangle, or none where a rotor leaves M^-1 semidefinite to rounding."""
+    try:
+        return np.linalg.cholesky(inverse)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(inverse)
+        found: np.ndarray = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+        return found
 
 
 def redundant_rows(scene: Scene) -> int:

@@ -113,7 +113,8 @@ def test_rows_and_springs_are_checked(make):
 
 
 @pytest.mark.parametrize(("name", "value"), [
-    ("coordinate_map", ["exp"]), ("coordinate_map", np.array(["exp", "cayley"])), ("monitor", None), ("monitor", "yes"),
+    ("coordinate_map", ["exp"]), ("coordinate_map", np.array(["exp", "cayley"])),
+    ("reduce", ["planar"]), ("reduce", np.array(["planar", "off"])), ("monitor", None), ("monitor", "yes"),
     ("spin_free", "no"), ("t_eval", np.array([0, 1j])), ("t_eval", [-1e308, 1e308]), ("t_eval", ["0", "1"]),
     ("t_eval", [0, 10**400]), ("t_eval", [0, 5e-324]),
 ])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -261,6 +263,30 @@ def test_redundant_joints_share_the_load():
     np.testing.assert_allclose(a2, a, rtol=0, atol=rounding)
     np.testing.assert_allclose(alpha2, alpha, rtol=0, atol=rounding)
     np.testing.assert_allclose(lam2, np.concatenate([lam, lam], -1) / 2, rtol=0, atol=rounding)  # least norm
+
+
+OPEN_TREES = ("branching_tree", "bead_on_line", "chain_8", "light_heavy", "thrown_double", "driven_cart")
+
+
+@pytest.mark.parametrize("name", OPEN_TREES)
+def test_sparse_and_dense_index1_systems_of_open_trees_agree(name, monkeypatch):
+    scene = load_scene(name)
+    states = [np.repeat(each, 2, axis=0) for each in start(scene)]
+    dense = mechanics.index1(scene, *states, t=np.array([0.0, 0.1]))
+    monkeypatch.setattr(mechanics, "FEW_BODIES", 0)
+    monkeypatch.setattr(mechanics, "inverse_mass", None)  # what is dense is not made
+    for some, others in zip(mechanics.index1(scene, *states, t=np.array([0.0, 0.1])), dense, strict=True):
+        assert np.abs(some - others).max() < 1e-12 * np.abs(others).max()  # light_heavy spans four decades of masses
+
+
+def test_a_rotor_of_any_size_leaves_the_other_accelerations_accurate():
+    """Against the limit: the hinge does not turn faster, and the body is carried around."""
+    scene = load_scene("hinge_pendulum")
+    hinge = scene.joints[0]
+    a, alpha, _ = mechanics.index1(scene.replace(joints=(dataclasses.replace(hinge, armature=(1e89,)),)), *start(scene))
+    assert np.abs(alpha).max() < 1e-12
+    arm, spin = -scene.R0[0] @ hinge.child_anchor, scene.R0[0] @ scene.w0[0]
+    assert np.abs(a[0, 0] - np.cross(spin, np.cross(spin, arm))).max() < 1e-12
 
 
 @pytest.mark.parametrize("name", ["light_heavy", "heavy_light", "double_pendulum"])

@@ -231,12 +231,12 @@ class Constraints:
                                      for follower in self.followers)], axis=1)
         joints, names = self.scene.joints, list(self.rows)
         owner = np.empty(self._all_rows, dtype=int)  # the joint whose rows they are
-        for index, rows in enumerate(self.rows.values()):
-            owner[rows] = index
+        for index, own in enumerate(self.rows.values()):
+            owner[own] = index
         for follower in self.followers:
             owner[follower.leader] = names.index(follower.joint.name)
         children = np.array([joint.child for joint in joints], dtype=int)
-        wrench = np.zeros((len(x), len(joints), 6))  # force, and torque about the centre of mass in body axes
+        wrench = np.zeros((len(joints), len(x), 6))  # force, and torque about the centre of mass in body axes
         for part in self._parts(len(x)):
             for rows, body, linear, angular in self._blocks(x[part], R[part]):
                 mine = children[owner[rows[:, 0]]] == body
@@ -244,9 +244,9 @@ class Constraints:
                     if block is not None and mine.any():
                         pull = np.einsum("tkri,tkr->tki", np.broadcast_to(
                             block, (len(x[part]), *block.shape[-3:]))[:, mine], lam[part][:, rows[mine]])
-                        np.subtract.at(wrench[part, :, first:first + 3], (slice(None), owner[rows[mine, 0]]), pull)
+                        np.subtract.at(wrench[:, part, first:first + 3], owner[rows[mine, 0]], np.swapaxes(pull, 0, 1))
         attitude = R[:, children]
-        force, about_com = wrench[:, :, :3], np.einsum("tkij,tkj->tki", attitude, wrench[:, :, 3:])
+        force, about_com = np.swapaxes(wrench[:, :, :3], 0, 1), np.einsum("tkij,ktj->tki", attitude, wrench[:, :, 3:])
         arm = np.einsum("tkij,kj->tki", attitude, np.array([joint.child_anchor for joint in joints]).reshape(-1, 3))
         torque = about_com - cross(arm, force)
         return {name: (force[:, k], torque[:, k]) for k, name in enumerate(names)}

@@ -25,7 +25,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
     "files": set(),
     "jobs": BASE,
-    "scene": BASE,
+    "scene": BASE | {"jobs"},  # model files are read in a worker
     "document": {"errors"},
     "references": BASE | {"scene"},
     "adapters": BASE | {"scene", "jobs", "document", "lieeuler"},

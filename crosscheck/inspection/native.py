@@ -23,7 +23,7 @@ from crosscheck.scene.coordinates import zero_attitude
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.mechanics import index1
 from crosscheck.scene.model import Scene, quaternion_from_rotation
-from crosscheck.scene.models import import_model
+from crosscheck.scene.models import apart, import_model
 from crosscheck.scene.models import source as sources
 from crosscheck.scene.models.words import quoted, together
 
@@ -129,10 +129,10 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     readers = [name for name in built_in.ENTRIES if adapters.get(name).reads_models]
     for name in readers if engines is None else engines:
         try:
-            engine = adapters.get(name)
+            adapters.get(name)  # raises if there is none
             if outside and name.startswith("mujoco"):  # MuJoCo would read files outside the model's folder
                 raise sources.outside(source, outside[0])
-            found = engine.native(str(source), states)
+            found = apart(_native, (os.getcwd(), name, str(source), states), str(source))
             natives.append(dataclasses.replace(found, engine=f"{name} without meshes" if found.refusal else name))
             if found.refusal:
                 refused[name] = found.refusal
@@ -153,6 +153,14 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
         told += _otherwise_left_out(source, scene)
     return NativeInspection(source, scene, tuple(natives), tuple(told), refused,
                             str(no_scene or ""))
+
+
+def _native(task: tuple[str, str, str, JointStates]) -> Native:
+    """What an engine makes of a file, for (working folder, engine, path, states)."""
+    folder, name, path, states = task
+    os.chdir(folder)
+    made: Native = adapters.get(name).native(path, states)
+    return made
 
 
 def _rooted(root: Element) -> float:

@@ -8,11 +8,11 @@ that a scene cannot hold and that would change the motion is refused, or on requ
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from crosscheck.errors import ArgumentError, SceneError
+from crosscheck.errors import ArgumentError, CrosscheckError, SceneError
 from crosscheck.scene.model import Scene
 
 if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engine version does not have
@@ -20,6 +20,11 @@ if TYPE_CHECKING:  # the schema needs msgspec, which the environment of an engin
 
 SUFFIXES = (".xml", ".urdf", ".mjcf", ".xacro")
 """Endings of model files; .xacro is listed so that it can be refused with a reason."""
+
+LONGEST, MOST_MEMORY = 60.0, 4 * 2**30
+"""Limits of time (s) and memory (bytes) for reading a model; the largest robots take two seconds and .3 GB."""
+
+T = TypeVar("T")
 
 
 def is_model(path: object) -> bool:
@@ -68,9 +73,36 @@ def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None
 
 
 def table(path: str | os.PathLike[str], **options: Any) -> Content:
-    """The content of the scene file for a model; options and errors as `import_model`."""
+    """The content of the scene file for a model; options and errors as `import_model`.
+
+    It is read in a worker process with limits of time and memory, because a model may make its parser stall or crash.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise ArgumentError(f"path: the name of a model file is wanted, not {type(path).__name__}")
+    return apart(_read, (os.getcwd(), os.fsdecode(path), options), os.fsdecode(path))
+
+
+def apart(function: Callable[[Any], T], task: Any, path: str) -> T:
+    """The result of a function that reads the model `path`, from a worker; raises its error, or `SceneError`."""
+    from crosscheck.jobs.workers.crew import isolated
+    from crosscheck.jobs.workers.process import Crash, Limits
+
+    answer = isolated(function, task, Limits(LONGEST, MOST_MEMORY))
+    if isinstance(answer, Crash):
+        if isinstance(answer.error, CrosscheckError | ImportError):
+            raise answer.error
+        raise SceneError(f"{path}: reading it {answer.message.removeprefix('stopped: it ')}; no engine needs "
+                         "so much for a robot, check what it reserves, repeats and includes")
+    result: T = answer
+    return result
+
+
+def _read(task: tuple[str, str, dict[str, Any]]) -> dict[str, Any]:
+    """The content of a scene file for (working folder, path, options)."""
     from crosscheck.scene.models import reading
 
+    folder, path, options = task
+    os.chdir(folder)
     return reading.table(path, **options)
 
 

@@ -16,6 +16,9 @@ from crosscheck.errors import SceneError, unknown
 LARGEST = 64 * 2**20
 """Largest size of a model file, bytes; large robot descriptions have a hundredth of it."""
 
+MOST_LINKS = 3000
+"""Largest number of links of a URDF: the time of the engines' parsers grows as its square, and is 5 s there."""
+
 MOST_ELEMENTS, DEEPEST = 10**5, 400
 """Largest number of elements of a model after replication, and of nested levels; the engines' parsers stop at 500."""
 
@@ -137,6 +140,8 @@ def read(path: Path) -> Source:
         raise SceneError(f"{path}: {place(macro)} is a xacro element; run xacro first and give the URDF that it writes")
     if root.tag not in ("mujoco", "robot"):
         raise SceneError(f"{path}: the root element is <{root.tag}>; a model file begins with <mujoco> or <robot>")
+    if root.tag == "robot" and (count := len(root.findall("link"))) > MOST_LINKS:
+        raise SceneError(f"{path}: has {count} links, at most {MOST_LINKS} are read; merge those on fixed joints")
     if root.tag == "mujoco":
         _expand(path, root, path.parent.resolve(), (path.resolve(),))
         _check_size(path, root)

@@ -187,6 +187,8 @@ BAD = {
                '<body name="b"><joint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>',
     "endless.urdf": ARM_URDF.replace('<mass value="1"/>', '<mass value="inf"/>'),
     "heavy.urdf": ARM_URDF.replace('<mass value="1"/>', '<mass value="heavy"/>'),
+    "reserved.xml": '<mujoco><size nkey="20000000"/></mujoco>', "long.xml": f'<mujoco model="{"a" * 10**6}"/>',
+    "links.urdf": "<robot name='r'>" + "<link name='l'/>" * 10**4 + "</robot>",
     "still.xml": "<mujoco/>", "arm.xacro": ARM_URDF, "cut.urdf": ARM_URDF[:300],
 }
 WORDS = {"bomb.xml": "document type", "round.xml": "in a circle", "script.urdf": "xacro", "tag.xml": "nonsense",
@@ -195,6 +197,8 @@ WORDS = {"bomb.xml": "document type", "round.xml": "in a circle", "script.urdf":
          "nothing.xml": "names no file", "folder.xml": "is no file", "height.xml": "outside its folder",
          "other.xml": "outside its folder", "flex.xml": "outside its folder", "far.xml": "outside its folder",
          "endless.urdf": "not finite", "heavy.urdf": "not written in numbers",
+         "reserved.xml": "line 1: nkey reserves room for 20000000 entries", "links.urdf": "has 10000 links",
+         "long.xml": "line 1: a name has 1000000 characters",
          "still.xml": "nothing in it moves", "arm.xacro": "xacro", "cut.urdf": "not XML"}
 
 
@@ -222,6 +226,21 @@ HOSTILE = {
     "reader.urdf": ('<?xml version="1.0" encoding="utf-16"?><!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]>'
                     "<robot>&x;</robot>".encode("utf-16"), "document type"),
 }
+
+
+@pytest.mark.parametrize(("limits", "words"), [((1e-3, 4 * 2**30), "did not end within the time limit"),
+                                               ((60.0, 2**20), "took more memory")])
+@pytest.mark.parametrize("use", [crosscheck.import_model, crosscheck.inspect])
+def test_a_model_that_stalls_or_swells_is_stopped(limits, words, use, tmp_path, monkeypatch):
+    from crosscheck.scene import models
+
+    monkeypatch.setattr(models, "LONGEST", limits[0])
+    monkeypatch.setattr(models, "MOST_MEMORY", limits[1])
+    bodies = '<body><joint/><geom size="1"/></body>' * 3000
+    path = written(tmp_path, f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    with pytest.raises(crosscheck.SceneError, match=words) as caught:
+        use(path)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", HOSTILE)

@@ -8,7 +8,38 @@ from collections.abc import Mapping
 import numpy as np
 
 from crosscheck.errors import CrosscheckError
+from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
+
+ORDERS = 10
+"""Highest derivative whose maximum is recorded."""
+
+LONGEST = 8.0
+"""Longest piece of a series, s: where nothing moves, or a parabola is exact, nothing else would end it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Piece:
+    """One step of a series: state = sum of coefficients[:, k] tau^k for a time tau from its start to its length (s)."""
+
+    start: float
+    rest: float  # what the start has beyond a double
+    length: float
+    coefficients: np.ndarray  # (dimension, order + 1)
+
+
+@dataclasses.dataclass(frozen=True)
+class End:
+    """Where a series goes on: its state, and the time in two parts as that of a piece."""
+
+    state: np.ndarray
+    time: float = 0.0
+    rest: float = 0.0
+
+
+def breaks(scene: Scene) -> list[float]:
+    """Times at which a derivative of a function of time jumps, also beyond the scene's duration."""
+    return sorted({t for function in scene.functions for t in function.inner_breaks if t > 0.0})
 
 
 @dataclasses.dataclass(frozen=True)

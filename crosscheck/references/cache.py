@@ -1,8 +1,7 @@
-"""References stored on disk, one .npz per scene, named by the scene's hash and the version of the formulas."""
+"""Truths stored on disk, one .npz per system, named by the key of the system and the version of the formulas."""
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import hashlib
 import importlib.metadata
@@ -17,16 +16,11 @@ from typing import Any
 import numpy as np
 
 from crosscheck.files import cache_folder
-from crosscheck.references.base import Reference
+from crosscheck.references.base import End, Piece, TruthError
+from crosscheck.references.dense_output import GROWTH_POINTS, STATES, Truth
 from crosscheck.scene.model import Scene
-from crosscheck.scene.states import States
 
-_STATES = ("t", "x", "R", "v", "w", "a", "alpha")
-_OTHERS = tuple(field.name for field in dataclasses.fields(Reference) if field.name != "states")
-_TEXT = ("source", "second_source")
 _DIGEST = "digest"
-_ARRAYS = ("position_derivatives", "attitude_derivatives")
-
 
 SHARED = ("functions", "joints", "laws", "model", "states")
 """Modules of `crosscheck.scene` that the formulas import, directly or not."""
@@ -52,27 +46,25 @@ def formula_version() -> str:
 
 
 def path(scene: Scene) -> pathlib.Path:
-    """File of a scene's reference."""
-    return cache_folder() / f"{scene.hash[:40]}-{formula_version()[:12]}.npz"
+    """File of the truth of a system."""
+    return cache_folder() / f"{scene.key[:40]}-{formula_version()[:12]}.npz"
 
 
-def load(scene: Scene) -> Reference | None:
-    """The stored reference, or None if there is none that can be read."""
+def load(scene: Scene, portable: bool) -> Truth | None:
+    """The stored truth, or None if there is none that can be read."""
     try:
         with np.load(path(scene), allow_pickle=False) as stored:
-            content = {name: stored[name] for name in (*_STATES, *_OTHERS)}
-            if str(stored[_DIGEST]) != _digest(content):
-                raise ValueError("its content is not what was stored")
-        _check(scene, content)
-        states = States(*(content[name] for name in _STATES))
-        others = {name: content[name] if name in _ARRAYS else content[name].item() for name in _OTHERS}
+            content = {name: stored[name] for name in stored.files}
+        if str(content.pop(_DIGEST)) != _digest(content):
+            raise ValueError("its content is not what was stored")
+        return _restored(scene, portable, content)
     except (FileNotFoundError, NotADirectoryError):
         return None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile, zlib.error,
+            TruthError) as error:
         warnings.warn(f"the stored reference of {scene.name!r} cannot be read ({error}); it is computed anew",
-                      stacklevel=2)
+                      stacklevel=3)
         return None
-    return Reference(states, **others)
 
 
 def _digest(content: dict[str, Any]) -> str:
@@ -84,39 +76,93 @@ def _digest(content: dict[str, Any]) -> str:
     return digest.hexdigest()
 
 
-def _check(scene: Scene, content: dict[str, Any]) -> None:
-    """Raise `ValueError` if the content cannot be a reference of this scene."""
-    vectors, count = (scene.samples, scene.n, 3), len(content["position_derivatives"])
-    shapes = dict.fromkeys(("x", "v", "w", "a", "alpha"), vectors) | {
-        "t": (scene.samples,), "R": (*vectors, 3)} | dict.fromkeys(_ARRAYS, (count,))
-    for name, value in content.items():
-        if name in shapes and (value.shape != shapes[name] or value.dtype != np.float64
-                               or not (name in _ARRAYS or np.isfinite(value).all())):
-            raise ValueError(f"{name} is not finite or not of shape {shapes[name]}")
-        if name not in shapes and value.shape != ():
-            raise ValueError(f"{name} is not a single value")
-    if not np.array_equal(content["t"], scene.t):
-        raise ValueError("its times are not those of the scene")
-    start = max(np.abs(content["x"][0] - scene.x0).max(), np.abs(content["R"][0] - scene.R0).max())
-    if start > 1e-9 * max(1.0, np.abs(scene.x0).max()):  # a reference starts where the scene does, to rounding
+def _content(truth: Truth) -> dict[str, np.ndarray]:
+    """A truth as named arrays."""
+    assert truth.end is not None
+    second = truth.second_end or End(np.zeros(0))
+    exact = sorted(truth.exact)
+    content = {
+        "start": [piece.start for piece in truth.pieces], "rest": [piece.rest for piece in truth.pieces],
+        "length": [piece.length for piece in truth.pieces],
+        "coefficients": np.array([piece.coefficients for piece in truth.pieces]), "maxima": truth.maxima,
+        "growth": truth.growth, "end": truth.end.state, "end_time": [truth.end.time, truth.end.rest],
+        "second_x": truth.second[0], "second_R": truth.second[1], "second_source": truth.second_source,
+        "second_end": second.state, "second_time": [second.time, second.rest],
+        "third_x": truth.third[0], "third_R": truth.third[1], "exact_t": exact}
+    content |= {f"exact_{name}": np.array([truth.exact[t][k] for t in exact]) for k, name in enumerate(STATES)}
+    return {name: np.asarray(value) for name, value in content.items()}
+
+
+def _restored(scene: Scene, portable: bool, content: dict[str, Any]) -> Truth:
+    """The truth of this scene from named arrays; raises `ValueError` or `KeyError` if they cannot be it."""
+    truth, n = Truth(scene, portable), scene.n
+    start, length, coefficients = (content[name] for name in ("start", "length", "coefficients"))
+    pieces, dimension = len(start), len(content["end"])
+    kind = np.longdouble if portable else np.float64
+    shapes = {"start": (pieces,), "rest": (pieces,), "length": (pieces,), "maxima": (pieces, *truth.maxima.shape[1:]),
+              "growth": (GROWTH_POINTS * pieces + 1,), "end_time": (2,), "second_time": (2,)}
+    for part in ("second", "third"):
+        count = len(content[f"{part}_x"])
+        shapes |= {f"{part}_x": (count, n, 3), f"{part}_R": (count, n, 3, 3)}
+    for name, shape in shapes.items():
+        if content[name].shape != shape or content[name].dtype != np.float64 or not np.isfinite(content[name]).all():
+            raise ValueError(f"{name} is not finite or not of shape {shape}")
+    if coefficients.ndim != 3 or len(coefficients) != pieces or not np.isfinite(coefficients).all() or (
+            coefficients.dtype != kind or coefficients.shape[2] < 3):
+        raise ValueError("coefficients are not finite or not those of its pieces")
+    if not np.allclose(start[1:], start[:-1] + length[:-1], rtol=1e-14, atol=0.0) or start[0] != 0.0 or (
+            length <= 0.0).any():
+        raise ValueError("its pieces do not follow each other")
+    truth.end = End(content["end"], *content["end_time"].tolist())
+    truth.pieces = [Piece(*parts) for parts in zip(start.tolist(), content["rest"].tolist(), length.tolist(),
+                                                   coefficients, strict=True)]
+    truth.maxima, truth.growth = content["maxima"], content["growth"]
+    truth.second, truth.third = ((content[f"{part}_x"], content[f"{part}_R"]) for part in ("second", "third"))
+    truth.second_source = str(content["second_source"])
+    if len(content["second_end"]):
+        truth.second_end = End(content["second_end"], *content["second_time"].tolist())
+    columns = [content[f"exact_{name}"] for name in STATES]
+    truth.exact = {float(t): tuple(column[k] for column in columns) for k, t in enumerate(content["exact_t"])}
+    if abs(truth.end.time - truth.reach) > 1e-12 * truth.reach or len(truth.second[0]) != len(truth.compared):
+        raise ValueError("its parts are not of one length")
+    begin = truth.on_series(np.zeros(1))
+    start_gap = max(np.abs(begin.x[0] - scene.x0).max(), np.abs(begin.R[0] - scene.R0).max())
+    if not start_gap <= 1e-9 * max(1.0, np.abs(scene.x0).max()):  # it starts where the scene does, to rounding
         raise ValueError("it starts elsewhere than the scene")
+    if dimension < coefficients.shape[1] - 12 * (n + 1) * portable:
+        raise ValueError("its end has not the dimension of its pieces")
+    return truth
 
 
-def store(scene: Scene, reference: Reference) -> None:
-    """Store a reference by writing a temporary file and renaming it; a failure, such as a full disk, only warns."""
-    target = path(scene)
-    content: dict[str, Any] = {name: getattr(reference.states, name) for name in _STATES}
-    content |= {name: getattr(reference, name) for name in _OTHERS}
-    content = {name: np.asarray(value) for name, value in content.items()}
+def store(truth: Truth) -> None:
+    """Store a truth by writing a temporary file and renaming it, unless another command has stored a longer one.
+
+    A failure, such as a full disk, only warns.
+    """
+    target = path(truth.scene)
+    content = _content(truth)
     temporary = None
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=target.parent, suffix=".tmp", delete=False) as file:
             temporary = pathlib.Path(file.name)
-            np.savez(file, **(content | {_DIGEST: np.asarray(_digest(content))}))
-        os.replace(temporary, target)
+            content |= {_DIGEST: np.asarray(_digest(content))}
+            np.savez(file, **content)  # type: ignore[arg-type]
+        if _stored_reach(target) > truth.reach:
+            temporary.unlink()
+        else:
+            os.replace(temporary, target)
     except OSError as error:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
-        warnings.warn(f"the reference of {scene.name!r} cannot be stored in {target.parent} ({error}); "
+        warnings.warn(f"the reference of {truth.scene.name!r} cannot be stored in {target.parent} ({error}); "
                       "set CROSSCHECK_CACHE to a folder that can be written", stacklevel=2)
+
+
+def _stored_reach(target: pathlib.Path) -> float:
+    """The reach (s) of a stored truth; 0 if it cannot be read."""
+    try:
+        with np.load(target, allow_pickle=False) as stored:
+            return float(stored["end_time"][0])
+    except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile, zlib.error):
+        return 0.0

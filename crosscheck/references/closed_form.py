@@ -157,26 +157,20 @@ class Rotation:
         return pose_in_doubles(self.world, E, self.axes, w)
 
 
-def _free_body(scene: Scene) -> States:
-    """Exact states of a free body at the scene's output times, to rounding.
-
-    Raises
-    ------
-    Unsupported
-        There is more than one body, a joint or a force, or the rotation is steady.
-    """
+def _free_body(scene: Scene, times: np.ndarray) -> States:
+    """`solve` for a free body."""
     if scene.n != 1 or scene.joints or scene.forces:
         raise Unsupported(f"closed form for {scene.name!r}: not a single free body")
     body = scene.bodies[0]
     rotation = Rotation(body.inertia, body.attitude, body.angular_velocity)
-    R, w = (np.array(column) for column in zip(*[rotation.pose(t) for t in scene.t], strict=True))
+    R, w = (np.array(column) for column in zip(*[rotation.pose(t) for t in times], strict=True))
     # w x (J - s) w equals w x J w, and two equal moments cancel exactly
     spread = body.inertia - np.sort(np.diag(body.inertia))[1] * np.eye(3)
     alpha = np.linalg.solve(body.inertia, -np.cross(w, w @ spread).T).T
-    t = scene.t[:, None]
+    t = times[:, None]
     x = body.position + t * body.velocity + t**2 / 2 * scene.gravity
     v, a = body.velocity + t * scene.gravity, np.broadcast_to(scene.gravity, x.shape)
-    return States(scene.t, *(array[:, None] for array in (x, R, v, w, a, alpha)))
+    return States(times, *(array[:, None] for array in (x, R, v, w, a, alpha)))
 
 
 SOURCE = "closed form (Jacobi elliptic functions)"
@@ -302,8 +296,8 @@ class Solution:
         return pose_in_doubles(self.world, E, self.axes, w)
 
 
-def solve(scene: Scene) -> States:
-    """Exact states of a free body or a Lagrange top at the scene's output times, to rounding.
+def solve(scene: Scene, times: np.ndarray | None = None) -> States:
+    """Exact states of a free body or a Lagrange top at `times`, by default the scene's output times, to rounding.
 
     Raises
     ------
@@ -311,12 +305,13 @@ def solve(scene: Scene) -> States:
         The scene is neither, or the rotation is steady, or the axis of a top passes through the vertical, where Euler
         angles jump.
     """
+    times = scene.t if times is None else times
     if not scene.joints:
-        return _free_body(scene)
+        return _free_body(scene, times)
     top = lagrange_top(scene)
     body, joint = scene.bodies[0], scene.joints[0]
     solution = Solution(top)
-    R, w = (np.array(column) for column in zip(*[solution.pose(t) for t in scene.t], strict=True))
+    R, w = (np.array(column) for column in zip(*[solution.pose(t) for t in times], strict=True))
     lever = -joint.child_anchor
     J = body.inertia + body.mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
     moment = body.mass * np.cross(lever, scene.gravity @ R) - np.cross(w, w @ J)
@@ -329,4 +324,4 @@ def solve(scene: Scene) -> States:
 
     x, v = joint.parent_anchor + turned(lever), turned(spin)
     a = turned(np.cross(alpha, lever) + np.cross(w, spin))
-    return States(scene.t, *(array[:, None] for array in (x, R, v, w, a, alpha)))
+    return States(times, *(array[:, None] for array in (x, R, v, w, a, alpha)))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator
 
 import numpy as np
 
 from crosscheck.references.generic import quaternion_product
+from crosscheck.references.natural import Natural
 from crosscheck.references.taylor import Taylor
 from crosscheck.references.tree import FREE, scene_length
 from crosscheck.scene.model import Scene
@@ -15,6 +17,7 @@ from crosscheck.scene.model import Scene
 PERTURBATION = 1e-8  # the growth is linear and applies to 1e-14 too, where rounding of the run would hide it
 SMALL_PERTURBATION = 1e-11  # used if PERTURBATION grows until the motion is no longer linear in it
 NONLINEAR = 1e-2  # central differences up to this size are linear up to their square
+DIRECTIONS, RANDOM_PERTURBATION = 4, 1e-9  # of `sampled_growth`
 HORIZON_GROWTH = 1e-10 / 1e-15
 INSTANTS = 401  # growth oscillates; this grid makes it independent of the scene's number of samples
 RESOLVED = 40  # a horizon within this many instants of the start is searched again on a finer grid
@@ -41,10 +44,7 @@ def measure(integrator: Taylor) -> Conditioning:
     directions the root of the sum of squares over all of them is estimated instead, which is no less than the worst.
     """
     t = np.linspace(0.0, integrator.scene.duration, INSTANTS)
-    growth = _growth(integrator, t, PERTURBATION)
-    if np.max(growth) * PERTURBATION > NONLINEAR:
-        small = _growth(integrator, t, SMALL_PERTURBATION)
-        growth = np.where(growth * PERTURBATION > NONLINEAR, np.maximum(small, growth), growth)
+    growth = growth_over(integrator, t)
     amplification = float(np.max(growth))
     over = np.flatnonzero(growth >= HORIZON_GROWTH)
     while len(over) and over[0] < RESOLVED and over[0] > 0:
@@ -53,6 +53,35 @@ def measure(integrator: Taylor) -> Conditioning:
         over = np.flatnonzero(growth >= HORIZON_GROWTH)
     last = max(over[0] - 1, 0) if len(over) else INSTANTS - 1
     return Conditioning(amplification, float(np.max(growth[:last + 1])), float(t[last]))
+
+
+def growth_over(integrator: Taylor, t: np.ndarray) -> np.ndarray:
+    """(T,) growth of the worst small perturbation of the start at times t, which begin with 0; see `measure`."""
+    growth = _growth(integrator, t, PERTURBATION)
+    if np.max(growth) * PERTURBATION > NONLINEAR:
+        small = _growth(integrator, t, SMALL_PERTURBATION)
+        growth = np.where(growth * PERTURBATION > NONLINEAR, np.maximum(small, growth), growth)
+    return growth
+
+
+def sampled_growth(natural: Natural, t: np.ndarray) -> np.ndarray:
+    """`growth_over` from runs in natural coordinates with a few random perturbations of the start.
+
+    On average a random direction contains the worst one with the factor one over the root of the number of freedoms.
+    """
+    scene = natural.scene
+    states, length = natural.run(t), scene_length(scene)
+    rate = max(float(np.abs(scene.w0).max(initial=0.0)), math.sqrt(float(np.linalg.norm(scene.gravity)) / length))
+    rng = np.random.default_rng(0)
+    freedoms = max(1, 12 * scene.n - 2 * natural.rows.count)
+    largest = np.zeros(len(t))
+    for _ in range(DIRECTIONS):
+        x, turn, v, w = RANDOM_PERTURBATION * rng.standard_normal((4, scene.n, 3))
+        other = natural.run(t, natural.start_beside(length * x, turn, rate * length * v, rate * w))
+        gaps = np.maximum(np.linalg.norm(other.x - states.x, axis=-1).max(axis=1) / length,
+                          np.linalg.norm(other.R - states.R, axis=(-2, -1)).max(axis=1))
+        largest = np.maximum(largest, gaps / RANDOM_PERTURBATION)
+    return np.maximum(1.0, math.sqrt(freedoms / DIRECTIONS) * largest)
 
 
 def floor(scene: Scene) -> tuple[float, float]:

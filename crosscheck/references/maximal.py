@@ -23,16 +23,16 @@ from typing import Any
 import numpy as np
 from scipy.integrate import DOP853, Radau
 
-from crosscheck.references.base import TruthError
+from crosscheck.references.base import End, TruthError, breaks
 from crosscheck.references.world import Motion, cross, rotation, turned
 from crosscheck.references.world_loads import ConstantLoad, JointLoad, LinearSpring, TorsionalSpring
 from crosscheck.references.world_rows import Coupled, Driven, Relations, kinds
 from crosscheck.scene.model import Joint, Scene
 from crosscheck.scene.states import States
 
-DECAYS = 5000.0
-"""The implicit method is used if the rate of the fastest decay times the duration exceeds this: the stability of an
-explicit method would require a hundred thousand evaluations or more."""
+DECAY = 1000.0
+"""The implicit method is used if the rate of the fastest decay (1/s) exceeds this: the stability of an explicit method
+would require ten thousand evaluations a second or more."""
 
 IMPLICIT_RTOL = 1e-12
 """Tolerance of the implicit method: a tenth of it gives the same error with twice the evaluations."""
@@ -52,12 +52,12 @@ def eigenvalues(rates: Callable[[float, np.ndarray], np.ndarray], start: np.ndar
     return np.linalg.eigvals(np.array(columns).T / (2 * DIFFERENCE))
 
 
-def integrator_for(values: np.ndarray, duration: float, tightest: float) -> tuple[type[Any], float]:
-    """Integrator and relative tolerance for equations with these eigenvalues (1/s) over `duration` (s).
+def integrator_for(values: np.ndarray, tightest: float) -> tuple[type[Any], float]:
+    """Integrator and relative tolerance for equations with these eigenvalues (1/s), whatever the duration.
 
     `tightest`: the relative tolerance if nothing is stiff.
     """
-    if -values.real.min() * duration > DECAYS:
+    if -values.real.min() > DECAY:
         return Radau, IMPLICIT_RTOL
     return DOP853, tightest * max(1.0, float(np.abs(values).max()) / QUIET)
 
@@ -154,8 +154,7 @@ class Maximal:
         self.graded = self._graded()
         self.integrator: tuple[type[Any], float] = DOP853, RTOL if self.rank is None else RTOL_DEPENDENT
         if self.springs or self.torsions:
-            self.integrator = integrator_for(eigenvalues(self.rates, self.initial()), scene.duration,
-                                                   self.integrator[1])
+            self.integrator = integrator_for(eigenvalues(self.rates, self.initial()), self.integrator[1])
         self.source = f"{self.integrator[0].__name__} (SciPy), maximal coordinates"
 
     def _couple(self) -> None:
@@ -366,15 +365,22 @@ class Maximal:
             angles += self.coupled.begun[:len(self.coupled.turns)].tolist()
         return np.concatenate([scene.x0.ravel(), q.ravel(), scene.v0.ravel(), scene.w0.ravel(), angles])
 
+    @property
+    def begin(self) -> End:
+        """The start of the scene."""
+        return End(self.initial())
+
     def run(self, times: np.ndarray | None = None) -> States:
-        """States at `times`, by default the scene's output times, from the scene's start.
+        """States at `times`, by default the scene's output times, from the scene's start, which is the first of them.
 
         Steps end at these times, because dense output is less accurate than a step.
         """
-        y, rows = self.initial(), []
-        step: float | None = None
-        times = self.scene.t if times is None else times
-        stops = np.union1d(times, [t for t in self.scene.breaks if t < times[-1]])
+        return self.advance(self.begin, self.scene.t if times is None else times)[0]
+
+    def advance(self, end: End, times: np.ndarray) -> tuple[States, End]:
+        """States at `times`, from an end that is at the first of them, and their end; its `rest` is a step to try."""
+        y, rows, step = end.state, [], end.rest or None
+        stops = np.union1d(times, [t for t in breaks(self.scene) if times[0] < t < times[-1]])
         for start, end in itertools.pairwise(stops):
             if start in times:
                 rows.append(self._row(y, start))
@@ -390,7 +396,8 @@ class Maximal:
                 proposals.append(solver.h_abs)
             y, step = solver.y, max(proposals)  # the last step was shortened to the end of the interval
         rows.append(self._row(y, times[-1]))
-        return States(times, *(np.array(column) for column in zip(*rows, strict=True)))
+        states = States(times, *(np.array(column) for column in zip(*rows, strict=True)))
+        return states, End(y, float(times[-1]), step or 0.0)
 
     def _row(self, y: np.ndarray, t: float) -> tuple[np.ndarray, ...]:
         """x, R, v, w, a, alpha at one instant, in the common convention."""

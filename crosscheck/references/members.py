@@ -65,16 +65,15 @@ class Members:
         TruthError
             The difference is larger than the conditioning of the structure explains.
         """
-        from crosscheck import references
         from crosscheck.references import maximal, taylor
-        from crosscheck.references.agreement import Solved, agree
+        from crosscheck.references.agreement import FLOOR, ROUNDOFF, Solved, agree
 
         conditions = self._conditions
         count = int(np.count_nonzero(member.t <= conditions.horizon * (1 + 1e-12)))
         if count < 2:
             raise TruthError(f"{member.name!r}: a perturbation of 1e-15 grows to 1e-10 before the first output time")
         other = maximal.Maximal(member)
-        allowed = max(references.FLOOR, references.ROUNDOFF * conditions.within_horizon)
+        allowed = max(FLOOR, ROUNDOFF * conditions.within_horizon)
         own = Solved(states, taylor.SOURCE)
         found = agree(member, own, Solved(other.run(member.t[:count]), other.source), count, allowed)
         if found.chosen is not own:

@@ -17,11 +17,14 @@ A row of a joint is z^T A z / 2 + B z + c of the coordinates z = (q_i, q_j) of t
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from crosscheck.errors import Unsupported
-from crosscheck.references.base import TruthError
+from crosscheck.references.base import LONGEST, ORDERS, End, Piece, TruthError, breaks
 from crosscheck.references.natural_loads import LONG, JointLoad, LinearSpring, Load, Motion, TorsionalSpring
 from crosscheck.scene.model import GROUND, Joint, Scene
 from crosscheck.scene.states import States
@@ -173,6 +176,7 @@ ORDER = 28
 WINDOW = 8  # number of last coefficients that determine the step; symmetry may make several in a row zero
 REMAINDER = 1e-21  # error of a step relative to the state
 SOFTENING = 1e-10  # added to the multipliers' block so that dependent rows can be solved; refinement removes its effect
+SUBPOINTS = 4  # of a step at which derivatives are evaluated
 REFINEMENTS, SURE = 8, 3  # most and fewest; for a zero solution the second correction is as large as the first
 BLOCK = 500  # largest size of a step's matrix; with it a step takes less than a second
 MOST_STEPS = 5000
@@ -187,6 +191,8 @@ class Natural:
     Unsupported
         The scene is too large for a dense matrix per step, or has an element that is not modelled here.
     """
+
+    source = SOURCE
 
     def __init__(self, scene: Scene) -> None:
         if reason := scene.beyond(("joint_torque", "function")):
@@ -210,35 +216,68 @@ class Natural:
         self.weight = np.zeros((self.n + 1, 4, 3), LONG)
         self.weight[:-1, 0] = scene.masses[:, None].astype(LONG) * scene.gravity
 
-    def run(self, times: np.ndarray | None = None, start: tuple[np.ndarray, np.ndarray] | None = None,
-            steps: list[tuple[float, Motion]] | None = None) -> States:
-        """States at `times`, by default the scene's output times, from the scene's start or another one.
-
-        `start` is (q, q'). `steps` collects the length of each step and its series.
-        """
+    def run(self, times: np.ndarray | None = None, start: tuple[np.ndarray, np.ndarray] | None = None) -> States:
+        """States at `times`, by default the scene's output times, from the scene's start or from `start` = (q, q')."""
         times = self.scene.t if times is None else times
         q, rate = self._start() if start is None else start
         angles = np.array([spring.start for spring in self.torsions], LONG)
-        now, count = LONG(0.0), 0
-        found: list[tuple[np.ndarray, ...]] = []
-        waiting = list(times)
-        while True:
-            motion = self._series(q, rate, angles, now)
-            h = self._step(motion)
-            if following := [t for t in self.scene.breaks if t > now]:
-                h = min(h, LONG(following[0]) - now)
-            end = now + h
-            if steps is not None:
-                steps.append((min(float(h), float(times[-1] - now)), motion))
-            while waiting and (waiting[0] <= end or waiting[0] <= now):
-                found.append(motion.at(LONG(waiting.pop(0)) - now))
+        entries, waiting = list[tuple[np.ndarray, ...]](), list(times)
+        for now, h, motion in self._steps(q, rate, angles, LONG(0.0)):
+            while waiting and (waiting[0] <= now + h or waiting[0] <= now):
+                entries.append(motion.at(LONG(waiting.pop(0)) - now))
             if not waiting:
                 break
-            q, rate, _, angles = motion.at(h)
-            now, count = end, count + 1
+        return _states(times, *(np.array([entry[k] for entry in entries]) for k in range(3)))
+
+    def _steps(self, q: np.ndarray, rate: np.ndarray, angles: np.ndarray, now: np.longdouble
+               ) -> Iterator[tuple[np.longdouble, np.longdouble, Motion]]:
+        """Start, length and series of one step after the other, without end."""
+        stops = breaks(self.scene)
+        for count in itertools.count():
             if count > MOST_STEPS or not np.abs(self.rows.values(q)).max(initial=0.0) <= OPEN:
                 raise TruthError(f"{SOURCE}: {self.scene.name!r} at t = {float(now):.6g} s: no step leads on")
-        return _states(times, found)
+            motion = self._series(q, rate, angles, now)
+            h = LONG(float(min([self._step(motion), LONG(LONGEST), *(t - now for t in stops if t > now)])))
+            yield now, h, motion
+            q, rate, _, angles = motion.at(h)
+            now = now + h
+
+    @property
+    def begin(self) -> End:
+        """The start of the scene: q, q' and the angles of torsional springs."""
+        q, rate = self._start()
+        return End(np.concatenate([q.ravel(), rate.ravel(), [spring.start for spring in self.torsions]]))
+
+    def advance(self, end: End, until: float) -> tuple[list[Piece], End]:
+        """The pieces from an end to `until` or beyond, which they do not depend on, and their end."""
+        size, pieces = 12 * (self.n + 1), list[Piece]()
+        q, rate = end.state[:2 * size].reshape(2, -1, 4, 3)
+        now, state = LONG(end.time) + LONG(end.rest), end.state
+        for begin, h, motion in self._steps(q, rate, end.state[2 * size:], now):
+            if begin >= until:
+                break
+            coefficients = np.concatenate([motion.q.reshape(ORDER + 1, -1), motion.angles], axis=1).T
+            pieces.append(Piece(float(begin), float(begin - LONG(float(begin))), float(h), coefficients))
+            q, rate, _, angles = motion.at(h)
+            now, state = begin + h, np.concatenate([q.ravel(), rate.ravel(), angles])
+        return pieces, End(state, float(now), float(now - LONG(float(now))))
+
+    def dense_states(self, t: np.ndarray, values: Callable[[int], np.ndarray]) -> States:
+        """States at times t from the values of the pieces; `values(k)` are those of the k-th derivative."""
+        return _states(t, *(values(k)[:, :12 * (self.n + 1)].reshape(len(t), -1, 4, 3) for k in range(3)))
+
+    def derivative_maxima(self, pieces: Sequence[Piece]) -> np.ndarray:
+        """Largest |d^k x/dt^k| and |d^k R/dt^k|_F over each piece and the bodies, (pieces, 2, ORDERS + 1)."""
+        largest = np.zeros((len(pieces), 2, ORDERS + 1))
+        for piece, sizes in zip(pieces, largest, strict=True):
+            series = piece.coefficients[:12 * (self.n + 1)].T.astype(float).reshape(ORDER + 1, -1, 4, 3)[:, :-1]
+            for tau in np.arange(SUBPOINTS) * piece.length / SUBPOINTS:
+                for k in range(ORDERS + 1):
+                    weights = np.array([math.perm(j, k) * tau ** (j - k) for j in range(k, ORDER + 1)])
+                    derivative = np.tensordot(weights, series[k:], 1)
+                    sizes[0, k] = max(sizes[0, k], np.linalg.norm(derivative[:, 0], axis=-1).max())
+                    sizes[1, k] = max(sizes[1, k], np.linalg.norm(derivative[:, 1:], axis=(-2, -1)).max())
+        return largest
 
     def _start(self) -> tuple[np.ndarray, np.ndarray]:
         """q and q' (n + 1, 4, 3) of the scene's start, on the constraints to extended precision."""
@@ -371,9 +410,9 @@ def _vee(matrices: np.ndarray) -> np.ndarray:
                            matrices[..., 1, 0] - matrices[..., 0, 1]], axis=-1)
 
 
-def _states(times: np.ndarray, found: list[tuple[np.ndarray, ...]]) -> States:
-    """States from q, q', q'' at all times, without the ground."""
-    q, rate, second = (np.array([entry[k][:-1] for entry in found]) for k in range(3))
+def _states(times: np.ndarray, *derivatives: np.ndarray) -> States:
+    """States from q, q', q'' (T, n + 1, 4, 3), the ground last."""
+    q, rate, second = (each[:, :-1] for each in derivatives)
     R, turning, bending = (np.swapaxes(part[:, :, 1:], -1, -2) for part in (q, rate, second))
     back = np.swapaxes(R, -1, -2)
     w = _vee(np.matmul(back, turning))

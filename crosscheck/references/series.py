@@ -8,8 +8,9 @@ import math
 
 import numpy as np
 
+from crosscheck.references.base import ORDERS
+
 WINDOW = 8  # number of last coefficients that determine a step; symmetry, as at rest, may make several in a row zero
-ORDERS = 10  # highest derivative whose maximum is recorded
 
 
 @dataclasses.dataclass

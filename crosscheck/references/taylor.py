@@ -18,10 +18,10 @@ import numpy as np
 from crosscheck.errors import Unsupported
 from crosscheck.references import loops
 from crosscheck.references.articulated import accelerations, centripetal
-from crosscheck.references.base import TruthError
+from crosscheck.references.base import LONGEST, ORDERS, End, Piece, TruthError, breaks
 from crosscheck.references.generic import ByBody, add, apply, cross, scale
 from crosscheck.references.joint_motion import ZERO, Tree
-from crosscheck.references.series import ORDERS, Series, safe_step, shifted
+from crosscheck.references.series import Series, safe_step, shifted
 from crosscheck.references.tree import FREE, unfold
 from crosscheck.references.tree_loads import Loads, angle_rate, start_angle, tree_angle
 from crosscheck.scene.functions import TimeFunction, Value, at
@@ -40,9 +40,9 @@ class Taylor:
     State vector: that of `Tree`, then the angles of torsional springs in joints that close loops.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        import heyoka
+    source = SOURCE
 
+    def __init__(self, scene: Scene) -> None:
         self.scene = scene
         links, closing = unfold(scene)
         self.tree = Tree(scene, links)
@@ -62,8 +62,11 @@ class Taylor:
         self.rank, self.shift = 0, 0.0
         self.ties = [self._tie(joint) for joint in scene.joints if joint.mimic is not None]
         self._analyse_loops()
-        self._integrator = self.integrator(compact_mode=True, high_accuracy=True)
-        self._fine = (heyoka.taylor_outcome.success, heyoka.taylor_outcome.time_limit)
+
+    @functools.cached_property
+    def _integrator(self) -> Any:
+        """Compiled when it is first used: what is stored is evaluated without it."""
+        return self.integrator(compact_mode=True, high_accuracy=True)
 
     def integrator(self, tolerance: float | None = None, **options: bool) -> Any:
         """A compiled Taylor integrator at the initial state; `options` are those of `heyoka.taylor_adaptive`."""
@@ -214,28 +217,45 @@ class Taylor:
             change = start_angle(joint, q) - start_angle(joint, self.tree.start)
             state[self.tree.size + k] += change - 2 * np.pi * np.round(change / (2 * np.pi))
 
-    def run(self, initial: np.ndarray | None = None, times: np.ndarray | None = None,
-            coefficients: list[Any] | None = None) -> np.ndarray:
-        """State vectors (T, dimension) at `times`, by default the scene's output times, from `initial` at the first.
+    @property
+    def begin(self) -> End:
+        """The start of the scene."""
+        return End(self.initial)
 
-        `coefficients` collects, for each step, (step length, Taylor coefficients (dimension, order + 1)).
+    def advance(self, end: End, until: float) -> tuple[list[Piece], End]:
+        """The pieces from an end to `until` or beyond, and their end.
+
+        They do not depend on `until`: a motion that is prolonged is that of one integration.
         """
+        integrator, stops, pieces = self._integrator, breaks(self.scene), list[Piece]()
+        integrator.dtime = end.time, end.rest
+        integrator.state[:] = end.state
+        self._set_pieces(end.time)
+        while integrator.time < until:
+            begin = integrator.dtime
+            following = [t for t in stops if t > integrator.time]
+            self._step(min([begin[0] + LONGEST, *following[:1]]))
+            if following and integrator.time >= following[0]:
+                self._set_pieces(following[0])
+            pieces.append(Piece(begin[0], begin[1], integrator.last_h, integrator.tc.copy()))
+        return pieces, End(integrator.state.copy(), *integrator.dtime)
+
+    def run(self, initial: np.ndarray | None = None, times: np.ndarray | None = None) -> np.ndarray:
+        """State vectors (T, dimension) at `times`, by default the scene's output times, from `initial` at the first."""
         integrator = self._integrator
         times = self.scene.t if times is None else times
         integrator.time = times[0]
         integrator.state[:] = self.initial if initial is None else initial
         states = np.empty((len(times), len(self.initial)))
         states[0] = integrator.state
-        breaks = np.array([*(t for t in self.scene.breaks if t < times[-1]), times[-1]])
+        stops = np.array([*(t for t in breaks(self.scene) if t < times[-1]), times[-1]])
         self._set_pieces(times[0])
         while integrator.time < times[-1]:
             reached = int(np.searchsorted(times, integrator.time, side="right"))
-            stop = breaks[np.searchsorted(breaks, integrator.time, side="right")]
+            stop = stops[np.searchsorted(stops, integrator.time, side="right")]
             self._step(stop)
             if integrator.time >= stop:
                 self._set_pieces(stop)
-            if coefficients is not None:
-                coefficients.append((integrator.last_h, integrator.tc.copy()))
             for k in range(reached, int(np.searchsorted(times, integrator.time, side="right"))):
                 integrator.update_d_output(times[k])
                 states[k] = integrator.d_output
@@ -243,6 +263,9 @@ class Taylor:
 
     def _step(self, end: float) -> None:
         """One step, at most `safe_step` long; heyoka's own choice uses only two coefficients."""
+        import heyoka
+
+        fine = heyoka.taylor_outcome.success, heyoka.taylor_outcome.time_limit
         integrator = self._integrator
         begin, state = integrator.dtime, integrator.state.copy()
         outcome, _ = integrator.step(end - begin[0] - begin[1], write_tc=True)
@@ -251,7 +274,7 @@ class Taylor:
             integrator.dtime = begin
             integrator.state[:] = state
             outcome, _ = integrator.step(min(longest, end - begin[0] - begin[1]), write_tc=True)
-        if outcome not in self._fine or not np.isfinite(integrator.state).all():
+        if outcome not in fine or not np.isfinite(integrator.state).all():
             raise TruthError(f"{SOURCE}: integration of {self.scene.name!r} ended with {outcome}; "
                              "a loop may pass a singular position there, or a spring of some length shrink to nothing")
 
@@ -291,10 +314,11 @@ class Taylor:
             x[:, body] += np.einsum("tij,tj->ti", R[:, body], _stack(frames[body].lever, len(x)))
         return x, R
 
-    def states(self, states: np.ndarray) -> States:
-        """States at the output times, with accelerations from these equations."""
+    def states(self, states: np.ndarray, t: np.ndarray | None = None) -> States:
+        """States with accelerations from these equations, at times t, by default the output times."""
+        t = self.scene.t if t is None else t
         x, attitudes = self.pose(states)
-        loads, alpha, A, _ = self._solved([*states.T], functools.partial(at, t=self.scene.t))
+        loads, alpha, A, _ = self._solved([*states.T], functools.partial(at, t=t))
         placed = loads.placed or self.tree.world(loads.frames)
         v, w, a, spin = (np.empty_like(x) for _ in range(4))
         for body in range(self.scene.n):
@@ -304,15 +328,19 @@ class Taylor:
             turned = [np.einsum("tij,tj->ti", attitudes[:, body], _stack(vector, len(x))) for vector in (own, pull)]
             v[:, body], a[:, body] = _stack(velocity, len(x)) + turned[0], turned[1]
             w[:, body], spin[:, body] = _stack(frame.w, len(x)), _stack(alpha[body], len(x))
-        return States(self.scene.t, x, attitudes, v, w, a, spin)
+        return States(t, x, attitudes, v, w, a, spin)
 
-    def derivative_maxima(self, coefficients: list[Any]) -> tuple[np.ndarray, np.ndarray]:
-        """Largest |d^k x/dt^k| and |d^k R/dt^k|_F over the run and the bodies, k = 0 ... ORDERS.
+    def dense_states(self, t: np.ndarray, values: Callable[[int], np.ndarray]) -> States:
+        """States at times t from the values of the pieces; `values(k)` are those of the k-th derivative."""
+        return self.states(values(0), t)
+
+    def derivative_maxima(self, pieces: Sequence[Piece]) -> np.ndarray:
+        """Largest |d^k x/dt^k| and |d^k R/dt^k|_F over each piece and the bodies, (pieces, 2, ORDERS + 1).
 
         The Taylor polynomials of each step are expanded about SUBPOINTS points of the step, and poses are series of
         these. The maximum over these points is a few percent below the true one at the highest orders.
         """
-        series = np.concatenate([shifted(tc, h * k / SUBPOINTS) for h, tc in coefficients
+        series = np.concatenate([shifted(piece.coefficients, piece.length * k / SUBPOINTS) for piece in pieces
                                  for k in range(SUBPOINTS)]).reshape(-1, len(self.initial), ORDERS + 1)
         state = [Series(series[:, k]) for k in range(series.shape[1])]
         frames = self.tree.frames(state, moving=False)
@@ -323,9 +351,9 @@ class Taylor:
             R, point, _ = placed[body]
             centre = add(ZERO, point, apply(R, frames[body].lever))
             for entries in (centre, [entry for row in R for entry in row]):
-                square = sum(_coefficients(entry, len(series)) ** 2 for entry in entries)
-                sizes.append(factorials * np.sqrt(np.max(square, axis=0)))
-        return np.max(sizes[::2], axis=0), np.max(sizes[1::2], axis=0)
+                square = np.sum([_coefficients(entry, len(series)) ** 2 for entry in entries], axis=0)
+                sizes.append(factorials * np.sqrt(square.reshape(len(pieces), SUBPOINTS, -1).max(axis=1)))
+        return np.stack([np.max(sizes[::2], axis=0), np.max(sizes[1::2], axis=0)], axis=1)
 
 
 def _coefficients(entry: Series | float, length: int) -> np.ndarray:

@@ -1,5 +1,6 @@
 """The cache of references: hits, corruption, concurrency, folders that cannot be written."""
 
+import dataclasses
 import os
 import pathlib
 import subprocess
@@ -11,6 +12,7 @@ import pytest
 import crosscheck.references as references
 from crosscheck.files import cache_folder
 from crosscheck.references import cache
+from crosscheck.references.dense_output import Truth
 
 
 @pytest.fixture
@@ -27,22 +29,34 @@ def single(build):
 
 @pytest.fixture
 def counted(monkeypatch):
-    """Calls of `compute`."""
-    calls, original = [], references.compute
-    monkeypatch.setattr(references, "compute", lambda scene: calls.append(scene.name) or original(scene))
+    """Integrations of a truth, from (s) and to (s); what a process keeps in memory is forgotten."""
+    calls, original = [], Truth.prolong
+
+    def prolong(truth, until):
+        begin = truth.reach
+        worked = original(truth, until)
+        if worked:
+            calls.append((begin, until))
+        return worked
+
+    monkeypatch.setattr(references, "_kept", {})
+    monkeypatch.setattr(Truth, "prolong", prolong)
     return calls
 
 
 def same(one, other):
     for name in ("t", "x", "R", "v", "w", "a", "alpha"):
         np.testing.assert_array_equal(getattr(one.states, name), getattr(other.states, name))
-    for name in cache._OTHERS:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    for field in dataclasses.fields(one):
+        if field.name != "states":
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
 
 
 def test_hit_does_not_compute(folder, single, counted):
-    first, second = references.truth(single), references.truth(single)
-    assert counted == ["single"]
+    first = references.truth(single)
+    references._kept.clear()
+    second = references.truth(single)
+    assert counted == [(0.0, 0.2)]
     same(first, second)
     assert type(second.source) is str
     assert type(second.allowed) is float
@@ -53,8 +67,35 @@ def test_prose_hits_and_physics_misses(folder, single, counted):
     references.truth(single.replace(name="other", description="other words"))
     assert len(counted) == 1
     references.truth(single.replace(gravity=[0, 0, -9.80665]))
+    assert len(counted) == 2
     references.truth(single.replace(samples=5))
-    assert len(counted) == 3
+    references.truth(single.replace(duration=0.1, samples=2))
+    assert len(counted) == 2
+
+
+def test_a_longer_time_prolongs(folder, single, counted):
+    """Two times one after the other give what one computation gives, whether memory or the file has the first."""
+    at_once = references.compute(single.replace(duration=2.0, samples=9))
+    counted.clear()
+    references.truth(single)
+    references.truth(single.replace(duration=1.0))
+    references._kept.clear()
+    found = references.truth(single.replace(duration=2.0, samples=9))
+    assert [begin for begin, _ in counted] == sorted(begin for begin, _ in counted)
+    assert counted[0][0] == 0.0 < counted[-1][0]
+    same(found, at_once)
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_a_shorter_truth_does_not_replace_a_longer_one(folder, single, counted):
+    """Two commands at once: the one that asked for less is the last to write."""
+    references.truth(single.replace(duration=2.0))
+    kept = cache.path(single).read_bytes()
+    short = Truth(single)
+    short.prolong(0.2)
+    cache.store(short)
+    assert cache.path(single).read_bytes() == kept
+    assert len(list(folder.iterdir())) == 1
 
 
 def test_new_formulas_miss(folder, single, counted, monkeypatch):
@@ -71,7 +112,7 @@ def test_damaged_file_is_computed_anew(folder, single, counted, damage):
     content = bytearray(file.read_bytes())
     if damage == "entry missing":
         with np.load(file) as stored:
-            kept = {name: stored[name] for name in stored.files if name != "alpha"}
+            kept = {name: stored[name] for name in stored.files if name != "maxima"}
         np.savez(file, **kept)
     elif damage == "flipped":
         content[content.index(b"\x93NUMPY") + 130] ^= 0xFF  # the first array starts at 128; the archive has a checksum
@@ -85,10 +126,12 @@ def test_damaged_file_is_computed_anew(folder, single, counted, damage):
     assert len(counted) == 2
 
 
-WRONG = {"a number that is none": ("x", lambda x: np.where(x == x.max(), np.nan, x)),
-         "of another number of samples": ("v", lambda v: v[:-1]), "of another shape": ("R", lambda R: R[..., 0]),
-         "shifted by a sample": ("x", lambda x: np.roll(x, 1, axis=0)), "other times": ("t", lambda t: 2 * t),
-         "of integers": ("w", lambda w: w.astype(int)), "two numbers": ("allowed", lambda _: np.array([1.0, 2.0]))}
+WRONG = {"a number that is none": ("coefficients", lambda c: np.where(c == c.max(), np.nan, c)),
+         "of another number of pieces": ("maxima", lambda part: part[:-1]),
+         "of another shape": ("second_R", lambda R: R[..., 0]), "without its end": ("second_x", lambda x: x[:-1]),
+         "of a motion that starts elsewhere": ("coefficients", lambda c: np.roll(c, 1, axis=1)),
+         "other times": ("length", lambda t: 2 * t), "of integers": ("growth", lambda part: part.astype(int)),
+         "three numbers": ("end_time", lambda _: np.array([1.0, 2.0, 3.0]))}
 
 
 @pytest.mark.parametrize("signed", [False, True], ids=["changed later", "with a digest of its own"])
@@ -105,9 +148,10 @@ def test_a_well_formed_file_with_wrong_content_is_computed_anew(folder, single, 
     with pytest.warns(UserWarning, match="computed anew"):
         same(first, references.truth(single))
     assert len(counted) == 2
+    references._kept.clear()
 
 
-def test_folder_that_cannot_be_made_is_a_warning(tmp_path, monkeypatch, single):
+def test_folder_that_cannot_be_made_is_a_warning(tmp_path, monkeypatch, single, counted):
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
     monkeypatch.setenv("CROSSCHECK_CACHE", str(blocked / "below"))
@@ -115,7 +159,7 @@ def test_folder_that_cannot_be_made_is_a_warning(tmp_path, monkeypatch, single):
         assert references.truth(single).states.x.shape == (3, 1, 3)
 
 
-def test_nothing_is_left_of_a_failed_write(folder, single, monkeypatch):
+def test_nothing_is_left_of_a_failed_write(folder, single, counted, monkeypatch):
     def full(file, **content):
         file.write(b"half")
         raise OSError("no space left")

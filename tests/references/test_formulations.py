@@ -112,9 +112,9 @@ def test_derivative_maxima_of_a_steady_rotation(build):
     rate, radius = 3.0, 0.7
     body = (1.0, np.diag([0.1, 0.2, 0.25]), [1, 0, 0, 0], [0.0, 0.0, rate])
     scene = build([body], [(GROUND, 0, [5.0, 0, 0], [-radius, 0, 0])], gravity=(0, 0, 0), duration=4.0)
-    integrator, coefficients = Taylor(scene), []
-    integrator.run(coefficients=coefficients)
-    position, attitude = integrator.derivative_maxima(coefficients)
+    integrator = Taylor(scene)
+    pieces, _ = integrator.advance(integrator.begin, scene.duration)
+    position, attitude = integrator.derivative_maxima(pieces).max(axis=0)
     k = np.arange(1, ORDERS + 1)
     # k! times a Taylor coefficient of a rounded series: a rounding grows by about e^k in the products
     np.testing.assert_allclose(position[1:], radius * rate**k, rtol=1e-10)
@@ -125,11 +125,11 @@ def test_derivative_maxima_of_a_steady_rotation(build):
 
 def test_derivative_maxima_are_accurate_to_a_few_percent(double, monkeypatch):
     """A four times finer scan of the same run finds maxima at most five percent larger."""
-    integrator, coefficients = Taylor(double), []
-    integrator.run(coefficients=coefficients)
-    coarse = integrator.derivative_maxima(coefficients)
+    integrator = Taylor(double)
+    pieces, _ = integrator.advance(integrator.begin, double.duration)
+    coarse = integrator.derivative_maxima(pieces).max(axis=0)
     monkeypatch.setattr(taylor, "SUBPOINTS", 4 * taylor.SUBPOINTS)
-    for few, many in zip(coarse, integrator.derivative_maxima(coefficients), strict=True):
+    for few, many in zip(coarse, integrator.derivative_maxima(pieces).max(axis=0), strict=True):
         assert np.all(many >= few * (1 - 1e-9))  # the finer grid contains the coarser one
         assert np.all(many <= 1.05 * few)
 

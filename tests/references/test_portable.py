@@ -7,14 +7,15 @@ import pytest
 
 import crosscheck
 from crosscheck import references
-from crosscheck.references import maximal, portable
+from crosscheck.references import maximal
+from crosscheck.references.dense_output import Truth
 
 
 @pytest.mark.parametrize(("scene", "duration"), [("single_pendulum", 1.0), ("hinge_pendulum", 1.0),
                                                  ("slider_crank", 0.1)])
 def test_it_agrees_with_compiled_series(scene, duration):
     loaded = crosscheck.load_scene(scene).replace(duration=duration, samples=6)
-    own = portable.compute(loaded, references.FLOOR, references.ROUNDOFF)
+    own = Truth(loaded, portable=True).reference(loaded)
     other = references.compute(loaded)
     np.testing.assert_allclose(own.states.x, other.states.x, rtol=0, atol=1e-12)  # the bound of each
     np.testing.assert_allclose(own.states.R, other.states.R, rtol=0, atol=1e-12)
@@ -31,4 +32,14 @@ def test_a_mistake_in_one_formulation_is_caught(monkeypatch):
     loaded = crosscheck.load_scene("single_pendulum").replace(duration=0.5, samples=6)
     monkeypatch.setattr(maximal, "weight", lambda masses, gravity: np.outer(masses, 1.01 * gravity))
     with pytest.raises(references.TruthError, match="disagree"):
-        portable.compute(loaded, references.FLOOR, references.ROUNDOFF)
+        Truth(loaded, portable=True).reference(loaded)
+
+
+def test_it_is_prolonged_as_if_at_once():
+    loaded = crosscheck.load_scene("hinge_pendulum").replace(duration=1.0, samples=6)
+    at_once, twice = Truth(loaded, portable=True), Truth(loaded, portable=True)
+    twice.prolong(0.3)
+    one, other = at_once.reference(loaded), twice.reference(loaded)
+    np.testing.assert_array_equal(one.states.x, other.states.x)
+    np.testing.assert_array_equal(one.states.alpha, other.states.alpha)
+    assert one.disagreement == other.disagreement

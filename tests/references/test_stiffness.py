@@ -19,7 +19,7 @@ def test_eigenvalues_are_those_of_the_equations():
     ([50j, -50j, -1.0], DOP853, RTOL), ([1000j, -1000j], DOP853, 10 * RTOL), ([-2e4, -50.0], Radau, 1e-12),
     ([2e4, -1.0], DOP853, 200 * RTOL)])
 def test_fast_decay_asks_for_the_implicit_method_and_fast_oscillation_for_a_looser_one(values, integrator, rtol):
-    found = maximal.integrator_for(np.array(values), 1.0, RTOL)
+    found = maximal.integrator_for(np.array(values), RTOL)
     assert found[0] is integrator
     assert found[1] == pytest.approx(rtol)
 

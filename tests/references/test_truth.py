@@ -9,10 +9,10 @@ import pytest
 from crosscheck.references import (
     Chaotic,
     TruthError,
-    agreement,
     articulated,
     compute,
     conditioning,
+    dense_output,
     maximal,
     world_rows,
 )
@@ -88,7 +88,7 @@ def test_a_difference_that_nobody_arbitrates_is_the_error(double, monkeypatch):
     """The growth of rounding is known only roughly: a larger difference makes the truth less well known."""
     original = maximal.weight
     monkeypatch.setattr(maximal, "weight", lambda *arguments: original(*arguments) * (1 + 1e-9))
-    monkeypatch.setattr(agreement, "_third", lambda *arguments: None)
+    monkeypatch.setattr(dense_output, "natural_coordinates", lambda *arguments: None)
     found = compute(double)
     assert not found.outvoted
     assert found.allowed < 1e-10 < found.disagreement == found.error < 1e-7

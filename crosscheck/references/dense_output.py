@@ -1,0 +1,359 @@
+"""Truth of a system at any time: a series in pieces, prolonged on demand, and what confirms it.
+
+One computation serves every duration and every choice of output times. Three grids belong to the pieces, and so to the
+system alone. Growth of perturbations is measured at GROWTH_POINTS points of a piece. The second formulation stops at
+the middle and the end of each piece. Derivatives are maxima over each piece.
+
+Why two points of a piece are enough for the times between. A step is at most e^-2 of the radius of convergence, and the
+remainder of its series, which grows with the power of its order, is largest at the end of the piece. The difference of
+two formulations is analytic over the same radius: its k-th term is at most e^-2k of its largest value there, and a
+piece begins, too, at a point of comparison. The cubic term, the first that three points leave open, adds at most
+e^-6, a quarter of a percent, to the largest difference found. `tests/references/test_dense.py` looks at random times.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from math import ceil
+from typing import Any
+
+import numpy as np
+
+from crosscheck.errors import Unsupported
+from crosscheck.references.agreement import (
+    FLOOR,
+    ROUNDOFF,
+    USABLE,
+    Agreement,
+    Solved,
+    agree,
+    difference,
+    natural_coordinates,
+)
+from crosscheck.references.base import ORDERS, Chaotic, End, Piece, Reference, TruthError
+from crosscheck.references.conditioning import HORIZON_GROWTH, growth_over, sampled_growth
+from crosscheck.references.natural import Natural
+from crosscheck.references.taylor import Taylor
+from crosscheck.scene.model import Scene
+from crosscheck.scene.states import States
+
+GROWTH_POINTS = 8  # of a piece; growth oscillates as the motion does
+COMPARED = np.arange(GROWTH_POINTS // 2, GROWTH_POINTS + 1, GROWTH_POINTS // 2)
+"""Those of a piece at which two formulations are compared."""
+EXACT_APART = 6
+"""A closed form takes 10 ms at a time, and has no error that grows: it is compared at every sixth of these points."""
+STATES = ("x", "R", "v", "w", "a", "alpha")
+CHUNK = 500
+"""Pieces whose derivatives are computed at once: a hundred arrays of such a size take 100 MB."""
+
+
+class Truth:
+    """Truth of a system; made by `crosscheck.references.dense`.
+
+    Parameters
+    ----------
+    scene : the system; its duration and samples do not count
+    portable : use the formulations that need no heyoka
+
+    Attributes
+    ----------
+    pieces : steps of the series
+    maxima : (pieces, 2, ORDERS + 1) largest |d^k x/dt^k| and |d^k R/dt^k|_F of all bodies in each
+    growth : growth of the worst perturbation of the start at `times`, until the series ends
+    second : positions (k, n, 3) and attitudes (k, n, 3, 3) of the second formulation at `compared`
+    """
+
+    def __init__(self, scene: Scene, portable: bool = False) -> None:
+        self.scene, self.portable = scene, portable
+        self.pieces: list[Piece] = []
+        self.maxima = np.zeros((0, 2, ORDERS + 1))
+        self.growth = np.zeros(0)
+        self.second = np.zeros((0, scene.n, 3)), np.zeros((0, scene.n, 3, 3))
+        self.third = np.zeros((0, scene.n, 3)), np.zeros((0, scene.n, 3, 3))
+        self.second_source = ""
+        self.end: End | None = None
+        self.second_end: End | None = None
+        self.exact: dict[float, tuple[np.ndarray, ...]] = {}
+
+    @functools.cached_property
+    def series(self) -> Taylor | Natural:
+        """The formulation whose series are kept."""
+        return Natural(self.scene) if self.portable else Taylor(self.scene)
+
+    @functools.cached_property
+    def _stacked(self) -> tuple[np.ndarray, ...]:
+        """Starts, their rests, lengths and coefficients of all pieces."""
+        return (np.array([piece.start for piece in self.pieces]), np.array([piece.rest for piece in self.pieces]),
+                np.array([piece.length for piece in self.pieces]),
+                np.array([piece.coefficients for piece in self.pieces]))
+
+    @property
+    def reach(self) -> float:
+        """The time (s) up to which it is computed."""
+        return self.pieces[-1].start + self.pieces[-1].length if self.pieces else 0.0
+
+    @functools.cached_property
+    def times(self) -> np.ndarray:
+        """0, and GROWTH_POINTS times of each piece."""
+        starts, _, lengths, _ = self._stacked
+        inner = starts[:, None] + lengths[:, None] * np.arange(1, GROWTH_POINTS + 1) / GROWTH_POINTS
+        return np.concatenate([[0.0], inner.ravel()])
+
+    @functools.cached_property
+    def compared(self) -> np.ndarray:
+        """0, and the times at which the formulations are compared, up to where perturbations grow too much."""
+        inner = self.times[1:].reshape(-1, GROWTH_POINTS)[:, COMPARED - 1].ravel()
+        inner = inner[inner <= self._known_until]
+        return np.concatenate([[0.0], inner[::-EXACT_APART][::-1] if self.closed else inner])
+
+    @functools.cached_property
+    def _known_until(self) -> float:
+        """The time until which a perturbation of 1e-15 stays below 1e-10, at most `reach`."""
+        over = np.flatnonzero(self.growth >= HORIZON_GROWTH)
+        return float(self.times[max(over[0] - 1, 0)]) if len(over) else self.reach
+
+    @property
+    def horizon(self) -> float:
+        """The time (s) at which the truth ends, at most `reach`."""
+        return self._known_until
+
+    @property
+    def horizon_cause(self) -> str:
+        """Why it ends at its horizon; empty if it does not."""
+        return "a perturbation of 1e-15 has grown to 1e-10" if self.horizon < self.reach else ""
+
+    @functools.cached_property
+    def events(self) -> tuple[tuple[float, str, str], ...]:
+        """(time, joint or monitor, what happened)."""
+        return ()
+
+    @property
+    def error(self) -> float:
+        """Bound on the error in |dx| / length and |dR|_F up to the horizon."""
+        allowed, agreed = self._agreed(self.reach)
+        return max(allowed, agreed.difference)
+
+    @functools.cached_property
+    def closed(self) -> bool:
+        """Whether the system has a closed form."""
+        from crosscheck.references import closed_form
+
+        try:
+            closed_form.solve(self.scene, np.zeros(1))
+        except Unsupported:
+            return False
+        return True
+
+    def prolong(self, until: float) -> bool:
+        """Compute it up to a time (s); whether that was needed.
+
+        Raises
+        ------
+        TruthError
+            A formulation ends early.
+        """
+        if until <= self.reach and self.pieces:
+            return False
+        pieces, end = self.series.advance(self.end or self.series.begin, until)
+        maxima = [self.series.derivative_maxima(pieces[k:k + CHUNK]) for k in range(0, len(pieces), CHUNK)]
+        longer = Truth(self.scene, self.portable)
+        longer.__dict__ |= {"series": self.series, "closed": self.closed, "end": end, "keep": self.keep,
+                            "pieces": [*self.pieces, *pieces], "maxima": np.concatenate([self.maxima, *maxima])}
+        series = self.series
+        longer.growth = (growth_over(series, longer.times) if isinstance(series, Taylor)
+                         else sampled_growth(series, longer.times))
+        longer._confirm(self)
+        longer.exact = self.exact
+        self.__dict__ = longer.__dict__  # only now: an error leaves a shorter truth as it is
+        return True
+
+    def _confirm(self, before: Truth) -> None:
+        """Solve the second formulation at the times of comparison that a shorter truth does not have."""
+        if self.closed:
+            from crosscheck.references import closed_form
+
+            states = closed_form.solve(self.scene, self.compared)
+            self.second, self.second_source = (states.x, states.R), closed_form.SOURCE
+            return
+        other = self._other
+        states, self.second_end = other.advance(before.second_end or other.begin,
+                                                self.compared[max(len(before.second[0]) - 1, 0):])
+        known = len(before.second[0]) - 1 if before.second_end else 0
+        self.second = (np.concatenate([before.second[0][:known], states.x]),
+                       np.concatenate([before.second[1][:known], states.R]))
+        self.second_source = other.source
+
+    @functools.cached_property
+    def _other(self) -> Any:
+        """The formulation in maximal coordinates."""
+        from crosscheck.references.maximal import Maximal
+
+        return Maximal(self.scene)
+
+    def at(self, t: Any) -> States:
+        """States at increasing times (s), with accelerations; it is prolonged if it has to be.
+
+        They are those of the series, also where a closed form confirms it: that takes 10 ms for each time.
+
+        Raises
+        ------
+        TruthError
+            As `crosscheck.references.truth`.
+        """
+        t = np.atleast_1d(np.asarray(t, dtype=float))
+        if len(t) and (not np.isfinite(t).all() or t[0] < 0.0 or np.any(np.diff(t) < 0.0)):
+            raise ValueError("times of a truth have to increase from 0 on")
+        if len(t) and self.prolong(float(t[-1])):
+            self._keep()
+        agreed = self._agreed(self.reach)[1]
+        return self._motion(agreed.second if agreed.chosen.source.startswith("closed") else agreed.chosen, t)
+
+    keep: Callable[[Truth], None] | None = None
+    """What stores it after it was prolonged."""
+
+    def _keep(self) -> None:
+        if self.keep is not None:
+            self.keep(self)
+
+    def on_series(self, t: np.ndarray) -> States:
+        """States at times within its reach from the series, whether it is right or not."""
+        starts, rests, _, coefficients = self._stacked
+        index = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, None)
+        kind = coefficients.dtype.type
+        tau = ((t.astype(kind) - starts[index].astype(kind)) - rests[index].astype(kind))[:, None]
+        order = coefficients.shape[2] - 1
+
+        def values(derivative: int) -> np.ndarray:
+            total = np.zeros((len(t), coefficients.shape[1]), kind)
+            for k in range(order, derivative - 1, -1):
+                total = total * tau + float(np.prod(np.arange(k - derivative + 1, k + 1))) * coefficients[index, :, k]
+            return total
+
+        return self.series.dense_states(t, values)
+
+    def _motion(self, solved: Solved, t: np.ndarray) -> States:
+        """States at times t of the formulation of that name."""
+        if solved.source == self.series.source:
+            return self.on_series(t)
+        if solved.source.startswith("closed"):
+            return self._exactly(t)
+        states = self._other.run(np.union1d([0.0], t))
+        return _picked(states, np.searchsorted(states.t, t))
+
+    def _exactly(self, t: np.ndarray) -> States:
+        """States of the closed form, each time of which is computed once."""
+        from crosscheck.references import closed_form
+
+        missing = np.array([time for time in t.tolist() if time not in self.exact])
+        if len(missing):
+            states = closed_form.solve(self.scene, missing)
+            self.exact = self.exact | {time: tuple(getattr(states, name)[k] for name in STATES)
+                                       for k, time in enumerate(missing.tolist())}
+            self._keep()
+        return States(t, *(np.array(column) for column in zip(*(self.exact[time] for time in t.tolist()), strict=True)))
+
+    def _agreed(self, until: float) -> tuple[float, Agreement]:
+        """What the conditioning explains of a difference up to a time, and the agreement there."""
+        end = min(until, self._known_until)
+        count = min(int(np.searchsorted(self.compared, end)) + 1, len(self.compared))
+        allowed = max(FLOOR, ROUNDOFF * self._growth_until(end))
+        if (count, allowed) not in self._agreements:
+            self._agreements[count, allowed] = self._agree(count, allowed)
+        return allowed, self._agreements[count, allowed]
+
+    @functools.cached_property
+    def _agreements(self) -> dict[tuple[int, float], Agreement]:
+        return {}
+
+    @functools.cached_property
+    def _series_compared(self) -> Solved:
+        return Solved(self.on_series(self.compared), self.series.source)
+
+    def _agree(self, count: int, allowed: float) -> Agreement:
+        series, t = self._series_compared, self.compared
+        other = Solved(_posed(t, self.second), self.second_source)
+        first, second = (other, series) if self.closed else (series, other)
+        if self.portable:
+            apart = difference(self.scene, first.states, second.states, count)
+            if apart.size > max(allowed, USABLE):
+                raise TruthError(f"{self.scene.name!r}: {first.source} and {second.source} disagree by "
+                                 f"{apart.size:.2e} at t = {t[apart.sample]:.6g} s in body "
+                                 f"{self.scene.bodies[apart.body].name!r}; the scene's conditioning explains "
+                                 f"{allowed:.2e}")
+            return Agreement(first, second, apart.size)
+        agreed = agree(self.scene, first, second, count, allowed, self._solved_thirdly)
+        if series not in (agreed.chosen, agreed.second) and (
+                difference(self.scene, series.states, agreed.second.states, count).size > USABLE):
+            raise TruthError(f"{self.scene.name!r}: {agreed.outvoted}, by {agreed.chosen.source} and "
+                             f"{agreed.second.source}, which differ by {agreed.difference:.1e}; they disagree so far "
+                             "that nothing measured with it holds")
+        return agreed
+
+    def _solved_thirdly(self, scene: Scene, t: np.ndarray) -> Solved | None:
+        """The third formulation, which is kept, too."""
+        if len(self.third[0]) < len(t):
+            solved = natural_coordinates(scene, t)
+            if solved is None:
+                return None
+            self.third = solved.states.x, solved.states.R
+        return Solved(_posed(t, self.third), Natural.source)
+
+    def reference(self, scene: Scene) -> Reference:
+        """The truth at the output times of a scene of this system.
+
+        Raises
+        ------
+        TruthError, Chaotic, Unsupported
+            As `crosscheck.references.truth`.
+        """
+        if self.prolong(scene.duration):
+            self._keep()
+        horizon = min(self._known_until, scene.duration)
+        refuse_chaos(scene, horizon)
+        third = len(self.third[0])
+        allowed, agreed = self._agreed(scene.duration)
+        if len(self.third[0]) > third:
+            self._keep()
+        amplification = self._growth_until(scene.duration)
+        position, attitude = self._maxima_until(scene.duration)
+        return Reference(self._motion(agreed.chosen, scene.t), agreed.chosen.source, agreed.second.source,
+                         agreed.difference, allowed, amplification, horizon, position, attitude, agreed.outvoted)
+
+    def _growth_until(self, t: float) -> float:
+        """The largest growth from the start to a time."""
+        return max(float(self.growth[self.times <= t].max()), float(np.interp(t, self.times, self.growth)))
+
+    def _maxima_until(self, until: float) -> np.ndarray:
+        """(2, ORDERS + 1) largest derivatives from the start to a time."""
+        whole = sum(piece.start + piece.length <= until for piece in self.pieces)
+        largest = list(self.maxima[:whole])
+        if whole < len(self.pieces) and until > self.pieces[whole].start:
+            last = self.pieces[whole]
+            largest += list(self.series.derivative_maxima([dataclasses.replace(last, length=until - last.start)]))
+        largest_of_all: np.ndarray = np.max(largest, axis=0)
+        return largest_of_all
+
+
+def _posed(t: np.ndarray, pose: tuple[np.ndarray, np.ndarray]) -> States:
+    """States of which only positions and attitudes are known, the first ones of `pose`."""
+    x, R = (part[:len(t)] for part in pose)
+    unknown = np.full_like(x, np.nan)
+    return States(t, x, R, unknown, unknown, unknown, unknown)
+
+
+def _picked(states: States, index: np.ndarray) -> States:
+    return States(states.t[index], *(getattr(states, name)[index] for name in STATES))
+
+
+def refuse_chaos(scene: Scene, horizon: float) -> None:
+    """Raise an error if the truth ends before the first output time after the start."""
+    if np.count_nonzero(scene.t <= horizon * (1 + 1e-12)) >= 2:  # the ends of both grids agree to rounding
+        return
+    if horizon > 0.0:
+        raise Chaotic(f"{scene.name!r}: its truth ends at {horizon:.3g} s, where a perturbation of 1e-15 has grown to "
+                      f"1e-10, and the first output time is {scene.t[1]:.3g} s; ask for a shorter duration or more "
+                      f"samples: {ceil(scene.duration / horizon) + 1} over {scene.duration:g} s, or a duration of "
+                      f"{horizon:.2g} s", horizon)
+    raise TruthError(f"{scene.name!r}: perturbations of 1e-15 are 1e-10 at the start: it has no truth")

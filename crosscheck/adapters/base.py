@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib.metadata
+import math
 from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypedDict, final
 
 import numpy as np
 
-from crosscheck.errors import Unsupported
+from crosscheck.errors import ArgumentError, Unsupported
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -106,6 +108,9 @@ class RawRun:
         if self.sensors is not None and isinstance(self.states, States):
             self.states.sensors = self.sensors
 
+
+MOST_STEPS = 10**5
+"""Largest number of steps in a sample interval that is tried to meet the period of a servo."""
 
 FIRST = 1
 """The order assumed for a fixed-step method without a claim; every convergent method has it."""
@@ -209,7 +214,18 @@ class StandIn(Engine):
 
 
 def steps_per_sample(scene: Scene, step: float) -> tuple[int, float]:
-    """(steps in one sample interval, step used): the step is shortened to the next one that divides the interval."""
+    """(steps in one sample interval, step used): the step is shortened to the next one that divides the interval.
+
+    It also divides the periods of sampled servos. Raises `ArgumentError` if there is no such step.
+    """
     interval = scene.duration / (scene.samples - 1)
-    count = max(1, int(np.ceil(interval / step * (1 - 1e-12))))
+    count, least = max(1, int(np.ceil(interval / step * (1 - 1e-12)))), 1
+    for name, servo in scene.servos.values():
+        for time in (servo.period, servo.phase):
+            ratio = Fraction((time or 0.0) / interval).limit_denominator(MOST_STEPS)
+            if abs(ratio * interval - (time or 0.0)) > 1e-9 * interval:
+                raise ArgumentError(f"samples: no step divides both the interval between samples, {interval:g} s, and "
+                                    f"the period {time:g} s of the servo of joint {name!r}; choose another number")
+            least = math.lcm(least, ratio.denominator)
+    count = -(-count // least) * least
     return count, interval / count

@@ -226,13 +226,14 @@ class Trajectory:
 def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
     """The trajectory of an engine's raw run, with energies, constraint levels and reactions computed from its states.
 
-    If the engine gives accelerations or multipliers, their first values are replaced by those of the index-1 equations.
+    If the engine gives accelerations or multipliers, their first values are replaced by those of the index-1 equations,
+    which hold where no joint rests on friction or a stop.
     """
     s = raw.states
     a, alpha, lam = s.a, s.alpha, s.lam
     constraints = Constraints(scene)
     with np.errstate(over="ignore", invalid="ignore"):
-        if len(s.t) and (a is not None or lam is not None):
+        if len(s.t) and (a is not None or lam is not None) and not scene.has_laws:
             start = mechanics.index1(scene, s.x[:1], s.R[:1], s.v[:1], s.w[:1], t=s.t[:1])
             a, alpha, lam = (None if values is None else np.concatenate([first, values[1:]])
                              for values, first in zip((a, alpha, lam), start, strict=True))

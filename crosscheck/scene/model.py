@@ -298,16 +298,17 @@ class Scene(_Record):
         return None
 
     @functools.cached_property
-    def servos(self) -> tuple[tuple[str, Servo], ...]:
-        """The servos with the names of their joints, in the order of the forces."""
-        return tuple((force.joint, Servo(**force.parameters)) for force in self.forces if force.type == "servo")
+    def servos(self) -> Mapping[int, tuple[str, Servo]]:
+        """The servos with the names of their joints, by their indices among the forces."""
+        return {index: (force.joint, Servo(**force.parameters)) for index, force in enumerate(self.forces)
+                if force.type == "servo"}
 
     def effort_at_start(self, joint: str, q: float, rate: float) -> float:
         """What the actuators of a joint give at t = 0, where its coordinate and rate are these."""
         given = [at(force.parameters.get("torque", force.parameters.get("force")), 0.0) for force in self.forces
                  if force.joint == joint and force.type.startswith("joint_")]
-        return float(sum(given) + sum(servo.held[0] if servo.held else 0.0 if servo.delay else
-                                      servo.effort(0.0, q, rate) for name, servo in self.servos if name == joint))
+        servos = (servo for name, servo in self.servos.values() if name == joint)
+        return float(sum(given) + sum(0.0 if servo.delay else servo.effort(0.0, q, rate) for servo in servos))
 
     @functools.cached_property
     def coordinates(self) -> tuple[str, ...]:
@@ -333,7 +334,7 @@ class Scene(_Record):
     @property
     def timed(self) -> bool:
         """Whether anything depends on time."""
-        return bool(self.functions) or any(servo.period is not None for _, servo in self.servos)
+        return bool(self.functions) or any(servo.period is not None for _, servo in self.servos.values())
 
     @property
     def functions(self) -> tuple[TimeFunction, ...]:

@@ -61,7 +61,7 @@ def restarted(scene: Scene, motion: Motion, k: int, duration: float, samples: in
             rest = rest.plus(-angle) if isinstance(rest, TimeFunction) else rest - angle
             force = dataclasses.replace(force, parameters={**force.parameters, "rest_angle": rest})
         forces.append(force)
-    kept = {joint for joint, _ in scene.servos} | {joint.name for joint in scene.joints if any(joint.limits)}
+    kept = {joint for joint, _ in scene.servos.values()} | {joint.name for joint in scene.joints if any(joint.limits)}
     joints = (dataclasses.replace(joint, start=_coordinates_at(joint, motion, k)) if joint.name in kept else joint
               for joint in begun.joints)
     return begun.replace(forces=tuple(forces), joints=tuple(joints) if kept else begun.joints)

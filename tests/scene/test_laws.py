@@ -91,7 +91,7 @@ def test_everything_of_version_3_loads(written):
     assert turn.limits == (Limits(-1.0, 8.0),)
     assert slide.limits == (Limits(-math.inf, 0.5, 0.0, 1e3, 10.0),)
     assert both.limits == (None, Limits(0.0, math.inf, 0.5))
-    first, second = (servo for _, servo in scene.servos)
+    first, second = (servo for _, servo in scene.servos.values())
     assert (first.effort_limit, first.period, first.delay) == ((-4.0, 4.0), None, 0)
     assert (second.effort_limit, second.period, second.delay) == ((-1.0, 2.0), 0.1, 2)
     assert isinstance(first.target_velocity, TimeFunction)

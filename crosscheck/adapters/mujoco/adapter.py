@@ -15,6 +15,7 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import stepping, tree
+from crosscheck.adapters.common.held import Held, highest_order
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.mujoco import models
 from crosscheck.adapters.mujoco.known import KNOWN
@@ -51,6 +52,8 @@ class Forms(Engine):
         """
         if spec.method != "RK4":
             return 1
+        if (order := highest_order(scene)) is not None:
+            return order
         return 1 if models.softened(scene, self.form(scene, spec)) and spec.softness != "default" else 4
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
@@ -94,18 +97,19 @@ class MuJoCo(Forms):
         model = build(scene, spec.method, stepping.fixed_step(scene, spec)[1], form, softness)
         data = mujoco.MjData(model)
         set_initial_state(scene, model, data)
-        accelerate, convert = _evaluation(
-            scene, build(scene, "Euler", model.opt.timestep, form, softness, True), form)
+        bench, held = build(scene, "Euler", model.opt.timestep, form, softness, True), Held(scene, model.opt.timestep)
+        accelerate, convert = _evaluation(scene, bench, held, form)
         with listening() as warnings, _controlled(models.controls(scene)):
-            advance = _advance(model, data, warnings, scene.timed)
+            advance = _advance(scene, model, data, warnings, held)
             raw = stepping.march(scene, spec, (data.qpos.copy(), data.qvel.copy()), advance, convert, accelerate)
         raw.form = form
-        if model.neq:
+        if model.neq or models.of_own_law(scene):
             raw.stats["softness"] = softness
         return raw
 
 
-def _evaluation(scene: Scene, model: Any, form: str) -> tuple[Callable[..., np.ndarray], stepping.Convert]:
+def _evaluation(scene: Scene, model: Any, held: Held, form: str
+                ) -> tuple[Callable[..., np.ndarray], stepping.Convert]:
     """Two functions: (t, q, v) -> values of the `OBSERVED` sensors, row by row, and these -> states.
 
     After a step MuJoCo's accelerations are those of its start, so they are evaluated again here. `model` has the
@@ -116,6 +120,7 @@ def _evaluation(scene: Scene, model: Any, form: str) -> tuple[Callable[..., np.n
     import mujoco.rollout
 
     bench = mujoco.MjData(model)  # separate from the data of the run
+    holds = {index: model.actuator(f"load {index}").id for index in held.efforts}
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     empty = np.empty(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, bench, empty, kind)
@@ -128,6 +133,8 @@ def _evaluation(scene: Scene, model: Any, form: str) -> tuple[Callable[..., np.n
         seen = np.empty((len(t), model.nsensordata))
         for row in range(len(t)):  # `rollout` does not call the Python function for controls
             bench.time, bench.qpos[:], bench.qvel[:] = t[row], q[row], v[row]
+            for index, effort in held.at(t[row]).items():
+                bench.ctrl[holds[index]] = effort
             mujoco.mj_forward(model, bench)
             seen[row] = bench.sensordata
         return seen
@@ -165,15 +172,33 @@ def _controlled(control: Callable[[Any, Any], None] | None) -> Iterator[None]:
             mujoco.set_mjcb_control(None)
 
 
-def _advance(model: Any, data: Any, warnings: list[str], timed: bool) -> stepping.Advance:
+def _advance(scene: Scene, model: Any, data: Any, warnings: list[str], held: Held) -> stepping.Advance:
     import mujoco
     import mujoco.rollout
+
+    holds = {index: model.actuator(f"load {index}").id for index in held.efforts}
+    done = 0
+
+    def measure(joint: str) -> tuple[float, float]:
+        force = next(index for index in holds if scene.forces[index].joint == joint)
+        actuator = model.actuator(f"load {force}")  # its gear turns the coordinate the scene's way
+        sign, at = actuator.gear[0], actuator.trnid[0]
+        return (float(sign * data.qpos[model.jnt_qposadr[at]]), float(sign * data.qvel[model.jnt_dofadr[at]]))
+
+    def to_control() -> None:
+        held.update(done, measure)
+        for index, effort in held.efforts.items():
+            data.ctrl[holds[index]] = effort
 
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     size = mujoco.mj_stateSize(model, kind)
 
+    if held:
+        to_control()
+
     def advance(steps: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
-        if stride == 1 and not timed:
+        nonlocal done
+        if stride == 1 and not scene.timed:
             state = np.empty(size)
             mujoco.mj_getState(model, data, state, kind)
             history = mujoco.rollout.rollout(model, data, state[None], nstep=steps)[0][0]
@@ -181,7 +206,13 @@ def _advance(model: Any, data: Any, warnings: list[str], timed: bool) -> steppin
         else:
             q, v = np.empty((steps // stride, model.nq)), np.empty((steps // stride, model.nv))
             for sample in range(len(q)):
-                mujoco.mj_step(model, data, nstep=stride)
+                end = done + stride
+                while done < end:
+                    count = min(end, held.next_due(done)) - done
+                    mujoco.mj_step(model, data, nstep=count)
+                    done += count
+                    if held:
+                        to_control()
                 q[sample], v[sample] = data.qpos, data.qvel
         if warnings:  # with autoreset off a diverged state is returned like any other
             raise EngineError(f"MuJoCo warned: {warnings[0].strip()} Try a smaller step.")

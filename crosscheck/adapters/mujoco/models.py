@@ -6,6 +6,8 @@
 
 from __future__ import annotations
 
+import functools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -13,8 +15,10 @@ import numpy as np
 
 from crosscheck.adapters.common.poses import in_body, relative_pose
 from crosscheck.errors import Unsupported
-from crosscheck.scene.functions import TimeFunction
+from crosscheck.scene.coordinates import at_start
+from crosscheck.scene.functions import TimeFunction, at
 from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.laws import Servo
 from crosscheck.scene.mechanics import torsion_angles
 from crosscheck.scene.model import GROUND, Force, Joint, Scene, Sensor, quaternion_from_rotation
 from crosscheck.scene.spanning import Branch, spanning_tree
@@ -32,6 +36,18 @@ PREFERENCE = {"fixed": 5, "revolute": 4, "universal": 3, "spherical": 2, "distan
 """Joint types that equality constraints can hold too (points, frames, distances), the most suitable last; all others
 stay in the tree if possible. A distance has no joint coordinates."""
 
+TIGHT = 0.9999
+"""The impedance of the stiffest constraints, which MuJoCo clamps there."""
+
+FAR = 1e9
+"""The open end of a range of which a scene gives one side, rad or m: MuJoCo has two ends."""
+
+SETTLING = 0.01
+"""How long a stop without restitution takes to press out the depth of an impact, s."""
+
+BOUNCE = 10.0
+"""Steps of a stop with restitution per radian of its oscillation: an impact takes some thirty."""
+
 SOLVER_TOLERANCE = 1e-12
 """MuJoCo's default of 1e-8 may end Newton's method before constraint forces are accurate to rounding."""
 
@@ -40,8 +56,9 @@ def closures(scene: Scene, form: str) -> tuple[list[Branch], list[Joint]]:
     """The branches on joint coordinates, and the joints that become equality constraints, in this form."""
     if form == "maximal":
         return [Branch(body, GROUND) for body in range(scene.n)], list(scene.joints)
-    sprung = _sprung(scene)
-    return spanning_tree(scene, lambda joint: 20 if joint.name in sprung else PREFERENCE.get(joint.type, 10))
+    kept = {*_sprung(scene), *(name for name, _ in scene.servos.values()),
+            *(joint.name for joint in scene.joints if any(joint.dry_friction) or any(joint.limits))}
+    return spanning_tree(scene, lambda joint: 20 if joint.name in kept else PREFERENCE.get(joint.type, 10))
 
 
 def softened(scene: Scene, form: str) -> bool:
@@ -49,18 +66,26 @@ def softened(scene: Scene, form: str) -> bool:
     return bool(closures(scene, form)[1]) or any(joint.mimic is not None for joint in scene.joints)
 
 
+def of_own_law(scene: Scene) -> bool:
+    """Whether the model has dry friction or limits, which MuJoCo has as soft constraints."""
+    return any(any(joint.dry_friction) or any(joint.limits) for joint in scene.joints)
+
+
 def obstacle(scene: Scene, form: str) -> str | None:
     """Why MuJoCo cannot model `scene` in `form`, or None."""
-    in_tree = ("armature", "mimic", "joint_torque")
-    if reason := scene.beyond(("function", *(in_tree if form == "tree" else ())), in_tree):
+    in_tree = ("armature", "mimic", "joint_torque", "dry_friction", "limits", "servo", "sampled_servo", "effort_limit")
+    if reason := scene.beyond(("function", "hold", *(in_tree if form == "tree" else ())), in_tree):
         return reason
     branches, closing = closures(scene, form)
     sprung = _sprung(scene)
-    motors = {force.joint for force in scene.forces if force.type.startswith("joint_")}
+    motors = {force.joint for force in scene.forces if force.type.startswith("joint_") or force.type == "servo"}
     coupled = {name for joint in scene.joints if joint.mimic is not None for name in (joint.name, joint.mimic.joint)}
     for joint in closing:
         if any(joint.armature):
             return f"the armature of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
+        if any(joint.dry_friction) or any(joint.limits):
+            key = "dry_friction" if any(joint.dry_friction) else "limits"
+            return f"the {key} of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
         if joint.name in coupled:
             return f"the mimic of joint {joint.name!r} needs a joint coordinate; equality constraints have none"
         if joint.name in motors:
@@ -132,9 +157,10 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_AUTORESET
     frames = {GROUND: spec.worldbody}
     branches, closing = closures(scene, form)
+    solref = [] if softness == "default" else [2 * step, 1.0]
     for branch in branches:
-        frames[branch.body] = _add_body(scene, branch, frames[branch.parent])
-    builder = _Constraints(scene, spec, frames, [] if softness == "default" else [2 * step, 1.0])
+        frames[branch.body] = _add_body(scene, branch, frames[branch.parent], solref)
+    builder = _Constraints(scene, spec, frames, solref)
     for joint in closing:
         builder.close(joint)
     on = {branch.joint.name: branch for branch in branches if branch.joint is not None}
@@ -148,7 +174,8 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
         elif force.type != "torsional_spring" or force.functions:  # other springs are in their hinges
             branch = next(branch for branch in branches
                           if branch.joint is not None and branch.joint.name == force.joint)
-            name, direction = _coordinate_of(scene, branch, force.type == "joint_force")
+            slides = None if force.type == "servo" else force.type == "joint_force"
+            name, direction = _coordinate_of(scene, branch, slides)
             _add_actuator(spec, index, force, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name,
                           gear=[direction, 0.0, 0.0, 0.0, 0.0, 0.0])
     for k in range(scene.n if observed else 0):
@@ -163,8 +190,8 @@ def build(scene: Scene, method: str, step: float, form: str = "tree", softness: 
     return spec.compile()
 
 
-def _add_body(scene: Scene, branch: Branch, frame: Any) -> Any:
-    """A body on its joints, in the frame of its parent."""
+def _add_body(scene: Scene, branch: Branch, frame: Any, solref: list[float]) -> Any:
+    """A body on its joints, in the frame of its parent; `solref` of friction and limits, empty for the default."""
     import mujoco
 
     k, joint = branch.body, branch.joint
@@ -187,7 +214,58 @@ def _add_body(scene: Scene, branch: Branch, frame: Any) -> Any:
             rest = spring.parameters["rest_angle"]
             coordinate.springref = 0.0 if isinstance(rest, TimeFunction) else rest  # an actuator moves it
             _make_elastic(coordinate, spring)
+        if joint.dry_friction or joint.limits or _has_servo(scene, joint):
+            _give_laws(scene, branch, coordinate, kind, solref)
     return body
+
+
+def _has_servo(scene: Scene, joint: Joint) -> bool:
+    return any(name == joint.name for name, _ in scene.servos.values())
+
+
+def _give_laws(scene: Scene, branch: Branch, coordinate: Any, kind: str, solref: list[float]) -> None:
+    """Count a hinge or slide from the scene's zero, and set its dry friction and its range."""
+    joint = branch.joint
+    assert joint is not None
+    words = JOINT_TYPES[joint.type].coordinates
+    k = words.index("slide" if kind == "mjJNT_SLIDE" else "turn")
+    direction = _coordinate_of(scene, branch, kind == "mjJNT_SLIDE")[1]
+    before = coordinate.ref
+    coordinate.ref = direction * at_start(scene)[joint.name][0][k]
+    coordinate.springref += coordinate.ref - before
+    friction = joint.dry_friction[k] if joint.dry_friction else None
+    limits = joint.limits[k] if joint.limits else None
+    if friction is not None:
+        coordinate.frictionloss = friction.sliding
+        if solref:
+            coordinate.solref_friction, coordinate.solimp_friction[:2] = solref, TIGHT
+    if limits is not None:
+        ends = [direction * min(max(end, -FAR), FAR) for end in (limits.lower, limits.upper)]
+        coordinate.limited, coordinate.range = True, sorted(ends)
+        if solref:
+            coordinate.solimp_limit[:2] = TIGHT
+            coordinate.solref_limit = stop(limits.restitution, solref[0] / 2)
+
+
+def stop(restitution: float, step: float) -> list[float]:
+    """The time constant and damping ratio of a soft stop that converges to one with this restitution as the step falls.
+
+    A unilateral spring and damper of damping ratio z, of which the force ends before the spring is free, has the
+    restitution exp(-2 z / sqrt(1 - z^2) acos(z)), .135 at z = 1 and 1 / (4 z^2) far above. A stop without restitution
+    has one that falls with the step, so that the depth of an impact is gone after SETTLING. One with restitution takes
+    BOUNCE steps a radian.
+    """
+    if restitution == 0:
+        return [2.0 * step, max(1.0, 0.5 * math.sqrt(SETTLING / step))]
+    from scipy.optimize import brentq
+
+    def gap(z: float) -> float:
+        root = math.sqrt(abs(1.0 - z * z))
+        turn = 1.0 if root == 0 else math.acos(z) / root if z < 1.0 else math.acosh(z) / root
+        return math.exp(-2.0 * z * turn) - restitution
+
+    ratio = 1e-6 if gap(1e-6) <= 0 else float(brentq(gap, 1e-6, 1e3))
+    return [BOUNCE * step / ratio, ratio]  # its frequency is 1 / (time constant times ratio)
 
 
 def _coordinates(scene: Scene, branch: Branch) -> list[tuple[str, np.ndarray, np.ndarray]]:
@@ -278,7 +356,7 @@ class _Constraints:
         equality = self._spec.add_equality(**options)
         if self._solref:
             equality.solref = self._solref
-            equality.solimp[:2] = 0.9999
+            equality.solimp[:2] = TIGHT
 
 
 def _make_elastic(item: Any, force: Force) -> None:
@@ -319,15 +397,34 @@ def _add_actuator(spec: Any, index: int, force: Force, **options: Any) -> Any:
 
     timed = bool(force.functions)
     actuator = spec.add_actuator(name=f"load {index}", biastype=mujoco.mjtBias.mjBIAS_AFFINE, **options)
+    if force.type == "servo":
+        servo = Servo(**force.parameters)
+        if servo.period is None:  # its control is what it wants at zero position and rate
+            actuator.biasprm[1:3] = -servo.proportional, -servo.derivative
+            actuator.biasprm[0] = 0.0 if timed else uncut(servo, 0.0)
+            if servo.effort_limit is not None:
+                actuator.forcelimited, actuator.forcerange = True, servo.effort_limit
+        actuator.gainprm[0] = float(timed or servo.period is not None)
+        return actuator
     size = 1.0 if force.joint is None else force.parameters.get("torque", force.parameters.get("force", 0.0))
     actuator.gainprm[0], actuator.biasprm[0] = float(timed), 0.0 if timed else size
     return actuator
 
 
+def uncut(servo: Servo, t: float) -> float:
+    """What a servo wants at position and rate zero: the control of an actuator with its gains."""
+    found: float = (servo.proportional * at(servo.target, t) + servo.derivative * at(servo.target_velocity, t)
+                    + at(servo.feedforward, t))
+    return found
+
+
 def controls(scene: Scene) -> Callable[[Any, Any], None] | None:
     """A function that sets the controls of time-dependent actuators at each stage; None if there are none."""
-    timed = [(f"load {index}", force.functions[0].times(force.parameters.get("stiffness", 1.0)))
-             for index, force in enumerate(scene.forces) if force.functions]
+    timed: list[tuple[str, Callable[[float], float]]] = [
+        (f"load {index}", force.functions[0].times(force.parameters.get("stiffness", 1.0)))
+        for index, force in enumerate(scene.forces) if force.functions and index not in scene.servos]
+    timed += [(f"load {index}", functools.partial(uncut, servo)) for index, (_, servo) in scene.servos.items()
+              if servo.period is None and scene.forces[index].functions]
     if not timed:
         return None
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from crosscheck.adapters.base import Engine, RawRun, RunSpec
 from crosscheck.adapters.common import lie_steppers, stepping, tree
+from crosscheck.adapters.common.held import Held, highest_order
 from crosscheck.adapters.common.native import JointStates, Native
 from crosscheck.adapters.pinocchio import mimics, models
 from crosscheck.adapters.pinocchio.dynamics import Dynamics
@@ -37,6 +38,10 @@ class Pinocchio(Engine):
     reads_models = True
     pace = 2
 
+    def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
+        """That of the tableau, as far as the forces are smooth: nothing locates events."""
+        return min(ORDERS[spec.method], highest_order(scene) or ORDERS[spec.method])
+
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """All three in joint coordinates; with constraints on points only, the acceleration level without gains."""
         _, parts, cut = models.decompose(scene, spec.form or "tree")
@@ -49,12 +54,16 @@ class Pinocchio(Engine):
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """Why Pinocchio cannot run this, or None."""
         form = spec.form or "tree"
-        in_tree = ("armature", "mimic")
-        if reason := scene.beyond(("joint_torque", "function", *(in_tree if form == "tree" else ())), in_tree):
+        in_tree = ("armature", "mimic", "servo", "sampled_servo", "effort_limit", "no_load_speed", "soft_limits")
+        if reason := scene.beyond(("joint_torque", "function", "hold", *(in_tree if form == "tree" else ())), in_tree):
             return reason
         if form not in self.forms:
             return f"form {form} is not built into this adapter; it has {', '.join(self.forms)}"
         closed = any(models.decompose(scene, form)[1:])
+        if cut := {joint.name for joint in models.decompose(scene, form)[2]}:
+            for joint in scene.joints:
+                if joint.name in cut and (any(joint.limits) or joint.name in dict(scene.servos.values())):
+                    return f"the servo or limits of joint {joint.name!r} need a joint coordinate; here it closes a loop"
         if reason := mimics.unsupported(scene, closed):
             return reason
         if (spec.alpha or spec.beta) and not closed:
@@ -81,7 +90,18 @@ class Pinocchio(Engine):
         step = _stepper(spec.method, stepping.fixed_step(scene, spec)[1], model, dynamics)
         start = model.initial_state()
         state, h = [*start], stepping.fixed_step(scene, spec)[1]
-        done = 0
+        done, held = 0, Held(scene, h)
+        on = {name: dynamics.coordinate(joint) for joint in scene.joints for name, _ in scene.servos.values()
+              if name == joint.name}
+
+        def evaluate(q: np.ndarray, v: np.ndarray) -> None:
+            positions, rates = model.positions(q), model.rates(v)
+            held.update(done, lambda name: (on[name][2] * positions[on[name][0]] + on[name][3],
+                                            on[name][2] * rates[on[name][1]]))
+            dynamics.held = held.efforts
+
+        if held:
+            evaluate(*start)
 
         def advance(steps: int, stride: int) -> tuple[np.ndarray, np.ndarray]:
             nonlocal done
@@ -91,6 +111,8 @@ class Pinocchio(Engine):
                 for _ in range(stride):
                     q, v = step(done * h, q, v)
                     done += 1
+                    if held:
+                        evaluate(q, v)
                 positions[sample], velocities[sample] = q, v
             state[:] = q, v
             return positions, velocities
@@ -101,7 +123,9 @@ class Pinocchio(Engine):
         def accelerate(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
             a = np.empty_like(v)
             for row in range(len(v)):
+                dynamics.held = held.at(t[row])
                 a[row] = dynamics(q[row], v[row], t[row])
+            dynamics.held = held.efforts
             return a
 
         raw = stepping.march(scene, spec, start, advance, convert, accelerate)

@@ -7,13 +7,17 @@ Jacobians.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from crosscheck.adapters.pinocchio import redundant
 from crosscheck.adapters.pinocchio.models import Model, closure, with_movable_joints
+from crosscheck.scene.coordinates import at_start
 from crosscheck.scene.functions import at as value_at
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.laws import Limits, Servo
 from crosscheck.scene.model import GROUND, Force, Joint
 
 ABA_RESIDUAL = 1e-13
@@ -36,11 +40,18 @@ class Dynamics:
         scene = model.scene
         joints = {joint.name: joint for joint in scene.joints}
         spanned = {link.joint for link in model.links}
-        turning = [force for force in scene.forces if force.type == "torsional_spring"
+        forces = [force for force in scene.forces if force.type != "servo"]
+        turning = [force for force in forces if force.type == "torsional_spring"
                    or (force.joint is not None and force.joint in spanned)]
-        self._forces = [force for force in scene.forces if force not in turning]
+        self._forces = [force for force in forces if force not in turning]
         springs = [(force, joints[force.joint]) for force in turning]
         self._turns = [(force, *self._turn(joint)) for force, joint in springs]
+        self.held: Mapping[int, float] = {}
+        """What sampled servos give now, by their indices among the forces."""
+        self._laws: list[tuple[int, Servo | Limits, int, int, float, float]] = [
+            (index, servo, *self.coordinate(joints[name])) for index, (name, servo) in scene.servos.items()]
+        self._laws += [(-1, limits, *self.coordinate(joint, k)) for joint in scene.joints
+                       for k, limits in enumerate(joint.limits) if limits is not None]
         self.closure = closure(model, self.data, alpha, beta) if (model.cut or model.parts) and closed else None
         self._reactions: _Reactions | None = None
         self.factorizes = model.mimics is not None
@@ -69,6 +80,14 @@ class Dynamics:
             if link.joint == joint.name:  # the turn comes last, after slides
                 return at_q.stop - 1, at_v.stop - 1, 1.0 if link.outward else -1.0
         raise KeyError(joint.name)
+
+    def coordinate(self, joint: Joint, k: int = 0) -> tuple[int, int, float, float]:
+        """(index in q, index in v, sign, value at zero of its q) of coordinate k of a hinge or slide in the tree."""
+        at_q, at_v, sign = self._turn(joint)
+        if JOINT_TYPES[joint.type].coordinates[k] == "slide" and joint.type != "prismatic":
+            at_q, at_v = at_q - 1, at_v - 1
+        start = self.model.positions(self.model.initial_state()[0])[at_q]
+        return at_q, at_v, sign, float(at_start(self.model.scene)[joint.name][0][k] - sign * start)
 
     def __call__(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> np.ndarray:
         """Joint accelerations, as a copy, because Pinocchio overwrites its array in the next call."""
@@ -128,6 +147,13 @@ class Dynamics:
                                         + p["damping"] * sign * rates[at_v])
             else:
                 torque[at_v] += sign * value_at(p["torque" if force.type == "joint_torque" else "force"], t)
+        for index, law, at_q, at_v, sign, zero in self._laws:
+            if index in self.held:
+                torque[at_v] += sign * self.held[index]
+                continue
+            position, rate = sign * positions[at_q] + zero, sign * rates[at_v]
+            torque[at_v] += sign * (law.effort(t, position, rate) if isinstance(law, Servo) else
+                                    law.force(position, rate))
         if self.model.mimics is not None:
             torque = torque @ self.model.mimics.V
         if not self._forces:
@@ -231,12 +257,14 @@ class _Reactions:
                 own[its[0]], rates[its[1]], accelerations[its[1]] = q[mine[0]], v[mine[1]], a[mine[1]]
             else:  # a fixed joint: its copy is at rest at zero
                 own[its[0]] = 0.0
+        twin.held = d.held
         torque, wrenches = twin._applied(0.0, own, rates)
         wrenches = twin._rest() if wrenches is None else wrenches
         pin.forwardKinematics(twin.model.model, twin.data, own, rates)
         found = self._constrained(wrenches)
         pin.rnea(twin.model.model, twin.data, own, rates, accelerations, wrenches)
-        own_sizes = {at_v: torque[at_v] for _, _, at_v, _ in twin._turns}
+        acting_at = {*(at_v for _, _, at_v, _ in twin._turns), *(at_v for _, _, _, at_v, *_ in twin._laws)}
+        own_sizes = {at_v: torque[at_v] for at_v in acting_at}
         rotors = -d.model.armature * a
         for link, (_, at_v), (_, own_v) in zip(twin.model.links, twin.model.slots, d.model.slots, strict=True):
             if link.joint:

@@ -20,6 +20,7 @@ _HOMES = {
     "advise": ("verification.advice", "advise"),
     "explain": ("diagnosis", "explain"),
     "inspect": ("inspection", "inspect"),
+    "diff": ("inspection.diff", "diff"),
     "sweep": ("sweeps.job", "sweep"),
     "assert_agree": ("testing.agreement", "assert_agree"),
     "Scene": ("scene.model", "Scene"),

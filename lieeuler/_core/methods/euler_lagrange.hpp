@@ -8,7 +8,8 @@
 //   stabilised    Phi(q) = 0, G u = 0                           M xi = M u - G_n^T mu     DAE2L_LSE, DAE1L_LSE
 //   acceleration  G a + gamma + 2 alpha G u + beta^2 Phi = 0    xi = u, a = (u - u_n)/h   INDEX1_LE, BAUMGARTE_LE
 //
-// Rows of slip, A u = 0 alone, have no mu (docs/theory.md, section 18).
+// Rows of slip, A u = 0 alone, have no mu (docs/theory.md, section 18). The correction of xi is weighted with the mass;
+// the plain one, xi = u - G_n^T mu, is that of Gear, Gupta and Leimkuhler.
 //
 // And the stabilised generalized-alpha method, which has other numbers in the equations of the first and third column
 // (methods/generalized_alpha.hpp).
@@ -16,24 +17,76 @@
 // Unknowns: u of each body, Lam of each joint; when stabilised also xi and mu.
 #pragma once
 
+#include <optional>
+
+#include "methods/euler.hpp"
+#include "methods/generalized_alpha.hpp"
 #include "methods/increments.hpp"
-#include "methods/lagrange_blocks.hpp"
-#include "methods/lagrange_rows.hpp"
 #include "solve/stabilised.hpp"
 
 namespace lieeuler {
 
+struct Gains {
+  double alpha = 0, beta = 0;  // 1/s
+};
+
+// The weight of G_n^T mu in xi when stabilised: M^-1, or none.
+enum class Correction { mass, plain };
+
+// The blocks of Newton's matrix that only Lagrangian steps have: derivatives with respect to xi.
+struct LagrangeBlocks {
+  struct Body {
+    double *v, *w, *xi_v = nullptr, *xi_w = nullptr, *xi_v_v = nullptr, *xi_w_w = nullptr;
+  };
+  std::vector<Body> bodies;
+  std::vector<PairBlocks> stiffness, springs;  // columns of xi, per part or force, row side, column side
+  std::vector<SideBlocks> rates, drifts;       // columns of xi in velocity rows; position rows and mu with xi
+
+  LagrangeBlocks() = default;
+  LagrangeBlocks(const Plan& plan, const Nodes& columns, BlockLU& lu) {
+    const System& system = plan.system;
+    const int n = system.n();
+    for (int b = 0; b < n; ++b) {
+      const int v = columns.v(b), w = columns.w(b), xi_v = columns.xi_v(b), xi_w = columns.xi_w(b);
+      bodies.push_back({lu.block(v, v), lu.block(w, w)});
+      if (columns.doubled())
+        bodies.back() = {lu.block(v, v),       lu.block(w, w),    lu.block(xi_v, xi_v),
+                         lu.block(xi_w, xi_w), lu.block(xi_v, v), lu.block(xi_w, w)};
+    }
+    const auto against_xi = [&](int row, int column) {
+      if (row == n || column == n) return PairBlocks{};
+      return PairBlocks::of(lu, columns.v(row), columns.w(row), columns.xi_v(column), columns.xi_w(column));
+    };
+    for (int k = 0; k < columns.parts(); ++k) {
+      const Joint& joint = plan.joint(k);
+      for (int row : {joint.parent, joint.child})
+        for (int column : {joint.parent, joint.child}) stiffness.push_back(against_xi(row, column));
+      for (int b : {joint.parent, joint.child}) {
+        const bool none = !columns.doubled() || b == n;
+        rates.push_back(none ? SideBlocks{} : SideBlocks::of(lu, columns.lam(k), columns.xi_v(b), columns.xi_w(b)));
+        const bool single = plan.part(k).compliance > 0 || plan.part(k).slips;  // no second multiplier
+        drifts.push_back(none || single ? SideBlocks{}
+                                        : SideBlocks::of(lu, columns.mu(k), columns.xi_v(b), columns.xi_w(b)));
+      }
+    }
+    for (const Force& force : system.forces)
+      for (int row : {force.parent, force.child})
+        for (int column : {force.parent, force.child}) springs.push_back(against_xi(row, column));
+  }
+};
+
 template <class Map>
-class LagrangeStepper : public LagrangeRows<Map> {
-  using Base = LagrangeRows<Map>;
-  friend EulerStepper<LagrangeStepper, Map>;
+class LagrangeStepper : public EulerStepper<LagrangeStepper<Map>, Map> {
+  using Base = EulerStepper<LagrangeStepper<Map>, Map>;
+  friend Base;
 
  public:
-  LagrangeStepper(const Plan& plan, Level level, bool index1_output, Gains gains)
-      : LagrangeStepper(plan, level, index1_output, gains, std::nullopt) {}
+  LagrangeStepper(const Plan& plan, Level level, bool index1_output, Gains gains,
+                  Correction correction = Correction::mass)
+      : LagrangeStepper(plan, level, index1_output, gains, correction, std::nullopt) {}
   // Generalized-alpha.
-  LagrangeStepper(const Plan& plan, const GeneralizedAlpha& alpha)
-      : LagrangeStepper(plan, Level::stabilised, true, {}, alpha) {}
+  LagrangeStepper(const Plan& plan, const GeneralizedAlpha& alpha, Correction correction = Correction::mass)
+      : LagrangeStepper(plan, Level::stabilised, true, {}, correction, alpha) {}
 
   // The motion since start(), if it is to be kept.
   void keep_increments() { increments_.keep(); }
@@ -43,7 +96,7 @@ class LagrangeStepper : public LagrangeRows<Map> {
   static constexpr bool projects(Level) { return false; }
   bool exact_matrix() const {
     return level_ != Level::acceleration &&
-           (!incomplete() || (this->to_rounding() && split_ && this->knows_left_out() && split_->exact())) &&
+           (!incomplete() || (this->to_rounding() && split_ && knows_left_out_ && split_->exact())) &&
            !(alpha_ && !plan_.rotors.empty());
   }
 
@@ -57,9 +110,9 @@ class LagrangeStepper : public LagrangeRows<Map> {
     if (!split_) return Base::solve_linear(r);
     const auto core = [this](double* x) { this->solve_matrix(x); };
     const auto left_out = [this](const std::vector<Twist>& xi, std::vector<Twist>& balance) {
-      this->subtract_left_out(xi, tangents_, balance);
+      subtract_left_out(xi, balance);
     };
-    return split_->solve(r, nodes_, core, left_out, incomplete() && this->knows_left_out(), this->length_,
+    return split_->solve(r, nodes_, core, left_out, incomplete() && knows_left_out_, this->length_,
                          this->target() / std::abs(h_));
   }
   // Replaces a split solve that does not converge by one matrix for all unknowns; false if it is in use already.
@@ -95,19 +148,19 @@ class LagrangeStepper : public LagrangeRows<Map> {
       const Body& body = system_.bodies[b];
       const Twist &f = force_[b], gain = gain_of(b, z);
       balance_[b] = {body.mass * gain.v - force_time() * f.v, times(body.inertia, gain.w) - force_time() * f.w};
-      if (stabilised()) drift_[b] = momentum(body, drift_of(b));
+      if (stabilised()) drift_[b] = plain_ ? drift_of(b) : momentum(body, drift_of(b));
     }
     for (int k = 0; k < nodes_.parts(); ++k) {
       this->subtract_reaction(k, this->here(k), -load3(&z[3 * nodes_.lam(k)]), balance_);
       if (stabilised()) this->subtract_reaction(k, this->before(k), -load3(&z[3 * nodes_.mu(k)]), drift_);
-      store(this->constraint_residual(k), &r[3 * nodes_.lam(k)]);
+      store(constraint_residual(k), &r[3 * nodes_.lam(k)]);
       if (stabilised()) store(Vec3(this->here(k).position(this->part_of(k)) / h_), &r[3 * nodes_.mu(k)]);
     }
     for (int b = 0; b < system_.n(); ++b) {
       store(balance_[b], &r[3 * nodes_.v(b)]);
       if (stabilised()) store(drift_[b], &r[3 * nodes_.xi_v(b)]);
     }
-    if (this->has_others_) this->complete_others(z, r);
+    if (this->has_others_) complete_others(z, r);
     return Status::success;
   }
 
@@ -118,32 +171,157 @@ class LagrangeStepper : public LagrangeRows<Map> {
   }
 
  private:
-  LagrangeStepper(const Plan& plan, Level level, bool index1_output, Gains gains,
+  LagrangeStepper(const Plan& plan, Level level, bool index1_output, Gains gains, Correction correction,
                   const std::optional<GeneralizedAlpha>& alpha)
-      : Base(plan, level, index1_output, layout(plan, level, alpha.has_value()), gains, alpha),
+      : Base(plan, level, index1_output, layout(plan, level, alpha || correction == Correction::plain)),
+        plain_(correction == Correction::plain),
+        gains_(gains),
+        alpha_(alpha),
+        force_share_(alpha ? alpha->force_share() : 1),
+        velocity_share_(alpha ? alpha->velocity_share() : 1),
         increments_(system_),
+        turned_(system_.n() + 1),
         tangents_(system_.n() + 1),
         stiffness_of_(system_.n() + 1),
         balance_(system_.n() + 1),
         drift_(system_.n() + 1) {
-    if (!alpha_ && splits(plan, level)) split_.emplace(plan, this->saddle_.sparse().delassus());
+    if (!alpha_ && !plain_ && splits(plan, level)) split_.emplace(plan, this->saddle_.sparse().delassus());
     if (!this->core_) matrix_ = LagrangeBlocks(plan, columns_, lu_);
+    for (int k = 0; k < nodes_.parts(); ++k) {
+      const Part& part = this->part_of(k);
+      knows_left_out_ = knows_left_out_ && !part.contact;
+      if (part.spherical || part.turn) continue;
+      const bool grounded = this->body_of(k, kParent) == system_.n() || this->body_of(k, kChild) == system_.n();
+      if (!grounded || !AxisRows::suits(part)) coupled_.push_back(k);
+    }
   }
-  static Layout layout(const Plan& plan, Level level, bool alpha) {
+  // whole: StabilisedSolve does not know these equations.
+  static Layout layout(const Plan& plan, Level level, bool whole) {
     const bool stabilised = level == Level::stabilised;
     return {.doubled_unknowns = stabilised,
-            .doubled_matrix = stabilised && (alpha || !splits(plan, level)),
+            .doubled_matrix = stabilised && (whole || !splits(plan, level)),
             .second_order = true,
-            .eliminates = !alpha && eliminates(plan, level)};
+            .eliminates = !whole && eliminates(plan, level)};
   }
 
-  using Base::alpha_, Base::columns_, Base::force_, Base::force_time, Base::h_, Base::joints_, Base::level_, Base::lu_,
-      Base::maps_, Base::nodes_, Base::plan_;
-  using Base::stabilised, Base::start_, Base::state_, Base::system_, Base::velocity_share_, Base::xi_, Base::z_;
+  using Base::columns_, Base::force_, Base::h_, Base::joints_, Base::level_, Base::lu_, Base::maps_, Base::nodes_,
+      Base::plan_, Base::start_, Base::state_, Base::system_, Base::xi_, Base::z_;
 
   static bool splits(const Plan& plan, Level level) {
     return level == Level::stabilised && StabilisedSolve::suits(plan);
   }
+  bool stabilised() const { return level_ == Level::stabilised; }
+  // theta: the time for which a force acts in a step.
+  double force_time() const { return force_share_ * h_; }
+
+  // The rows that belong to Lam; positions are divided by h.
+  Vec3 constraint_residual(int k) const {
+    const Part& part = this->part_of(k);
+    if (level_ == Level::position && !part.slips) return this->here(k).position(part) / h_;
+    const Vec3 rate = this->velocity_rows(k, state_, this->here(k));
+    if (level_ != Level::acceleration) return rate;
+    const Twist &parent = state_.u[this->body_of(k, kParent)], &child = state_.u[this->body_of(k, kChild)];
+    const Vec3 before = this->velocity_rows(k, start_, this->here(k));
+    return (rate - before) + h_ * (this->here(k).gamma(part, parent, child) + 2 * gains_.alpha * rate +
+                                   gains_.beta * gains_.beta * this->here(k).position(part));
+  }
+  // Derivative of the velocity or acceleration rows with respect to xi, without G itself. At the acceleration level the
+  // third derivatives of Phi are left out: they are O(h^2), and the iteration still solves the exact equations.
+  Rows rate_slope(int k, Side side, const Rows& G, const Mat3& T) const {
+    const int i = this->body_of(k, kParent), j = this->body_of(k, kChild);
+    const JointState& joint = this->here(k);
+    const Part& part = this->part_of(k);
+    if (level_ != Level::acceleration) {
+      const Rows N = joint.velocity_slope(part, side, state_.u[i], state_.u[j], false);
+      return {h_ * N.v, h_ * N.w * T};
+    }
+    auto change = [&](int b) { return Twist{state_.u[b].v - start_.u[b].v, state_.u[b].w - start_.u[b].w}; };
+    const Rows first = joint.velocity_slope(part, side, change(i), change(j), false);  // d(G h a)/dq
+    const Rows second = joint.velocity_slope(part, side, state_.u[i], state_.u[j], true);
+    const double feedback = 2 * gains_.alpha + h_ * gains_.beta * gains_.beta;
+    return {h_ * (first.v + second.v + feedback * G.v), h_ * (first.w + second.w + feedback * G.w)};
+  }
+
+  // Completes the rows of mimics, rotors and slip. Not inlined: systems without them would pay for it.
+  [[gnu::noinline, gnu::cold]] void complete_others(const std::vector<double>& z, std::vector<double>& r) const {
+    if (!plan_.mimics.empty()) unite(z, r);
+    for (int k : plan_.rotors) {
+      r[3 * nodes_.lam(k)] = rotor_gain(k) - this->part_of(k).compliance * z[3 * nodes_.lam(k)];
+      if (stabilised()) r[3 * nodes_.mu(k)] = z[3 * nodes_.mu(k)];
+    }
+    for (int k : plan_.slips)
+      if (stabilised()) store(load3(&z[3 * nodes_.mu(k)]), &r[3 * nodes_.mu(k)]);
+  }
+  // Combines the rows of followers and leaders. Angles differ by whole turns, which beta must not feel.
+  void unite(const std::vector<double>& z, std::vector<double>& r) const {
+    const double restoring = level_ == Level::acceleration ? h_ * gains_.beta * gains_.beta : 0;
+    for (const PlacedMimic& mimic : plan_.mimics) {
+      const auto coordinate = [&](int k) { return this->here(k).position(this->part_of(k))[0]; };
+      r[3 * nodes_.lam(mimic.follower)] +=
+          restoring * (gap(plan_, mimic, joints_, start_.angles) - coordinate(mimic.follower) +
+                       mimic.ratio * coordinate(mimic.leader));
+    }
+    this->unite_rows(&z[3 * nodes_.lam(0)], &r[3 * nodes_.lam(0)], level_ == Level::position);
+    if (stabilised()) this->unite_rows(&z[3 * nodes_.mu(0)], &r[3 * nodes_.mu(0)], true);
+  }
+
+  // A matrix with the bodies eliminated leaves out of K, the derivative of reactions and forces by positions, what
+  // couples bodies or rotations with translations.
+  //
+  // balance -= h K T xi, with what is left out of K.
+  void subtract_left_out(const std::vector<Twist>& xi, std::vector<Twist>& balance) {
+    for (int b = 0; b < system_.n(); ++b) turned_[b] = {xi[b].v, times(tangents_[b], xi[b].w)};
+    for (int k : coupled_) {
+      const int parent = this->body_of(k, kParent), child = this->body_of(k, kChild);
+      const Vec3 impulse = h_ * load3(&z_[3 * nodes_.lam(k)]);
+      for (Side side : kSides) {
+        Twist& own = balance[this->body_of(k, side)];
+        const Twist change =
+            this->here(k).coupled_reaction(this->part_of(k), side, impulse, turned_[parent], turned_[child]);
+        own.v -= change.v, own.w -= change.w;
+      }
+    }
+    for (size_t k = 0; k < system_.forces.size(); ++k) {
+      const Force& force = system_.forces[k];
+      const ForceState here(force, state_.frames, state_.u, start_.angles[k]);
+      for (Side row : kSides)
+        for (Side column : kSides) {
+          const Stiffness K = here.by_position(row, column);
+          const Twist& turn = turned_[column == kChild ? force.child : force.parent];
+          Twist& own = balance[row == kChild ? force.child : force.parent];
+          own.v += h_ * h_ * (K.vv * turn.v + K.vw * turn.w), own.w += h_ * h_ * (K.wv * turn.v + K.ww * turn.w);
+        }
+    }
+  }
+
+  // The change of a rotor's rate in the step: s (u - u_n) + h (ds/dt) u if the method takes accelerations at the new
+  // state, else the difference of the rates at the two states.
+  bool gains_by_derivative() const { return level_ == Level::acceleration || alpha_; }
+  double rotor_gain(int k) const {
+    const int i = this->body_of(k, kParent), j = this->body_of(k, kChild);
+    const Part& part = this->part_of(k);
+    const double rate = this->here(k).velocity(part, state_.u[i], state_.u[j])[0];
+    if (!gains_by_derivative()) return rate - this->before(k).velocity(part, start_.u[i], start_.u[j])[0];
+    const Twist parent = from(i), child = from(j);
+    return rate - this->here(k).velocity(part, parent, child)[0] +
+           force_time() * this->here(k).gamma(part, state_.u[i], state_.u[j])[0];
+  }
+  // The velocity from which u changes: u_n, or that of generalized-alpha; zero for the ground.
+  Twist from(int b) const { return alpha_ ? (b == system_.n() ? Twist{} : alpha_->from(b)) : start_.u[b]; }
+  // Derivatives of rotor_gain() with respect to u and xi; with accelerations, second derivatives of s are left out.
+  std::pair<Rows, Rows> rotor_slopes(int k, Side side, const Mat3& T) const {
+    const Twist &parent = state_.u[this->body_of(k, kParent)], &child = state_.u[this->body_of(k, kChild)];
+    const JointState& joint = this->here(k);
+    const Part& part = this->part_of(k);
+    Rows by_u = joint.jacobian(part, side), by_xi;
+    const Rows N = joint.velocity_slope(part, side, parent, child, gains_by_derivative());
+    if (gains_by_derivative())
+      by_u.v += force_time() * N.v, by_u.w += force_time() * N.w;
+    else
+      by_xi = {h_ * N.v, h_ * N.w * T};
+    return {by_u, by_xi};
+  }
+
   // u - u_n
   Twist gain_of(int b, const std::vector<double>& z) const {
     const Twist u = increments_.kept() ? load(&z[3 * nodes_.v(b)]) : state_.u[b];
@@ -250,7 +428,7 @@ class LagrangeStepper : public LagrangeRows<Map> {
     const Part& part = this->part_of(k);
     if (split_)
       split_->slope(k, side) =
-          this->rate_slope(k, side, this->here(k).jacobian(part, side), tangents_[this->body_of(k, side)]);
+          rate_slope(k, side, this->here(k).jacobian(part, side), tangents_[this->body_of(k, side)]);
     return this->here(k).own_stiffness(part, side, impulse);
   }
   // Derivative of a spherical part's rows with respect to the rotational xi: position rows, or velocity rows at that
@@ -285,15 +463,17 @@ class LagrangeStepper : public LagrangeRows<Map> {
     const Vec3& w = state_.u[b].w;
     return body.inertia + force_time() * gyroscopic_slope(w, angular_momentum(body, w), body.inertia);
   }
-  // M - theta df/du, and M (xi - rho u) below it.
+  // M - theta df/du, and below it M (xi - rho u), or xi - rho u.
   void body_blocks(int b) {
     const Body& body = system_.bodies[b];
     const LagrangeBlocks::Body& blocks = matrix_.bodies[b];
     put_diagonal(blocks.v, body.mass);
     put(blocks.w, inertia_block(b));
     if (!columns_.doubled()) return;
-    put_diagonal(blocks.xi_v, body.mass), put_diagonal(blocks.xi_v_v, -velocity_share_ * body.mass);
-    put(blocks.xi_w, body.inertia), put(blocks.xi_w_w, -velocity_share_ * body.inertia);
+    const double mass = plain_ ? 1 : body.mass;
+    const Mat3 inertia = plain_ ? Mat3(Mat3::Identity()) : body.inertia;
+    put_diagonal(blocks.xi_v, mass), put_diagonal(blocks.xi_v_v, -velocity_share_ * mass);
+    put(blocks.xi_w, inertia), put(blocks.xi_w_w, -velocity_share_ * inertia);
   }
 
   // Adds h d(G^T Lam)/dq T to the columns of xi.
@@ -329,10 +509,10 @@ class LagrangeStepper : public LagrangeRows<Map> {
     const Rows G = this->here(k).jacobian(this->part_of(k), side);
     blocks.put_columns(G);
     if ((level_ == Level::position && !this->part_of(k).slips) || split_) {
-      if (split_ && !this->part_of(k).spherical) split_->slope(k, side) = this->rate_slope(k, side, G, T);
+      if (split_ && !this->part_of(k).spherical) split_->slope(k, side) = rate_slope(k, side, G, T);
       return blocks.put_rows(G.v, G.w * T);
     }
-    const Rows slope = this->rate_slope(k, side, G, T);
+    const Rows slope = rate_slope(k, side, G, T);
     if (!stabilised()) return blocks.put_rows(G.v + slope.v, G.w + slope.w);
     blocks.put_rows(G.v, G.w);
     matrix_.rates[2 * k + side].put_rows(slope.v, slope.w);
@@ -341,7 +521,7 @@ class LagrangeStepper : public LagrangeRows<Map> {
   }
 
   void rotor_blocks(int k, Side side) {
-    const auto [by_u, by_xi] = this->rotor_slopes(k, side, tangents_[this->body_of(k, side)]);
+    const auto [by_u, by_xi] = rotor_slopes(k, side, tangents_[this->body_of(k, side)]);
     const SideBlocks& blocks = this->blocks_[2 * k + side];
     if (!columns_.doubled()) return blocks.put_rows(by_u.v + by_xi.v, by_u.w + by_xi.w);
     blocks.put_rows(by_u.v, by_u.w);
@@ -365,8 +545,15 @@ class LagrangeStepper : public LagrangeRows<Map> {
     return Status::success;
   }
 
-  Increments increments_;  // if kept, z holds u and xi minus their values at the start
+  const bool plain_;  // the correction of xi
+  const Gains gains_;
+  std::optional<GeneralizedAlpha> alpha_;
+  const double force_share_, velocity_share_;  // theta / h and rho; 1 for implicit Euler
+  std::vector<int> coupled_;                   // parts of which the matrix with the bodies eliminated lacks something
+  bool knows_left_out_ = true;                 // subtract_left_out() has all of it
+  Increments increments_;                      // if kept, z holds u and xi minus their values at the start
   std::optional<StabilisedSolve> split_;
+  std::vector<Twist> turned_;  // T xi
   std::vector<Mat3> tangents_, stiffness_of_;
   std::vector<Twist> balance_, drift_;  // residuals of the dynamics and of M xi = M u - G_n^T mu
   std::vector<double> filtered_;

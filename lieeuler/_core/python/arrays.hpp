@@ -14,6 +14,7 @@ namespace lieeuler {
 namespace nb = nanobind;
 
 using Array = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
+using Output = nb::ndarray<double, nb::c_contig, nb::device::cpu>;
 
 // Python checks values, with messages that name them. Here only input is refused that would read beyond memory or never
 // end.

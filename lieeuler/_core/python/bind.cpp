@@ -41,16 +41,19 @@ NB_MODULE(_kernel, m) {
       .value("velocity", Level::velocity)
       .value("stabilised", Level::stabilised)
       .value("acceleration", Level::acceleration);
+  nb::enum_<Correction>(m, "Correction").value("mass", Correction::mass).value("plain", Correction::plain);
   nb::class_<Method>(m, "Method")
       .def(
           "__init__",
           [](Method* self, Formulation formulation, Level level, bool index1_output, double alpha, double beta,
-             const std::vector<double>& composition, std::optional<double> spectral_radius, bool polish) {
+             const std::vector<double>& composition, std::optional<double> spectral_radius, bool polish,
+             Correction correction) {
             require(!spectral_radius || (*spectral_radius >= 0 && *spectral_radius <= 1),
                     "the spectral radius lies between 0 and 1");
-            new (self) Method{formulation, level, index1_output, {alpha, beta}, composition, spectral_radius, polish};
+            new (self) Method{formulation, level,           index1_output, {alpha, beta},
+                              composition, spectral_radius, polish,        correction};
           },
-          nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none(), nb::arg());
+          nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none(), nb::arg(), nb::arg());
   nb::class_<TimeFunction>(m, "TimeFunction")
       .def("__init__",
            [](TimeFunction* self, const std::vector<double>& breaks, const std::vector<std::vector<double>>& pieces,
@@ -99,6 +102,7 @@ NB_MODULE(_kernel, m) {
       .def(nb::init<System>())
       .def_rw("turns_about_pins", &Plan::turns_about_pins)
       .def_prop_ro("length", [](const Plan& plan) { return plan.system.length; })
+      .def_prop_ro("angles", [](const Plan& plan) { return plan.system.forces.size(); })
       .def("natural_rate", [](const Plan& plan, double length) { return Scales{length}.natural(plan.system); });
   using TableauRows = std::vector<std::vector<double>>;
   nb::class_<Tableau>(m, "Tableau")
@@ -137,6 +141,7 @@ NB_MODULE(_kernel, m) {
   m.def("project", &project);
   m.def("constraints", &constraints);
   m.def("constraint_levels", &levels_of_states);
+  m.def("open_levels", &open_levels_of);
   m.def("multipliers", &multipliers);
   m.def("forces", &forces);
   m.def("map_values", [](CoordinateMap map, const Vec3& xi, const Mat3& J, double h) {

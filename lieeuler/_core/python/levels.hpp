@@ -1,5 +1,7 @@
-// How far given states violate the constraints.
+// How far states violate the constraints, and which levels a run has left open.
 #pragma once
+
+#include <array>
 
 #include "model/mimic.hpp"
 #include "model/scales.hpp"
@@ -8,14 +10,30 @@
 
 namespace lieeuler {
 
-// Largest entries of Phi and of G u, relative to the length and the rate of the system.
+// How far a level may be open, as a part of the lengths, speeds and accelerations of the system; the same as at the
+// start of a problem. Runs that hold a level stay below 1e-12; constraints opened by rounding, redundant rows or very
+// different masses are far above 1e-8.
+inline constexpr double kOpen = 1e-8;
+// How far the acceleration level may be open as a part of the accelerations that the multipliers alone would give: what
+// rounding leaves where they cancel. With very different masses these exceed the accelerations of the motion by so much
+// that a bound of kOpen times them would accept anything.
+inline constexpr double kCancelled = 1e-13;
+
+// The rate (1/s) of a system at rest in a run of `duration`: the positions do not feel it, to rounding. Zero without
+// one.
+inline double resting_rate(double duration) {
+  return duration > 0 ? std::numeric_limits<double>::epsilon() / (kOpen * duration) : 0;
+}
+
+// Largest entries of Phi and of G u, relative to the length and the rate of the system, after a run of `duration`; zero
+// at a start.
 //
 // A state after the start does not say how many turns the leader of a mimic has made; the position row of the mimic is
 // skipped if they make a difference.
-inline std::pair<double, double> constraint_levels(const Plan& plan, const State& state) {
+inline std::pair<double, double> constraint_levels(const Plan& plan, const State& state, double duration) {
   const System& system = plan.system;
   const Scales scales = Scales::of_motion(system, state);
-  const double rate = std::max(scales.rate, scales.natural(system));
+  const double rate = std::max({scales.rate, scales.natural(system), resting_rate(duration)});
   double position = 0, velocity = 0;
   for (const Joint& joint : system.joints) {
     JointState here;
@@ -34,7 +52,7 @@ inline std::pair<double, double> constraint_levels(const Plan& plan, const State
     for (const PlacedMimic& mimic : plan.mimics) {
       const double size = mimic.turns ? 1 : 1 / system.length;
       const bool any_turn = mimic.angle < 0 || (mimic.turns && mimic.ratio == std::round(mimic.ratio));
-      if (any_turn || state.frames.time == 0) raise(position, size * std::abs(gap(plan, mimic, joints, state.angles)));
+      if (any_turn || duration == 0) raise(position, size * std::abs(gap(plan, mimic, joints, state.angles)));
       raise(velocity, size * std::abs(mimic_rate(plan, mimic, joints, state.u)));
     }
   }
@@ -43,17 +61,68 @@ inline std::pair<double, double> constraint_levels(const Plan& plan, const State
 
 // The two levels (N, 2) of N states at a time.
 inline nb::object levels_of_states(const Plan& plan, const Array& x, const Array& R, const Array& v, const Array& w,
-                                   double time) {
+                                   double time, double duration) {
   const System& system = plan.system;
   const size_t n = system.n(), N = x.size() / (3 * n);
   std::vector<double> levels;
   for (size_t k = 0; k < N; ++k) {
     State state = make_state(system, x, R, v, w, k);
     state.frames.time = time;
-    const auto [position, velocity] = constraint_levels(plan, state);
+    const auto [position, velocity] = constraint_levels(plan, state, duration);
     levels.insert(levels.end(), {position, velocity});
   }
   return make_array(std::move(levels), {N, 2});
+}
+
+// A run at its samples, rows of `count` states.
+struct Trajectory {
+  const double *x, *v, *w, *a, *alpha, *lam;
+  size_t count;
+};
+
+// Which levels - position, velocity, acceleration - a run over `duration` leaves open, by the largest values of all its
+// steps. Bodies may be faster between two samples than at them, so the kinetic energy of every step counts too. A
+// system at rest counts with the speed that its weight and loads would give it.
+inline std::array<bool, 3> open_levels(const Plan& plan, const Trajectory& run, const Maxima& maxima, double duration) {
+  const System& system = plan.system;
+  const auto largest = [](const double* values, size_t count) {
+    return count == 0 ? 0.0
+                      : Eigen::Map<const Eigen::ArrayXd>(values, static_cast<Eigen::Index>(count))
+                            .abs()
+                            .maxCoeff<Eigen::PropagateNaN>();
+  };
+  const size_t numbers = 3 * system.n() * run.count;
+  double length = largest(run.x, numbers), most = 0, least = std::numeric_limits<double>::infinity();
+  for (const Joint& joint : system.joints)
+    for (Side side : kSides)
+      if ((side == kChild ? joint.child : joint.parent) != system.n())
+        length = std::max(length, (side == kChild ? joint.child_anchor : joint.parent_anchor).cwiseAbs().maxCoeff());
+  if (length == 0) length = 1;
+  for (const Body& body : system.bodies) most = std::max(most, body.mass), least = std::min(least, body.mass);
+  const double speed =
+      std::max(largest(run.v, numbers) + length * largest(run.w, numbers), std::sqrt(2 * maxima.kinetic / most));
+  const double acceleration = largest(run.a, numbers) + length * largest(run.alpha, numbers) + speed * speed / length +
+                              system.gravity.cwiseAbs().maxCoeff();
+  const double carried = largest(run.lam, system.rows() * run.count) / least, rest = resting_rate(duration);
+  const double slowest = length * std::max(Scales{length}.natural(system), rest);
+  const auto open = [](double level, double bound) { return !(level <= bound); };
+  return {open(maxima.position, kOpen * length), open(maxima.velocity, kOpen * std::max(speed, slowest)),
+          open(maxima.acceleration, kOpen * std::max(acceleration, length * rest / duration) + kCancelled * carried)};
+}
+
+// The same of arrays (T, ...), as booleans, by three maxima over all steps and the largest kinetic energy.
+inline nb::tuple open_levels_of(const Plan& plan, const Array& x, const Array& v, const Array& w, const Array& a,
+                                const Array& alpha, const Array& lam, double position, double velocity,
+                                double acceleration, double kinetic, double duration) {
+  const size_t count = x.size() / (3 * plan.system.n());
+  for (const Array* each : {&x, &v, &w, &a, &alpha})
+    require(each->size() == 3 * plan.system.n() * count, "x, v, w, a and alpha must be those of the system's bodies");
+  require(lam.size() == plan.system.rows() * count, "lam must be that of the system's rows");
+  Maxima maxima;
+  maxima.position = position, maxima.velocity = velocity, maxima.acceleration = acceleration, maxima.kinetic = kinetic;
+  const auto open =
+      open_levels(plan, {x.data(), v.data(), w.data(), a.data(), alpha.data(), lam.data(), count}, maxima, duration);
+  return nb::make_tuple(open[0], open[1], open[2]);
 }
 
 }  // namespace lieeuler

@@ -15,13 +15,19 @@ inline void require_steps(const std::vector<double>& steps, const std::vector<st
     require(std::isfinite(steps[k]) && steps[k] > 0 && counts[k] > 0, "every interval needs steps that advance");
 }
 
+inline double duration_of(const std::vector<double>& steps, const std::vector<std::int64_t>& counts) {
+  double duration = 0;
+  for (size_t k = 0; k < steps.size(); ++k) duration += steps[k] * static_cast<double>(counts[k]);
+  return duration;
+}
+
 inline Run implicit(CoordinateMap map, const Method& method, const std::vector<double>& steps,
                     const std::vector<std::int64_t>& counts, bool monitored) {
   require_steps(steps, counts);
   return {[=](const Plan& plan, const State& initial, const Record& record, const Interrupted& interrupted) {
             return run_method(map, plan, method, initial, steps, counts, monitored, record, interrupted);
           },
-          steps.size() + 1};
+          steps.size() + 1, monitored, duration_of(steps, counts)};
 }
 
 inline Run runge_kutta(const Tableau& tableau, const std::vector<double>& steps,
@@ -31,7 +37,7 @@ inline Run runge_kutta(const Tableau& tableau, const std::vector<double>& steps,
             FixedMuntheKaas<BodyChart> stepper(plan, tableau);
             return lieeuler::run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
           },
-          steps.size() + 1};
+          steps.size() + 1, monitored, duration_of(steps, counts)};
   run.by_joints = [=](const std::vector<JointNode>& nodes, const Plan& plan, const State& initial, const Record& record,
                       const Interrupted& interrupted) {
     FixedMuntheKaas<JointChart> stepper(plan, tableau, nodes);
@@ -52,7 +58,7 @@ inline Run adaptive(const std::vector<double>& t_eval, double rtol, bool monitor
             Stepper stepper(plan, arguments...);
             return run_adaptive(stepper, plan, initial, t_eval, rtol, monitored, record, interrupted);
           },
-          t_eval.size()};
+          t_eval.size(), monitored, t_eval.back()};
 }
 
 inline Run adaptive_runge_kutta(const Tableau& tableau, const std::vector<double>& t_eval, double rtol, bool monitored,

@@ -3,34 +3,55 @@
 
 #include <chrono>
 
-#include "python/arrays.hpp"
+#include "python/levels.hpp"
 #include "run/ensemble.hpp"
 
 namespace lieeuler {
 
-// Memory for all samples is reserved, and filled sample by sample: a run that ends early returns only what it reached.
-struct Samples {
-  std::vector<double> x, R, v, w, a, alpha, lam, angles;
-  Samples(size_t most, const System& s) : rows_(s.rows()) {
-    for (auto* vectors : {&x, &v, &w, &a, &alpha}) vectors->reserve(3 * most * s.n());
-    R.reserve(9 * most * s.n()), lam.reserve(most * s.rows()), angles.reserve(most * s.forces.size());
+// Where samples are written: v (5, T, n, 3) holds x, v, w, a and alpha. T is what the run asks for; one that ends early
+// leaves the rest as it is.
+class Samples {
+ public:
+  Samples(size_t most, const System& s, const Output& vectors, const Output& R, const Output& lam, const Output& angles)
+      : n_(s.n()), m_(s.rows()), springs_(s.forces.size()), R_(R.data()), lam_(lam.data()), angles_(angles.data()) {
+    require(vectors.size() == 15 * most * n_ && R.size() == 9 * most * n_ && lam.size() == most * m_ &&
+                angles.size() == most * springs_,
+            "arrays for all samples of the system");
+    for (size_t k = 0; k < 5; ++k) vectors_[k] = vectors.data() + 3 * most * n_ * k;
   }
-  void append(const State& state) {
-    auto add = [](std::vector<double>& out, const Vec3& vector) {
-      out.insert(out.end(), vector.data(), vector.data() + 3);
-    };
-    for (size_t b = 0; b + 1 < state.frames.size(); ++b) {
-      add(x, state.frames[b].x);
-      for (int row = 0; row < 3; ++row) add(R, state.frames[b].R.row(row).transpose());
-      add(v, state.u[b].v), add(w, state.u[b].w), add(a, state.a[b].v), add(alpha, state.a[b].w);
+  void put(size_t sample, const State& state) {
+    for (size_t b = 0; b < n_; ++b) {
+      const Frame& frame = state.frames[b];
+      const Vec3* const given[5] = {&frame.x, &state.u[b].v, &state.u[b].w, &state.a[b].v, &state.a[b].w};
+      const size_t at = sample * n_ + b;
+      for (size_t k = 0; k < 5; ++k) std::copy_n(given[k]->data(), 3, vectors_[k] + 3 * at);
+      Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(R_ + 9 * at) = frame.R;
     }
-    lam.insert(lam.end(), state.lam.begin(), state.lam.begin() + rows_);
-    angles.insert(angles.end(), state.angles.begin(), state.angles.end());
+    std::copy_n(state.lam.begin(), m_, lam_ + sample * m_);
+    std::copy_n(state.angles.begin(), springs_, angles_ + sample * springs_);
+  }
+  Trajectory trajectory(size_t count) const {
+    return {vectors_[0], vectors_[1], vectors_[2], vectors_[3], vectors_[4], lam_, count};
   }
 
  private:
-  const int rows_;
+  const size_t n_, m_, springs_;
+  double *vectors_[5], *R_, *lam_, *angles_;
 };
+
+// Whether a run may start here: numbers in range, rotations, and joints that are closed.
+inline bool is_admissible(const Plan& plan, const State& state) {
+  static constexpr double kLargest = 1e100, kOrthogonal = 1e-10;
+  const auto fine = [](const auto& values) { return (values.array().abs() <= kLargest).all(); };
+  for (int b = 0; b < plan.system.n(); ++b) {
+    const Frame& frame = state.frames[b];
+    if (!fine(frame.x) || !fine(state.u[b].v) || !fine(state.u[b].w)) return false;
+    const double off = (frame.R.transpose() * frame.R - Mat3::Identity()).cwiseAbs().maxCoeff<Eigen::PropagateNaN>();
+    if (!(off <= kOrthogonal) || frame.R.determinant() < 0) return false;
+  }
+  const auto [position, velocity] = constraint_levels(plan, state, 0.0);
+  return position <= kOpen && velocity <= kOpen;
+}
 
 // Whether Ctrl-C was pressed; takes the interpreter's lock.
 inline bool ctrl_c() {
@@ -41,13 +62,22 @@ inline bool ctrl_c() {
   return true;
 }
 
-inline nb::dict integrate(const Plan& plan, const Run& method, const Array& x, const Array& R, const Array& v,
-                          const Array& w) {
+// Runs from a state at the time of `method` into the arrays of Samples. checks: returns None, without a run, if the
+// state is not admissible. Returns the status; samples filled, time reached and wall time (s); counters, maxima, and
+// which levels are open at the end, of all steps with maxima or else of the last sample.
+inline nb::object integrate(const Plan& plan, const Run& method, const Array& x, const Array& R, const Array& v,
+                            const Array& w, bool checks, const Output& vectors, const Output& attitudes,
+                            const Output& lam, const Output& angles) {
   const System& system = plan.system;
   State initial = make_state(system, x, R, v, w);
   initial.frames.time = method.begin;
-  Samples samples(method.samples, system);
-  const Record record = [&](int, const State& state) { samples.append(state); };
+  if (checks && !is_admissible(plan, initial)) return nb::none();
+  Samples samples(method.samples, system, vectors, attitudes, lam, angles);
+  State last(system);
+  const Record record = [&](int sample, const State& state) {
+    samples.put(sample, state);
+    if (!method.monitored && static_cast<size_t>(sample) + 1 == method.samples) last = state;
+  };
   Outcome outcome;
   double seconds;
   {
@@ -56,36 +86,23 @@ inline nb::dict integrate(const Plan& plan, const Run& method, const Array& x, c
     outcome = method(plan, initial, record, ctrl_c);
     seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
-  const size_t T = outcome.samples, n = system.n(), m = system.rows();
-  nb::dict result, counters, maxima;
-  result["status"] = name_of(outcome.status);
-  result["samples"] = outcome.samples;
-  result["time"] = outcome.time_reached;
-  result["wall_time"] = seconds;
-  result["x"] = make_array(std::move(samples.x), {T, n, 3});
-  result["R"] = make_array(std::move(samples.R), {T, n, 3, 3});
-  result["v"] = make_array(std::move(samples.v), {T, n, 3});
-  result["w"] = make_array(std::move(samples.w), {T, n, 3});
-  result["a"] = make_array(std::move(samples.a), {T, n, 3});
-  result["alpha"] = make_array(std::move(samples.alpha), {T, n, 3});
-  result["lam"] = make_array(std::move(samples.lam), {T, m});
-  result["angles"] = make_array(std::move(samples.angles), {T, system.forces.size()});
-  counters["steps"] = outcome.counters.steps;
-  counters["rejected_steps"] = outcome.counters.rejected_steps;
-  counters["force_evaluations"] = outcome.counters.force_evaluations;
-  counters["newton_iterations"] = outcome.counters.newton_iterations;
-  counters["factorizations"] = outcome.counters.factorizations;
-  counters["redundant_rows"] = outcome.redundant_rows;
-  counters["most_iterations"] = outcome.counters.most_iterations;
-  maxima["energy_error"] = outcome.maxima.energy_error;
-  maxima["kinetic"] = outcome.maxima.kinetic;
-  maxima["constraint_position"] = outcome.maxima.position;
-  maxima["constraint_velocity"] = outcome.maxima.velocity;
-  maxima["constraint_acceleration"] = outcome.maxima.acceleration;
-  maxima["orthogonality"] = outcome.maxima.orthogonality;
-  result["counters"] = counters;
-  result["maxima"] = maxima;
-  return result;
+  std::array<bool, 3> open{};
+  if (outcome.status == Status::success && !system.joints.empty()) {
+    if (method.monitored) {
+      open = open_levels(plan, samples.trajectory(outcome.samples), outcome.maxima, method.duration);
+    } else {
+      const auto [position, velocity] = constraint_levels(plan, last, method.duration);
+      open = {!(position <= kOpen), !(velocity <= kOpen), false};
+    }
+  }
+  const Counters& done = outcome.counters;
+  const Maxima& most = outcome.maxima;
+  return nb::make_tuple(name_of(outcome.status), outcome.samples, outcome.time_reached, seconds,
+                        nb::make_tuple(done.steps, done.rejected_steps, done.force_evaluations, done.newton_iterations,
+                                       done.factorizations, done.most_iterations, outcome.redundant_rows),
+                        nb::make_tuple(most.energy_error, most.kinetic, most.position, most.velocity, most.acceleration,
+                                       most.orthogonality),
+                        nb::make_tuple(open[0], open[1], open[2]));
 }
 
 // Runs all members; returns their samples and how each ended. `plans` holds one plan for all members, or one for each.

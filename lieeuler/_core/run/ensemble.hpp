@@ -12,6 +12,8 @@ namespace lieeuler {
 struct Run {
   std::function<Outcome(const Plan&, const State& initial, const Record&, const Interrupted&)> run;
   size_t samples;
+  bool monitored;
+  double duration;   // s
   double begin = 0;  // s, the time of the initial state
   std::variant<std::monostate, TaylorRun, ExplicitRun> in_lanes = {};
   // The same in the coordinates of a tree's joints, for methods that can.

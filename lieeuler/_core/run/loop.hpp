@@ -124,6 +124,7 @@ struct Method {
   std::vector<double> composition = {};        // weights of a composition of RATTLE; empty: the method itself
   std::optional<double> spectral_radius = {};  // of generalized-alpha, in place of implicit Euler
   bool polish = true;  // make attitudes rotations again after every step; only Euler methods allow false
+  Correction correction = Correction::mass;
 };
 
 struct Outcome {
@@ -236,10 +237,10 @@ Outcome run_method(const Plan& plan, const Method& method, const State& initial,
     return run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
   }
   if (method.spectral_radius) {
-    LagrangeStepper<Map> stepper(plan, GeneralizedAlpha(*method.spectral_radius));
+    LagrangeStepper<Map> stepper(plan, GeneralizedAlpha(*method.spectral_radius), method.correction);
     return run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
   }
-  LagrangeStepper<Map> stepper(plan, method.level, method.index1_output, method.gains);
+  LagrangeStepper<Map> stepper(plan, method.level, method.index1_output, method.gains, method.correction);
   if (!method.polish) stepper.keep_rounding();
   return run(stepper, plan, initial, steps, counts, monitored, record, interrupted);
 }

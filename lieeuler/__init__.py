@@ -4,7 +4,7 @@ from lieeuler.ensemble import EnsembleSolution, integrate_ensemble
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted, LieEulerError
 from lieeuler.forces import ConstantLoad, LinearSpring, SlideForce, TorsionalSpring
 from lieeuler.functions import TimeFunction
-from lieeuler.integrate import integrate
+from lieeuler.integrate import PreparedRun, integrate, prepare
 from lieeuler.joint_parts import Contact, Coordinate, Dot, Drive, Mimic, Rotor
 from lieeuler.joints import (
     Joint,
@@ -45,6 +45,7 @@ __all__ = [
     "LinearSpring",
     "Method",
     "Mimic",
+    "PreparedRun",
     "Problem",
     "Rotor",
     "SlideForce",
@@ -62,6 +63,7 @@ __all__ = [
     "planar_joint",
     "point_on_line_joint",
     "point_on_plane_joint",
+    "prepare",
     "prismatic_joint",
     "revolute_joint",
     "rolling_disk_joint",

@@ -131,7 +131,8 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
     status = np.array([Status(name) for name in result["status"]], dtype=object)
     for k, member in enumerate(members):  # one of each, or one of all
         here = slice(k, k + 1) if len(members) > 1 else slice(None)
-        open_ = held.open_at(member, method, *(result[name][here, -1] for name in "xRvw"), float(plan.t[-1]))
+        open_ = held.open_at(member, method, *(result[name][here, -1] for name in "xRvw"), float(plan.t[-1]),
+                             float(plan.t[-1] - plan.t[0]))
         status[here][open_ & (status[here] == Status.SUCCESS)] = Status.CONSTRAINTS_OPEN
     counts = {name: np.array(result[name]) for name in ("steps", "rejected_steps", "lanes")}
     solution = EnsembleSolution(t=plan.t, t_end=plan.t[0] + result["time"], status=status, method=method, **counts,
@@ -243,7 +244,8 @@ def _check_states(problem: Problem, states: Mapping[str, np.ndarray]) -> None:
         raise ArgumentError(f"R of member {int(np.argmax(wrong))} must hold rotation matrices")
     if not problem.joints:
         return
-    levels = _kernel.constraint_levels(problem.kernel, states["x"], R, states["v"], states["w"], 0.0)
+    levels = _kernel.constraint_levels(problem.kernel, states["x"], R, states["v"], states["w"],
+                                       problem.time, 0.0)
     open_ = ~(levels <= CLOSED)
     if open_.any():
         member, level = np.argwhere(open_)[0]
@@ -267,6 +269,6 @@ def _member(problem: Problem, k: int, states: Mapping[str, np.ndarray], values: 
             else:
                 groups[group][index] = dataclasses.replace(target, **{field: value if value.ndim else float(value)})
         return Problem(tuple(groups["bodies"]), tuple(groups["joints"]), gravity, states["x"][k], states["R"][k],
-                       states["v"][k], states["w"][k], tuple(groups["forces"]))
+                       states["v"][k], states["w"][k], tuple(groups["forces"]), problem.time)
     except ArgumentError as error:
         raise ArgumentError(f"member {k}: {error}") from None

@@ -1,21 +1,22 @@
-"""`integrate`: the one entry point to the methods."""
+"""`integrate` and `prepare`: the entry points to the methods."""
 
 from __future__ import annotations
 
 import dataclasses
 import difflib
 import logging
+from typing import Any
 
 import numpy as np
 
 from lieeuler import _kernel, held
 from lieeuler.checks import LARGEST, SMALLEST, number, positive, real
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
-from lieeuler.methods import COORDINATE_MAPS, METHODS, Method
+from lieeuler.methods import COORDINATE_MAPS, CORRECTIONS, METHODS, Method
 from lieeuler.problem import Problem
 from lieeuler.reduction import nodes, reductions, take_multipliers
-from lieeuler.solution import Solution, Status
-from lieeuler.spin_free import spin_free_frames
+from lieeuler.solution import STATUSES, Solution, Stats, Status
+from lieeuler.spin_free import spin_free_frames, symmetric_bodies
 from lieeuler.types import ArrayLike
 
 log = logging.getLogger("lieeuler")
@@ -27,14 +28,17 @@ DEFAULT_RTOL = 1e-8
 """Tolerance of an adaptive method that is given neither a step nor a tolerance. It is relative to the size of the
 system (m), to one radian, and to their rates. The error is proportional to it, but it is not a strict bound."""
 
+KEPT = 16
+"""How many planned runs a problem keeps."""
+
 RTOL_RANGE = (1e-14, 0.1)
 """Below the first value rounding would control the steps; above the second the motion is not resolved."""
 
 
 def integrate(problem: Problem, method: str, step: float | None = None, t_eval: ArrayLike | None = None, *,
               rtol: float | None = None, coordinate_map: str = "exp", alpha: float | None = None,
-              beta: float | None = None, spectral_radius: float | None = None, spin_free: bool | None = None,
-              reduce: str | None = None, conserve: bool = False, polish: bool = True,
+              beta: float | None = None, spectral_radius: float | None = None, correction: str = "mass",
+              spin_free: bool | None = None, reduce: str | None = None, conserve: bool = False, polish: bool = True,
               monitor: bool = True) -> Solution:
     """Integrate a problem with a fixed step, or with steps that follow a tolerance.
 
@@ -57,6 +61,9 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
         Baumgarte gains of BAUMGARTE_LE, 1/s.
     spectral_radius : float, optional
         Of generalized_alpha, default 0.8: 0 damps motions much faster than the step away, 1 keeps them.
+    correction : "mass" | "plain"
+        The weight of G_n^T mu, which closes the positions, in DAE2L_LSE, DAE1L_LSE and generalized_alpha: M^-1, which
+        costs the least kinetic energy, or none (docs/theory.md, section 4).
     spin_free : bool, optional
         Integrate symmetric bodies in frames without their spin (`lieeuler.spin_free`). Euler methods do not by default.
     reduce : "welded" | "planar" | "axis" | "joints" | "off", optional
@@ -85,46 +92,168 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     IntegrationError, Interrupted
         The run failed, or was interrupted by Ctrl-C; the error holds the trajectory so far.
     """
-    plan = plan_run(problem, method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, spin_free,
-                    monitor, polish, conserve)
-    return _ended(problem, _solved(problem, method, plan, reduce, monitor), coordinate_map)
+    return _kept(problem, (method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction,
+                           spin_free, reduce, conserve, polish, monitor))()
 
 
-def _solved(problem: Problem, method: str, plan: Plan, reduce: str | None, monitor: bool) -> Solution:
-    """The solution of the kernel: with welds, planes and spins left out where that serves, and back."""
-    steps = reductions(problem, METHODS[method], reduce)
-    within = steps[-1].problem if steps else problem
-    frames = spin_free_frames(within) if plan.spin_free else None
-    tree = nodes(within, steps, reduce, plan.run.knows_joints and frames is None)
-    for node in tree:
-        node.add_to(plan.run)
-    kernel, w = (within.kernel, within.w) if frames is None else (frames.kernel, frames.w)
-    result = _kernel.integrate(kernel, plan.run, within.x, within.R, within.v, w)
-    solution = Solution.from_kernel(result, plan.t, method, plan.step, monitor)
-    if frames is not None:
-        frames.restore(solution.t, solution.R, solution.w, solution.alpha)
-        solution.stats.spin_free = frames.bodies
-    angles = result["angles"]
-    for step in reversed(steps):
-        angles = step.restore(solution, angles)
-    if steps or tree:
-        take_multipliers(problem, solution, angles)
-        solution.stats.reduce = reduce or ", ".join([step.word for step in steps] + ["joints"] * bool(tree))
-    return solution
+def prepare(problem: Problem, method: str, step: float | None = None, t_eval: ArrayLike | None = None, *,
+            rtol: float | None = None, coordinate_map: str = "exp", alpha: float | None = None,
+            beta: float | None = None, spectral_radius: float | None = None, correction: str = "mass",
+            spin_free: bool | None = None, reduce: str | None = None, conserve: bool = False, polish: bool = True,
+            monitor: bool = True) -> PreparedRun:
+    """Check the arguments of `integrate`, plan the run, and return it, ready to be called any number of times.
+
+    Raises
+    ------
+    ArgumentError
+        An argument is wrong.
+    """
+    return PreparedRun(problem, (method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction,
+                                 spin_free, reduce, conserve, polish, monitor))
 
 
-def _ended(problem: Problem, solution: Solution, coordinate_map: str) -> Solution:
-    """The solution, judged by the levels its method holds, and logged; raises if the trajectory is not complete."""
-    held.judge(problem, solution)
-    log.info("%s", solution)
-    if solution.status is Status.INTERRUPTED:
-        raise Interrupted(solution)
-    if not solution.success and solution.status is not Status.CONSTRAINTS_OPEN:
-        advice = solution.status.advice
-        if solution.status is Status.MAP_DOMAIN and coordinate_map == "ccsk":
+State = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""x, R, v, w"""
+
+
+class PreparedRun:
+    """A run of one problem by one method over given times: `run()` from the problem's state, `run(x=, R=, v=, w=)` from
+    another one.
+
+    Its solutions are those of `integrate`. Where a reduction or a frame without spin depends on the state, a call with
+    a state plans anew.
+    """
+
+    def __init__(self, problem: Problem, arguments: tuple[Any, ...]) -> None:
+        (method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction, spin_free, reduce,
+         conserve, polish, monitor) = self._arguments = arguments
+        self._plan = plan = plan_run(problem, method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius,
+                                     spin_free, monitor, polish, conserve, correction)
+        if any(joint.drive for joint in problem.joints) and plan.t[0] != problem.time:
+            problem.check_closed(float(plan.t[0]))
+        self.problem, self.method, self._monitor, self._coordinate_map = problem, method, monitor, coordinate_map
+        self._steps = reductions(problem, METHODS[method], reduce)
+        within = self._steps[-1].problem if self._steps else problem
+        self._frames = spin_free_frames(within) if plan.spin_free else None
+        tree = nodes(within, self._steps, reduce, plan.run.knows_joints and self._frames is None)
+        for node in tree:
+            node.add_to(plan.run)
+        words = [step.word for step in self._steps] + ["joints"] * bool(tree)
+        self._word = (reduce or ", ".join(words)) if words else "off"
+        self._kernel, w = (within.kernel, within.w) if self._frames is None else (self._frames.kernel, self._frames.w)
+        self._start = within.x, within.R, within.v, w
+        self._sizes = len(plan.t), within.n, within.rows, self._kernel.angles
+        self._held = [level in METHODS[method].held for level in ("position", "velocity", "acceleration")]
+        record, pairs = METHODS[method], {(joint.parent, joint.child) for joint in problem.joints}
+        leaves_nothing_out = reduce == "off" or (reduce is None and record.order == 1 and "rtol" not in record.controls)
+        balls = len(pairs) == len(problem.joints) and all(joint.ball for joint in problem.joints)
+        self._state_decides = not (leaves_nothing_out or balls) or (plan.spin_free and bool(symmetric_bodies(problem)))
+
+    def __call__(self, x: Any = None, R: Any = None, v: Any = None, w: Any = None) -> Solution:
+        """Integrate from the problem's state, of which each part may be replaced; arrays as in `Problem`.
+
+        Raises
+        ------
+        ArgumentError
+            The state is not one of numbers, rotations and closed joints.
+        IntegrationError, Interrupted
+            As in `integrate`.
+        """
+        own, given, start = self.problem, (x, R, v, w), None
+        checks = any(value is not None for value in given)
+        if not checks:
+            start = self._start
+        elif not self._state_decides:
+            start = _plain(x, own.x), _plain(R, own.R), _plain(v, own.v), _plain(w, own.w)
+        solution = None if start is None else self._solved(start, checks)
+        if solution is not None:
+            return self._ended(solution)
+        x, R, v, w = (mine if value is None else value
+                      for mine, value in zip((own.x, own.R, own.v, own.w), given, strict=True))
+        moved = dataclasses.replace(own, x=x, R=R, v=v, w=w, time=float(self._plan.t[0]))
+        return PreparedRun(moved, self._arguments)()
+
+    def _solved(self, start: State, checks: bool) -> Solution | None:
+        """The solution of the kernel, with welds, planes and spins put back; None if the start is not admissible."""
+        plan, (T, n, m, springs) = self._plan, self._sizes
+        vectors, R = np.empty((5, T, n, 3)), np.empty((T, n, 3, 3))
+        lam, angles = np.empty((T, m)), np.empty((T, springs))
+        result = _kernel.integrate(self._kernel, plan.run, *start, checks, vectors, R, lam, angles)
+        if result is None:
+            return None
+        status, count, reached, wall_time, counters, maxima, opened = result
+        t = plan.t.copy()
+        if count < T:
+            vectors, R, lam, angles, t = vectors[:, :count], R[:count], lam[:count], angles[:count], t[:count]
+        x, v, w, a, alpha = vectors
+        stats = Stats(*counters, plan.step, wall_time, _named(*maxima) if self._monitor else {})
+        solution = Solution(t, x, R, v, w, a, alpha, lam, STATUSES[status], stats, self.method,
+                            float(plan.t[0]) + reached)
+        if self._frames is not None:
+            self._frames.restore(t, solution.R, solution.w, solution.alpha)
+            stats.spin_free = self._frames.bodies
+        for step in reversed(self._steps):
+            angles = step.restore(solution, angles)
+        if self._word != "off":
+            take_multipliers(self.problem, solution, angles)
+            stats.reduce = self._word
+        if solution.status is Status.SUCCESS:
+            if self._steps or self._frames is not None:
+                opened = held.opened(self.problem, solution)
+            if any(wanted and left for wanted, left in zip(self._held, opened, strict=True)):
+                solution.status = Status.CONSTRAINTS_OPEN
+        return solution
+
+    def _ended(self, solution: Solution) -> Solution:
+        """The solution, logged; raises if the trajectory is not complete."""
+        log.info("%s", solution)
+        status = solution.status
+        if status is Status.SUCCESS or status is Status.CONSTRAINTS_OPEN:
+            return solution
+        if status is Status.INTERRUPTED:
+            raise Interrupted(solution)
+        advice = status.advice
+        if status is Status.MAP_DOMAIN and self._coordinate_map == "ccsk":
             advice += ", or coordinate_map='exp'"
-        raise IntegrationError(solution.status, advice, solution)
-    return solution
+        raise IntegrationError(status, advice, solution)
+
+
+def _plain(value: np.ndarray | None, own: np.ndarray) -> np.ndarray:
+    """The array as the kernel takes it, by default `own`; the kernel checks the values."""
+    if value is None:
+        return own
+    if type(value) is np.ndarray and value.dtype == own.dtype and value.shape == own.shape and value.flags.c_contiguous:
+        return value
+    found = real(value)
+    return np.full_like(own, np.nan) if found is None or found.shape != own.shape else found
+
+
+def _named(energy_error: float, kinetic: float, position: float, velocity: float, acceleration: float,
+           orthogonality: float) -> dict[str, float]:
+    """The maxima of the kernel by name; that of the energy's error over that of the kinetic energy."""
+    if 0 < kinetic < np.inf:
+        energy_error /= kinetic
+    return {"energy_error": energy_error, "kinetic": kinetic, "constraint_position": position,
+            "constraint_velocity": velocity, "constraint_acceleration": acceleration, "orthogonality": orthogonality}
+
+
+def _kept(problem: Problem, arguments: tuple[Any, ...]) -> PreparedRun:
+    """The run of these arguments, planned once and kept with the problem."""
+    t_eval = arguments[2]
+    if not isinstance(problem, Problem) or type(t_eval) is not np.ndarray or t_eval.dtype != float:
+        return PreparedRun(problem, arguments)
+    known: dict[object, PreparedRun] = vars(problem).setdefault("_runs", {})
+    key = (arguments[:2], arguments[3:], tuple(map(type, arguments)), t_eval.shape, t_eval.tobytes())
+    try:
+        run = known.get(key)
+    except TypeError:  # an argument that cannot be hashed is wrong, and is named below
+        return PreparedRun(problem, arguments)
+    if run is None:
+        run = PreparedRun(problem, arguments)
+        if len(known) >= KEPT:
+            known.pop(next(iter(known)))
+        known[key] = run
+    return run
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,7 +276,8 @@ class Plan:
 
 def plan_run(problem: Problem, method: str, step: float | None, rtol: float | None, t_eval: ArrayLike | None,
              coordinate_map: str, alpha: float | None, beta: float | None, spectral_radius: float | None,
-             spin_free: bool | None, monitor: bool, polish: bool = True, conserve: bool = False) -> Plan:
+             spin_free: bool | None, monitor: bool, polish: bool = True, conserve: bool = False,
+             correction: str = "mass") -> Plan:
     """Check the arguments of a run, which `integrate` describes, and make the kernel's run of them."""
     if not isinstance(problem, Problem):
         raise ArgumentError(f"problem must be a lieeuler.Problem, not {problem!r}")
@@ -161,6 +291,11 @@ def plan_run(problem: Problem, method: str, step: float | None, rtol: float | No
         raise ArgumentError(refused)
     if not polish and (record.order != 1 or record.formulation == "index1"):
         raise ArgumentError(f"{method} always polishes its attitudes; polish=False is for the Euler methods")
+    if not isinstance(correction, str) or correction not in CORRECTIONS:
+        raise ArgumentError(f"correction must be one of {', '.join(CORRECTIONS)}, not {correction!r}")
+    if correction != "mass" and not record.corrects:
+        able = ", ".join(name for name, other in METHODS.items() if other.corrects)
+        raise ArgumentError(f"correction={correction!r} is for {able}; leave it out with {method}")
     gains, radius = _options(record, alpha, beta, spectral_radius)
     t = _output_times(t_eval)
     tolerance = _tolerance(record, step, rtol)
@@ -180,7 +315,8 @@ def plan_run(problem: Problem, method: str, step: float | None, rtol: float | No
         run = _kernel.runge_kutta(record.tableau.kernel, steps, counts, monitor)
     else:
         rule = _kernel.Method(_kernel.Formulation[record.formulation], _kernel.Level[record.level],
-                              record.index1_output, *gains, record.composition, radius, polish)
+                              record.index1_output, *gains, record.composition, radius, polish,
+                              _kernel.Correction[correction])
         run = _kernel.implicit(_kernel.CoordinateMap[coordinate_map], rule, steps, counts, monitor)
     run.begin = float(t[0])
     return Plan(run, t, max(steps), spins)

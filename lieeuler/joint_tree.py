@@ -72,7 +72,8 @@ def _tree(problem: Problem) -> tuple[Node, ...]:
     outward = _outward(problem)
     if len(outward) != problem.n or all(joint.spherical and not joint.dots for joint in problem.joints):
         return ()
-    levels = _kernel.constraint_levels(problem.kernel, problem.x, problem.R, problem.v, problem.w, 0.0)
+    levels = _kernel.constraint_levels(problem.kernel, problem.x, problem.R, problem.v, problem.w,
+                                       problem.time, 0.0)
     if not levels.max() <= ROUNDING:
         return ()
     nodes: list[Node] = []

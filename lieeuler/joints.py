@@ -99,6 +99,11 @@ class Joint(Frozen):
         touching = 0 if self.contact is None else 1 + len(self.contact.across)
         return 3 * self.spherical + len(self.dots) + (self.drive is not None) + touching + (self.mimic is not None)
 
+    @property
+    def ball(self) -> bool:
+        """Whether it is a spherical joint and nothing else."""
+        return self.spherical and self.rows == 3 and not self.rotors
+
     def add_to(self, system: _kernel.System) -> None:
         """Add this joint to the compiled system."""
         system.add_joint(self.parent, self.child, self.parent_anchor, self.child_anchor, self.spherical,

@@ -22,6 +22,9 @@ from lieeuler.tableaux import DORMAND_PRINCE_5, DORMAND_PRINCE_8, KUTTA_4, Table
 COORDINATE_MAPS = ("exp", "cayley", "ccsk")
 """Maps from R^3 onto SO(3): exponential, Cayley, canonical coordinates of the second kind."""
 
+CORRECTIONS = ("mass", "plain")
+"""Weights of the correction that closes the positions of stabilised Lagrangian methods."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Method:
@@ -71,6 +74,11 @@ class Method:
     tableau: Tableau | None = None
     controls: tuple[str, ...] = ("step",)
     conserves: bool = False
+
+    @property
+    def corrects(self) -> bool:
+        """Whether the weight of the correction of xi is an option: in the stabilised Lagrangian methods."""
+        return self.formulation == "lagrange" and self.level == "stabilised"
 
     def refused_map(self, coordinate_map: str) -> str | None:
         """Why the method does not work with this map of `COORDINATE_MAPS`, or None if it does."""

@@ -145,7 +145,7 @@ def plane_of(problem: Problem, pins: bool) -> Plane:
                    np.array([view.within(GROUND, x) for x in problem.x]), np.array([np.eye(3)] * problem.n),
                    np.array([view.within(GROUND, v) for v in problem.v]),
                    np.array([view.along(b, w) * Z for b, w in enumerate(problem.w)]),
-                   tuple(_force(view, k) for k in range(len(problem.forces))))
+                   tuple(_force(view, k) for k in range(len(problem.forces))), problem.time)
     turning = [joint.child for joint, rows in zip(problem.joints, within, strict=True)
                if joint.parent == GROUND and len(rows.across) == 2 and not rows.angle]
     word = "axis" if sorted(turning) == list(range(problem.n)) and len(problem.joints) == problem.n else "planar"
@@ -255,7 +255,8 @@ def _check(problem: Problem, e: np.ndarray) -> None:
     spins = np.cross(np.einsum("bij,bj->bi", problem.R, problem.w), e)
     if max(np.abs(problem.v @ e).max(), np.abs(spins).max() * length) > ROUNDING * speed:
         raise NotPlanar("the start moves out of the plane")
-    levels = _kernel.constraint_levels(problem.kernel, problem.x, problem.R, problem.v, problem.w, 0.0)
+    levels = _kernel.constraint_levels(problem.kernel, problem.x, problem.R, problem.v, problem.w,
+                                       problem.time, 0.0)
     if not levels.max() <= ROUNDING:
         raise NotPlanar(f"the start leaves joints open by {levels.max():.1g} of the system's size, more than rounding")
     beside: dict[int, set[int]] = {}

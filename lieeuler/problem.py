@@ -8,7 +8,7 @@ import functools
 import numpy as np
 
 from lieeuler import _kernel
-from lieeuler.checks import SMALLEST, Frozen, array, positive, vector
+from lieeuler.checks import SMALLEST, Frozen, array, number, positive, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.forces import Force
 from lieeuler.joints import Joint
@@ -60,8 +60,10 @@ class Problem(Frozen):
         m/s^2, world axes.
     x, R, v, w : (n, 3), (n, 3, 3), (n, 3), (n, 3)
         Initial state in the conventions of `lieeuler.types`. It must satisfy the joints and their velocity constraints
-        to rounding level, those of drives at time 0; the integrators do not correct it.
+        to rounding level, those of drives at `time`; the integrators do not correct it.
     forces : sequence of forces from `lieeuler.forces`, optional
+    time : float, optional
+        That of the initial state, s. With drives `integrate` must start there.
 
     Raises
     ------
@@ -78,6 +80,7 @@ class Problem(Frozen):
     v: np.ndarray
     w: np.ndarray
     forces: tuple[Force, ...] = ()
+    time: float = 0.0
 
     def __post_init__(self) -> None:
         for group, kind in (("bodies", Body), ("joints", Joint), ("forces", Force)):
@@ -90,6 +93,7 @@ class Problem(Frozen):
                     raise ArgumentError(f"{group}[{k}] is of another kind: {item!r}")
             object.__setattr__(self, group, items)
         object.__setattr__(self, "gravity", vector("gravity", self.gravity))
+        object.__setattr__(self, "time", number("time", self.time))
         n = len(self.bodies)
         if n == 0:
             raise ArgumentError("a problem needs at least one body")
@@ -105,12 +109,16 @@ class Problem(Frozen):
         for k, joint in enumerate(self.joints):
             if joint.mimic is not None and not 0 <= joint.mimic.joint < len(self.joints):
                 raise ArgumentError(f"joints[{k}]: there is no joint {joint.mimic.joint} to follow")
-        if not self.joints:
-            return
-        levels = _kernel.constraint_levels(self.kernel, self.x, self.R, self.v, self.w, 0.0)[0]
+        if self.joints:
+            self.check_closed(self.time)
+
+    def check_closed(self, t: float) -> None:
+        """Raise `ArgumentError` if the initial state violates a joint, or a drive at time t (s)."""
+        levels = _kernel.constraint_levels(self.kernel, self.x, self.R, self.v, self.w, t, 0.0)[0]
         for name, size, gap in zip(("joints", "velocity constraints"), ("length", "speed"), levels, strict=True):
             if not gap <= CLOSED:
-                raise ArgumentError(f"the initial state violates the {name} by {gap:.3g} of the system's {size}; "
+                when = "" if t == self.time else f" at t = {t:g} s, where the run begins, not at Problem.time"
+                raise ArgumentError(f"the initial state violates the {name} by {gap:.3g} of the system's {size}{when}; "
                                     f"project it first (bound {CLOSED:g})")
 
     def __repr__(self) -> str:
@@ -139,8 +147,8 @@ class Problem(Frozen):
             item.add_to(system)
         # Multipliers of leaders and rotors come after those of all constraints.
         mimics = [joint.mimic for joint in self.joints if joint.mimic is not None]
-        for number, mimic in enumerate(mimics):
-            system.add_leader(number, mimic.joint, *mimic.leader.measured)
+        for place, mimic in enumerate(mimics):
+            system.add_leader(place, mimic.joint, *mimic.leader.measured)
         for index, joint in enumerate(self.joints):
             joint.add_rotors_to(system, index)
         return system

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-from typing import Any
 
 import numpy as np
 
@@ -42,6 +41,9 @@ _ADVICE = {
                              "of the system's size (stats.maxima); take a smaller step, a method that holds all levels "
                              "(DAE1H_LSE, rattle2), or masses and inertias nearer to each other",
 }  # fmt: skip
+
+STATUSES = {status.value: status for status in Status}
+"""By their texts; quicker than `Status(text)`."""
 
 
 @dataclasses.dataclass
@@ -127,18 +129,3 @@ class Solution:
         if stats.redundant_rows:
             words.append(f"{stats.redundant_rows} of {self.lam.shape[1]} constraint rows redundant")
         return ", ".join([*words, f"{stats.wall_time:.3g} s of computing"])
-
-    @classmethod
-    def from_kernel(cls, result: dict[str, Any], t: np.ndarray, method: str, step: float | None,
-                    monitored: bool) -> Solution:
-        """The solution from the kernel's result, with arrays cut to the samples reached."""
-        count = result["samples"]
-        maxima = dict(result["maxima"])
-        kinetic = maxima["kinetic"]
-        if 0 < kinetic < np.inf:
-            maxima["energy_error"] /= kinetic
-        stats = Stats(step=step, wall_time=result["wall_time"], maxima=maxima if monitored else {},
-                      **result["counters"])
-        arrays = {key: result[key][:count] for key in ("x", "R", "v", "w", "a", "alpha", "lam")}
-        return cls(t=t[:count], status=Status(result["status"]), stats=stats, method=method,
-                   t_end=float(t[0] + result["time"]), **arrays)

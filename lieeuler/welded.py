@@ -97,7 +97,8 @@ def _weld(problem: Problem) -> Welded | None:
     welds = [joint for k, joint in enumerate(problem.joints) if k not in kept]
     if not welds:
         return None
-    levels = _kernel.constraint_levels(problem.kernel, problem.x, problem.R, problem.v, problem.w, 0.0)
+    levels = _kernel.constraint_levels(problem.kernel, problem.x, problem.R, problem.v, problem.w,
+                                       problem.time, 0.0)
     if not levels.max() <= ROUNDING:
         return None
     first = list(range(problem.n))  # of the bodies welded to each
@@ -127,7 +128,7 @@ def _weld(problem: Problem) -> Welded | None:
     places = _Places(problem, body, centre, turn, {old: new for new, old in enumerate(kept)})
     bodies = tuple(Body(m, J) for m, J in zip(total, inertia, strict=True))
     fewer = Problem(bodies, tuple(map(places.joint, kept.values())), problem.gravity, X, R, V, w,
-                    tuple(places.force(force, R) for force in problem.forces))
+                    tuple(places.force(force, R) for force in problem.forces), problem.time)
     return Welded(problem, fewer, body, centre, turn)
 
 

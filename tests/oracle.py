@@ -150,13 +150,18 @@ def newton(residual, z):
     return z
 
 
-def lagrange_step(system, level, q0, u0, h, coordinate_map, guess, gains=(0.0, 0.0)):
+def corrected(system, G0, mu, correction):
+    """What closes the positions, of a step that starts with G0: the multipliers' velocities, weighted or plain."""
+    return np.linalg.solve(system.M, G0.T @ mu) if correction == "mass" else G0.T @ mu
+
+
+def lagrange_step(system, level, q0, u0, h, coordinate_map, guess, gains=(0.0, 0.0), correction="mass"):
     """One implicit Euler step; returns q, u, lam and the solution as the next guess."""
     nu, m, G0 = 6 * system.n, system.m, system.G(q0)
 
     def unpack(z):
         u, lam, mu = z[:nu], z[nu:nu + m], z[nu + m:]
-        xi = u - np.linalg.solve(system.M, G0.T @ mu) if level == "stabilised" else u
+        xi = u - corrected(system, G0, mu, correction) if level == "stabilised" else u
         return system.move(q0, h, xi, coordinate_map), u, lam
 
     def residual(z):
@@ -196,7 +201,7 @@ def hamilton_step(system, level, q0, u0, h, coordinate_map, guess):
     return q, u, lam, z
 
 
-def integrate(system, method, q, u, h, steps, coordinate_map="exp", gains=(0.0, 0.0)):
+def integrate(system, method, q, u, h, steps, coordinate_map="exp", gains=(0.0, 0.0), correction="mass"):
     """States (q, u, a, lam) after `steps` steps of a `lieeuler.Method`."""
     a, lam = system.index1(q, u)
     extra = system.m if method.formulation == "lagrange" and method.level == "stabilised" else 0
@@ -204,7 +209,7 @@ def integrate(system, method, q, u, h, steps, coordinate_map="exp", gains=(0.0, 
     for _ in range(steps):
         arguments = (system, method.level, q, u, h, MAPS[coordinate_map], guess)
         if method.formulation == "lagrange":
-            q, u, lam, guess = lagrange_step(*arguments, gains)
+            q, u, lam, guess = lagrange_step(*arguments, gains, correction)
         else:
             q, u, lam, guess = hamilton_step(*arguments)
     if method.index1_output:
@@ -266,7 +271,7 @@ def alpha_coefficients(radius):
     return alpha_m, alpha_f, gamma, (gamma + 0.5)**2 / 4
 
 
-def alpha_step(system, radius, q0, u0, a0, A0, h, guess):
+def alpha_step(system, radius, q0, u0, a0, A0, h, guess, correction="mass"):
     """One step of generalized-alpha, stabilised index 2; returns q, u, a, A, lam and the solution as the next guess."""
     alpha_m, alpha_f, gamma, beta = alpha_coefficients(radius)
     nu, m, G0 = 6 * system.n, system.m, system.G(q0)
@@ -274,7 +279,7 @@ def alpha_step(system, radius, q0, u0, a0, A0, h, guess):
     def unpack(z):
         a, lam, eta = z[:nu], z[nu:nu + m], z[nu + m:]
         A = ((1 - alpha_f) * a + alpha_f * a0 - alpha_m * A0) / (1 - alpha_m)
-        xi = u0 + h * ((0.5 - beta) * A0 + beta * A) - np.linalg.solve(system.M, G0.T @ eta)
+        xi = u0 + h * ((0.5 - beta) * A0 + beta * A) - corrected(system, G0, eta, correction)
         u = u0 + h * ((1 - gamma) * A0 + gamma * A)
         return system.move(q0, h, xi, exp_series), u, a, A, lam
 
@@ -288,7 +293,7 @@ def alpha_step(system, radius, q0, u0, a0, A0, h, guess):
     return (*unpack(z), z)
 
 
-def integrate_alpha(system, radius, q, u, h, steps):
+def integrate_alpha(system, radius, q, u, h, steps, correction="mass"):
     """States (q, u, lam) after every step, and the multipliers of the index-1 system there."""
     a, lam = system.index1(q, u)
     alpha_m, alpha_f, *_ = alpha_coefficients(radius)
@@ -296,7 +301,7 @@ def integrate_alpha(system, radius, q, u, h, steps):
     A, _ = system.index1(system.move(q, ahead, u + ahead / 2 * a, exp_series), u + ahead * a)
     guess = np.r_[a, lam, np.zeros(system.m)]
     for _ in range(steps):
-        q, u, a, A, lam, guess = alpha_step(system, radius, q, u, a, A, h, guess)
+        q, u, a, A, lam, guess = alpha_step(system, radius, q, u, a, A, h, guess, correction)
         yield q, u, lam, system.index1(q, u)[1]
 
 

@@ -128,7 +128,8 @@ def answer(random: Random) -> str:
     if solution.success and {"position", "velocity"} <= set(lieeuler.METHODS[options["method"]].held):
         problem = make()
         levels = lieeuler._kernel.constraint_levels(problem.kernel, *(
-            np.ascontiguousarray(getattr(solution, name)[-1:]) for name in ("x", "R", "v", "w")), 0.0)
+            np.ascontiguousarray(getattr(solution, name)[-1:]) for name in ("x", "R", "v", "w")), 0.0,
+            float(solution.t[-1] - solution.t[0]))
         reach = max(1.0, np.abs(solution.v).max(initial=0.0) / max(np.abs(solution.v[-1]).max(initial=0.0), 1e-300))
         far = max(1.0, np.abs(solution.x).max() / problem.kernel.length)  # thrown along a slide by an absurd step
         assert levels[0, 0] <= LOOSE * far, f"positions open by {levels[0, 0]:.3g}"

@@ -39,6 +39,8 @@ class RunSpec:
     alpha: float | None = None
     beta: float | None = None
     spectral_radius: float | None = None  # of generalized_alpha
+    correction: str | None = None  # "mass" | "plain": weight of the correction of stabilised methods (lieeuler)
+    conserve: bool | None = None  # keep energy and momentum of free bodies in twice the digits (lieeuler)
     softness: str | None = None  # "tight" | "default": equality constraints of MuJoCo
     node: str | None = None  # "lie" | "euler_parameters": rigid bodies of Exudyn
 
@@ -49,7 +51,7 @@ ENGINE_OPTIONS = tuple(field.name for field in dataclasses.fields(RunSpec)
 
 CHOICES = {"form": ("tree", "maximal", "pivot"), "coordinate_map": ("exp", "cayley", "ccsk"),
            "reduce": ("welded", "planar", "axis", "joints", "off"),
-           "softness": ("tight", "default"), "node": ("lie", "euler_parameters")}
+           "correction": ("mass", "plain"), "softness": ("tight", "default"), "node": ("lie", "euler_parameters")}
 """The allowed values of options."""
 
 

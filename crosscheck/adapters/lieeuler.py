@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import OrderedDict
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,21 @@ def build_problem(scene: Scene) -> lieeuler.Problem:
     joints = tuple(_joint(scene, joint) for joint in scene.joints)
     forces = tuple(_force(scene, force) for force in scene.forces)
     return lieeuler.Problem(bodies, joints, scene.gravity, scene.x0, scene.R0, scene.v0, scene.w0, forces)
+
+
+_KEPT: OrderedDict[object, tuple[Scene, lieeuler.Problem]] = OrderedDict()
+MOST_KEPT = 8
+
+
+def kept_problem(scene: Scene) -> lieeuler.Problem:
+    """That of `build_problem`, made once for the scenes of the same bodies, joints and forces: those that differ in
+    samples or duration alone share the plans of their runs."""
+    key = id(scene.bodies), id(scene.joints), id(scene.forces), scene.gravity.tobytes()
+    if key not in _KEPT:  # a kept scene keeps its parts alive, so that no others get their identity
+        _KEPT[key] = scene, build_problem(scene)
+        if len(_KEPT) > MOST_KEPT:
+            _KEPT.popitem(last=False)
+    return _KEPT[key][1]
 
 
 def start(problem: lieeuler.Problem, step: float = 1e-6) -> lieeuler.Solution:
@@ -122,7 +138,8 @@ class LieEuler(Engine):
     forms = ("maximal",)
     adaptive_methods = tuple(name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls)
     fixed_step_methods = tuple(name for name, method in lieeuler.METHODS.items() if "step" in method.controls)
-    options = frozenset({"form", "coordinate_map", "spin_free", "reduce", "polish", "alpha", "beta", "spectral_radius"})
+    options = frozenset({"form", "coordinate_map", "spin_free", "reduce", "polish", "alpha", "beta",
+                         "spectral_radius", "correction", "conserve"})
     on_group = True
     known_defects = KNOWN
     package = "lieeuler-crosscheck"
@@ -164,10 +181,11 @@ class LieEuler(Engine):
         """
         try:
             solution = lieeuler.integrate(
-                build_problem(scene), spec.method, spec.step, scene.t, rtol=spec.rtol,
+                kept_problem(scene), spec.method, spec.step, scene.t, rtol=spec.rtol,
                 coordinate_map=spec.coordinate_map or "exp", alpha=spec.alpha, beta=spec.beta,
-                spectral_radius=spec.spectral_radius, spin_free=spec.spin_free, reduce=spec.reduce,
-                polish=spec.polish is not False, monitor=spec.monitor)
+                spectral_radius=spec.spectral_radius, correction=spec.correction or "mass", spin_free=spec.spin_free,
+                reduce=spec.reduce, conserve=bool(spec.conserve), polish=spec.polish is not False,
+                monitor=spec.monitor)
         except lieeuler.IntegrationError as ended:
             raise IntegrationError(ended.status, ended.advice, ended.solution) from ended
         except lieeuler.LieEulerError as error:

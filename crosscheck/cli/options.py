@@ -30,6 +30,9 @@ Softness = Annotated[str | None, typer.Option(help="tight or default: MuJoCo's e
 Node = Annotated[str | None, typer.Option(help="lie or euler_parameters: Exudyn's rigid bodies")]
 Alpha = Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of velocities")]
 Beta = Annotated[float | None, typer.Option(help="1/s; Baumgarte's gain of positions, not squared")]
+Correction = Annotated[str | None, typer.Option(help="mass or plain: weight of the correction of stabilised methods")]
+Conserve = Annotated[bool | None, typer.Option("--conserve", help="keep energy and momentum of free bodies in twice "
+                                               "the digits: taylor, rkmk54 and rkmk853 of lieeuler with --rtol")]
 SpectralRadius = Annotated[float | None, typer.Option(help="0 to 1, of generalized_alpha; default 0.8")]
 Reduce = Annotated[str | None, typer.Option(help="welded, planar, axis, joints or off (lieeuler)")]
 CoordinateMaps = Annotated[list[str] | None, typer.Option("--map", callback=_known_map, help=(

@@ -11,7 +11,9 @@ from crosscheck.cli.console import say
 from crosscheck.cli.options import (
     Alpha,
     Beta,
+    Conserve,
     CoordinateMap,
+    Correction,
     Drop,
     Duration,
     Keyframe,
@@ -46,6 +48,8 @@ def run(
     alpha: Alpha = None,
     beta: Beta = None,
     spectral_radius: SpectralRadius = None,
+    correction: Correction = None,
+    conserve: Conserve = None,
     reduce: Reduce = None,
     samples: Annotated[int | None, typer.Option(help="number of output times; default: the scene's")] = None,
     duration: Duration = None,
@@ -65,8 +69,8 @@ def run(
         method = "taylor"
         rtol = 1e-9 if step is None and rtol is None else rtol
     given = {"form": form, "coordinate_map": coordinate_map, "softness": softness, "node": node, "alpha": alpha,
-             "beta": beta, "spectral_radius": spectral_radius, "reduce": reduce, "samples": samples,
-             "duration": duration}
+             "beta": beta, "spectral_radius": spectral_radius, "correction": correction,
+             "conserve": conserve, "reduce": reduce, "samples": samples, "duration": duration}
     options = {key: value for key, value in given.items() if value is not None}
     prepared = loaded(scene, drop, keyframe)
     traj = run_scene(prepared, engine, method, step=step, rtol=rtol, **options)

@@ -36,6 +36,7 @@ def run(scene: Scene | str | os.PathLike[str], engine: str | Engine, method: str
     **options
         `samples` and `duration` (s) replace those of the scene. `monitor` (default True) evaluates the maxima over
         every step. `form`, `coordinate_map`, `spin_free`, `reduce`, `polish`, `alpha`, `beta`, `spectral_radius`,
+        `correction`, `conserve`,
         `softness` and `node` are options of some engines; an engine that lacks the option refuses it. Only
         spin_free=False is allowed for every engine: it is the default.
 

@@ -207,7 +207,8 @@ def test_an_unknown_word_is_no_level_map_or_carrier():
             words["no such word"]
     for wrong in ("velocity", "no such word", 17, None):
         with pytest.raises(TypeError):
-            _kernel.Method(_kernel.Formulation.lagrange, wrong, False, 0.0, 0.0, (), None, True)
+            _kernel.Method(_kernel.Formulation.lagrange, wrong, False, 0.0, 0.0, (), None, True,
+                           _kernel.Correction.mass)
         with pytest.raises(TypeError):
             _kernel.map_values(wrong, np.zeros(3), np.eye(3), 1.0)
 

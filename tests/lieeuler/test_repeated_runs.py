@@ -19,7 +19,6 @@ import pytest
 import crosscheck
 import lieeuler
 from crosscheck.adapters.lieeuler import build_problem
-from lieeuler.integrate import plan_run
 from tests import ROOT
 from tests.lieeuler.systems import SYSTEMS, spring_chain
 
@@ -151,7 +150,7 @@ def test_rows_chosen_at_one_start_are_not_those_of_another(name):
     """A plan keeps what it finds of loops where a run starts. A run from there again, from a start whose last bits
     differ and from one far away have the bits of runs of problems made anew, multipliers included."""
     given = build_problem(crosscheck.load_scene(name))
-    asked = plan_run(given, TAYLOR, None, None, [0.0, 0.1], "exp", None, None, None, False, monitor=False).run
+    asked = lieeuler.prepare(given, TAYLOR, t_eval=[0.0, 0.1], reduce="off", spin_free=False)
     later = lieeuler.integrate(given, TAYLOR, t_eval=[0.0, 0.2], rtol=1e-12, reduce="off")
     there = {each: getattr(later, each)[-1].copy() for each in STATES}
     here = {each: getattr(given, each).copy() for each in STATES}
@@ -159,8 +158,8 @@ def test_rows_chosen_at_one_start_are_not_those_of_another(name):
     for start in (here, here, beside, there, here, beside):
         anew = lieeuler.integrate(dataclasses.replace(given, **start), TAYLOR, t_eval=[0.0, 0.1], reduce="off",
                                   spin_free=False)
-        shared = lieeuler._kernel.integrate(given.kernel, asked, *start.values())
-        assert all(np.array_equal(getattr(anew, each), shared[each]) for each in FIELDS)
+        shared = asked(**start)
+        assert all(np.array_equal(getattr(anew, each), getattr(shared, each)) for each in FIELDS)
 
 
 @pytest.mark.parametrize("reduce", [None, "off"])

@@ -224,7 +224,7 @@ def test_welds_are_closed_to_rounding_at_the_samples():
         welds = [k for k in problem.joints if len(k.dots) == 3 and k.spherical]
         only = dataclasses.replace(problem, joints=tuple(welds), forces=())
         arrays = [np.ascontiguousarray(getattr(on, name)) for name in ("x", "R", "v", "w")]
-        assert lieeuler._kernel.constraint_levels(only.kernel, *arrays, 0.0).max() < 1e-13
+        assert lieeuler._kernel.constraint_levels(only.kernel, *arrays, 0.0, 0.0).max() < 1e-13
 
 
 def test_the_composite_is_the_body_that_moves():

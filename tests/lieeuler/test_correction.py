@@ -1,0 +1,117 @@
+"""The correction of stabilised Lagrangian methods weighted with the mass, or plain (docs/theory.md, section 4)."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+import crosscheck
+import lieeuler
+from tests import oracle
+from tests.lieeuler.systems import SYSTEMS, spring_chain
+from tests.lieeuler.test_methods import ROUNDING, truth
+from tests.lieeuler.test_oracle import AGREEMENT, oracle_system
+from tests.lieeuler.test_redundant import FOUR_BAR, SPRING, linkage
+
+METHODS = ("DAE2L_LSE", "DAE1L_LSE", "generalized_alpha")
+STEPS = (4e-3, 2e-3, 1e-3, 5e-4)
+
+
+def uneven(name):
+    """The system with masses and inertias of one to three: the weight of equal ones of 1 kg would show little."""
+    problem = SYSTEMS[name]()
+    return dataclasses.replace(problem, bodies=tuple(
+        lieeuler.Body(3.0 / (k + 1), 2.5 * body.inertia) for k, body in enumerate(problem.bodies)))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["single_pendulum", "double_pendulum"])
+def test_kernel_agrees_with_dense_oracle(name, method):
+    problem, h, steps = uneven(name), 1e-2, 50
+    system, q0, u0 = oracle_system(problem), (problem.x, problem.R), np.hstack([problem.v, problem.w]).ravel()
+    run = lieeuler.integrate(problem, method, h, [0, steps * h], correction="plain")
+    if method == "generalized_alpha":
+        *_, ((x, R), u, _, lam) = oracle.integrate_alpha(system, 0.8, q0, u0, h, steps, "plain")
+    else:
+        (x, R), u, _, lam = oracle.integrate(system, lieeuler.METHODS[method], q0, u0, h, steps, correction="plain")
+    assert np.abs(run.x[-1] - x).max() < AGREEMENT
+    assert np.abs(run.R[-1] - R).max() < AGREEMENT
+    assert np.abs(np.hstack([run.v[-1], run.w[-1]]).ravel() - u).max() < AGREEMENT * max(1, np.abs(u).max())
+    noise = 1e3 * np.finfo(float).eps / h**2  # as in test_oracle.py
+    assert np.abs(run.lam[-1] - lam).max() < noise * np.abs(lam).max()
+    mass = lieeuler.integrate(problem, method, h, [0, steps * h])
+    assert np.abs(mass.x[-1] - run.x[-1]).max() > 1e-7  # another method: the test would notice the wrong weight
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_levels_stay_at_rounding_level(method):
+    run = lieeuler.integrate(SYSTEMS["double_pendulum"](), method, 1e-2, [0, 10.0], correction="plain")
+    for level in lieeuler.METHODS[method].held:
+        assert run.stats.maxima[f"constraint_{level}"] < ROUNDING[level]
+    assert run.stats.maxima["orthogonality"] < ROUNDING["orthogonality"]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_order_energy_and_momentum(method):
+    """Of the documented order, all of them, and so is the distance from the run weighted with the mass."""
+    problem, order = SYSTEMS["double_pendulum"](), lieeuler.METHODS[method].order
+    t, x, R, u, lam = truth("double_pendulum")
+
+    def vertical(run):
+        spins = np.einsum("tbij,bjk,tbk->tbi", run.R, np.array([b.inertia for b in problem.bodies]), run.w)
+        return (np.cross(run.x, run.v) + spins).sum(axis=1)[:, 2]  # masses are 1 kg
+
+    values = []
+    for h in STEPS:
+        plain, mass = (lieeuler.integrate(problem, method, h, t, correction=word) for word in ("plain", "mass"))
+        rates = np.concatenate([plain.v, plain.w], axis=2).reshape(u.shape)
+        values.append([np.abs(plain.x - x).max(), np.abs(plain.R - R).max(), np.abs(rates - u).max(),
+                       np.abs(plain.lam - lam)[1:].max(), plain.stats.maxima["energy_error"],
+                       np.ptp(vertical(plain)), np.abs(plain.x - mass.x).max()])
+    slopes = np.polyfit(np.log(STEPS), np.log(values), 1)[0]
+    within = 0.1 if order == 1 else 0.15
+    assert (np.abs(slopes[:4] - order) < within).all(), slopes
+    assert (slopes[4:] > order - within).all(), slopes
+
+
+@pytest.mark.parametrize("damping", [0.0, 5.0])
+@pytest.mark.parametrize("method", METHODS[:2])
+def test_in_a_redundant_loop_with_a_stiff_spring(method, damping):
+    """In its plane no row depends on others, and the motion is the same."""
+    bar = linkage(FOUR_BAR)
+    spring = lieeuler.LinearSpring(-1, 1, **SPRING, stiffness=1e4, damping=damping)
+    problem = dataclasses.replace(bar, forces=(spring,))
+    whole, plane = (lieeuler.integrate(problem, method, 5e-3, [0, 0.1], correction="plain", reduce=word)
+                    for word in ("off", "planar"))
+    assert whole.stats.redundant_rows == 3
+    assert np.abs(whole.x - plane.x).max() < 1e-10
+    assert whole.stats.maxima["constraint_velocity"] < 1e-11
+
+
+def test_gears_slips_and_springs_take_it():
+    for problem in (spring_chain(3), *(crosscheck.adapters.lieeuler.build_problem(crosscheck.load_scene(name))
+                                       for name in ("geared_arm", "rolling_disk", "driven_cart"))):
+        runs = [lieeuler.integrate(problem, "DAE1L_LSE", h, [0, 0.1], correction="plain") for h in (2e-3, 1e-3, 5e-4)]
+        assert all(run.success for run in runs)
+        coarse, fine = (np.abs(a.R[-1] - b.R[-1]).max() + np.abs(a.x[-1] - b.x[-1]).max()
+                         for a, b in itertools.pairwise(runs))
+        assert coarse / fine == pytest.approx(2, rel=0.1)
+
+
+@pytest.mark.parametrize("method", ["DAE3L_LE", "DAE2H_LSE", "rattle2", "rkmk54", "taylor"])
+def test_others_refuse_it_by_name(method):
+    size = {"rtol": 1e-6} if method in ("rkmk54", "taylor") else {"step": 1e-2}
+    with pytest.raises(lieeuler.ArgumentError, match="correction='plain' is for DAE2L_LSE, DAE1L_LSE, generalized_alp"):
+        lieeuler.integrate(SYSTEMS["single_pendulum"](), method, t_eval=[0, 1], correction="plain", **size)
+
+
+def test_crosscheck_passes_it_on():
+    runs = {word: crosscheck.run("heavy_top", "lieeuler", "DAE1L_LSE", step=1e-3, duration=0.05, samples=3,
+                                 **({} if word is None else {"correction": word})) for word in (None, "mass", "plain")}
+    assert np.array_equal(runs[None].x, runs["mass"].x)
+    assert not np.array_equal(runs[None].x, runs["plain"].x)
+    with pytest.raises(crosscheck.ArgumentError, match="correction"):
+        crosscheck.run("heavy_top", "lieeuler", "DAE1L_LSE", step=1e-3, correction="heavy")

@@ -9,6 +9,7 @@ import typer
 
 from crosscheck.cli.console import counted
 from crosscheck.cli.options import Drop, Keyframe, SceneName
+from crosscheck.errors import ArgumentError
 
 
 def import_(
@@ -20,6 +21,14 @@ def import_(
     balance: Annotated[bool, typer.Option("--balance", help="replace inertias that no body can have, as MuJoCo's "
                                           "balanceinertia does")] = False,
     root: Annotated[str | None, typer.Option(help="take only this link or body and what hangs on it")] = None,
+    actuators: Annotated[str, typer.Option(help="keep those of hinges and slides, or drop them")] = "keep",
+    control: Annotated[list[str] | None, typer.Option(
+        help="NAME=NUMBER of an actuator or its joint; may be repeated")] = None,
+    limits: Annotated[str, typer.Option(
+        help="monitor: the scene holds until a joint reaches one; keep: rigid stops; or drop")] = "monitor",
+    contacts: Annotated[str, typer.Option(help="monitor: the scene holds until two bodies touch; or drop")] = "monitor",
+    friction: Annotated[str, typer.Option(help="keep dry friction, or drop it")] = "keep",
+    start: Annotated[str, typer.Option(help="model, random, or the seed of a random start")] = "model",
     duration: Annotated[float, typer.Option(help="s, of the scene")] = 2.0,
     samples: Annotated[int, typer.Option(help="number of output times of the scene")] = 101,
 ) -> None:
@@ -33,14 +42,28 @@ def import_(
     from crosscheck.scene.models.words import quoted, together
 
     scene = import_file(model, out, drop=drop, keyframe=keyframe, base=base, duration=duration, samples=samples,
-                        balance=balance, root=root)
+                        balance=balance, root=root, actuators=actuators, limits=limits, contacts=contacts,
+                        friction=friction, start=int(start) if start.isdigit() else start,
+                        controls=dict(_control(each) for each in control or ()))
     typer.echo(f"{scene.name}: {counted(scene.n, 'body', 'bodies')}, {counted(len(scene.joints), 'joint')}, "
                f"{counted(len(scene.forces), 'force')}")
+    if scene.monitors:
+        typer.echo(f"it holds until the first of {counted(len(scene.monitors), 'monitor')}: a joint leaves its range, "
+                   "or two bodies touch")
     typer.echo(f"written: {out}")
     for words in together(map(quoted, scene.left_out)):
         typer.echo(f"left out: {words}")
     if (reason := adapters.get("lieeuler").unsupported(scene, RunSpec("taylor", rtol=1e-9))) is not None:
         typer.echo(f"lieeuler cannot run it: {reason}")
+
+
+def _control(text: str) -> tuple[str, float]:
+    """The name and the number of NAME=NUMBER."""
+    name, _, number = text.rpartition("=")
+    try:
+        return name, float(number)
+    except ValueError:
+        raise ArgumentError(f"--control: {text!r} is not NAME=NUMBER, such as elbow=0.3") from None
 
 
 def export(

@@ -18,6 +18,7 @@ def scene_from(data: Content, origin: str | os.PathLike[str]) -> Scene:
     try:
         scene = _assembled(checks.draft(decode(data), Path(origin).parent))
         checks.check_start(scene)
+        checks.check_touching(scene)
         return scene
     except EntryError as error:
         raise SceneError(printable(f"{os.fsdecode(origin)}: {error}")) from None

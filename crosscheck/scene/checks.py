@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from crosscheck.scene import coordinates, joint_options, meshes
+from crosscheck.scene import coordinates, joint_options, meshes, touching
 from crosscheck.scene.functions import TimeFunction
 from crosscheck.scene.joints import JOINT_TYPES
 from crosscheck.scene.laws import SIZES, Monitor, Shape
@@ -386,6 +386,19 @@ def check_start(scene: Scene) -> None:
         if max(monitor.lower - value, value - monitor.upper) > START_TOLERANCE * max(1.0, abs(value)):
             raise EntryError(f"monitors[{index}] ({monitor.type})", f'"{monitor.joint}" starts with {value:.6g}, '
                              f"beyond [{monitor.lower:g}, {monitor.upper:g}]", "start inside, or correct the monitor")
+
+
+def check_touching(scene: Scene) -> None:
+    """Raise if two watched shapes touch at the start; nothing is known without the library of the distances."""
+    if not any(monitor.joint is None for monitor in scene.monitors) or not touching.available():
+        return
+    watched = touching.Touching(scene)
+    for index, gap in zip(watched.monitors, watched.gaps(scene.x0, scene.R0), strict=True):
+        if gap < 0:
+            monitor = scene.monitors[index]
+            raise EntryError(f"monitors[{index}] (touch)", f"at the start {monitor.name} are "
+                             f"{gap + monitor.margin:.3g} m apart, with a margin of {monitor.margin:g} m",
+                             "start with them apart, or remove it")
 
 
 def _axial_joint(entry: str, types: Mapping[str, str], name: str, slides: bool) -> str:

@@ -8,7 +8,7 @@ that a scene cannot hold and that would change the motion is refused, or on requ
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -35,7 +35,10 @@ def is_model(path: object) -> bool:
 def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None, drop: bool = False,
                  base: Literal["fixed", "free"] = "fixed", qpos: Sequence[float] | None = None,
                  qvel: Sequence[float] | None = None, duration: float = 2.0, samples: int = 101,
-                 balance: bool = False, root: str | None = None) -> Scene:
+                 balance: bool = False, root: str | None = None, actuators: Literal["keep", "drop"] = "keep",
+                 controls: Mapping[str, Any] | None = None, limits: Literal["keep", "monitor", "drop"] = "monitor",
+                 contacts: Literal["monitor", "drop"] = "monitor", friction: Literal["keep", "drop"] = "keep",
+                 start: str | int = "model") -> Scene:
     """An MJCF or URDF file as a scene.
 
     Parameters
@@ -57,6 +60,19 @@ def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None
         Replace inertias that no body can have as MuJoCo's `balanceinertia` does, and list it in `left_out`.
     root
         Take only this link of a URDF, or this body in the world of an MJCF, and what hangs on it.
+    actuators
+        Keep actuators of hinges and slides as servos, with gear and ranges, or drop them.
+    controls
+        Of actuators by their names or those of their joints: a number, or the table of a function of time, such as
+        `{"type": "sine", "terms": [[0.5, 3.0, 0.0]]}`. Default: those of the keyframe, or none.
+    limits
+        "monitor": the scene claims the motion until a joint leaves its range; "keep": rigid stops; or drop them.
+    contacts
+        "monitor": it claims the motion until two shapes touch that MuJoCo would let collide; or drop them.
+    friction
+        Keep dry friction, or drop it.
+    start
+        "model", "random", or the seed of a random start inside the limits and free of contacts.
 
     Raises
     ------
@@ -68,7 +84,8 @@ def import_model(path: str | os.PathLike[str], keyframe: str | int | None = None
     from crosscheck.scene.building import scene_from
 
     content = table(path, keyframe=keyframe, drop=drop, base=base, qpos=qpos, qvel=qvel, duration=duration,
-                    samples=samples, balance=balance, root=root)
+                    samples=samples, balance=balance, root=root, actuators=actuators, controls=controls, limits=limits,
+                    contacts=contacts, friction=friction, start=start)
     return scene_from(content, path)
 
 

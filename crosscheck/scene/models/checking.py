@@ -49,7 +49,7 @@ def motion(reading: Reading, d: Any, scene: Scene) -> None:
     import mujoco
 
     m = copy.copy(reading.model)
-    if any(words.startswith("actuator") for words in reading.lost):
+    if any(words.startswith("actuator") for words in (*reading.lost, *reading.noted)):
         m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
     mujoco.mj_forward(m, d)
     d.qacc[:] = d.qacc_smooth

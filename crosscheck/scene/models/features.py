@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 
 from crosscheck.scene.model import rotation_from_quaternion
+from crosscheck.scene.models.laws import body_label, off
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.schema import Content as Table
 
 MOST_NAMED = 6
 """Largest number of names of one kind in a message; the rest is counted."""
-
-UNREACHABLE = 1e6
-"""rad or m. A URDF that needs no limits writes limits at least this far away."""
 
 MOST_OPEN, ROUNDED = 1e-3, 1e-9
 """rad, and relative to the model's size: a loop that is open by more is not closed by the start of the file; one open
@@ -24,19 +22,11 @@ by less than the second is closed up to rounding."""
 def collect(reading: Reading, joints: list[Table]) -> tuple[list[Table], list[Table]]:
     """(further joints, forces); adds what a scene cannot hold to `reading.lost`, and mimics to `joints`."""
     m = reading.model
-    _limits(reading)
+    _nonlinear(reading)
     media = (("the drag of the medium (option density or viscosity)", m.opt.density or m.opt.viscosity),
              ("flexible bodies", m.nflex), ("plugins", m.nplugin))
     reading.lost += [words for words, there in media if there]
-    _contacts(reading)
-    _actuators(reading)
     return _equalities(reading, joints), [*_tendons(reading), *_compensation(reading)]
-
-
-def _off(reading: Reading, flag: str) -> bool:
-    import mujoco
-
-    return bool(int(reading.model.opt.disableflags) & getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
 
 
 def _named(kind: str, names: list[str]) -> list[str]:
@@ -46,93 +36,16 @@ def _named(kind: str, names: list[str]) -> list[str]:
     return [f"{kind} {', '.join(repr(name) for name in names[:MOST_NAMED])}{more}"]
 
 
-def _limits(reading: Reading) -> None:
+def _nonlinear(reading: Reading) -> None:
     m = reading.model
     labels = [m.jnt(j).name or f"joint {j}" for j in range(m.njnt)]
-    if not _off(reading, "LIMIT"):
-        reading.lost += _named("limits of joint", [
-            labels[j] for j in range(m.njnt) if m.jnt_limited[j] and np.abs(m.jnt_range[j]).min() < UNREACHABLE])
-    if not _off(reading, "FRICTIONLOSS"):
-        dry = sorted({int(m.dof_jntid[dof]) for dof in range(m.nv) if m.dof_frictionloss[dof]})
-        reading.lost += _named("dry friction of joint", [labels[j] for j in dry])
     for field, flag, owner in (("jnt_stiffnesspoly", "SPRING", None), ("dof_dampingpoly", "DAMPER", "dof_jntid")):
         values = getattr(m, field, None)
-        if values is not None and np.any(values) and not _off(reading, flag):
+        if values is not None and np.any(values) and not off(reading, flag):
             rows = np.flatnonzero(np.any(np.atleast_2d(values), axis=1))
             which = rows if owner is None else getattr(m, owner)[rows]
             reading.lost += _named(f"nonlinear {'stiffness' if owner is None else 'damping'} of joint",
                                    [labels[int(j)] for j in which])
-
-
-def _contacts(reading: Reading) -> None:
-    """List as lost the pairs of bodies whose geometries MuJoCo would let collide."""
-    m = reading.model
-    if _off(reading, "CONTACT") or _off(reading, "CONSTRAINT"):
-        return
-    weld = reading.groups
-    parents = weld[m.body_parentid]
-    masks: dict[int, set[tuple[int, int]]] = {}
-    for g in range(m.ngeom):
-        if m.geom_contype[g] or m.geom_conaffinity[g]:
-            masks.setdefault(int(m.geom_bodyid[g]), set()).add((int(m.geom_contype[g]), int(m.geom_conaffinity[g])))
-    excluded = {(int(code) >> 16, int(code) & 0xFFFF) for code in m.exclude_signature}
-    found = []
-    for a in sorted(masks):
-        for b in sorted(masks):
-            wa, wb = int(weld[a]), int(weld[b])
-            if a >= b or wa == wb or (a, b) in excluded or (b, a) in excluded:
-                continue
-            kin = wa and wb and (wa == int(parents[wb]) or wb == int(parents[wa]))
-            if kin and not _off(reading, "FILTERPARENT"):
-                continue
-            if any(ta & cb or tb & ca for ta, ca in masks[a] for tb, cb in masks[b]):
-                found.append(f"{_label(m, a)} - {_label(m, b)}")
-    found += [f"{_label(m, int(m.geom_bodyid[a]))} - {_label(m, int(m.geom_bodyid[b]))}"
-              for a, b in zip(m.pair_geom1, m.pair_geom2, strict=True)]
-    reading.lost += _named("contacts of the colliding bodies", list(dict.fromkeys(found)))
-
-
-def _label(m: Any, body: int) -> str:
-    return str(m.body(body).name or f"body {body}") if body else "ground"
-
-
-def _actuators(reading: Reading) -> None:
-    """List as lost the actuators that act at the state's control; a motor with zero control does nothing."""
-    m = reading.model
-    if _off(reading, "ACTUATION"):
-        return
-    acting = []
-    for a in range(m.nactuator):
-        passive = any(np.any(getattr(m, field)[a]) for field in ("actuator_damping", "actuator_dampingpoly",
-                                                                 "actuator_armature"))
-        shut = int(m.opt.disableactuator) >> int(m.actuator_group[a]) & 1
-        if passive or (not shut and _acts(reading, a)):
-            acting.append(m.actuator(a).name or f"actuator {a}")
-    reading.lost += _named("actuator", acting)
-    clamped = [j for j in range(m.njnt) if m.nactuator and m.jnt_actfrclimited[j]
-               and not m.jnt_actfrcrange[j, 0] <= 0 <= m.jnt_actfrcrange[j, 1]]
-    reading.lost += _named("range of the actuator force on joint", [m.jnt(j).name or f"joint {j}" for j in clamped])
-
-
-def _acts(reading: Reading, a: int) -> bool:
-    """Whether an actuator exerts a force at the state's control, or at another state with it."""
-    import mujoco
-
-    m, d = reading.model, reading.data
-    if m.actuator_forcelimited[a] and not m.actuator_forcerange[a, 0] <= 0 <= m.actuator_forcerange[a, 1]:
-        return True
-    if m.actuator_biastype[a] != mujoco.mjtBias.mjBIAS_NONE and np.any(m.actuator_biasprm[a]):
-        return True
-    fixed = m.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
-    if fixed and m.actuator_gainprm[a, 0] == 0:
-        return False
-    if m.actuator_actadr[a] >= 0 or not (fixed or m.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_AFFINE):
-        return True
-    its = slice(int(m.actuator_ctrladr[a]), int(m.actuator_ctrladr[a]) + int(m.actuator_ctrlnum[a]))
-    control, ranges = d.ctrl[its], m.actuator_ctrlrange[its]  # both per control, of which an actuator may have several
-    if not _off(reading, "CLAMPCTRL"):
-        control = np.where(m.actuator_ctrllimited[its], np.clip(control, ranges[:, 0], ranges[:, 1]), control)
-    return bool(np.any(control))
 
 
 def _tendons(reading: Reading) -> list[Table]:
@@ -144,8 +57,8 @@ def _tendons(reading: Reading) -> list[Table]:
     lost = []
     for t in range(m.ntendon):
         k, c = float(m.tendon_stiffness[t]), float(m.tendon_damping[t])
-        k, c = (0.0 if _off(reading, "SPRING") else k), (0.0 if _off(reading, "DAMPER") else c)
-        hard = (m.tendon_limited[t] and not _off(reading, "LIMIT")) or m.tendon_frictionloss[t] or (
+        k, c = (0.0 if off(reading, "SPRING") else k), (0.0 if off(reading, "DAMPER") else c)
+        hard = (m.tendon_limited[t] and not off(reading, "LIMIT")) or m.tendon_frictionloss[t] or (
             hasattr(m, "tendon_armature") and m.tendon_armature[t])
         bent = any(np.any(getattr(m, field)[t]) for field in ("tendon_stiffnesspoly", "tendon_dampingpoly")
                    if hasattr(m, field))
@@ -173,10 +86,10 @@ def _tendons(reading: Reading) -> list[Table]:
 def _compensation(reading: Reading) -> list[Table]:
     """MuJoCo's gravity compensation of bodies as constant forces."""
     m, d = reading.model, reading.data
-    if _off(reading, "GRAVITY"):
+    if off(reading, "GRAVITY"):
         return []
     made = []
-    idle = m.nactuator == 0 or _off(reading, "ACTUATION")  # MuJoCo then leaves out what actuators should compensate
+    idle = m.nactuator == 0 or off(reading, "ACTUATION")  # MuJoCo then leaves out what actuators should compensate
     for body in np.flatnonzero(m.body_gravcomp):
         group, above, carried = int(reading.groups[body]), int(body), set()
         while above:
@@ -186,7 +99,7 @@ def _compensation(reading: Reading) -> list[Table]:
         if not group or (idle and carried == {True}):
             continue
         if True in carried and (idle or np.any(m.jnt_actfrclimited & m.jnt_actgravcomp)):
-            reading.lost += _named("gravity compensation by actuators of body", [_label(m, int(body))])
+            reading.lost += _named("gravity compensation by actuators of body", [body_label(m, int(body))])
             continue
         name, point = reading.end(group, d.xipos[body])
         made.append({"type": "constant_force", "child": name, "child_point": point, "frame": "world",
@@ -214,7 +127,7 @@ def _equalities(reading: Reading, joints: list[Table]) -> list[Table]:
 
     m, d = reading.model, reading.data
     made: list[Table] = []
-    if _off(reading, "EQUALITY") or _off(reading, "CONSTRAINT"):
+    if off(reading, "EQUALITY") or off(reading, "CONSTRAINT"):
         return made
     kinds = mujoco.mjtEq
     for e in range(m.neq):

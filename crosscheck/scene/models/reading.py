@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,14 @@ import numpy as np
 
 from crosscheck.errors import ArgumentError, SceneError, unknown
 from crosscheck.scene.building import scene_from
-from crosscheck.scene.models import checking, compiling, features, known, neutral, source
+from crosscheck.scene.models import checking, compiling, features, known, laws, neutral, source
 from crosscheck.scene.models.neutral import Reading
 from crosscheck.scene.models.source import Source
 from crosscheck.scene.models.words import quoted, together
 from crosscheck.scene.schema import Content as Table
+
+MOST_DRAWS = 200
+"""Random starts that are drawn until one is free of touching bodies."""
 
 MOST_ROOTS = 6
 """Largest number of names in a message."""
@@ -24,12 +28,17 @@ MOST_ROOTS = 6
 
 def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop: bool = False, base: str = "fixed",
           qpos: Sequence[float] | None = None, qvel: Sequence[float] | None = None, duration: float = 2.0,
-          samples: int = 101, balance: bool = False, root: str | None = None) -> Table:
+          samples: int = 101, balance: bool = False, root: str | None = None, actuators: str = "keep",
+          controls: Mapping[str, Any] | None = None, limits: str = "monitor", contacts: str = "monitor",
+          friction: str = "keep", start: str | int = "model") -> Table:
     """The content of a scene file, see `crosscheck.import_model`."""
     if not isinstance(path, str | os.PathLike):
         raise ArgumentError(f"path: the name of a model file is wanted, not {type(path).__name__}")
     if base not in ("fixed", "free"):
         raise ArgumentError(unknown("base", base, ("fixed", "free")))
+    wants = laws.Wants(actuators, limits, contacts, friction, controls or {})
+    if drop:
+        wants = laws.Wants("drop", "drop", "drop", "drop", controls or {})
     model = source.read(Path(path))
     if root is not None:
         source.cut(model, root)
@@ -39,11 +48,17 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
     lost = [*known.unknown(model), *(_urdf_limits(model) if model.is_urdf else ())]
     m, noted = _compiled(model, base, balance)  # raises with advice if MuJoCo is not installed
     d = _start(model, m, keyframe, qpos, qvel)
+    if start != "model":
+        if keyframe is not None or qpos is not None:
+            raise ArgumentError("start: a keyframe or qpos says where it starts; leave one of the two out")
+        _draw(model, m, d, start, wants)
+    _set_controls(m, d, wants)
     reading = read(model, m, d)
     reading.lost += lost
     reading.noted += noted
     joints = neutral.joint_tables(reading)
     further, forces = features.collect(reading, joints)
+    own = laws.find(reading, joints, wants)
     if model.is_urdf:
         by_name = {each["name"]: each for each in joints}
         for name, mimic in _mimics(model):
@@ -53,24 +68,58 @@ def table(path: str | os.PathLike[str], keyframe: str | int | None = None, drop:
                 reading.lost.append(f"mimic of joint {name!r}")
         _check_against_pinocchio(model, reading, base)
     checking.loops(reading)
-    _check_motion(model, reading)
+    _check_motion(model, reading, wants)
     if reading.impossible:
         raise SceneError(f"{model.path}: cannot be a scene: {'; '.join(map(model.located, reading.impossible))}")
     if reading.lost and not drop:
         words = "; ".join(together(quoted(model.located(each)) for each in reading.lost))
         raise SceneError(f"{model.path}: a scene cannot hold {words}; give --drop (drop=True) to leave all this out")
     left_out = [*reading.lost, *reading.noted]
+    third = own.forces or own.monitors or any({"dry_friction", "limits"} & joint.keys() for joint in joints)
+    idle = [f"motors without a control: {', '.join(own.idle)}"] if own.idle else []
     content: Table = {
-        "schema": 2, "name": _name(model),
-        "description": "; ".join([f"imported from {Path(path).name}", *(f"left out: {words}" for words in left_out)]),
+        "schema": 3 if third else 2, "name": _name(model),
+        "description": "; ".join([f"imported from {Path(path).name}", *(f"left out: {words}" for words in left_out),
+                                  *idle]),
         "source": Path(path).name, "tags": ["imported"], "gravity": neutral.gravity(m).tolist(),
         "duration": duration, "samples": samples, "left_out": left_out,
         "bodies": [neutral.body_table(body) for body in reading.bodies.values()],
-        "joints": _distinct([*joints, *further]), "forces": forces}
+        "joints": _distinct([*joints, *further]), "forces": [*forces, *own.forces], "shapes": own.shapes,
+        "monitors": own.monitors}
     return {key: value for key, value in content.items() if value not in ([], "")}
 
 
-def _check_motion(model: Source, reading: Reading) -> None:
+def _draw(model: Source, m: Any, d: Any, start: str | int, wants: laws.Wants) -> None:
+    """A seeded random start in place, inside the limits and, where contacts are watched, free of them."""
+    import mujoco
+
+    seed = 0 if start == "random" else start
+    if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
+        raise ArgumentError(f'start: "model", "random" or a whole number, a seed, is wanted, not {start!r}')
+    rng = np.random.default_rng(seed)
+    for _ in range(MOST_DRAWS):
+        laws.draw(m, d, int(rng.integers(2**31)))
+        follow(model, m, d.qpos, d.qvel)
+        if wants.contacts == "drop":
+            return
+        mujoco.mj_kinematics(m, d)
+        there = read(model, m, d)
+        if all(mujoco.mj_geomDistance(m, d, a, b, 1.0, None) >= margin for a, b, margin in laws.colliding(there)):
+            return
+    raise SceneError(f"{model.path}: none of {MOST_DRAWS} random starts is free of touching bodies; give qpos, or "
+                     'contacts="drop"')
+
+
+def _set_controls(m: Any, d: Any, wants: laws.Wants) -> None:
+    """The controls at the start, where MuJoCo and the scene are compared."""
+    for a in range(m.nactuator):
+        joint = m.jnt(int(m.actuator_trnid[a, 0])).name if int(m.actuator_trntype[a]) in (0, 1) else ""
+        key = next((each for each in (m.actuator(a).name, joint) if each and each in wants.controls), None)
+        if key is not None:
+            d.ctrl[int(m.actuator_ctrladr[a])] = laws.at_start(key, wants.controls[key])
+
+
+def _check_motion(model: Source, reading: Reading, wants: laws.Wants) -> None:
     """List as lost that MuJoCo accelerates the bodies otherwise than the scene does, in a state away from the start."""
     if len(reading.bodies) > checking.MOST_BODIES or any(map(checking.unlike, reading.lost)):
         return
@@ -78,14 +127,15 @@ def _check_motion(model: Source, reading: Reading) -> None:
     there = read(model, reading.model, d)
     joints = neutral.joint_tables(there)
     _, forces = features.collect(there, joints)
+    own = laws.find(there, joints, dataclasses.replace(wants, limits="drop", contacts="drop", friction="drop"))
     if there.impossible:
         return
     for joint in joints:
         joint.pop("mimic", None)  # the constraints that MuJoCo solves softly are left out on both sides
     checking.motion(reading, d, scene_from({
-        "schema": 2, "name": "away", "gravity": neutral.gravity(reading.model).tolist(), "duration": 1.0, "samples": 2,
+        "schema": 3, "name": "away", "gravity": neutral.gravity(reading.model).tolist(), "duration": 1.0, "samples": 2,
         "bodies": [neutral.body_table(body) for body in there.bodies.values()], "joints": _distinct(joints),
-        "forces": forces}, model.path))
+        "forces": [*forces, *own.forces]}, model.path))
 
 
 def _compiled(model: Source, base: str, balance: bool) -> tuple[Any, list[str]]:

@@ -27,8 +27,9 @@ FAR = 1e9
 
 def toml(content: Mapping[str, Any]) -> str:
     """The text of a scene file from its plain mapping."""
-    lines = [f"{key} = {_value(value)}" for key, value in content.items() if key not in ("bodies", "joints", "forces")]
-    for group in ("bodies", "joints", "forces"):
+    groups = ("bodies", "joints", "forces", "shapes", "monitors")
+    lines = [f"{key} = {_value(value)}" for key, value in content.items() if key not in groups]
+    for group in groups:
         for table in content.get(group, []):
             lines += ["", f"[[{group}]]", *(f"{key} = {_value(value)}" for key, value in table.items())]
     return "\n".join(lines) + "\n"
@@ -120,6 +121,11 @@ def _mjcf_joints(scene: Scene, element: Element, body: int, joint: Joint | None)
             values = getattr(joint, key)
             if any(values):
                 made.set(key, repr(float(values[k])))
+        if (ends := _range(scene, "MJCF", joint, k)) is not None:
+            made.set("limited", "true")
+            made.set("range", _numbers(np.clip(ends, -FAR, FAR)))
+        if (friction := _friction(scene, "MJCF", joint, k)) is not None:
+            made.set("frictionloss", repr(friction))
         if any(joint.stiffness):
             made.set("springref", repr(float((joint.rest_position or (0.0, 0.0))[k])))
 
@@ -151,6 +157,17 @@ def _mjcf_force(scene: Scene, root: Element, elements: dict[int, Element], numbe
             SubElement(elements[body], "site", name=name, pos=_numbers(point))
             SubElement(spatial, "site", site=name)
         return
+    if force.type == "servo" and not force.functions and not {"period", "no_load_speed"} & p.keys():
+        actuators = root.find("actuator")
+        constant = (p["proportional"] * p["target"] + p["derivative"] * p.get("target_velocity", 0.0)
+                    + p["feedforward"])
+        made = SubElement(SubElement(root, "actuator") if actuators is None else actuators, "general",
+                          name=f"servo {number}", joint=str(force.joint), biastype="affine", gainprm="0",
+                          biasprm=_numbers((constant, -p["proportional"], -p["derivative"])))
+        if "effort_limit" in p:
+            made.set("forcelimited", "true")
+            made.set("forcerange", _numbers(p["effort_limit"]))
+        return
     if force.type != "torsional_spring" or force.functions:
         moving = " whose rest angle depends on time" if force.functions else ""
         raise _refused(scene, "MJCF", f"forces[{number}], a {force.type}{moving}")
@@ -161,6 +178,27 @@ def _mjcf_force(scene: Scene, root: Element, elements: dict[int, Element], numbe
     joint.set("stiffness", repr(float(p["stiffness"])))
     joint.set("damping", repr(float(p["damping"])))
     joint.set("springref", repr(float(joint.get("ref", "0")) + p["rest_angle"] - angle))
+
+
+def _range(scene: Scene, form: str, joint: Joint, k: int = 0) -> tuple[float, float] | None:
+    """The limits of a coordinate, or the range in which a monitor watches it, as an import takes them."""
+    limits = joint.limits[k] if joint.limits else None
+    watched = [monitor for monitor in scene.monitors if monitor.joint == joint.name]
+    for number, monitor in enumerate(scene.monitors):
+        if monitor.type != "range" or (monitor in watched and (limits is not None or len(watched) > 1)):
+            raise _refused(scene, form, f"monitors[{number}], a {monitor.type} of {monitor.name}")
+    if limits is not None and (not limits.rigid or limits.restitution):
+        raise _refused(scene, form, f"the {'restitution' if limits.rigid else 'stiffness'} of the limits of joint "
+                       f"{joint.name!r}")
+    held = limits if limits is not None else watched[0] if watched else None
+    return None if held is None else (held.lower, held.upper)
+
+
+def _friction(scene: Scene, form: str, joint: Joint, k: int = 0) -> float | None:
+    friction = joint.dry_friction[k] if joint.dry_friction else None
+    if friction is not None and friction.static > friction.sliding:
+        raise _refused(scene, form, f"the static value of the dry friction of joint {joint.name!r}")
+    return None if friction is None else friction.sliding
 
 
 def urdf(scene: Scene) -> Element:
@@ -225,10 +263,15 @@ def _urdf_joint(scene: Scene, root: Element, joint: Joint, origins: dict[int, np
                rpy=_numbers(Rotation.from_matrix(relative).as_euler("xyz")))
     if joint.child_axis is not None:
         SubElement(made, "axis", xyz=_numbers(joint.child_axis))
-    if joint.type == "prismatic":
-        SubElement(made, "limit", lower=repr(-FAR), upper=repr(FAR), effort=repr(FAR), velocity=repr(FAR))
-    if any(joint.damping):
-        SubElement(made, "dynamics", damping=repr(float(joint.damping[0])))
+    ends = _range(scene, "URDF", joint)
+    if joint.type == "prismatic" or ends is not None:
+        lower, upper = np.clip(ends or (-FAR, FAR), -FAR, FAR).tolist()
+        SubElement(made, "limit", lower=repr(lower), upper=repr(upper), effort=repr(FAR), velocity=repr(FAR))
+        made.set("type", joint.type)
+    friction = _friction(scene, "URDF", joint)
+    if any(joint.damping) or friction is not None:
+        SubElement(made, "dynamics", {key: repr(float(value)) for key, value in (
+            ("damping", joint.damping[0] if joint.damping else 0.0), ("friction", friction or 0.0)) if value})
     if joint.mimic is not None:
         SubElement(made, "mimic", joint=joint.mimic.joint, multiplier=repr(joint.mimic.ratio),
                    offset=repr(joint.mimic.offset))

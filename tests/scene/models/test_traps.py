@@ -83,13 +83,11 @@ RIGHT = {
 }
 
 NAMED = {
-    "a motor that cannot rest": (mjcf(rest=motors('<motor name="m" joint="j" ctrlrange="1 2"/>')), "actuator 'm'"),
-    "a force that cannot rest": (mjcf(rest=motors('<motor name="m" joint="j" forcerange="1 2"/>')), "actuator 'm'"),
     "a joint's range of forces": (mjcf(j=' actuatorfrcrange="1 2"', rest=motors('<motor joint="k"/>')),
                                   "actuator force on joint 'j'"),
     "an actuator with two controls": (mjcf(rest=motors('<pid name="g" joint="j" kp="5" kv="1" input="pos vel"/>'
                                                        '<motor name="m" joint="k" ctrlrange="1 2"/>')),
-                                      "actuator 'g', 'm'"),
+                                      "actuator 'g'"),
     "gravity compensated by one joint": (mjcf(b=' gravcomp=".7"', k=' actuatorgravcomp="true"'),
                                          "gravity compensation by actuators of body 'b'"),
     "armature of an actuator": (mjcf(rest=motors('<motor name="m" joint="j" armature=".3"/>')), "actuator 'm'"),
@@ -121,7 +119,6 @@ NAMED = {
     "limits left out": (urdf(('lower="-1e9" upper="1e9"', "")), "limits of joint 'reach'"),
     "limits exchanged": (urdf(('lower="-1e9" upper="1e9"', 'lower="1" upper="-1"')), "lies above the upper"),
     "limits in words": (urdf(('lower="-1e9"', 'lower="far"')), "<limit> (line 18): 'far' is not written in numbers"),
-    "dry friction": (urdf(('damping="0.5"', 'damping="0.5" friction="0.2"')), "dry friction of joint 'shoulder'"),
     "two numbers for three": (urdf(('xyz="0 0 1"', 'xyz="0 1"')), "'origin', line 13"),
     "an inertial without mass": (urdf(('<mass value="0.1"/>', "")), "without a mass"),
     "another spelling of an attitude": (urdf(('rpy="0.2 0.1 0"', 'quat_xyzw="0 1 0 0"')), "quat_xyzw"),

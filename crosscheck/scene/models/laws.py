@@ -1,0 +1,437 @@
+"""Actuators, dry friction, limits and contacts of a compiled MuJoCo model as laws and monitors of a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from crosscheck.errors import ArgumentError, unknown
+from crosscheck.scene.model import quaternion_from_rotation
+from crosscheck.scene.models.neutral import Reading
+from crosscheck.scene.schema import Content as Table
+
+CHOICES = {"actuators": ("keep", "drop"), "limits": ("monitor", "keep", "drop"), "contacts": ("monitor", "drop"),
+           "friction": ("keep", "drop")}
+"""What an import does with each, the default first."""
+
+UNREACHABLE = 1e6
+"""rad or m. A URDF that needs no limits writes limits at least this far away."""
+
+PASSIVE = ("actuator_damping", "actuator_dampingpoly", "actuator_armature", "actuator_delay")
+"""What an actuator may have and a servo has not."""
+
+Control = float | Table
+
+
+@dataclasses.dataclass(frozen=True)
+class Wants:
+    """What an import keeps, and the controls of actuators by their names or those of their joints."""
+
+    actuators: str = "keep"
+    limits: str = "monitor"
+    contacts: str = "monitor"
+    friction: str = "keep"
+    controls: Mapping[str, Control] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for key, allowed in CHOICES.items():
+            if getattr(self, key) not in allowed:
+                raise ArgumentError(unknown(key, str(getattr(self, key)), allowed))
+
+
+@dataclasses.dataclass
+class Laws:
+    """The laws of a model, found once: `table` keys go into the joints, the rest into the file."""
+
+    forces: list[Table] = dataclasses.field(default_factory=list)
+    shapes: list[Table] = dataclasses.field(default_factory=list)
+    monitors: list[Table] = dataclasses.field(default_factory=list)
+    idle: list[str] = dataclasses.field(default_factory=list)  # motors without a control
+
+
+def off(reading: Reading, flag: str) -> bool:
+    """Whether the model disables something."""
+    import mujoco
+
+    return bool(int(reading.model.opt.disableflags) & getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
+
+
+def find(reading: Reading, joints: list[Table], wants: Wants) -> Laws:
+    """The laws; adds keys to `joints`, what a scene cannot hold to `reading.lost`, what is dropped to `.noted`."""
+    found, places = Laws(), _places(reading, joints)
+    _friction(reading, places, wants)
+    _limits(reading, places, wants, found)
+    _actuators(reading, places, wants, found)
+    _contacts(reading, wants, found)
+    return found
+
+
+def label(reading: Reading, j: int) -> str:
+    """The name of a joint of the model."""
+    return str(reading.model.jnt(j).name or f"joint {j}")
+
+
+def body_label(m: Any, body: int) -> str:
+    """The name of a body of the model."""
+    return str(m.body(body).name or f"body {body}") if body else "ground"
+
+
+def _places(reading: Reading, joints: list[Table]) -> dict[int, tuple[Table, int, float]]:
+    """(table, index of the coordinate, its sign) of each joint of the model that is a coordinate of a scene's joint."""
+    m, by_child = reading.model, {table["child"]: table for table in joints}
+    found: dict[int, tuple[Table, int, float]] = {}
+    for group, body in reading.bodies.items():
+        table = by_child.get(body.name)
+        ids = range(int(m.body_jntadr[group]), int(m.body_jntadr[group]) + int(m.body_jntnum[group]))
+        if table is None or table["type"] not in ("revolute", "prismatic", "cylindrical"):
+            continue
+        for j in ids:
+            k = int(len(ids) == 2 and m.jnt_type[j] == 2)  # the slide of a cylindrical joint comes second
+            along = reading.direction(group, reading.data.xaxis[j])
+            found[j] = table, k, 1.0 if np.dot(along, table["child_axis"]) > 0 else -1.0
+    return found
+
+
+def _given(table: Table, key: str, k: int, value: Any, other: Any) -> None:
+    """Set a key of a joint for one coordinate; `other` is what the other coordinate of a cylindrical joint has."""
+    if table["type"] == "cylindrical":
+        values = table.setdefault(key, [other, other])
+        values[k] = value
+    else:
+        table[key] = value
+
+
+def _friction(reading: Reading, places: dict[int, tuple[Table, int, float]], wants: Wants) -> None:
+    m = reading.model
+    if off(reading, "FRICTIONLOSS") or off(reading, "CONSTRAINT"):
+        return
+    for j in sorted({int(m.dof_jntid[dof]) for dof in range(m.nv) if m.dof_frictionloss[dof]}):
+        words = f"dry friction of joint {label(reading, j)!r}"
+        if wants.friction == "drop":
+            reading.noted.append(words)
+        elif j not in places or "mimic" in places[j][0]:
+            reading.lost.append(words)
+        else:
+            table, k, _ = places[j]
+            _given(table, "dry_friction", k, float(m.dof_frictionloss[m.jnt_dofadr[j]]), 0.0)
+
+
+def _limits(reading: Reading, places: dict[int, tuple[Table, int, float]], wants: Wants, found: Laws) -> None:
+    m, d = reading.model, reading.data
+    if off(reading, "LIMIT") or off(reading, "CONSTRAINT"):
+        return
+    for j in range(m.njnt):
+        if not m.jnt_limited[j] or np.abs(m.jnt_range[j]).min() >= UNREACHABLE:
+            continue
+        words = f"limits of joint {label(reading, j)!r}"
+        if wants.limits == "drop":
+            reading.noted.append(words)
+            continue
+        table, k, sign = places.get(j, ({}, 0, 1.0))
+        if not table or (wants.limits == "monitor" and table["type"] == "cylindrical"):
+            reading.lost.append(words)
+            continue
+        lower, upper = sorted(sign * m.jnt_range[j])
+        q = sign * float(d.qpos[m.jnt_qposadr[j]])
+        if not lower - 1e-8 <= q <= upper + 1e-8:
+            reading.lost.append(f"{words}, which starts beyond them, at {q:.4g}, outside {lower:.4g} and {upper:.4g}")
+            continue
+        ends = {key: float(end) for key, end in (("lower", lower), ("upper", upper)) if abs(end) < UNREACHABLE}
+        if wants.limits == "keep":
+            _given(table, "limits", k, ends, {})
+        else:
+            found.monitors.append({"type": "range", "joint": table["name"], **ends})
+
+
+def _actuators(reading: Reading, places: dict[int, tuple[Table, int, float]], wants: Wants, found: Laws) -> None:
+    """Actuators as servos. A motor with no control does nothing and is listed as such."""
+    m = reading.model
+    controls = dict(wants.controls)
+    on: dict[int, list[str]] = {}
+    for a in range(m.nactuator):
+        if int(m.opt.disableactuator) >> int(m.actuator_group[a]) & 1:
+            continue
+        name = str(m.actuator(a).name or "")
+        joint = int(m.actuator_trnid[a, 0]) if int(m.actuator_trntype[a]) in (0, 1) else -1
+        key = next((each for each in (name, label(reading, joint) if joint >= 0 else "") if each in controls), None)
+        control = None if key is None else controls.pop(key)
+        if off(reading, "ACTUATION"):
+            continue
+        which = f"of joint {label(reading, joint)!r}" if joint >= 0 and not name else repr(name or f"actuator {a}")
+        words = f"actuator {which}"
+        if wants.actuators == "drop":
+            if control is not None or acts(reading, a):
+                reading.noted.append(words)
+            continue
+        servo = _servo(reading, a, places.get(joint), control)
+        if servo is None:
+            if control is not None or acts(reading, a):
+                reading.lost.append(words)
+        elif not servo.keys() - {"type", "joint", "effort_limit"} and not acts(reading, a):
+            found.idle.append(which)
+        else:
+            on.setdefault(joint, []).append(words)
+            found.forces.append(servo)
+    if controls:
+        known = [m.actuator(a).name for a in range(m.nactuator) if m.actuator(a).name]
+        raise ArgumentError(unknown("controls", next(iter(controls)), known) if known else
+                            f"controls: no actuator is named {next(iter(controls))!r}, nor its joint")
+    for j in range(m.njnt):
+        if m.nactuator and m.jnt_actfrclimited[j] and (j in on or not m.jnt_actfrcrange[j, 0] <= 0 <= m.jnt_actfrcrange[
+                j, 1]):
+            _clamp(reading, j, places.get(j), found, len(on.get(j, ())))
+
+
+def acts(reading: Reading, a: int) -> bool:
+    """Whether an actuator exerts a force at the state's control, or at another state with it."""
+    import mujoco
+
+    m, d = reading.model, reading.data
+    if any(np.any(getattr(m, field)[a]) for field in PASSIVE if hasattr(m, field)):
+        return True
+    if m.actuator_forcelimited[a] and not m.actuator_forcerange[a, 0] <= 0 <= m.actuator_forcerange[a, 1]:
+        return True
+    if m.actuator_biastype[a] != mujoco.mjtBias.mjBIAS_NONE and np.any(m.actuator_biasprm[a]):
+        return True
+    fixed = m.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
+    if fixed and m.actuator_gainprm[a, 0] == 0:
+        return False
+    if m.actuator_actadr[a] >= 0 or not (fixed or m.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_AFFINE):
+        return True
+    its = slice(int(m.actuator_ctrladr[a]), int(m.actuator_ctrladr[a]) + int(m.actuator_ctrlnum[a]))
+    return bool(np.any([_clipped(reading, a, control) for control in d.ctrl[its]]))
+
+
+def _clipped(reading: Reading, a: int, control: float) -> float:
+    m = reading.model
+    its = int(m.actuator_ctrladr[a])
+    if m.actuator_ctrllimited[its] and not off(reading, "CLAMPCTRL"):
+        return float(np.clip(control, *m.actuator_ctrlrange[its]))
+    return float(control)
+
+
+def _servo(reading: Reading, a: int, place: tuple[Table, int, float] | None, control: Control | None) -> Table | None:
+    """An actuator with fixed gain and affine bias on a hinge or slide; None for any other.
+
+    Its force g0 u + b0 + b1 gear q + b2 gear q' is cut to its range and acts times the gear.
+    """
+    import mujoco
+
+    m, d = reading.model, reading.data
+    plain = (m.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED and m.actuator_actadr[a] < 0
+             and mujoco.mjtBias(m.actuator_biastype[a]) in (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
+             and m.actuator_ctrlnum[a] == 1 and not any(
+                 np.any(getattr(m, field)[a]) for field in PASSIVE if hasattr(m, field)))
+    if not plain or place is None or place[0]["type"] == "cylindrical" or "mimic" in place[0]:
+        return None
+    b0, b1, b2 = (m.actuator_biasprm[a, :3].tolist() if m.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE else
+                  [0.0] * 3)
+    if b1 > 0 or b2 > 0:
+        return None
+    table, _, sign = place
+    gear, gain = sign * float(m.actuator_gear[a, 0]), float(m.actuator_gainprm[a, 0])
+    given = float(d.ctrl[int(m.actuator_ctrladr[a])]) if control is None else control
+    u = scaled(given, 1.0) if isinstance(given, dict) else _clipped(reading, a, float(given))
+    if isinstance(u, dict):
+        _within(reading, a, u)
+    made: Table = {"type": "servo", "joint": table["name"]}
+    stiffness, damping = -b1 * gear**2, -b2 * gear**2
+    if stiffness:
+        made |= {"target": scaled(u, gain / (-b1 * gear)), "target_velocity": 0.0, "proportional": stiffness}
+    elif damping and gain:
+        made |= {"target_velocity": scaled(u, gain / (-b2 * gear))}
+    elif gain and u != 0.0:
+        made |= {"feedforward": scaled(u, gear * gain)}
+    made |= {"derivative": damping} if damping else {}
+    if b0:
+        if isinstance(made.get("feedforward"), dict):
+            return None
+        made["feedforward"] = made.get("feedforward", 0.0) + gear * b0
+    if m.actuator_forcelimited[a]:
+        lower, upper = sorted(gear * m.actuator_forcerange[a])
+        made["effort_limit"] = [float(lower), float(upper)]
+    return made
+
+
+def _clamp(reading: Reading, j: int, place: tuple[Table, int, float] | None, found: Laws, count: int) -> None:
+    """Cut what a single servo gives to the range of the actuator force on its joint; otherwise that is lost."""
+    m = reading.model
+    if count != 1 or place is None:
+        reading.lost.append(f"range of the actuator force on joint {label(reading, j)!r}")
+        return
+    servo = next(force for force in found.forces if force["joint"] == place[0]["name"])
+    lower, upper = sorted(place[2] * m.jnt_actfrcrange[j])
+    first, last = servo.get("effort_limit", [-np.inf, np.inf])
+    ends = [float(np.clip(first, lower, upper)), float(np.clip(last, lower, upper))]
+    if ends[0] >= ends[1]:
+        reading.lost.append(f"range of the actuator force on joint {label(reading, j)!r}")
+        return
+    servo["effort_limit"] = ends
+
+
+def at_start(name: str, control: Any) -> float:
+    """A control at t = 0; raises `ArgumentError` that names it if it is none."""
+    from crosscheck.scene.joint_options import function
+    from crosscheck.scene.schema import EntryError, FunctionEntry
+
+    try:
+        if isinstance(control, dict):
+            return float(function("", msgspec.convert(control, FunctionEntry, strict=True), 0.0)(0.0))
+        number = float(control)
+        if np.isfinite(number):
+            return number
+    except (TypeError, ValueError, EntryError, msgspec.ValidationError):
+        pass
+    raise ArgumentError(f"controls: that of {name!r} is neither a finite number nor the table of a function of time, "
+                        'such as {"type": "sine", "terms": [[0.5, 3.0, 0.0]]}')
+
+
+def scaled(control: Control, factor: float) -> Control:
+    """A number or the table of a function of time, times a factor."""
+    if not isinstance(control, dict):
+        return float(control) * factor
+    made = dict(control)
+    for key in ("coefficients", "values"):
+        if key in made:
+            made[key] = [factor * value for value in made[key]]
+    if "terms" in made:
+        made["terms"] = [[factor * row[0], *row[1:]] for row in made["terms"]]
+    if "offset" in made:
+        made["offset"] = factor * made["offset"]
+    return made
+
+
+def _within(reading: Reading, a: int, control: Table) -> None:
+    """Raise if a control that depends on time may leave the range in which MuJoCo would clip it."""
+    m = reading.model
+    its = int(m.actuator_ctrladr[a])
+    if not m.actuator_ctrllimited[its] or off(reading, "CLAMPCTRL"):
+        return
+    if control.get("type") == "sine":
+        size, middle = sum(abs(row[0]) for row in control["terms"]), control.get("offset", 0.0)
+        ends = middle - size, middle + size
+    elif control.get("type") in ("hold", "linear"):
+        ends = min(control["values"]), max(control["values"])
+    else:
+        raise ArgumentError(f"controls: {m.actuator(a).name!r} clips its control; give a number, or a sine, hold or "
+                            "linear function, whose range is known")
+    lower, upper = m.actuator_ctrlrange[its]
+    if ends[0] < lower or ends[1] > upper:
+        raise ArgumentError(f"controls: that of {m.actuator(a).name!r} reaches from {ends[0]:g} to {ends[1]:g}, beyond "
+                            f"its range {lower:g} to {upper:g}, where MuJoCo clips it; give a smaller one")
+
+
+def colliding(reading: Reading) -> list[tuple[int, int, float]]:
+    """(geom, geom, margin) of the pairs between which MuJoCo would look for contacts that push."""
+    m = reading.model
+    if off(reading, "CONTACT") or off(reading, "CONSTRAINT"):
+        return []
+    weld = reading.groups
+    parents = weld[m.body_parentid]
+    groups = weld[m.geom_bodyid]
+    excluded = {(int(code) >> 16, int(code) & 0xFFFF) for code in m.exclude_signature}
+    found = {}
+    some = np.flatnonzero((m.geom_contype != 0) | (m.geom_conaffinity != 0))
+    for i, a in enumerate(some.tolist()):
+        for b in some[i + 1:].tolist():
+            wa, wb = int(groups[a]), int(groups[b])
+            bodies = int(m.geom_bodyid[a]), int(m.geom_bodyid[b])
+            if wa == wb or bodies in excluded or bodies[::-1] in excluded:
+                continue
+            kin = wa and wb and (wa == int(parents[wb]) or wb == int(parents[wa]))
+            if kin and not off(reading, "FILTERPARENT"):
+                continue
+            if m.geom_contype[a] & m.geom_conaffinity[b] or m.geom_contype[b] & m.geom_conaffinity[a]:
+                found[a, b] = float(m.geom_margin[a] + m.geom_margin[b])
+    for a, b, margin in zip(m.pair_geom1.tolist(), m.pair_geom2.tolist(), m.pair_margin.tolist(), strict=True):
+        found[min(a, b), max(a, b)] = float(margin)
+    return [(a, b, margin) for (a, b), margin in found.items()]
+
+
+def _contacts(reading: Reading, wants: Wants, found: Laws) -> None:
+    """Shapes and monitors for the pairs that may collide; those that touch at the start are lost."""
+    import mujoco
+
+    m, d = reading.model, reading.data
+    pairs = colliding(reading)
+    if wants.contacts == "drop":
+        reading.noted += list(dict.fromkeys(f"contacts of the colliding bodies {_bodies(reading, a, b)!r}"
+                                            for a, b, _ in pairs))
+        return
+    shapes: dict[int, Table] = {}
+    names: set[str] = set()
+    for a, b, margin in pairs:
+        made = [shapes.get(g) or _shape(reading, g, names) for g in (a, b)]
+        if None in made:
+            reading.lost.append(f"contacts of the colliding bodies {_bodies(reading, a, b)!r}")
+            continue
+        if (gap := mujoco.mj_geomDistance(m, d, a, b, 1.0, None)) < margin:
+            reading.lost.append(f"contacts of the colliding bodies {_bodies(reading, a, b)!r}, which touch at the "
+                                f"start, {gap:.3g} m apart")
+            continue
+        for g, shape in zip((a, b), made, strict=True):
+            if shape is not None:
+                shapes[g] = shape
+        found.monitors.append({"type": "touch", "shapes": [shapes[a]["name"], shapes[b]["name"]], "margin": margin})
+    found.shapes += shapes.values()
+
+
+def _bodies(reading: Reading, a: int, b: int) -> str:
+    m = reading.model
+    ids = (int(m.geom_bodyid[a]), int(m.geom_bodyid[b]))
+    return " - ".join(body_label(m, body) for body in ids)
+
+
+def _shape(reading: Reading, g: int, names: set[str]) -> Table | None:
+    """A geometry as a shape; None for a height field or a distance field."""
+    import mujoco
+    from scipy.spatial import ConvexHull, QhullError
+
+    m, d = reading.model, reading.data
+    kind = mujoco.mjtGeom(m.geom_type[g]).name.removeprefix("mjGEOM_").lower()
+    count = {"plane": 0, "sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3, "mesh": 0}.get(kind)
+    if count is None:
+        return None
+    group = int(reading.groups[m.geom_bodyid[g]])
+    body, position = reading.end(group, d.geom_xpos[g])
+    attitude = quaternion_from_rotation(reading.attitude(group).T @ d.geom_xmat[g].reshape(3, 3))
+    base = name = m.geom(g).name or f"{body} {kind}"
+    number = 1
+    while name in names:
+        number += 1
+        name = f"{base} {number}"
+    names.add(name)
+    made: Table = {"name": name, "body": body, "type": kind, "position": position, "attitude": attitude.tolist()}
+    if kind == "mesh":
+        mesh = int(m.geom_dataid[g])
+        points = m.mesh_vert[m.mesh_vertadr[mesh]:m.mesh_vertadr[mesh] + m.mesh_vertnum[mesh]].astype(float)
+        try:
+            points = points[ConvexHull(points).vertices]
+        except (QhullError, ValueError):
+            return None
+        made["points"] = points.tolist()
+    elif count:
+        made["size"] = m.geom_size[g, :count].tolist()
+    return made
+
+
+def draw(m: Any, d: Any, seed: int) -> None:
+    """Put the joints of `d` at a seeded random start, inside their limits, in place."""
+    rng = np.random.default_rng(seed)
+    for j in range(m.njnt):
+        at, dof, kind = int(m.jnt_qposadr[j]), int(m.jnt_dofadr[j]), int(m.jnt_type[j])
+        if kind in (0, 1):
+            turn = rng.normal(size=4)
+            start = at + (3 if kind == 0 else 0)
+            d.qpos[start:start + 4] = turn / np.linalg.norm(turn)
+            d.qvel[dof:dof + (6 if kind == 0 else 3)] = rng.normal(size=6 if kind == 0 else 3)
+            continue
+        reach = np.pi if kind == 3 else 0.1
+        lower, upper = m.jnt_range[j] if m.jnt_limited[j] else (m.qpos0[at] - reach, m.qpos0[at] + reach)
+        middle, half = (lower + upper) / 2, min((upper - lower) / 2, 1e3)
+        d.qpos[at] = middle + 0.9 * half * rng.uniform(-1.0, 1.0)
+        d.qvel[dof] = rng.normal()

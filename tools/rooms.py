@@ -35,11 +35,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     "diagnosis": JUDGED | {"verification"},  # accuses nothing that the verdict accepts
     "testing": JUDGED,
     "verification": JUDGED,
+    "recordings": REPORTED | {"diagnosis"},
     "report": BASE | {"document"},
     "studies": REPORTED,
     "history": REPORTED,
     "sweeps": REPORTED,
-    "cli": REPORTED | {"inspection", "diagnosis", "testing", "studies", "history", "sweeps"},
+    "cli": REPORTED | {"inspection", "diagnosis", "testing", "studies", "history", "sweeps", "recordings"},
     "__main__": {"cli"},
     "lieeuler": set(),
 }

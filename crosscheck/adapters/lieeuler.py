@@ -43,6 +43,18 @@ def kept_problem(scene: Scene) -> lieeuler.Problem:
     return _KEPT[key][1]
 
 
+def motion(scene: Scene, method: str, step: float, t: np.ndarray) -> States:
+    """States at any increasing times (s), of which the first is that of the scene's start, by steps of a fixed size.
+
+    Raises `ArgumentError` if the run ends early.
+    """
+    try:
+        solution = lieeuler.integrate(build_problem(scene), method, step, t, monitor=False)
+    except (lieeuler.IntegrationError, lieeuler.LieEulerError) as error:
+        raise ArgumentError(str(error)) from error
+    return States(*(np.asarray(getattr(solution, name)) for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam")))
+
+
 def start(problem: lieeuler.Problem, step: float = 1e-6) -> lieeuler.Solution:
     """A run of one step (s), whose first row is the initial state with the kernel's index-1 accelerations and lam."""
     return lieeuler.integrate(problem, "INDEX1_LE", step, np.array([0.0, step]), monitor=False)

@@ -12,11 +12,11 @@ import typer
 
 from crosscheck.cli.advise import advise
 from crosscheck.cli.console import INTERRUPTED, complain, interrupted
-from crosscheck.cli.diff import diff
 from crosscheck.cli.explain import explain
 from crosscheck.cli.history import app as history
 from crosscheck.cli.import_ import export, import_
 from crosscheck.cli.inspect import inspect
+from crosscheck.cli.judge import judge
 from crosscheck.cli.list import list_
 from crosscheck.cli.nightly import nightly
 from crosscheck.cli.paper import paper
@@ -53,7 +53,7 @@ def _print_versions(asked: bool) -> None:
     raise typer.Exit
 
 
-for command in (verify, advise, run, truth, explain, inspect, diff, support, report, paper, nightly, sweep):
+for command in (verify, judge, advise, run, truth, explain, inspect, support, report, paper, nightly, sweep):
     app.command()(command)
 app.command("list")(list_)
 app.command("import")(import_)

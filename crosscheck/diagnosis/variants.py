@@ -51,7 +51,8 @@ def close(scene: Scene) -> Scene | None:
         return None  # their relative attitude is that of the start, so that another start would be another scene
     given = (True,) * scene.n
     try:
-        return assembly.completed(Draft(scene, given, given, assemble=True))
+        # The forces are complete already: those of joints would be added once more.
+        return assembly.completed(Draft(scene, given, given, assemble=True)).replace(forces=scene.forces)
     except EntryError:
         return None
 

@@ -71,7 +71,7 @@ def flow(scene: Scene, traj: Any, truth: Reference, scale: Scales, degree: int, 
     begin = States(t, *(np.array(part[index]) for part in (traj.x, traj.R, traj.v, traj.w)))
     regular = _regular(scene, begin)
     own = [part[_last(regular)] for part in (begin.t, begin.x, begin.R, begin.v, begin.w)]
-    end, nodes, fast = _integrate(scene, States(*own), tau, count)
+    end, nodes, fast = integrate(scene, States(*own), tau, count)
     end = dataclasses.replace(end, t=t + tau)
     # Derivatives are the largest of those intervals in which the motion turns by about a radian.
     near = 2 * math.ceil(1.0 / (scale.rate * float(tau.mean()))) + 1 if len(index) > 1 else 1
@@ -122,7 +122,7 @@ def around(values: np.ndarray, count: int) -> np.ndarray:
     return np.asarray(maximum_filter1d(values, min(count, 2 * values.shape[-1] - 1), axis=-1, mode="nearest"))
 
 
-def _integrate(scene: Scene, begin: States, tau: np.ndarray, count: int
+def integrate(scene: Scene, begin: States, tau: np.ndarray, count: int
                ) -> tuple[States, list[tuple[np.ndarray, np.ndarray, np.ndarray]], np.ndarray]:
     """The states at the ends; a, R'' and alpha at the ends of all steps; the largest angular speed (I,) in rad/s.
 

@@ -1,0 +1,454 @@
+"""Runs that somebody else made, judged by their files: `judge_recording`.
+
+A recording is compared with truth at its own times. What it does not contain is not judged, and the verdict says so.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from crosscheck.errors import ArgumentError, unknown
+from crosscheck.files import finite
+from crosscheck.judge.tolerances import CONSTANTS, order_margin
+from crosscheck.recordings import causes as find_causes
+from crosscheck.recordings.comparing import (
+    POSES,
+    RATES,
+    UNITS,
+    Differences,
+    compare,
+    determined,
+    intervals,
+    invariants,
+    norms,
+    part_of,
+    restored,
+    whole,
+)
+from crosscheck.recordings.page import write_page as write_page
+from crosscheck.recordings.reading import Progress, Recording, read
+from crosscheck.recordings.reading import suggest as suggest
+from crosscheck.references import dense
+from crosscheck.scene import file as scene_file
+from crosscheck.scene.model import Scene
+from crosscheck.scene.starts import restarted
+from crosscheck.scene.states import States
+from crosscheck.scene.vectors import exponential
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+KEYS = (*UNITS, "joint_position", "joint_velocity")
+EXIT_CODES = {"pass": 0, "fail": 1, "measured": 3, "unjudged": 3}
+
+JUMP, STANDING_OUT = 0.3, 30.0
+"""A defect is a jump if it is this part of the largest change over one interval, and so many times the median defect.
+"""
+
+SAME_START = 1e-8
+"""Difference from the scene's start that a recorded start may have besides its digits: scene files close no better."""
+
+MOST_ALIKE = 4
+"""Causes that explain equally well and are still named together."""
+
+ALIKE, LEAST = 0.35, 0.5
+"""Errors at two steps vanish with them if they are alike up to this part, and fall with this order or more."""
+
+EXACT = 10.0
+"""Times what printed digits leave open below which an error has no order."""
+
+BEYOND = 20.0
+"""Times the scene's duration up to which truth is prolonged for a recording."""
+
+
+@dataclasses.dataclass
+class Verdict:
+    """What `judge_recording` found; `str(verdict)` says it."""
+
+    outcome: str  # "pass", "fail", "measured" (neither tolerance nor order was given), "unjudged"
+    errors: dict[str, float]  # the largest per quantity
+    defects: pd.DataFrame | None  # one row an interval: t, and each quantity; None where states are not determined
+    order: dict[str, float | None] | None  # observed, per quantity; None with one file
+    limit_error: dict[str, float] | None  # distance from truth of the limit for vanishing steps
+    cause: str | None
+    limit_unsure: dict[str, float] | None = None  # what the limit leaves open
+    floors: dict[str, float] = dataclasses.field(default_factory=dict)  # what printed digits leave open
+    figures: dict[str, float] = dataclasses.field(default_factory=dict)  # energy, momentum, levels
+    until: float = 0.0  # s, the end of what was compared
+    lines: list[str] = dataclasses.field(default_factory=list)
+    scene: Scene | None = None
+    differences: Differences | None = None
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines)
+
+    @property
+    def exit_code(self) -> int:
+        """0 pass, 1 fail, 3 measured or unjudged."""
+        return EXIT_CODES[self.outcome]
+
+    def plain(self) -> dict[str, Any]:
+        """As values that JSON knows."""
+        kept = ("outcome", "errors", "order", "limit_error", "limit_unsure", "cause", "floors", "figures", "until")
+        defects = None if self.defects is None else {
+            name: float(self.defects[name].max()) for name in self.defects if name != "t"}
+        return dict(finite({name: getattr(self, name) for name in kept}
+                           | {"largest_defects": defects, "text": str(self), "exit_code": self.exit_code}))
+
+
+def judge_recording(scene: Scene | str | os.PathLike[str], recording: Any, columns: Any = None, start: str = "scene",
+                    tolerance: Mapping[str, float] | None = None, steps: Sequence[float] | None = None,
+                    order: int | None = None, progress: Progress | None = None) -> Verdict:
+    """Judge a run by its file, whatever made it.
+
+    Parameters
+    ----------
+    scene : a Scene, a built-in name or a path
+    recording : path of a .csv, .npz or .parquet file, a data frame, or a mapping of arrays; or a list of them, which
+        are the same run at other steps
+    columns : names and units of the columns, as a TOML file or a dict; None: the headers say it
+    start : "scene", or "recorded": truth starts from the first recorded state
+    tolerance : the largest allowed error (SI) per quantity
+    steps : s, of each file
+    order : the order that is claimed
+
+    Raises
+    ------
+    ArgumentError
+        A file or an argument is wrong; the message names file, row and column.
+    SceneError, Unsupported, TruthError
+        As in `crosscheck.truth`.
+    """
+    loaded = scene_file.as_scene(scene)
+    several = isinstance(recording, list | tuple)
+    given = [read(each, loaded, columns, progress) for each in (recording if several else [recording])]
+    if start not in ("scene", "recorded"):
+        raise ArgumentError(f"start: {unknown('start', start, ('scene', 'recorded'))}")
+    allowed = _tolerances(loaded, tolerance)
+    if len(given) > 1 and (steps is None or len(steps) != len(given)):
+        raise ArgumentError(f"steps: the step of each of the {len(given)} files is wanted, in their order")
+    if len(given) > 1 and steps is not None:
+        if len(set(steps)) < len(steps) or min(steps) <= 0:
+            raise ArgumentError(f"steps: different steps > 0 are wanted, not {list(steps)}")
+        given = [one for _, one in sorted(zip(steps, given, strict=True), key=lambda pair: pair[0])]
+        steps = sorted(steps)
+    return _judge(loaded, given, start, allowed, list(steps or []), order)
+
+
+def _tolerances(scene: Scene, tolerance: Mapping[str, float] | None) -> dict[str, float]:
+    known = (*KEYS, *(sensor.name for sensor in scene.sensors))
+    for key, value in (tolerance or {}).items():
+        if key not in known:
+            raise ArgumentError(f"tolerance: {unknown('quantity', key, known)}")
+        if not isinstance(value, int | float) or not value >= 0 or not math.isfinite(value):
+            raise ArgumentError(f"tolerance: {key}: a number >= 0 is wanted, not {value!r}")
+    return dict(tolerance or {})
+
+
+def _judge(scene: Scene, given: list[Recording], start: str, allowed: dict[str, float], steps: list[float],
+           order: int | None) -> Verdict:
+    fine = given[0]
+    system, truth, since, notes = _truth(scene, fine, start)
+    verdict = Verdict("measured", {}, None, None, None, None, scene=scene)
+    lines = [f"{scene.name}: {fine.name}, {len(fine.t)} rows from {fine.t[0]:g} to {fine.t[-1]:g} s"]
+    kept = [_judged_part(each, truth, since, scene) for each in given]
+    if any(len(each.t) == 0 for each in kept):
+        verdict.outcome = "unjudged"
+        verdict.lines = [f"? unjudged: {lines[0]}", f"truth ends at {truth.horizon:g} s, before the first row"
+                         f"{': ' + truth.horizon_cause if truth.horizon_cause else ''}"]
+        return verdict
+    seen = compare(system, kept[0], truth, since)
+    verdict.differences, verdict.until, verdict.errors = seen, float(kept[0].t[-1]), seen.errors
+    verdict.floors = {key: seen.worst(key)[3] for key in fine.keys}
+    if verdict.until < fine.t[-1]:
+        notes.append(f"judged up to {verdict.until:g} s" + (f": {truth.horizon_cause}" if truth.horizon_cause else
+                                                            ", where truth ends"))
+    failed = _sizes(seen, allowed, lines) + _kinds(seen, notes)
+    failed += _defects(system, seen, since, allowed, verdict, notes)
+    _figures(system, kept[0], truth, since, verdict, notes)
+    limit = None
+    if len(given) > 1:
+        limit, bad = _orders([seen, *(compare(system, each, truth, since) for each in kept[1:])], steps, order,
+                             verdict, lines)
+        failed += bad
+    elif order is not None:
+        notes.append("an order shows in two files at different steps; one was given")
+    known = [key for key in allowed if key in fine.keys]
+    notes += [f"not judged: {key.replace('_', ' ')}, which the file does not have" for key in allowed
+              if key not in fine.keys]
+    if fine.ignored:
+        more = f" and {len(fine.ignored) - 8} more" if len(fine.ignored) > 8 else ""
+        notes.append(f"columns ignored: {', '.join(fine.ignored[:8])}{more}")
+    if allowed or order is not None:
+        verdict.outcome = "fail" if failed else "pass" if known or verdict.order else "unjudged"
+    beyond = any(verdict.errors[key] > EXACT * verdict.floors[key] + 1e-9 for key in fine.keys)
+    order_alone = bool(failed) and all(each.startswith("order") for each in failed)
+    if beyond and (failed or not allowed) and not order_alone and (len(given) == 1 or limit is not None):
+        verdict.cause, said = _cause(system, limit or seen, verdict.until, limit is not None)
+        lines += said
+    if verdict.cause is None and (own := [each.partition(":")[0] for each in failed if each.startswith((
+            "order", "wrong limit"))]):
+        verdict.cause = own[0]
+    mark = {"pass": "✓", "fail": "✗", "measured": "·", "unjudged": "?"}[verdict.outcome]
+    verdict.lines = [f"{mark} {verdict.outcome}: {lines[0]}", *lines[1:], *(f"✗ {each}" for each in failed), *notes]
+    return verdict
+
+
+def _truth(scene: Scene, recording: Recording, start: str) -> tuple[Scene, Any, float, list[str]]:
+    """(scene as it starts, truth, time of the recording at which it starts, what to say)."""
+    truth = dense(scene)
+    notes: list[str] = []
+    truth.at(np.array([min(float(recording.t[-1]), BEYOND * scene.duration)]))  # prolongs it: now it has a horizon
+    first = part_of(recording, slice(0, 5))
+    since = 0.0
+    if first.t[0] > truth.horizon:
+        return scene, truth, 0.0, notes
+    first = part_of(first, first.t <= truth.horizon)
+    seen = compare(scene, first, truth)
+    if start == "recorded":
+        base = truth.at(first.t)
+        base = States(base.t, base.x, base.R, base.v, base.w)
+        if not determined(scene, first, base):
+            raise ArgumentError(f"{recording.name}: start: the first row does not determine the poses of all bodies; "
+                                "record more, or judge it from the scene's start")
+        states = restored(scene, first, base)
+        begun = restarted(scene, states, 0, max(float(recording.t[-1] - first.t[0]), 1e-9), scene.samples)
+        shown = compare(scene, first, _Fixed(states, truth.error))
+        notes.append("truth starts from the recorded state, " + ", ".join(
+            f"{key.replace('_', ' ')} moved by {float(norms(gap)[0]):.1e}" for key, gap in
+            {group.key: gap for group, gap in zip(first.groups, shown.gap, strict=True)}.items()) + " onto the joints")
+        truth = dense(begun)
+        truth.at(np.array([min(float(recording.t[-1] - first.t[0]), BEYOND * scene.duration)]))
+        return begun, truth, float(first.t[0]), notes
+    for group, gap, floor in zip(first.groups, seen.gap, seen.floor, strict=True):
+        size = float(norms(gap)[0])
+        if size > 3 * float(floor[0]) + SAME_START * max(1.0, float(np.abs(group.values[0]).max())):
+            where = "the scene's start" if recording.t[0] == 0 else f"truth at {recording.t[0]:g} s"
+            notes.append(f"{group.label} starts {size:.3g} {group.unit} from {where}")
+    return scene, truth, since, notes
+
+
+class _Fixed:
+    """A motion at given times alone."""
+
+    horizon, horizon_cause = math.inf, ""
+
+    def __init__(self, states: States, error: float) -> None:
+        self.states, self.error = states, error
+
+    def at(self, t: np.ndarray) -> States:
+        """The states at the nearest of the given times."""
+        index = np.clip(np.searchsorted(self.states.t, t - 1e-12), 0, len(self.states.t) - 1)
+        return States(t, *(getattr(self.states, name)[index] for name in ("x", "R", "v", "w")))
+
+
+def _judged_part(recording: Recording, truth: Any, since: float, scene: Scene) -> Recording:
+    """The rows up to the end of truth, or of a time that truth is not prolonged beyond."""
+    most = min(truth.horizon, BEYOND * scene.duration) + since
+    keep = int(np.searchsorted(recording.t, most * (1 + 1e-12), side="right"))
+    return recording if keep == len(recording.t) else part_of(recording, slice(0, keep))
+
+
+def _sizes(seen: Differences, allowed: Mapping[str, float], lines: list[str]) -> list[str]:
+    """Errors beyond their tolerances; all of them into `lines`."""
+    failed = []
+    for key in seen.recording.keys:
+        group, time, error, floor = seen.worst(key)
+        digits = f", of which printed digits leave open {floor:.1e}" if floor > 1e-3 * error and floor > 1e-12 else ""
+        said = f"{group.label}: off by up to {error:.3g} {group.unit} (t = {time:.6g} s){digits}"
+        if key in allowed and error > allowed[key] + floor:
+            sizes = next(norms(gap) - f for g, gap, f in zip(seen.recording.groups, seen.gap, seen.floor, strict=True)
+                         if g is group)
+            since = float(seen.recording.t[int(np.argmax(sizes > allowed[key]))])
+            failed.append(f"{said}; {allowed[key]:g} is allowed, exceeded since t = {since:.6g} s")
+        else:
+            lines.append(said + (f"; {allowed[key]:g} is allowed" if key in allowed else ""))
+    return failed
+
+
+def _kinds(seen: Differences, notes: list[str]) -> list[str]:
+    """Rates that are not the derivatives of what is recorded beside them, and attitudes that are no rotations."""
+    failed, t = [], seen.recording.t
+    groups = {(g.key, g.owner): k for k, g in enumerate(seen.recording.groups)}
+    for (key, owner), k in groups.items():
+        if key not in POSES or len(t) < 8:
+            continue
+        rate = groups.get((RATES[POSES.index(key)], owner))
+        if rate is None or seen.recording.groups[rate].frame or seen.recording.groups[k].frame:
+            continue
+        pose, speed = seen.recording.groups[k], seen.recording.groups[rate]
+        if (key != "attitude" and pose.parts != speed.parts) or (key == "attitude" and len(speed.parts) < 3):
+            continue
+        tau = np.diff(t)
+        moved = np.diff(seen.gap[k], axis=0) / tau[:, None]
+        mean = 0.5 * (seen.gap[rate][1:] + seen.gap[rate][:-1])
+        if key == "attitude":  # the rotation vector between them turns with the body
+            w = 0.5 * (seen.values[rate][1:] + seen.values[rate][:-1])
+            moved = moved + np.cross(w, 0.5 * (seen.gap[k][1:] + seen.gap[k][:-1]))
+        off = norms(moved - mean)
+        change = np.linalg.norm(np.diff(seen.values[rate], axis=0), axis=1)  # a rate of one interval later or before
+        leave = change + 0.1 * norms(mean) + (seen.floor[k][1:] + seen.floor[k][:-1]) / tau + seen.floor[rate][1:]
+        wild = off > 2 * leave + 1e-9 * np.abs(seen.values[rate]).max(initial=0.0)
+        if wild.mean() > 0.3:
+            at = int(np.argmax(off / (leave + 1e-300)))
+            failed.append(f"{speed.label} is not the rate of {pose.label}: off by {off[at]:.3g} {speed.unit} at t = "
+                          f"{t[at]:.6g} s, where one interval changes it by {change[at]:.2g}")
+    for group in seen.recording.groups:
+        if group.crooked > 1e-6 + 4 * float(group.floor.max()):
+            notes.append(f"{group.label}: recorded attitudes are {group.crooked:.1e} from rotations")
+    return failed
+
+
+def _defects(scene: Scene, seen: Differences, since: float, allowed: Mapping[str, float], verdict: Verdict,
+             notes: list[str]) -> list[str]:
+    """Intervals that miss the true motion from their own start; the frame of all into the verdict."""
+    import pandas as pd
+
+    found = intervals(scene, seen, since)
+    if found is None:
+        notes.append("not judged: single intervals, because the columns do not determine the state of all bodies"
+                     if len(seen.recording.t) > 3 else "not judged: single intervals, of fewer than four rows")
+        return []
+    verdict.defects = pd.DataFrame({"t": found.t, **found.sizes})
+    failed = []
+    for key, sizes in found.sizes.items():
+        beyond = np.maximum(sizes - found.floor[key], 0.0)
+        at = int(np.argmax(beyond))
+        usual = float(np.median(sizes))
+        where = f"between t = {found.t[at]:.6g} s and the next row"
+        if beyond[at] > max(JUMP * found.step[key], STANDING_OUT * usual):
+            failed.append(f"{key.replace('_', ' ')} jumps by {sizes[at]:.3g} {where}; intervals usually miss "
+                          f"{usual:.1e}")
+        elif key in allowed and beyond[at] > allowed[key]:
+            failed.append(f"{key.replace('_', ' ')} misses the true motion from the recorded state by {sizes[at]:.3g} "
+                          f"{where}; {allowed[key]:g} is allowed")
+    return failed
+
+
+def _figures(scene: Scene, recording: Recording, truth: Any, since: float, verdict: Verdict, notes: list[str]) -> None:
+    """Energy, momentum and levels, where the states of all bodies are recorded."""
+    states = whole(scene, recording)
+    if states is None:
+        notes.append("not judged: energy, momentum and joints, which need position, attitude and velocities of every "
+                     "body")
+        return
+    rows = np.unique(np.linspace(0, len(recording.t) - 1, 20_000).astype(int))
+    exact = truth.at(recording.t[rows] - since)
+    verdict.figures = invariants(scene, States(exact.t, *(getattr(states, name)[rows] for name in "xRvw")), exact)
+    notes.append("largest errors: " + ", ".join(f"{name} {value:.1e}" for name, value in verdict.figures.items())
+                 + " (energy over the largest kinetic energy)")
+
+
+def _orders(runs: list[Differences], steps: list[float], order: int | None, verdict: Verdict, lines: list[str]
+            ) -> tuple[Differences | None, list[str]]:
+    """(the limit for vanishing steps, where that is not truth; what is wrong); the finest run comes first."""
+    fine = runs[0].recording
+    layout = [(g.key, g.owner, g.parts) for g in fine.groups]
+    if any([(g.key, g.owner, g.parts) for g in run.recording.groups] != layout for run in runs):
+        raise ArgumentError("the files have different columns; the order of a quantity needs it in all of them")
+    common = sorted(set.intersection(*(set(np.round(run.recording.t, 9)) for run in runs)))
+    rows = [np.searchsorted(np.round(run.recording.t, 9), common) for run in runs]
+    if len(common) < 2:
+        raise ArgumentError("the files have less than two times in common; record them at the same times")
+    ends = [[gap[at] for gap in run.gap] for run, at in zip(runs, rows, strict=True)]
+    verdict.order, verdict.limit_error, verdict.limit_unsure = {}, {}, {}
+    failed, limits, unsure = [], list(ends[0]), np.zeros(len(layout))
+    for key in fine.keys:
+        which = [k for k, each in enumerate(layout) if each[0] == key]
+        floor = max(float(run.floor[k][at].max()) for k in which for run, at in zip(runs, rows, strict=True))
+        found = _vanishing([np.concatenate([end[k].ravel() for k in which]) for end in ends], steps, floor, order)
+        for k in which:
+            limits[k] = ends[0][k] - (ends[1][k] - ends[0][k]) * found.gain
+            unsure[k] = found.unsure
+        left = max(float(norms(limits[k]).max()) for k in which)
+        verdict.order[key], verdict.limit_error[key], verdict.limit_unsure[key] = found.order, left, found.unsure
+        name, unit = key.replace("_", " "), fine.groups[which[0]].unit
+        lines.append(f"{name}: observed order {'none, exact' if found.order is None else f'{found.order:.2f}'}; the "
+                     f"limit for vanishing steps is {left:.2g} {unit} from truth, known to {found.unsure:.1g}")
+        if not found.converges and left > 3 * found.unsure + EXACT * floor:
+            failed.append(f"wrong limit: {name} converges to another motion, {left:.3g} {unit} from the scene's, "
+                          "whatever the step")
+        elif order is not None and found.order is not None and found.order < order - (
+                order_margin(order) if len(runs) > 2 else CONSTANTS["order_margin_coarse"]):
+            failed.append(f"order: {name} falls with order {found.order:.2f}, and {order} is claimed")
+    if not any(each.startswith("wrong limit") for each in failed):
+        return None, failed
+    exact = [value[rows[0]] for value in runs[0].values]
+    groups = [dataclasses.replace(g, floor=g.floor[rows[0]], values=true @ exponential(gap) if g.key == "attitude" else
+                                  true + gap) for g, true, gap in zip(fine.groups, exact, limits, strict=True)]
+    return dataclasses.replace(
+        runs[0], recording=dataclasses.replace(fine, t=fine.t[rows[0]], groups=groups), t=runs[0].t[rows[0]],
+        values=exact, gap=limits, floor=[each[rows[0]] + more for each, more in zip(runs[0].floor, unsure, strict=True)]
+    ), failed
+
+
+@dataclasses.dataclass(frozen=True)
+class _Vanishing:
+    """What runs at several steps tell of the limit for vanishing ones."""
+
+    order: float | None
+    gain: float  # of the difference of the two finest runs, subtracted from the finest
+    unsure: float
+    converges: bool  # whether the errors against truth fall as one power of the step
+
+
+def _vanishing(errors: list[np.ndarray], steps: list[float], floor: float, claimed: int | None) -> _Vanishing:
+    """Errors of runs against truth, the finest first: their order if they vanish, or what they tend to."""
+    sizes = [float(np.abs(each).max()) for each in errors]
+    ratio = steps[1] / steps[0]
+    change = errors[1] - errors[0]
+    most = float(np.abs(change).max())
+    if max(sizes) <= EXACT * floor + 1e-300:
+        return _Vanishing(None, 0.0, floor, True)
+    factor = float(errors[1] @ errors[0] / max(float(errors[0] @ errors[0]), 1e-300))
+    parallel = float(np.linalg.norm(errors[1] - factor * errors[0])) <= ALIKE * float(np.linalg.norm(errors[1]))
+    if sizes[0] <= EXACT * floor and sizes[1] > 4 * sizes[0]:  # the finest is exact: what is seen is a lower bound
+        return _Vanishing(math.log(sizes[1] / sizes[0]) / math.log(ratio), 0.0, EXACT * floor, True)
+    against = math.log(factor) / math.log(ratio) if factor > 0 else 0.0
+    if parallel and against > LEAST:
+        if len(sizes) > 2:
+            against = float(np.polyfit(np.log(steps), np.log(sizes), 1)[0])
+        gain = 1.0 / (factor - 1.0)
+        return _Vanishing(against, gain, float(np.abs(errors[0] - gain * change).max()) + floor, True)
+    order = None
+    if len(errors) > 2:  # the differences of three runs show the order whatever the limit is
+        grown = float(np.linalg.norm(errors[2] - errors[1])) / max(float(np.linalg.norm(change)), 1e-300)
+        powers = np.linspace(0.3, 9.0, 400)
+        h = [step / steps[0] for step in steps[:3]]
+        off = np.abs(np.log((h[2]**powers - h[1]**powers) / (h[1]**powers - 1) / grown))
+        order = float(powers[int(np.argmin(off))])
+    used = order or float(claimed or 1)
+    gain = 1.0 / (ratio**used - 1.0)
+    spread = max(abs(1.0 / (ratio**power - 1.0) - gain) for power in ((used - 0.3, used + 0.3) if order else (1, 2)))
+    return _Vanishing(order, gain, spread * most + (1 + 2 * gain) * floor, False)
+
+
+def _cause(scene: Scene, seen: Differences, until: float, limit: bool) -> tuple[str | None, list[str]]:
+    """(the cause, what to say of it and of the others)."""
+    named, every = find_causes.find(scene, seen, until)
+    if len(named) == 1:
+        return named[0].name, [f"cause: {named[0]} (explains {100 * (1 - named[0].left):.3g} % of the difference)"]
+    if named:
+        alike = " or ".join(each.name for each in named) if len(named) <= MOST_ALIKE else None
+        return alike, ["cause: one of these, which make the same motion here: " + "; or ".join(map(str, named[:6]))]
+    best = [each for each in every if each.left < 0.5][:1]
+    more = f"; next to it: {best[0]}, which leaves {100 * best[0].left:.2g} %" if best else ""
+    step = "" if limit else "; the error of too large a step is one as well, which a second file at another step shows"
+    return None, [f"cause: none of {len(every)} hypotheses explains nine tenths of the difference{more}{step}"]
+
+
+def assert_recording(scene: Scene | str | os.PathLike[str], recording: Any, tolerance: Mapping[str, float],
+                     **options: Any) -> Verdict:
+    """Raise `AssertionError` with the answer unless the recording is within its tolerances; arguments as
+    `judge_recording`."""
+    __tracebackhide__ = True
+    verdict = judge_recording(scene, recording, tolerance=tolerance, **options)
+    if verdict.outcome != "pass":
+        raise AssertionError(str(verdict))
+    return verdict

@@ -1,0 +1,322 @@
+"""What a scene would have shown in place of a recording, and by how much the recording differs.
+
+Truth is turned into the recorded quantities, never the recording into states: a subset of columns loses nothing.
+States that restart an interval come the other way: the least change of the true state that shows what was recorded.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from crosscheck.judge.defects import turn
+from crosscheck.judge.flow import integrate
+from crosscheck.recordings.reading import Group, Recording
+from crosscheck.scene import mechanics
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import histories
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.model import Scene
+from crosscheck.scene.monitor import level_norms
+from crosscheck.scene.sensors import readings
+from crosscheck.scene.states import States
+from crosscheck.scene.vectors import cross, exponential
+
+FILL = 0.05
+"""Longest time (s) between two instants at which an angle is followed over full turns."""
+
+CHUNK = 50_000
+"""Instants of truth that are in memory at a time."""
+
+MOST_INTERVALS = 2000
+"""Intervals whose defects are measured; of a longer recording, so many over its whole length."""
+
+TURN = 0.1
+"""Turn (rad) of the fastest motion in one step of the integration of an interval."""
+
+STEP = 1e-6
+"""Of central differences of recorded quantities by states (rad, m)."""
+
+UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "angular_velocity": "rad/s"}
+POSES = ("position", "attitude", "joint_position")
+RATES = ("velocity", "angular_velocity", "joint_velocity")
+
+
+class Shown:
+    """The recorded quantities as another motion of the scene shows them."""
+
+    def __init__(self, scene: Scene, groups: Sequence[Group]) -> None:
+        self.scene, self.groups = scene, groups
+        self.body = {body.name: k for k, body in enumerate(scene.bodies)}
+        turning = {joint.name for joint in scene.joints
+                   if any(word.startswith("turn") for word in JOINT_TYPES[joint.type].coordinates)}
+        self.followed = any(group.key == "joint_position" and group.owner in turning for group in groups)
+
+    def of(self, states: States) -> list[np.ndarray]:
+        """The values of every group, in its shape."""
+        joints = histories(self.scene, states) if any(g.key.startswith("joint_") for g in self.groups) else {}
+        return [self._one(group, states, joints) for group in self.groups]
+
+    def _one(self, group: Group, states: States, joints: Any) -> np.ndarray:
+        if group.key.startswith("joint_"):
+            history = joints[group.owner]
+            values = history.position if group.key == "joint_position" else history.velocity
+            return np.asarray(values.reshape(len(states.t), -1)[:, list(group.parts)])
+        if group.key not in UNITS:
+            given = readings(self.scene, states)[group.owner]
+            return np.asarray(given.reshape(len(states.t), -1)[:, list(group.parts)])
+        k = self.body[group.owner]
+        R = states.R[:, k]
+        if group.key == "attitude":
+            return R
+        values = {"position": states.x, "velocity": states.v, "angular_velocity": states.w}[group.key][:, k]
+        if group.point is not None and group.key == "position":
+            values = values + R @ group.point
+        if group.point is not None and group.key == "velocity":
+            values = values + np.einsum("tij,tj->ti", R, cross(states.w[:, k], group.point))
+        if group.frame and (group.frame == "body") != (group.key == "angular_velocity"):
+            values = np.einsum("tij,tj->ti" if group.key == "angular_velocity" else "tji,tj->ti", R, values)
+        return np.asarray(values[:, list(group.parts)])
+
+    def at(self, motion: Any, t: np.ndarray) -> list[np.ndarray]:
+        """The values at increasing times of a motion with `at`; angles are followed from the start over full turns."""
+        grid, places = t, np.arange(len(t))
+        if self.followed:
+            knots = np.unique(np.concatenate([[0.0], t]))
+            counts = np.ceil(np.diff(knots) / FILL).astype(int)
+            more = [np.linspace(a, b, count + 1)[1:-1] for a, b, count in zip(knots, knots[1:], counts, strict=False)
+                    if count > 1]
+            grid = np.unique(np.concatenate([knots, *more]))
+            places = np.searchsorted(grid, t)
+        return [values[places] for values in self.of(motion.at(grid))]
+
+
+def gaps(group: Group, recorded: np.ndarray, shown: np.ndarray, modulo: bool = False) -> np.ndarray:
+    """Recorded minus shown, (T, k); of attitudes the rotation vector between them. `modulo`: angles up to full turns.
+    """
+    if group.key == "attitude":
+        return turn(shown, recorded)
+    if len(group.parts) == 4:  # a quaternion and its negative are the same attitude
+        same = np.einsum("tk,tk->t", recorded, shown)
+        return np.asarray(recorded * np.where(same < 0, -1.0, 1.0)[:, None] - shown)
+    difference = recorded - shown
+    if group.angle and (group.wrap or modulo):
+        difference = difference - 2 * np.pi * np.round(difference / (2 * np.pi))
+    return np.asarray(difference)
+
+
+def norms(gap: np.ndarray) -> np.ndarray:
+    """(T,)"""
+    return np.asarray(np.linalg.norm(gap, axis=1))
+
+
+@dataclasses.dataclass
+class Differences:
+    """A recording beside truth: per group the difference at every sample, and what printed digits leave open."""
+
+    shown: Shown
+    recording: Recording
+    truth: Any
+    t: np.ndarray  # (T,) s of truth
+    values: list[np.ndarray]  # of truth
+    gap: list[np.ndarray]
+    floor: list[np.ndarray]  # (T,)
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """The largest difference per quantity."""
+        return {key: max(float(norms(gap).max()) for group, gap in zip(self.recording.groups, self.gap, strict=True)
+                         if group.key == key) for key in self.recording.keys}
+
+    def worst(self, key: str) -> tuple[Group, float, float, float]:
+        """(group, time, error, floor) of the largest difference beyond the floor of one quantity."""
+        found = []
+        for group, gap, floor in zip(self.recording.groups, self.gap, self.floor, strict=True):
+            if group.key == key:
+                sizes = norms(gap)
+                at = int(np.argmax(sizes - floor))
+                found.append((group, float(self.recording.t[at]), float(sizes[at]), float(floor[at])))
+        return max(found, key=lambda each: each[2] - each[3])
+
+
+def part_of(recording: Recording, index: Any) -> Recording:
+    """Some rows of a recording."""
+    groups = [dataclasses.replace(group, values=group.values[index], floor=group.floor[index])
+              for group in recording.groups]
+    return dataclasses.replace(recording, t=recording.t[index], groups=groups)
+
+
+def compare(scene: Scene, recording: Recording, truth: Any, since: float = 0.0) -> Differences:
+    """The differences from a truth whose time zero is `since` (s) of the recording."""
+    shown = Shown(scene, recording.groups)
+    t = recording.t - since
+    values: list[list[np.ndarray]] = [[] for _ in recording.groups]
+    last: list[np.ndarray] | None = None
+    for begin in range(0, len(t), CHUNK):
+        now = shown.at(truth, t[max(begin - 1, 0):begin + CHUNK])
+        for k, group in enumerate(recording.groups):
+            if group.angle:
+                before = last[k] if last is not None else group.values[:1] if since else now[k][:1]
+                now[k] = now[k] + 2 * np.pi * np.round((before - now[k][:1]) / (2 * np.pi))
+            values[k].append(now[k][1 if begin else 0:])
+        last = [each[-1:] for each in now]
+    joined = [np.concatenate(parts) for parts in values]
+    gap = [gaps(group, group.values, value) for group, value in zip(recording.groups, joined, strict=True)]
+    floor = [group.floor + truth.error + recording.blur * _speed(group, value, t)
+             for group, value in zip(recording.groups, joined, strict=True)]
+    return Differences(shown, recording, truth, t, joined, gap, floor)
+
+
+def _speed(group: Group, values: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """The rate of change of values, (T,)."""
+    if len(t) < 2:
+        return np.zeros(len(t))
+    rates = np.gradient(values.reshape(len(t), -1), t, axis=0)
+    return np.asarray(np.linalg.norm(rates, axis=1) / (np.sqrt(2.0) if group.key == "attitude" else 1.0))
+
+
+def moved(states: States, change: np.ndarray) -> States:
+    """States with poses changed by (T, 6 n): displacements in world axes and rotation vectors in body axes."""
+    steps = change.reshape(*states.x.shape[:2], 6)
+    return dataclasses.replace(states, x=states.x + steps[..., :3], R=states.R @ exponential(np.array(steps[..., 3:])))
+
+
+def _joined(groups: Sequence[Group], one: Sequence[np.ndarray], other: Sequence[np.ndarray], count: int) -> np.ndarray:
+    """All gaps of some groups side by side, (T, k)."""
+    parts = [gaps(g, a, b, True) for g, a, b in zip(groups, one, other, strict=True)]
+    return np.concatenate([np.zeros((count, 0)), *parts], axis=1)
+
+
+def _slopes(shown: Shown, states: States) -> np.ndarray:
+    """(T, k, 6 n): derivatives of recorded poses by displacements and turns of the bodies."""
+    count, size = len(states.t), 6 * shown.scene.n
+    columns = []
+    for unit in np.eye(size) * STEP:
+        ahead, behind = (shown.of(moved(states, np.broadcast_to(s * unit, (count, size)))) for s in (1, -1))
+        columns.append(_joined(shown.groups, ahead, behind, count) / (2 * STEP))
+    return np.stack(columns, axis=2)
+
+
+def restored(scene: Scene, recording: Recording, base: States) -> States:
+    """The states that show what was recorded and satisfy the joints, next to `base`, which supplies what is not seen.
+
+    Velocities that are not recorded are those of `base` plus the rate at which the poses leave it.
+    """
+    count, size, constraints = len(base.t), 6 * scene.n, Constraints(scene)
+    poses, rates = ([g for g in recording.groups if g.key in keys] for keys in (POSES, RATES))
+    shown, states = Shown(scene, poses), base
+    total = np.zeros((count, size))
+    for _ in range(5):
+        left = _joined(poses, [g.values for g in poses], shown.of(states), count)
+        A = np.concatenate([_slopes(shown, states), constraints.jacobian(states.x, states.R)], axis=1)
+        b = np.concatenate([left, -constraints.position(states.x, states.R, states.t)], axis=1)
+        change = (np.linalg.pinv(A, rcond=1e-7) @ b[..., None])[..., 0]
+        states, total = moved(states, change), total + change
+        if np.abs(change).max(initial=0.0) < 1e-12:
+            break
+    u = np.concatenate([base.v, base.w], axis=2).reshape(count, size)
+    if not rates and count > 2:
+        u = u + np.gradient(total, base.t, axis=0, edge_order=2)
+    shown = Shown(scene, rates)
+
+    def spun(u: np.ndarray) -> States:
+        both = u.reshape(count, scene.n, 6)
+        return dataclasses.replace(states, v=both[..., :3], w=both[..., 3:])
+
+    zero = shown.of(spun(0 * u))  # rates are linear in velocities
+    columns = [_joined(rates, shown.of(spun(np.broadcast_to(unit, u.shape))), zero, count) for unit in np.eye(size)]
+    A = np.concatenate([np.stack(columns, axis=2), constraints.jacobian(states.x, states.R)], axis=1)
+    now = spun(u)
+    b = np.concatenate([_joined(rates, [g.values for g in rates], shown.of(now), count),
+                        -constraints.velocity(now.x, now.R, now.v, now.w, now.t)], axis=1)
+    return spun(u + (np.linalg.pinv(A, rcond=1e-7) @ b[..., None])[..., 0])
+
+
+def determined(scene: Scene, recording: Recording, base: States) -> bool:
+    """Whether the recorded poses determine those of all bodies."""
+    one = States(base.t[:1], base.x[:1], base.R[:1], base.v[:1], base.w[:1])
+    poses = [g for g in recording.groups if g.key in POSES]
+    if not poses:
+        return False
+    A = np.concatenate([_slopes(Shown(scene, poses), one)[0], Constraints(scene).jacobian(one.x, one.R)[0]])
+    return bool(np.linalg.matrix_rank(A, tol=1e-6) == 6 * scene.n)
+
+
+@dataclasses.dataclass
+class Intervals:
+    """What the recording misses in each interval, started from the recorded state."""
+
+    index: np.ndarray  # (I,) rows at which they begin
+    t: np.ndarray  # (I,) s, of the recording
+    sizes: dict[str, np.ndarray]  # (I,) by quantity
+    floor: dict[str, np.ndarray]  # (I,)
+    step: dict[str, float]  # the largest change of the quantity over one interval
+
+
+def intervals(scene: Scene, seen: Differences, since: float) -> Intervals | None:
+    """The defects of the intervals; None where the recording does not determine the state."""
+    groups = [k for k, group in enumerate(seen.recording.groups) if group.key in POSES + RATES]
+    recording = dataclasses.replace(seen.recording, groups=[seen.recording.groups[k] for k in groups])
+    if len(recording.t) < 4 or pieced(scene):
+        return None
+    rows = np.arange(len(recording.t))
+    if len(rows) > MOST_INTERVALS + 1:  # pieces of neighbours, evenly over the recording
+        firsts = np.linspace(0, len(rows) - 9, MOST_INTERVALS // 8).astype(int)
+        rows = np.unique((firsts[:, None] + np.arange(9)).ravel())
+    piece = part_of(recording, rows)
+    base = seen.truth.at(piece.t - since)
+    if not determined(scene, piece, base):
+        return None
+    states = restored(scene, piece, States(base.t, base.x, base.R, base.v, base.w))
+    keep = np.flatnonzero(np.diff(rows) == 1)
+    tau = np.diff(states.t)[keep]
+    begin = States(*(getattr(states, name)[keep] for name in ("t", "x", "R", "v", "w")))
+    rate = max(float(np.linalg.norm(states.w, axis=-1).max(initial=0.0)), 1.0)
+    count = int(min(200, max(2, np.ceil(rate * tau.max() / TURN))))
+    with np.errstate(over="ignore", invalid="ignore"):
+        now = Shown(scene, recording.groups).of(integrate(scene, begin, tau, count)[0])
+    floors = [np.maximum(each[rows][keep], each[rows][keep + 1]) for each in (seen.floor[k] for k in groups)]
+    known = any(group.key in RATES for group in recording.groups)
+    noise = np.max([each if group.key in RATES else each * (rate if known else 1.0) / (1.0 if known else tau)
+                    for group, each in zip(recording.groups, floors, strict=True)], axis=0)
+    found = Intervals(rows[keep], piece.t[keep], {}, {}, {})
+    for group, value, floor in zip(piece.groups, now, floors, strict=True):
+        gap = norms(gaps(group, group.values[keep + 1], value, True))
+        change = norms(gaps(group, group.values[keep + 1], group.values[keep], True))
+        allowed = 2 * floor + 4 * noise * (1.0 if group.key in RATES else np.maximum(tau, 1 / rate if known else 0.0))
+        found.sizes[group.key] = np.maximum(found.sizes.get(group.key, 0.0), gap)
+        found.floor[group.key] = np.maximum(found.floor.get(group.key, 0.0), allowed)
+        found.step[group.key] = max(found.step.get(group.key, 0.0), float(change.max()))
+    return found
+
+
+def pieced(scene: Scene) -> bool:
+    """Whether a law has memory or pieces, across which no interval can be restarted from states alone."""
+    return any(force.type == "servo" for force in scene.forces) or any(
+        getattr(joint, "dry_friction", None) or getattr(joint, "limits", None) for joint in scene.joints)
+
+
+def whole(scene: Scene, recording: Recording) -> States | None:
+    """The recorded states of all bodies, if all of them are recorded."""
+    by = {(group.key, group.owner): group for group in recording.groups}
+    parts = []
+    for key in UNITS:
+        groups = [by.get((key, body.name)) for body in scene.bodies]
+        if any(g is None or (key != "attitude" and len(g.parts) < 3) or g.frame or g.point is not None for g in groups):
+            return None
+        parts.append(np.stack([g.values for g in groups if g is not None], axis=1))
+    return States(recording.t, *parts)
+
+
+def invariants(scene: Scene, states: States, truth: States) -> dict[str, float]:
+    """Largest errors of energy, over the largest kinetic energy, and of the momentum about the vertical, and levels."""
+    kinetic = float(mechanics.kinetic_energy(scene, truth).max()) or 1.0
+    found = {"energy": float(np.abs(mechanics.energy(scene, states) - mechanics.energy(scene, truth)).max()) / kinetic,
+             "momentum": float(np.abs(mechanics.momentum_vertical(scene, states)
+                                      - mechanics.momentum_vertical(scene, truth)).max())}
+    levels = level_norms(Constraints(scene), states.x, states.R, states.v, states.w, None, None, states.t)
+    return found | {name.replace("constraint_", "level "): float(np.max(series)) for name, series in levels.items()
+                    if isinstance(series, np.ndarray) and scene.joints}

@@ -1,0 +1,93 @@
+"""The page of a judged recording: what was found, errors over time, and the motion with truth as a ghost."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from crosscheck.errors import ArgumentError, missing
+from crosscheck.files import put
+from crosscheck.recordings.comparing import Differences, determined, norms, part_of, restored
+from crosscheck.report import pages
+from crosscheck.report.standalone import write_page as standalone
+from crosscheck.scene.model import quaternion_from_rotation
+from crosscheck.scene.states import States
+from crosscheck.verification.curves import drawing
+
+Verdict = Any
+"""A `crosscheck.recordings.Verdict`; not imported, because its module imports this one."""
+
+POINTS = 1000
+"""Points of a curve; of a longer recording the largest error between two of them."""
+
+PICTURES = 400
+"""Instants of the motion in the picture."""
+
+
+def write_page(verdict: Verdict, folder: Path) -> Path:
+    """Write the page, verdict.json and defects.csv into a folder. Returns the path of the page."""
+    seen = verdict.differences
+    if seen is None:
+        raise ArgumentError("no page: nothing of the recording could be compared with truth")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        put(folder / "verdict.json", json.dumps(verdict.plain(), indent=1))
+        if verdict.defects is not None:
+            put(folder / "defects.csv", verdict.defects.to_csv(index=False))
+        for name in ("pens.js", "geometry.js", "playback.js"):
+            put(folder / name, (pages.HERE / "static" / name).read_text(encoding="utf-8"))
+        standalone(folder, "recording.html.j2", verdict=verdict, scene=verdict.scene, curves=_curves(verdict, seen),
+                   drawn=_drawn(verdict, seen))
+    except ImportError as error:
+        raise ArgumentError(f"--out {folder}: no page: {missing(error)}") from None
+    except OSError as error:
+        raise ArgumentError(f"--out {folder}: {error.strerror or error}; choose another folder") from None
+    return folder / "index.html"
+
+
+def _curves(verdict: Verdict, seen: Differences) -> dict[str, Any]:
+    """Curves for Plotly: errors, defects, and recorded beside true values."""
+    rows = np.unique(np.linspace(0, len(seen.t) - 1, POINTS).astype(int))
+    t = _plain(seen.recording.t[rows])
+    errors, values = [], {}
+    for group, gap, true in zip(seen.recording.groups, seen.gap, seen.values, strict=True):
+        largest = np.maximum.reduceat(norms(gap), rows)
+        errors.append({"x": t, "y": _plain(np.where(largest > 0, largest, np.nan)), "name": group.label})
+        if group.key != "attitude":
+            values[group.label] = [
+                {"x": t, "y": _plain(part[rows, k]), "name": f"{name}{' xyz'[1 + group.parts[k]] if many else ''}"}
+                for name, part in (("recorded", group.values), ("truth", true))
+                for many in [part.shape[1] > 1 and max(group.parts) < 3] for k in range(part.shape[1])]
+    defects = [] if verdict.defects is None else [
+        {"x": _plain(verdict.defects["t"].to_numpy()), "y": _plain(verdict.defects[key].to_numpy()), "mode": "markers",
+         "marker": {"size": 4}, "name": key} for key in verdict.defects if key != "t"]
+    return {"errors": errors, "defects": defects, "series": values}
+
+
+def _drawn(verdict: Verdict, seen: Differences) -> dict[str, Any] | None:
+    """The motion, as recorded and as it is in truth; None where the recording does not determine it."""
+    rows = np.unique(np.linspace(0, len(seen.t) - 1, PICTURES).astype(int))
+    scene, piece = seen.shown.scene, part_of(seen.recording, rows)
+    exact = seen.truth.at(seen.t[rows])
+    exact = States(exact.t, exact.x, exact.R, exact.v, exact.w)
+    if not determined(scene, piece, exact):
+        return None
+    actors = []
+    for label, states in (("truth", exact), ("recording", restored(scene, piece, exact))):
+        q = quaternion_from_rotation(states.R.reshape(-1, 3, 3)).reshape(len(rows), scene.n, 4)
+        flips = np.cumprod(np.where(np.einsum("tnk,tnk->tn", q[1:], q[:-1]) < 0, -1.0, 1.0), axis=0)
+        q[1:] *= flips[..., None]
+        actors.append({"label": label, "x": _plain(np.moveaxis(states.x, 0, -1)), "q": _plain(np.moveaxis(q, 0, -1)),
+                       "dx": None if label == "truth" else _plain(np.moveaxis(states.x - exact.x, 0, -1))})
+    return {"t": _plain(seen.t[rows]), "drawing": msgspec.to_builtins(drawing(scene)), "actors": actors}
+
+
+def _plain(values: np.ndarray) -> Any:
+    """Numbers with six digits, None for those that are not finite."""
+    if values.ndim > 1:
+        return [_plain(row) for row in values]
+    return [float(f"{value:.6g}") if np.isfinite(value) else None for value in values]

@@ -1,0 +1,362 @@
+"""Motions and their files, made without crosscheck and lieeuler: SciPy on equations written by hand, and two engines.
+
+Each motion is a dict of columns by the names that a recording of its scene has; parameters make it wrong.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+SCENES = {
+    "arm": """
+schema = 2
+name = "arm"
+gravity = [0.0, 0.0, -9.81]
+duration = 2.0
+samples = 101
+[[bodies]]
+name = "bar"
+mass = 1.2
+inertia = [[0.01, 0, 0], [0, 0.03, 0], [0, 0, 0.025]]
+[[joints]]
+name = "pivot"
+type = "revolute"
+parent = "ground"
+child = "bar"
+parent_anchor = [0.1, 0.0, 0.2]
+child_anchor = [-0.4, 0.0, 0.0]
+parent_axis = [0.0, 1.0, 0.0]
+child_axis = [0.0, 1.0, 0.0]
+position = 0.4
+velocity = 1.5
+damping = 0.02
+""",
+    "two": """
+schema = 2
+name = "two"
+gravity = [0.0, 0.0, -9.81]
+duration = 2.0
+samples = 101
+[[bodies]]
+name = "upper"
+mass = 1.2
+inertia = [[0.01, 0, 0], [0, 0.03, 0], [0, 0, 0.025]]
+[[bodies]]
+name = "fore"
+mass = 0.7
+inertia = [[0.004, 0, 0], [0, 0.012, 0], [0, 0, 0.011]]
+[[joints]]
+name = "shoulder"
+type = "revolute"
+parent = "ground"
+child = "upper"
+parent_anchor = [0.0, 0.0, 0.0]
+child_anchor = [-0.4, 0.0, 0.0]
+parent_axis = [0.0, 1.0, 0.0]
+child_axis = [0.0, 1.0, 0.0]
+position = 0.4
+velocity = 1.5
+[[joints]]
+name = "elbow"
+type = "revolute"
+parent = "upper"
+child = "fore"
+parent_anchor = [0.4, 0.0, 0.0]
+child_anchor = [-0.3, 0.0, 0.0]
+parent_axis = [0.0, 1.0, 0.0]
+child_axis = [0.0, 1.0, 0.0]
+position = -0.7
+velocity = -1.0
+""",
+    "tumbler": """
+schema = 1
+name = "tumbler"
+gravity = [0.0, 0.0, -9.81]
+duration = 2.0
+samples = 101
+[[bodies]]
+name = "brick"
+mass = 2.0
+inertia = [[0.03, 0, 0], [0, 0.05, 0], [0, 0, 0.07]]
+attitude = [0.8, 0.36, -0.48, 0.0]
+angular_velocity = [1.0, 2.5, -0.6]
+position = [0.2, -0.1, 5.0]
+velocity = [1.0, 0.5, 3.0]
+""",
+    "top": """
+schema = 1
+name = "top"
+gravity = [0.0, 0.0, -9.81]
+duration = 2.0
+samples = 101
+[[bodies]]
+name = "top"
+mass = 1.5
+inertia = [[0.02, 0, 0], [0, 0.03, 0], [0, 0, 0.015]]
+attitude = [0.9, 0.3, 0.3, 0.1]
+angular_velocity = [0.5, -0.3, 6.0]
+[[joints]]
+name = "tip"
+type = "spherical"
+parent = "ground"
+child = "top"
+parent_anchor = [0.0, 0.0, 0.0]
+child_anchor = [0.0, 0.0, -0.5]
+""",
+    "slider": """
+schema = 2
+name = "slider"
+gravity = [0.0, 0.0, -9.81]
+duration = 2.0
+samples = 101
+[[bodies]]
+name = "block"
+mass = 2.0
+inertia = [[0.03, 0, 0], [0, 0.05, 0], [0, 0, 0.07]]
+[[joints]]
+name = "rail"
+type = "prismatic"
+parent = "ground"
+child = "block"
+parent_anchor = [0.0, 0.0, 0.0]
+child_anchor = [0.0, 0.0, 0.0]
+parent_axis = [1.0, 0.0, 0.0]
+child_axis = [1.0, 0.0, 0.0]
+position = 0.3
+velocity = -0.5
+[[forces]]
+type = "linear_spring"
+parent = "ground"
+child = "block"
+parent_point = [-1.0, 0.0, 0.0]
+child_point = [0.0, 0.0, 0.0]
+stiffness = 80.0
+free_length = 0.9
+damping = 0.4
+""",
+}
+
+TIMES = np.linspace(0.0, 2.0, 201)
+
+
+def solved(rates, y0, t):
+    """States (T, k) of an ordinary differential equation."""
+    grid = np.unique(np.concatenate([[0.0], t]))
+    y = solve_ivp(rates, (0.0, grid[-1]), y0, "DOP853", t_eval=grid, rtol=1e-12, atol=1e-13).y.T
+    return y[np.searchsorted(grid, t)]
+
+
+def turned_y(angle):
+    """Rotations (T, 3, 3) about y."""
+    return Rotation.from_rotvec(np.outer(angle, [0.0, 1.0, 0.0])).as_matrix()
+
+
+def body(columns, name, x, R, v, w):
+    """Put the columns of one body into `columns`, attitudes as quaternions."""
+    q = Rotation.from_matrix(R).as_quat(scalar_first=True)
+    flips = np.cumprod(np.concatenate([[1.0], np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)]))
+    q = q * flips[:, None]
+    for part, values in (("", x), ("v", v), ("w", w)):
+        columns |= {f"{name}.{part}{axis}": values[:, k] for k, axis in enumerate("xyz")}
+    columns |= {f"{name}.q{axis}": q[:, k] for k, axis in enumerate("wxyz")}
+
+
+def arm(t=TIMES, g=9.81, m=1.2, J=0.03, l=0.4, anchor=(0.1, 0.0, 0.2), angle=0.4, rate=1.5, damping=0.02, square=0.0):
+    """A bar on a hinge about y: (J + m l^2) a = m g l cos(a) - damping, with z up and a turn that lowers the bar."""
+    def rates(_, y):
+        return [y[1], (m * g * l * np.cos(y[0]) - damping * y[1] - square * abs(y[1]) * y[1]) / (J + m * l * l)]
+
+    a, w = solved(rates, [angle, rate], t).T
+    R = turned_y(a)
+    spin = np.outer(w, [0.0, 1.0, 0.0])
+    lever = R @ np.array([l, 0.0, 0.0])
+    columns = {"t": t, "pivot.position": a, "pivot.velocity": w}
+    body(columns, "bar", np.array(anchor) + lever, R, np.cross(spin, lever), spin)
+    return columns
+
+
+def two(t=TIMES, g=9.81, m=(1.2, 0.7), J=(0.03, 0.012), l=(0.4, 0.8, 0.3), angle=(0.4, -0.7), rate=(1.5, -1.0),
+        damping=0.0):
+    """Two bars on parallel hinges: Lagrange's equations in absolute angles a, b."""
+    l1, L, l2 = l
+
+    def rates(_, y):
+        a, b, p, q = y
+        c, s = np.cos(a - b), np.sin(a - b)
+        M = np.array([[J[0] + m[0] * l1**2 + m[1] * L**2, m[1] * L * l2 * c],
+                      [m[1] * L * l2 * c, J[1] + m[1] * l2**2]])
+        f = np.array([-m[1] * L * l2 * s * q * q + (m[0] * l1 + m[1] * L) * g * np.cos(a) - damping * (2 * p - q),
+                      m[1] * L * l2 * s * p * p + m[1] * l2 * g * np.cos(b) - damping * (q - p)])
+        return [p, q, *np.linalg.solve(M, f)]
+
+    a, b, p, q = solved(rates, [angle[0], sum(angle), rate[0], sum(rate)], t).T
+    columns = {"t": t, "shoulder.position": a, "shoulder.velocity": p, "elbow.position": b - a, "elbow.velocity": q - p}
+    one, other = turned_y(a), turned_y(b)
+    spins = np.outer(p, [0.0, 1.0, 0.0]), np.outer(q, [0.0, 1.0, 0.0])
+    reach, end = one @ np.array([L, 0.0, 0.0]), other @ np.array([l2, 0.0, 0.0])
+    half = one @ np.array([l1, 0.0, 0.0])
+    body(columns, "upper", half, one, np.cross(spins[0], half), spins[0])
+    body(columns, "fore", reach + end, other, np.cross(spins[0], reach) + np.cross(spins[1], end), spins[1])
+    return columns
+
+
+def spinning(J, torque, R0, w0, t, gyroscopic=1.0):
+    """(R, w) of Euler's equations J w' = torque(R, w) - w x J w with R' = R hat(w), attitudes as nine numbers."""
+    J = np.asarray(J)
+
+    def rates(_, y):
+        R, w = y[:9].reshape(3, 3), y[9:]
+        return np.concatenate([np.cross(R, w).ravel(), np.linalg.solve(J, torque(R, w)
+                                                                       - gyroscopic * np.cross(w, J @ w))])
+
+    y = solved(rates, np.concatenate([R0.ravel(), w0]), t)
+    return y[:, :9].reshape(-1, 3, 3), y[:, 9:]
+
+
+def tumbler(t=TIMES, g=(0.0, 0.0, -9.81), J=(0.03, 0.05, 0.07), q=(0.8, 0.36, -0.48, 0.0), w=(1.0, 2.5, -0.6),
+            x=(0.2, -0.1, 5.0), v=(1.0, 0.5, 3.0), drag=0.0, gyroscopic=1.0):
+    """A free body: a parabola, and Euler's equations."""
+    R0 = Rotation.from_quat(q, scalar_first=True).as_matrix()
+    R, spin = spinning(np.diag(J), lambda R, w: -drag * np.diag(J) @ w, R0, np.array(w), t, gyroscopic)
+    g = np.array(g)
+    columns = {"t": t}
+    if drag:
+        y = solved(lambda _, y: np.concatenate([y[3:], g - drag * y[3:]]), np.array([*x, *v]), t)
+        body(columns, "brick", y[:, :3], R, y[:, 3:], spin)
+    else:
+        body(columns, "brick", np.array(x) + np.outer(t, v) + 0.5 * np.outer(t * t, g), R,
+             np.array(v) + np.outer(t, g), spin)
+    return columns
+
+
+def top(t=TIMES, g=(0.0, 0.0, -9.81), m=1.5, J=((0.02, 0, 0), (0, 0.03, 0), (0, 0, 0.015)), s=(0.0, 0.0, 0.5),
+        q=(0.9, 0.3, 0.3, 0.1), w=(0.5, -0.3, 6.0), pivot=(0.0, 0.0, 0.0), damping=0.0, gyroscopic=1.0):
+    """A body on a ball joint, about which its inertia is J + m (s^2 - s s^T)."""
+    s, g = np.array(s), np.array(g)
+    about = np.array(J, dtype=float) + m * (s @ s * np.eye(3) - np.outer(s, s))
+    R0 = Rotation.from_quat(q, scalar_first=True).as_matrix()
+    R, spin = spinning(about, lambda R, w: np.cross(s, R.T @ (m * g)) - damping * w, R0, np.array(w), t, gyroscopic)
+    columns = {"t": t}
+    body(columns, "top", np.array(pivot) + R @ s, R, np.einsum("tij,tj->ti", R, np.cross(spin, s)), spin)
+    return columns
+
+
+def slider(t=TIMES, m=2.0, k=80.0, free=0.9, c=0.4, x0=0.3, v0=-0.5, coulomb=0.0):
+    """A block on a spring and damper, in closed form; y and z stay."""
+    rest, beta = free - 1.0, c / (2 * m)
+    if coulomb:
+        def rates(_, y):
+            return [y[1], (-k * (y[0] - rest) - c * y[1] - coulomb * np.tanh(1e3 * y[1])) / m]
+
+        y = solved(rates, [x0, v0], t)
+        x, v = y.T
+    else:
+        omega = np.sqrt(k / m - beta**2)
+        a, b = x0 - rest, (v0 + beta * (x0 - rest)) / omega
+        wave, slope = np.exp(-beta * t), np.cos(omega * t)
+        x = rest + wave * (a * slope + b * np.sin(omega * t))
+        v = wave * ((b * omega - beta * a) * slope - (a * omega + beta * b) * np.sin(omega * t))
+    still = np.zeros((len(t), 3))
+    columns = {"t": t, "rail.position": x, "rail.velocity": v}
+    body(columns, "block", np.outer(x, [1.0, 0.0, 0.0]), np.broadcast_to(np.eye(3), (len(t), 3, 3)),
+         np.outer(v, [1.0, 0.0, 0.0]), still)
+    return columns
+
+
+MAKERS = {"arm": arm, "two": two, "tumbler": tumbler, "top": top, "slider": slider}
+
+
+# --- engines, by their own scripts ------------------------------------------------------------------------------------
+
+MUJOCO = """<mujoco><option timestep="{step}" integrator="{integrator}"/><compiler angle="radian"/><worldbody>
+<body name="upper"><joint name="shoulder" axis="0 1 0"/><inertial pos=".4 0 0" mass="1.2" diaginertia=".01 .03 .025"/>
+<body name="fore" pos=".8 0 0"><joint name="elbow" axis="0 1 0"/>
+<inertial pos=".3 0 0" mass=".7" diaginertia=".004 .012 .011"/></body></body></worldbody></mujoco>"""
+
+
+def by_mujoco(integrator="RK4", step=1e-3, every=10, count=201, **changes):
+    """The two bars by MuJoCo."""
+    import mujoco
+
+    text = MUJOCO.format(step=step, integrator=integrator)
+    for old, new in changes.get("swap", ()):
+        assert old in text
+        text = text.replace(old, new)
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = (0.4, -0.7), (1.5, -1.0)
+    rows = []
+    for _ in range(count):
+        rows.append([data.time, data.qpos[0], data.qvel[0], data.qpos[1], data.qvel[1]])
+        for _ in range(every):
+            mujoco.mj_step(model, data)
+    names = ["t", "shoulder.position", "shoulder.velocity", "elbow.position", "elbow.velocity"]
+    return dict(zip(names, np.array(rows).T, strict=True))
+
+
+def by_pinocchio(step=1e-3, every=10, count=201):
+    """The two bars by Pinocchio's accelerations and a Runge-Kutta step of its own script."""
+    import pinocchio as pin
+
+    model = pin.Model()
+    one = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "shoulder")
+    model.appendBodyToJoint(one, pin.Inertia(1.2, np.array([0.4, 0, 0]), np.diag([0.01, 0.03, 0.025])),
+                            pin.SE3.Identity())
+    two_ = model.addJoint(one, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.8, 0, 0])), "elbow")
+    model.appendBodyToJoint(two_, pin.Inertia(0.7, np.array([0.3, 0, 0]), np.diag([0.004, 0.012, 0.011])),
+                            pin.SE3.Identity())
+    data = model.createData()
+    none = np.zeros(2)
+
+    def rates(y):
+        return np.concatenate([y[2:], pin.aba(model, data, y[:2], y[2:], none)])
+
+    y, rows = np.array([0.4, -0.7, 1.5, -1.0]), []
+    for k in range(count):
+        rows.append([k * every * step, y[0], y[2], y[1], y[3]])
+        for _ in range(every):
+            a = rates(y)
+            b = rates(y + 0.5 * step * a)
+            c = rates(y + 0.5 * step * b)
+            y = y + step / 6 * (a + 2 * b + 2 * c + rates(y + step * c))
+    names = ["t", "shoulder.position", "shoulder.velocity", "elbow.position", "elbow.velocity"]
+    return dict(zip(names, np.array(rows).T, strict=True))
+
+
+def by_exudyn(step=1e-4, count=201):
+    """The free body by Exudyn's explicit integrator."""
+    import exudyn as exu
+    from exudyn.rigidBodyUtilities import RigidBodyInertia
+
+    SC = exu.SystemContainer()
+    mbs = SC.AddSystem()
+    R0 = Rotation.from_quat((0.8, 0.36, -0.48, 0.0), scalar_first=True).as_matrix()
+    number = mbs.CreateRigidBody(inertia=RigidBodyInertia(2.0, np.diag([0.03, 0.05, 0.07])),
+                                 nodeType=exu.NodeType.RotationRxyz, referencePosition=[0.2, -0.1, 5.0],
+                                 referenceRotationMatrix=R0,
+                                 initialVelocity=[1.0, 0.5, 3.0], gravity=[0, 0, -9.81],
+                                 initialAngularVelocity=list(R0 @ np.array([1.0, 2.5, -0.6])))
+    outputs = exu.OutputVariableType
+    mbs.Assemble()
+    settings = exu.SimulationSettings()
+    settings.solutionSettings.writeSolutionToFile = False
+    settings.timeIntegration.verboseMode = 0
+    rows = []
+
+    def keep(mbs, t):
+        rows.append([t, *(np.ravel(mbs.GetObjectOutputBody(number, kind, [0, 0, 0])) for kind in (
+            outputs.Position, outputs.RotationMatrix, outputs.Velocity, outputs.AngularVelocityLocal))])
+        return True
+
+    mbs.SetPreStepUserFunction(keep)
+    settings.timeIntegration.numberOfSteps = round(2.0 / step) + 1
+    settings.timeIntegration.endTime = 2.0 + step
+    mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.RK44)
+    every = round(2.0 / step / (count - 1))
+    rows = rows[::every][:count]
+    columns = {"t": np.array([row[0] for row in rows]) - step}  # it tells the end of the step to come
+    x, R, v, w = (np.array([row[k] for row in rows]) for k in range(1, 5))
+    body(columns, "brick", x, R.reshape(-1, 3, 3), v, w)
+    return columns

@@ -1,0 +1,204 @@
+"""Recordings of right and wrong motions, made by other code; bad files; orders and limits; printed digits."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import crosscheck
+from crosscheck.cli.app import app
+from crosscheck.recordings import suggest
+from tests.recordings.corpus import RIGHT, WRONG, written
+from tests.recordings.motions import SCENES, TIMES, arm, solved, tumbler, two
+
+pd = pytest.importorskip("pandas")
+
+KEYS = ("position", "attitude", "velocity", "angular_velocity", "joint_position", "joint_velocity")
+QUICK_RIGHT = (0, 5, 11, 14, 19, 23, 27, 28, 30, 34, 36)
+QUICK_WRONG = (2, 10, 19, 22, 32, 37, 41, 44, 50, 53, 55, 61, 69, 75)
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory):
+    """Paths of the scenes by name."""
+    folder = tmp_path_factory.mktemp("scenes")
+    for name, text in SCENES.items():
+        (folder / f"{name}.toml").write_text(text)
+    return {name: folder / f"{name}.toml" for name in SCENES}
+
+
+def judged(scenes, case, tmp_path):
+    columns = {name: values for name, values in case.make().items() if name == "t" or case.keep in name}
+    data, mapping = written(columns, case.style, tmp_path)
+    return crosscheck.judge_recording(scenes[case.scene], data, columns=mapping, start=case.start,
+                                      tolerance=dict.fromkeys(KEYS, case.tolerance))
+
+
+@pytest.mark.parametrize("index", [pytest.param(k, marks=() if k in QUICK_RIGHT else pytest.mark.slow)
+                                   for k in range(len(RIGHT))])
+def test_right_recordings_pass(scenes, index, tmp_path):
+    verdict = judged(scenes, RIGHT[index], tmp_path)
+    assert verdict.outcome == "pass", str(verdict)
+    assert verdict.cause is None
+
+
+@pytest.mark.parametrize("index", [pytest.param(k, marks=() if k in QUICK_WRONG else pytest.mark.slow)
+                                   for k in range(len(WRONG))])
+def test_wrong_recordings_fail_and_no_cause_is_false(scenes, index):
+    case = WRONG[index]
+    verdict = crosscheck.judge_recording(scenes[case.scene], case.make(), tolerance=dict.fromkeys(KEYS, 1e-5))
+    assert verdict.outcome == "fail", str(verdict)
+    if index in QUICK_WRONG:
+        assert verdict.cause is not None, str(verdict)
+    if verdict.cause is not None:
+        assert any(name.startswith(case.names) for name in verdict.cause.split(" or ")), str(verdict)
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("", "is empty"), ("# nothing\n", "no rows"), ("t,pivot.position\n", "no rows"),
+    ("t,pivot.position\n0,1\n0.1,abc\n", "row 2 (line 3), column 'pivot.position': 'abc'"),
+    ("# x\nt;pivot.position\n0;1\n# y\n0,1;\n", "row 2 (line 5), column 'pivot.position': empty or NaN"),
+    ("t,pivot.position\n0,1\n0.1,inf\n", "infinite"), ("t,pivot.position\n0,1\n0.2,1\n0.1,1\n", "row 3 (line 4)"),
+    ("t,pivot.position\n-1,1\n0.2,1\n", "before the scene's start"), ("pivot.position\n1\n2\n", "no column t"),
+    ("t,elbow.position\n0,1\n1,2\n", "no column is one of scene 'arm'"),
+    ("t,pivot.position [furlong]\n0,1\n1,2\n", "'furlong' is not known"),
+    ("t,pivot.position [mm]\n0,1\n1,2\n", "of another kind"), ("t,bar.x,bar.x\n0,1,1\n", "called 'bar.x'"),
+    ("t,bar.qw,bar.qx\n0,1,0\n1,1,0\n", "2 of 4 columns"),
+    ("t,bar.qw,bar.qx,bar.qy,bar.qz\n0,1,0,0,0\n1,1,1,0,0\n", "row 2 (line 3): the attitude of 'bar' is no unit"),
+    ("t,pivot.position\n0,1\n1,2,3,4\n", "cannot be read as columns"),
+])
+def test_a_bad_file_is_one_error_with_row_and_column(scenes, text, said, tmp_path):
+    (tmp_path / "bad.csv").write_text(text)
+    with pytest.raises(crosscheck.ArgumentError) as error:
+        crosscheck.judge_recording(scenes["arm"], tmp_path / "bad.csv")
+    assert said in str(error.value)
+    assert "bad.csv" in str(error.value)
+
+
+@pytest.mark.parametrize(("rows", "said"), [
+    ({"a": {"is": "pivot.speed"}}, "nothing of scene 'arm'"), ({"b": {"is": "pivot.position"}}, "column of the file"),
+    ({"a": {"is": "bar.q"}}, "has 4 numbers, and 1 columns"), ({"a": {"is": "pivot.position", "units": "deg"}}, "key"),
+    ({"a": {"is": "pivot.position", "order": "xyzw"}}, "order"), ({"a": {"is": "bar.vx", "frame": "moon"}}, "frame"),
+    ({"a": {"is": "bar.x", "point": [1, 2]}}, "three numbers"), ({"a": {"unit": "deg"}}, "write { is"),
+])
+def test_a_bad_mapping_is_one_error(scenes, rows, said):
+    with pytest.raises(crosscheck.ArgumentError, match=said):
+        crosscheck.judge_recording(scenes["arm"], {"t": TIMES, "a": TIMES}, columns=rows)
+
+
+def test_arguments_are_checked(scenes):
+    for options, said in (({"tolerance": {"positions": 1.0}}, "did you mean 'position'"), ({"start": "x"}, "start"),
+                          ({"tolerance": {"position": -1.0}}, ">= 0")):
+        with pytest.raises(crosscheck.ArgumentError, match=said):
+            crosscheck.judge_recording(scenes["arm"], arm(), **options)
+    with pytest.raises(crosscheck.ArgumentError, match="the step of each"):
+        crosscheck.judge_recording(scenes["arm"], [arm(), arm()])
+    with pytest.raises(AssertionError, match="is allowed"):
+        crosscheck.assert_recording(scenes["arm"], arm(g=9.7), tolerance={"joint_position": 1e-3})
+
+
+@pytest.mark.parametrize("digits", [4, 6, 9])
+def test_a_small_error_of_an_inertia_is_measured_and_named(scenes, digits, tmp_path):
+    """Its effect on the motion within a tenth, and its size, at three levels of printed digits."""
+    relative = {4: 1e-2, 6: 1e-4, 9: 1e-4}[digits]
+    wrong, right = tumbler(J=(0.03, 0.05 * (1 + relative), 0.07)), tumbler()
+    frame = pd.DataFrame(wrong)
+    frame.to_csv(tmp_path / "run.csv", index=False, float_format=f"%.{digits}f")
+    verdict = crosscheck.judge_recording(scenes["tumbler"], tmp_path / "run.csv", tolerance=dict.fromkeys(KEYS, 1e-9))
+    effect = np.linalg.norm([wrong[f"brick.w{axis}"] - right[f"brick.w{axis}"] for axis in "xyz"], axis=0).max()
+    assert verdict.errors["angular_velocity"] == pytest.approx(effect, rel=0.1, abs=2 * 10.0**-digits)
+    assert verdict.outcome == "fail"
+    assert verdict.cause is None or "inertia" in verdict.cause
+    if digits > 4:
+        assert verdict.cause is not None, str(verdict)
+
+
+def euler(step, g=9.81, semi=True):
+    """The arm by (semi-implicit) Euler at every 20 ms."""
+    angle, rate, rows = 0.4, 1.5, []
+    for k in range(round(2.0 / step) + 1):
+        if k % round(0.02 / step) == 0:
+            rows.append((k * step, angle, rate))
+        a = (1.2 * g * 0.4 * np.cos(angle) - 0.02 * rate) / (0.03 + 1.2 * 0.16)
+        angle, rate = (angle + step * (rate + step * a), rate + step * a) if semi else (angle + step * rate,
+                                                                                        rate + step * a)
+    t, angle, rate = np.array(rows).T
+    return {"t": t, "pivot.position": angle, "pivot.velocity": rate}
+
+
+@pytest.mark.parametrize(("make", "steps", "order", "cause", "observed"), [
+    (lambda h: euler(h), (2e-3, 1e-3), 1, None, 1.0), (lambda h: euler(h), (2e-3, 1e-3), 2, "order", 1.0),
+    (lambda h: euler(h, semi=False), (1e-3, 2e-3, 4e-3), 1, None, 1.0),
+    (lambda h: euler(h, g=9.7), (2e-3, 1e-3), 1, "gravity", None),
+    (lambda h: euler(h, g=9.7), (4e-3, 2e-3, 1e-3), 1, "gravity", 1.0),
+])
+def test_order_and_limit_of_files_at_several_steps(scenes, make, steps, order, cause, observed):
+    verdict = crosscheck.judge_recording(scenes["arm"], [make(h) for h in steps], steps=list(steps), order=order)
+    if cause is None:
+        assert verdict.outcome == "pass", str(verdict)
+        assert verdict.limit_error["joint_position"] <= 3 * verdict.limit_unsure["joint_position"]
+    else:
+        assert verdict.outcome == "fail", str(verdict)
+        assert cause in verdict.cause, str(verdict)
+    if observed is not None:
+        assert verdict.order["joint_position"] == pytest.approx(observed, abs=0.1)
+
+
+def test_printed_digits_are_a_floor(scenes, tmp_path):
+    pd.DataFrame(two()).to_csv(tmp_path / "run.csv", index=False, float_format="%.3f")
+    verdict = crosscheck.judge_recording(scenes["two"], tmp_path / "run.csv", tolerance={"joint_position": 1e-9})
+    assert verdict.outcome == "pass", str(verdict)
+    assert verdict.floors["joint_position"] == pytest.approx(5e-4, rel=0.01)
+
+
+def test_defects_are_one_row_an_interval_and_show_a_jump(scenes):
+    columns = arm()
+    columns["pivot.position"] = columns["pivot.position"] + np.where(TIMES > 1.0, 0.2, 0.0)
+    verdict = crosscheck.judge_recording(scenes["arm"], columns, tolerance={"velocity": 1e-3})
+    assert len(verdict.defects) == 200
+    assert verdict.defects["t"][int(np.argmax(verdict.defects["joint_position"]))] == pytest.approx(1.0)
+    assert verdict.outcome == "fail"
+    assert "jumps" in str(verdict)
+
+
+def test_measured_without_a_tolerance_and_unjudged_without_its_quantity(scenes):
+    assert crosscheck.judge_recording(scenes["arm"], arm()).outcome == "measured"
+    only = {name: values for name, values in arm().items() if name in ("t", "pivot.position")}
+    verdict = crosscheck.judge_recording(scenes["arm"], only, tolerance={"velocity": 1.0})
+    assert verdict.outcome == "unjudged"
+    assert verdict.errors.keys() == {"joint_position"}
+
+
+def test_command_line(scenes, tmp_path):
+    run = CliRunner().invoke
+    pd.DataFrame(arm()).to_csv(tmp_path / "run.csv", index=False)
+    scene, file = str(scenes["arm"]), str(tmp_path / "run.csv")
+    assert run(app, ["judge", scene, file, "--tol", "joint_position=1e-6"]).exit_code == 0
+    assert run(app, ["judge", scene, file]).exit_code == 3
+    page = run(app, ["judge", scene, file, "--json", "-o", str(tmp_path / "page")])
+    assert json.loads(page.stdout)["outcome"] == "measured"
+    assert (tmp_path / "page" / "index.html").read_text().count("recording") > 1
+    pd.DataFrame(arm(g=9.0)).to_csv(tmp_path / "wrong.csv", index=False)
+    assert run(app, ["judge", scene, str(tmp_path / "wrong.csv"), "--tol", "joint_position=1e-6"]).exit_code == 1
+    assert run(app, ["judge", scene, file, "--suggest"]).stdout.startswith("[columns]\n")
+    assert isinstance(run(app, ["judge", scene, "no.csv"]).exception, crosscheck.ArgumentError)
+
+
+def test_suggest_recognises_names_and_units(scenes, tmp_path):
+    columns = {"Time [ms]": 1e3 * TIMES, "Pivot Angle [deg]": TIMES, "pivotVel [deg/s]": TIMES, "foo": TIMES}
+    pd.DataFrame(columns).to_csv(tmp_path / "run.csv", index=False)
+    text = suggest(tmp_path / "run.csv", crosscheck.load_scene(scenes["arm"]))
+    assert '"Time [ms]" = { is = "t", unit = "ms" }' in text
+    assert '"Pivot Angle [deg]" = { is = "pivot.position", unit = "deg" }' in text
+    assert '"pivotVel [deg/s]" = { is = "pivot.velocity", unit = "deg/s" }' in text
+    assert '# "foo"' in text
+
+
+def test_a_made_motion_is_that_of_its_equation():
+    """The corpus itself: energy of the tumbling body and of the arm."""
+    w = np.stack([tumbler()[f"brick.w{axis}"] for axis in "xyz"])
+    assert np.ptp(np.array([0.03, 0.05, 0.07]) @ w**2) < 1e-12
+    assert solved(lambda _, y: [y[0]], [1.0], np.array([1.0]))[0, 0] == pytest.approx(np.e, rel=1e-11)

@@ -19,6 +19,7 @@ _HOMES = {
     "truth": ("running.run", "truth"),
     "advise": ("verification.advice", "advise"),
     "explain": ("diagnosis", "explain"),
+    "which_law": ("diagnosis.laws", "which_law"),
     "inspect": ("inspection", "inspect"),
     "sweep": ("sweeps.job", "sweep"),
     "judge_recording": ("recordings", "judge_recording"),

@@ -5,6 +5,7 @@ from crosscheck.adapters import names as engines
 from crosscheck.adapters.base import RawRun, RunSpec
 from crosscheck.adapters.export import export_model
 from crosscheck.diagnosis import explain
+from crosscheck.diagnosis.laws import which_law
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineError, SceneError, Unsupported
 from crosscheck.inspection import inspect
 from crosscheck.recordings import assert_recording, judge_recording
@@ -26,5 +27,5 @@ __all__ = [
     "ArgumentError", "CrosscheckError", "EngineError", "RawRun", "RunSpec", "Scene", "SceneError", "States",
     "Trajectory", "TruthError", "Unsupported", "advise", "assert_agree", "assert_recording", "engines", "explain",
     "export_model", "import_model", "inspect", "judge_recording", "load_scene", "methods", "run", "scenes", "sweep",
-    "truth",
+    "truth", "which_law",
 ]

@@ -182,6 +182,14 @@ class Engine:
         """The model that the engine makes of a model file by itself; raises `Unsupported` where it reads none."""
         raise Unsupported(f"{self.name} reads no model files here")
 
+    def own_law(self, scene: Scene, spec: RunSpec) -> States | None:
+        """The motion under laws of its own that the engine documents, integrated without it; None if it has none."""
+        return None
+
+    def nearest_law(self, scene: Scene, spec: RunSpec) -> RunSpec | None:
+        """The request that comes nearest to the laws of the scene, if it is another one."""
+        return None
+
     def probe(self, scene: Scene, states: States, form: str | None) -> Any:
         """What its model says about the scene at some states, a `crosscheck.inspection.Probe`."""
         raise Unsupported(f"the adapter of {self.name} has no method probe(scene, states, form)")

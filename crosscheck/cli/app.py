@@ -17,6 +17,7 @@ from crosscheck.cli.history import app as history
 from crosscheck.cli.import_ import export, import_
 from crosscheck.cli.inspect import inspect
 from crosscheck.cli.judge import judge
+from crosscheck.cli.law import law
 from crosscheck.cli.list import list_
 from crosscheck.cli.nightly import nightly
 from crosscheck.cli.paper import paper
@@ -53,7 +54,7 @@ def _print_versions(asked: bool) -> None:
     raise typer.Exit
 
 
-for command in (verify, judge, advise, run, truth, explain, inspect, support, report, paper, nightly, sweep):
+for command in (verify, judge, advise, run, truth, explain, law, inspect, support, report, paper, nightly, sweep):
     app.command()(command)
 app.command("list")(list_)
 app.command("import")(import_)

@@ -8,6 +8,7 @@ solved in that metric, with their springs evaluated at the end of the step. With
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -88,6 +89,17 @@ class MuJoCo(Forms):
         from crosscheck.adapters.mujoco.native import load
 
         return load(path, states)
+
+    def own_law(self, scene: Scene, spec: RunSpec) -> States | None:
+        """That of its friction and limits at their default softness; the tight ones depend on the step."""
+        from crosscheck.adapters.mujoco.own_law import OwnLaw
+
+        return OwnLaw(scene).states() if models.of_own_law(scene) and spec.softness == "default" else None
+
+    def nearest_law(self, scene: Scene, spec: RunSpec) -> RunSpec | None:
+        """Friction and limits as stiff as the step allows."""
+        own = models.of_own_law(scene) and spec.softness == "default"
+        return dataclasses.replace(spec, softness="tight") if own else None
 
     def run(self, scene: Scene, spec: RunSpec) -> RawRun:
         """Integrate; raises `EngineError` if MuJoCo warns or the state becomes infinite or NaN."""

@@ -1,0 +1,75 @@
+"""The three answers: does an engine converge, to which law of friction, stops and servos, how far apart are they."""
+
+from __future__ import annotations
+
+import types
+
+import numpy as np
+import pytest
+
+from crosscheck.adapters.mujoco.own_law import OwnLaw
+from crosscheck.diagnosis import laws
+from crosscheck.errors import ArgumentError
+from crosscheck.scene.states import States
+from tests.adapters.test_laws import SERVO, arm, coulomb, pendulum
+
+
+def states(scene, angles):
+    """The states of the pendulum at these angles; rates are not compared."""
+    motions = [OwnLaw(scene)._motion(np.array([angle]), np.zeros(1)) for angle in angles]
+    return States(scene.t, *(np.array([motion[part] for motion in motions]) for part in range(4)))
+
+
+@pytest.fixture
+def coulombs(monkeypatch):
+    """The friction pendulum, with Coulomb's law by DOP853 and events as its truth."""
+    scene = pendulum(dry_friction=0.5)
+    exact = states(scene, coulomb(scene, 0.5)[0])
+    monkeypatch.setattr(laws, "truth", lambda each: types.SimpleNamespace(states=exact))
+    return scene
+
+
+def test_mujoco_converges_to_its_own_friction_which_is_known_to_be_this_far(coulombs):
+    answers = laws.which_law(coulombs, "mujoco", "RK4", 4e-3)
+    assert answers.way.converges
+    assert answers.way.limit() == "its own"
+    assert answers.apart.size == pytest.approx(1.5882e-2, rel=1e-4)
+    assert answers.way.to_scene[-1].size == pytest.approx(1.588e-2, rel=2e-3)
+    assert answers.nearest.limit() == "the scene's"
+    assert answers.nearest.to_scene[-1].size < 2e-3
+    text = str(answers)
+    for words in ("does it converge: yes", "to which law: its own", "how far apart are the two: 1.588e-02",
+                  "nearest setting: softness tight"):
+        assert words in text
+
+
+def test_tight_friction_is_the_scenes(coulombs):
+    answers = laws.which_law(coulombs, "mujoco", "Euler", 2e-3, softness="tight")
+    assert answers.way.limit() == "the scene's"
+    assert answers.way.order == pytest.approx(1.0, abs=0.2)
+    assert answers.nearest is None
+
+
+def test_a_wrong_law_is_neither(coulombs, monkeypatch):
+    """The engine gets 5 % more friction: it converges, but to no law that is known."""
+    run, wrong = laws.run, pendulum(dry_friction=0.525)
+    monkeypatch.setattr(laws, "run", lambda scene, *rest, **options: run(wrong, *rest, **options))
+    answers = laws.which_law(coulombs, "mujoco", "RK4", 4e-3)
+    assert answers.way.converges
+    assert answers.way.limit() == "neither"
+
+
+def test_a_servo_is_the_scenes_and_has_no_other_law(monkeypatch):
+    scene = arm(({**SERVO, "period": 0.02, "delay": 1},))
+    exact = OwnLaw(scene).states(1e-12)
+    monkeypatch.setattr(laws, "truth", lambda each: types.SimpleNamespace(states=exact))
+    for engine, method in (("mujoco", "RK4"), ("pinocchio", "RKMK4")):
+        answers = laws.which_law(scene, engine, method, 4e-3)
+        assert answers.way.limit() == "the scene's"
+        assert answers.way.order == pytest.approx(4.0, abs=0.3)
+        assert answers.apart is None
+
+
+def test_an_adaptive_method_is_refused():
+    with pytest.raises(ArgumentError, match="fixed step"):
+        laws.which_law(arm(), "lieeuler", "nothing")

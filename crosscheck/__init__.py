@@ -21,6 +21,7 @@ _HOMES = {
     "explain": ("diagnosis", "explain"),
     "which_law": ("diagnosis.laws", "which_law"),
     "inspect": ("inspection", "inspect"),
+    "diff": ("inspection.diff", "diff"),
     "sweep": ("sweeps.job", "sweep"),
     "judge_recording": ("recordings", "judge_recording"),
     "assert_recording": ("recordings", "assert_recording"),

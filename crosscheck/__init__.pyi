@@ -8,6 +8,7 @@ from crosscheck.diagnosis import explain
 from crosscheck.diagnosis.laws import which_law
 from crosscheck.errors import ArgumentError, CrosscheckError, EngineError, SceneError, Unsupported
 from crosscheck.inspection import inspect
+from crosscheck.inspection.diff import diff
 from crosscheck.recordings import assert_recording, judge_recording
 from crosscheck.references.base import TruthError
 from crosscheck.running.run import run, truth
@@ -25,7 +26,7 @@ __version__: str
 
 __all__ = [
     "ArgumentError", "CrosscheckError", "EngineError", "RawRun", "RunSpec", "Scene", "SceneError", "States",
-    "Trajectory", "TruthError", "Unsupported", "advise", "assert_agree", "assert_recording", "engines", "explain",
-    "export_model", "import_model", "inspect", "judge_recording", "load_scene", "methods", "run", "scenes", "sweep",
-    "truth", "which_law",
+    "Trajectory", "TruthError", "Unsupported", "advise", "assert_agree", "assert_recording", "diff", "engines",
+    "explain", "export_model", "import_model", "inspect", "judge_recording", "load_scene", "methods", "run", "scenes",
+    "sweep", "truth", "which_law",
 ]

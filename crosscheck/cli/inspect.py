@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from crosscheck.cli.console import console, counted, say
+from crosscheck.cli.diff import diff
 from crosscheck.cli.options import SceneName
 from crosscheck.cli.tables import figures, key, print_table
 
@@ -20,8 +21,7 @@ def inspect(
     form: Annotated[str | None, typer.Option(help="tree, maximal or pivot; default: every form an engine has")] = None,
     states: Annotated[int, typer.Option(help="random admissible states beside the start", min=0, max=1000)] = 3,
     seed: Annotated[int, typer.Option(help="of the random states", min=0)] = 0,
-    against: Annotated[str | None, typer.Option(help="a model file to compare with, in place of the given one")
-                       ] = None,
+    against: Annotated[str | None, typer.Option(help="another model or scene: as `crosscheck diff`")] = None,
 ) -> None:
     """Static cross-check of the engines' models: masses, energies, mass matrix, forces, accelerations, reactions.
 
@@ -39,8 +39,10 @@ def inspect(
 
     if form is not None and form not in CHOICES["form"]:
         raise ArgumentError(unknown("--form", form, CHOICES["form"]))
+    if against is not None:
+        diff(scene, against)
     if is_model(scene):
-        native = examine_natively(scene, engine or None, states, seed, against)
+        native = examine_natively(scene, engine or None, states, seed)
         printed(native, say)
         raise typer.Exit(0 if native.agree else 1)
     result = examine(load_scene(scene), engine or None, form, states, seed)

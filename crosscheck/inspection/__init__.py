@@ -22,6 +22,7 @@ from crosscheck.scene.models import is_model
 from crosscheck.scene.states import States
 
 if TYPE_CHECKING:
+    from crosscheck.inspection.diff import Diff
     from crosscheck.inspection.native import NativeInspection
 
 __all__ = ["Deviation", "Inspection", "Probe", "inspect", "probe"]
@@ -40,17 +41,16 @@ def inspect(scene: Scene, engines: Sequence[Any] | None = None, form: str | None
 @overload
 def inspect(scene: str | os.PathLike[str], engines: Sequence[Any] | None = None, form: str | None = None,
             count: int = RANDOM_STATES, seed: int = 0,
-            against: str | os.PathLike[str] | None = None) -> Inspection | NativeInspection: ...
+            against: str | os.PathLike[str] | None = None) -> Inspection | NativeInspection | Diff: ...
 
 
 def inspect(scene: Scene | str | os.PathLike[str], engines: Sequence[Any] | None = None, form: str | None = None,
             count: int = RANDOM_STATES, seed: int = 0,
-            against: str | os.PathLike[str] | None = None) -> Inspection | NativeInspection:
+            against: str | os.PathLike[str] | None = None) -> Inspection | NativeInspection | Diff:
     """Probe engines at the start of a scene and at `count` random admissible states, and compare them with truth.
 
     For a model file (.xml, .urdf) this is the native check: every engine loads the file itself and is compared with the
-    scene that `crosscheck` makes of the file, or of the file `against`. The result is then a
-    `crosscheck.inspection.native.NativeInspection`.
+    scene that `crosscheck` makes of the file. The result is then a `crosscheck.inspection.native.NativeInspection`.
 
     Parameters
     ----------
@@ -59,18 +59,22 @@ def inspect(scene: Scene | str | os.PathLike[str], engines: Sequence[Any] | None
     form : a model form; default: every form of the adapter that can model the scene
     count : number of random states besides the start
     seed : of the random states
-    against : path of another model file to compare with, only for a model file
+    against : another model or scene; the answer is then that of `crosscheck.diff`
 
     Raises
     ------
     ArgumentError, SceneError
         An engine is unknown, or the scene cannot be read. An engine that fails is named in `skipped` instead.
     """
+    if against is not None:
+        from crosscheck.inspection.diff import diff
+
+        return diff(scene, against)
     if not isinstance(scene, Scene):
         if is_model(scene):
             from crosscheck.inspection import native
 
-            return native.inspect(scene, engines, count, seed, against)
+            return native.inspect(scene, engines, count, seed)
         scene = as_scene(scene)
     from crosscheck.inspection import admissible
     from crosscheck.inspection.reference import deviations, reference

@@ -95,6 +95,16 @@ def _close(scene: Scene, constraints: Constraints, x: np.ndarray, R: np.ndarray,
     return None
 
 
+def closed(scene: Scene, constraints: Constraints, x: np.ndarray, R: np.ndarray, v: np.ndarray, w: np.ndarray
+           ) -> tuple[np.ndarray, ...] | None:
+    """The admissible state (x, R, v, w) nearest to a given one; None if no pose nearby closes the joints."""
+    pose = _close(scene, constraints, x, R, length(scene))
+    if pose is None:
+        return None
+    u = _projected(scene, constraints, np.concatenate([v, w], axis=1).ravel(), *pose)
+    return (*pose, *np.split(u.reshape(scene.n, 6), 2, axis=1))
+
+
 def _moved(x: np.ndarray, R: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """x + dx and R exp(hat(theta)) for step (n, 6) = (dx, theta)."""
     from scipy.spatial.transform import Rotation
@@ -112,11 +122,17 @@ def _velocity(scene: Scene, constraints: Constraints, rng: np.random.Generator, 
     size = max(np.abs(scene.w0).max(initial=0.0), np.abs(scene.v0).max(initial=0.0) / L, 1.0)
     turning, moving = np.abs(extra.reshape(-1, 6)[:, 3:]).max(), np.abs(extra.reshape(-1, 6)[:, :3]).max() / L
     extra *= rng.uniform(0.5, 1.0) * size / max(turning, moving, np.finfo(float).tiny)
+    return _projected(scene, constraints, u + extra, x, R)
+
+
+def _projected(scene: Scene, constraints: Constraints, u: np.ndarray, x: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """The velocity nearest to u, in the metric of the masses, that the joints and drives allow at a pose."""
+    N = basis(scene, constraints, x, R)
     B, M = inverse_root_mass(scene), np.linalg.inv(mechanics.inverse_mass(scene))
-    found: np.ndarray = N @ (N.T @ M @ (u + extra))  # mass-orthogonal projection
+    allowed: np.ndarray = N @ (N.T @ M @ u)
     if constraints.drives:  # plus the velocity of least energy that follows the drives
         rest = np.zeros((1, scene.n, 3))
         rate = -constraints.velocity(x[None], R[None], rest, rest)[0]
         scaled = constraints.jacobian(x[None], R[None])[0] @ B
-        found += B @ np.linalg.lstsq(scaled, rate, rcond=mechanics.RANK_TOLERANCE)[0]
-    return found
+        allowed += B @ np.linalg.lstsq(scaled, rate, rcond=mechanics.RANK_TOLERANCE)[0]
+    return allowed

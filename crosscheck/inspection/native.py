@@ -104,9 +104,9 @@ class NativeInspection:
                 *together((str(each), each.place) for each in self.differences))
 
 
-def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, count: int = 3, seed: int = 0,
-            against: str | os.PathLike[str] | None = None) -> NativeInspection:
-    """Let every engine load the file itself, and compare each with the scene of the file `against`, by default `path`.
+def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, count: int = 3, seed: int = 0
+            ) -> NativeInspection:
+    """Let every engine load the file itself, and compare each with the scene that `import_model` makes of it.
 
     Joints with one coordinate are compared at their reference and at `count` random states. Raises `SceneError` if
     neither crosscheck nor an engine can read the file.
@@ -116,7 +116,7 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
     outside = [name for _, name, target in sources.files(model) if target is None]
     scene, no_scene = None, None
     try:
-        scene = import_model(against or path, drop=True)
+        scene = import_model(path, drop=True)
     except SceneError as error:
         no_scene = error
     joints = [joint for joint in (scene.joints if scene else ()) if JOINT_TYPES[joint.type].positions == 1]
@@ -149,8 +149,6 @@ def inspect(path: str | os.PathLike[str], engines: Sequence[str] | None = None, 
             for each in _differences(neutral, _named_alike(neutral, native), invented)]
     told += [Difference(native.engine, "root", "", f"the root is fused to the world: {still:g} kg do not move")
              for native in natives if native.engine.startswith("mujoco") and (still := _rooted(model.root))]
-    if against is not None and scene is not None:
-        told += _otherwise_left_out(source, scene)
     return NativeInspection(source, scene, tuple(natives), tuple(told), refused,
                             str(no_scene or ""))
 
@@ -177,17 +175,6 @@ def _rooted(root: Element) -> float:
 
     return sum(float(mass.get("value", "0")) for link in root.findall("link") if still(link.get("name", ""))
                for mass in link.findall("inertial/mass"))
-
-
-def _otherwise_left_out(path: Path, scene: Scene) -> Iterator[Difference]:
-    """Contents that a scene cannot hold and that only one of the file and `scene` has left out."""
-    try:
-        here = import_model(path, drop=True).left_out
-    except CrosscheckError:  # the engines' own errors tell more
-        return
-    for words in dict.fromkeys((*here, *scene.left_out)):
-        if (words in here) != (words in scene.left_out):
-            yield Difference("the file", "left out", "", f"{'has' if words in here else 'lacks'} {words}")
 
 
 def _neutral(scene: Scene, states: JointStates) -> Native:

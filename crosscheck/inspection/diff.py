@@ -1,0 +1,577 @@
+"""Compares two models by their trees, whatever names, order and axes of the bodies: what differs, and where.
+
+Both are brought to one pose, that of zero coordinates or their start, where the rotation Q from the axes of a body of
+the first to those of its match is known. Bodies on fixed joints are one. Joints are matched from the ground outwards by
+type, place, axis, mass and what hangs on them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from crosscheck.inspection import admissible
+from crosscheck.scene.constraints import Constraints
+from crosscheck.scene.coordinates import at_start, relative_pose
+from crosscheck.scene.file import as_scene
+from crosscheck.scene.joints import JOINT_TYPES
+from crosscheck.scene.mechanics import index1, torsion_angles
+from crosscheck.scene.model import GROUND, Force, Joint, Scene, quaternion_from_rotation, rotation_from_quaternion
+from crosscheck.scene.models import import_model, is_model
+
+TOLERANCE = 1e-7
+"""Relative bound on a difference: formats write the same digits, and an attitude as three angles loses some."""
+
+MOVES = 1e-6
+"""Relative bound on a difference of accelerations, which the mass matrix makes larger than those of the data."""
+
+STATES, SEED = 3, 0
+
+_PLACES = frozenset({"name", "type", "parent", "child", "parent_anchor", "child_anchor", "parent_axis", "child_axis",
+                     "reference", "start", "mimic", "damping", "stiffness", "rest_position"})
+"""Fields of a joint that are compared by themselves; any other is compared as it is."""
+
+
+class Difference(NamedTuple):
+    """One thing in which two models differ; where it is, by its name in the first model if that has it."""
+
+    where: str
+    what: str
+    a: Any
+    b: Any
+
+    def __str__(self) -> str:
+        return f"{self.where + ': ' if self.where else ''}{self.what}: {_shown(self.a)} and {_shown(self.b)}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Diff:
+    """What differs between two models. `pairs` are the names of matched bodies, `joints` those of matched joints.
+
+    `moves` is the largest difference of accelerations at matched random states, relative to the largest acceleration;
+    None where the second model cannot take the states of the first.
+    """
+
+    a: str
+    b: str
+    differences: tuple[Difference, ...]
+    pairs: tuple[tuple[str, str], ...]
+    joints: tuple[tuple[str, str], ...]
+    ambiguous: tuple[str, ...]
+    moves: float | None
+
+    @property
+    def same(self) -> bool:
+        """Whether both describe the same motion."""
+        return not self.differences
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The result as lines of text."""
+        motion = "accelerations are not compared: the second cannot take the states of the first" if (
+            self.moves is None) else (
+                f"accelerations at {STATES + 1} matched states differ by {self.moves:.1e} of the largest")
+        told = "the same motion" if self.same else f"{len(self.differences)} differences"
+        return (f"{self.a} and {self.b}: {told}; {len(self.pairs)} bodies are matched", *map(str, self.differences),
+                *(f"{name} could be matched otherwise: it has a twin" for name in self.ambiguous), motion)
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines)
+
+
+def diff(a: Scene | str | os.PathLike[str], b: Scene | str | os.PathLike[str]) -> Diff:
+    """Compare two models or scenes; what a scene cannot hold of a model is compared as a list.
+
+    Raises
+    ------
+    SceneError, ArgumentError
+        One of them cannot be read as a scene.
+    """
+    one, other = _read(a), _read(b)
+    tried = [_Comparison(_Tree(one, start), _Tree(other, start)) for start in (False, True)]
+    best = min(tried, key=lambda each: len(each.differences))
+    return Diff(_label(a), _label(b), tuple(best.differences), tuple(best.names()), tuple(sorted(best.joints.items())),
+                tuple(best.ambiguous), best.moves)
+
+
+def _read(model: Scene | str | os.PathLike[str]) -> Scene:
+    return _merged(as_scene(model) if isinstance(model, Scene) or not is_model(model) else
+                   import_model(model, drop=True))
+
+
+def _label(model: Scene | str | os.PathLike[str]) -> str:
+    return model.name if isinstance(model, Scene) else Path(model).name
+
+
+class _Tree:
+    """A scene hung from the ground: children of every body, its joint, and its pose where both scenes are compared."""
+
+    def __init__(self, scene: Scene, start: bool) -> None:
+        self.scene = scene
+        self.joint: dict[int, Joint | None] = {}
+        self.loops: list[Joint] = []
+        for joint in scene.joints:
+            if joint.child in self.joint or joint.type == "distance" or JOINT_TYPES[joint.type].slips:
+                self.loops.append(joint)
+            else:
+                self.joint[joint.child] = joint
+        order: list[int] = []
+        placed = {GROUND}
+        while len(order) < scene.n:
+            ready = [k for k in range(scene.n) if k not in placed and self.parent(k) in placed]
+            if not ready:  # a circle: its first body is free
+                first = min(set(range(scene.n)) - placed)
+                self.loops.append(self.joint.pop(first))  # type: ignore[arg-type]
+                continue
+            order += ready
+            placed |= set(ready)
+        self.children: dict[int, list[int]] = {k: [] for k in range(GROUND, scene.n)}
+        for k in order:
+            self.children[self.parent(k)].append(k)
+        self.below = {k: [k] for k in range(scene.n)}
+        for k in reversed(order):
+            if self.parent(k) != GROUND:
+                self.below[self.parent(k)] += self.below[k]
+        self.x, self.R = {GROUND: np.zeros(3)}, {GROUND: np.eye(3)}
+        for k in order:
+            self.x[k], self.R[k] = self._pose(k, start)
+        self.size = max(1e-3, *(float(np.linalg.norm(each)) for joint in scene.joints
+                                for each in (joint.parent_anchor, joint.child_anchor)), 1e-3)
+
+    def parent(self, body: int) -> int:
+        joint = self.joint.get(body)
+        return GROUND if joint is None else joint.parent
+
+    def _pose(self, body: int, start: bool) -> tuple[np.ndarray, np.ndarray]:
+        joint, scene = self.joint.get(body), self.scene
+        if joint is None or start:
+            return scene.x0[body], scene.R0[body]
+        inner = (np.zeros(3), np.eye(3)) if joint.parent == GROUND else (scene.x0[joint.parent], scene.R0[joint.parent])
+        kind = JOINT_TYPES[joint.type]
+        turn = inner[1].T @ scene.R0[body]
+        d = inner[1].T @ (scene.x0[body] + scene.R0[body] @ joint.child_anchor - inner[0]) - joint.parent_anchor
+        if kind.is_elastic:
+            zero, d = relative_pose(joint, np.zeros(kind.positions))
+            turn = zero if joint.reference is not None or kind.has_angle else turn
+        x, R = self.x[joint.parent], self.R[joint.parent]
+        return x + R @ (joint.parent_anchor + d) - R @ turn @ joint.child_anchor, R @ turn
+
+    def springs(self, joint: Joint) -> dict[str, tuple[float, ...]]:
+        """Damping, stiffness and rest position of a joint, those of torsional springs included."""
+        count = JOINT_TYPES[joint.type].positions
+        damping, stiffness, rest = (np.array(values or (0.0,) * count) for values in (
+            joint.damping, joint.stiffness, joint.rest_position))
+        pull = stiffness * rest
+        for force in self.scene.forces:
+            if force.type == "torsional_spring" and force.joint == joint.name and not force.of_joint and (
+                    not force.functions):
+                k = JOINT_TYPES[joint.type].coordinates.index("turn")
+                zero = float(torsion_angles(self.scene, self.scene.R0[None])[joint.name][0]) - float(
+                    at_start(self.scene)[joint.name][0][k])
+                damping[k] += force.parameters["damping"]
+                stiffness[k] += force.parameters["stiffness"]
+                pull[k] += force.parameters["stiffness"] * (force.parameters["rest_angle"] - zero)
+        rest = np.divide(pull, stiffness, out=np.zeros(count), where=stiffness != 0)
+        return {"damping": tuple(damping), "stiffness": tuple(stiffness), "rest_position": tuple(rest)}
+
+
+class _Comparison:
+    """The matching of two trees, and what differs between them."""
+
+    def __init__(self, one: _Tree, other: _Tree) -> None:
+        self.one, self.other = one, other
+        self.size = max(one.size, other.size)
+        self.bodies: dict[int, int] = {GROUND: GROUND}
+        self.Q: dict[int, np.ndarray] = {GROUND: np.eye(3)}
+        self.joints: dict[str, str] = {}
+        self.ambiguous: list[str] = []
+        self.differences: list[Difference] = []
+        if not _alike(one.scene.gravity, other.scene.gravity):
+            self._tell("", "gravity", one.scene.gravity, other.scene.gravity)
+        self._descend(GROUND, np.eye(3), np.zeros(3))
+        self._loops()
+        self._couplings()
+        self._forces()
+        self._rest()
+        self.moves = self._accelerations()
+        if self.moves is not None and self.moves > MOVES and not self.differences:
+            self._tell("", "accelerations", 0.0, self.moves)
+
+    def names(self) -> Iterator[tuple[str, str]]:
+        """Names of matched bodies."""
+        return ((self.one.scene.bodies[k].name, self.other.scene.bodies[j].name)
+                for k, j in sorted(self.bodies.items()) if k != GROUND)
+
+    def _tell(self, where: str, what: str, a: Any, b: Any) -> None:
+        self.differences.append(Difference(where, what, _plain(a), _plain(b)))
+
+    def _descend(self, body: int, E: np.ndarray, shift: np.ndarray) -> None:
+        """Match and compare the children of a matched body.
+
+        E is the rotation, in the world, of the second tree from here on against the first, `shift` how far the mass
+        centre of the body lies elsewhere, in the axes of the first.
+        """
+        mine, theirs = self.one.children[body], self.other.children[self.bodies[body]]
+        for k, j in self._matched(body, mine, theirs, shift):
+            a, b = self.one.scene.bodies[k], self.other.scene.bodies[j]
+            self.bodies[k] = j
+            self._note_twins(a.name, k, j, body, theirs, shift)
+            home = self.other.R[j].T @ E @ self.one.R[k]
+            Q = self.Q[k] = self._axes(k, j, home)
+            if abs(a.mass - b.mass) > TOLERANCE * a.mass:
+                self._tell(a.name, "mass", a.mass, b.mass)
+            if not _alike(a.inertia, Q.T @ b.inertia @ Q):
+                self._tell(a.name, "inertia", a.inertia, Q.T @ b.inertia @ Q)
+            own = self._joint(k, j, shift)
+            if self.one.joint.get(k) is not None and self.other.joint.get(j) is not None and Q is not home:
+                turn = Q.T @ home
+                angle = math.acos(min(1.0, max(-1.0, (float(np.trace(turn)) - 1) / 2)))
+                self._tell(self.one.joint[k].name, "frame", 0.0, angle)  # type: ignore[union-attr]
+            self._descend(k, self.other.R[j] @ Q @ self.one.R[k].T, own)
+        for k in set(mine) - self.bodies.keys():
+            self._tell(self.one.scene.bodies[k].name, "body", "there", "missing")
+        for j in set(theirs) - set(self.bodies.values()):
+            self._tell(self.other.scene.bodies[j].name, "body", "missing", "there")
+
+    def _matched(self, body: int, mine: list[int], theirs: list[int], shift: np.ndarray) -> list[tuple[int, int]]:
+        from scipy.optimize import linear_sum_assignment
+
+        if not mine or not theirs:
+            return []
+        rows, columns = linear_sum_assignment([[self._cost(body, k, j, shift) for j in theirs] for k in mine])
+        return [(mine[row], theirs[column]) for row, column in zip(rows, columns, strict=True)]
+
+    def _cost(self, body: int, k: int, j: int, shift: np.ndarray) -> float:
+        """How unlike two children are; the largest weights are on what a small mistake does not change."""
+        one, other = self.one.scene.bodies[k], self.other.scene.bodies[j]
+        a, b = self.one.joint.get(k), self.other.joint.get(j)
+        sums = [sum(tree.scene.bodies[each].mass for each in tree.below[at])
+                for tree, at in ((self.one, k), (self.other, j))]
+        moments = [np.linalg.eigvalsh(each.inertia) for each in (one, other)]
+        cost = 2.0 * (len(self.one.below[k]) != len(self.other.below[j])) + _ratio(*sums) + _ratio(one.mass, other.mass)
+        cost += _ratio(*moments) + 0.01 * (one.name != other.name)
+        if a is None or b is None:
+            away = float(np.abs(self.one.x[k] - self.other.x[j]).max())
+            return cost + 4.0 * (a is not b) + min(1.0, away / self.size)
+        Q = self.Q[body]
+        cost += 4.0 * (a.type != b.type) + 0.01 * (a.name != b.name)
+        cost += 2 * min(1.0, float(np.linalg.norm(Q.T @ b.parent_anchor - a.parent_anchor - shift)) / self.size)
+        cost += min(1.0, abs(float(np.linalg.norm(a.child_anchor) - np.linalg.norm(b.child_anchor))) / self.size)
+        if a.parent_axis is not None and b.parent_axis is not None:
+            cost += 1 - float((Q @ a.parent_axis) @ b.parent_axis)
+        return cost
+
+    def _note_twins(self, name: str, k: int, j: int, body: int, theirs: list[int], shift: np.ndarray) -> None:
+        own = self._cost(body, k, j, shift)
+        if any(self._cost(body, k, other, shift) <= own + 0.03 for other in theirs if other != j):
+            self.ambiguous.append(name)
+
+    def _axes(self, k: int, j: int, home: np.ndarray) -> np.ndarray:
+        """Q of a pair: `home`, unless another rotation makes more of the two bodies equal."""
+        a, b = self.one.scene.bodies[k], self.other.scene.bodies[j]
+        ja, jb = self.one.joint.get(k), self.other.joint.get(j)
+        vectors = [] if ja is None or jb is None else [(ja.child_anchor / self.size, jb.child_anchor / self.size)] + (
+            [] if ja.child_axis is None or jb.child_axis is None else [(ja.child_axis, jb.child_axis)])
+
+        def wrong(Q: np.ndarray) -> int:
+            return sum(not _alike(Q @ u, v, 1.0) for u, v in vectors) + (not _alike(Q @ a.inertia @ Q.T, b.inertia))
+
+        if not wrong(home):
+            return home
+        choices = []
+        frames = [np.linalg.eigh(each.inertia)[1] for each in (a, b)]
+        frames = [each * np.sign(np.linalg.det(each)) for each in frames]
+        choices += [frames[1] @ np.diag(signs) @ frames[0].T for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1),
+                                                                           (-1, -1, 1))]
+        if len(vectors) == 2 and np.linalg.norm(np.cross(*(u for u, _ in vectors))) > 1e-6:
+            U, _, Vt = np.linalg.svd(sum(np.outer(v, u) for u, v in vectors))
+            choices.append(U @ np.diag([1.0, 1.0, float(np.linalg.det(U @ Vt))]) @ Vt)
+        best = min(choices, key=wrong)
+        return np.asarray(best) if wrong(best) < wrong(home) else home
+
+    def _joint(self, k: int, j: int, shift: np.ndarray) -> np.ndarray:
+        """Compare the joints on which two bodies hang; how far the second's mass centre lies elsewhere, (3,)."""
+        a, b, Q, Qp = self.one.joint.get(k), self.other.joint.get(j), self.Q[k], self.Q[self.one.parent(k)]
+        name = self.one.scene.bodies[k].name
+        if a is None or b is None:
+            if a is not b:
+                self._tell(a.name if a else name, "joint type", a.type if a else "free", b.type if b else "free")
+            return np.zeros(3)
+        self.joints[a.name] = b.name
+        if a.type != b.type:
+            self._tell(a.name, "joint type", a.type, b.type)
+            return np.zeros(3)
+        turned = [(u, matrix.T @ v) for u, v, matrix in ((a.child_axis, b.child_axis, Q),
+                                                          (a.parent_axis, b.parent_axis, Qp)) if u is not None]
+        for u, v in turned[:1]:
+            if not _alike(u, v, 1.0):
+                self._tell(a.name, "axis", u, v)
+        own = Q.T @ b.child_anchor - a.child_anchor
+        at = Qp.T @ b.parent_anchor - a.parent_anchor - shift
+        turn = self.one.R[a.parent].T @ self.one.R[k]
+        along = turn @ own  # both anchors may lie elsewhere along the axis of a hinge, and anywhere in a slide
+        if a.type in ("revolute", "cylindrical"):
+            along = (along @ a.parent_axis) * a.parent_axis
+        if a.type in ("revolute", "cylindrical", "prismatic", "fixed") and _alike(at, along, self.size):
+            at, own = np.zeros(3), own - turn.T @ along
+        if a.type == "planar":  # its slides count from anywhere in the plane
+            at = (at @ a.parent_axis) * a.parent_axis
+        if np.abs(own).max() > TOLERANCE * self.size:
+            self._tell(name, "centre of mass", np.zeros(3), -own)
+        if np.abs(at).max() > TOLERANCE * self.size:
+            self._tell(a.name, "place", a.parent_anchor, a.parent_anchor + at)
+        springs = self.one.springs(a), self.other.springs(b)
+        for key, value in springs[0].items():
+            if not _alike(value, springs[1][key]):
+                self._tell(a.name, key, value, springs[1][key])
+        self._keys(a, b)
+        return np.asarray(own)
+
+    def _keys(self, a: Joint, b: Joint) -> None:
+        for field in dataclasses.fields(Joint):
+            values = [_plain(getattr(joint, field.name)) for joint in (a, b)]
+            values = [() if isinstance(value, tuple) and not any(value) else value for value in values]
+            if field.name not in _PLACES and not _alike(*values):
+                self._tell(a.name, field.name, *values)
+
+    def _couplings(self) -> None:
+        """Mimics, whose leaders may be named otherwise."""
+        theirs = {joint.name: joint for joint in self.other.scene.joints}
+        for a in self.one.scene.joints:
+            b = theirs.get(self.joints.get(a.name, ""))
+            if b is None or (a.mimic is None and b.mimic is None):
+                continue
+            mine = a.mimic and (self.joints.get(a.mimic.joint), a.mimic.ratio, a.mimic.offset)
+            if not _alike(mine, b.mimic and (b.mimic.joint, b.mimic.ratio, b.mimic.offset)):
+                self._tell(a.name, "mimic", a.mimic, b.mimic)
+
+    def _loops(self) -> None:
+        """Joints that close loops, matched by type and bodies."""
+        left = list(self.other.loops)
+        for a in self.one.loops:
+            ends = [(a.parent, a.parent_anchor, a.parent_axis), (a.child, a.child_anchor, a.child_axis)]
+            fits = [b for b in left if b.type == a.type and {self.bodies.get(end[0]) for end in ends} == {
+                b.parent, b.child}]
+            gaps = [max(float(np.abs(self.Q[body].T @ (b.parent_anchor if self.bodies[body] == b.parent else
+                                                       b.child_anchor) - anchor).max()) for body, anchor, _ in ends)
+                    for b in fits]
+            if not fits:
+                self._tell(a.name, "loop joint", a.type, "missing")
+                continue
+            b = fits[int(np.argmin(gaps))]
+            left.remove(b)
+            self.joints[a.name] = b.name
+            if min(gaps) > TOLERANCE * self.size:
+                self._tell(a.name, "place", 0.0, min(gaps))
+            for body, _, axis in ends:
+                its = b.parent_axis if self.bodies[body] == b.parent else b.child_axis
+                if axis is not None and its is not None and abs((self.Q[body] @ axis) @ its) < 1 - TOLERANCE**2:
+                    self._tell(a.name, "axis", axis, self.Q[body].T @ its)
+            self._keys(a, b)
+        for b in left:
+            self._tell(b.name, "loop joint", "missing", b.type)
+
+    def _forces(self) -> None:
+        """Loads, servos and springs between points, each matched with the most similar of its type and ends."""
+        mine, theirs = ([force for force in tree.scene.forces if not force.of_joint and (
+            force.type != "torsional_spring" or force.functions)] for tree in (self.one, self.other))
+        for a in mine:
+            fits = [(len(wrong), index, wrong) for index, b in enumerate(theirs)
+                    if (wrong := self._unlike(a, b)) is not None]
+            where = a.joint or self.one.scene.bodies[a.child].name
+            if not fits:
+                self._tell(where, a.type, "there", "missing")
+                continue
+            _, index, wrong = min(fits)
+            b = theirs.pop(index)
+            for key in wrong:
+                self._tell(where, f"{key} of {a.type}", a.parameters.get(key), b.parameters.get(key))
+        for b in theirs:
+            self._tell(b.joint or self.other.scene.bodies[b.child].name, b.type, "missing", "there")
+
+    def _unlike(self, a: Force, b: Force) -> list[str] | None:
+        """Parameters in which two forces differ; None if they act elsewhere."""
+        if a.type != b.type or (a.joint and self.joints.get(a.joint) != b.joint):
+            return None
+        if not a.joint and (self.bodies.get(a.child), None if a.parent is None else self.bodies.get(a.parent)) != (
+                b.child, b.parent):
+            return None
+        wrong = []
+        for key in sorted({*a.parameters, *b.parameters}):
+            value, its = _plain(a.parameters.get(key)), _plain(b.parameters.get(key))
+            body = a.parent if key == "parent_point" else a.child
+            local = key.endswith("point") or (key in ("force", "torque") and a.parameters.get("frame") == "body")
+            if local and body is not None and isinstance(its, tuple) and all(isinstance(part, float) for part in its):
+                its = tuple(self.Q[body].T @ np.array(its))
+            if not _alike(value, its, self.size if key.endswith("point") else None):
+                wrong.append(key)
+        return wrong
+
+    def _rest(self) -> None:
+        """What ends the claim of a scene, and what an import left out, by the names of the first model."""
+        back = {b: a for a, b in [*self.joints.items(), *self.names()]}
+
+        def key(words: str, names: dict[str, str]) -> tuple[str, ...]:
+            """A sentence without line numbers, with its quoted names in any order."""
+            parts = re.sub(r" \(line \d+[^)]*\)", "", words).split("'")
+            return tuple(sorted(names.get(part, part) for part in parts))
+
+        def bounds(scene: Scene, names: dict[str, str]) -> dict[Any, Any]:
+            return {(each.type, names.get(each.joint or "", each.joint)): (each.lower, each.upper)
+                    for each in scene.monitors if each.joint is not None}
+
+        mine, theirs = bounds(self.one.scene, {}), bounds(self.other.scene, back)
+        for kind, joint in dict.fromkeys((*mine, *theirs)):
+            bound = mine.get((kind, joint)), theirs.get((kind, joint))
+            if not _alike(*bound):
+                self._tell(str(joint), f"monitored {kind}", *bound)
+        here, there = ({key(words, names): words for words in tree.scene.left_out}
+                       for tree, names in ((self.one, {}), (self.other, back)))
+        for words in here.keys() - there.keys():
+            self._tell("", "left out", here[words], "")
+        for words in there.keys() - here.keys():
+            self._tell("", "left out", "", there[words])
+
+    def _accelerations(self) -> float | None:
+        """The largest difference at the start of the first model and at random states, which the second takes over."""
+        one, other = self.one.scene, self.other.scene
+        if len(self.bodies) - 1 != one.n or one.n != other.n:
+            return None
+        at, constraints = admissible.states(one, STATES, SEED), Constraints(other)
+        order = [self.bodies[k] for k in range(one.n)]
+        Q = np.array([self.Q[k] for k in range(one.n)])
+        worst, size = 0.0, float(np.linalg.norm(one.gravity)) or 1.0
+        for state in range(STATES + 1):
+            x, R, v, w = (np.empty_like(part[state]) for part in (at.x, at.R, at.v, at.w))
+            x[order], v[order] = at.x[state], at.v[state]
+            R[order], w[order] = at.R[state] @ np.swapaxes(Q, 1, 2), np.einsum("kij,kj->ki", Q, at.w[state])
+            with np.errstate(all="ignore"):
+                closed = admissible.closed(other, constraints, x, R, v, w)
+            if closed is None:
+                return None
+            (a, alpha), (a2, alpha2) = (_rates(one, (at.x[state], at.R[state], at.v[state], at.w[state])),
+                                        (part[order] for part in _rates(other, closed)))
+            gap = np.abs(np.einsum("kij,kj->ki", Q, alpha) - alpha2).max(initial=np.abs(a - a2).max(initial=0.0))
+            worst, size = max(worst, float(gap)), max(size, float(np.abs(a).max()), float(np.abs(alpha).max()))
+        return worst / size
+
+
+def _rates(scene: Scene, state: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
+    x, R, v, w = (part[None] for part in state)
+    a, alpha, _ = index1(scene, x, R, v, w)
+    return a[0], alpha[0]
+
+
+def _merged(scene: Scene) -> Scene:
+    """The scene with every body that a fixed joint holds made one with the body, or the ground, that it is held to."""
+    hung = {joint.child: joint for joint in reversed(scene.joints)}
+    held = {k: joint for k, joint in hung.items() if joint.type == "fixed"}
+
+    def root(body: int) -> int:
+        for _ in range(scene.n):
+            body = held[body].parent if body in held else body
+        return body
+
+    if not held or any(root(k) in held for k in range(scene.n)):
+        return scene
+    roots = {k: root(k) for k in range(GROUND, scene.n)}
+    kept = [k for k in range(scene.n) if roots[k] == k]
+    index = {GROUND: GROUND} | {k: number for number, k in enumerate(kept)}
+    centres, turns, bodies = {GROUND: np.zeros(3)}, {GROUND: np.eye(3)}, []
+    for k in kept:
+        members = [each for each in range(scene.n) if roots[each] == k]
+        masses, R = scene.masses[members], scene.R0[k]
+        centre, J = masses @ scene.x0[members] / masses.sum(), np.zeros((3, 3))
+        for each, mass in zip(members, masses, strict=True):
+            turn, arm = R.T @ scene.R0[each], R.T @ (scene.x0[each] - centre)
+            J += turn @ scene.inertias[each] @ turn.T + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        speed = scene.v0[k] + R @ np.cross(scene.w0[k], R.T @ (centre - scene.x0[k]))
+        bodies.append(dataclasses.replace(scene.bodies[k], mass=float(masses.sum()), inertia=J, position=centre,
+                                          velocity=speed))
+        centres[k], turns[k] = centre, R
+
+    def turned(body: int, vector: Any) -> Any:
+        """A direction in the axes of a body, in those of its root."""
+        R = np.eye(3) if body == GROUND else scene.R0[body]
+        return None if vector is None else turns[roots[body]].T @ R @ np.asarray(vector)
+
+    def moved(body: int, point: Any) -> Any:
+        start = np.zeros(3) if body == GROUND else scene.x0[body]
+        return turned(body, point) + turns[roots[body]].T @ (start - centres[roots[body]])
+
+    joints = []
+    for joint in scene.joints:
+        p, c = joint.parent, joint.child
+        if c in held and joint is held[c]:
+            continue
+        reference = joint.reference
+        if reference is not None:
+            reference = quaternion_from_rotation(turned(p, np.eye(3)) @ rotation_from_quaternion(reference)
+                                                 @ turned(c, np.eye(3)).T)
+        joints.append(dataclasses.replace(
+            joint, parent=index[roots[p]], child=index[roots[c]], parent_anchor=moved(p, joint.parent_anchor),
+            child_anchor=moved(c, joint.child_anchor), parent_axis=turned(p, joint.parent_axis),
+            child_axis=turned(c, joint.child_axis), reference=reference))
+    forces = []
+    for force in scene.forces:
+        parameters = dict(force.parameters)
+        for key, body in (("parent_point", force.parent), ("child_point", force.child)):
+            if key in parameters:
+                parameters[key] = tuple(moved(body, parameters[key]))
+        for key in ("force", "torque"):
+            if parameters.get("frame") == "body" and key in parameters:
+                parameters[key] = tuple(turned(force.child, parameters[key]))
+        parent, child = (None if body is None else index[roots[body]] for body in (force.parent, force.child))
+        forces.append(dataclasses.replace(force, parameters=parameters, parent=parent, child=child))
+    return scene.replace(bodies=tuple(bodies), joints=tuple(joints), forces=tuple(forces), shapes=(), sites=(),
+                         sensors=())
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and records as tuples of numbers."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = dataclasses.astuple(value)
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return tuple(_plain(part) for part in value)
+    return float(value) if isinstance(value, int | float | np.floating) and not isinstance(value, bool) else value
+
+
+def _alike(a: Any, b: Any, scale: float | None = None) -> bool:
+    """Whether two values, or tuples of them, agree; numbers within TOLERANCE of the largest, or of `scale`."""
+    a, b = _plain(a), _plain(b)
+    if isinstance(a, float) and isinstance(b, float):
+        return a == b or abs(a - b) <= TOLERANCE * (max(abs(a), abs(b)) if scale is None else scale)
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        if scale is None:
+            numbers = [abs(float(value)) for value in np.ravel([*_numbers(a), *_numbers(b)]) if math.isfinite(value)]
+            scale = max(numbers, default=0.0)
+        return len(a) == len(b) and all(_alike(*pair, scale) for pair in zip(a, b, strict=True))
+    return bool(a == b)
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    if isinstance(value, tuple):
+        for part in value:
+            yield from _numbers(part)
+    elif isinstance(value, float):
+        yield value
+
+
+def _ratio(a: Any, b: Any) -> float:
+    """Distance of positive numbers, from 0 for equal ones to 1."""
+    return float(np.max(np.abs(np.subtract(a, b)) / np.maximum(np.maximum(np.abs(a), np.abs(b)), 1e-300)))
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.7g}"
+    if isinstance(value, tuple):
+        return "(" + ", ".join(map(_shown, value)) + ")"
+    return str(value) if value not in ("", None) else "nothing"

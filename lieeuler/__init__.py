@@ -22,6 +22,7 @@ from lieeuler.joints import (
     spherical_joint,
     universal_joint,
 )
+from lieeuler.laws import Law, Servo, Stops
 from lieeuler.methods import COORDINATE_MAPS, EULER_METHODS, METHODS, Method
 from lieeuler.problem import Body, Problem
 from lieeuler.solution import Solution, Stats, Status
@@ -41,6 +42,7 @@ __all__ = [
     "IntegrationError",
     "Interrupted",
     "Joint",
+    "Law",
     "LieEulerError",
     "LinearSpring",
     "Method",
@@ -48,10 +50,12 @@ __all__ = [
     "PreparedRun",
     "Problem",
     "Rotor",
+    "Servo",
     "SlideForce",
     "Solution",
     "Stats",
     "Status",
+    "Stops",
     "TimeFunction",
     "TorsionalSpring",
     "cylindrical_joint",

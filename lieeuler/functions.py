@@ -54,6 +54,18 @@ class TimeFunction(Frozen):
         """The function as the compiled core holds it."""
         return _kernel.TimeFunction(self.breaks, self.pieces, self.terms)
 
+    def __call__(self, t: Any) -> Any:
+        """The values at times t, s; at a break that of the piece which begins there."""
+        times = np.asarray(t, dtype=float)
+        which = np.clip(np.searchsorted(self.breaks, times, side="right") - 1, 0, None)
+        after, total = times - np.asarray(self.breaks)[which], np.zeros_like(times)
+        coefficients = np.zeros((len(self.pieces), max(map(len, self.pieces))))
+        for row, piece in zip(coefficients, self.pieces, strict=True):
+            row[:len(piece)] = piece
+        for column in coefficients.T[::-1]:
+            total = total * after + column[which]
+        return total + sum(a * np.sin(w * times + phase) for a, w, phase in self.terms)
+
     def scaled(self, factor: float, offset: float = 0.0) -> TimeFunction:
         """offset + factor times the function."""
         pieces = [[factor * c for c in piece] for piece in self.pieces]

@@ -13,6 +13,7 @@ from lieeuler import _kernel, held
 from lieeuler.checks import LARGEST, SMALLEST, number, positive, real
 from lieeuler.errors import ArgumentError, IntegrationError, Interrupted
 from lieeuler.methods import COORDINATE_MAPS, CORRECTIONS, METHODS, Method
+from lieeuler.pieces import Pieces
 from lieeuler.problem import Problem
 from lieeuler.reduction import nodes, reductions, take_multipliers
 from lieeuler.solution import STATUSES, Solution, Stats, Status
@@ -39,7 +40,7 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
               rtol: float | None = None, coordinate_map: str = "exp", alpha: float | None = None,
               beta: float | None = None, spectral_radius: float | None = None, correction: str = "mass",
               spin_free: bool | None = None, reduce: str | None = None, conserve: bool = False, polish: bool = True,
-              monitor: bool = True) -> Solution:
+              monitor: bool = True, events: bool | None = None) -> Solution:
     """Integrate a problem with a fixed step, or with steps that follow a tolerance.
 
     One line of level INFO goes to the logger "lieeuler".
@@ -79,6 +80,9 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
         Make attitudes rotations again after every step (docs/theory.md, section 3). Only the Euler methods take False.
     monitor : bool
         Evaluate energy, constraint levels and orthogonality after every step (`stats.maxima`), not only at the end.
+    events : bool, optional
+        For problems with laws: whether the times at which friction, servos and stops change are solved for. Otherwise
+        changes are taken at ends of steps, those at stops excepted. Default: not by the Euler methods.
 
     Returns
     -------
@@ -92,8 +96,32 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     IntegrationError, Interrupted
         The run failed, or was interrupted by Ctrl-C; the error holds the trajectory so far.
     """
-    return _kept(problem, (method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction,
-                           spin_free, reduce, conserve, polish, monitor))()
+    if not (events is None or isinstance(events, bool)):
+        raise ArgumentError(f"events must be True or False, not {events!r}")
+    arguments = (method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction, spin_free, reduce,
+                 conserve, polish, monitor)
+    if isinstance(problem, Problem) and problem.laws:
+        return _by_pieces(problem, arguments, events)
+    return _kept(problem, arguments)()
+
+
+def _by_pieces(problem: Problem, arguments: tuple[Any, ...], events: bool | None) -> Solution:
+    """The run of a problem with laws."""
+    without = PreparedRun(Problem.unchecked(problem, laws=()), arguments)  # checks the arguments
+    method, step, t, *others = arguments
+
+    def solve(piece: Problem, times: np.ndarray) -> Solution:
+        size = None if step is None else float(np.diff(times).max())
+        return PreparedRun(piece, (method, size, times, *others)).unjudged()
+
+    def start(piece: Problem, times: np.ndarray) -> Solution:
+        size = float(times[1] - times[0])
+        return PreparedRun(piece, ("INDEX1_LE", size, times, None, "exp", None, None, None, "mass", None, "off", False,
+                                   True, False)).unjudged()
+
+    located = METHODS[method].order != 1 if events is None else events
+    solution = Pieces(problem, solve, start, np.asarray(t, dtype=float), step, located).integrate()
+    return without.ended(solution)
 
 
 def prepare(problem: Problem, method: str, step: float | None = None, t_eval: ArrayLike | None = None, *,
@@ -127,6 +155,8 @@ class PreparedRun:
     def __init__(self, problem: Problem, arguments: tuple[Any, ...]) -> None:
         (method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction, spin_free, reduce,
          conserve, polish, monitor) = self._arguments = arguments
+        if isinstance(problem, Problem) and problem.laws:
+            raise ArgumentError("runs of problems with laws are not prepared; call integrate")
         self._plan = plan = plan_run(problem, method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius,
                                      spin_free, monitor, polish, conserve, correction)
         if any(joint.drive for joint in problem.joints) and plan.t[0] != problem.time:
@@ -167,7 +197,7 @@ class PreparedRun:
             start = _plain(x, own.x), _plain(R, own.R), _plain(v, own.v), _plain(w, own.w)
         solution = None if start is None else self._solved(start, checks)
         if solution is not None:
-            return self._ended(solution)
+            return self.ended(solution)
         x, R, v, w = (mine if value is None else value
                       for mine, value in zip((own.x, own.R, own.v, own.w), given, strict=True))
         moved = dataclasses.replace(own, x=x, R=R, v=v, w=w, time=float(self._plan.t[0]))
@@ -204,7 +234,13 @@ class PreparedRun:
                 solution.status = Status.CONSTRAINTS_OPEN
         return solution
 
-    def _ended(self, solution: Solution) -> Solution:
+    def unjudged(self) -> Solution:
+        """The solution from the problem's state, also where the run failed."""
+        solution = self._solved(self._start, checks=False)
+        assert solution is not None  # only a start that is checked may be refused
+        return solution
+
+    def ended(self, solution: Solution) -> Solution:
         """The solution, logged; raises if the trajectory is not complete."""
         log.info("%s", solution)
         status = solution.status

@@ -12,6 +12,7 @@ from lieeuler.checks import SMALLEST, Frozen, array, number, positive, vector
 from lieeuler.errors import ArgumentError
 from lieeuler.forces import Force
 from lieeuler.joints import Joint
+from lieeuler.laws import Law
 from lieeuler.types import GROUND
 
 CLOSED = 1e-8
@@ -64,6 +65,8 @@ class Problem(Frozen):
     forces : sequence of forces from `lieeuler.forces`, optional
     time : float, optional
         That of the initial state, s. With drives `integrate` must start there.
+    laws : sequence of Law, optional
+        Servos, dry friction and stops, see `lieeuler.laws`.
 
     Raises
     ------
@@ -81,9 +84,10 @@ class Problem(Frozen):
     w: np.ndarray
     forces: tuple[Force, ...] = ()
     time: float = 0.0
+    laws: tuple[Law, ...] = ()
 
     def __post_init__(self) -> None:
-        for group, kind in (("bodies", Body), ("joints", Joint), ("forces", Force)):
+        for group, kind in (("bodies", Body), ("joints", Joint), ("forces", Force), ("laws", Law)):
             try:
                 items = tuple(getattr(self, group))
             except TypeError:
@@ -120,6 +124,14 @@ class Problem(Frozen):
                 when = "" if t == self.time else f" at t = {t:g} s, where the run begins, not at Problem.time"
                 raise ArgumentError(f"the initial state violates the {name} by {gap:.3g} of the system's {size}{when}; "
                                     f"project it first (bound {CLOSED:g})")
+
+    @classmethod
+    def unchecked(cls, problem: Problem, **changes: object) -> Problem:
+        """The problem with other fields, which are taken as they are: the state is one that an integration reached."""
+        changed = object.__new__(cls)
+        for field in dataclasses.fields(cls):
+            object.__setattr__(changed, field.name, changes.get(field.name, getattr(problem, field.name)))
+        return changed
 
     def __repr__(self) -> str:
         return f"Problem({self.n} bodies, {len(self.joints)} joints of {self.rows} rows, {len(self.forces)} forces)"

@@ -95,7 +95,8 @@ class Solution:
     """A trajectory at the output times, in the conventions of `lieeuler.types`.
 
     a and alpha are M^-1 (f - G^T lam) with the multipliers of the method; at the start, with those of the index-1
-    system.
+    system. `events` are those of laws: the time, s, the index of the joint, and what happened: sticks, slips, reverses,
+    hits_lower, hits_upper, leaves_lower, leaves_upper, saturates, unsaturates.
     """
 
     t: np.ndarray
@@ -110,6 +111,7 @@ class Solution:
     stats: Stats
     method: str
     t_end: float
+    events: tuple[tuple[float, int, str], ...] = ()
 
     @property
     def success(self) -> bool:

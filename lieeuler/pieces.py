@@ -1,0 +1,682 @@
+"""Integration of problems with laws (`lieeuler.laws`): piece by piece, each by the method as it is.
+
+Within a piece every law is a spring, a damper and a torque on its coordinate, or a row that holds the coordinate still.
+A piece ends where one of its surfaces is crossed. Methods of higher order solve for that time with the method itself, so
+they keep their order. What comes next is the mode that agrees with its own accelerations (Gauss' principle: for dry
+friction there is one). Impulses of stops follow from the accelerations that a torque on the coordinate adds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from lieeuler.checks import normals
+from lieeuler.errors import ArgumentError, IntegrationError
+from lieeuler.forces import Force, LinearSpring, SlideForce, TorsionalSpring
+from lieeuler.functions import TimeFunction
+from lieeuler.joint_parts import Dot
+from lieeuler.laws import Law, Servo, Stops, measured
+from lieeuler.problem import Problem
+from lieeuler.solution import Solution, Stats, Status
+from lieeuler.types import GROUND
+
+Solve = Callable[[Problem, np.ndarray], Solution]
+"""Integrates a problem without laws over these times, the first of which is that of its state."""
+Key = tuple[str, int, int]
+"""A surface: its kind, the law, and the servo or the side."""
+
+FINE = 8
+"""Points of an interval between output times at which surfaces are looked at, for methods that choose their steps."""
+AHEAD = 64
+"""Most intervals that are integrated before surfaces are looked at: an event makes the rest in vain."""
+SETTLED = 1e-12
+"""A rate this small, as a part of the larger one of 1 and the rate before, is none."""
+PUSH = 1e4
+"""The torque whose accelerations give those of an impulse, over the weights and one: so large that rounding of what the
+other forces do is small beside it."""
+CHATTER = 100
+"""More changes than this at one time end the run: no mode agrees with its own accelerations."""
+
+
+@dataclasses.dataclass
+class Mode:
+    """What one law does in a piece. `cut` and `region` have an entry for each servo, as `acting` and `waiting`."""
+
+    held: bool = False  # by friction or at a rigid stop
+    sign: int = 0  # of the rate where friction acts
+    stop: int = 0  # 1 at the upper stop or beyond it, -1 at the lower one
+    pushes: bool = False  # a soft stop
+    cut: list[int] = dataclasses.field(default_factory=list)  # 1 at the upper bound, -1 at the lower one
+    region: list[int] = dataclasses.field(default_factory=list)  # of the rate: its sign, doubled beyond no_load_speed
+    waiting: list[list[float]] = dataclasses.field(default_factory=list)  # of sampled servos, the newest last
+
+
+@dataclasses.dataclass
+class State:
+    """A time, the states of the bodies, and the coordinates and rates of the laws."""
+
+    t: float
+    x: np.ndarray
+    R: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+    q: np.ndarray
+    rate: np.ndarray
+
+
+@dataclasses.dataclass
+class Stretch:
+    """A run within a piece, its first row that of the start: coordinates, rates, accelerations and holding forces."""
+
+    solution: Solution
+    q: np.ndarray  # (T, laws)
+    rate: np.ndarray
+    acceleration: np.ndarray
+    holding: np.ndarray  # NaN where nothing holds
+
+    def state(self, row: int) -> State:
+        """The state at one time."""
+        s = self.solution
+        return State(float(s.t[row]), s.x[row], s.R[row], s.v[row], s.w[row], self.q[row], self.rate[row])
+
+
+class Pieces:
+    """One run of a problem with laws.
+
+    Parameters
+    ----------
+    problem : Problem
+    solve, start : Solve
+        The method, and any method whose first row has the accelerations of the index-1 system.
+    t : (T,) output times, s
+    step : s, of methods with a fixed step; None for others
+    located : whether crossings are solved for; otherwise they are taken at ends of steps (those of stops always are)
+    """
+
+    def __init__(self, problem: Problem, solve: Solve, start: Solve, t: np.ndarray, step: float | None,
+                 located: bool) -> None:
+        self.problem, self.solve, self.start, self.located = problem, solve, start, located
+        self.laws, self.t = problem.laws, t
+        self.events: list[tuple[float, int, str]] = []
+        self.ends = [self._ends(law) for law in self.laws]
+        self.springs = {k: force.start_angle(problem.R) for k, force in enumerate(problem.forces)
+                        if isinstance(force, TorsionalSpring)}
+        self.modes = [Mode(cut=[0] * len(law.servos), region=[0] * len(law.servos),
+                           waiting=[list(s.earlier) or [0.0] * (s.delay + 1) for s in law.servos]) for law in self.laws]
+        self.grid, self.ticks, self.outputs = self._knots(step)
+        self.stats: Stats | None = None
+        self.rows: list[tuple[Solution, int]] = []
+        weight = sum(body.mass for body in problem.bodies) * float(np.linalg.norm(problem.gravity))
+        self.push = PUSH * (1.0 + weight)
+
+    def _ends(self, law: Law) -> tuple[int, int, np.ndarray, np.ndarray]:
+        if not 0 <= law.joint < len(self.problem.joints):
+            raise ArgumentError(f"there is no joint {law.joint} for a law")
+        joint = self.problem.joints[law.joint]
+        if joint.drive is not None or joint.mimic is not None:
+            raise ArgumentError(f"joint {law.joint} is driven or follows another: no law can act there")
+        return joint.parent, joint.child, joint.parent_anchor, joint.child_anchor
+
+    # --- times
+
+    def _knots(self, step: float | None) -> tuple[list[np.ndarray], dict[float, list[tuple[int, int]]], set[float]]:
+        """Points of the intervals between output times, samples of servos and breaks of functions; ticks; outputs."""
+        first, last = float(self.t[0]), float(self.t[-1])
+        ticks: dict[float, list[tuple[int, int]]] = {}
+        for i, law in enumerate(self.laws):
+            for k, servo in enumerate(law.servos):
+                if servo.period is not None:
+                    number = math.ceil((first - servo.phase) / servo.period - 1e-9)
+                    while (when := servo.phase + number * servo.period) <= last:
+                        ticks.setdefault(self._near(when, self.t), []).append((i, k))
+                        number += 1
+        breaks = {b for function in _functions(self.problem) for b in function.breaks if first < b < last}
+        knots = np.array(sorted({*self.t.tolist(), *ticks, *(self._near(b, self.t) for b in breaks)}))
+        counts = (np.full(len(knots) - 1, FINE) if step is None else
+                  np.maximum(1, np.ceil(np.diff(knots) / step * (1 - 1e-12))).astype(int))
+        grid = [np.linspace(a, b, count + 1)[1:] for a, b, count in zip(knots[:-1], knots[1:], counts, strict=True)]
+        return grid, ticks, set(self.t.tolist())
+
+    @staticmethod
+    def _near(when: float, times: np.ndarray) -> float:
+        """The output time that this time is but for rounding, or the time itself."""
+        nearest = float(times[np.abs(times - when).argmin()])
+        return nearest if abs(nearest - when) <= 1e-12 * max(1.0, abs(when)) else when
+
+    # --- a piece as a problem
+
+    def _piece(self, state: State, pushed: tuple[int, float] = (0, 0.0)) -> tuple[Problem, list[int]]:
+        """The problem of the present modes from a state on, and the multipliers of its laws that hold (else -1).
+
+        pushed: a law, and a further torque along its coordinate.
+        """
+        joints, forces = list(self.problem.joints), list(self.problem.forces)
+        for k, angle in self.springs.items():  # an angle starts anew in (-pi, pi]: the turns go into its rest
+            spring = forces[k]
+            assert isinstance(spring, TorsionalSpring)
+            forces[k] = spring.counted_from(angle - spring.start_angle(state.R))
+        slots = []
+        for i, (law, mode) in enumerate(zip(self.laws, self.modes, strict=True)):
+            slots.append(3 * joints[law.joint].spherical + len(joints[law.joint].dots) if mode.held else -1)
+            if mode.held:
+                joint = joints[law.joint]
+                joints[law.joint] = dataclasses.replace(joint, dots=(*joint.dots, self._hold(i, state)))
+            forces += self._forces(i, state, pushed[1] if pushed[0] == i else 0.0)
+        before = np.cumsum([0, *(joint.rows for joint in joints)])
+        rows = [-1 if slot < 0 else int(before[law.joint]) + slot for law, slot in zip(self.laws, slots, strict=True)]
+        piece = Problem.unchecked(self.problem, joints=tuple(joints), forces=tuple(forces), laws=(), x=state.x,
+                                  R=state.R, v=state.v, w=state.w, time=state.t)
+        return piece, rows
+
+    def _hold(self, i: int, state: State) -> Dot:
+        """The row that keeps a coordinate where it is: its multiplier is the force along an angle, or minus it."""
+        coordinate, (parent, child, _, _) = self.laws[i].coordinate, self.ends[i]
+        if coordinate.relative is None:
+            return Dot("parent", "difference", coordinate.parent_axis, constant=float(state.q[i]))
+        n1, n2 = normals(coordinate.parent_axis)
+        seen = state.R[child].T @ (n2 if parent == GROUND else state.R[parent] @ n2)
+        seen = seen - (seen @ coordinate.child_axis) * coordinate.child_axis
+        return Dot("parent", "child", n1, seen / np.linalg.norm(seen))
+
+    def _forces(self, i: int, state: State, torque: float) -> list[Force]:
+        """The forces of a law: one with all that is linear or constant, and one for each function of time."""
+        law, mode = self.laws[i], self.modes[i]
+        stiffness, damping, moving = 0.0, 0.0, list[TimeFunction]()
+        for term in self._terms(law, mode):
+            stiffness, damping = stiffness + term[0], damping + term[1]
+            for each, factor in term[2]:
+                if isinstance(each, TimeFunction):
+                    moving.append(each.scaled(factor))
+                else:
+                    torque += factor * each
+        parent, child, before, after = self.ends[i]
+        axis, child_axis = law.coordinate.parent_axis, law.coordinate.child_axis
+        if law.coordinate.relative is None:
+            far = 2.0 * (1.0 + abs(float(state.q[i])))  # behind the parent's anchor, so that the slide never passes it
+            constant = SlideForce(parent, child, before, after, axis, torque)
+            return [LinearSpring(parent, child, before - far * axis, after, stiffness, far, damping), constant,
+                    *(SlideForce(parent, child, before, after, axis, each) for each in moving)]
+        spring = TorsionalSpring(parent, child, axis, child_axis, stiffness, 0.0, damping, torque)
+        spring = spring.counted_from(float(state.q[i]) - spring.start_angle(state.R))
+        return [spring, *(TorsionalSpring(parent, child, axis, child_axis, 0.0, 0.0, 0.0, each) for each in moving)]
+
+    @staticmethod
+    def _terms(law: Law, mode: Mode) -> Iterator[tuple[float, float, list[tuple[float | TimeFunction, float]]]]:
+        """(stiffness, damping, constants and functions with their factors) of what acts on a coordinate."""
+        if not mode.held and law.sliding:
+            yield 0.0, 0.0, [(-law.sliding, float(mode.sign))]
+        if law.stops is not None and law.stops.stiffness is not None and mode.pushes:
+            yield law.stops.stiffness, law.stops.damping, [(law.stops.edge(mode.stop), law.stops.stiffness)]
+        for servo, cut, region, waiting in zip(law.servos, mode.cut, mode.region, mode.waiting, strict=True):
+            if servo.period is not None:
+                yield 0.0, 0.0, [(waiting[-1 - servo.delay], 1.0)]
+            elif not cut:
+                yield servo.proportional, servo.derivative, [(servo.target, servo.proportional), (
+                    servo.target_velocity, servo.derivative), (servo.feedforward, 1.0)]
+            elif servo.no_load_speed is None or region * cut < 0:
+                yield 0.0, 0.0, [(servo.upper if cut > 0 else servo.lower, 1.0)]
+            elif abs(region) < 2:
+                bound = servo.upper if cut > 0 else servo.lower
+                yield 0.0, abs(bound) / servo.no_load_speed, [(bound, 1.0)]
+
+    def _stretch(self, solution: Solution, state: State, rows: list[int]) -> Stretch:
+        """The coordinates along a run from a state on."""
+        arrays = tuple(getattr(solution, name) for name in ("x", "R", "v", "w", "a", "alpha"))
+        q, rate, acceleration, holding = np.empty((4, len(solution.t), len(self.laws)))
+        for i, (law, ends, row) in enumerate(zip(self.laws, self.ends, rows, strict=True)):
+            q[:, i], rate[:, i], acceleration[:, i] = measured(law, ends, *arrays)
+            if law.coordinate.relative is not None:
+                q[:, i] = np.unwrap(q[:, i])
+                q[:, i] += 2 * np.pi * round((state.q[i] - q[0, i]) / (2 * np.pi))
+            if row >= 0:
+                q[:, i], rate[:, i], acceleration[:, i] = state.q[i], 0.0, 0.0
+            sign = 1.0 if law.coordinate.relative is not None else -1.0
+            holding[:, i] = sign * solution.lam[:, row] if row >= 0 else np.nan
+        return Stretch(solution, q, rate, acceleration, holding)
+
+    def _run(self, state: State, times: np.ndarray) -> Stretch:
+        """Integrate the present piece from a state over further times."""
+        problem, rows = self._piece(state)
+        solution = self.solve(problem, np.concatenate([[state.t], times]))
+        self._count(solution.stats)
+        stretch = self._stretch(solution, state, rows)
+        keep = np.setdiff1d(np.arange(solution.lam.shape[1]), rows)
+        solution.lam = solution.lam[:, keep]
+        return stretch
+
+    def _count(self, stats: Stats) -> None:
+        """Add the counters of a stretch, and raise the maxima to its."""
+        if self.stats is None:
+            self.stats = dataclasses.replace(stats, maxima=dict(stats.maxima))
+            return
+        for name in ("steps", "rejected_steps", "force_evaluations", "newton_iterations", "factorizations"):
+            setattr(self.stats, name, getattr(self.stats, name) + getattr(stats, name))
+        self.stats.most_iterations = max(self.stats.most_iterations, stats.most_iterations)
+        if self.stats.step is not None and stats.step is not None:
+            self.stats.step = max(self.stats.step, stats.step)
+        for key, each in stats.maxima.items():
+            self.stats.maxima[key] = max(self.stats.maxima[key], each)
+
+    def _index1(self, state: State, pushed: tuple[int, float] = (0, 0.0)) -> Stretch:
+        """Accelerations and holding forces of the present modes in one state: the first row of a short run."""
+        problem, rows = self._piece(state, pushed)
+        return self._stretch(self.start(problem, np.array([state.t, state.t + 1e-6])), state, rows)
+
+    # --- surfaces
+
+    def _surfaces(self, s: Stretch) -> Iterator[tuple[Key, np.ndarray, np.ndarray | None]]:
+        """What stays at or above 0 within the piece, (T,), and its slope where that is known."""
+        t = s.solution.t
+        for i, (law, mode) in enumerate(zip(self.laws, self.modes, strict=True)):
+            q, rate, acceleration = s.q[:, i], s.rate[:, i], s.acceleration[:, i]
+            if mode.held:
+                lower, upper = held_range(law, mode)
+                yield ("held", i, -1), upper - s.holding[:, i], None
+                yield ("held", i, 1), s.holding[:, i] - lower, None
+            elif law.static and mode.sign:
+                yield ("rest", i, 0), mode.sign * rate, mode.sign * acceleration
+            if law.stops is not None and not mode.held:
+                yield from self._stop_surfaces(i, law.stops, mode, q, rate)
+            for k, servo in enumerate(law.servos):
+                if servo.period is None:
+                    yield from self._servo_surfaces((i, k), servo, mode, t, q, rate)
+
+    @staticmethod
+    def _stop_surfaces(i: int, stops: Stops, mode: Mode, q: np.ndarray, rate: np.ndarray
+                       ) -> Iterator[tuple[Key, np.ndarray, np.ndarray | None]]:
+        if mode.stop == 0:
+            for side in (-1, 1):
+                if math.isfinite(stops.edge(side)):
+                    yield ("hits", i, side), side * (stops.edge(side) - q), -side * rate
+            return
+        if stops.stiffness is not None:
+            depth = mode.stop * (q - stops.edge(mode.stop))
+            yield ("leaves", i, mode.stop), depth, mode.stop * rate
+            force = stops.stiffness * depth + stops.damping * mode.stop * rate
+            yield ("pushes", i, mode.stop), force if mode.pushes else -force, None
+
+    @staticmethod
+    def _servo_surfaces(who: tuple[int, int], servo: Servo, mode: Mode, t: np.ndarray, q: np.ndarray, rate: np.ndarray
+                        ) -> Iterator[tuple[Key, np.ndarray, np.ndarray | None]]:
+        k = who[1]
+        wanted, (lower, upper) = servo.wanted(t, q, rate), servo.bounds(rate)
+        if mode.cut[k] == 0:
+            for side, room in ((1, upper - wanted), (-1, wanted - lower)):
+                if np.isfinite(room).all():
+                    yield (f"cut {side}", *who), room, None
+            return
+        yield ("cut 0", *who), (wanted - upper if mode.cut[k] > 0 else lower - wanted), None
+        if servo.no_load_speed is not None and not mode.held:
+            sign = 1 if mode.region[k] > 0 else -1
+            over = sign * rate - servo.no_load_speed
+            yield ("region", *who), over if abs(mode.region[k]) > 1 else np.minimum(sign * rate, -over), None
+
+    def _first(self, s: Stretch) -> tuple[int, Key] | None:
+        """The first row at which a surface is crossed, and the surface; also where it may be crossed twice before."""
+        first: tuple[int, Key] | None = None
+        for key, value, slope in self._surfaces(s):
+            size = 1e-13 * max(1.0, float(np.abs(value).max(initial=0.0)))
+            below = value[1:] < -size
+            if slope is not None:
+                below |= _dips(s.solution.t, value, slope)
+            if below.any() and (first is None or int(below.argmax()) + 1 < first[0]):
+                first = int(below.argmax()) + 1, key
+        return first
+
+    def _value(self, s: Stretch, key: Key) -> float:
+        """The value of a surface at the last time of a stretch."""
+        return next(float(value[-1]) for each, value, _ in self._surfaces(s) if each == key)
+
+    def _crossing(self, state: State, until: float, key: Key) -> tuple[State, Key]:
+        """Where a surface is first crossed between a state and a later time, by the rule of false position (Illinois).
+
+        Another surface may come before the one that is given.
+        """
+        whole = self._run(state, np.linspace(state.t, until, FINE + 1)[1:])
+        row, key = self._first(whole) or (FINE, key)
+        values = next(value for each, value, _ in self._surfaces(whole) if each == key)
+        (ta, fa), (tb, fb) = ((float(whole.solution.t[k]), float(values[k])) for k in (row - 1, row))
+        best, kept = (whole, row) if fa > 0.0 else (whole, row - 1), 0
+        while fa > 0.0 > fb and tb - ta > 4e-16 * max(1.0, abs(tb)):
+            middle = tb - fb * (tb - ta) / (fb - fa)
+            if not ta < middle < tb:
+                break
+            best = self._run(state, np.array([middle])), 1
+            f = self._value(best[0], key)
+            if f >= 0:
+                ta, fa, fb, kept = middle, f, fb / 2 if kept > 0 else fb, 1
+            else:
+                tb, fb, fa, kept = middle, f, fa / 2 if kept < 0 else fa, -1
+        self._turn(*best)
+        return best[0].state(best[1]), key
+
+    # --- changes
+
+    def _tell(self, t: float, i: int, what: str) -> None:
+        self.events.append((t, self.laws[i].joint, what))
+
+    def _change(self, state: State, key: Key) -> State:
+        """The state after a surface was crossed; the modes change."""
+        kind, i, which = key
+        law, mode = self.laws[i], self.modes[i]
+        if kind == "rest":
+            was, mode.sign, mode.held = mode.sign, 0, True
+            state = self._still(state, i)
+            self._settle(state, {i})
+            if mode.held:
+                self._tell(state.t, i, "sticks")
+            elif mode.sign != was:
+                self._tell(state.t, i, "reverses")
+        elif kind == "held":
+            self._release(state, i, which)
+            self._settle(state, set())
+        elif kind == "hits":
+            self._tell(state.t, i, f"hits_{'upper' if which > 0 else 'lower'}")
+            mode.stop = which
+            assert law.stops is not None
+            if law.stops.stiffness is None:
+                state = self._impact(state, i, which)
+            else:
+                mode.pushes = True
+        elif kind == "leaves":
+            self._tell(state.t, i, f"leaves_{'upper' if which > 0 else 'lower'}")
+            mode.stop, mode.pushes = 0, False
+        elif kind == "pushes":
+            mode.pushes = not mode.pushes
+        elif kind.startswith("cut"):
+            mode.cut[which] = int(kind.split()[1])
+            mode.region[which] = self._region(law.servos[which], state.rate[i], mode)
+            self._tell(state.t, i, "saturates" if mode.cut[which] else "unsaturates")
+        else:
+            speed = law.servos[which].no_load_speed or math.inf
+            sign = 1 if mode.region[which] > 0 else -1
+            if abs(mode.region[which]) > 1:
+                mode.region[which] = sign
+            else:
+                mode.region[which] = 2 * sign if abs(state.rate[i]) > 0.5 * speed else -sign
+        return state
+
+    def _release(self, state: State, i: int, sign: int) -> None:
+        """Let a held coordinate go in the direction of `sign`."""
+        law, mode = self.laws[i], self.modes[i]
+        mode.held, mode.sign = False, sign
+        if mode.stop:
+            self._tell(state.t, i, f"leaves_{'upper' if mode.stop > 0 else 'lower'}")
+            mode.stop = 0
+        elif law.static:
+            self._tell(state.t, i, "slips")
+
+    def _still(self, state: State, i: int) -> State:
+        """The state with a coordinate at rest, by the least impulse along it."""
+        if abs(state.rate[i]) == 0.0:
+            return state
+        was, self.modes[i].held = self.modes[i].held, False
+        change, gain = self._response(state, i)
+        self.modes[i].held = was
+        return self._kicked(state, change, -state.rate[i] / gain[i], gain)
+
+    def _response(self, state: State, i: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+        """What a unit impulse along a coordinate changes: (v, w) of the bodies, and the rates of the laws."""
+        still, pushed = self._index1(state), self._index1(state, (i, self.push))
+        v, w = (getattr(pushed.solution, name)[0] - getattr(still.solution, name)[0] for name in ("a", "alpha"))
+        gain = (pushed.acceleration[0] - still.acceleration[0]) / self.push
+        if not gain[i] > 0.0:
+            raise ArgumentError(f"an impulse along joint {self.laws[i].joint} moves nothing: its loop holds it")
+        return (v / self.push, w / self.push), gain
+
+    def _kicked(self, state: State, change: tuple[np.ndarray, np.ndarray], size: float, gain: np.ndarray) -> State:
+        return dataclasses.replace(state, v=state.v + size * change[0], w=state.w + size * change[1],
+                                   rate=state.rate + size * gain)
+
+    def _impact(self, state: State, i: int, side: int) -> State:
+        """The state after the impact at a rigid stop. Friction gives no impulse: what it held may be kicked loose."""
+        stops, before = self.laws[i].stops, float(state.rate[i])
+        assert stops is not None
+        closed = {k for k, mode in enumerate(self.modes) if mode.held and mode.stop}
+        loose = [k for k, mode in enumerate(self.modes) if mode.held and not mode.stop]
+        for k in loose:
+            self.modes[k].held = False
+        change, gain = self._response(state, i)
+        bounce = stops.restitution if not closed else 0.0
+        after = -bounce * before
+        if abs(after) <= SETTLED * max(1.0, abs(before)):
+            after = 0.0
+        state = self._kicked(state, change, (after - before) / gain[i], gain)
+        state.rate[i] = after
+        rest = {k for k in loose if abs(state.rate[k]) <= SETTLED * max(1.0, abs(before))}
+        for k in range(len(self.laws)):
+            mode, law = self.modes[k], self.laws[k]
+            if k in rest:
+                mode.held = True
+            elif law.static and k != i and not mode.held:
+                if k in loose:
+                    self._tell(state.t, k, "slips")
+                mode.sign = 1 if state.rate[k] > 0 else -1
+        mode = self.modes[i]
+        if after == 0.0:
+            mode.held, mode.sign = True, 0
+            self._settle(state, {i} | rest)
+        else:
+            mode.stop, mode.sign = 0, (1 if after > 0 else -1) if self.laws[i].static else 0
+        self._cuts(state, told=True)
+        return state
+
+    def _settle(self, state: State, fresh: set[int]) -> None:
+        """Choose, among the coordinates at rest, those that stay: Gauss' principle by single changes.
+
+        fresh: held since just now, so that letting them go is no event.
+        """
+        resting = {i for i, mode in enumerate(self.modes) if mode.held} | {
+            i for i, mode in enumerate(self.modes) if mode.sign and state.rate[i] == 0.0}
+        sides = {i: self.modes[i].stop for i in resting}
+        was = {i: self.modes[i].held and i not in fresh for i in resting}
+        for _ in range(CHATTER):
+            s = self._index1(state)
+            worst, change = 0.0, None
+            for i in resting:
+                mode = self.modes[i]
+                if mode.held:
+                    lower, upper = held_range(self.laws[i], mode)
+                    holding = float(s.holding[0, i])
+                    room = 1e-12 * max(1.0, abs(holding))
+                    if (over := max(holding - upper, lower - holding) - room) > worst:
+                        worst, change = over, (i, -1 if holding > upper else 1)
+                elif (back := -mode.sign * float(s.acceleration[0, i])) > worst:
+                    worst, change = back, (i, 0)
+            if change is None:
+                break
+            i, sign = change
+            self.modes[i].held, self.modes[i].sign = sign == 0, sign
+            self.modes[i].stop = sides[i] if sign == 0 else 0
+        for i in resting:
+            mode = self.modes[i]
+            if was[i] and not mode.held:
+                stop, mode.stop = mode.stop, sides[i]
+                self._release(state, i, mode.sign)
+                mode.stop = stop
+
+    @staticmethod
+    def _region(servo: Servo, rate: float, mode: Mode) -> int:
+        if servo.no_load_speed is None:
+            return 0
+        sign = (1 if rate > 0 else -1) if rate else (mode.sign or 1)
+        return sign * (2 if abs(rate) > servo.no_load_speed else 1)
+
+    def _cuts(self, state: State, told: bool) -> None:
+        """The cuts of all continuous servos, from the state: at the start, and after a jump of the rates."""
+        for i, (law, mode) in enumerate(zip(self.laws, self.modes, strict=True)):
+            for k, servo in enumerate(law.servos):
+                if servo.period is not None:
+                    continue
+                wanted, (lower, upper) = servo.wanted(state.t, state.q[i], state.rate[i]), servo.bounds(state.rate[i])
+                cut = int(wanted > upper) - int(wanted < lower)
+                if told and cut != mode.cut[k]:
+                    self._tell(state.t, i, "saturates" if cut else "unsaturates")
+                mode.cut[k], mode.region[k] = cut, self._region(servo, float(state.rate[i]), mode)
+
+    def _tick(self, state: State, told: bool) -> None:
+        """Evaluate the sampled servos that are due."""
+        for i, k in self.ticks.get(state.t, ()):
+            servo, mode = self.laws[i].servos[k], self.modes[i]
+            wanted, (lower, upper) = servo.wanted(state.t, state.q[i], state.rate[i]), servo.bounds(state.rate[i])
+            cut = int(wanted > upper) - int(wanted < lower)
+            if told and cut != mode.cut[k]:
+                self._tell(state.t, i, "saturates" if cut else "unsaturates")
+            mode.cut[k] = cut
+            mode.waiting[k] = [*mode.waiting[k], float(np.clip(wanted, lower, upper))][-1 - servo.delay - 1:]
+
+    # --- the loop
+
+    def _begin(self) -> State:
+        """The initial state with its modes."""
+        p = self.problem
+        zero = np.zeros_like(p.x)
+        measures = [measured(law, ends, p.x[None], p.R[None], p.v[None], p.w[None], zero[None], zero[None])
+                    for law, ends in zip(self.laws, self.ends, strict=True)]
+        q = np.array([float(each[0][0]) for each in measures])
+        for i, law in enumerate(self.laws):
+            if law.coordinate.relative is not None:
+                q[i] += 2 * np.pi * round((law.start - q[i]) / (2 * np.pi))
+        state = State(float(self.t[0]), p.x, p.R, p.v, p.w, q, np.array([float(each[1][0]) for each in measures]))
+        for i, (law, mode) in enumerate(zip(self.laws, self.modes, strict=True)):
+            self._begin_law(state, i, law, mode)
+        self._tick(state, told=False)
+        self._cuts(state, told=False)
+        if any(mode.held for mode in self.modes):
+            self._settle(state, set(range(len(self.laws))))
+        return state
+
+    @staticmethod
+    def _begin_law(state: State, i: int, law: Law, mode: Mode) -> None:
+        rate = 0.0 if abs(state.rate[i]) <= SETTLED else float(state.rate[i])
+        if law.stops is not None:
+            for side in (-1, 1):
+                gap = side * (law.stops.edge(side) - state.q[i])
+                near = 1e-10 * max(1.0, abs(state.q[i]))
+                if law.stops.stiffness is not None and gap < 0:
+                    force = -law.stops.stiffness * gap + law.stops.damping * side * rate
+                    mode.stop, mode.pushes = side, bool(force > 0)
+                elif law.stops.stiffness is None and gap < -near:
+                    raise ArgumentError(f"joint {law.joint} starts beyond its stop at {law.stops.edge(side):g}")
+                elif law.stops.stiffness is None and gap <= near and side * rate >= 0:
+                    mode.stop, mode.held = side, rate == 0.0
+        if law.static and rate == 0.0:
+            mode.held = True
+        elif law.static:
+            mode.sign = 1 if rate > 0 else -1
+
+    def integrate(self) -> Solution:
+        """Integrate over all output times.
+
+        Raises
+        ------
+        IntegrationError
+            The method failed within a piece, or the laws chatter; it holds the trajectory so far.
+        """
+        begun = time.perf_counter()
+        state, here, ahead, changes = self._begin(), 0, 4, 0
+        for i, mode in enumerate(self.modes):  # a rate that leads into a stop at the start
+            if mode.stop and not mode.held and self.laws[i].stops.stiffness is None:  # type: ignore[union-attr]
+                state = self._change(state, ("hits", i, mode.stop))
+        self.events.clear()  # the start is no event
+        while here < len(self.grid):
+            chosen = self._ahead(here, ahead)
+            times = np.concatenate(self.grid[here:here + chosen])
+            times = times[times > state.t + 1e-12 * (times[-1] - state.t)]
+            s = self._run(state, times)
+            crossed = self._first(s)
+            if crossed is None and s.solution.status is not Status.SUCCESS:
+                self._fail(s.solution.status, begun)
+            last = len(times) if crossed is None else crossed[0] - 1
+            self._keep(s, last)
+            before, state = state, s.state(last)
+            self._turn(s, last)
+            while here < len(self.grid) and self.grid[here][-1] <= state.t:
+                here += 1
+            if crossed is None:
+                ahead = min(2 * ahead, AHEAD)
+                self._tick(state, told=True)
+                continue
+            ahead, changes = max(1, ahead // 2), 1 if state.t > before.t else changes + 1
+            state = self._cross(state, float(s.solution.t[crossed[0]]), crossed[1])
+            if changes > CHATTER:
+                self._fail(Status.STEP_TOO_SMALL, begun)
+        return self._whole(Status.SUCCESS, begun)
+
+    def _ahead(self, here: int, most: int) -> int:
+        """Number of intervals to the next sample of a servo, at most `most`."""
+        for count in range(1, most):
+            if here + count >= len(self.grid) or float(self.grid[here + count - 1][-1]) in self.ticks:
+                return count
+        return min(most, len(self.grid) - here)
+
+    def _cross(self, state: State, until: float, key: Key) -> State:
+        """The state after the change at a crossing between a state and a later time."""
+        if self.located or key[0] in ("hits", "leaves"):
+            state, key = self._crossing(state, until, key)
+            if key[0] == "hits":
+                state = dataclasses.replace(state, q=state.q.copy())
+                stops = self.laws[key[1]].stops
+                assert stops is not None
+                state.q[key[1]] = stops.edge(key[2])
+        state = dataclasses.replace(state, rate=state.rate.copy())
+        return self._change(state, key)
+
+    def _turn(self, s: Stretch, row: int) -> None:
+        """Carry the angles of the problem's own springs on, over whole turns."""
+        for k, angle in self.springs.items():
+            spring = self.problem.forces[k]
+            assert isinstance(spring, TorsionalSpring)
+            path = np.unwrap([spring.start_angle(R) for R in s.solution.R[:row + 1]])
+            self.springs[k] = float(path[-1] + 2 * np.pi * round((angle - path[0]) / (2 * np.pi)))
+
+    def _keep(self, s: Stretch, last: int) -> None:
+        """Remember the rows of a stretch that are asked for."""
+        first = 1 if self.rows else 0
+        self.rows += [(s.solution, row) for row in range(first, last + 1) if float(s.solution.t[row]) in self.outputs]
+
+    def _whole(self, status: Status, begun: float) -> Solution:
+        """The solution at the output times that were reached."""
+        stats, last = self.stats, self.rows[-1][0]
+        assert stats is not None
+        stats.wall_time = time.perf_counter() - begun
+        stats.maxima.pop("energy_error", None)  # laws do work
+        arrays = {name: np.array([getattr(s, name)[row] for s, row in self.rows])
+                  for name in ("t", "x", "R", "v", "w", "a", "alpha", "lam")}
+        return Solution(**arrays, status=status, stats=stats, method=last.method, t_end=float(arrays["t"][-1]),
+                        events=tuple(self.events))
+
+    def _fail(self, status: Status, begun: float) -> None:
+        raise IntegrationError(status, status.advice, self._whole(status, begun))
+
+
+def held_range(law: Law, mode: Mode) -> tuple[float, float]:
+    """The forces along a coordinate that may hold it: friction either way, and a stop that pushes back."""
+    return (-math.inf if mode.stop > 0 else -law.static), (math.inf if mode.stop < 0 else law.static)
+
+
+def _functions(problem: Problem) -> Iterator[TimeFunction]:
+    """All functions of time of a problem."""
+    for item in (*problem.forces, *(joint.drive for joint in problem.joints if joint.drive is not None)):
+        yield from (each for each in vars(item).values() if isinstance(each, TimeFunction))
+    for law in problem.laws:
+        yield from law.functions
+
+
+def _dips(t: np.ndarray, value: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """(T - 1,) whether a cubic through values and slopes falls below 0 between two times with values above."""
+    h, f0, f1, d0, d1 = np.diff(t), value[:-1], value[1:], slope[:-1], slope[1:]
+    turning = (f0 > 0) & (f1 > 0) & (d0 < 0) & (d1 > 0)
+    if not turning.any():
+        return turning
+    z = np.linspace(0.0, 1.0, 33)[1:-1, None]
+    cubic = ((1 + 2 * z) * (1 - z) ** 2 * f0 + z * (1 - z) ** 2 * h * d0 + z ** 2 * (3 - 2 * z) * f1
+             - z ** 2 * (1 - z) * h * d1)
+    dips: np.ndarray = turning & (cubic.min(axis=0) < 0)
+    return dips
+

@@ -114,6 +114,8 @@ def integrate_ensemble(problem: Problem, method: str, step: float | None = None,
     """
     plan = plan_run(problem, method, step, rtol, t_eval, coordinate_map, alpha, beta, spectral_radius, spin_free,
                     monitor=False)
+    if problem.laws:
+        raise ArgumentError("ensembles take no laws; integrate the members one by one, or leave laws out")
     if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or not 0 <= threads <= 1024:
         raise ArgumentError(f"threads must be a whole number from 0 (all processors) to 1024, not {threads!r}")
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()

@@ -1,6 +1,6 @@
 """Laws of one joint coordinate that are smooth on pieces: servos, dry friction, stops.
 
-The coordinate q is the angle of a hinge, counted over whole turns, or the slide along an axis. Within a piece a law adds
+The coordinate q is the angle of a hinge, counted over whole turns, or the slide along an axis. In a piece a law adds
 a generalized force that is linear in q and its rate, or holds q still; `lieeuler.pieces` finds where pieces end.
 """
 

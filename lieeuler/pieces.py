@@ -1,7 +1,7 @@
 """Integration of problems with laws (`lieeuler.laws`): piece by piece, each by the method as it is.
 
 Within a piece every law is a spring, a damper and a torque on its coordinate, or a row that holds the coordinate still.
-A piece ends where one of its surfaces is crossed. Methods of higher order solve for that time with the method itself, so
+A piece ends where a surface is crossed. Methods of higher order solve for that time with the method itself, so
 they keep their order. What comes next is the mode that agrees with its own accelerations (Gauss' principle: for dry
 friction there is one). Impulses of stops follow from the accelerations that a torque on the coordinate adds.
 """
@@ -36,6 +36,8 @@ AHEAD = 64
 """Most intervals that are integrated before surfaces are looked at: an event makes the rest in vain."""
 SETTLED = 1e-12
 """A rate this small, as a part of the larger one of 1 and the rate before, is none."""
+LOWEST = 1e-15
+"""A bounce whose height is below this, as a part of the larger one of 1 and the coordinate, is none."""
 PUSH = 1e4
 """The torque whose accelerations give those of an impulse, over the weights and one: so large that rounding of what the
 other forces do is small beside it."""
@@ -416,18 +418,21 @@ class Pieces:
         if abs(state.rate[i]) == 0.0:
             return state
         was, self.modes[i].held = self.modes[i].held, False
-        change, gain = self._response(state, i)
+        change, gain, _ = self._response(state, i)
         self.modes[i].held = was
         return self._kicked(state, change, -state.rate[i] / gain[i], gain)
 
-    def _response(self, state: State, i: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-        """What a unit impulse along a coordinate changes: (v, w) of the bodies, and the rates of the laws."""
+    def _response(self, state: State, i: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, float]:
+        """What a unit impulse along a coordinate changes: (v, w) of the bodies, and the rates of the laws.
+
+        Also the acceleration of the coordinate without it.
+        """
         still, pushed = self._index1(state), self._index1(state, (i, self.push))
         v, w = (getattr(pushed.solution, name)[0] - getattr(still.solution, name)[0] for name in ("a", "alpha"))
         gain = (pushed.acceleration[0] - still.acceleration[0]) / self.push
         if not gain[i] > 0.0:
             raise ArgumentError(f"an impulse along joint {self.laws[i].joint} moves nothing: its loop holds it")
-        return (v / self.push, w / self.push), gain
+        return (v / self.push, w / self.push), gain, float(still.acceleration[0, i])
 
     def _kicked(self, state: State, change: tuple[np.ndarray, np.ndarray], size: float, gain: np.ndarray) -> State:
         return dataclasses.replace(state, v=state.v + size * change[0], w=state.w + size * change[1],
@@ -441,10 +446,9 @@ class Pieces:
         loose = [k for k, mode in enumerate(self.modes) if mode.held and not mode.stop]
         for k in loose:
             self.modes[k].held = False
-        change, gain = self._response(state, i)
-        bounce = stops.restitution if not closed else 0.0
-        after = -bounce * before
-        if abs(after) <= SETTLED * max(1.0, abs(before)):
+        change, gain, acceleration = self._response(state, i)
+        after = 0.0 if closed else -stops.restitution * before
+        if after ** 2 <= LOWEST * max(0.0, side * acceleration) * max(1.0, abs(state.q[i])):
             after = 0.0
         state = self._kicked(state, change, (after - before) / gain[i], gain)
         state.rate[i] = after
@@ -602,10 +606,11 @@ class Pieces:
                 ahead = min(2 * ahead, AHEAD)
                 self._tick(state, told=True)
                 continue
-            ahead, changes = max(1, ahead // 2), 1 if state.t > before.t else changes + 1
+            ahead, changes = max(1, ahead // 2), 1 if state.t > before.t + 1e-12 * max(1.0, before.t) else changes + 1
             state = self._cross(state, float(s.solution.t[crossed[0]]), crossed[1])
             if changes > CHATTER:
-                self._fail(Status.STEP_TOO_SMALL, begun)
+                self._fail(Status.STEP_TOO_SMALL, begun, "changes of friction and stops follow each other without end: "
+                           "the motion has no unique continuation from here on")
         return self._whole(Status.SUCCESS, begun)
 
     def _ahead(self, here: int, most: int) -> int:
@@ -651,8 +656,8 @@ class Pieces:
         return Solution(**arrays, status=status, stats=stats, method=last.method, t_end=float(arrays["t"][-1]),
                         events=tuple(self.events))
 
-    def _fail(self, status: Status, begun: float) -> None:
-        raise IntegrationError(status, status.advice, self._whole(status, begun))
+    def _fail(self, status: Status, begun: float, why: str = "") -> None:
+        raise IntegrationError(status, why or status.advice, self._whole(status, begun))
 
 
 def held_range(law: Law, mode: Mode) -> tuple[float, float]:

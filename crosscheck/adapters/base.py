@@ -11,9 +11,10 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypedDict, final
 
+import msgspec
 import numpy as np
 
-from crosscheck.errors import ArgumentError, Unsupported
+from crosscheck.errors import ArgumentError, EngineError, Unsupported, said
 from crosscheck.scene.model import Scene
 from crosscheck.scene.states import States
 
@@ -33,6 +34,7 @@ class RunSpec:
     form: str | None = None  # "tree" | "maximal" | "pivot"; None: the best one for the scene
     monitor: bool = True  # evaluate energy, constraint levels and orthogonality after every step
     coordinate_map: str | None = None
+    events: bool | None = None  # whether changes of friction, servos and stops are located in time (lieeuler)
     polish: bool | None = None  # False: attitudes keep the rounding errors of products of rotations (lieeuler)
     spin_free: bool | None = None  # given only to an engine that lists it in `options`
     reduce: str | None = None  # "welded" | "planar" | "axis" | "joints" | "off" (lieeuler)
@@ -105,10 +107,20 @@ class RawRun:
     maxima: dict[str, float] | None = None
     form: str | None = None
     sensors: Mapping[str, np.ndarray] | None = None  # readings that the engine made itself; kept in `states`
+    events: tuple[tuple[float, str, str], ...] = ()  # time (s), joint, and what happened, as far as the engine says
 
     def __post_init__(self) -> None:
         if self.sensors is not None and isinstance(self.states, States):
             self.states.sensors = self.sensors
+
+
+def plain_events(events: Any) -> tuple[tuple[float, str, str], ...]:
+    """The events of a run as plain data; raises `EngineError` if they are something else."""
+    try:
+        plain: tuple[tuple[float, str, str], ...] = msgspec.convert(events, tuple[tuple[float, str, str], ...])
+        return plain
+    except (TypeError, ValueError) as error:
+        raise EngineError(f"the events of a run are tuples of a time, a joint and a word: {said(error)}") from None
 
 
 MOST_STEPS = 10**5

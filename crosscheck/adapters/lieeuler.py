@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections import OrderedDict
 from typing import Any
 
@@ -10,13 +11,14 @@ import numpy as np
 
 import lieeuler
 from crosscheck.adapters.base import Engine, RawRun, RunSpec, Stats
+from crosscheck.adapters.common.held import highest_order
 from crosscheck.adapters.common.known import CONTRADICTORY
 from crosscheck.document.known import Known
 from crosscheck.errors import ArgumentError, CrosscheckError
-from crosscheck.scene.coordinates import offset_from_half_turn, zero_attitude
+from crosscheck.scene.coordinates import at_start, offset_from_half_turn, zero_attitude
 from crosscheck.scene.functions import TimeFunction, Value
 from crosscheck.scene.joints import JOINT_TYPES
-from crosscheck.scene.model import GROUND, SMOOTH, Force, Joint, Scene
+from crosscheck.scene.model import ELEMENTS, GROUND, Force, Joint, Scene
 from crosscheck.scene.states import States
 
 
@@ -24,8 +26,34 @@ def build_problem(scene: Scene) -> lieeuler.Problem:
     """The scene as a `lieeuler.Problem`, with joints in file order, so that rows of lam are those of the scene."""
     bodies = tuple(lieeuler.Body(body.mass, body.inertia) for body in scene.bodies)
     joints = tuple(_joint(scene, joint) for joint in scene.joints)
-    forces = tuple(_force(scene, force) for force in scene.forces)
-    return lieeuler.Problem(bodies, joints, scene.gravity, scene.x0, scene.R0, scene.v0, scene.w0, forces)
+    forces = tuple(_force(scene, force) for force in scene.forces if force.type != "servo")
+    return lieeuler.Problem(bodies, joints, scene.gravity, scene.x0, scene.R0, scene.v0, scene.w0, forces, laws(scene))
+
+
+def laws(scene: Scene) -> tuple[lieeuler.Law, ...]:
+    """The laws of the joints: one for each coordinate that has dry friction, limits or a servo."""
+    servos: dict[str, list[lieeuler.Servo]] = {}
+    for name, servo in scene.servos.values():
+        lower, upper = servo.effort_limit or (-math.inf, math.inf)
+        servos.setdefault(name, []).append(lieeuler.Servo(
+            servo.proportional, servo.derivative, _value(servo.target), _value(servo.target_velocity),
+            _value(servo.feedforward), lower, upper, servo.no_load_speed, servo.period, servo.delay, servo.phase,
+            servo.held))
+    begin, made = at_start(scene), []
+    for index, joint in enumerate(scene.joints):
+        for k, word in enumerate(JOINT_TYPES[joint.type].coordinates):
+            friction = joint.dry_friction[k] if joint.dry_friction else None
+            limits = joint.limits[k] if joint.limits else None
+            own = tuple(servos.get(joint.name, ())) if k == 0 else ()
+            if friction is None and limits is None and not own:
+                continue
+            coordinate = lieeuler.Coordinate(joint.parent_axis, joint.child_axis,
+                                             zero_attitude(joint).T if word == "turn" else None)
+            sliding, static = (0.0, 0.0) if friction is None else (friction.sliding, friction.static)
+            stops = None if limits is None else lieeuler.Stops(limits.lower, limits.upper, limits.restitution,
+                                                               limits.stiffness, limits.damping)
+            made.append(lieeuler.Law(index, coordinate, float(begin[joint.name][0][k]), own, sliding, static, stops))
+    return tuple(made)
 
 
 _KEPT: OrderedDict[object, tuple[Scene, lieeuler.Problem]] = OrderedDict()
@@ -150,15 +178,18 @@ class LieEuler(Engine):
     forms = ("maximal",)
     adaptive_methods = tuple(name for name, method in lieeuler.METHODS.items() if "rtol" in method.controls)
     fixed_step_methods = tuple(name for name, method in lieeuler.METHODS.items() if "step" in method.controls)
-    options = frozenset({"form", "coordinate_map", "spin_free", "reduce", "polish", "alpha", "beta",
+    options = frozenset({"form", "coordinate_map", "events", "spin_free", "reduce", "polish", "alpha", "beta",
                          "spectral_radius", "correction", "conserve"})
     on_group = True
     known_defects = KNOWN
     package = "lieeuler-crosscheck"
 
     def documented_order(self, scene: Scene, spec: RunSpec) -> int | None:
-        """Order from the method's record; None for adaptive runs."""
-        return None if spec.step is None else lieeuler.METHODS[spec.method].order
+        """Order from the method's record, as far as events are located; None for adaptive runs."""
+        order = lieeuler.METHODS[spec.method].order
+        if spec.step is None or order is None:
+            return None
+        return min(order, highest_order(scene) or order) if spec.events is False else order
 
     def held_levels(self, scene: Scene, spec: RunSpec) -> frozenset[str]:
         """Levels from the method's record."""
@@ -166,7 +197,7 @@ class LieEuler(Engine):
 
     def unsupported(self, scene: Scene, spec: RunSpec) -> str | None:
         """All joints and forces are modelled, redundant constraints included."""
-        if reason := scene.beyond(SMOOTH):
+        if reason := scene.beyond(ELEMENTS):
             return reason
         if spec.form not in (None, *self.forms):
             return f"lieeuler works in maximal coordinates, form={spec.form!r} does not exist"
@@ -197,7 +228,7 @@ class LieEuler(Engine):
                 coordinate_map=spec.coordinate_map or "exp", alpha=spec.alpha, beta=spec.beta,
                 spectral_radius=spec.spectral_radius, correction=spec.correction or "mass", spin_free=spec.spin_free,
                 reduce=spec.reduce, conserve=bool(spec.conserve), polish=spec.polish is not False,
-                monitor=spec.monitor)
+                monitor=spec.monitor, events=spec.events)
         except lieeuler.IntegrationError as ended:
             raise IntegrationError(ended.status, ended.advice, ended.solution) from ended
         except lieeuler.LieEulerError as error:
@@ -213,4 +244,5 @@ class LieEuler(Engine):
         return RawRun(
             states=States(*(np.asarray(getattr(solution, field)) for field in fields)),
             wall_time=stats.wall_time, steps=stats.steps, step=stats.step, status=solution.status.value,
-            stats=counters, maxima=maxima or None, form="maximal")
+            stats=counters, maxima=maxima or None, form="maximal",
+            events=tuple((t, scene.joints[joint].name, what) for t, joint, what in solution.events))

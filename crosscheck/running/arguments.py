@@ -55,7 +55,7 @@ def engine_options(engine: str, adapter: Engine, method: str, options: Mapping[s
     """The options of an engine that are not None, checked; raises `ArgumentError` or `Unsupported`."""
     given = {name: value for name, value in options.items() if value is not None}
     known = adapter.options
-    for name in ("spin_free", "polish", "conserve"):
+    for name in ("spin_free", "polish", "conserve", "events"):
         if not isinstance(given.get(name), bool | np.bool_ | None):
             raise ArgumentError(f"{name}: True or False is wanted, not {given[name]!r}")
         if name in given:

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from crosscheck import adapters
-from crosscheck.adapters.base import Engine, RawRun, Stats
+from crosscheck.adapters.base import Engine, RawRun, Stats, plain_events
 from crosscheck.errors import CrosscheckError, EngineDied, EngineError, Unsupported, install, said
 from crosscheck.files import plain, readable
 from crosscheck.running import arguments
@@ -141,8 +141,9 @@ def _checked(who: str, scene: Scene, raw: RawRun) -> RawRun:
         stats = cast(Stats, {**own, **known})
     except (TypeError, ValueError, RecursionError) as error:
         raise EngineError(f"{who} returned stats that are no dict of plain values: {said(error)}") from error
+    events = tuple((t, readable(joint), readable(what)) for t, joint, what in plain_events(raw.events))
     return RawRun(raw.states, wall_time, int(raw.steps), step, readable(raw.status), stats, maxima or None,
-                  None if raw.form is None else readable(raw.form))
+                  None if raw.form is None else readable(raw.form), events=events)
 
 
 def _number(who: str, what: str, value: Any, least: float, most: float) -> float:

@@ -65,6 +65,7 @@ class Trajectory:
     status: str
     stats: Stats  # counters of the run, "step" (s), and the maxima over every step under the keys of MAXIMA
     own_sensors: Mapping[str, np.ndarray] | None = None  # readings that the engine made itself
+    events: tuple[tuple[float, str, str], ...] = ()  # time (s), joint, and what happened there
 
     @functools.cached_property
     def work(self) -> np.ndarray:
@@ -246,4 +247,5 @@ def derive(scene: Scene, engine: str, method: str, raw: RawRun) -> Trajectory:
             momentum_vertical=mechanics.momentum_vertical(scene, s), orthogonality=mechanics.orthogonality(s.R),
             reactions=None if lam is None else constraints.reactions(s.x, s.R, lam), wall_time=raw.wall_time,
             steps=raw.steps, status=raw.status,
-            stats=cast(Stats, {**raw.stats, "step": raw.step, **(raw.maxima or {})}), own_sensors=s.sensors, **levels)
+            stats=cast(Stats, {**raw.stats, "step": raw.step, **(raw.maxima or {})}), own_sensors=s.sensors,
+            events=raw.events, **levels)

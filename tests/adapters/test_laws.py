@@ -202,7 +202,7 @@ def test_laws_are_refused_by_name_where_they_are_not_modelled():
     static = pendulum(dry_friction={"sliding": 0.5, "static": 0.6})
     for engine, method, scene, word in (
             ("pinocchio", "RKMK4", friction, "dry_friction"), ("pinocchio", "RKMK4", stop, "rigid stops"),
-            ("exudyn", "RK44", friction, "dry_friction"), ("lieeuler", "rkmk4", stop, "rigid stops"),
+            ("exudyn", "RK44", friction, "dry_friction"),
             ("mujoco", "RK4", static, "static value"),
             ("mujoco", "RK4", pendulum(limits={"lower": 0.0, "stiffness": 9.0}), "stiffness")):
         with pytest.raises(Unsupported, match=word):

@@ -77,7 +77,7 @@ def bounces(rate, edge, e):
 
 
 def saturated(k, cut, target):
-    """From rest at 0: the constant force `cut` until k (target - q) is below it, then an arc about the target, to -cut."""
+    """From rest at 0: the force `cut` until k (target - q) is below it, then an arc about the target, to -cut."""
     w, room = np.sqrt(k / INERTIA), cut / k
     leave = np.sqrt(2 * (target - room) * INERTIA / cut)
     speed = cut / INERTIA * leave
@@ -213,6 +213,11 @@ def test_euler_methods_take_events_at_steps():
         errors.append(np.abs(solution.R - exact.R).max())
         assert [what for *_, what in solution.events][-1] == "sticks"
     assert np.polyfit(np.log([4, 2, 1]), np.log(errors), 1)[0] == pytest.approx(1.0, abs=0.2)
+
+
+def test_ensembles_refuse_laws():
+    with pytest.raises(lieeuler.ArgumentError, match="take no laws"):
+        lieeuler.integrate_ensemble(pendulum(sliding=0.5, static=0.5), "rkmk4", 0.1, [0, 1], x=np.zeros((2, 1, 3)))
 
 
 @pytest.mark.parametrize(("changes", "word"), [

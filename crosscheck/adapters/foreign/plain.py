@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from crosscheck.adapters.base import RawRun, Stats
+from crosscheck.adapters.base import RawRun, Stats, plain_events
 from crosscheck.errors import EngineError
 from crosscheck.scene.states import States
 
@@ -30,11 +30,12 @@ class PlainRun:
     stats: dict[str, Value]
     maxima: dict[str, float] | None
     form: str | None
+    events: tuple[tuple[float, str, str], ...] = ()
 
     def raw(self) -> RawRun:
         """The same as a `RawRun`."""
         return RawRun(self.states, self.wall_time, self.steps, self.step, self.status, cast(Stats, self.stats),
-                      self.maxima, self.form)
+                      self.maxima, self.form, events=self.events)
 
 
 def plain(raw: RawRun) -> PlainRun:
@@ -52,7 +53,7 @@ def plain(raw: RawRun) -> PlainRun:
                     None if raw.maxima is None else {
                         _text("keys of maxima", name): _number(f"maxima {name}", float, value)
                         for name, value in _items("maxima", raw.maxima)},
-                    None if raw.form is None else _text("form", raw.form))
+                    None if raw.form is None else _text("form", raw.form), plain_events(raw.events))
 
 
 def doubles(name: str, values: Any) -> np.ndarray:

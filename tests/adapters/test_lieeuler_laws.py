@@ -1,0 +1,64 @@
+"""Scenes with friction, stops and servos by lieeuler: against Coulomb's law, Pinocchio, and its own other methods."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import crosscheck
+from tests.adapters.test_laws import SERVO, arm, coulomb, pendulum
+
+SAMPLED = {"type": "servo", "joint": "elbow", "target": 0.1, "proportional": 30.0, "derivative": 1.0, "period": 0.025,
+           "delay": 1}
+ELBOW = {"type": "servo", "joint": "elbow", "target": 1.5, "proportional": 30.0, "derivative": 1.0}
+ARMS = {
+    "friction": {"upper": {"dry_friction": 0.6}, "lower": {"dry_friction": {"sliding": 0.3, "static": 0.5}}},
+    "bounces": {"upper": {"limits": {"lower": -0.2, "upper": 0.5, "restitution": 0.5}}},
+    "stop": {"lower": {"limits": {"lower": -0.1, "upper": 0.6}}},
+    "soft stops": {"lower": {"limits": {"lower": -0.1, "upper": 0.5, "stiffness": 300.0, "damping": 2.0}}},
+    "cut": {"forces": (SERVO | {"effort_limit": 5.0}, ELBOW | {"effort_limit": [-2.0, 3.0], "no_load_speed": 6.0})},
+    "all": {"forces": (ELBOW | {"effort_limit": 3.0},), "upper": {"dry_friction": 0.4, "armature": 0.02},
+            "lower": {"dry_friction": 0.2, "limits": {"lower": -0.1, "upper": 0.6}}},
+}
+
+
+def test_friction_pendulum_is_coulombs():
+    scene = pendulum(dry_friction=0.5)
+    angles, turns = coulomb(scene, 0.5)
+    traj = crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-12)
+    assert np.abs(traj.joints["hinge"].position - angles).max() < 1e-11
+    assert [what for *_, what in traj.events] == ["reverses"] * (len(turns) - 1) + ["sticks"]
+    assert np.abs(np.array([t for t, *_ in traj.events]) - turns).max() < 1e-11
+    assert {joint for _, joint, _ in traj.events} == {"hinge"}
+
+
+@pytest.mark.parametrize(("forces", "near"), [((SERVO,), 1e-9), ((SERVO, SAMPLED), 1e-6)])
+def test_servos_are_those_of_pinocchio(forces, near):
+    """RKMK4 at 1 ms, of order 4, over joint accelerations that share nothing with ours."""
+    scene = arm(forces, samples=41)
+    ours = crosscheck.run(scene, "lieeuler", "taylor", rtol=1e-12)
+    theirs = crosscheck.run(scene, "pinocchio", "RKMK4", step=1e-3)
+    assert np.abs(ours.x - theirs.x).max() < near
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_methods_agree_on_motion_and_events(name):
+    """Taylor series, Runge-Kutta and a composition in Hamilton-Pontryagin form: the same modes at the same times."""
+    scene = arm(**ARMS[name])
+    runs = [crosscheck.run(scene, "lieeuler", method, **size) for method, size in (
+        ("taylor", {"rtol": 1e-12}), ("rkmk853", {"rtol": 1e-11}), ("rattle8", {"step": 1e-2}))]
+    assert runs[0].events
+    for other in runs[1:]:
+        assert np.abs(other.x - runs[0].x).max() < 1e-7
+        assert [event[1:] for event in other.events] == [event[1:] for event in runs[0].events]
+        assert np.abs(np.array([e[0] for e in other.events]) - [e[0] for e in runs[0].events]).max() < 1e-7
+    through = crosscheck.run(scene, "lieeuler", "rkmk4", step=1e-3, events=False)
+    lost = np.abs(through.x - runs[0].x).max()
+    assert lost < 1e-9 if name in ("bounces", "stop") else 1e-9 < lost < 1e-2  # hits of stops are located all the same
+
+
+@pytest.mark.parametrize("seeded", [{"dry_friction": 0.63}, {"dry_friction": 0.6, "armature": 0.001}])
+def test_a_changed_law_moves_otherwise(seeded):
+    right = crosscheck.run(arm(upper={"dry_friction": 0.6}), "lieeuler", "taylor", rtol=1e-10)
+    wrong = crosscheck.run(arm(upper=seeded), "lieeuler", "taylor", rtol=1e-10)
+    assert np.abs(right.x - wrong.x).max() > 1e-4

@@ -98,8 +98,8 @@ def integrate(problem: Problem, method: str, step: float | None = None, t_eval: 
     """
     if not (events is None or isinstance(events, bool)):
         raise ArgumentError(f"events must be True or False, not {events!r}")
-    arguments = (method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction, spin_free, reduce,
-                 conserve, polish, monitor)
+    arguments = (method, step, t_eval, rtol, coordinate_map, alpha, beta, spectral_radius, correction, spin_free,
+                 reduce, conserve, polish, monitor)
     if isinstance(problem, Problem) and problem.laws:
         return _by_pieces(problem, arguments, events)
     return _kept(problem, arguments)()

@@ -27,7 +27,8 @@ def build_problem(scene: Scene) -> lieeuler.Problem:
     bodies = tuple(lieeuler.Body(body.mass, body.inertia) for body in scene.bodies)
     joints = tuple(_joint(scene, joint) for joint in scene.joints)
     forces = tuple(_force(scene, force) for force in scene.forces if force.type != "servo")
-    return lieeuler.Problem(bodies, joints, scene.gravity, scene.x0, scene.R0, scene.v0, scene.w0, forces, laws(scene))
+    return lieeuler.Problem(bodies, joints, scene.gravity, scene.x0, scene.R0, scene.v0, scene.w0, forces,
+                            laws=laws(scene))
 
 
 def laws(scene: Scene) -> tuple[lieeuler.Law, ...]:

@@ -22,6 +22,7 @@ from crosscheck.cli.law import law
 from crosscheck.cli.list import list_
 from crosscheck.cli.nightly import nightly
 from crosscheck.cli.paper import paper
+from crosscheck.cli.releases import bisect, reproduce
 from crosscheck.cli.report import report
 from crosscheck.cli.run import run
 from crosscheck.cli.study import app as study
@@ -55,8 +56,8 @@ def _print_versions(asked: bool) -> None:
     raise typer.Exit
 
 
-for command in (verify, judge, advise, run, truth, explain, law, inspect, diff, support, report, paper, nightly,
-                sweep):
+for command in (verify, judge, advise, run, truth, explain, law, inspect, diff, reproduce, bisect, support, report,
+                paper, nightly, sweep):
     app.command()(command)
 app.command("list")(list_)
 app.command("import")(import_)

@@ -12,10 +12,11 @@ import importlib.metadata
 import os
 import platform
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -98,11 +99,17 @@ def split(name: str) -> tuple[str, str]:
     return engine, version
 
 
-def folder(engine: str, version: str) -> Path:
-    """The folder of the environment of this version."""
+def folder(engine: str, version: str, needed: Sequence[str] = NEEDED) -> Path:
+    """The folder of the environment of this version with the packages that are `needed` besides."""
     python = f"{platform.python_implementation().lower()}{sys.version_info[0]}.{sys.version_info[1]}"
-    needed = hashlib.sha256(" ".join(NEEDED).encode()).hexdigest()[:6]  # so that changed NEEDED make a new one
-    return cache_folder() / "engines" / f"{PACKAGES[engine][0].partition('[')[0]}-{version}-{python}-{needed}"
+    digest = hashlib.sha256(" ".join(needed).encode()).hexdigest()[:6]  # so that other packages make a new one
+    return cache_folder() / "engines" / f"{PACKAGES[engine][0].partition('[')[0]}-{version}-{python}-{digest}"
+
+
+def kept(engine: str) -> set[str]:
+    """The versions of which there is an environment."""
+    name = PACKAGES[engine][0].partition("[")[0]
+    return {each.name.split("-")[-3] for each in (cache_folder() / "engines").glob(f"{name}-*-*-*")}
 
 
 def present(engine: str) -> str | None:
@@ -115,20 +122,22 @@ def present(engine: str) -> str | None:
     return str(python) if python.exists() else None
 
 
-def environment(engine: str, version: str) -> str:
+def environment(engine: str, version: str, needed: Sequence[str] = NEEDED) -> str:
     """The Python interpreter of the environment of this version, which is made if it does not exist yet.
 
-    Raises `EngineError` if it cannot be made; the message says what to do.
+    It holds the packages that are `needed` besides. Raises `EngineError` if it cannot be made; the message says what
+    to do.
     """
-    place = folder(engine, version)
+    place = folder(engine, version, needed)
+    for there in (place, folder(engine, version)):  # one that holds more will do
+        if (python := there / "bin" / "python").exists():
+            return str(python)
     python = place / "bin" / "python"
-    if python.exists():
-        return str(python)
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=place.parent, prefix=f".{place.name}.") as holder:
             aside = Path(holder) / "environment"
-            _make(engine, version, aside)
+            _make(engine, version, aside, needed)
             try:
                 aside.rename(place)  # complete or not at all; an environment finds its files by its own path
             except OSError:
@@ -141,13 +150,19 @@ def environment(engine: str, version: str) -> str:
     return str(python)
 
 
-def _make(engine: str, version: str, place: Path) -> None:
+def _make(engine: str, version: str, place: Path, needed: Sequence[str]) -> None:
     wanted = [f"{package}=={version}" for package in PACKAGES[engine]]
     python = place / "bin" / "python"
     # Only wheels: compiling an engine takes an hour, or needs tools that are not installed.
-    install = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-input", "--retries",
-               "2", "--only-binary", ":all:", *wanted, *NEEDED]
-    for words in ([sys.executable, "-m", "venv", str(place)], install):
+    packages = ["--quiet", "--only-binary", ":all:", *wanted, *needed]
+    if uv := shutil.which("uv"):
+        steps = [[uv, "venv", "--quiet", "--python", sys.executable, str(place)],
+                 [uv, "pip", "install", "--python", str(python), *packages]]
+    else:
+        steps = [[sys.executable, "-m", "venv", str(place)],
+                 [str(python), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", "--retries", "2",
+                  *packages]]
+    for words in steps:
         try:
             done = subprocess.run(words, capture_output=True, text=True, timeout=LONGEST,
                                   env={**os.environ, "PYTHONPATH": ""})

@@ -1,0 +1,195 @@
+"""Finds the releases of an engine that changed its answer, by the script of `crosscheck.inspection.reproduce`."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import math
+import platform
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from crosscheck.adapters.foreign import versions
+from crosscheck.errors import ArgumentError, EngineError
+from crosscheck.inspection.reproduce import Reproduction
+
+LONGEST = 600.0
+"""Time limit of a run of the script, s."""
+
+NUDGE, BEYOND = 1e-14, 100.0
+"""Relative change of the step by which rounding is estimated, and how many times its effect counts as no change."""
+
+PROBES = 8
+"""Parts of equal size into which a span is divided before the search, so that a change and its undoing are seen."""
+
+NEEDED = ("numpy",)
+"""The packages beside the engine that the script needs."""
+
+RUN = f"""
+import json, runpy, sys
+positions, step = runpy.run_path(sys.argv[1])["positions"], float(sys.argv[2])
+print(json.dumps([each.ravel().tolist() for each in (
+    positions(step), positions(step, {NUDGE!r}), positions(step / 2))]))
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Release:
+    """The answer of one version: the largest error (m) against truth with the step and with half of it."""
+
+    version: str
+    positions: np.ndarray
+    noise: float  # m, that rounding may make
+    error: float
+    halved: float
+
+    @property
+    def order(self) -> float:
+        """The observed order."""
+        return math.log2(self.error / self.halved) if self.error > 0 and self.halved > 0 else math.nan
+
+
+@dataclasses.dataclass(frozen=True)
+class Change:
+    """Two neighbouring releases with different answers."""
+
+    before: Release
+    after: Release
+
+    @property
+    def size(self) -> float:
+        """Largest difference of a coordinate, m."""
+        return float(np.abs(self.after.positions - self.before.positions).max())
+
+    def __str__(self) -> str:
+        return (f"{self.after.version} changed the answer of {self.before.version} by {self.size:.3g} m (rounding "
+                f"explains {max(self.before.noise, self.after.noise):.1g} m): error {self.before.error:.3g} m, order "
+                f"{self.before.order:.2f}; then {self.after.error:.3g} m, order {self.after.order:.2f}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Bisection:
+    """All changes that were found, the releases that were run, those that could not be, and the time it took, s."""
+
+    changes: tuple[Change, ...]
+    tried: tuple[Release, ...]
+    failed: dict[str, str]
+    count: int  # releases in the range
+    seconds: float
+
+
+def released(engine: str, span: str) -> list[str]:
+    """The released versions of an engine in "first..last", oldest first, both ends included."""
+    first, dots, last = span.partition("..")
+    if not dots:
+        raise ArgumentError(f"versions: {span!r}; write the first and the last as 3.1.0..4.0.0")
+    for end in (first, last):
+        versions.split(f"{engine}=={end}")
+    if _key(first) >= _key(last):
+        raise ArgumentError(f"versions: {span!r}: the first is not older than the last; exchange them")
+    package = versions.PACKAGES[engine][0]
+    asked = subprocess.run([sys.executable, "-m", "pip", "index", "versions", package, "--disable-pip-version-check",
+                            "--no-input"], capture_output=True, text=True, timeout=LONGEST)
+    listed = re.search(r"Available versions: (.*)", asked.stdout)
+    known = set(listed[1].replace(",", " ").split()) if listed else versions.kept(engine)
+    inside = {each for each in known if re.fullmatch(r"[0-9.]+", each) and _key(first) < _key(each) < _key(last)}
+    return sorted({first, last, *inside}, key=_key)
+
+
+def bisect(script: Reproduction, engine: str, span: str, echo: Callable[[str], object] = lambda words: None
+           ) -> Bisection:
+    """Find the changes between the releases of `span`; an environment is made for each release that is run, and kept.
+
+    A few releases over the whole span are run first, and every part whose two ends differ is searched. So changes are
+    missed only where later ones undo them inside one part. A release that cannot be installed or run is passed over in
+    favour of its neighbour. Raises `EngineError` if an end fails.
+    """
+    began, names, failed = time.monotonic(), released(engine, span), dict[str, str]()
+    done: dict[int, Release | None] = {}
+
+    def at(index: int) -> Release | None:
+        if index not in done:
+            try:
+                done[index] = release = _run(script, engine, names[index])
+                echo(f"{release.version}: error {release.error:.3e} m, order {release.order:.2f}")
+            except EngineError as error:
+                done[index], failed[names[index]] = None, str(error)
+                echo(f"{names[index]} is passed over: {error}")
+        return done[index]
+
+    def changes(low: int, high: int) -> list[Change]:
+        one, other = at(low), at(high)
+        assert one is not None
+        assert other is not None
+        if np.abs(one.positions - other.positions).max() <= max(one.noise, other.noise):
+            return []
+        between = sorted(range(low + 1, high), key=lambda index: abs(index - (low + high) / 2))
+        middle = next((index for index in between if at(index) is not None), None)
+        return [Change(one, other)] if middle is None else [*changes(low, middle), *changes(middle, high)]
+
+    for end in (0, len(names) - 1):
+        if at(end) is None:
+            raise EngineError(f"{failed[names[end]]}; take another end of --versions than {names[end]}")
+    probes = np.unique(np.linspace(0, len(names) - 1, PROBES + 1).round().astype(int)).tolist()
+    posts = [index for index in probes if at(index) is not None]
+    found = tuple(change for low, high in itertools.pairwise(posts) for change in changes(low, high))
+    tried = tuple(release for _, release in sorted(done.items()) if release is not None)
+    return Bisection(found, tried, failed, len(names), time.monotonic() - began)
+
+
+def _run(script: Reproduction, engine: str, version: str) -> Release:
+    """The answer of one version; raises `EngineError` if it cannot be installed or does not run the script."""
+    python = versions.environment(engine, version, NEEDED)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "script.py"
+        path.write_text(script.text, encoding="utf-8")
+        try:
+            ended = subprocess.run([python, "-c", RUN, str(path), repr(script.step)], capture_output=True, text=True,
+                                   timeout=LONGEST, cwd=folder)
+        except subprocess.TimeoutExpired:
+            raise EngineError(f"{engine}=={version}: the script took longer than {LONGEST:g} s") from None
+    try:
+        states, nudged, halved = (np.array(each) for each in json.loads(ended.stdout.splitlines()[-1]))
+    except (ValueError, IndexError):
+        said = (ended.stderr.strip().splitlines() or ["nothing"])[-1]
+        raise EngineError(f"{engine}=={version} does not run the script: {said[:300]}") from None
+    noise = BEYOND * (float(np.abs(nudged - states).max()) + np.finfo(float).eps * float(np.abs(states).max()))
+    errors = [float(np.linalg.norm((each - script.expected.ravel()).reshape(-1, 3), axis=1).max())
+              for each in (states, halved)]
+    return Release(version, states, noise, *errors)
+
+
+def _key(version: str) -> tuple[int, ...]:
+    """Of a released version, to sort by."""
+    return tuple(int(part) for part in re.findall(r"[0-9]+", version))
+
+
+def issue(script: Reproduction, engine: str, result: Bisection | None = None) -> str:
+    """A text ready to file: what was expected and observed, versions, an order plot and the script."""
+    lines = [f"# {script.title}: {'the answer changed between releases' if result else 'error against truth'}", "",
+             f"Expected: {script.source}.", ""]
+    if result is not None:
+        lines += [*(f"- {engine} {change}." for change in result.changes), *([] if result.changes else [
+            "- No release in the range changed the answer beyond rounding."]), "",
+            f"Observed ({platform.system()} {platform.machine()}, Python {platform.python_version()}):", "",
+            "| version | error (m) | with half the step | order |", "|---|---|---|---|",
+            *(f"| {each.version} | {each.error:.3e} | {each.halved:.3e} | {each.order:.2f} |" for each in result.tried),
+            "", "Error (m) with the step h and with h/2, one # for a factor of two above the smallest:", "", "```text",
+            *_bars(result.tried), "```", ""]
+    return "\n".join([*lines, "## Script", "", "```python", script.text.rstrip("\n"), "```", ""])
+
+
+def _bars(releases: Sequence[Release]) -> list[str]:
+    values = [(each.version, which, value) for each in releases for which, value in (("h", each.error),
+                                                                                   ("h/2", each.halved))]
+    least = min((value for *_, value in values if value > 0), default=1.0)
+    return [f"{version:>10} {which:<4}{value:.2e} " + "#" * (1 + round(math.log2(max(value, least) / least)))
+            for version, which, value in values]

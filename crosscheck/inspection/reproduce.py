@@ -1,0 +1,164 @@
+"""Writes a script that needs an engine and NumPy alone and prints the error of the engine against independent truth."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from crosscheck.adapters.mujoco.models import INTEGRATORS, SOLVER_TOLERANCE, TIGHT
+from crosscheck.errors import ArgumentError, Unsupported, unknown
+from crosscheck.running.run import truth
+from crosscheck.scene.file import as_scene
+from crosscheck.scene.model import Scene
+from crosscheck.scene.models import import_model, is_model, source
+from crosscheck.scene.models.writing import mjcf
+
+ENGINES = ("mujoco",)
+"""Engines with an integrator and a file format of their own, in which a script can hold the model."""
+
+MOST_INTERVALS, HALVINGS = 20, 3
+"""Largest number of compared times after the start, and how often the script halves the step."""
+
+OFF = ("CONTACT", "AUTORESET")
+OFF_IN_MODELS = ("LIMIT", "FRICTIONLOSS", "ACTUATION")
+"""What is switched off in MuJoCo, and what besides in a model file of which the scene has left something out."""
+
+SCRIPT = '''"""{title}
+
+    python THIS_FILE [STEP]
+
+prints the largest error (m) of the mass centres of {bodies} at {times} times, for STEP and its halvings, with the
+observed order. It needs mujoco and numpy. Expected: {source}.
+Written by crosscheck reproduce.
+"""
+
+import sys
+
+import mujoco
+import numpy as np
+
+MODEL = r"""{model}"""
+INTEGRATOR, STEP = {integrator!r}, {step!r}
+KEYFRAME = {keyframe!r}
+OFF = {off!r}
+BODIES = {names!r}
+TIMES = np.linspace(0.0, {end!r}, {times})
+EXPECTED = np.array({expected}).reshape(len(TIMES), len(BODIES), 3)  # m, world
+
+
+def positions(step, nudge=0.0):
+    """Mass centres (times, bodies, 3), m; bodies that are welded together count as one. A nudge lengthens the step."""
+    model = mujoco.MjModel.from_xml_string(MODEL)
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, INTEGRATOR)
+    for flag in OFF:
+        model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, "mjDSBL_" + flag, 0))
+    steps = int(np.ceil((TIMES[1] - TIMES[0]) / step * (1 - 1e-9)))
+    model.opt.timestep = (TIMES[1] - TIMES[0]) / steps
+    model.opt.timestep *= 1 + nudge
+    model.opt.tolerance = {tolerance!r}
+    model.eq_solref[:] = 2 * model.opt.timestep, 1.0  # the stiffest constraints that MuJoCo allows
+    model.eq_solimp[:, :2] = {tight!r}
+    data = mujoco.MjData(model)
+    if KEYFRAME is not None:
+        mujoco.mj_resetDataKeyframe(model, data, model.key(KEYFRAME).id)
+    seen = []
+    for k in range(len(TIMES)):
+        if k:
+            mujoco.mj_step(model, data, nstep=steps)
+        mujoco.mj_kinematics(model, data)
+        for name in BODIES:
+            group = np.flatnonzero(model.body_weldid == model.body_weldid[model.body(name).id])
+            seen.append(model.body_mass[group] @ data.xipos[group] / model.body_mass[group].sum())
+    return np.reshape(seen, EXPECTED.shape)
+
+
+def main():
+    step, before = float(sys.argv[1]) if len(sys.argv) > 1 else STEP, None
+    for halving in range({halvings} + 1):
+        errors = np.linalg.norm(positions(step / 2**halving) - EXPECTED, axis=2)
+        k, body = np.unravel_index(np.argmax(errors), errors.shape)
+        order = "" if before is None else f", order {{np.log2(before / errors.max()):.2f}}"
+        print(f"mujoco {{mujoco.__version__}} {{INTEGRATOR}}, step {{step / 2**halving:g}} s: "
+              f"error {{errors.max():.3e}} m of {{BODIES[body]}} at t = {{TIMES[k]:g}} s{{order}}")
+        before = errors.max()
+
+
+if __name__ == "__main__":
+    main()
+'''
+
+
+@dataclasses.dataclass(frozen=True)
+class Reproduction:
+    """A script, and what it is to show."""
+
+    text: str
+    scene: Scene
+    title: str
+    source: str  # of the expected positions
+    method: str
+    step: float  # s
+    expected: np.ndarray  # (times, bodies, 3)
+
+
+def reproduce(scene: Scene | str | os.PathLike[str], engine: str, method: str, step: float,
+              duration: float | None = None, keyframe: str | None = None) -> Reproduction:
+    """The script for one way of one engine; a model file is kept as it is, so that the engine's own reader counts.
+
+    Raises
+    ------
+    ArgumentError, SceneError, Unsupported
+        An argument is wrong, the scene cannot be read, or no script can hold it.
+    """
+    name = engine.partition("==")[0]
+    if name not in ENGINES:
+        raise ArgumentError(f"engine: {engine!r}: scripts are written for {', '.join(ENGINES)}; other engines have no "
+                            "integrator or no model format of their own, crosscheck export writes one for Exudyn")
+    if method not in INTEGRATORS:
+        raise ArgumentError(unknown("method", method, tuple(INTEGRATORS)))
+    if not step > 0:
+        raise ArgumentError(f"step: {step} s; it is above 0")
+    native = not isinstance(scene, Scene) and is_model(scene)
+    held = import_model(scene, drop=True, keyframe=keyframe) if not isinstance(scene, Scene) and native else (
+        as_scene(scene))
+    if duration is not None:
+        held = held.replace(duration=duration)
+    if held.timed and not native:
+        raise Unsupported(f"{held.name}: a script holds no function of time")
+    model = _native(scene, held) if not isinstance(scene, Scene) and native else _written(held)
+    reference = truth(held)
+    intervals = next(count for count in range(MOST_INTERVALS, 0, -1) if (held.samples - 1) % count == 0)
+    every = (held.samples - 1) // intervals
+    expected = reference.states.x[::every]
+    where = " and ".join(held.bodies[k].name for k in range(held.n)) if held.n < 3 else f"{held.n} bodies"
+    title = f"{held.name} in MuJoCo, {method}, step {step:g} s"
+    origin = f"independent truth of crosscheck ({reference.source}), known to {reference.error:.1e} m"
+    return Reproduction(SCRIPT.format(
+        title=title, bodies=where, times=intervals + 1, source=origin, model=model, integrator=INTEGRATORS[method],
+        step=step, keyframe=keyframe if native else "start", names=[body.name for body in held.bodies],
+        off=(*OFF, *(OFF_IN_MODELS if held.left_out else ())), end=float(held.t[every * intervals]),
+        expected=np.array2string(expected.ravel(), separator=", ", threshold=10**9, max_line_width=118,
+                                 formatter={"float_kind": lambda value: repr(float(value))}),
+        tolerance=SOLVER_TOLERANCE, tight=TIGHT, halvings=HALVINGS), held, title, origin, method, step, expected)
+
+
+def _written(scene: Scene) -> str:
+    root = mjcf(scene)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _native(path: str | os.PathLike[str], scene: Scene) -> str:
+    """The text of a model file without the shapes of its links, whose meshes no script can hold."""
+    model = source.read(Path(path))
+    if not model.is_urdf and next(source.files(model), None) is not None:
+        raise Unsupported(f"{model.path}: refers to other files, which a script cannot hold; give inertials and leave "
+                          "the meshes out")
+    for link in model.root.findall("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+    return model.text

@@ -187,10 +187,10 @@ def applied_forces(scene: Scene, x: np.ndarray, R: np.ndarray, v: np.ndarray, w:
     for joint in scene.joints:
         for k, (friction, limits) in enumerate(itertools.zip_longest(joint.dry_friction, joint.limits)):
             if friction is not None:
-                _add_along(f, R, joint, k, friction.force(_rate(joint, k, states)))
+                _add_along(f, R, joint, _slides(joint, k), friction.force(_rate(joint, k, states)))
             if limits is not None and not limits.rigid:
                 q = _position(scene, joint, k, x, R, angles)
-                _add_along(f, R, joint, k, limits.force(q, _rate(joint, k, states)))
+                _add_along(f, R, joint, _slides(joint, k), limits.force(q, _rate(joint, k, states)))
     return f.reshape(len(x), 6 * scene.n)
 
 
@@ -228,7 +228,7 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
         else:
             size = -(p["stiffness"] * (angles[joint.name] - at(p["rest_angle"], t))
                      + p["damping"] * _torsion_rate(joint, R, w))
-        _add_along(f, R, joint, turn, size)
+        _add_along(f, R, joint, force.type == "joint_force" or joint.type == "prismatic", size)
     elif force.type == "constant_force":
         push = factor * _in_world(p["force"], p["frame"], R[:, force.child])
         _add_force(f, R, force.child, p["child_point"], push)
@@ -236,10 +236,15 @@ def _add_of_force(f: np.ndarray, scene: Scene, force: Force, states: Motion, ang
         _add_torque(f, R, force.child, factor * _in_world(p["torque"], p["frame"], R[:, force.child]))
 
 
-def _add_along(f: np.ndarray, R: np.ndarray, joint: Joint, k: int, size: np.ndarray) -> None:
-    """Add a force or torque (T,) along coordinate k of a joint: on the child, the opposite on the parent."""
+def _slides(joint: Joint, k: int) -> bool:
+    """Whether coordinate k of a joint is a slide."""
+    return JOINT_TYPES[joint.type].coordinates[k] == "slide"
+
+
+def _add_along(f: np.ndarray, R: np.ndarray, joint: Joint, slides: bool, size: np.ndarray) -> None:
+    """Add a force along a joint's axis or a torque about it, (T,): on the child, the opposite on the parent."""
     push = size[:, None] * _turn(R, joint.parent, joint.parent_axis)
-    if JOINT_TYPES[joint.type].coordinates[k] == "slide":
+    if slides:
         _add_force(f, R, joint.child, joint.child_anchor, push)
         _add_force(f, R, joint.parent, joint.parent_anchor, -push)
     else:
@@ -259,7 +264,7 @@ def _position(scene: Scene, joint: Joint, k: int, x: np.ndarray, R: np.ndarray,
         values = history(joint, States(np.zeros(len(x)), x, R, np.zeros_like(x), np.zeros_like(x))).position
         return values if values.ndim == 1 else values[:, k]
 
-    if JOINT_TYPES[joint.type].coordinates[k] == "slide":
+    if _slides(joint, k):
         return of(x, R)
     started = of(scene.x0[None], scene.R0[None]) - _torsion(joint, scene.R0[None])
     found: np.ndarray = angles[joint.name] + started

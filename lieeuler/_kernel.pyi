@@ -81,7 +81,6 @@ class Plan:
     @property
     def angles(self) -> int: ...
     turns_about_pins: bool
-    def natural_rate(self, length: float, /) -> float: ...
 
 class Tableau:
     def __init__(self, stages: Sequence[Sequence[float]], weights: Sequence[float], order: int,

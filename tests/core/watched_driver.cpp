@@ -76,6 +76,26 @@ Machine stiff_parallelogram() {
   return m;
 }
 
+// Bricard's mechanism on the edges of a cube, with a damped spring: one row depends on the others, and only where the
+// joints are closed.
+Machine bricard() {
+  Machine m;
+  for (const Vec3& x : {Vec3(0.5, 0, 0), Vec3(1, -0.5, 0), Vec3(1, -1, 0.5), Vec3(0.5, -1, 1), Vec3(0, -0.5, 1)})
+    m.add_body(x);
+  const auto hinge = [&](int parent, int child, const Vec3& at, const Vec3& axis) {
+    std::vector<DotRow> rows;
+    for (const Vec3& other : {kX, kY, kZ})
+      if (other != axis) rows.push_back(normal(other, axis));
+    m.add_joint(parent, child, at, true, rows);
+  };
+  hinge(-1, 0, {0, 0, 0}, kY), hinge(0, 1, {1, 0, 0}, kZ), hinge(1, 2, {1, -1, 0}, kX);
+  hinge(2, 3, {1, -1, 1}, kY), hinge(3, 4, {0, -1, 1}, kZ), hinge(-1, 4, {0, 0, 1}, kX);
+  Force spring{Force::Kind::linear_spring, m.system.n(), 2};
+  spring.parent_point = {-1, 1, 2}, spring.stiffness = 1e4, spring.rest = 2, spring.damping = 5;
+  m.system.forces = {spring};
+  return m;
+}
+
 // A hinge, a slide that turns, a rod; springs, dampers and loads of every kind.
 Machine sprung() {
   Machine m;
@@ -187,6 +207,7 @@ int main(int argc, char** argv) {
   const std::string system = argv[1], method = argv[2];
   const Machine machine = system == "parallelogram"         ? parallelogram()
                           : system == "stiff_parallelogram" ? stiff_parallelogram()
+                          : system == "bricard"             ? bricard()
                           : system == "sprung"              ? sprung()
                           : system == "tree"                ? tree()
                           : system == "pins"                ? pins()

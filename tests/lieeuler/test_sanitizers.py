@@ -53,6 +53,13 @@ def test_no_fault_in_a_run(watched_driver, system, method):
     assert run(watched_driver, system, method).startswith("status 0 ")
 
 
+@pytest.mark.parametrize("step", ["1e-3", "1e-2"])
+@pytest.mark.parametrize("method", METHODS[:11])
+def test_no_fault_where_rows_depend_on_others_only_with_joints_closed(watched_driver, method, step):
+    status = run(watched_driver, "bricard", method, step).split()[1]
+    assert status != "2", "singular_matrix"
+
+
 @pytest.mark.parametrize(("system", "method"), [("tree", "rkmk_joints_adaptive"), ("tree", "rkmk_joints_fixed"),
                                                 ("pins", "turning")])
 def test_no_fault_where_constraints_are_left_out(watched_driver, system, method):

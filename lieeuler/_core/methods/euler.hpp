@@ -5,8 +5,7 @@
 #include <optional>
 
 #include "model/sizes.hpp"
-#include "solve/newton.hpp"
-#include "solve/saddle_solver.hpp"
+#include "solve/projection.hpp"
 
 namespace lieeuler {
 
@@ -332,13 +331,26 @@ class EulerStepper {
     remove_null_space(z_);
   }
 
-  // Finds the null space at this configuration, which the next step removes from rows and multipliers. Fails if the
-  // rank is higher after the first step: the start then was a singular position.
+  // Fails if the rank is higher after the first step than at the start, which then was a singular position. Rows may
+  // depend on others only where the joints are closed: a method that lets positions drift is asked at the closed ones.
+  Status confirm_rank() {
+    int redundant;
+    const bool counted = saddle_.count_redundancy(joints_, redundant);
+    if (counted && redundant >= saddle_.redundant()) return Status::success;
+    if (level_ == Level::position || level_ == Level::stabilised) return Status::singular_matrix;
+    Projection closed(plan_);
+    State state = state_;
+    Counters uncounted;
+    if (closed.start(start_) != Status::success) return Status::singular_matrix;
+    // What cannot be closed has drifted too far to say anything about the start.
+    if (closed.project(state, length_, uncounted, false) != Status::success) return Status::success;
+    return closed.confirm_rank();
+  }
+
+  // Finds the null space at this configuration, which the next step removes from rows and multipliers.
   Status follow_null_space() {
     if (rank_ == Rank::of_start) {
-      int redundant;
-      if (!saddle_.count_redundancy(joints_, redundant) || redundant < saddle_.redundant())
-        return Status::singular_matrix;
+      if (const Status status = confirm_rank(); status != Status::success) return status;
       rank_ = Rank::confirmed;
       if (saddle_.sparse().dropped()) return Status::success;
       if (!saddle_.factor(joints_)) return Status::singular_matrix;

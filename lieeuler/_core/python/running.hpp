@@ -73,10 +73,12 @@ inline nb::object integrate(const Plan& plan, const Run& method, const Array& x,
   initial.frames.time = method.begin;
   if (checks && !is_admissible(plan, initial)) return nb::none();
   Samples samples(method.samples, system, vectors, attitudes, lam, angles);
-  State last(system);
+  std::array<bool, 3> open{};
   const Record record = [&](int sample, const State& state) {
     samples.put(sample, state);
-    if (!method.monitored && static_cast<size_t>(sample) + 1 == method.samples) last = state;
+    if (method.monitored || system.joints.empty() || static_cast<size_t>(sample) + 1 < method.samples) return;
+    const auto [position, velocity] = constraint_levels(plan, state, method.duration);
+    open = {!(position <= kOpen), !(velocity <= kOpen), false};
   };
   Outcome outcome;
   double seconds;
@@ -86,15 +88,8 @@ inline nb::object integrate(const Plan& plan, const Run& method, const Array& x,
     outcome = method(plan, initial, record, ctrl_c);
     seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
-  std::array<bool, 3> open{};
-  if (outcome.status == Status::success && !system.joints.empty()) {
-    if (method.monitored) {
-      open = open_levels(plan, samples.trajectory(outcome.samples), outcome.maxima, method.duration);
-    } else {
-      const auto [position, velocity] = constraint_levels(plan, last, method.duration);
-      open = {!(position <= kOpen), !(velocity <= kOpen), false};
-    }
-  }
+  if (method.monitored && outcome.status == Status::success && !system.joints.empty())
+    open = open_levels(plan, samples.trajectory(outcome.samples), outcome.maxima, method.duration);
   const Counters& done = outcome.counters;
   const Maxima& most = outcome.maxima;
   return nb::make_tuple(name_of(outcome.status), outcome.samples, outcome.time_reached, seconds,

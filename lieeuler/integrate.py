@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import logging
+import operator
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ DEFAULT_RTOL = 1e-8
 """Tolerance of an adaptive method that is given neither a step nor a tolerance. It is relative to the size of the
 system (m), to one radian, and to their rates. The error is proportional to it, but it is not a strict bound."""
 
+NONE_OPEN = (False, False, False)
 KEPT = 16
 """How many planned runs a problem keeps."""
 
@@ -172,7 +174,9 @@ class PreparedRun:
         self._word = (reduce or ", ".join(words)) if words else "off"
         self._kernel, w = (within.kernel, within.w) if self._frames is None else (self._frames.kernel, self._frames.w)
         self._start = within.x, within.R, within.v, w
-        self._sizes = len(plan.t), within.n, within.rows, self._kernel.angles
+        T, n = len(plan.t), within.n
+        self._shapes = (5, T, n, 3), (T, n, 3, 3), (T, within.rows), (T, self._kernel.angles)
+        self._begin, self._restored = float(plan.t[0]), bool(self._steps) or self._frames is not None
         self._held = [level in METHODS[method].held for level in ("position", "velocity", "acceleration")]
         record, pairs = METHODS[method], {(joint.parent, joint.child) for joint in problem.joints}
         leaves_nothing_out = reduce == "off" or (reduce is None and record.order == 1 and "rtol" not in record.controls)
@@ -189,36 +193,32 @@ class PreparedRun:
         IntegrationError, Interrupted
             As in `integrate`.
         """
-        own, given, start = self.problem, (x, R, v, w), None
-        checks = any(value is not None for value in given)
-        if not checks:
-            start = self._start
+        own, solution = self.problem, None
+        if x is None and R is None and v is None and w is None:
+            solution = self._solved(self._start, False)
         elif not self._state_decides:
-            start = _plain(x, own.x), _plain(R, own.R), _plain(v, own.v), _plain(w, own.w)
-        solution = None if start is None else self._solved(start, checks)
+            solution = self._solved((_plain(x, own.x), _plain(R, own.R), _plain(v, own.v), _plain(w, own.w)), True)
         if solution is not None:
             return self.ended(solution)
         x, R, v, w = (mine if value is None else value
-                      for mine, value in zip((own.x, own.R, own.v, own.w), given, strict=True))
-        moved = dataclasses.replace(own, x=x, R=R, v=v, w=w, time=float(self._plan.t[0]))
-        return PreparedRun(moved, self._arguments)()
+                      for mine, value in zip((own.x, own.R, own.v, own.w), (x, R, v, w), strict=True))
+        return PreparedRun(dataclasses.replace(own, x=x, R=R, v=v, w=w, time=self._begin), self._arguments)()
 
     def _solved(self, start: State, checks: bool) -> Solution | None:
         """The solution of the kernel, with welds, planes and spins put back; None if the start is not admissible."""
-        plan, (T, n, m, springs) = self._plan, self._sizes
-        vectors, R = np.empty((5, T, n, 3)), np.empty((T, n, 3, 3))
-        lam, angles = np.empty((T, m)), np.empty((T, springs))
+        plan, (of_vectors, of_R, of_lam, of_angles) = self._plan, self._shapes
+        vectors, R, lam, angles = np.empty(of_vectors), np.empty(of_R), np.empty(of_lam), np.empty(of_angles)
         result = _kernel.integrate(self._kernel, plan.run, *start, checks, vectors, R, lam, angles)
         if result is None:
             return None
         status, count, reached, wall_time, counters, maxima, opened = result
         t = plan.t.copy()
-        if count < T:
+        if count < len(t):
             vectors, R, lam, angles, t = vectors[:, :count], R[:count], lam[:count], angles[:count], t[:count]
         x, v, w, a, alpha = vectors
         stats = Stats(*counters, plan.step, wall_time, _named(*maxima) if self._monitor else {})
         solution = Solution(t, x, R, v, w, a, alpha, lam, STATUSES[status], stats, self.method,
-                            float(plan.t[0]) + reached)
+                            self._begin + reached)
         if self._frames is not None:
             self._frames.restore(t, solution.R, solution.w, solution.alpha)
             stats.spin_free = self._frames.bodies
@@ -228,9 +228,9 @@ class PreparedRun:
             take_multipliers(self.problem, solution, angles)
             stats.reduce = self._word
         if solution.status is Status.SUCCESS:
-            if self._steps or self._frames is not None:
+            if self._restored:
                 opened = held.opened(self.problem, solution)
-            if any(wanted and left for wanted, left in zip(self._held, opened, strict=True)):
+            if opened != NONE_OPEN and any(map(operator.and_, self._held, opened)):
                 solution.status = Status.CONSTRAINTS_OPEN
         return solution
 
